@@ -1,0 +1,54 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Lanes: the paths of a block lie side by side, first array index, padded to a multiple of eight.
+!>
+!> Padding repeats the last real path. Without it the scalar remainder of a vector loop would round
+!> differently from its vector body, and a path would depend on the size of its block.
+module symsde_base_lanes
+   use symsde_base_kinds, only: wp, i8
+   implicit none
+   private
+   public :: lane_unit, default_nlane, padded, lanes_for, is_finite_lane, path_of_lane
+
+   integer, parameter :: lane_unit = 8         !! every nlane is a multiple of this
+   integer, parameter :: default_nlane = 256   !! lanes of a block of small systems
+   integer, parameter :: block_values = 65536  !! real numbers that a block's main arrays may hold
+
+contains
+
+   !> The smallest multiple of lane_unit that is not below n.
+   pure integer function padded(n)
+      integer, intent(in) :: n  !! number of real paths
+
+      padded = ((n + lane_unit - 1)/lane_unit)*lane_unit
+   end function padded
+
+   !> Default number of lanes: 256, fewer for large systems, so that a block stays in cache.
+   pure integer function lanes_for(ndof, npath)
+      integer, intent(in) :: ndof      !! degrees of freedom
+      integer(i8), intent(in) :: npath !! paths of the run
+
+      lanes_for = max(lane_unit, min(default_nlane, block_values/max(ndof*16, 1)/lane_unit*lane_unit))
+      if (npath < lanes_for) lanes_for = padded(int(max(npath, 1_i8)))
+   end function lanes_for
+
+   !> Global path of each lane; lanes past the last real path repeat it.
+   pure subroutine path_of_lane(nlane, first, nreal, path)
+      integer, intent(in) :: nlane             !! lanes of the block
+      integer(i8), intent(in) :: first         !! global index of the first path of the block, from 0
+      integer, intent(in) :: nreal             !! real paths of the block, 1..nlane
+      integer(i8), intent(out) :: path(nlane)  !! global path of each lane
+      integer :: lane
+
+      do lane = 1, nlane
+         path(lane) = first + min(lane, nreal) - 1
+      end do
+   end subroutine path_of_lane
+
+   !> True where x is neither infinite nor NaN; vectorises, unlike ieee_is_finite.
+   elemental logical function is_finite_lane(x)
+      real(wp), intent(in) :: x
+
+      is_finite_lane = abs(x) <= huge(x)
+   end function is_finite_lane
+
+end module symsde_base_lanes

@@ -1,0 +1,42 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What a model declares about its Hamiltonians, so that nothing is paid for that a scene does not need.
+!>
+!> The names stand here, in base, because models set them and the factory of steppers reads them.
+module symsde_base_traits
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: model_traits, dense
+
+   integer, parameter :: dense = -1  !! bandwidth of a Hessian without declared bands
+
+   !> H_0 = H is the drift Hamiltonian, H_1 .. H_m are those of the noises.
+   type :: model_traits
+      integer :: ndof = 1                  !! degrees of freedom: q and p have ndof components each
+      integer :: nnoise = 0                !! m, the number of noises
+      logical :: separable = .false.       !! every H_j(q,p) = T_j(p) + U_j(q)
+      logical :: additive = .false.        !! every H_k, k >= 1, is linear in (q,p)
+      logical :: position_noise = .false.  !! every H_k, k >= 1, depends on q alone
+      logical :: quadratic = .false.       !! every H_j is a polynomial of degree two at most
+      logical :: identity_mass = .false.   !! H = p.p/2 + U(q)
+      integer :: bandwidth = dense         !! b: every Hessian block vanishes for |i-j| > b
+      logical :: has_value = .false.       !! the Hamiltonians themselves can be evaluated
+      logical :: has_hessian = .false.     !! Hessians are analytic, not differences of gradients
+      logical :: has_hessian_vector = .false.  !! Hessian-vector products are analytic
+      real(wp) :: max_frequency = 0        !! declared bound of the frequencies of H; 0 = not declared
+      real(wp) :: noise_lipschitz = 0      !! declared Lipschitz constant of sum_k |grad H_k|; 0 = not declared
+   contains
+      procedure :: correction_vanishes
+   end type model_traits
+
+contains
+
+   !> Whether H_{k,p} . H_{k,q} is constant for every noise, so that one-sided schemes need no correction.
+   pure function correction_vanishes(self) result(vanishes)
+      class(model_traits), intent(in) :: self
+      logical :: vanishes
+
+      vanishes = self%nnoise == 0 .or. self%additive .or. self%position_noise
+   end function correction_vanishes
+
+end module symsde_base_traits

@@ -1,0 +1,247 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The abstract model: a stochastic Hamiltonian system seen through weighted sums of its Hamiltonians.
+!>
+!> A model knows H_0 = H, H_1 .. H_m and its traits, and nothing of schemes, noise or solvers. All that a
+!> scheme needs is value, gradient and Hessian of S(q,p) = sum_j w_j H_j(q,p), with weights of its own for
+!> every lane: with w = (h, dW_1, .., dW_m), S is the random Hamiltonian of one step of
+!>
+!>    dp = -H_q dt - sum_k H_{k,q} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
+!>
+!> (Stratonovich, everything dimensionless). Each lane must be computed from its own numbers alone.
+module symsde_model_abstract
+   use symsde_base_kinds, only: wp
+   use symsde_base_traits, only: model_traits
+   implicit none
+   private
+   public :: model_type
+
+   !> A model is immutable once constructed: shared by all threads, intent(in) wherever it is used.
+   type, abstract :: model_type
+      type(model_traits) :: traits
+      character(:), allocatable :: name  !! name in the catalogue
+   contains
+      procedure(gradient_interface), deferred :: gradient
+      procedure :: value => value_missing
+      procedure :: hessian => hessian_by_differences
+      procedure :: hessian_vector => hessian_vector_composed
+      procedure :: gradient_hessian => gradient_hessian_composed
+      procedure :: hessian_banded => hessian_banded_by_differences
+      procedure :: failure_code => never_failed
+   end type model_type
+
+   abstract interface
+      !> Gradient of sum_j w_j H_j; an absent output is not wanted and need not be computed.
+      subroutine gradient_interface(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
+         import :: model_type, wp
+         class(model_type), intent(in) :: self
+         integer, intent(in) :: nlane, ndof, nnoise
+         real(wp), intent(in) :: t                          !! time [1]
+         real(wp), intent(in) :: w(nlane, 0:nnoise)         !! weights of H_0 .. H_m
+         real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
+         real(wp), intent(out), optional :: hq(nlane, ndof) !! d/dq
+         real(wp), intent(out), optional :: hp(nlane, ndof) !! d/dp
+      end subroutine gradient_interface
+   end interface
+
+contains
+
+   !> Value of sum_j w_j H_j. This default serves models without it: traits%has_value is false.
+   subroutine value_missing(self, nlane, ndof, nnoise, t, w, q, p, value)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: value(nlane)
+
+      value = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine value_missing
+
+   !> Blocks of the Hessian of sum_j w_j H_j; hqp(:,i,j) = d2/(dq_i dp_j). Default: central differences.
+   subroutine hessian_by_differences(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), allocatable :: shift(:), vq(:, :), vp(:, :), uq(:, :), up(:, :)
+      integer :: j
+
+      allocate (shift(nlane), vq(nlane, ndof), vp(nlane, ndof), uq(nlane, ndof), up(nlane, ndof))
+      vq = 0
+      vp = 0
+      do j = 1, ndof
+         if (present(hqq)) then
+            vq(:, j) = 1
+            call difference_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+            hqq(:, :, j) = uq
+            vq(:, j) = 0
+         end if
+         if (present(hqp) .or. present(hpp)) then
+            vp(:, j) = 1
+            call difference_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+            if (present(hqp)) hqp(:, :, j) = uq
+            if (present(hpp)) hpp(:, :, j) = up
+            vp(:, j) = 0
+         end if
+      end do
+      if (present(hqq)) call symmetrise(nlane, ndof, hqq)
+      if (present(hpp)) call symmetrise(nlane, ndof, hpp)
+   end subroutine hessian_by_differences
+
+   !> Product of the Hessian of sum_j w_j H_j with (vq, vp). Default: from an analytic Hessian where the
+   !> model has one, else the central difference of gradients along the vector.
+   subroutine hessian_vector_composed(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
+      integer :: i, j
+
+      if (.not. self%traits%has_hessian) then
+         call difference_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+         return
+      end if
+      allocate (hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof), hpp(nlane, ndof, ndof))
+      call self%hessian(nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+      uq = 0
+      up = 0
+      do j = 1, ndof
+         do i = 1, ndof
+            uq(:, i) = uq(:, i) + hqq(:, i, j)*vq(:, j) + hqp(:, i, j)*vp(:, j)
+            up(:, i) = up(:, i) + hqp(:, j, i)*vq(:, j) + hpp(:, i, j)*vp(:, j)
+         end do
+      end do
+   end subroutine hessian_vector_composed
+
+   !> Gradient and Hessian at one point, as each Newton iteration wants them. Default: one after the
+   !> other; a model in which the two share work (sin and cos of one argument) overrides it.
+   subroutine gradient_hessian_composed(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+
+      call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
+      call self%hessian(nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+   end subroutine gradient_hessian_composed
+
+   !> Bands of the Hessian blocks: hqq(:,d,i) = d2/(dq_i dq_{i+d}), hqp(:,d,i) = d2/(dq_i dp_{i+d}).
+   !> Entries outside the matrix are zero. Default: differences along every (2b+1)-th unit vector at once.
+   subroutine hessian_banded_by_differences(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      integer, intent(in) :: b   !! bandwidth, traits%bandwidth
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, -b:b, ndof)
+      real(wp), intent(out), optional :: hqp(nlane, -b:b, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, -b:b, ndof)
+      real(wp), allocatable :: v(:, :), zero(:, :), uq(:, :), up(:, :)
+      integer :: colour
+
+      allocate (v(nlane, ndof), zero(nlane, ndof), uq(nlane, ndof), up(nlane, ndof))
+      zero = 0
+      if (present(hqq)) hqq = 0
+      if (present(hqp)) hqp = 0
+      if (present(hpp)) hpp = 0
+      do colour = 1, min(2*b + 1, ndof)
+         v = 0
+         v(:, colour:ndof:2*b + 1) = 1
+         if (present(hqq)) then
+            call difference_along(self, nlane, ndof, nnoise, t, w, q, p, v, zero, uq, up)
+            call scatter(nlane, ndof, b, colour, uq, hqq)
+         end if
+         if (present(hqp) .or. present(hpp)) then
+            call difference_along(self, nlane, ndof, nnoise, t, w, q, p, zero, v, uq, up)
+            if (present(hqp)) call scatter(nlane, ndof, b, colour, uq, hqp)
+            if (present(hpp)) call scatter(nlane, ndof, b, colour, up, hpp)
+         end if
+      end do
+   end subroutine hessian_banded_by_differences
+
+   !> Nonzero after a user callback has refused: its own return code. Built-in models never refuse.
+   integer function never_failed(self) result(code)
+      class(model_type), intent(in) :: self
+
+      code = 0
+   end function never_failed
+
+   !> Central difference of the gradient along (vq, vp): the Hessian times the vector.
+   subroutine difference_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp), allocatable :: e(:), qe(:, :), pe(:, :), lower_q(:, :), lower_p(:, :)
+      integer :: i
+
+      allocate (e(nlane), qe(nlane, ndof), pe(nlane, ndof), lower_q(nlane, ndof), lower_p(nlane, ndof))
+      call difference_step(nlane, ndof, q, p, vq, vp, e)
+      do i = 1, ndof
+         qe(:, i) = q(:, i) - e*vq(:, i)
+         pe(:, i) = p(:, i) - e*vp(:, i)
+      end do
+      call self%gradient(nlane, ndof, nnoise, t, w, qe, pe, lower_q, lower_p)
+      do i = 1, ndof
+         qe(:, i) = q(:, i) + e*vq(:, i)
+         pe(:, i) = p(:, i) + e*vp(:, i)
+      end do
+      call self%gradient(nlane, ndof, nnoise, t, w, qe, pe, uq, up)
+      do i = 1, ndof
+         uq(:, i) = (uq(:, i) - lower_q(:, i))/(2*e)
+         up(:, i) = (up(:, i) - lower_p(:, i))/(2*e)
+      end do
+   end subroutine difference_along
+
+   !> Step of a central difference: eps^(1/3) times the size of the state over that of the vector.
+   pure subroutine difference_step(nlane, ndof, q, p, vq, vp, e)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof), vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: e(nlane)
+      real(wp) :: state, vector
+      integer :: lane, i
+
+      do lane = 1, nlane
+         state = 1
+         vector = 0
+         do i = 1, ndof
+            state = max(state, abs(q(lane, i)), abs(p(lane, i)))
+            vector = max(vector, abs(vq(lane, i)), abs(vp(lane, i)))
+         end do
+         e(lane) = epsilon(1.0_wp)**(1.0_wp/3)*state/merge(vector, 1.0_wp, vector > 0)
+      end do
+   end subroutine difference_step
+
+   pure subroutine symmetrise(nlane, ndof, a)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(inout) :: a(nlane, ndof, ndof)
+      integer :: i, j
+
+      do j = 2, ndof
+         do i = 1, j - 1
+            a(:, i, j) = 0.5_wp*(a(:, i, j) + a(:, j, i))
+            a(:, j, i) = a(:, i, j)
+         end do
+      end do
+   end subroutine symmetrise
+
+   !> Put the product with a coloured sum of unit vectors where each row's entry of that colour belongs.
+   pure subroutine scatter(nlane, ndof, b, colour, u, bands)
+      integer, intent(in) :: nlane, ndof, b, colour
+      real(wp), intent(in) :: u(nlane, ndof)
+      real(wp), intent(inout) :: bands(nlane, -b:b, ndof)
+      integer :: i, j
+
+      do j = colour, ndof, 2*b + 1
+         do i = max(1, j - b), min(ndof, j + b)
+            bands(:, j - i, i) = u(:, i)
+         end do
+      end do
+   end subroutine scatter
+
+end module symsde_model_abstract
