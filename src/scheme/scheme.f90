@@ -1,0 +1,123 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A scheme is data: nodes, weights, coefficients and declared traits. Steppers execute it.
+!>
+!> Tableau form (stochastic partitioned Runge-Kutta, schemes with as many quadrature nodes as degrees):
+!>
+!>    Q_i = q_n + sum_j (a_ij h H_p + sum_k b_ij dW_k H_{k,p})(P_j,Q_j),   t_j = t_n + c_j h
+!>    P_i = p_n - sum_j (abar_ij h H_q + sum_k bbar_ij dW_k H_{k,q})(P_j,Q_j)
+!>    q_{n+1} = q_n + sum_i (alpha_i h H_p + sum_k beta_i dW_k H_{k,p})(P_i,Q_i)
+!>    p_{n+1} = p_n - sum_i (alpha_i h H_q + sum_k beta_i dW_k H_{k,q})(P_i,Q_i)
+!>
+!> Galerkin form (polynomial of degree s through control points q^0 .. q^s, nodes c_i, weights alpha_i):
+!>
+!>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
+module symsde_scheme_scheme
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: scheme_type
+   public :: tableau_form, galerkin_form, ito_form
+   public :: correction_auto, correction_none, correction_mean, correction_increments
+   public :: symplectic_conjugate, symplecticity_residual
+
+   enum, bind(c)
+      enumerator :: tableau_form = 1   !! executed from a, abar, alpha (b, bbar, beta)
+      enumerator :: galerkin_form = 2  !! executed from basis values and slopes
+      enumerator :: ito_form = 3       !! Euler-Maruyama, the contrast that steps the Ito form
+   end enum
+   enum, bind(c)
+      enumerator :: correction_auto = 0        !! increments form, or none where the traits prove it vanishes
+      enumerator :: correction_none = 1
+      enumerator :: correction_mean = 2        !! (1/2-lambda) h sum_k H_{k,p}.H_{k,q}
+      enumerator :: correction_increments = 3  !! (1/2-lambda) F_p.F_q with F = sum_k dW_k H_k
+   end enum
+
+   type :: scheme_type
+      character(:), allocatable :: name       !! name in the catalogue, or the user's
+      character(:), allocatable :: reference  !! where the scheme stands in the literature
+      integer :: form = tableau_form
+      integer :: nstage = 0                   !! r: stages, quadrature nodes
+      real(wp), allocatable :: c(:)           !! nodes in [0,1], one time per stage (nstage)
+      real(wp), allocatable :: alpha(:)       !! weights of the drift (nstage)
+      real(wp), allocatable :: beta(:)        !! weights of the noise (nstage)
+      real(wp), allocatable :: a(:, :), abar(:, :)  !! drift coefficients of Q and P (nstage, nstage)
+      real(wp), allocatable :: b(:, :), bbar(:, :)  !! noise coefficients of Q and P (nstage, nstage)
+      integer :: degree = 0                   !! s: degree of the polynomial; 0 = not from a polynomial
+      real(wp), allocatable :: basis(:, :)    !! l_mu(c_i), Galerkin form only (nstage, 0:degree)
+      real(wp), allocatable :: slope(:, :)    !! l_mu'(c_i), Galerkin form only (nstage, 0:degree)
+      logical :: symplectic = .false.
+      logical :: symmetric = .false.          !! equal to its adjoint
+      logical :: keeps_quadratic = .false.    !! quadratic invariants are preserved exactly
+      real(wp) :: order_additive = 0          !! strong order, additive noise
+      real(wp) :: order_commutative = 0       !! strong order, one noise or commutative noises
+      real(wp) :: order_general = 0           !! strong order, non-commutative noises
+      real(wp) :: order_weak = 0              !! weak order
+   contains
+      procedure :: noise_coefficients_equal
+      procedure :: correction_coefficient
+   end type scheme_type
+
+contains
+
+   !> Whether drift and noise share all coefficients: then one gradient a stage serves both.
+   pure function noise_coefficients_equal(self) result(equal)
+      class(scheme_type), intent(in) :: self
+      logical :: equal
+
+      equal = all(self%alpha == self%beta)
+      if (equal .and. self%form == tableau_form) &
+         equal = all(self%a == self%b) .and. all(self%abar == self%bbar)
+   end function noise_coefficients_equal
+
+   !> 1/2 - sum_ij beta_i b_ij: the factor of the correction that makes the scheme consistent with the
+   !> Stratonovich equation. Zero for the midpoint, 1/2 - lambda for the one-sided family.
+   pure function correction_coefficient(self) result(coefficient)
+      class(scheme_type), intent(in) :: self
+      real(wp) :: coefficient
+
+      coefficient = 0
+      if (self%form == tableau_form) coefficient = 0.5_wp - dot_product(self%beta, sum(self%b, dim=2))
+      if (abs(coefficient) < 16*epsilon(1.0_wp)) coefficient = 0
+   end function correction_coefficient
+
+   !> The partner abar_ij = alpha_j - alpha_j a_ji/alpha_i that makes (a, abar, alpha) symplectic.
+   pure function symplectic_conjugate(a, alpha) result(abar)
+      real(wp), intent(in) :: a(:, :)    !! (nstage, nstage)
+      real(wp), intent(in) :: alpha(:)   !! none of them zero (nstage)
+      real(wp) :: abar(size(alpha), size(alpha))
+      integer :: i, j
+
+      do j = 1, size(alpha)
+         do i = 1, size(alpha)
+            abar(i, j) = alpha(j) - alpha(j)*a(j, i)/alpha(i)
+         end do
+      end do
+   end function symplectic_conjugate
+
+   !> Largest residual of the four symplecticity conditions of a stochastic partitioned tableau
+   !> (Ma-Ding; Holm-Tyranowski): alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j, and the three with noise.
+   pure function symplecticity_residual(scheme) result(residual)
+      type(scheme_type), intent(in) :: scheme  !! in tableau form
+      real(wp) :: residual
+
+      associate (s => scheme)
+         residual = max(condition(s%alpha, s%abar, s%alpha, s%a), condition(s%beta, s%abar, s%alpha, s%b), &
+                        condition(s%alpha, s%bbar, s%beta, s%a), condition(s%beta, s%bbar, s%beta, s%b))
+      end associate
+   end function symplecticity_residual
+
+   !> max_ij |x_i xbar_ij + y_j y2_ji - x_i y_j|
+   pure function condition(x, xbar, y, y2) result(residual)
+      real(wp), intent(in) :: x(:), xbar(:, :), y(:), y2(:, :)
+      real(wp) :: residual
+      integer :: i, j
+
+      residual = 0
+      do j = 1, size(x)
+         do i = 1, size(x)
+            residual = max(residual, abs(x(i)*xbar(i, j) + y(j)*y2(j, i) - x(i)*y(j)))
+         end do
+      end do
+   end function condition
+
+end module symsde_scheme_scheme
