@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Compile flags, in one place, on one interface target. -ffast-math is never used: the library promises
+# bits, tests for NaN and infinity, and compensated sums, all of which it breaks.
+set(_default release)
+if(CMAKE_BUILD_TYPE STREQUAL "Debug")
+   set(_default dev)
+endif()
+set(SYMSDE_FLAGS ${_default} CACHE STRING "Set of compile flags: dev, release, native or sanitize")
+set_property(CACHE SYMSDE_FLAGS PROPERTY STRINGS dev release native sanitize)
+
+# Portable: no contraction, so that every x86-64 machine computes the same.
+set(_release -O3 -fno-trapping-math -fno-math-errno -ffp-contract=off)
+set(_fortran_warnings
+   -std=f2018 -Wall -Wextra -Wimplicit-interface -Wimplicit-procedure -Wcharacter-truncation
+   -Warray-temporaries -Werror=trampolines)
+set(_c_warnings -std=c11 -Wall -Wextra -Wpedantic -Wstrict-prototypes -Wmissing-prototypes)
+
+if(SYMSDE_FLAGS STREQUAL "release")
+   set(_common ${_release})
+elseif(SYMSDE_FLAGS STREQUAL "native")
+   set(_common ${_release} -march=native -ffp-contract=fast)
+elseif(SYMSDE_FLAGS STREQUAL "dev")
+   set(_common -Og -g -Werror)
+   set(_fortran ${_fortran_warnings} -fcheck=all -finit-real=snan -fbacktrace)
+   set(_c ${_c_warnings})
+elseif(SYMSDE_FLAGS STREQUAL "sanitize")
+   set(_common -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=undefined)
+   set(_fortran -fcheck=all -fbacktrace)
+else()
+   message(FATAL_ERROR "SYMSDE_FLAGS is '${SYMSDE_FLAGS}'; allowed are dev, release, native and sanitize.")
+endif()
+
+if(NOT CMAKE_Fortran_COMPILER_ID STREQUAL "GNU" OR CMAKE_Fortran_COMPILER_VERSION VERSION_LESS 12)
+   message(WARNING "symsde is tested with gfortran 12 and later; "
+      "this is ${CMAKE_Fortran_COMPILER_ID} ${CMAKE_Fortran_COMPILER_VERSION}.")
+endif()
+
+set(CMAKE_Fortran_PREPROCESS OFF)  # no source needs it, and it takes /* for a comment
+add_library(symsde_flags INTERFACE)
+target_compile_options(symsde_flags INTERFACE
+   $<$<COMPILE_LANGUAGE:Fortran>:${_common};${_fortran}>
+   $<$<COMPILE_LANGUAGE:C>:${_common};${_c}>)
+# A stack that cannot be executed: no object may ask for another one.
+target_link_options(symsde_flags INTERFACE LINKER:-z,noexecstack)
+if(SYMSDE_FLAGS STREQUAL "sanitize")
+   target_link_options(symsde_flags INTERFACE -fsanitize=address,undefined)
+endif()

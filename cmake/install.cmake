@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# What `cmake --install` puts where: library, header, module files, CMake package, pkg-config file.
+include(CMakePackageConfigHelpers)
+
+if(SKBUILD)
+   # A wheel holds the library only, beside the Python files that load it.
+   install(TARGETS symsde LIBRARY DESTINATION symsde)
+   return()
+endif()
+
+set(_package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/symsde)
+install(TARGETS symsde EXPORT symsde-targets)
+install(EXPORT symsde-targets NAMESPACE symsde:: DESTINATION ${_package_dir})
+install(FILES include/symsde.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(DIRECTORY ${SYMSDE_MODULE_DIR}/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/${SYMSDE_MODULE_SUBDIR})
+
+configure_package_config_file(cmake/symsde-config.cmake.in symsde-config.cmake
+   INSTALL_DESTINATION ${_package_dir})
+write_basic_package_version_file(symsde-config-version.cmake COMPATIBILITY SameMinorVersion)
+install(FILES
+   ${CMAKE_CURRENT_BINARY_DIR}/symsde-config.cmake
+   ${CMAKE_CURRENT_BINARY_DIR}/symsde-config-version.cmake
+   DESTINATION ${_package_dir})
+
+configure_file(cmake/symsde.pc.in symsde.pc @ONLY)
+install(FILES ${CMAKE_CURRENT_BINARY_DIR}/symsde.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
