@@ -52,6 +52,9 @@ module symsde_scheme_scheme
       real(wp) :: order_commutative = 0       !! strong order, one noise or commutative noises
       real(wp) :: order_general = 0           !! strong order, non-commutative noises
       real(wp) :: order_weak = 0              !! weak order
+      real(wp) :: order_commuting = 0         !! strong order where all flows commute (Kubo oscillator)
+      integer :: order_noise_free = 0         !! order without noise
+      logical :: sharp = .false.              !! order_commutative is not exceeded on generic problems
    contains
       procedure :: noise_coefficients_equal
       procedure :: correction_coefficient
@@ -64,9 +67,9 @@ contains
       class(scheme_type), intent(in) :: self
       logical :: equal
 
-      equal = all(self%alpha == self%beta)
+      equal = .not. any(abs(self%alpha - self%beta) > 0)
       if (equal .and. self%form == tableau_form) &
-         equal = all(self%a == self%b) .and. all(self%abar == self%bbar)
+         equal = .not. (any(abs(self%a - self%b) > 0) .or. any(abs(self%abar - self%bbar) > 0))
    end function noise_coefficients_equal
 
    !> 1/2 - sum_ij beta_i b_ij: the factor of the correction that makes the scheme consistent with the

@@ -1,0 +1,233 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The catalogue of schemes by name. Everything that comes from a quadrature is built from it.
+module symsde_scheme_catalogue
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, unknown_name, invalid_argument
+   use symsde_base_text, only: name_length, nearest_names
+   use symsde_scheme_scheme, only: scheme_type, ito_form
+   use symsde_scheme_quadrature, only: get_quadrature
+   use symsde_scheme_discrete_lagrangian, only: scheme_from_quadrature
+   use symsde_scheme_tableau, only: scheme_from_tableau
+   implicit none
+   private
+   public :: get_scheme, scheme_names, scheme_families
+
+contains
+
+   !> Names that get_scheme knows without a parameter.
+   pure function scheme_names() result(names)
+      character(len=name_length), allocatable :: names(:)
+
+      names = [character(len=name_length) :: 'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', &
+               'stormer_verlet', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', &
+               'lobatto3_swapped', 'lobatto4', 'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', &
+               'P1N3Q4Lob', 'P2N2Q2Lob', 'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', 'heun', &
+               'euler_maruyama']
+   end function scheme_names
+
+   !> Names that take a parameter after the colon: dirk:c with 0 < c < 1 is a midpoint step of length c h
+   !> followed by one of length (1-c) h; lambda:x with 0 <= x <= 1 is the one-sided family.
+   pure function scheme_families() result(names)
+      character(len=name_length), allocatable :: names(:)
+
+      names = [character(len=name_length) :: 'dirk:', 'lambda:']
+   end function scheme_families
+
+   !> The scheme of a name: one of scheme_names(), a family with its parameter ('dirk:0.25', 'lambda:0.3'),
+   !> or PsNrQu with Gau, Lob or Otr: degree s, r nodes, quadrature of order u (Gauss, Lobatto, open
+   !> trapezoid; Holm and Tyranowski 2018).
+   !> Errors: unknown_name, with the nearest names; invalid_argument for a parameter that is not allowed.
+   subroutine get_scheme(scheme, name, error)
+      type(scheme_type), intent(out) :: scheme
+      character(*), intent(in) :: name
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      select case (name)
+      case ('midpoint')
+         call from_rule(scheme, name, 'gauss1', 1, '[WHSB] (70); Milstein, Repin, Tretyakov 2002', error)
+      case ('symplectic_euler')
+         call from_rule(scheme, name, 'rectangle_left', 1, '[WHSB] (89)-(90)', error)
+      case ('symplectic_euler_adjoint')
+         call from_rule(scheme, name, 'rectangle_right', 1, '[WHSB] (91)-(92)', error)
+      case ('gauss2', 'gauss3', 'gauss4')
+         call from_rule(scheme, name, name, degree_of(name), 'Gauss; Ma, Ding, Ding 2012', error)
+      case ('stormer_verlet')
+         call from_rule(scheme, name, 'lobatto2', 2, 'Lobatto IIIA-IIIB 2; Ma, Ding 2015; Holm, Tyranowski 2018', error)
+      case ('lobatto2', 'lobatto3', 'lobatto4')
+         call from_rule(scheme, name, name, degree_of(name), 'Lobatto IIIA-IIIB; Ma, Ding 2015', error)
+      case ('lobatto2_swapped', 'lobatto3_swapped', 'lobatto4_swapped')
+         call from_rule(scheme, name, name(:8), degree_of(name), 'Lobatto IIIB-IIIA; Ma, Ding 2015', error)
+         call swap(scheme)
+      case ('heun', 'euler_maruyama')
+         call contrast(scheme, name, error)
+      case default
+         call parametrised(scheme, name, error)
+      end select
+   end subroutine get_scheme
+
+   !> A scheme from a named quadrature.
+   subroutine from_rule(scheme, name, rule, degree, reference, error)
+      type(scheme_type), intent(out) :: scheme
+      character(*), intent(in) :: name, rule
+      integer, intent(in) :: degree
+      character(*), intent(in) :: reference
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: nodes(:), weights(:)
+
+      call get_quadrature(rule, nodes, weights, error)
+      if (allocated(error)) return
+      call scheme_from_quadrature(scheme, degree, nodes, weights, name, error)
+      scheme%reference = reference
+   end subroutine from_rule
+
+   !> The number of stages in names such as gauss3 and lobatto3_swapped.
+   pure integer function degree_of(name)
+      character(*), intent(in) :: name
+
+      degree_of = index('12345678', name(scan(name, '12345678'):scan(name, '12345678')))
+   end function degree_of
+
+   !> Exchange the coefficients of Q and P: the polynomial then is that of the momenta.
+   pure subroutine swap(scheme)
+      type(scheme_type), intent(inout) :: scheme
+      real(wp), allocatable :: keep(:, :)
+
+      keep = scheme%a
+      scheme%a = scheme%abar
+      scheme%abar = keep
+      keep = scheme%b
+      scheme%b = scheme%bbar
+      scheme%bbar = keep
+      scheme%degree = 0
+   end subroutine swap
+
+   !> The contrasts that are not symplectic: Heun's method, consistent with Stratonovich, and
+   !> Euler-Maruyama, which steps the Ito form.
+   subroutine contrast(scheme, name, error)
+      type(scheme_type), intent(out) :: scheme
+      character(*), intent(in) :: name
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), parameter :: one(1) = 1, none(1, 1) = 0, half(2) = 0.5_wp
+      real(wp), parameter :: heun(2, 2) = reshape([0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp], [2, 2])
+
+      if (name == 'heun') then
+         call scheme_from_tableau(scheme, heun, heun, half, name, .true., error)
+         scheme%reference = 'Heun; Kloeden, Platen 1992; not symplectic'
+      else
+         call scheme_from_tableau(scheme, none, none, one, name, .true., error)
+         scheme%form = ito_form
+         scheme%reference = 'Euler-Maruyama for the Ito form; Kloeden, Platen 1992; not symplectic'
+         scheme%order_commutative = 0.5_wp
+         scheme%order_general = 0.5_wp
+         scheme%order_commuting = 0.5_wp
+         scheme%order_weak = 1
+         scheme%sharp = .true.
+      end if
+   end subroutine contrast
+
+   !> The names with parameters inside.
+   subroutine parametrised(scheme, name, error)
+      type(scheme_type), intent(out) :: scheme
+      character(*), intent(in) :: name
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp) :: x
+      logical :: known
+
+      call galerkin(scheme, name, known, error)
+      if (known) return
+      if (index(name, 'dirk:') == 1) then
+         call read_parameter(name, 'dirk:', x, error)
+         if (x <= 0 .or. x >= 1) call refuse_parameter(name, '0 < c < 1, as in dirk:0.25', error)
+         if (.not. allocated(error)) call dirk(scheme, name, x, error)
+      else if (index(name, 'lambda:') == 1) then
+         call read_parameter(name, 'lambda:', x, error)
+         if (x < 0 .or. x > 1) call refuse_parameter(name, '0 <= x <= 1, as in lambda:0.3', error)
+         if (allocated(error)) return
+         call scheme_from_quadrature(scheme, 1, [x], [1.0_wp], name, error)
+         scheme%reference = 'one-sided family, [WHSB] (70), (89)-(92)'
+      else
+         call raise(error, unknown_name, 'get_scheme', "there is no scheme '"//trim(name)//"'; the nearest names are "// &
+                    few(nearest_names(name, [scheme_names(), scheme_families()]))//'; scheme_names() lists all')
+      end if
+   end subroutine parametrised
+
+   !> Two midpoint steps of lengths c h and (1-c) h, with the same parts of the increments.
+   subroutine dirk(scheme, name, c, error)
+      type(scheme_type), intent(out) :: scheme
+      character(*), intent(in) :: name
+      real(wp), intent(in) :: c
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp) :: a(2, 2)
+
+      a = reshape([0.5_wp*c, c, 0.0_wp, 0.5_wp*(1 - c)], [2, 2])
+      call scheme_from_tableau(scheme, a, a, [c, 1 - c], name, .false., error)
+      scheme%reference = 'diagonally implicit; Ma, Ding, Ding 2012'
+   end subroutine dirk
+
+   !> Names PsNrQuRul: P degree, N nodes, Q order of the quadrature rule.
+   subroutine galerkin(scheme, name, known, error)
+      type(scheme_type), intent(out) :: scheme
+      character(*), intent(in) :: name
+      logical, intent(out) :: known
+      type(error_type), allocatable, intent(inout) :: error
+      character(len=name_length) :: rule
+      integer :: s, r, u
+
+      known = .false.
+      if (len_trim(name) /= 9) return
+      s = index('1234', name(2:2))
+      r = index('1234', name(4:4))
+      u = index('12345678', name(6:6))
+      select case (name(7:9))
+      case ('Gau')
+         rule = 'gauss'//name(4:4)
+         known = u == 2*r
+      case ('Lob')
+         rule = 'lobatto'//name(4:4)
+         known = r > 1 .and. u == 2*r - 2
+      case ('Otr')
+         rule = 'open_trapezoid'
+         known = r == 2 .and. u == 2
+      end select
+      known = known .and. min(s, r, u) > 0 .and. s <= r .and. name(1:1)//name(3:3)//name(5:5) == 'PNQ'
+      if (known) call from_rule(scheme, name, trim(rule), s, 'Galerkin; Holm, Tyranowski 2018', error)
+   end subroutine galerkin
+
+   !> The number after the colon.
+   subroutine read_parameter(name, family, x, error)
+      character(*), intent(in) :: name, family
+      real(wp), intent(out) :: x
+      type(error_type), allocatable, intent(inout) :: error
+      character(len=40) :: text
+      integer :: iostat
+
+      x = 0.5_wp
+      text = name(len(family) + 1:)
+      iostat = merge(1, 0, text == '' .or. verify(trim(text), '0123456789.+-eE') > 0)
+      if (iostat == 0) read (text, '(f40.0)', iostat=iostat) x
+      if (iostat /= 0) call raise(error, invalid_argument, 'get_scheme', "'"//trim(name)// &
+                                  "' has no number after the colon; write for example "//family//'0.25')
+   end subroutine read_parameter
+
+   subroutine refuse_parameter(name, allowed, error)
+      character(*), intent(in) :: name, allowed
+      type(error_type), allocatable, intent(inout) :: error
+
+      call raise(error, invalid_argument, 'get_scheme', "the parameter of '"//trim(name)//"' must satisfy "//allowed)
+   end subroutine refuse_parameter
+
+   !> The first three of a list of names.
+   pure function few(names) result(text)
+      character(*), intent(in) :: names
+      character(:), allocatable :: text
+      integer :: i, last
+
+      last = 0
+      do i = 1, 3
+         last = last + index(names(last + 1:), ',')
+      end do
+      text = names(:last - 1)
+   end function few
+
+end module symsde_scheme_catalogue

@@ -1,0 +1,166 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Named quadratures on [0,1], the choice from which a scheme is built ([WHSB] (49), (62)).
+module symsde_scheme_quadrature
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, unknown_name
+   use symsde_base_text, only: name_length, nearest_names
+   implicit none
+   private
+   public :: get_quadrature, quadrature_names, exactness_degree
+
+   real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)  !! of a moment that ought to vanish
+
+contains
+
+   !> Names that get_quadrature knows; gaussR is exact to degree 2R-1, radau to 2R-2, lobatto to 2R-3.
+   pure function quadrature_names() result(names)
+      character(len=name_length), allocatable :: names(:)
+
+      names = [character(len=name_length) :: 'rectangle_left', 'rectangle_right', 'midpoint', 'trapezoid', &
+               'open_trapezoid', 'gauss1', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto3', 'lobatto4', &
+               'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3']
+   end function quadrature_names
+
+   !> Nodes, ascending, and weights of a named quadrature on [0,1].
+   !> Errors: unknown_name, with the nearest names.
+   subroutine get_quadrature(name, nodes, weights, error)
+      character(*), intent(in) :: name                       !! one of quadrature_names()
+      real(wp), allocatable, intent(out) :: nodes(:)         !! (nnode)
+      real(wp), allocatable, intent(out) :: weights(:)       !! (nnode)
+      type(error_type), allocatable, intent(inout) :: error
+      character(len=name_length), allocatable :: names(:)
+
+      select case (name)
+      case ('rectangle_left')
+         nodes = [0.0_wp]
+         weights = [1.0_wp]
+      case ('rectangle_right')
+         nodes = [1.0_wp]
+         weights = [1.0_wp]
+      case ('trapezoid')
+         nodes = [0.0_wp, 1.0_wp]
+         weights = [0.5_wp, 0.5_wp]
+      case ('open_trapezoid')
+         nodes = [1.0_wp/3.0_wp, 2.0_wp/3.0_wp]
+         weights = [0.5_wp, 0.5_wp]
+      case ('midpoint', 'gauss1', 'gauss2', 'gauss3', 'gauss4')
+         call gauss(name, nodes, weights)
+      case ('lobatto2', 'lobatto3', 'lobatto4')
+         call lobatto(name, nodes, weights)
+      case ('radau_left2', 'radau_left3', 'radau_right2', 'radau_right3')
+         call radau(name, nodes, weights)
+      case default
+         allocate (nodes(0), weights(0))
+         names = quadrature_names()
+         call raise(error, unknown_name, 'get_quadrature', "there is no quadrature '"//trim(name)// &
+                    "'; allowed are, the nearest first: "//nearest_names(name, names))
+      end select
+   end subroutine get_quadrature
+
+   !> Gauss-Legendre: zeros of the Legendre polynomials, moved to [0,1].
+   pure subroutine gauss(name, nodes, weights)
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(out) :: nodes(:), weights(:)
+      real(wp) :: x, y, w
+
+      select case (name)
+      case ('gauss2')
+         x = sqrt(1.0_wp/3.0_wp)
+         nodes = [1 - x, 1 + x]
+         nodes = 0.5_wp*nodes
+         weights = [0.5_wp, 0.5_wp]
+      case ('gauss3')
+         x = sqrt(3.0_wp/5.0_wp)
+         nodes = [1 - x, 1.0_wp, 1 + x]
+         nodes = 0.5_wp*nodes
+         weights = [5.0_wp, 8.0_wp, 5.0_wp]
+         weights = weights/18.0_wp
+      case ('gauss4')
+         w = sqrt(6.0_wp/5.0_wp)
+         x = sqrt((3 + 2*w)/7)
+         y = sqrt((3 - 2*w)/7)
+         nodes = [1 - x, 1 - y, 1 + y, 1 + x]
+         nodes = 0.5_wp*nodes
+         w = sqrt(30.0_wp)
+         weights = [18 - w, 18 + w, 18 + w, 18 - w]
+         weights = weights/72.0_wp
+      case default
+         nodes = [0.5_wp]
+         weights = [1.0_wp]
+      end select
+   end subroutine gauss
+
+   !> Gauss-Lobatto: both end points are nodes.
+   pure subroutine lobatto(name, nodes, weights)
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(out) :: nodes(:), weights(:)
+      real(wp) :: x
+
+      select case (name)
+      case ('lobatto3')
+         nodes = [0.0_wp, 0.5_wp, 1.0_wp]
+         weights = [1.0_wp, 4.0_wp, 1.0_wp]
+         weights = weights/6.0_wp
+      case ('lobatto4')
+         x = sqrt(1.0_wp/5.0_wp)
+         nodes = [0.0_wp, 1 - x, 1 + x, 2.0_wp]
+         nodes = 0.5_wp*nodes
+         weights = [1.0_wp, 5.0_wp, 5.0_wp, 1.0_wp]
+         weights = weights/12.0_wp
+      case default
+         nodes = [0.0_wp, 1.0_wp]
+         weights = [0.5_wp, 0.5_wp]
+      end select
+   end subroutine lobatto
+
+   !> Gauss-Radau: one end point, left or right, is a node.
+   pure subroutine radau(name, nodes, weights)
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(out) :: nodes(:), weights(:)
+      real(wp) :: x
+
+      x = sqrt(6.0_wp)
+      select case (name)
+      case ('radau_left2')
+         nodes = [0.0_wp, 2.0_wp/3.0_wp]
+         weights = [0.25_wp, 0.75_wp]
+      case ('radau_right2')
+         nodes = [1.0_wp/3.0_wp, 1.0_wp]
+         weights = [0.75_wp, 0.25_wp]
+      case ('radau_left3')
+         nodes = [0.0_wp, 6 - x, 6 + x]
+         nodes = nodes/10.0_wp
+         weights = [4.0_wp, 16 + x, 16 - x]
+         weights = weights/36.0_wp
+      case default
+         nodes = [4 - x, 4 + x, 10.0_wp]
+         nodes = nodes/10.0_wp
+         weights = [16 - x, 16 + x, 4.0_wp]
+         weights = weights/36.0_wp
+      end select
+   end subroutine radau
+
+   !> Largest d such that polynomials up to degree d are integrated exactly over [0,1]; -1 when the weights
+   !> do not even sum to one. Tested on Legendre's polynomials, whose moments vanish without cancellation;
+   !> d is at most 2 nnode - 1.
+   pure integer function exactness_degree(nodes, weights) result(degree)
+      real(wp), intent(in) :: nodes(:)    !! (nnode)
+      real(wp), intent(in) :: weights(:)  !! (nnode)
+      real(wp) :: x(size(nodes)), older(size(nodes)), old(size(nodes)), new(size(nodes))
+      integer :: k
+
+      degree = -1
+      if (.not. abs(sum(weights) - 1) <= tolerance) return
+      x = 2*nodes - 1
+      older = 1
+      old = x
+      do k = 1, 2*size(nodes)
+         degree = k - 1
+         if (.not. abs(dot_product(weights, old)) <= tolerance) return
+         new = ((2*k + 1)*x*old - k*older)/(k + 1)
+         older = old
+         old = new
+      end do
+   end function exactness_degree
+
+end module symsde_scheme_quadrature

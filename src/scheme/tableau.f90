@@ -1,0 +1,120 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A scheme from a partitioned tableau that a user or the catalogue gives.
+module symsde_scheme_tableau
+   use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: is_finite_lane
+   use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
+   use symsde_base_text, only: to_text
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, symplecticity_residual
+   use symsde_scheme_properties, only: declare_properties, tableau_order, coefficient_tolerance
+   implicit none
+   private
+   public :: scheme_from_tableau
+
+   real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)
+   character(*), parameter :: place = 'scheme_from_tableau'
+
+contains
+
+   !> The scheme of the tableau (a, abar, alpha) for the drift and (b, bbar, beta) for the noise, by default
+   !> the same. Its times are the row sums of a, or c. A tableau that is not symplectic is refused unless it
+   !> is asked for; it is then flagged symplectic = .false.
+   !> Errors: wrong_shape, invalid_argument (numbers), incompatible (not symplectic).
+   subroutine scheme_from_tableau(scheme, a, abar, alpha, name, allow_nonsymplectic, error, b, bbar, beta, c)
+      type(scheme_type), intent(out) :: scheme
+      real(wp), intent(in) :: a(:, :)     !! drift coefficients of Q (nstage, nstage)
+      real(wp), intent(in) :: abar(:, :)  !! drift coefficients of P (nstage, nstage)
+      real(wp), intent(in) :: alpha(:)    !! weights, their sum is one (nstage)
+      character(*), intent(in) :: name
+      logical, intent(in) :: allow_nonsymplectic
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), optional :: b(:, :)     !! noise coefficients of Q, default a (nstage, nstage)
+      real(wp), intent(in), optional :: bbar(:, :)  !! noise coefficients of P, default abar (nstage, nstage)
+      real(wp), intent(in), optional :: beta(:)     !! noise weights, default alpha (nstage)
+      real(wp), intent(in), optional :: c(:)        !! times of the stages, default row sums of a (nstage)
+      real(wp) :: residual
+
+      call check_vector('alpha', alpha, size(alpha), error)
+      call check_matrix('a', a, size(alpha), error)
+      call check_matrix('abar', abar, size(alpha), error)
+      if (present(b)) call check_matrix('b', b, size(alpha), error)
+      if (present(bbar)) call check_matrix('bbar', bbar, size(alpha), error)
+      if (present(beta)) call check_vector('beta', beta, size(alpha), error)
+      if (present(c)) call check_vector('c', c, size(alpha), error)
+      call check_sum('alpha', alpha, error)
+      if (present(beta)) call check_sum('beta', beta, error)
+      if (allocated(error)) return
+      call fill(scheme, a, abar, alpha, b, bbar, beta, c)
+      scheme%name = trim(name)
+      scheme%reference = 'tableau given by the user'
+      residual = symplecticity_residual(scheme)
+      if (.not. (allow_nonsymplectic .or. residual < coefficient_tolerance)) then
+         call raise(error, incompatible, place, "the tableau '"//trim(name)//"' is not symplectic: the conditions "// &
+                    'alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j, and those with noise, fail by '// &
+                    to_text(residual)//'; take symplectic_conjugate(a, alpha) for abar, or ask for '// &
+                    'allow_nonsymplectic')
+         return
+      end if
+      call declare_properties(scheme, tableau_order(a, abar, alpha))
+   end subroutine scheme_from_tableau
+
+   !> Copy the coefficients, the noise's own ones where they are given.
+   pure subroutine fill(scheme, a, abar, alpha, b, bbar, beta, c)
+      type(scheme_type), intent(inout) :: scheme
+      real(wp), intent(in) :: a(:, :), abar(:, :), alpha(:)
+      real(wp), intent(in), optional :: b(:, :), bbar(:, :), beta(:), c(:)
+
+      scheme%form = tableau_form
+      scheme%nstage = size(alpha)
+      scheme%alpha = alpha
+      scheme%a = a
+      scheme%abar = abar
+      scheme%c = sum(a, dim=2)
+      scheme%beta = alpha
+      scheme%b = a
+      scheme%bbar = abar
+      if (present(c)) scheme%c = c
+      if (present(beta)) scheme%beta = beta
+      if (present(b)) scheme%b = b
+      if (present(bbar)) scheme%bbar = bbar
+   end subroutine fill
+
+   subroutine check_vector(what, x, nstage, error)
+      character(*), intent(in) :: what
+      real(wp), intent(in) :: x(:)
+      integer, intent(in) :: nstage
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (size(x) /= nstage .or. nstage == 0) then
+         call raise(error, wrong_shape, place, what//' has '//to_text(size(x))//' components; give one for each of the '// &
+                    to_text(nstage)//' stages, and at least one stage')
+      else if (.not. all(is_finite_lane(x))) then
+         call raise(error, invalid_argument, place, what//' holds a number that is not finite; give finite coefficients')
+      end if
+   end subroutine check_vector
+
+   subroutine check_matrix(what, x, nstage, error)
+      character(*), intent(in) :: what
+      real(wp), intent(in) :: x(:, :)
+      integer, intent(in) :: nstage
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (any(shape(x) /= nstage)) then
+         call raise(error, wrong_shape, place, what//' is '//to_text(size(x, 1))//' by '//to_text(size(x, 2))// &
+                    '; with '//to_text(nstage)//' weights it must be '//to_text(nstage)//' by '//to_text(nstage))
+      else if (.not. all(is_finite_lane(x))) then
+         call raise(error, invalid_argument, place, what//' holds a number that is not finite; give finite coefficients')
+      end if
+   end subroutine check_matrix
+
+   subroutine check_sum(what, x, error)
+      character(*), intent(in) :: what
+      real(wp), intent(in) :: x(:)
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (abs(sum(x) - 1) > tolerance) &
+         call raise(error, invalid_argument, place, 'the weights '//what//' sum to '//to_text(sum(x))// &
+                    '; they must sum to one: divide them by their sum')
+   end subroutine check_sum
+
+end module symsde_scheme_tableau
