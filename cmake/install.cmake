@@ -22,5 +22,8 @@ install(FILES
    ${CMAKE_CURRENT_BINARY_DIR}/symsde-config-version.cmake
    DESTINATION ${_package_dir})
 
+# Relative, so that an installed tree can be moved.
+file(RELATIVE_PATH SYMSDE_PC_TO_PREFIX /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
+string(REGEX REPLACE "/$" "" SYMSDE_PC_TO_PREFIX "${SYMSDE_PC_TO_PREFIX}")
 configure_file(cmake/symsde.pc.in symsde.pc @ONLY)
 install(FILES ${CMAKE_CURRENT_BINARY_DIR}/symsde.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)

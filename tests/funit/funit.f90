@@ -123,7 +123,7 @@ contains
       if (expected == found) return
       if (ieee_is_finite(expected) .and. abs(expected - found) <= allowed) return
       call unequal(text_of(expected)//' within '//text_of(allowed), text_of(found)// &
-         ' (difference '//trim(text_of(found - expected))//')', message)
+                   ' (difference '//trim(text_of(found - expected))//')', message)
    end subroutine equal_real
 
    impure elemental subroutine equal_i4(expected, found, message)

@@ -36,8 +36,8 @@ ONLY_IN = {
     "calls LAPACK": (r"\bcall\s+d(ge|gb|po|pb|pt|gt|sy)(trf|trs|con|sv)\b", "src/solve/lapack.f90"),
     "starts threads": (r"^\s*!\$omp\s+parallel|^\s*use\s+omp_lib", "src/ensemble/"),
 }
-PREFIX = r"^\s*(?:(?:pure|impure|elemental|recursive|module|integer|real|logical|type|class|character)\b(?:\([^)]*\))?\s+)*"
-BEGIN = re.compile(PREFIX + r"(subroutine|function)\s+(\w+)", re.I)
+WORDS = "pure|impure|elemental|recursive|module|integer|real|logical|type|class|character"
+BEGIN = re.compile(rf"^\s*(?:(?:{WORDS})\b(?:\([^)]*\))?\s+)*(subroutine|function)\s+(\w+)", re.I)
 END = re.compile(r"^\s*end\s*(subroutine|function)\b", re.I)
 
 

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# Install the built library in a fresh prefix, move it, and build and run the consumers against it.
+cmake_minimum_required(VERSION 3.25)
+
+function(run)
+   execute_process(COMMAND ${ARGN} COMMAND_ECHO STDOUT COMMAND_ERROR_IS_FATAL ANY)
+endfunction()
+
+file(REMOVE_RECURSE ${WORK})
+file(MAKE_DIRECTORY ${WORK})
+run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${WORK}/first)
+file(RENAME ${WORK}/first ${WORK}/prefix)  # nothing installed may remember where it was put
+
+# find_package
+run(${CMAKE_COMMAND} -S ${CONSUMER} -B ${WORK}/build -D CMAKE_PREFIX_PATH=${WORK}/prefix
+   -D CMAKE_Fortran_COMPILER=${FORTRAN} -D CMAKE_C_COMPILER=${CC} -D WANTED=${VERSION} -G Ninja)
+run(${CMAKE_COMMAND} --build ${WORK}/build)
+run(${WORK}/build/consumer_fortran)
+run(${WORK}/build/consumer_c)
+
+# pkg-config
+set(ENV{PKG_CONFIG_PATH} ${WORK}/prefix/${LIBDIR}/pkgconfig)
+set(ENV{LD_LIBRARY_PATH} ${WORK}/prefix/${LIBDIR})
+execute_process(COMMAND pkg-config --cflags --libs "symsde = ${VERSION}"
+   OUTPUT_VARIABLE flags OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+separate_arguments(flags UNIX_COMMAND "${flags}")
+run(${FORTRAN} ${CONSUMER}/consumer.f90 -o ${WORK}/pkg_fortran ${flags})
+run(${CC} ${CONSUMER}/consumer.c -o ${WORK}/pkg_c ${flags})
+run(${WORK}/pkg_fortran)
+run(${WORK}/pkg_c)
