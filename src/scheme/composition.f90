@@ -1,0 +1,203 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> New schemes from old ones: the adjoint, compositions of fractions of a step, the triple jump.
+!>
+!> All are tableaux again, so the general stepper executes them and a certificate judges them. The parts of
+!> a composition share the increments in proportion to their fractions of the step. The adjoint treats the
+!> drift correction as even: its coefficient follows from the new beta^T b e and has the other sign
+!> (adjoint of the one-sided scheme lambda is that of 1 - lambda).
+module symsde_scheme_composition
+   use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: is_finite_lane
+   use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
+   use symsde_base_text, only: to_text
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form
+   use symsde_scheme_properties, only: declare_properties, tableau_order
+   implicit none
+   private
+   public :: adjoint_scheme, composed_scheme, symmetric_composition, triple_jump
+
+   real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)
+
+contains
+
+   !> The adjoint, the inverse map of a step back in time, Phi*_{h,dW} = (Phi_{-h,-dW})^{-1}: with
+   !> i' = r+1-i, alpha*_j = alpha_j', c*_i = 1 - c_i', a*_ij = alpha_j' - a_i'j', and alike for abar, b, bbar.
+   !> Errors: incompatible for Euler-Maruyama, whose Ito form has no such inverse.
+   subroutine adjoint_scheme(scheme, base, error, name)
+      type(scheme_type), intent(out) :: scheme  !! not the same variable as base
+      type(scheme_type), intent(in) :: base
+      type(error_type), allocatable, intent(inout) :: error
+      character(*), intent(in), optional :: name  !! default: that of base with _adjoint
+      integer :: r, s
+
+      if (base%form == ito_form) call raise(error, incompatible, 'adjoint_scheme', &
+                                            "'"//base%name//"' steps the Ito form, which has no adjoint; "// &
+                                            'take a scheme of the Stratonovich form')
+      if (allocated(error)) return
+      scheme = base
+      r = base%nstage
+      s = base%degree
+      scheme%c = 1 - base%c(r:1:-1)
+      scheme%alpha = base%alpha(r:1:-1)
+      scheme%beta = base%beta(r:1:-1)
+      if (base%form == galerkin_form) then
+         scheme%basis(:, 0:s) = base%basis(r:1:-1, s:0:-1)
+         scheme%slope(:, 0:s) = -base%slope(r:1:-1, s:0:-1)
+      else
+         scheme%a = adjoint_matrix(base%a, base%alpha)
+         scheme%abar = adjoint_matrix(base%abar, base%alpha)
+         scheme%b = adjoint_matrix(base%b, base%beta)
+         scheme%bbar = adjoint_matrix(base%bbar, base%beta)
+      end if
+      scheme%name = base%name//'_adjoint'
+      if (present(name)) scheme%name = trim(name)
+      scheme%reference = 'adjoint of '//base%name
+      call declare_properties(scheme, base%order_noise_free)
+   end subroutine adjoint_scheme
+
+   !> a*_ij = alpha_j' - a_i'j'; zero where only rounding is left, so that explicit stages are seen.
+   pure function adjoint_matrix(a, alpha) result(adjoint)
+      real(wp), intent(in) :: a(:, :)   !! (nstage, nstage)
+      real(wp), intent(in) :: alpha(:)  !! (nstage)
+      real(wp) :: adjoint(size(alpha), size(alpha))
+      integer :: i, j, r
+
+      r = size(alpha)
+      do j = 1, r
+         do i = 1, r
+            adjoint(i, j) = alpha(r + 1 - j) - a(r + 1 - i, r + 1 - j)
+            if (abs(adjoint(i, j)) < 8*epsilon(1.0_wp)) adjoint(i, j) = 0
+         end do
+      end do
+   end function adjoint_matrix
+
+   !> One step made of a step of each part after the other, part k with the fraction gamma_k of h and of all
+   !> increments. Block tableau: gamma_k a^k on the diagonal, gamma_l alpha^l in the columns of earlier
+   !> parts l < k; weights gamma_k alpha^k; times sum_{l<k} gamma_l + gamma_k c^k.
+   !> Errors: wrong_shape, invalid_argument (fractions), incompatible (a part that is no tableau).
+   subroutine composed_scheme(scheme, parts, fractions, name, error)
+      type(scheme_type), intent(out) :: scheme
+      type(scheme_type), intent(in) :: parts(:)  !! in the order in which they act (npart)
+      real(wp), intent(in) :: fractions(:)       !! gamma_k, their sum is one (npart)
+      character(*), intent(in) :: name
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: k, first, order, r
+
+      call check_parts(parts, fractions, error)
+      if (allocated(error)) return
+      r = sum(parts%nstage)
+      scheme%form = tableau_form
+      scheme%nstage = r
+      allocate (scheme%c(r), scheme%alpha(r), scheme%beta(r), source=0.0_wp)
+      allocate (scheme%a(r, r), scheme%abar(r, r), scheme%b(r, r), scheme%bbar(r, r), source=0.0_wp)
+      first = 0
+      do k = 1, size(parts)
+         call append_part(scheme, parts(k), first, sum(fractions(:k - 1)), fractions(k))
+         first = first + parts(k)%nstage
+      end do
+      scheme%name = trim(name)
+      scheme%reference = 'composition of '//parts(1)%name
+      do k = 2, size(parts)
+         scheme%reference = scheme%reference//', '//parts(k)%name
+      end do
+      order = max(tableau_order(scheme%a, scheme%abar, scheme%alpha), minval(parts%order_noise_free))
+      call declare_properties(scheme, order)
+      if (scheme%symmetric .and. mod(order, 2) == 1) call declare_properties(scheme, order + 1)
+   end subroutine composed_scheme
+
+   !> Write the rows and columns of one part into the block tableau.
+   pure subroutine append_part(scheme, part, first, start, fraction)
+      type(scheme_type), intent(inout) :: scheme
+      type(scheme_type), intent(in) :: part
+      integer, intent(in) :: first      !! stages of the parts before
+      real(wp), intent(in) :: start     !! their fraction of the step
+      real(wp), intent(in) :: fraction  !! that of this part
+      integer :: last, i
+
+      last = first + part%nstage
+      scheme%c(first + 1:last) = start + fraction*part%c
+      scheme%alpha(first + 1:last) = fraction*part%alpha
+      scheme%beta(first + 1:last) = fraction*part%beta
+      scheme%a(first + 1:last, first + 1:last) = fraction*part%a
+      scheme%abar(first + 1:last, first + 1:last) = fraction*part%abar
+      scheme%b(first + 1:last, first + 1:last) = fraction*part%b
+      scheme%bbar(first + 1:last, first + 1:last) = fraction*part%bbar
+      do i = last + 1, scheme%nstage
+         scheme%a(i, first + 1:last) = fraction*part%alpha
+         scheme%abar(i, first + 1:last) = fraction*part%alpha
+         scheme%b(i, first + 1:last) = fraction*part%beta
+         scheme%bbar(i, first + 1:last) = fraction*part%beta
+      end do
+   end subroutine append_part
+
+   subroutine check_parts(parts, fractions, error)
+      type(scheme_type), intent(in) :: parts(:)
+      real(wp), intent(in) :: fractions(:)
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: k
+
+      if (size(parts) /= size(fractions) .or. size(parts) == 0) then
+         call raise(error, wrong_shape, 'composed_scheme', 'there are '//to_text(size(parts))//' parts and '// &
+                    to_text(size(fractions))//' fractions; give one fraction for each part, and at least one')
+      else if (.not. all(is_finite_lane(fractions))) then
+         call raise(error, invalid_argument, 'composed_scheme', 'a fraction of the step is not finite; '// &
+                    'give finite fractions that sum to one')
+      else if (abs(sum(fractions) - 1) > tolerance) then
+         call raise(error, invalid_argument, 'composed_scheme', 'the fractions of the step sum to '// &
+                    to_text(sum(fractions))//'; they must sum to one')
+      else
+         do k = 1, size(parts)
+            if (parts(k)%form /= tableau_form) &
+               call raise(error, incompatible, 'composed_scheme', "'"//parts(k)%name//"' is not a tableau; "// &
+                          'only tableaux are composed into one scheme')
+         end do
+      end if
+   end subroutine check_parts
+
+   !> A half step of the scheme followed by a half step of its adjoint: symmetric, of even order. That of
+   !> [WHSB] (89)-(90) is the Stoermer-Verlet scheme.
+   !> Errors: those of adjoint_scheme and composed_scheme.
+   subroutine symmetric_composition(scheme, base, error, name)
+      type(scheme_type), intent(out) :: scheme  !! not the same variable as base
+      type(scheme_type), intent(in) :: base
+      type(error_type), allocatable, intent(inout) :: error
+      character(*), intent(in), optional :: name  !! default: that of base with _symmetric
+      type(scheme_type) :: parts(2)
+      character(:), allocatable :: own_name
+
+      own_name = base%name//'_symmetric'
+      if (present(name)) own_name = name
+      parts(1) = base
+      call adjoint_scheme(parts(2), base, error)
+      if (allocated(error)) return
+      call composed_scheme(scheme, parts, [0.5_wp, 0.5_wp], own_name, error)
+   end subroutine symmetric_composition
+
+   !> Fractions g, 1-2g, g with g = 1/(2 - 2^{1/(p+1)}) of a symmetric scheme of even order p: order p+2
+   !> without noise (Yoshida 1990; Suzuki 1990; Misawa 2010 for stochastic systems).
+   !> Errors: incompatible for a scheme that is not symmetric; those of composed_scheme.
+   subroutine triple_jump(scheme, base, error, name)
+      type(scheme_type), intent(out) :: scheme  !! not the same variable as base
+      type(scheme_type), intent(in) :: base
+      type(error_type), allocatable, intent(inout) :: error
+      character(*), intent(in), optional :: name  !! default: that of base with _triple_jump
+      type(scheme_type) :: parts(3)
+      character(:), allocatable :: own_name
+      real(wp) :: g
+
+      if (.not. base%symmetric) call raise(error, incompatible, 'triple_jump', "'"//base%name// &
+                                           "' is not symmetric, and the triple jump would not raise its order; "// &
+                                           'compose it with its adjoint first (symmetric_composition)')
+      if (allocated(error)) return
+      own_name = base%name//'_triple_jump'
+      if (present(name)) own_name = name
+      g = 1/(2 - 2**(1.0_wp/(base%order_noise_free + 1)))
+      parts(1) = base
+      parts(2) = base
+      parts(3) = base
+      call composed_scheme(scheme, parts, [g, 1 - 2*g, g], own_name, error)
+      if (allocated(error)) return
+      call declare_properties(scheme, base%order_noise_free + 2)
+   end subroutine triple_jump
+
+end module symsde_scheme_composition

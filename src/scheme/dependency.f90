@@ -1,0 +1,122 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Which stage values of a tableau need which others: whether a scheme is explicit, and in which order.
+!>
+!> Q_i needs H_p at stage j where a_ij or b_ij is not zero, P_i needs H_q there by abar and bbar. H_p at
+!> stage j needs (Q_j,P_j), for separable Hamiltonians P_j alone; H_q needs Q_j alone then.
+module symsde_scheme_dependency
+   use symsde_base_kinds, only: wp
+   use symsde_scheme_scheme, only: scheme_type, galerkin_form
+   implicit none
+   private
+   public :: is_explicit, evaluation_order, implicit_unknowns
+
+contains
+
+   !> Whether the stages can be computed one after the other.
+   pure logical function is_explicit(scheme, separable)
+      type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: separable  !! every H_j(q,p) = T_j(p) + U_j(q)
+
+      is_explicit = scheme%form /= galerkin_form
+      if (is_explicit) is_explicit = size(evaluation_order(scheme, separable)) == 2*scheme%nstage
+   end function is_explicit
+
+   !> Stage values in an order in which each needs only earlier ones, i for Q_i and nstage+i for P_i; it ends
+   !> where what is left must be solved for. Complete, with 2 nstage entries, for an explicit scheme.
+   pure function evaluation_order(scheme, separable) result(order)
+      type(scheme_type), intent(in) :: scheme  !! not of Galerkin form
+      logical, intent(in) :: separable
+      integer, allocatable :: order(:)
+      logical :: needs(2*scheme%nstage, 2*scheme%nstage), done(2*scheme%nstage)
+      integer :: sorted(2*scheme%nstage), count, i
+      logical :: progress
+
+      needs = dependencies(scheme, separable)
+      done = .false.
+      count = 0
+      progress = .true.
+      do while (progress)
+         progress = .false.
+         do i = 1, size(done)
+            if (done(i) .or. any(needs(i, :) .and. .not. done)) cycle
+            done(i) = .true.
+            count = count + 1
+            sorted(count) = i
+            progress = .true.
+         end do
+      end do
+      order = sorted(:count)
+   end function evaluation_order
+
+   !> Values for each degree of freedom that must be solved for together: stage values on or between cycles,
+   !> equal ones counted once; for Galerkin data the momenta at the nodes and the control points.
+   pure integer function implicit_unknowns(scheme, separable) result(unknowns)
+      type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: separable
+      logical :: needs(2*scheme%nstage, 2*scheme%nstage), left(2*scheme%nstage), keep(2*scheme%nstage)
+      integer :: i, j
+
+      if (scheme%form == galerkin_form) then
+         unknowns = scheme%degree + scheme%nstage
+         return
+      end if
+      needs = dependencies(scheme, separable)
+      left = .true.
+      do i = 1, 2*size(left)  ! from the front: known already; from the back: known afterwards
+         do j = 1, size(left)
+            keep(j) = any(needs(j, :) .and. left) .and. any(needs(:, j) .and. left)
+         end do
+         left = left .and. keep
+      end do
+      unknowns = 0
+      do i = 1, size(left)
+         if (left(i) .and. .not. repeats(scheme, i, left)) unknowns = unknowns + 1
+      end do
+   end function implicit_unknowns
+
+   !> needs(i,j): stage value i needs stage value j.
+   pure function dependencies(scheme, separable) result(needs)
+      type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: separable
+      logical :: needs(2*scheme%nstage, 2*scheme%nstage)
+      logical :: of_q(scheme%nstage, scheme%nstage), of_p(scheme%nstage, scheme%nstage)
+      integer :: r
+
+      r = scheme%nstage
+      of_q = abs(scheme%a) > 0 .or. abs(scheme%b) > 0
+      of_p = abs(scheme%abar) > 0 .or. abs(scheme%bbar) > 0
+      needs(:r, r + 1:) = of_q
+      needs(r + 1:, :r) = of_p
+      needs(:r, :r) = of_q .and. .not. separable
+      needs(r + 1:, r + 1:) = of_p .and. .not. separable
+   end function dependencies
+
+   !> Whether an earlier stage value that is left has the same coefficients.
+   pure logical function repeats(scheme, i, left)
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: i
+      logical, intent(in) :: left(:)
+      integer :: j, r, k
+
+      r = scheme%nstage
+      repeats = .false.
+      do j = 1 + r*((i - 1)/r), i - 1
+         if (.not. left(j)) cycle
+         k = r*((i - 1)/r)
+         if (k == 0) then
+            repeats = same(scheme%a(i, :), scheme%a(j, :)) .and. same(scheme%b(i, :), scheme%b(j, :))
+         else
+            repeats = same(scheme%abar(i - k, :), scheme%abar(j - k, :)) .and. &
+                      same(scheme%bbar(i - k, :), scheme%bbar(j - k, :))
+         end if
+         if (repeats) return
+      end do
+   end function repeats
+
+   pure logical function same(x, y)
+      real(wp), intent(in) :: x(:), y(:)
+
+      same = all(abs(x - y) < 8*epsilon(1.0_wp))
+   end function same
+
+end module symsde_scheme_dependency
