@@ -64,7 +64,9 @@ contains
       character(*), intent(in) :: a, b
       integer :: row(0:len(b)), previous, above, i, j
 
-      row = [(j, j=0, len(b))]
+      do j = 0, len(b)
+         row(j) = j
+      end do
       do i = 1, len(a)
          previous = row(0)
          row(0) = i

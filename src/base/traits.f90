@@ -19,6 +19,7 @@ module symsde_base_traits
       logical :: position_noise = .false.  !! every H_k, k >= 1, depends on q alone
       logical :: quadratic = .false.       !! every H_j is a polynomial of degree two at most
       logical :: identity_mass = .false.   !! H = p.p/2 + U(q)
+      logical, allocatable :: silent(:)    !! noises whose H_k vanishes: nothing is drawn for them (nnoise)
       integer :: bandwidth = dense         !! b: every Hessian block vanishes for |i-j| > b
       logical :: has_value = .false.       !! the Hamiltonians themselves can be evaluated
       logical :: has_hessian = .false.     !! Hessians are analytic, not differences of gradients

@@ -1,0 +1,38 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Counts of what a run did, per path: the proof of what was left out.
+module symsde_base_counters
+   use symsde_base_kinds, only: i8
+   implicit none
+   private
+   public :: counters_type, add_counters
+
+   !> Every count is in units of one path: a gradient of a block of 200 paths counts 200.
+   type :: counters_type
+      integer(i8) :: steps = 0            !! path-steps
+      integer(i8) :: normals = 0          !! normal deviates drawn
+      integer(i8) :: gradients = 0        !! gradients of a weighted sum of Hamiltonians
+      integer(i8) :: hessians = 0         !! Hessians of the same
+      integer(i8) :: hessian_vectors = 0  !! Hessian-vector products
+      integer(i8) :: iterations = 0       !! Newton or fixed-point iterations, each until its own lane was done
+      integer(i8) :: solves = 0           !! linear systems solved
+      integer(i8) :: lapack_solves = 0    !! of these, by LAPACK
+   end type counters_type
+
+contains
+
+   !> total = total + part
+   pure subroutine add_counters(total, part)
+      type(counters_type), intent(inout) :: total
+      type(counters_type), intent(in) :: part
+
+      total%steps = total%steps + part%steps
+      total%normals = total%normals + part%normals
+      total%gradients = total%gradients + part%gradients
+      total%hessians = total%hessians + part%hessians
+      total%hessian_vectors = total%hessian_vectors + part%hessian_vectors
+      total%iterations = total%iterations + part%iterations
+      total%solves = total%solves + part%solves
+      total%lapack_solves = total%lapack_solves + part%lapack_solves
+   end subroutine add_counters
+
+end module symsde_base_counters
