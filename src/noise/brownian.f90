@@ -1,0 +1,165 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Brownian increments from the counter-based generator: every draw is a function of (seed, path, step).
+!>
+!> refine = 0   dW = sqrt(h) xi, one draw a step
+!> refine = l   the sum of 2^l draws at step h/2^l, added as a balanced binary tree: the increments at
+!>              refine = l equal, bit for bit, the sums of two at step h/2 and refine = l-1
+!> refine = -l  the increments at step 2^l h, halved l times by the Brownian bridge, so that a run can be
+!>              repeated at half its step on the same path: W_1 = W/2 + sqrt(H)/2 xi, W_2 = W - W_1
+module symsde_noise_brownian
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type, raise, invalid_argument
+   use symsde_base_text, only: to_text
+   use symsde_noise_normal, only: normal_pairs
+   use symsde_noise_source, only: noise_type, clip_lanes
+   implicit none
+   private
+   public :: brownian_noise, new_brownian_noise
+
+   integer, parameter, public :: max_refine = 30  !! largest |refine|
+   integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
+   integer, parameter :: purpose_bridge = 1       !! counter word of the bridge's draws
+
+   type, extends(noise_type) :: brownian_noise
+      private
+      integer(i8) :: seed = 0
+      integer :: refine = 0
+      real(wp) :: h = 0   !! step size of the run [time]
+   contains
+      procedure :: fill => fill_brownian
+   end type brownian_noise
+
+contains
+
+   !> A Brownian source for a run with step h.
+   subroutine new_brownian_noise(self, nnoise, seed, h, refine, silent, error)
+      type(brownian_noise), intent(out) :: self
+      integer, intent(in) :: nnoise       !! m
+      integer(i8), intent(in) :: seed     !! all 64 bits are the key of the generator
+      real(wp), intent(in) :: h           !! step size, may be negative: |h| sets the variance [time]
+      integer, intent(in) :: refine       !! levels finer (> 0) or coarser (< 0) than one draw a step
+      logical, intent(in) :: silent(:)    !! noises for which nothing is drawn (nnoise)
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (abs(refine) > max_refine) then
+         call raise(error, invalid_argument, 'new_brownian_noise', 'refine = '//to_text(refine)// &
+                    ' is out of range: give an integer between -'//to_text(max_refine)//' and '// &
+                    to_text(max_refine)//', each level doubles the number of draws')
+         return
+      end if
+      self%nnoise = nnoise
+      self%seed = seed
+      self%h = abs(h)
+      self%refine = refine
+      self%silent = silent
+   end subroutine new_brownian_noise
+
+   subroutine fill_brownian(self, nlane, path, pair, w, drawn)
+      class(brownian_noise), intent(in) :: self
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:1)
+      integer(i8), intent(inout) :: drawn
+      integer :: k
+
+      do k = 1, self%nnoise
+         if (self%silent(k)) then
+            w(:, k, :) = 0
+            cycle
+         end if
+         if (self%refine == 0) then
+            call draw(self, nlane, path, pair, k, 0, sqrt(self%h), w(:, k, 0), w(:, k, 1), drawn)
+         else if (self%refine > 0) then
+            call sum_tree(self, nlane, path, 2*pair, k, w(:, k, 0), drawn)
+            call sum_tree(self, nlane, path, 2*pair + 1, k, w(:, k, 1), drawn)
+         else
+            call bridge(self, nlane, path, 2*pair, k, w(:, k, 0), drawn)
+            call bridge(self, nlane, path, 2*pair + 1, k, w(:, k, 1), drawn)
+         end if
+         if (self%bound < huge(1.0_wp)) then
+            call clip_lanes(nlane, self%bound, w(:, k, 0))
+            call clip_lanes(nlane, self%bound, w(:, k, 1))
+         end if
+      end do
+   end subroutine fill_brownian
+
+   !> Two scaled normals a lane; level 0 are the increments at the finest step, level d the bridge's.
+   subroutine draw(self, nlane, path, pair, k, level, scale, even, odd, drawn)
+      class(brownian_noise), intent(in) :: self
+      integer, intent(in) :: nlane, k, level
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(in) :: scale
+      real(wp), intent(out) :: even(nlane), odd(nlane)
+      integer(i8), intent(inout) :: drawn
+      integer :: lane
+
+      call normal_pairs(nlane, self%seed, path, pair, k, level, &
+                        merge(purpose_increment, purpose_bridge, level == 0), even, odd)
+      do lane = 1, nlane
+         even(lane) = scale*even(lane)
+         odd(lane) = scale*odd(lane)
+      end do
+      drawn = drawn + 2
+   end subroutine draw
+
+   !> dW of one step as a balanced binary sum of 2^refine draws at step h/2^refine.
+   subroutine sum_tree(self, nlane, path, step, k, dw, drawn)
+      class(brownian_noise), intent(in) :: self
+      integer, intent(in) :: nlane, k
+      integer(i8), intent(in) :: path(nlane), step
+      real(wp), intent(out) :: dw(nlane)
+      integer(i8), intent(inout) :: drawn
+      real(wp), allocatable :: partial(:, :)
+      real(wp) :: even(nlane), odd(nlane), scale
+      integer(i8) :: i, first, carry
+      integer :: level
+
+      allocate (partial(nlane, self%refine))
+      scale = sqrt(self%h/2.0_wp**self%refine)
+      first = step*2_i8**(self%refine - 1)  ! pairs of draws
+      do i = 0, 2_i8**(self%refine - 1) - 1
+         call draw(self, nlane, path, first + i, k, 0, scale, even, odd, drawn)
+         dw = even + odd
+         ! like a carry in binary counting: two complete sums of one size make one of the next
+         carry = i
+         level = 1
+         do while (mod(carry, 2_i8) == 1)
+            dw = partial(:, level) + dw
+            carry = carry/2
+            level = level + 1
+         end do
+         if (level <= self%refine) partial(:, level) = dw
+      end do
+   end subroutine sum_tree
+
+   !> dW of one step by halving the increment at step 2^l h, l = -refine, once for every level.
+   subroutine bridge(self, nlane, path, step, k, dw, drawn)
+      class(brownian_noise), intent(in) :: self
+      integer, intent(in) :: nlane, k
+      integer(i8), intent(in) :: path(nlane), step
+      real(wp), intent(out) :: dw(nlane)
+      integer(i8), intent(inout) :: drawn
+      real(wp) :: even(nlane), odd(nlane), coarse
+      integer(i8) :: parent
+      integer :: level, levels
+
+      levels = -self%refine
+      coarse = self%h*2.0_wp**levels
+      parent = step/2_i8**levels
+      call draw(self, nlane, path, parent/2, k, 0, sqrt(coarse), even, odd, drawn)
+      dw = merge(even, odd, mod(parent, 2_i8) == 0)
+      do level = 1, levels
+         parent = step/2_i8**(levels - level + 1)
+         call draw(self, nlane, path, parent/2, k, level, 0.5_wp*sqrt(coarse), even, odd, drawn)
+         if (mod(parent, 2_i8) == 1) even = odd
+         even = 0.5_wp*dw + even  ! the first half
+         if (mod(step/2_i8**(levels - level), 2_i8) == 0) then
+            dw = even
+         else
+            dw = dw - even
+         end if
+         coarse = coarse/2
+      end do
+   end subroutine bridge
+
+end module symsde_noise_brownian
