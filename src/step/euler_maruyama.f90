@@ -1,0 +1,82 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Euler-Maruyama on the Ito form: the contrast. Not symplectic; it blows up where the others do not.
+!>
+!> x = (q,p), V_k = (H_{k,p}, -H_{k,q}):  dx = (V_0 + (1/2) sum_k DV_k V_k) dt + sum_k V_k dW_k   (Ito)
+!> DV_k V_k = (u_p, -u_q) with u = Hess H_k V_k, one Hessian-vector product for every noise.
+module symsde_step_euler_maruyama
+   use symsde_base_kinds, only: wp, i8
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: correction_none
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: euler_maruyama_stepper, new_euler_maruyama_stepper
+
+   type, extends(stepper_type) :: euler_maruyama_stepper
+      private
+      logical :: has_ito_drift = .true.
+      real(wp), allocatable :: e(:, :)       !! weights that single out one noise (nlane, 0:nnoise)
+      real(wp), allocatable :: fq(:, :), fp(:, :), uq(:, :), up(:, :)
+   contains
+      procedure :: increment
+   end type euler_maruyama_stepper
+
+contains
+
+   !> A stepper for blocks of nlane lanes.
+   subroutine new_euler_maruyama_stepper(self, model, nlane)
+      type(euler_maruyama_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+
+      self%name = 'Euler-Maruyama (not symplectic)'
+      self%has_ito_drift = .not. model%traits%correction_vanishes()
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      associate (n => model%traits%ndof)
+         allocate (self%e(nlane, 0:model%traits%nnoise), self%fq(nlane, n), self%fp(nlane, n))
+         allocate (self%uq(nlane, n), self%up(nlane, n))
+      end associate
+   end subroutine new_euler_maruyama_stepper
+
+   subroutine increment(self, t, w, q, p, dq, dp, status)
+      class(euler_maruyama_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp) :: h
+      integer :: k
+
+      h = w(1, 0)
+      call self%ham%gradient(t, w, q, p, hq=dp, hp=dq)
+      dp = -dp
+      if (self%has_ito_drift) then
+         self%e = 0
+         do k = 1, self%ham%nnoise
+            self%e(:, k) = 1
+            call ito_drift(self, t, q, p)
+            dq = dq + 0.5_wp*h*self%up
+            dp = dp - 0.5_wp*h*self%uq
+            self%e(:, k) = 0
+         end do
+      end if
+      status = status + 0
+   end subroutine increment
+
+   !> u = Hess H_k (H_{k,p}, -H_{k,q}) for the noise singled out by the weights e.
+   subroutine ito_drift(self, t, q, p)
+      type(euler_maruyama_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+
+      associate (nlane => self%ham%nlane, n => self%ham%ndof, m => self%ham%nnoise, c => self%ham%counters)
+         call self%ham%model%gradient(nlane, n, m, t, self%e, q, p, self%fq, self%fp)
+         self%fq = -self%fq
+         call self%ham%model%hessian_vector(nlane, n, m, t, self%e, q, p, self%fp, self%fq, self%uq, self%up)
+         c%gradients = c%gradients + self%ham%nreal
+         c%hessian_vectors = c%hessian_vectors + self%ham%nreal
+      end associate
+   end subroutine ito_drift
+
+end module symsde_step_euler_maruyama

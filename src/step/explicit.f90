@@ -1,0 +1,165 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Explicit execution of a tableau whose stages follow one after the other for this model.
+!>
+!> Q_i waits for the Hhat_p of the stages with a_ij /= 0, P_i for the Hhat_q of those with abar_ij /= 0.
+!> With separable Hamiltonians Hhat_q needs Q alone and Hhat_p needs P alone; then the uncorrected Euler
+!> pair [WHSB] (89)-(92) and Stormer-Verlet are explicit. The order of evaluation is found once, at
+!> set-up; no solver is called.
+module symsde_step_explicit
+   use symsde_base_kinds, only: wp, i8
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: explicit_stepper, new_explicit_stepper, is_explicit
+
+   !> One evaluation: of Hhat_q, of Hhat_p, or of both, at one stage.
+   type :: evaluation
+      integer :: stage = 0
+      logical :: force = .false.     !! Hhat_q is wanted
+      logical :: velocity = .false.  !! Hhat_p is wanted
+   end type evaluation
+
+   type, extends(stepper_type) :: explicit_stepper
+      private
+      integer :: nstage = 0
+      real(wp), allocatable :: c(:), alpha(:)     !! (nstage)
+      real(wp), allocatable :: to_q(:, :)         !! a_ij of stage i in column i (nstage, nstage)
+      real(wp), allocatable :: to_p(:, :)         !! -abar_ij of stage i in column i (nstage, nstage)
+      real(wp), allocatable :: minus_alpha(:)     !! (nstage)
+      type(evaluation), allocatable :: plan(:)
+      real(wp), allocatable :: hq(:, :, :), hp(:, :, :)  !! of each stage (nlane, ndof, nstage)
+      real(wp), allocatable :: qs(:, :), ps(:, :)        !! one stage (nlane, ndof)
+   contains
+      procedure :: increment
+   end type explicit_stepper
+
+contains
+
+   !> Whether this scheme without correction can be executed explicitly on this model.
+   logical function is_explicit(model, scheme)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(evaluation), allocatable :: plan(:)
+
+      is_explicit = .false.
+      if (scheme%form /= tableau_form) return
+      if (.not. scheme%noise_coefficients_equal()) return
+      call find_plan(scheme, model%traits%separable, plan)
+      is_explicit = allocated(plan)
+   end function is_explicit
+
+   !> An explicit stepper for blocks of nlane lanes; requires is_explicit(model, scheme).
+   subroutine new_explicit_stepper(self, model, scheme, nlane)
+      type(explicit_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: nlane
+
+      self%name = 'explicit'
+      self%nstage = scheme%nstage
+      self%c = scheme%c
+      self%to_q = transpose(scheme%a)
+      self%to_p = -transpose(scheme%abar)
+      self%alpha = scheme%alpha
+      self%minus_alpha = -scheme%alpha
+      call find_plan(scheme, model%traits%separable, self%plan)
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      associate (n => model%traits%ndof)
+         allocate (self%hq(nlane, n, self%nstage), self%hp(nlane, n, self%nstage))
+         allocate (self%qs(nlane, n), self%ps(nlane, n))
+      end associate
+   end subroutine new_explicit_stepper
+
+   !> The order of evaluations; not allocated where there is none.
+   pure subroutine find_plan(scheme, separable, plan)
+      type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: separable
+      type(evaluation), allocatable, intent(out) :: plan(:)
+      type(evaluation) :: next, order(2*scheme%nstage)
+      logical :: has_force(scheme%nstage), has_velocity(scheme%nstage), q_ready, p_ready, moved
+      integer :: i, n
+
+      has_force = .false.
+      has_velocity = .false.
+      n = 0
+      do
+         moved = .false.
+         do i = 1, scheme%nstage
+            q_ready = all(has_velocity .or. abs(scheme%a(i, :)) <= 0)
+            p_ready = all(has_force .or. abs(scheme%abar(i, :)) <= 0)
+            next%stage = i
+            next%force = q_ready .and. (separable .or. p_ready) .and. .not. has_force(i)
+            next%velocity = p_ready .and. (separable .or. q_ready) .and. .not. has_velocity(i)
+            if (.not. (next%force .or. next%velocity)) cycle
+            has_force(i) = has_force(i) .or. next%force
+            has_velocity(i) = has_velocity(i) .or. next%velocity
+            n = n + 1
+            order(n) = next
+            moved = .true.
+         end do
+         if (.not. moved) exit
+      end do
+      if (all(has_force) .and. all(has_velocity)) plan = order(:n)
+   end subroutine find_plan
+
+   subroutine increment(self, t, w, q, p, dq, dp, status)
+      class(explicit_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer :: n, i, k
+
+      n = size(q)
+      do k = 1, size(self%plan)
+         i = self%plan(k)%stage
+         self%qs = q
+         self%ps = p
+         call add_slopes(n, self%nstage, self%to_q(:, i), self%hp, self%qs)
+         call add_slopes(n, self%nstage, self%to_p(:, i), self%hq, self%ps)
+         call evaluate(self, self%plan(k), t + self%c(i)*w(1, 0), w)
+      end do
+      dq = 0
+      dp = 0
+      call add_slopes(n, self%nstage, self%alpha, self%hp, dq)
+      call add_slopes(n, self%nstage, self%minus_alpha, self%hq, dp)
+      status = status + 0
+   end subroutine increment
+
+   !> One evaluation of the plan, at the point in qs and ps.
+   subroutine evaluate(self, what, t, w)
+      type(explicit_stepper), intent(inout) :: self
+      type(evaluation), intent(in) :: what
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+
+      associate (i => what%stage)
+         if (what%force .and. what%velocity) then
+            call self%ham%gradient(t, w, self%qs, self%ps, self%hq(:, :, i), self%hp(:, :, i))
+         else if (what%force) then
+            call self%ham%gradient(t, w, self%qs, self%ps, hq=self%hq(:, :, i))
+         else
+            call self%ham%gradient(t, w, self%qs, self%ps, hp=self%hp(:, :, i))
+         end if
+      end associate
+   end subroutine evaluate
+
+   !> total = total + sum_j coefficient_j slope_j; slopes with coefficient zero are never read, so those
+   !> that have not been evaluated yet do no harm.
+   pure subroutine add_slopes(n, nstage, coefficient, slope, total)
+      integer, intent(in) :: n, nstage
+      real(wp), intent(in) :: coefficient(nstage), slope(n, nstage)
+      real(wp), intent(inout) :: total(n)
+      integer :: i, j
+
+      do j = 1, nstage
+         if (abs(coefficient(j)) <= 0) cycle
+         do i = 1, n
+            total(i) = total(i) + coefficient(j)*slope(i, j)
+         end do
+      end do
+   end subroutine add_slopes
+
+end module symsde_step_explicit

@@ -1,0 +1,143 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The one place where a stepper is chosen: scheme data and model traits in, the cheapest valid stepper out.
+module symsde_step_factory
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
+   use symsde_base_text, only: to_text
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, ito_form, correction_auto, correction_none, &
+                                   correction_mean, correction_increments
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_euler_maruyama, only: euler_maruyama_stepper, new_euler_maruyama_stepper
+   use symsde_step_explicit, only: explicit_stepper, new_explicit_stepper, is_explicit
+   use symsde_step_general, only: general_stepper, new_general_stepper
+   use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
+   use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
+   use symsde_step_one_sided, only: one_sided_stepper, new_one_sided_stepper, is_one_sided
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: stepper_options, new_stepper, resolve_correction
+
+   type :: stepper_options
+      integer :: correction = correction_auto
+      logical :: general = .false.   !! use the general stepper, the oracle, whatever the traits allow
+      type(newton_options) :: newton
+   end type stepper_options
+
+contains
+
+   !> Choose and construct. Refuses combinations that do not fit, with the reason.
+   subroutine new_stepper(stepper, model, scheme, options, nlane, error)
+      class(stepper_type), allocatable, intent(out) :: stepper
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(stepper_options), intent(in) :: options
+      integer, intent(in) :: nlane
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: correction
+
+      call check_newton(options%newton, error)
+      if (allocated(error)) return
+      call resolve_correction(correction, model, scheme, options%correction, error)
+      if (allocated(error)) return
+      if (scheme%form == ito_form) then
+         allocate (euler_maruyama_stepper :: stepper)
+      else if (scheme%form /= tableau_form) then
+         call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' is in Galerkin form, '// &
+                    'which no stepper executes yet: choose a scheme with as many nodes as its degree')
+         return
+      else if (options%general) then
+         allocate (general_stepper :: stepper)
+      else if (correction == correction_none .and. is_explicit(model, scheme)) then
+         allocate (explicit_stepper :: stepper)
+      else if (is_midpoint(scheme) .and. fits_midpoint_stepper(model)) then
+         allocate (midpoint_stepper :: stepper)
+      else if (is_midpoint(scheme)) then
+         allocate (midpoint_full_stepper :: stepper)
+      else if (is_one_sided(scheme)) then
+         allocate (one_sided_stepper :: stepper)
+      else
+         allocate (general_stepper :: stepper)
+      end if
+      call construct(stepper, model, scheme, correction, options, nlane)
+   end subroutine new_stepper
+
+   !> Construct the stepper of the chosen type.
+   subroutine construct(stepper, model, scheme, correction, options, nlane)
+      class(stepper_type), intent(inout) :: stepper
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: correction, nlane
+      type(stepper_options), intent(in) :: options
+
+      select type (stepper)
+      type is (euler_maruyama_stepper)
+         call new_euler_maruyama_stepper(stepper, model, nlane)
+      type is (explicit_stepper)
+         call new_explicit_stepper(stepper, model, scheme, nlane)
+      type is (midpoint_stepper)
+         call new_midpoint_stepper(stepper, model, nlane, options%newton)
+      type is (midpoint_full_stepper)
+         call new_midpoint_full_stepper(stepper, model, nlane, options%newton)
+      type is (one_sided_stepper)
+         call new_one_sided_stepper(stepper, model, scheme, correction, nlane, options%newton)
+      type is (general_stepper)
+         call new_general_stepper(stepper, model, scheme, correction, nlane, options%newton)
+      end select
+   end subroutine construct
+
+   !> Which correction is active: auto means the increments form, or none where it vanishes.
+   subroutine resolve_correction(correction, model, scheme, wanted, error)
+      integer, intent(out) :: correction
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: wanted
+      type(error_type), allocatable, intent(inout) :: error
+      logical :: one_sided
+
+      correction = correction_none
+      one_sided = abs(scheme%correction_coefficient()) > 0
+      select case (wanted)
+      case (correction_none)
+      case (correction_auto)
+         if (one_sided .and. .not. model%traits%correction_vanishes()) correction = correction_increments
+      case (correction_mean, correction_increments)
+         if (.not. one_sided) then
+            call raise(error, incompatible, 'resolve_correction', 'scheme '//scheme%name//' is consistent '// &
+                       'with the Stratonovich equation as it stands and takes no correction: use '// &
+                       'correction "auto" or "none", or a one-sided scheme such as symplectic_euler')
+         else if (.not. model%traits%correction_vanishes()) then
+            correction = wanted
+         end if
+      case default
+         call raise(error, invalid_argument, 'resolve_correction', 'unknown correction '//to_text(wanted)// &
+                    ': the corrections are auto, none, mean and increments')
+      end select
+   end subroutine resolve_correction
+
+   !> Bounds of the solver's options.
+   subroutine check_newton(options, error)
+      type(newton_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (options%max_iter < 1 .or. options%max_iter > 1000) then
+         call raise(error, invalid_argument, 'new_stepper', 'max_iter = '//to_text(options%max_iter)// &
+                    ' is out of range: give 1 to 1000 Newton iterations a step (100 by default)')
+      else if (options%fixed_point < 0 .or. options%fixed_point > 1000) then
+         call raise(error, invalid_argument, 'new_stepper', 'fixed_point = '//to_text(options%fixed_point)// &
+                    ' is out of range: give 1 to 1000 fixed-point iterations, or 0 for Newton')
+      end if
+   end subroutine check_newton
+
+   !> One stage at the middle of both q and p, drift and noise alike.
+   pure logical function is_midpoint(scheme)
+      type(scheme_type), intent(in) :: scheme
+
+      is_midpoint = .false.
+      if (scheme%nstage /= 1) return
+      if (.not. scheme%noise_coefficients_equal()) return
+      is_midpoint = abs(scheme%a(1, 1) - 0.5_wp) <= 0 .and. abs(scheme%abar(1, 1) - 0.5_wp) <= 0
+   end function is_midpoint
+
+end module symsde_step_factory

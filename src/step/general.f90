@@ -1,0 +1,199 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The general stepper: any partitioned Runge-Kutta tableau, by Newton on all its stages. The oracle.
+!>
+!> Unknowns are the slopes of the stages, F_i = Hhat_p and G_i = -Hhat_q at (Q_i, P_i):
+!>
+!>    F_i - Hhat_p(Q_i,P_i) = 0,   Q_i = q_n + sum_j a_ij F_j        dq = sum_i alpha_i F_i
+!>    G_i + Hhat_q(Q_i,P_i) = 0,   P_i = p_n + sum_j abar_ij G_j     dp = sum_i alpha_i G_i
+!>
+!> Where noise and drift have coefficients of their own, each of the two parts has its own slopes.
+module symsde_step_general
+   use symsde_base_kinds, only: wp, i8
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: general_stepper, new_general_stepper
+
+   !> Slopes are ordered x(:, 1:n) = F of stage 1 and part 1, x(:, n+1:2n) = G of the same, and so on.
+   type, extends(stepper_type) :: general_stepper
+      private
+      type(newton_type) :: newton
+      integer :: nstage = 0, npart = 1         !! one part, or two: drift and noise
+      real(wp), allocatable :: c(:)            !! nodes (nstage)
+      real(wp), allocatable :: a(:, :, :), abar(:, :, :), alpha(:, :) !! (.., npart)
+      real(wp), allocatable :: v(:, :, :)      !! weights of each part (nlane, 0:nnoise, npart)
+      real(wp), allocatable :: x(:, :)         !! slopes (nlane, 2 ndof nstage npart)
+      real(wp), allocatable :: qs(:, :), ps(:, :)               !! one stage (nlane, ndof)
+      real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
+   contains
+      procedure :: increment
+   end type general_stepper
+
+contains
+
+   !> A general stepper for blocks of nlane lanes.
+   subroutine new_general_stepper(self, model, scheme, correction, nlane, options)
+      type(general_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme   !! in tableau form
+      integer, intent(in) :: correction         !! resolved: never correction_auto
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+      integer :: n, nstage
+
+      n = model%traits%ndof
+      nstage = scheme%nstage
+      self%name = 'general'
+      self%nstage = nstage
+      self%npart = merge(1, 2, scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)
+      self%c = scheme%c
+      allocate (self%a(nstage, nstage, self%npart), self%abar(nstage, nstage, self%npart))
+      allocate (self%alpha(nstage, self%npart))
+      self%a(:, :, 1) = scheme%a
+      self%abar(:, :, 1) = scheme%abar
+      self%alpha(:, 1) = scheme%alpha
+      if (self%npart == 2) then
+         self%a(:, :, 2) = scheme%b
+         self%abar(:, :, 2) = scheme%bbar
+         self%alpha(:, 2) = scheme%beta
+      end if
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction, scheme%correction_coefficient())
+      call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, model%traits%quadratic, -1, -1)
+      allocate (self%v(nlane, 0:model%traits%nnoise, self%npart))
+      allocate (self%x(nlane, 2*n*nstage*self%npart), self%qs(nlane, n), self%ps(nlane, n))
+      allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
+   end subroutine new_general_stepper
+
+   subroutine increment(self, t, w, q, p, dq, dp, status)
+      class(general_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer :: i, part, at
+
+      call split_weights(self, w)
+      self%x = 0
+      call self%newton%start(status)
+      do while (self%newton%running)
+         if (allocated(self%newton%a)) self%newton%a = 0
+         do i = 1, self%nstage
+            call stage_point(self, i, q, p)
+            do part = 1, self%npart
+               call linearise(self, i, part, t + self%c(i)*w(1, 0))
+            end do
+         end do
+         call self%newton%update(self%x, status, self%ham%counters)
+      end do
+      dq = 0
+      dp = 0
+      associate (n => self%ham%ndof)
+         do part = 1, self%npart
+            do i = 1, self%nstage
+               at = first(self, i, part)
+               dq = dq + self%alpha(i, part)*self%x(:, at:at + n - 1)
+               dp = dp + self%alpha(i, part)*self%x(:, at + n:at + 2*n - 1)
+            end do
+         end do
+      end associate
+   end subroutine increment
+
+   !> Where the slopes of a stage and part begin in x.
+   pure integer function first(self, i, part)
+      type(general_stepper), intent(in) :: self
+      integer, intent(in) :: i, part
+
+      first = 2*self%ham%ndof*((part - 1)*self%nstage + i - 1) + 1
+   end function first
+
+   !> One part: all weights. Two parts: (h, 0, .., 0) and (0, dW_1, .., dW_m).
+   subroutine split_weights(self, w)
+      type(general_stepper), intent(inout) :: self
+      real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
+
+      self%v(:, :, 1) = w
+      if (self%npart == 2) then
+         self%v(:, 1:, 1) = 0
+         self%v(:, :, 2) = w
+         self%v(:, 0, 2) = 0
+      end if
+   end subroutine split_weights
+
+   !> (Q_i, P_i) from the slopes.
+   subroutine stage_point(self, i, q, p)
+      type(general_stepper), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      integer :: j, part, at
+
+      associate (n => self%ham%ndof)
+         self%qs = q
+         self%ps = p
+         do part = 1, self%npart
+            do j = 1, self%nstage
+               at = first(self, j, part)
+               self%qs = self%qs + self%a(i, j, part)*self%x(:, at:at + n - 1)
+               self%ps = self%ps + self%abar(i, j, part)*self%x(:, at + n:at + 2*n - 1)
+            end do
+         end do
+      end associate
+   end subroutine stage_point
+
+   !> Rows of residual and matrix that belong to one stage and part.
+   subroutine linearise(self, i, part, t)
+      type(general_stepper), intent(inout) :: self
+      integer, intent(in) :: i, part
+      real(wp), intent(in) :: t
+      integer :: n, at, k
+
+      n = self%ham%ndof
+      at = first(self, i, part)
+      associate (r => self%newton%r, hp => at, hq => at + n)
+         if (.not. allocated(self%newton%a)) then
+            call self%ham%gradient(t, self%v(:, :, part), self%qs, self%ps, &
+                                   hq=r(:, hq:hq + n - 1), hp=r(:, hp:hp + n - 1))
+         else
+            call self%ham%gradient_hessian(t, self%v(:, :, part), self%qs, self%ps, &
+                                           hq=r(:, hq:hq + n - 1), hp=r(:, hp:hp + n - 1), &
+                                           hqq=self%hqq, hqp=self%hqp, hpp=self%hpp)
+            call matrix_rows(self, i, at)
+         end if
+         do k = 0, n - 1
+            r(:, hp + k) = self%x(:, hp + k) - r(:, hp + k)
+            r(:, hq + k) = self%x(:, hq + k) + r(:, hq + k)
+         end do
+      end associate
+   end subroutine linearise
+
+   !> Rows at .. at+2n-1 of the matrix, from the Hessian at stage i.
+   subroutine matrix_rows(self, i, at)
+      type(general_stepper), intent(inout) :: self
+      integer, intent(in) :: i, at
+      integer :: n, j, part, to, k, l
+
+      n = self%ham%ndof
+      associate (m => self%newton%a)
+         do part = 1, self%npart
+            do j = 1, self%nstage
+               to = first(self, j, part)
+               do l = 0, n - 1
+                  do k = 0, n - 1
+                     m(:, at + k, to + l) = -self%a(i, j, part)*self%hqp(:, l + 1, k + 1)
+                     m(:, at + k, to + n + l) = -self%abar(i, j, part)*self%hpp(:, k + 1, l + 1)
+                     m(:, at + n + k, to + l) = self%a(i, j, part)*self%hqq(:, k + 1, l + 1)
+                     m(:, at + n + k, to + n + l) = self%abar(i, j, part)*self%hqp(:, k + 1, l + 1)
+                  end do
+               end do
+            end do
+         end do
+         do k = at, at + 2*n - 1
+            m(:, k, k) = m(:, k, k) + 1
+         end do
+      end associate
+   end subroutine matrix_rows
+
+end module symsde_step_general

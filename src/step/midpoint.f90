@@ -1,0 +1,192 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Implicit midpoint for H = p.p/2 + U(q) with noise in position or additive: the momenta are eliminated.
+!>
+!>    p_{n+1} = p_n - Hhat_q(Q),   q_{n+1} = q_n + h (p_n + p_{n+1})/2 + g,   Q = (q_n + q_{n+1})/2
+!>
+!> ([WHSB] (82)-(83) for the synchrotron), g the constant part of Hhat_p from additive noise. The unknown
+!> is V = p_{n+1} - p_n, half as many as in general:  V + Hhat_q(q_n + (h p_n + g)/2 + h V/4) = 0.
+module symsde_step_midpoint
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_traits, only: dense
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: correction_none
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
+
+   type, extends(stepper_type) :: midpoint_stepper
+      private
+      type(newton_type) :: newton
+      integer :: band = dense
+      real(wp), allocatable :: base(:, :)  !! q_n + (h p_n + g)/2 (nlane, ndof)
+      real(wp), allocatable :: drift(:, :) !! h p_n + g (nlane, ndof)
+      real(wp), allocatable :: qs(:, :)    !! Q (nlane, ndof)
+      real(wp), allocatable :: zero(:, :)  !! p = 0, where the constant part of Hhat_p is read (nlane, ndof)
+   contains
+      procedure :: increment
+   end type midpoint_stepper
+
+contains
+
+   !> Whether the elimination of the momenta is valid for this model.
+   pure logical function fits_midpoint_stepper(model)
+      class(model_type), intent(in) :: model
+
+      associate (t => model%traits)
+         fits_midpoint_stepper = t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0)
+      end associate
+   end function fits_midpoint_stepper
+
+   !> A midpoint stepper for blocks of nlane lanes.
+   subroutine new_midpoint_stepper(self, model, nlane, options)
+      type(midpoint_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+      integer :: n, b
+
+      n = model%traits%ndof
+      b = model%traits%bandwidth
+      if (2*b + 1 >= n) b = dense
+      self%name = 'midpoint, momenta eliminated'
+      self%band = b
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      call new_newton(self%newton, nlane, n, options, model%traits%quadratic, b, b)
+      allocate (self%base(nlane, n), self%drift(nlane, n), self%qs(nlane, n), self%zero(nlane, n))
+      self%zero = 0
+   end subroutine new_midpoint_stepper
+
+   subroutine increment(self, t, w, q, p, dq, dp, status)
+      class(midpoint_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp) :: h, tm
+
+      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
+         h = w(1, 0)
+         tm = t + 0.5_wp*h
+         if (self%ham%model%traits%position_noise .or. self%ham%nnoise == 0) then
+            call free_flight(nlane*n, h, p, q, self%drift, self%base)
+         else
+            call self%ham%gradient(tm, w, q, self%zero, hp=dp)
+            call free_flight_with_shift(nlane*n, h, p, q, dp, self%drift, self%base)
+         end if
+         dp = 0
+         call newton%start(status)
+         do while (newton%running)
+            call position(nlane*n, h, self%base, dp, self%qs)
+            call linearise(self, h, tm, w, p, dp)
+            call newton%update(dp, status, self%ham%counters)
+         end do
+         call position_increment(nlane*n, h, self%drift, dp, dq)
+      end associate
+   end subroutine increment
+
+   !> Residual V + Hhat_q(Q) and matrix I + (h/4) Hhat_qq(Q).
+   subroutine linearise(self, h, tm, w, p, v)
+      type(midpoint_stepper), intent(inout) :: self
+      real(wp), intent(in) :: h, tm, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: p(self%ham%nlane, self%ham%ndof), v(self%ham%nlane, self%ham%ndof)
+
+      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
+         if (newton%options%fixed_point > 0) then
+            call self%ham%gradient(tm, w, self%qs, p, hq=newton%r)
+         else if (self%band == dense) then
+            call self%ham%gradient_hessian(tm, w, self%qs, p, hq=newton%r, hqq=newton%a)
+            call matrix_dense(nlane, n, h, newton%a)
+         else
+            call self%ham%gradient_hessian_banded(self%band, tm, w, self%qs, p, hq=newton%r, hqq=newton%bands)
+            call matrix_banded(nlane, n, self%band, h, newton%bands)
+         end if
+         call residual(nlane*n, v, newton%r)
+      end associate
+   end subroutine linearise
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   pure subroutine free_flight(n, h, p, q, drift, base)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: h, p(n), q(n)
+      real(wp), intent(out) :: drift(n), base(n)
+      integer :: i
+
+      do i = 1, n
+         drift(i) = h*p(i)
+         base(i) = q(i) + 0.5_wp*drift(i)
+      end do
+   end subroutine free_flight
+
+   pure subroutine free_flight_with_shift(n, h, p, q, g, drift, base)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: h, p(n), q(n), g(n)
+      real(wp), intent(out) :: drift(n), base(n)
+      integer :: i
+
+      do i = 1, n
+         drift(i) = h*p(i) + g(i)
+         base(i) = q(i) + 0.5_wp*drift(i)
+      end do
+   end subroutine free_flight_with_shift
+
+   !> Q = base + h V/4
+   pure subroutine position(n, h, base, v, qs)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: h, base(n), v(n)
+      real(wp), intent(out) :: qs(n)
+      integer :: i
+
+      do i = 1, n
+         qs(i) = base(i) + 0.25_wp*h*v(i)
+      end do
+   end subroutine position
+
+   pure subroutine residual(n, v, r)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: v(n)
+      real(wp), intent(inout) :: r(n)
+      integer :: i
+
+      do i = 1, n
+         r(i) = v(i) + r(i)
+      end do
+   end subroutine residual
+
+   !> dq = h (p + dp/2) + g
+   pure subroutine position_increment(n, h, drift, dp, dq)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: h, drift(n), dp(n)
+      real(wp), intent(out) :: dq(n)
+      integer :: i
+
+      do i = 1, n
+         dq(i) = drift(i) + 0.5_wp*h*dp(i)
+      end do
+   end subroutine position_increment
+
+   pure subroutine matrix_dense(nlane, n, h, a)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: h
+      real(wp), intent(inout) :: a(nlane, n, n)  !! Hessian in, matrix out
+      integer :: i
+
+      a = 0.25_wp*h*a
+      do i = 1, n
+         a(:, i, i) = a(:, i, i) + 1
+      end do
+   end subroutine matrix_dense
+
+   pure subroutine matrix_banded(nlane, n, b, h, bands)
+      integer, intent(in) :: nlane, n, b
+      real(wp), intent(in) :: h
+      real(wp), intent(inout) :: bands(nlane, -b:b, n)  !! Hessian in, matrix out
+
+      bands = 0.25_wp*h*bands
+      bands(:, 0, :) = bands(:, 0, :) + 1
+   end subroutine matrix_banded
+
+end module symsde_step_midpoint

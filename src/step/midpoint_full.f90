@@ -1,0 +1,184 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Implicit midpoint for any model: q and p are both unknown.
+!>
+!>    q_{n+1} = q_n + Hhat_p(Q,P),  p_{n+1} = p_n - Hhat_q(Q,P),  (Q,P) the mean of both ends   [WHSB] (71)-(72)
+!>
+!> Unknowns are the increments (F,G) = (dq,dp), interleaved degree by degree so that banded Hessians
+!> make a banded matrix; one degree of freedom is a two-by-two system in closed form.
+module symsde_step_midpoint_full
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_traits, only: dense
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: correction_none
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: midpoint_full_stepper, new_midpoint_full_stepper
+
+   type, extends(stepper_type) :: midpoint_full_stepper
+      private
+      type(newton_type) :: newton
+      integer :: band = dense
+      real(wp), allocatable :: x(:, :)             !! F_1, G_1, F_2, G_2, .. (nlane, 2 ndof)
+      real(wp), allocatable :: qs(:, :), ps(:, :)  !! (Q, P) (nlane, ndof)
+      real(wp), allocatable :: hq(:, :), hp(:, :)
+      real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
+   contains
+      procedure :: increment
+   end type midpoint_full_stepper
+
+contains
+
+   !> A midpoint stepper for blocks of nlane lanes.
+   subroutine new_midpoint_full_stepper(self, model, nlane, options)
+      type(midpoint_full_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+      integer :: n, b, width
+
+      n = model%traits%ndof
+      b = model%traits%bandwidth
+      if (4*b + 3 >= 2*n) b = dense
+      self%name = 'midpoint'
+      self%band = b
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      width = merge(dense, 2*b + 1, b == dense)
+      call new_newton(self%newton, nlane, 2*n, options, model%traits%quadratic, width, width)
+      allocate (self%x(nlane, 2*n), self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
+      if (b == dense) then
+         allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
+      else
+         allocate (self%hqq(nlane, -b:b, n), self%hqp(nlane, -b:b, n), self%hpp(nlane, -b:b, n))
+      end if
+   end subroutine new_midpoint_full_stepper
+
+   subroutine increment(self, t, w, q, p, dq, dp, status)
+      class(midpoint_full_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp) :: tm
+
+      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
+         tm = t + 0.5_wp*w(1, 0)
+         self%x = 0
+         call newton%start(status)
+         do while (newton%running)
+            call midpoint_of(nlane, n, q, p, self%x, self%qs, self%ps)
+            call linearise(self, tm, w)
+            call newton%update(self%x, status, self%ham%counters)
+         end do
+         call split(nlane, n, self%x, dq, dp)
+      end associate
+   end subroutine increment
+
+   !> Residuals F - Hhat_p, G + Hhat_q and their matrix.
+   subroutine linearise(self, tm, w)
+      type(midpoint_full_stepper), intent(inout) :: self
+      real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise)
+
+      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
+         if (newton%options%fixed_point > 0) then
+            call self%ham%gradient(tm, w, self%qs, self%ps, self%hq, self%hp)
+         else if (self%band == dense) then
+            call self%ham%gradient_hessian(tm, w, self%qs, self%ps, self%hq, self%hp, &
+                                           self%hqq, self%hqp, self%hpp)
+            call matrix_dense(nlane, n, self%hqq, self%hqp, self%hpp, newton%a)
+         else
+            call self%ham%gradient_hessian_banded(self%band, tm, w, self%qs, self%ps, self%hq, self%hp, &
+                                                  self%hqq, self%hqp, self%hpp)
+            call matrix_banded(nlane, n, self%band, self%hqq, self%hqp, self%hpp, newton%bands)
+         end if
+         call residual(nlane, n, self%x, self%hq, self%hp, newton%r)
+      end associate
+   end subroutine linearise
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   pure subroutine midpoint_of(nlane, n, q, p, x, qs, ps)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: q(nlane, n), p(nlane, n), x(nlane, 2, n)
+      real(wp), intent(out) :: qs(nlane, n), ps(nlane, n)
+      integer :: lane, i
+
+      do i = 1, n
+         do lane = 1, nlane
+            qs(lane, i) = q(lane, i) + 0.5_wp*x(lane, 1, i)
+            ps(lane, i) = p(lane, i) + 0.5_wp*x(lane, 2, i)
+         end do
+      end do
+   end subroutine midpoint_of
+
+   pure subroutine split(nlane, n, x, dq, dp)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: x(nlane, 2, n)
+      real(wp), intent(out) :: dq(nlane, n), dp(nlane, n)
+      integer :: lane, i
+
+      do i = 1, n
+         do lane = 1, nlane
+            dq(lane, i) = x(lane, 1, i)
+            dp(lane, i) = x(lane, 2, i)
+         end do
+      end do
+   end subroutine split
+
+   pure subroutine residual(nlane, n, x, hq, hp, r)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: x(nlane, 2, n), hq(nlane, n), hp(nlane, n)
+      real(wp), intent(out) :: r(nlane, 2, n)
+      integer :: lane, i
+
+      do i = 1, n
+         do lane = 1, nlane
+            r(lane, 1, i) = x(lane, 1, i) - hp(lane, i)
+            r(lane, 2, i) = x(lane, 2, i) + hq(lane, i)
+         end do
+      end do
+   end subroutine residual
+
+   pure subroutine matrix_dense(nlane, n, hqq, hqp, hpp, a)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: hqq(nlane, n, n), hqp(nlane, n, n), hpp(nlane, n, n)
+      real(wp), intent(out) :: a(nlane, 2, n, 2, n)
+      real(wp) :: one
+      integer :: lane, i, j
+
+      do j = 1, n
+         do i = 1, n
+            one = merge(1.0_wp, 0.0_wp, i == j)
+            do lane = 1, nlane
+               a(lane, 1, i, 1, j) = one - 0.5_wp*hqp(lane, j, i)
+               a(lane, 1, i, 2, j) = -0.5_wp*hpp(lane, i, j)
+               a(lane, 2, i, 1, j) = 0.5_wp*hqq(lane, i, j)
+               a(lane, 2, i, 2, j) = one + 0.5_wp*hqp(lane, i, j)
+            end do
+         end do
+      end do
+   end subroutine matrix_dense
+
+   !> Row 2i-1 or 2i, column 2j-1 or 2j: diagonal offsets 2(j-i)-1 .. 2(j-i)+1.
+   pure subroutine matrix_banded(nlane, n, b, hqq, hqp, hpp, bands)
+      integer, intent(in) :: nlane, n, b
+      real(wp), intent(in) :: hqq(nlane, -b:b, n), hqp(nlane, -b:b, n), hpp(nlane, -b:b, n)
+      real(wp), intent(out) :: bands(nlane, -2*b - 1:2*b + 1, 2, n)
+      real(wp) :: one
+      integer :: i, d
+
+      bands = 0
+      do i = 1, n
+         do d = max(-b, 1 - i), min(b, n - i)
+            one = merge(1.0_wp, 0.0_wp, d == 0)
+            bands(:, 2*d, 1, i) = one - 0.5_wp*hqp(:, -d, i + d)
+            bands(:, 2*d + 1, 1, i) = -0.5_wp*hpp(:, d, i)
+            bands(:, 2*d - 1, 2, i) = 0.5_wp*hqq(:, d, i)
+            bands(:, 2*d, 2, i) = one + 0.5_wp*hqp(:, d, i)
+         end do
+      end do
+   end subroutine matrix_banded
+
+end module symsde_step_midpoint_full

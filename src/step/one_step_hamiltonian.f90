@@ -1,0 +1,150 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The random Hamiltonian of one step: model, increments and correction joined.
+!>
+!>    Hhat(q,p) = h H + sum_k dW_k H_k  (+ correction),   weights w = (h, dW_1, .., dW_m)
+!>
+!> Any symplectic scheme applied to Hhat with frozen increments is symplectic path by path. One-sided
+!> schemes (lambda /= 1/2) need a correction to solve the Stratonovich equation (docs/method.md):
+!>
+!>    mean         (1/2-lambda) h sum_k H_{k,p}.H_{k,q}
+!>    increments   (1/2-lambda) F_p.F_q,  F = sum_k dW_k H_k
+!>
+!> Its gradient needs Hessian-vector products only: grad(F_p.F_q) = Hess F (F_p; F_q), q-part first.
+module symsde_step_one_step_hamiltonian
+   use symsde_base_kinds, only: wp
+   use symsde_base_counters, only: counters_type
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: correction_none, correction_mean
+   implicit none
+   private
+   public :: one_step_hamiltonian, new_one_step_hamiltonian
+
+   type :: one_step_hamiltonian
+      class(model_type), pointer :: model
+      integer :: nlane = 0, ndof = 0, nnoise = 0
+      integer :: nreal = 0                    !! real paths of the block, what the counters count
+      integer :: correction = correction_none
+      real(wp) :: coefficient = 0             !! 1/2 - lambda
+      type(counters_type) :: counters
+      real(wp), allocatable, private :: v(:, :)       !! weights of the noise alone (nlane, 0:nnoise)
+      real(wp), allocatable, private :: factor(:)     !! of the product of gradients (nlane)
+      real(wp), allocatable, private :: fq(:, :), fp(:, :), uq(:, :), up(:, :)
+   contains
+      procedure :: gradient
+      procedure :: gradient_hessian
+      procedure :: gradient_hessian_banded
+   end type one_step_hamiltonian
+
+contains
+
+   !> Room for blocks of nlane lanes.
+   subroutine new_one_step_hamiltonian(self, model, nlane, correction, coefficient)
+      type(one_step_hamiltonian), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+      integer, intent(in) :: correction      !! correction_none, correction_mean or correction_increments
+      real(wp), intent(in) :: coefficient    !! 1/2 - lambda
+
+      self%model => model
+      self%nlane = nlane
+      self%ndof = model%traits%ndof
+      self%nnoise = model%traits%nnoise
+      self%nreal = nlane
+      self%correction = correction
+      self%coefficient = coefficient
+      if (correction == correction_none) return
+      allocate (self%v(nlane, 0:self%nnoise), self%factor(nlane))
+      allocate (self%fq(nlane, self%ndof), self%fp(nlane, self%ndof))
+      allocate (self%uq(nlane, self%ndof), self%up(nlane, self%ndof))
+   end subroutine new_one_step_hamiltonian
+
+   !> Gradient of Hhat; an absent output is not computed.
+   subroutine gradient(self, t, w, q, p, hq, hp)
+      class(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+
+      call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hq, hp)
+      self%counters%gradients = self%counters%gradients + self%nreal
+      if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
+   end subroutine gradient
+
+   !> Gradient of Hhat with the correction, Hessian without it: Newton on the uncorrected Hessian
+   !> converges linearly, to the same root.
+   subroutine gradient_hessian(self, t, w, q, p, hq, hp, hqq, hqp, hpp)
+      class(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      real(wp), intent(out), optional :: hqq(self%nlane, self%ndof, self%ndof)
+      real(wp), intent(out), optional :: hqp(self%nlane, self%ndof, self%ndof)
+      real(wp), intent(out), optional :: hpp(self%nlane, self%ndof, self%ndof)
+
+      call self%model%gradient_hessian(self%nlane, self%ndof, self%nnoise, t, w, q, p, &
+                                       hq, hp, hqq, hqp, hpp)
+      self%counters%gradients = self%counters%gradients + self%nreal
+      self%counters%hessians = self%counters%hessians + self%nreal
+      if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
+   end subroutine gradient_hessian
+
+   !> The same with the bands of the Hessian blocks.
+   subroutine gradient_hessian_banded(self, b, t, w, q, p, hq, hp, hqq, hqp, hpp)
+      class(one_step_hamiltonian), intent(inout) :: self
+      integer, intent(in) :: b
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      real(wp), intent(out), optional :: hqq(self%nlane, -b:b, self%ndof)
+      real(wp), intent(out), optional :: hqp(self%nlane, -b:b, self%ndof)
+      real(wp), intent(out), optional :: hpp(self%nlane, -b:b, self%ndof)
+
+      call self%gradient(t, w, q, p, hq, hp)
+      call self%model%hessian_banded(self%nlane, self%ndof, self%nnoise, b, t, w, q, p, hqq, hqp, hpp)
+      self%counters%hessians = self%counters%hessians + self%nreal
+   end subroutine gradient_hessian_banded
+
+   !> Add the gradient of the correction to the wanted outputs.
+   subroutine add_correction(self, t, w, q, p, hq, hp)
+      type(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      integer :: k
+
+      self%v = 0
+      if (self%correction == correction_mean) then
+         self%factor = self%coefficient*w(:, 0)
+         do k = 1, self%nnoise
+            self%v(:, k) = 1
+            call add_product(self, t, q, p, hq, hp)
+            self%v(:, k) = 0
+         end do
+      else
+         self%factor = self%coefficient
+         self%v(:, 1:) = w(:, 1:)
+         call add_product(self, t, q, p, hq, hp)
+      end if
+   end subroutine add_correction
+
+   !> Add factor*grad(F_p.F_q) for F = sum_j v_j H_j.
+   subroutine add_product(self, t, q, p, hq, hp)
+      type(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      integer :: i
+
+      associate (n => self%nlane, d => self%ndof, m => self%nnoise, c => self%counters)
+         call self%model%gradient(n, d, m, t, self%v, q, p, self%fq, self%fp)
+         call self%model%hessian_vector(n, d, m, t, self%v, q, p, self%fp, self%fq, self%uq, self%up)
+         c%gradients = c%gradients + self%nreal
+         c%hessian_vectors = c%hessian_vectors + self%nreal
+      end associate
+      do i = 1, self%ndof
+         if (present(hq)) hq(:, i) = hq(:, i) + self%factor*self%uq(:, i)
+         if (present(hp)) hp(:, i) = hp(:, i) + self%factor*self%up(:, i)
+      end do
+   end subroutine add_product
+
+end module symsde_step_one_step_hamiltonian

@@ -1,0 +1,159 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The state of a block: where increments are added, checked and, for a failed path, refused.
+module symsde_step_state
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: nonfinite
+   implicit none
+   private
+   public :: lane_state, new_lane_state
+
+   !> A failed path keeps its last good state, its status and the step in which it failed.
+   type :: lane_state
+      integer :: nlane = 0, ndof = 0
+      integer :: nfailed = 0                   !! lanes with a status, padding included
+      real(wp), allocatable :: q(:, :), p(:, :)              !! (nlane, ndof)
+      real(wp), allocatable :: q_low(:, :), p_low(:, :)      !! low parts, if compensated (nlane, ndof)
+      integer(i8), allocatable :: status(:)        !! 0 = ok, else a code of base/status (nlane)
+      integer(i8), allocatable :: failed_step(:)   !! absolute step that failed, -1 = none (nlane)
+      real(wp), allocatable, private :: bad(:)
+   contains
+      procedure :: advance
+   end type lane_state
+
+contains
+
+   !> Room for a block; status ok everywhere.
+   subroutine new_lane_state(self, nlane, ndof, compensated)
+      type(lane_state), intent(out) :: self
+      integer, intent(in) :: nlane, ndof
+      logical, intent(in) :: compensated  !! keep the low parts of q and p (Kahan's summation)
+
+      self%nlane = nlane
+      self%ndof = ndof
+      allocate (self%q(nlane, ndof), self%p(nlane, ndof), self%bad(nlane))
+      allocate (self%status(nlane), self%failed_step(nlane))
+      if (compensated) allocate (self%q_low(nlane, ndof), self%p_low(nlane, ndof))
+      self%status = 0
+      self%failed_step = -1
+   end subroutine new_lane_state
+
+   !> Add the increments of one step where the result is finite and the lane is still ok.
+   subroutine advance(self, step, dq, dp)
+      class(lane_state), intent(inout) :: self
+      integer(i8), intent(in) :: step                        !! absolute step, for the record of a failure
+      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
+      integer :: nbad
+
+      if (self%ndof == 1 .and. .not. allocated(self%q_low)) then
+         call advance_one(self%nlane, dq, dp, self%q, self%p, self%status, nbad)
+      else
+         call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
+         if (allocated(self%q_low)) then
+            call add_compensated(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
+            call add_compensated(self%nlane, self%ndof, dp, self%bad, self%p, self%p_low)
+         else
+            call add(self%nlane, self%ndof, dq, self%bad, self%q)
+            call add(self%nlane, self%ndof, dp, self%bad, self%p)
+         end if
+      end if
+      if (nbad > self%nfailed) call record(self, step, dq, dp)
+   end subroutine advance
+
+   !> Give the lanes that failed in this step their status and step.
+   subroutine record(self, step, dq, dp)
+      type(lane_state), intent(inout) :: self
+      integer(i8), intent(in) :: step
+      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
+      integer :: lane
+
+      do lane = 1, self%nlane
+         if (self%failed_step(lane) >= 0) cycle
+         if (self%status(lane) == 0) then
+            if (all(abs(self%q(lane, :) + dq(lane, :)) <= huge(dq)) .and. &
+                all(abs(self%p(lane, :) + dp(lane, :)) <= huge(dp))) cycle
+            self%status(lane) = nonfinite
+         end if
+         self%failed_step(lane) = step
+      end do
+      self%nfailed = count(self%status /= 0)
+   end subroutine record
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> One degree of freedom: check and add in one pass.
+   pure subroutine advance_one(nlane, dq, dp, q, p, status, nbad)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: dq(nlane), dp(nlane)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      integer(i8), intent(in) :: status(nlane)
+      integer, intent(out) :: nbad
+      real(wp) :: qn, pn
+      integer(i8) :: count
+      logical :: ok
+      integer :: lane
+
+      count = 0
+      do lane = 1, nlane
+         qn = q(lane) + dq(lane)
+         pn = p(lane) + dp(lane)
+         ok = status(lane) == 0 .and. abs(qn) <= huge(qn) .and. abs(pn) <= huge(pn)
+         q(lane) = merge(qn, q(lane), ok)
+         p(lane) = merge(pn, p(lane), ok)
+         count = count + merge(0_i8, 1_i8, ok)
+      end do
+      nbad = int(count)
+   end subroutine advance_one
+
+   !> bad = 1 in lanes that have failed or would not stay finite, else 0.
+   pure subroutine find_bad(nlane, ndof, dq, dp, q, p, status, bad, nbad)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: dq(nlane, ndof), dp(nlane, ndof), q(nlane, ndof), p(nlane, ndof)
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(out) :: bad(nlane)
+      integer, intent(out) :: nbad
+      integer :: lane, i
+
+      do lane = 1, nlane
+         bad(lane) = merge(0.0_wp, 1.0_wp, status(lane) == 0)
+      end do
+      do i = 1, ndof
+         do lane = 1, nlane
+            bad(lane) = merge(bad(lane), 1.0_wp, abs(q(lane, i) + dq(lane, i)) <= huge(1.0_wp) .and. &
+                              abs(p(lane, i) + dp(lane, i)) <= huge(1.0_wp))
+         end do
+      end do
+      nbad = nint(sum(bad))
+   end subroutine find_bad
+
+   pure subroutine add(nlane, ndof, d, bad, x)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
+      real(wp), intent(inout) :: x(nlane, ndof)
+      integer :: lane, i
+
+      do i = 1, ndof
+         do lane = 1, nlane
+            x(lane, i) = merge(x(lane, i) + d(lane, i), x(lane, i), bad(lane) <= 0)
+         end do
+      end do
+   end subroutine add
+
+   !> Kahan's summation: what rounding took from x is kept in low and given back in the next step.
+   pure subroutine add_compensated(nlane, ndof, d, bad, x, low)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
+      real(wp), intent(inout) :: x(nlane, ndof), low(nlane, ndof)
+      real(wp) :: y, s
+      integer :: lane, i
+
+      do i = 1, ndof
+         do lane = 1, nlane
+            y = d(lane, i) + low(lane, i)
+            s = x(lane, i) + y
+            low(lane, i) = merge(y - (s - x(lane, i)), low(lane, i), bad(lane) <= 0)
+            x(lane, i) = merge(s, x(lane, i), bad(lane) <= 0)
+         end do
+      end do
+   end subroutine add_compensated
+
+end module symsde_step_state
