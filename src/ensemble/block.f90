@@ -1,0 +1,200 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> One block of paths from its initial state to its last step: the time loop.
+!>
+!> The loop is cut into chunks of at most about a tenth of a second, between which the caller may stop
+!> the run; chunks change no bits.
+module symsde_ensemble_block
+   use, intrinsic :: iso_fortran_env, only: int64
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: path_of_lane
+   use symsde_base_status, only: stopped
+   use symsde_ensemble_observer, only: observer_type
+   use symsde_ensemble_options, only: run_options
+   use symsde_noise_source, only: noise_type
+   use symsde_step_state, only: lane_state, new_lane_state
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: block_runner, new_block_runner
+
+   !> All that one thread needs: nothing in it is shared with other threads except read-only data.
+   type :: block_runner
+      type(run_options) :: options
+      class(stepper_type), allocatable :: stepper
+      class(observer_type), allocatable :: observer
+      class(noise_type), pointer :: noise
+      type(lane_state) :: state
+      integer :: nreal = 0
+      integer(i8) :: first = 0, step = 0   !! first global path; absolute step that comes next
+      integer(i8) :: pair = -1             !! pair of steps whose increments are in w
+      integer(i8) :: normals = 0           !! drawn for one path since begin
+      integer(i8) :: chunk = 1             !! steps of a chunk, adapted to the clock
+      integer(i8), allocatable :: path(:)  !! global path of each lane
+      real(wp), allocatable :: w(:, :, :)  !! weights (nlane, 0:nnoise, 0:1), even and odd step of the pair
+      real(wp), allocatable :: dq(:, :), dp(:, :)
+   contains
+      procedure :: begin
+      procedure :: run_chunk
+      procedure :: finish
+      procedure :: is_done
+   end type block_runner
+
+   real(wp), parameter :: longest_chunk = 0.05_wp  !! seconds
+
+contains
+
+   !> A runner around a stepper, an observer and a noise source.
+   subroutine new_block_runner(self, options, nlane, stepper, observer, noise)
+      type(block_runner), intent(out) :: self
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: nlane
+      class(stepper_type), allocatable, intent(inout) :: stepper  !! taken over
+      class(observer_type), intent(in) :: observer
+      class(noise_type), intent(in), target :: noise
+
+      self%options = options
+      call move_alloc(stepper, self%stepper)
+      allocate (self%observer, source=observer)
+      self%noise => noise
+      associate (ham => self%stepper%ham)
+         call new_lane_state(self%state, nlane, ham%ndof, options%compensated)
+         allocate (self%path(nlane), self%w(nlane, 0:ham%nnoise, 0:1))
+         allocate (self%dq(nlane, ham%ndof), self%dp(nlane, ham%ndof))
+      end associate
+      self%w = 0
+      self%w(:, 0, :) = options%step
+   end subroutine new_block_runner
+
+   !> Load the initial state of paths first .. first+nreal-1; lanes past the last path repeat it.
+   subroutine begin(self, first, nreal, q0, p0, q0_low, p0_low)
+      class(block_runner), intent(inout) :: self
+      integer(i8), intent(in) :: first        !! global index
+      integer, intent(in) :: nreal
+      real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! (npath or 1, ndof)
+      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)   !! low parts, to resume (npath or 1, ndof)
+
+      self%first = first
+      self%nreal = nreal
+      self%step = self%options%first_step
+      self%pair = -1
+      self%normals = 0
+      self%stepper%ham%nreal = nreal
+      call path_of_lane(self%state%nlane, first, nreal, self%path)
+      associate (s => self%state, offset => first - self%options%first_path)
+         s%status = 0
+         s%failed_step = -1
+         s%nfailed = 0
+         call load(q0, offset, nreal, s%q)
+         call load(p0, offset, nreal, s%p)
+         if (allocated(s%q_low)) then
+            s%q_low = 0
+            s%p_low = 0
+            if (present(q0_low)) call load(q0_low, offset, nreal, s%q_low)
+            if (present(p0_low)) call load(p0_low, offset, nreal, s%p_low)
+         end if
+      end associate
+      call self%observer%begin_block(first, nreal)
+      call self%observer%observe(0_i8, time_of(self, self%step), self%state)
+   end subroutine begin
+
+   !> Steps until the chunk or the run is over, or all paths of the block have failed.
+   subroutine run_chunk(self)
+      class(block_runner), intent(inout) :: self
+      integer(i8) :: n, last, ticks, ticks_end, rate
+      real(wp) :: seconds
+
+      call system_clock(ticks, rate)
+      last = self%options%first_step + self%options%nstep
+      do n = 1, min(self%chunk, last - self%step)
+         if (self%state%nfailed == self%state%nlane) exit
+         call one_step(self)
+         if (mod(self%step - self%options%first_step, self%options%save_every) == 0) call save_point(self)
+      end do
+      call system_clock(ticks_end)
+      seconds = real(ticks_end - ticks, wp)/real(rate, wp)
+      if (seconds < 0.5_wp*longest_chunk) then
+         self%chunk = min(2*self%chunk, 2_i8**40)
+      else if (seconds > longest_chunk) then
+         self%chunk = max(self%chunk/2, 1_i8)
+      end if
+   end subroutine run_chunk
+
+   !> One step of the block.
+   subroutine one_step(self)
+      type(block_runner), intent(inout) :: self
+      integer :: half
+
+      if (self%step/2 /= self%pair .and. self%noise%nnoise > 0) then
+         call self%noise%fill(self%state%nlane, self%path, self%step/2, self%w, self%normals)
+      end if
+      self%pair = self%step/2
+      half = int(mod(self%step, 2_i8))
+      call self%stepper%increment(time_of(self, self%step), self%w(:, :, half), self%state%q, self%state%p, &
+                                  self%dq, self%dp, self%state%status)
+      call self%state%advance(self%step, self%dq, self%dp)
+      self%stepper%ham%counters%steps = self%stepper%ham%counters%steps + self%nreal
+      self%step = self%step + 1
+   end subroutine one_step
+
+   !> Whether nothing is left to do.
+   pure logical function is_done(self)
+      class(block_runner), intent(in) :: self
+
+      is_done = self%step >= self%options%first_step + self%options%nstep .or. &
+                self%state%nfailed == self%state%nlane
+   end function is_done
+
+   !> Account for saved times that were not reached, because all paths failed or the run was stopped.
+   subroutine finish(self)
+      class(block_runner), intent(inout) :: self
+      integer(i8) :: last, isave
+
+      last = self%options%first_step + self%options%nstep
+      if (self%step < last) then
+         where (self%state%status == 0)
+            self%state%status = stopped
+            self%state%failed_step = self%step
+         end where
+         isave = (self%step - self%options%first_step)/self%options%save_every
+         do isave = isave + 1, self%options%nstep/self%options%save_every
+            call self%observer%observe(isave, time_of(self, last), self%state)
+         end do
+      end if
+      self%stepper%ham%counters%normals = self%stepper%ham%counters%normals + self%normals*self%nreal
+   end subroutine finish
+
+   subroutine save_point(self)
+      type(block_runner), intent(inout) :: self
+
+      call self%observer%observe((self%step - self%options%first_step)/self%options%save_every, &
+                                 time_of(self, self%step), self%state)
+   end subroutine save_point
+
+   !> t_n = t0 + n h, never accumulated.
+   pure real(wp) function time_of(self, step)
+      type(block_runner), intent(in) :: self
+      integer(i8), intent(in) :: step
+
+      time_of = self%options%t0 + real(step, wp)*self%options%step
+   end function time_of
+
+   !> Copy rows offset+1 .. offset+nreal of x0 (or its only row) into lanes, the last one into the padding.
+   pure subroutine load(x0, offset, nreal, x)
+      real(wp), intent(in) :: x0(:, :)
+      integer(i8), intent(in) :: offset
+      integer, intent(in) :: nreal
+      real(wp), intent(out) :: x(:, :)
+      integer :: lane, i
+
+      do i = 1, size(x, 2)
+         do lane = 1, size(x, 1)
+            if (size(x0, 1) == 1) then
+               x(lane, i) = x0(1, i)
+            else
+               x(lane, i) = x0(offset + min(lane, nreal), i)
+            end if
+         end do
+      end do
+   end subroutine load
+
+end module symsde_ensemble_block

@@ -1,0 +1,336 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Blocks on threads: the ensemble loop, and the only place that knows OpenMP.
+!>
+!> Path i is a pure function of (seed, i, model, initial state, t0, scheme, step, refine, options, build,
+!> CPU type): never of threads, blocks, neighbours or the number of paths.
+module symsde_ensemble_driver
+   use omp_lib, only: omp_get_max_threads, omp_get_thread_num
+   use symsde_base_counters, only: add_counters
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lanes_for
+   use symsde_base_status, only: error_type, raise, wrong_shape, invalid_argument, incompatible, stopped, &
+                                 callback_failed, paths_failed, out_of_memory
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_block, only: block_runner, new_block_runner
+   use symsde_ensemble_monitor, only: monitor_type
+   use symsde_ensemble_observer, only: observer_type
+   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_report, only: run_report, describe_left_out
+   use symsde_model_abstract, only: model_type
+   use symsde_model_probe, only: probe_model
+   use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
+   use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
+   use symsde_noise_source, only: noise_type
+   use symsde_noise_truncation, only: truncation_bound, lost_variance
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
+   use symsde_step_factory, only: stepper_options, new_stepper, resolve_correction
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: run_ensemble, choose_nlane, new_noise
+
+   !> What the threads of one run share.
+   type :: shared_state
+      logical :: stop = .false.
+      integer(i8) :: done = 0, total = 0          !! path-steps
+      integer(i8) :: nfailed = 0, nstopped = 0    !! paths
+      real(wp) :: last_check = 0                  !! seconds
+   end type shared_state
+
+contains
+
+   !> Lanes of a block: the user's choice, or by the size of the system and the number of paths.
+   pure integer function choose_nlane(options, ndof)
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: ndof
+
+      choose_nlane = options%nlane
+      if (choose_nlane == 0) choose_nlane = lanes_for(ndof, options%npath)
+   end function choose_nlane
+
+   !> Run all paths and show them to (copies of) the observer.
+   subroutine run_ensemble(model, scheme, options, q0, p0, observer, monitor, report, error, &
+                           dw, q0_low, p0_low)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
+      class(observer_type), intent(in) :: observer    !! for blocks of choose_nlane(options, ndof) lanes
+      class(monitor_type), intent(inout) :: monitor
+      type(run_report), intent(out) :: report
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)       !! low parts, to resume
+      class(noise_type), allocatable, target :: noise
+      type(block_runner), allocatable :: runners(:)
+      type(shared_state) :: shared
+      real(wp) :: start
+      integer :: blas_threads
+
+      start = seconds()
+      call check_options(options, error)
+      if (.not. allocated(error)) call check_state(options, model%traits%ndof, q0, p0, error)
+      if (.not. allocated(error)) call probe_model(model, options%t0, q0(1, :), p0(1, :), error)
+      if (.not. allocated(error)) call new_noise(noise, model, options, report%lost_variance, error, dw)
+      if (.not. allocated(error)) &
+         call new_runners(runners, model, scheme, options, observer, noise, report, error)
+      if (allocated(error)) return
+      call model%clear_failure()
+      report%seconds_setup = seconds() - start
+
+      start = seconds()
+      shared%total = options%npath*options%nstep
+      blas_threads = blas_single_thread()
+      call run_blocks(runners, options, q0, p0, monitor, shared, q0_low, p0_low)
+      call blas_restore_threads(blas_threads)
+      report%seconds_run = seconds() - start
+      call summarise(runners, model, shared, report)
+   end subroutine run_ensemble
+
+   !> The parallel loop over blocks.
+   subroutine run_blocks(runners, options, q0, p0, monitor, shared, q0_low, p0_low)
+      type(block_runner), intent(inout) :: runners(:)
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:, :), p0(:, :)
+      class(monitor_type), intent(inout) :: monitor
+      type(shared_state), intent(inout) :: shared
+      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)
+      integer(i8) :: iblock, nblock, nlane
+      integer :: me, nreal
+
+      nlane = runners(1)%state%nlane
+      nblock = (options%npath + nlane - 1)/nlane
+      !$omp parallel do schedule(dynamic, 1) num_threads(size(runners)) default(none) private(me, nreal) &
+      !$omp shared(runners, options, q0, p0, q0_low, p0_low, monitor, shared, nblock, nlane)
+      do iblock = 0, nblock - 1
+         me = omp_get_thread_num() + 1
+         nreal = int(min(nlane, options%npath - iblock*nlane))
+         call runners(me)%begin(options%first_path + iblock*nlane, nreal, q0, p0, q0_low, p0_low)
+         call run_block(runners(me), me == 1, monitor, shared)
+         !$omp critical (symsde_end_block)
+         call runners(me)%observer%end_block(runners(me)%state)
+         shared%nstopped = shared%nstopped + count(runners(me)%state%status(:nreal) == stopped)
+         shared%nfailed = shared%nfailed + count(runners(me)%state%status(:nreal) /= 0 .and. &
+                                                 runners(me)%state%status(:nreal) /= stopped)
+         !$omp end critical (symsde_end_block)
+      end do
+   end subroutine run_blocks
+
+   !> One block, chunk by chunk; between chunks the stop flag is read and the monitor is told.
+   subroutine run_block(runner, is_caller, monitor, shared)
+      type(block_runner), intent(inout) :: runner
+      logical, intent(in) :: is_caller   !! this is the thread that called the library
+      class(monitor_type), intent(inout) :: monitor
+      type(shared_state), intent(inout) :: shared
+      integer(i8) :: before, done
+      logical :: stop_now
+
+      do while (.not. runner%is_done())
+         !$omp atomic read
+         stop_now = shared%stop
+         if (stop_now) exit
+         before = runner%step
+         call runner%run_chunk()
+         !$omp atomic capture
+         shared%done = shared%done + (runner%step - before)*runner%nreal
+         done = shared%done
+         !$omp end atomic
+         stop_now = runner%stepper%ham%model%failure_code() /= 0
+         if (is_caller .and. .not. stop_now) call check_monitor(monitor, done, shared, stop_now)
+         if (stop_now) then
+            !$omp atomic write
+            shared%stop = .true.
+         end if
+      end do
+      call runner%finish()
+   end subroutine run_block
+
+   !> Ask the monitor, twenty times a second at most.
+   subroutine check_monitor(monitor, done, shared, stop_now)
+      class(monitor_type), intent(inout) :: monitor
+      integer(i8), intent(in) :: done
+      type(shared_state), intent(inout) :: shared
+      logical, intent(out) :: stop_now
+      real(wp) :: now
+
+      stop_now = .false.
+      now = seconds()
+      if (now - shared%last_check < 0.05_wp) return
+      shared%last_check = now
+      stop_now = monitor%wants_stop(done, shared%total)
+   end subroutine check_monitor
+
+   !> One runner for every thread; more threads than blocks would have nothing to do.
+   subroutine new_runners(runners, model, scheme, options, observer, noise, report, error)
+      type(block_runner), allocatable, intent(out) :: runners(:)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      class(observer_type), intent(in) :: observer
+      class(noise_type), intent(in), target :: noise
+      type(run_report), intent(inout) :: report
+      type(error_type), allocatable, intent(inout) :: error
+      class(stepper_type), allocatable :: stepper
+      type(stepper_options) :: choice
+      integer :: i, info
+
+      report%nlane = choose_nlane(options, model%traits%ndof)
+      report%nthread = int(min(int(choose_nthread(options), i8), &
+                               (options%npath + report%nlane - 1)/report%nlane))
+      choice%correction = options%correction
+      choice%general = options%general
+      choice%newton%max_iter = options%max_iter
+      choice%newton%fixed_point = options%fixed_point
+      call resolve_correction(report%correction, model, scheme, options%correction, error)
+      if (allocated(error)) return
+      allocate (runners(report%nthread), stat=info)
+      if (info /= 0) then
+         call raise(error, out_of_memory, 'run_ensemble', 'no memory for '//to_text(report%nthread)//' threads')
+         return
+      end if
+      do i = 1, report%nthread
+         call new_stepper(stepper, model, scheme, choice, report%nlane, error)
+         if (allocated(error)) return
+         if (i == 1) report%stepper = stepper%name
+         call new_block_runner(runners(i), options, report%nlane, stepper, observer, noise)
+      end do
+      report%left_out = describe_left_out(model, scheme, report%correction, report%stepper)
+   end subroutine new_runners
+
+   !> The noise source of a run: prescribed increments where they are given, else Brownian.
+   subroutine new_noise(noise, model, options, lost, error, dw)
+      class(noise_type), allocatable, intent(out) :: noise
+      class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
+      real(wp), intent(out) :: lost  !! variance of a normal lost to truncation
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      type(prescribed_noise) :: prescribed
+      type(brownian_noise) :: brownian
+      logical, allocatable :: silent(:)
+      real(wp) :: cut
+
+      lost = 0
+      if (present(dw)) then
+         call check_increments(options, model%traits%nnoise, shape(dw, i8), error)
+         if (allocated(error)) return
+         if (.not. all(abs(dw) <= huge(dw))) then
+            call raise(error, invalid_argument, 'run_ensemble', 'the prescribed increments hold values that '// &
+                       'are not finite: give finite numbers only')
+            return
+         end if
+         call new_prescribed_noise(prescribed, dw, options%first_path, options%first_step, options%refine)
+         allocate (noise, source=prescribed)
+      else
+         allocate (silent(model%traits%nnoise), source=.false.)
+         if (allocated(model%traits%silent)) silent = model%traits%silent
+         call new_brownian_noise(brownian, model%traits%nnoise, options%seed, options%step, options%refine, &
+                                 silent, error)
+         if (allocated(error)) return
+         allocate (noise, source=brownian)
+      end if
+      if (options%truncation > 0 .or. options%truncation < 0) then
+         call truncation_bound(options%step, options%truncation, options%truncation_time, cut, error)
+         noise%bound = cut*sqrt(abs(options%step))
+         lost = lost_variance(cut)
+      end if
+   end subroutine new_noise
+
+   !> Prescribed increments must have one row for every (finer) step and one column for every noise.
+   subroutine check_increments(options, nnoise, extent, error)
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: nnoise
+      integer(i8), intent(in) :: extent(3)
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: rows
+
+      if (options%refine < 0) then
+         call raise(error, incompatible, 'run_ensemble', 'refine = '//to_text(options%refine)// &
+                    ' needs draws of its own and cannot refine prescribed increments: give refine >= 0')
+         return
+      end if
+      rows = options%nstep*2_i8**options%refine
+      if (extent(3) /= rows .or. extent(2) /= nnoise .or. &
+          (extent(1) /= 1 .and. extent(1) /= options%npath)) then
+         call raise(error, wrong_shape, 'run_ensemble', 'the prescribed increments have '//to_text(extent(3))// &
+                    ' rows, '//to_text(extent(2))//' noises and '//to_text(extent(1))//' paths; needed are '// &
+                    to_text(rows)//' rows (steps*2^refine), '//to_text(nnoise)//' noises and '// &
+                    to_text(options%npath)//' paths or one for all')
+      end if
+   end subroutine check_increments
+
+   !> Initial states must be finite and have one column for every degree of freedom.
+   subroutine check_state(options, ndof, q0, p0, error)
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q0(:, :), p0(:, :)
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (size(q0, 2) /= ndof .or. size(p0, 2) /= ndof .or. .not. fits(size(q0, 1, i8)) .or. &
+          .not. fits(size(p0, 1, i8))) then
+         call raise(error, wrong_shape, 'run_ensemble', 'the initial q has '//to_text(size(q0, 2))// &
+                    ' degrees of freedom and '//to_text(size(q0, 1))//' paths, the initial p '// &
+                    to_text(size(p0, 2))//' and '//to_text(size(p0, 1))//'; needed are '//to_text(ndof)// &
+                    ' degrees of freedom and '//to_text(options%npath)//' paths or one for all')
+      else if (.not. (all(abs(q0) <= huge(q0)) .and. all(abs(p0) <= huge(p0)))) then
+         call raise(error, invalid_argument, 'run_ensemble', 'the initial state holds values that are not '// &
+                    'finite: give finite numbers only')
+      end if
+
+   contains
+
+      pure logical function fits(rows)
+         integer(i8), intent(in) :: rows
+
+         fits = rows == 1 .or. rows == options%npath
+      end function fits
+
+   end subroutine check_state
+
+   !> Threads: the option, else SYMSDE_NUM_THREADS, else what OpenMP would take.
+   integer function choose_nthread(options)
+      type(run_options), intent(in) :: options
+      character(len=16) :: text
+      integer :: info, n
+
+      choose_nthread = options%nthread
+      if (choose_nthread > 0) return
+      call get_environment_variable('SYMSDE_NUM_THREADS', text, status=info)
+      if (info == 0) then
+         read (text, *, iostat=info) n
+         if (info == 0) choose_nthread = max(0, min(n, 1024))
+      end if
+      if (choose_nthread == 0) choose_nthread = max(1, omp_get_max_threads())
+   end function choose_nthread
+
+   !> Sum the counters of the threads and name the outcome.
+   subroutine summarise(runners, model, shared, report)
+      type(block_runner), intent(in) :: runners(:)
+      class(model_type), intent(in) :: model
+      type(shared_state), intent(in) :: shared
+      type(run_report), intent(inout) :: report
+      integer :: i
+
+      do i = 1, size(runners)
+         call add_counters(report%counters, runners(i)%stepper%ham%counters)
+      end do
+      report%nfailed = shared%nfailed
+      report%nstopped = shared%nstopped
+      if (model%failure_code() /= 0) then
+         report%status = callback_failed
+      else if (shared%nstopped > 0) then
+         report%status = stopped
+      else if (shared%nfailed > 0) then
+         report%status = paths_failed
+      end if
+   end subroutine summarise
+
+   real(wp) function seconds()
+      integer(i8) :: ticks, rate
+
+      call system_clock(ticks, rate)
+      seconds = real(ticks, wp)/real(rate, wp)
+   end function seconds
+
+end module symsde_ensemble_driver

@@ -1,0 +1,174 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The observer that keeps moments only: memory independent of the number of paths and steps.
+!>
+!> Values, in this order: q_1 .. q_n, p_1 .. p_n, the energy H(q,p) where the model can evaluate it, and
+!> the user's observables. Moments at time t are over the paths that are ok up to t.
+module symsde_ensemble_moment_collector
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_ensemble_observables, only: observables_type
+   use symsde_ensemble_observer, only: observer_type
+   use symsde_ensemble_statistics, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes
+   use symsde_model_abstract, only: model_type
+   use symsde_step_state, only: lane_state
+   implicit none
+   private
+   public :: moment_collector, new_moment_collector, moment_store, max_failed_listed
+
+   integer, parameter :: max_failed_listed = 1000
+
+   !> What all threads share: the tree, and the failed paths with the lowest indices.
+   type :: moment_store
+      type(moment_tree) :: tree
+      integer(i8) :: nfailed = 0
+      integer :: nlisted = 0
+      integer(i8) :: failed(max_failed_listed) = -1       !! global indices, ascending
+      integer(i4) :: status(max_failed_listed) = 0
+      integer(i8) :: failed_step(max_failed_listed) = -1
+   end type moment_store
+
+   type, extends(observer_type) :: moment_collector
+      private
+      class(model_type), pointer :: model
+      class(observables_type), pointer :: observables
+      type(moment_store), pointer :: store
+      integer, public :: nvalue = 0
+      integer :: ntime = 0, nreal = 0, npiece = 0
+      integer :: offset(64) = 0, level(64) = 0
+      integer(i8) :: first = 0
+      type(moment_node), allocatable :: pieces(:)
+      real(wp), allocatable :: values(:, :), w(:, :)  !! (nlane, nvalue), (nlane, 0:nnoise)
+   contains
+      procedure :: begin_block
+      procedure :: observe
+      procedure :: end_block
+   end type moment_collector
+
+contains
+
+   !> A collector for ntime saved times that delivers its nodes to store.
+   subroutine new_moment_collector(self, model, nlane, ntime, store, observables)
+      type(moment_collector), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+      integer, intent(in) :: ntime
+      type(moment_store), intent(in), target :: store
+      class(observables_type), intent(in), target, optional :: observables
+
+      self%model => model
+      self%store => store
+      self%ntime = ntime
+      self%nvalue = 2*model%traits%ndof
+      if (model%traits%has_value) self%nvalue = self%nvalue + 1
+      nullify (self%observables)
+      if (present(observables)) then
+         self%observables => observables
+         self%nvalue = self%nvalue + observables%nvalue
+      end if
+      allocate (self%values(nlane, self%nvalue), self%w(nlane, 0:model%traits%nnoise))
+      self%w = 0
+      self%w(:, 0) = 1
+   end subroutine new_moment_collector
+
+   subroutine begin_block(self, first, nreal)
+      class(moment_collector), intent(inout) :: self
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: nreal
+      integer :: i
+
+      self%first = first
+      self%nreal = nreal
+      call dyadic_pieces(first, nreal, self%npiece, self%offset, self%level)
+      if (allocated(self%pieces)) deallocate (self%pieces)
+      allocate (self%pieces(self%npiece))
+      do i = 1, self%npiece
+         self%pieces(i)%level = self%level(i)
+         self%pieces(i)%index = (first + self%offset(i))/2_i8**self%level(i)
+         allocate (self%pieces(i)%n(self%ntime), source=0.0_wp)
+         allocate (self%pieces(i)%mean(self%nvalue, self%ntime), source=0.0_wp)
+         allocate (self%pieces(i)%m2(self%nvalue, self%ntime), source=0.0_wp)
+      end do
+   end subroutine begin_block
+
+   subroutine observe(self, isave, t, state)
+      class(moment_collector), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      real(wp), intent(in) :: t
+      type(lane_state), intent(in) :: state
+      logical :: counts(state%nlane)
+      integer :: i, j, a, b, it
+
+      it = int(isave) + 1
+      call evaluate(self, t, state)
+      counts = state%status == 0
+      do i = 1, self%npiece
+         a = self%offset(i) + 1
+         b = self%offset(i) + 2**self%level(i)
+         associate (node => self%pieces(i))
+            do j = 1, self%nvalue
+               call reduce_lanes(self%level(i), self%values(a:b, j), counts(a:b), &
+                                 node%n(it), node%mean(j, it), node%m2(j, it))
+            end do
+         end associate
+      end do
+   end subroutine observe
+
+   !> q, p, energy and the user's observables of every lane.
+   subroutine evaluate(self, t, state)
+      class(moment_collector), intent(inout) :: self
+      real(wp), intent(in) :: t
+      type(lane_state), intent(in) :: state
+      integer :: n, at
+
+      n = state%ndof
+      self%values(:, 1:n) = state%q
+      self%values(:, n + 1:2*n) = state%p
+      at = 2*n
+      if (self%model%traits%has_value) then
+         at = at + 1
+         call self%model%value(state%nlane, n, self%model%traits%nnoise, t, self%w, state%q, state%p, &
+                               self%values(:, at))
+      end if
+      if (associated(self%observables)) &
+         call self%observables%evaluate(state%nlane, n, t, state%q, state%p, self%values(:, at + 1:))
+   end subroutine evaluate
+
+   subroutine end_block(self, state)
+      class(moment_collector), intent(inout) :: self
+      type(lane_state), intent(in) :: state
+      integer :: i, lane
+
+      do i = 1, self%npiece
+         call insert_node(self%store%tree, self%pieces(i))
+      end do
+      do lane = 1, self%nreal
+         if (state%status(lane) == 0) cycle
+         call list_failure(self%store, self%first + lane - 1, int(state%status(lane), i4), state%failed_step(lane))
+      end do
+   end subroutine end_block
+
+   !> Keep the failed paths with the lowest indices, in order, whichever thread found them first.
+   subroutine list_failure(store, path, status, failed_step)
+      type(moment_store), intent(inout) :: store
+      integer(i8), intent(in) :: path, failed_step
+      integer(i4), intent(in) :: status
+      integer :: at
+
+      store%nfailed = store%nfailed + 1
+      at = store%nlisted + 1
+      do while (at > 1)
+         if (store%failed(at - 1) < path) exit
+         if (at <= max_failed_listed) then
+            store%failed(at) = store%failed(at - 1)
+            store%status(at) = store%status(at - 1)
+            store%failed_step(at) = store%failed_step(at - 1)
+         end if
+         at = at - 1
+      end do
+      if (at > max_failed_listed) return
+      store%failed(at) = path
+      store%status(at) = status
+      store%failed_step(at) = failed_step
+      store%nlisted = min(store%nlisted + 1, max_failed_listed)
+   end subroutine list_failure
+
+end module symsde_ensemble_moment_collector

@@ -1,0 +1,26 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The abstract observable: values of a user's own, computed lane by lane from (q, p).
+module symsde_ensemble_observables
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: observables_type
+
+   type, abstract :: observables_type
+      integer :: nvalue = 0  !! how many values
+   contains
+      procedure(evaluate_interface), deferred :: evaluate
+   end type observables_type
+
+   abstract interface
+      !> All values at one time; every lane from its own numbers alone.
+      subroutine evaluate_interface(self, nlane, ndof, t, q, p, values)
+         import :: observables_type, wp
+         class(observables_type), intent(in) :: self
+         integer, intent(in) :: nlane, ndof
+         real(wp), intent(in) :: t, q(nlane, ndof), p(nlane, ndof)
+         real(wp), intent(out) :: values(nlane, self%nvalue)
+      end subroutine evaluate_interface
+   end interface
+
+end module symsde_ensemble_observables

@@ -1,0 +1,46 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The abstract observer: it is shown every block at every saved time and keeps what it wants.
+!>
+!> Every thread has its own copy of an observer (made by assignment before the threads start); what the
+!> copies share lies behind pointers. A block is shown from its first saved time to its last.
+module symsde_ensemble_observer
+   use symsde_base_kinds, only: wp, i8
+   use symsde_step_state, only: lane_state
+   implicit none
+   private
+   public :: observer_type
+
+   type, abstract :: observer_type
+   contains
+      procedure(begin_interface), deferred :: begin_block
+      procedure(observe_interface), deferred :: observe
+      procedure(end_interface), deferred :: end_block
+   end type observer_type
+
+   abstract interface
+      !> A block of nreal paths from global path `first` on is about to run.
+      subroutine begin_interface(self, first, nreal)
+         import :: observer_type, i8
+         class(observer_type), intent(inout) :: self
+         integer(i8), intent(in) :: first
+         integer, intent(in) :: nreal
+      end subroutine begin_interface
+
+      !> The state at saved time number isave (0 is t0). Lanes with a status have failed before t.
+      subroutine observe_interface(self, isave, t, state)
+         import :: observer_type, lane_state, i8, wp
+         class(observer_type), intent(inout) :: self
+         integer(i8), intent(in) :: isave
+         real(wp), intent(in) :: t
+         type(lane_state), intent(in) :: state
+      end subroutine observe_interface
+
+      !> The block is done: its final state, with the status of each lane. Called by one thread at a time.
+      subroutine end_interface(self, state)
+         import :: observer_type, lane_state
+         class(observer_type), intent(inout) :: self
+         type(lane_state), intent(in) :: state
+      end subroutine end_interface
+   end interface
+
+end module symsde_ensemble_observer

@@ -1,0 +1,85 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What a user can choose about a run, with its defaults, and the check of every choice.
+module symsde_ensemble_options
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lane_unit
+   use symsde_base_status, only: error_type, raise, invalid_argument, too_large
+   use symsde_base_text, only: to_text
+   use symsde_scheme_scheme, only: correction_auto
+   implicit none
+   private
+   public :: run_options, check_options, max_nlane
+
+   integer, parameter :: max_nlane = 4096            !! lanes of a block
+   integer(i8), parameter :: max_index = 2_i8**47    !! bound of paths and of fine steps: 48-bit counters
+
+   !> Everything is dimensionless except the step and times, which share the model's unit of time.
+   type :: run_options
+      real(wp) :: step = 0                  !! h, may be negative, never zero [time]
+      integer(i8) :: nstep = 0              !! steps, a multiple of save_every
+      integer(i8) :: npath = 1              !! paths
+      integer(i8) :: seed = 0               !! all 64 bits are the key of the generator
+      real(wp) :: t0 = 0                    !! time of step 0 [time]
+      integer(i8) :: save_every = 1         !! steps between saved points
+      integer :: refine = 0                 !! l > 0: a step is the sum of 2^l draws; l < 0: Brownian bridge
+      integer(i8) :: first_path = 0         !! global index of the first path
+      integer(i8) :: first_step = 0         !! absolute index of the first step: to resume
+      integer :: correction = correction_auto
+      real(wp) :: truncation = 0            !! order l of truncated increments, 0 = none
+      real(wp) :: truncation_time = 0       !! time scale tau of the truncation [time]
+      logical :: compensated = .false.      !! compensated summation of the state
+      logical :: general = .false.          !! the general stepper, the oracle
+      integer :: max_iter = 100             !! Newton iterations a step
+      integer :: fixed_point = 0            !! n > 0: n fixed-point iterations instead of Newton
+      integer :: nlane = 0                  !! lanes of a block, a multiple of 8; 0 = chosen; never changes a result
+      integer :: nthread = 0                !! threads; 0 = SYMSDE_NUM_THREADS, else OpenMP's default
+   end type run_options
+
+contains
+
+   !> Refuse what cannot be run, naming the value and what is allowed.
+   subroutine check_options(o, error)
+      type(run_options), intent(in) :: o
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (.not. abs(o%step) <= huge(o%step) .or. .not. abs(o%step) > 0) then
+         call refuse('step = '//to_text(o%step)//' is not a step size: give a finite number that is not zero')
+      else if (.not. abs(o%t0) <= huge(o%t0)) then
+         call refuse('t0 = '//to_text(o%t0)//' is not a time: give a finite number')
+      else if (o%nstep < 0) then
+         call refuse('steps = '//to_text(o%nstep)//' is negative: give 0 or more steps')
+      else if (o%npath < 1) then
+         call refuse('paths = '//to_text(o%npath)//' is not a number of paths: give at least 1')
+      else if (o%save_every < 1) then
+         call refuse('save_every = '//to_text(o%save_every)//' is not a number of steps: give at least 1')
+      else if (mod(o%nstep, o%save_every) /= 0) then
+         call refuse('steps = '//to_text(o%nstep)//' is not a multiple of save_every = '// &
+                     to_text(o%save_every)//': the last saved point would be missed; change one of the two')
+      else if (o%first_path < 0 .or. o%first_step < 0) then
+         call refuse('first_path = '//to_text(o%first_path)//', first_step = '//to_text(o%first_step)// &
+                     ': both count from 0 and must not be negative')
+      else if (o%first_path > max_index - o%npath) then
+         call raise(error, too_large, 'check_options', 'first_path + paths exceeds 2^47 = '// &
+                    to_text(max_index)//', the range of the path counter: give fewer paths')
+      else if (o%first_step > max_index - o%nstep .or. &
+               real(o%first_step + o%nstep, wp)*2.0_wp**max(0, o%refine) > real(max_index, wp)) then
+         call raise(error, too_large, 'check_options', '(first_step + steps)*2^refine exceeds 2^47 = '// &
+                    to_text(max_index)//', the range of the step counter: give fewer steps or levels')
+      else if (o%nlane < 0 .or. mod(o%nlane, lane_unit) /= 0 .or. o%nlane > max_nlane) then
+         call refuse('block size '//to_text(o%nlane)//' is not allowed: give a multiple of 8 up to '// &
+                     to_text(max_nlane)//', or 0 to have it chosen (it never changes a result)')
+      else if (o%nthread < 0 .or. o%nthread > 1024) then
+         call refuse('threads = '//to_text(o%nthread)//' is out of range: give 1 to 1024, or 0 for the default')
+      end if
+
+   contains
+
+      subroutine refuse(message)
+         character(*), intent(in) :: message
+
+         call raise(error, invalid_argument, 'check_options', message)
+      end subroutine refuse
+
+   end subroutine check_options
+
+end module symsde_ensemble_options

@@ -1,0 +1,74 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The observer that saves paths, straight into the caller's arrays. Values after a failure are NaN.
+module symsde_ensemble_recorder
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_ensemble_observer, only: observer_type
+   use symsde_step_state, only: lane_state
+   implicit none
+   private
+   public :: path_recorder
+
+   !> Pointers to the caller's arrays, path first. The last good state is kept for resuming and diagnosis.
+   type, extends(observer_type) :: path_recorder
+      integer(i8) :: first_path = 0
+      real(wp), pointer, contiguous :: q(:, :, :)        !! (npath, ndof, 0:nsave)
+      real(wp), pointer, contiguous :: p(:, :, :)        !! (npath, ndof, 0:nsave)
+      integer(i4), pointer, contiguous :: status(:)      !! (npath)
+      integer(i8), pointer, contiguous :: failed_step(:) !! (npath)
+      real(wp), pointer, contiguous :: last_q(:, :), last_p(:, :)  !! last good state (npath, ndof)
+      real(wp), pointer, contiguous :: low_q(:, :), low_p(:, :)    !! its low parts (npath, ndof)
+      integer(i8), private :: offset = 0
+      integer, private :: nreal = 0
+   contains
+      procedure :: begin_block
+      procedure :: observe
+      procedure :: end_block
+   end type path_recorder
+
+contains
+
+   subroutine begin_block(self, first, nreal)
+      class(path_recorder), intent(inout) :: self
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: nreal
+
+      self%offset = first - self%first_path
+      self%nreal = nreal
+   end subroutine begin_block
+
+   subroutine observe(self, isave, t, state)
+      class(path_recorder), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      real(wp), intent(in) :: t
+      type(lane_state), intent(in) :: state
+      real(wp) :: nan
+      integer :: i, lane
+
+      nan = ieee_value(t, ieee_quiet_nan)
+      do i = 1, state%ndof
+         do lane = 1, self%nreal
+            self%q(self%offset + lane, i, isave + 1) = merge(state%q(lane, i), nan, state%status(lane) == 0)
+            self%p(self%offset + lane, i, isave + 1) = merge(state%p(lane, i), nan, state%status(lane) == 0)
+         end do
+      end do
+   end subroutine observe
+
+   subroutine end_block(self, state)
+      class(path_recorder), intent(inout) :: self
+      type(lane_state), intent(in) :: state
+      integer(i8) :: a, b
+
+      a = self%offset + 1
+      b = self%offset + self%nreal
+      self%status(a:b) = int(state%status(:self%nreal), i4)
+      self%failed_step(a:b) = state%failed_step(:self%nreal)
+      self%last_q(a:b, :) = state%q(:self%nreal, :)
+      self%last_p(a:b, :) = state%p(:self%nreal, :)
+      if (allocated(state%q_low)) then
+         self%low_q(a:b, :) = state%q_low(:self%nreal, :)
+         self%low_p(a:b, :) = state%p_low(:self%nreal, :)
+      end if
+   end subroutine end_block
+
+end module symsde_ensemble_recorder

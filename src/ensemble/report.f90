@@ -1,0 +1,70 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What a run did: the stepper chosen, what was left out, counters, failures and timings.
+module symsde_ensemble_report
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_status, only: status_ok
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, correction_none
+   implicit none
+   private
+   public :: run_report, describe_left_out
+
+   type :: run_report
+      integer(i4) :: status = status_ok          !! ok, or the numerical outcome of the whole run
+      character(:), allocatable :: stepper       !! the stepper the factory chose
+      character(:), allocatable :: left_out      !! what this scene did not need
+      integer :: correction = correction_none    !! the correction that was active
+      type(counters_type) :: counters
+      integer(i8) :: nfailed = 0                 !! paths with a numerical failure
+      integer(i8) :: nstopped = 0                !! paths cut short by a stop
+      integer :: nthread = 1, nlane = 0
+      real(wp) :: lost_variance = 0              !! of a normal, by truncation
+      real(wp) :: seconds_setup = 0, seconds_run = 0
+   end type run_report
+
+contains
+
+   !> What traits made superfluous, joined by semicolons.
+   function describe_left_out(model, scheme, correction, stepper) result(text)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: correction
+      character(*), intent(in) :: stepper
+      character(:), allocatable :: text
+      integer :: nsilent
+
+      text = ''
+      nsilent = 0
+      if (allocated(model%traits%silent)) nsilent = count(model%traits%silent)
+      if (nsilent == model%traits%nnoise) then
+         call add('no noise: no generator, no increments')
+      else if (nsilent > 0) then
+         call add('noises of strength zero: nothing drawn for them')
+      end if
+      if (abs(scheme%correction_coefficient()) > 0 .and. correction == correction_none) then
+         if (model%traits%correction_vanishes()) then
+            call add('correction: it vanishes for this noise')
+         else
+            call add('correction: switched off, the scheme converges to another equation')
+         end if
+      end if
+      if (index(stepper, 'explicit') == 1 .or. index(stepper, 'Euler-Maruyama') == 1) then
+         call add('solver: the step is explicit')
+      else if (model%traits%quadratic) then
+         call add('iteration: the equations are linear, one solve a step')
+      end if
+      if (index(stepper, 'eliminated') > 0) call add('half of the unknowns: identity mass')
+
+   contains
+
+      subroutine add(sentence)
+         character(*), intent(in) :: sentence
+
+         if (len(text) > 0) text = text//'; '
+         text = text//sentence
+      end subroutine add
+
+   end function describe_left_out
+
+end module symsde_ensemble_report

@@ -1,0 +1,223 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The two things users do: simulate (paths are saved) and moments (only statistics are kept).
+module symsde_ensemble_simulate
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_status, only: error_type, raise, too_large, out_of_memory, invalid_argument
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_driver, only: run_ensemble, choose_nlane
+   use symsde_ensemble_moment_collector, only: moment_collector, new_moment_collector, moment_store
+   use symsde_ensemble_monitor, only: monitor_type
+   use symsde_ensemble_observables, only: observables_type
+   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_recorder, only: path_recorder
+   use symsde_ensemble_report, only: run_report
+   use symsde_ensemble_statistics, only: moment_node, final_node
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type
+   implicit none
+   private
+   public :: paths_type, moments_type, simulate, moments, new_paths, saved_times
+
+   !> Saved paths. Values of a path after its failure are NaN; last_q, last_p keep its last good state.
+   type :: paths_type
+      real(wp), allocatable :: t(:)                 !! saved times, t0 included (ntime)
+      real(wp), allocatable :: q(:, :, :)           !! (npath, ndof, ntime)
+      real(wp), allocatable :: p(:, :, :)           !! (npath, ndof, ntime)
+      integer(i4), allocatable :: status(:)         !! 0 = ok, else a code of base/status (npath)
+      integer(i8), allocatable :: failed_step(:)    !! absolute step that failed, -1 = none (npath)
+      real(wp), allocatable :: last_q(:, :), last_p(:, :)  !! last good state (npath, ndof)
+      real(wp), allocatable :: low_q(:, :), low_p(:, :)    !! its low parts, zero unless compensated (npath, ndof)
+      type(run_report) :: report
+   end type paths_type
+
+   !> Moments over the paths that are ok up to each time. Values: q_1 .. q_n, p_1 .. p_n, the energy if
+   !> has_energy, then the user's observables.
+   type :: moments_type
+      real(wp), allocatable :: t(:)                 !! (ntime)
+      integer(i8), allocatable :: n_ok(:)           !! paths that count (ntime)
+      real(wp), allocatable :: mean(:, :)           !! (nvalue, ntime)
+      real(wp), allocatable :: variance(:, :)       !! unbiased; NaN for fewer than two paths (nvalue, ntime)
+      real(wp), allocatable :: se_mean(:, :)        !! standard error of the mean (nvalue, ntime)
+      logical :: has_energy = .false.
+      integer(i8), allocatable :: failed(:)         !! global indices of the first failed paths, at most 1000
+      integer(i4), allocatable :: failed_status(:)
+      integer(i8), allocatable :: failed_step(:)
+      type(run_report) :: report
+   end type moments_type
+
+contains
+
+   !> Integrate all paths and save them every options%save_every steps.
+   subroutine simulate(model, scheme, options, q0, p0, run, error, dw, monitor, q0_low, p0_low)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:), p0(:)        !! initial state of all paths (ndof), or (npath*ndof) path first
+      type(paths_type), intent(out), target :: run
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      class(monitor_type), intent(inout), optional :: monitor
+      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
+      type(path_recorder) :: recorder
+      type(monitor_type) :: silence
+
+      if (allocated(error)) return
+      call check_options(options, error)
+      if (allocated(error)) return
+      call new_paths(run, options, model%traits%ndof, error)
+      if (allocated(error)) return
+      recorder%first_path = options%first_path
+      recorder%q => run%q
+      recorder%p => run%p
+      recorder%status => run%status
+      recorder%failed_step => run%failed_step
+      recorder%last_q => run%last_q
+      recorder%last_p => run%last_p
+      recorder%low_q => run%low_q
+      recorder%low_p => run%low_p
+      associate (n => model%traits%ndof)
+         if (present(monitor)) then
+            call run_ensemble(model, scheme, options, by_path(q0, n), by_path(p0, n), recorder, monitor, &
+                              run%report, error, dw, q0_low, p0_low)
+         else
+            call run_ensemble(model, scheme, options, by_path(q0, n), by_path(p0, n), recorder, silence, &
+                              run%report, error, dw, q0_low, p0_low)
+         end if
+      end associate
+   end subroutine simulate
+
+   !> Integrate all paths and keep moments only; memory does not depend on paths and steps.
+   subroutine moments(model, scheme, options, q0, p0, result, error, observables, dw, monitor)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:), p0(:)        !! initial state of all paths (ndof), or (npath*ndof) path first
+      type(moments_type), intent(out) :: result
+      type(error_type), allocatable, intent(inout) :: error
+      class(observables_type), intent(in), target, optional :: observables
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      class(monitor_type), intent(inout), optional :: monitor
+      type(moment_store), allocatable, target :: store
+      type(moment_collector) :: collector
+      type(moment_node) :: root
+      type(monitor_type) :: silence
+
+      if (allocated(error)) return
+      call check_options(options, error)
+      if (.not. allocated(error)) call check_shard(options, error)
+      if (allocated(error)) return
+      call saved_times(options, result%t)
+      allocate (store)
+      associate (n => model%traits%ndof)
+         call new_moment_collector(collector, model, choose_nlane(options, n), size(result%t), store, observables)
+         if (present(monitor)) then
+            call run_ensemble(model, scheme, options, by_path(q0, n), by_path(p0, n), collector, monitor, &
+                              result%report, error, dw)
+         else
+            call run_ensemble(model, scheme, options, by_path(q0, n), by_path(p0, n), collector, silence, &
+                              result%report, error, dw)
+         end if
+      end associate
+      if (allocated(error)) return
+      call final_node(store%tree, root)
+      call to_moments(root, result)
+      result%has_energy = model%traits%has_value
+      result%failed = store%failed(:store%nlisted)
+      result%failed_status = store%status(:store%nlisted)
+      result%failed_step = store%failed_step(:store%nlisted)
+   end subroutine moments
+
+   !> Shards of moments begin at multiples of 256, so that they merge on the same tree as a whole run.
+   subroutine check_shard(options, error)
+      type(run_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (mod(options%first_path, 256_i8) /= 0) then
+         call raise(error, invalid_argument, 'moments', 'first_path = '//to_text(options%first_path)// &
+                    ' does not begin a shard: moments need a multiple of 256')
+      end if
+   end subroutine check_shard
+
+   !> Mean, variance and standard error from counts, means and sums of squares.
+   subroutine to_moments(root, result)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+      type(moment_node), intent(in) :: root
+      type(moments_type), intent(inout) :: result
+      real(wp) :: nan
+      integer :: it
+
+      nan = ieee_value(nan, ieee_quiet_nan)
+      result%n_ok = int(root%n, i8)
+      result%mean = root%mean
+      result%variance = root%m2
+      result%se_mean = root%m2
+      do it = 1, size(root%n)
+         if (root%n(it) < 0.5_wp) result%mean(:, it) = nan
+         if (root%n(it) < 1.5_wp) then
+            result%variance(:, it) = nan
+            result%se_mean(:, it) = nan
+         else
+            result%variance(:, it) = root%m2(:, it)/(root%n(it) - 1)
+            result%se_mean(:, it) = sqrt(result%variance(:, it)/root%n(it))
+         end if
+      end do
+   end subroutine to_moments
+
+   !> t_n = t0 + n h at the saved steps.
+   subroutine saved_times(options, t)
+      type(run_options), intent(in) :: options
+      real(wp), allocatable, intent(out) :: t(:)
+      integer(i8) :: i, nsave
+
+      nsave = options%nstep/options%save_every
+      allocate (t(nsave + 1))
+      do i = 0, nsave
+         t(i + 1) = options%t0 + real(options%first_step + i*options%save_every, wp)*options%step
+      end do
+   end subroutine saved_times
+
+   !> Room for the saved paths; sizes that overflow and missing memory are refused.
+   subroutine new_paths(run, options, ndof, error)
+      type(paths_type), intent(out) :: run
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: ndof
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: ntime
+      real(wp) :: bytes
+      integer :: info
+
+      ntime = options%nstep/options%save_every + 1
+      bytes = 16.0_wp*real(options%npath, wp)*ndof*real(ntime, wp)
+      if (bytes > 2.0_wp**62) then
+         call raise(error, too_large, 'simulate', to_text(options%npath)//' paths, '//to_text(ndof)// &
+                    ' degrees of freedom and '//to_text(ntime)//' saved times need '//to_text(bytes)// &
+                    ' bytes: save less often (save_every), fewer paths, or use moments')
+         return
+      end if
+      allocate (run%q(options%npath, ndof, ntime), run%p(options%npath, ndof, ntime), &
+                run%status(options%npath), run%failed_step(options%npath), &
+                run%last_q(options%npath, ndof), run%last_p(options%npath, ndof), stat=info)
+      if (info == 0) allocate (run%low_q(options%npath, ndof), run%low_p(options%npath, ndof), &
+                               source=0.0_wp, stat=info)
+      if (info /= 0) then
+         call raise(error, out_of_memory, 'simulate', 'no memory for '//to_text(bytes)//' bytes of saved paths: '// &
+                    'save less often (save_every), fewer paths, or use moments')
+         return
+      end if
+      call saved_times(options, run%t)
+   end subroutine new_paths
+
+   !> The state as (npath or 1, ndof); a size that is no multiple of ndof is left for the check of shapes.
+   pure function by_path(x, ndof) result(rows)
+      real(wp), intent(in) :: x(:)
+      integer, intent(in) :: ndof
+      real(wp), allocatable :: rows(:, :)
+
+      if (mod(size(x), ndof) == 0 .and. size(x) > 0) then
+         rows = reshape(x, [size(x)/ndof, ndof])
+      else
+         rows = reshape(x, [1, size(x)])
+      end if
+   end function by_path
+
+end module symsde_ensemble_simulate

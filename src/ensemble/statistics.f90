@@ -1,0 +1,187 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Mean and variance of many values over paths and times, merged on one fixed dyadic tree of paths.
+!>
+!> A node of level k and index j holds the paths j 2^k .. (j+1) 2^k - 1 that were given. Two sisters merge
+!> into their mother by the pairwise update of Chan, Golub and LeVeque; nothing else is ever added up, so
+!> the result is the same, bit for bit, for any number of threads and any size of blocks.
+module symsde_ensemble_statistics
+   use symsde_base_kinds, only: wp, i8
+   implicit none
+   private
+   public :: moment_node, moment_tree, insert_node, final_node, dyadic_pieces, reduce_lanes
+
+   type :: moment_node
+      integer :: level = 0                  !! k
+      integer(i8) :: index = 0              !! j
+      real(wp), allocatable :: n(:)         !! paths that count at each time (ntime)
+      real(wp), allocatable :: mean(:, :)   !! (nvalue, ntime)
+      real(wp), allocatable :: m2(:, :)     !! sums of squared deviations (nvalue, ntime)
+   end type moment_node
+
+   !> The complete nodes that have not found their sisters yet: O(threads log paths) of them.
+   type :: moment_tree
+      type(moment_node), allocatable :: nodes(:)
+      integer :: nnode = 0
+   end type moment_tree
+
+contains
+
+   !> Put a node into the tree; while its sister is there, the two become their mother.
+   subroutine insert_node(tree, node)
+      type(moment_tree), intent(inout) :: tree
+      type(moment_node), intent(inout) :: node  !! taken over: empty afterwards
+      integer :: i
+
+      i = 1
+      do while (i <= tree%nnode)
+         if (tree%nodes(i)%level == node%level .and. tree%nodes(i)%index == ieor(node%index, 1_i8)) then
+            call merge_sisters(node, tree%nodes(i))
+            call move_node(tree%nodes(tree%nnode), tree%nodes(i))
+            tree%nnode = tree%nnode - 1
+            i = 1
+         else
+            i = i + 1
+         end if
+      end do
+      call make_room(tree)
+      tree%nnode = tree%nnode + 1
+      call move_node(node, tree%nodes(tree%nnode))
+   end subroutine insert_node
+
+   !> The root: what has no sister rises to its mother's place alone. The tree is empty afterwards.
+   subroutine final_node(tree, root)
+      type(moment_tree), intent(inout) :: tree
+      type(moment_node), intent(out) :: root
+      type(moment_node) :: node
+      integer :: lowest
+
+      do while (tree%nnode > 1)
+         lowest = minloc(tree%nodes(:tree%nnode)%level, dim=1)
+         call move_node(tree%nodes(lowest), node)
+         if (lowest < tree%nnode) call move_node(tree%nodes(tree%nnode), tree%nodes(lowest))
+         tree%nnode = tree%nnode - 1
+         node%level = node%level + 1
+         node%index = node%index/2
+         call insert_node(tree, node)
+      end do
+      if (tree%nnode == 1) call move_node(tree%nodes(1), root)
+      tree%nnode = 0
+   end subroutine final_node
+
+   !> node becomes the mother of node and sister; the left one is always the first of the two.
+   subroutine merge_sisters(node, sister)
+      type(moment_node), intent(inout) :: node
+      type(moment_node), intent(inout) :: sister  !! used up
+      type(moment_node) :: left
+      integer :: it
+
+      if (node%index > sister%index) then
+         call move_node(sister, left)
+         call move_node(node, sister)
+         call move_node(left, node)
+      end if
+      do it = 1, size(node%n)
+         call merge_values(size(node%mean, 1), node%n(it), node%mean(:, it), node%m2(:, it), &
+                           sister%n(it), sister%mean(:, it), sister%m2(:, it))
+         node%n(it) = node%n(it) + sister%n(it)
+      end do
+      node%level = node%level + 1
+      node%index = node%index/2
+   end subroutine merge_sisters
+
+   !> Chan, Golub, LeVeque: d = mean_b - mean_a, mean = mean_a + d n_b/n, m2 = m2_a + m2_b + d^2 n_a n_b/n.
+   pure subroutine merge_values(nvalue, na, mean_a, m2_a, nb, mean_b, m2_b)
+      integer, intent(in) :: nvalue
+      real(wp), intent(in) :: na, nb
+      real(wp), intent(inout) :: mean_a(nvalue), m2_a(nvalue)  !! a on entry, a and b together on return
+      real(wp), intent(in) :: mean_b(nvalue), m2_b(nvalue)
+      real(wp) :: share, d
+      integer :: i
+
+      share = nb/max(na + nb, 1.0_wp)
+      do i = 1, nvalue
+         d = mean_b(i) - mean_a(i)
+         mean_a(i) = mean_a(i) + d*share
+         m2_a(i) = m2_a(i) + m2_b(i) + d**2*(na*share)
+      end do
+   end subroutine merge_values
+
+   subroutine move_node(from, to)
+      type(moment_node), intent(inout) :: from, to
+
+      to%level = from%level
+      to%index = from%index
+      call move_alloc(from%n, to%n)
+      call move_alloc(from%mean, to%mean)
+      call move_alloc(from%m2, to%m2)
+   end subroutine move_node
+
+   subroutine make_room(tree)
+      type(moment_tree), intent(inout) :: tree
+      type(moment_node), allocatable :: more(:)
+      integer :: i
+
+      if (.not. allocated(tree%nodes)) allocate (tree%nodes(64))
+      if (tree%nnode < size(tree%nodes)) return
+      allocate (more(2*size(tree%nodes)))
+      do i = 1, tree%nnode
+         call move_node(tree%nodes(i), more(i))
+      end do
+      call move_alloc(more, tree%nodes)
+   end subroutine make_room
+
+   !> The largest dyadic pieces that make up the paths first .. first+n-1, from left to right.
+   pure subroutine dyadic_pieces(first, n, npiece, offset, level)
+      integer(i8), intent(in) :: first   !! global index of the first path
+      integer, intent(in) :: n
+      integer, intent(out) :: npiece
+      integer, intent(out) :: offset(64) !! of each piece from the first path
+      integer, intent(out) :: level(64)  !! each piece holds 2^level paths
+      integer :: at, k
+
+      npiece = 0
+      at = 0
+      do while (at < n)
+         k = 0
+         do while (at + 2**(k + 1) <= n .and. mod(first + at, 2_i8**(k + 1)) == 0)
+            k = k + 1
+         end do
+         npiece = npiece + 1
+         offset(npiece) = at
+         level(npiece) = k
+         at = at + 2**k
+      end do
+   end subroutine dyadic_pieces
+
+   !> Moments of one value over the 2^level lanes of a piece, halving the piece again and again.
+   pure subroutine reduce_lanes(level, x, counts, n, mean, m2)
+      integer, intent(in) :: level
+      real(wp), intent(in) :: x(2**level)        !! the value in each lane; any number where it does not count
+      logical, intent(in) :: counts(2**level)    !! whether a lane counts
+      real(wp), intent(out) :: n, mean, m2
+      real(wp) :: na(2**level), ma(2**level), sa(2**level), share, d
+      integer :: i, half, width
+
+      do i = 1, 2**level
+         na(i) = merge(1.0_wp, 0.0_wp, counts(i))
+         ma(i) = merge(x(i), 0.0_wp, counts(i))
+         sa(i) = 0
+      end do
+      width = 2**level
+      do while (width > 1)
+         half = width/2
+         do i = 1, half
+            share = na(2*i)/max(na(2*i - 1) + na(2*i), 1.0_wp)
+            d = ma(2*i) - ma(2*i - 1)
+            sa(i) = sa(2*i - 1) + sa(2*i) + d**2*(na(2*i - 1)*share)
+            ma(i) = ma(2*i - 1) + d*share
+            na(i) = na(2*i - 1) + na(2*i)
+         end do
+         width = half
+      end do
+      n = na(1)
+      mean = ma(1)
+      m2 = sa(1)
+   end subroutine reduce_lanes
+
+end module symsde_ensemble_statistics
