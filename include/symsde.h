@@ -1,0 +1,297 @@
+/* SPDX-License-Identifier: BSD-3-Clause
+ *
+ * symsde: symplectic integration of stochastic Hamiltonian systems
+ *
+ *    dp = -H_q dt - sum_k H_{k,q} o dW_k      dq = H_p dt + sum_k H_{k,p} o dW_k     (Stratonovich)
+ *
+ * This header is the whole C interface.
+ *
+ * - Every function returns a status: 0 ok, < 0 misuse (nothing was computed), > 0 a numerical outcome.
+ *   The last argument, which may be NULL, receives the code and a sentence.
+ * - Handles are opaque. They own copies of what they are made from, and are deleted by
+ *   symsde_<noun>_delete, which accepts NULL and sets the handle to NULL. Callback functions and their
+ *   `user` pointers must outlive the handle.
+ * - Arrays belong to the caller. Shapes are written as in C, last index fastest: the path (or the lane
+ *   of a block) is always the last index.
+ * - Structs begin with struct_size; fill them with their _init function before setting members.
+ * - One handle is used by one thread at a time; different handles are independent.
+ * - Quantities are dimensionless unless a comment names a unit.
+ */
+#ifndef SYMSDE_H
+#define SYMSDE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- status ------------------------------------------------------------------------------------ */
+
+enum symsde_status {
+   SYMSDE_OK = 0,
+   SYMSDE_INVALID_ARGUMENT = -1,
+   SYMSDE_INCOMPATIBLE = -2, /* scheme, model and options do not fit together */
+   SYMSDE_UNKNOWN_NAME = -3,
+   SYMSDE_WRONG_SHAPE = -4,
+   SYMSDE_TOO_LARGE = -5,   /* a product of sizes overflows */
+   SYMSDE_FALSE_TRAIT = -6, /* a declared trait or Hessian is refuted by a probe */
+   SYMSDE_NULL_HANDLE = -7,
+   SYMSDE_OUT_OF_MEMORY = -8,
+   SYMSDE_MISSING_OPERATION = -9, /* the model does not offer what was asked of it */
+   SYMSDE_NOT_CONVERGED = 1,      /* 1 to 5 are also the status of a path */
+   SYMSDE_SINGULAR = 2,
+   SYMSDE_NONFINITE = 3,
+   SYMSDE_CALLBACK_FAILED = 4,
+   SYMSDE_STOPPED = 5,
+   SYMSDE_PATHS_FAILED = 6 /* the run is complete, some of its paths are not ok */
+};
+
+#define SYMSDE_MESSAGE_SIZE 1024
+
+typedef struct symsde_error {
+   int32_t code;
+   char message[SYMSDE_MESSAGE_SIZE]; /* what was given, what is allowed, what to do; ends with 0 */
+} symsde_error;
+
+/* Texts are copied into buffer (at most size bytes, always terminated); *needed, if not NULL, receives
+ * the size that would hold the whole text. */
+int symsde_status_text(int code, char *buffer, size_t size, size_t *needed);
+/* version of the library */
+int symsde_version(char *buffer, size_t size, size_t *needed);
+/* lines "key: value": version, compiler, compile options, version of the counter map of the noise */
+int symsde_build_info(char *buffer, size_t size, size_t *needed);
+
+/* ---- models ------------------------------------------------------------------------------------ */
+
+typedef struct symsde_model_handle *symsde_model;
+
+typedef struct symsde_traits {
+   size_t struct_size;
+   int32_t ndof;           /* degrees of freedom */
+   int32_t nnoise;         /* noises */
+   int32_t separable;      /* every H_j = T_j(p) + U_j(q) */
+   int32_t additive;       /* every H_k, k >= 1, is linear */
+   int32_t position_noise; /* every H_k, k >= 1, depends on q alone */
+   int32_t quadratic;      /* every H_j is a polynomial of degree two at most */
+   int32_t identity_mass;  /* H = p.p/2 + U(q) */
+   int32_t bandwidth;      /* of every Hessian block; -1 = dense */
+   int32_t has_value, has_hessian, has_hessian_vector; /* set by the library */
+   double max_frequency;   /* bound of the frequencies of H [1/time]; 0 = not declared */
+   double noise_lipschitz; /* Lipschitz constant of the noise [1/sqrt(time)]; 0 = not declared */
+} symsde_traits;
+
+/* Callbacks work on whole blocks: arrays [..][nlane], each lane from its own numbers alone. w[nham][nlane]
+ * are the weights of H_0 .. H_m (nham = nnoise + 1). They return 0; nonzero aborts the run
+ * (SYMSDE_CALLBACK_FAILED); one lane fails by NaN. Outputs may be NULL: not wanted. They are called from
+ * several threads at once, unless one thread is chosen. */
+/* gradient of sum_j w[j] H_j: hq[ndof][nlane], hp[ndof][nlane] */
+typedef int (*symsde_gradient)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
+                               const double *p, double *hq, double *hp, void *user);
+/* value[nlane] of sum_j w[j] H_j */
+typedef int (*symsde_value)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
+                            const double *p, double *value, void *user);
+/* hqq, hqp, hpp [ndof][ndof][nlane]; hqp[j][i] = d2/(dq_i dp_j) */
+typedef int (*symsde_hessian)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
+                              const double *p, double *hqq, double *hqp, double *hpp, void *user);
+/* Hessian times (vq, vp): uq[ndof][nlane], up[ndof][nlane] */
+typedef int (*symsde_hessian_vector)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
+                                     const double *p, const double *vq, const double *vp, double *uq,
+                                     double *up, void *user);
+
+int symsde_traits_init(symsde_traits *traits);
+/* names of the built-in models, one a line */
+int symsde_model_names(char *buffer, size_t size, size_t *needed);
+/* parameters of a built-in model, lines "key = default" */
+int symsde_model_parameters(const char *name, char *buffer, size_t size, size_t *needed, symsde_error *error);
+/* a built-in model; parameters that are not given keep their defaults */
+int symsde_model_get(const char *name, int nparameter, const char *const *keys, const double *values,
+                     symsde_model *model, symsde_error *error);
+/* a model of the user's own; value, hessian and hessian_vector may be NULL */
+int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradient gradient, symsde_value value,
+                     symsde_hessian hessian, symsde_hessian_vector hessian_vector, void *user,
+                     symsde_model *model, symsde_error *error);
+int symsde_model_delete(symsde_model *model);
+int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);
+/* check declared traits and Hessians at three points around q0[ndof], p0[ndof] */
+int symsde_model_probe(symsde_model model, double t, const double *q0, const double *p0, symsde_error *error);
+/* evaluate at npath points; shapes as in the callbacks, with npath for nlane */
+int symsde_model_value(symsde_model model, int64_t npath, double t, const double *w, const double *q,
+                       const double *p, double *value, symsde_error *error);
+int symsde_model_gradient(symsde_model model, int64_t npath, double t, const double *w, const double *q,
+                          const double *p, double *hq, double *hp, symsde_error *error);
+int symsde_model_hessian(symsde_model model, int64_t npath, double t, const double *w, const double *q,
+                         const double *p, double *hqq, double *hqp, double *hpp, symsde_error *error);
+
+/* ---- schemes ----------------------------------------------------------------------------------- */
+
+typedef struct symsde_scheme_handle *symsde_scheme;
+
+typedef struct symsde_scheme_info {
+   size_t struct_size;
+   int32_t form;   /* 1 tableau, 2 Galerkin, 3 Euler-Maruyama */
+   int32_t nstage; /* stages, quadrature nodes */
+   int32_t degree; /* of the polynomial; 0 = not from one */
+   int32_t symplectic, symmetric, keeps_quadratic;
+   double correction_coefficient; /* 1/2 - lambda; 0 = consistent as it stands */
+   double order_additive, order_commutative, order_general; /* strong orders by noise class */
+   double order_weak;
+   char name[64];
+   char reference[256];
+} symsde_scheme_info;
+
+int symsde_scheme_info_init(symsde_scheme_info *info);
+/* names of the catalogue, one a line */
+int symsde_scheme_names(char *buffer, size_t size, size_t *needed);
+int symsde_scheme_get(const char *name, symsde_scheme *scheme, symsde_error *error);
+/* the scheme of a quadrature of the action: nodes and weights [nnode], polynomials of this degree */
+int symsde_scheme_from_quadrature(int nnode, const double *nodes, const double *weights, int degree,
+                                  const char *name, symsde_scheme *scheme, symsde_error *error);
+/* a tableau of the user's own: a, abar [nstage][nstage] (row i = stage i), alpha[nstage] */
+int symsde_scheme_from_tableau(int nstage, const double *a, const double *abar, const double *alpha,
+                               const char *name, int allow_nonsymplectic, symsde_scheme *scheme,
+                               symsde_error *error);
+int symsde_scheme_delete(symsde_scheme *scheme);
+int symsde_scheme_get_info(symsde_scheme scheme, symsde_scheme_info *info, symsde_error *error);
+/* what is proved about the scheme, as readable lines */
+int symsde_scheme_certificate(symsde_scheme scheme, char *buffer, size_t size, size_t *needed,
+                              symsde_error *error);
+
+/* ---- runs -------------------------------------------------------------------------------------- */
+
+enum symsde_correction {
+   SYMSDE_CORRECTION_AUTO = 0, /* increments form, or none where the traits prove it vanishes */
+   SYMSDE_CORRECTION_NONE = 1,
+   SYMSDE_CORRECTION_MEAN = 2,
+   SYMSDE_CORRECTION_INCREMENTS = 3
+};
+
+typedef struct symsde_options {
+   size_t struct_size;
+   double step;            /* h, may be negative, never zero [time] */
+   int64_t steps;          /* a multiple of save_every */
+   int64_t paths;
+   uint64_t seed;
+   double t0;              /* time of step 0 [time] */
+   int64_t save_every;     /* steps between saved points */
+   int64_t first_path;     /* global index of the first path */
+   int64_t first_step;     /* absolute index of the first step: to resume */
+   int32_t refine;         /* l > 0: a step sums 2^l draws; l < 0: Brownian bridge */
+   int32_t correction;     /* enum symsde_correction */
+   double truncation;      /* order l of truncated increments; 0 = none */
+   double truncation_time; /* time scale of the truncation [time] */
+   int32_t compensated;    /* compensated summation of the state */
+   int32_t general;        /* use the general stepper, the oracle */
+   int32_t max_iter;       /* Newton iterations a step */
+   int32_t fixed_point;    /* n > 0: n fixed-point iterations instead of Newton */
+   int32_t lanes;          /* lanes of a block, a multiple of 8; 0 = chosen; never changes a result */
+   int32_t threads;        /* 0 = SYMSDE_NUM_THREADS, else OpenMP's default */
+} symsde_options;
+
+int symsde_options_init(symsde_options *options);
+
+/* Told of progress between chunks, on the calling thread, at most twenty times a second; nonzero stops. */
+typedef int (*symsde_progress)(int64_t done, int64_t total, void *user);
+
+/* Everything that goes into a run besides model, scheme and options. */
+typedef struct symsde_input {
+   size_t struct_size;
+   const double *q0, *p0;         /* [ndof][q0_paths], [ndof][p0_paths] */
+   int64_t q0_paths, p0_paths;    /* 1 (the same for all) or the number of paths */
+   const double *increments;      /* [steps*2^refine][nnoise][increment_paths]; NULL = Brownian from the seed */
+   int64_t increment_rows, increment_noises, increment_paths; /* paths: 1 (the same for all) or all */
+   const double *q0_low, *p0_low; /* low parts [ndof][paths], to resume a compensated run; NULL = zero */
+   symsde_progress progress;      /* may be NULL */
+   void *progress_user;
+} symsde_input;
+
+int symsde_input_init(symsde_input *input);
+
+typedef struct symsde_report {
+   size_t struct_size;
+   int32_t status;      /* the outcome of the whole run, also returned */
+   int32_t correction;  /* the correction that was active */
+   int64_t path_steps, normals, gradients, hessians, hessian_vectors, iterations, solves, lapack_solves;
+   int64_t failed, stopped; /* paths */
+   int32_t threads, lanes;
+   double lost_variance;    /* of a normal, by truncation */
+   double seconds_setup, seconds_run;
+   char stepper[64];
+   char left_out[512];
+} symsde_report;
+
+int symsde_report_init(symsde_report *report);
+
+/* Saved paths, in the caller's arrays; ntime = steps/save_every + 1. Values after a failure are NaN. */
+typedef struct symsde_paths {
+   size_t struct_size;
+   double *t;                  /* [ntime] */
+   double *q, *p;              /* [ntime][ndof][paths] */
+   int32_t *status;            /* [paths]: 0 or a status above 0 */
+   int64_t *failed_step;       /* [paths]: absolute step that failed, -1 = none */
+   double *last_q, *last_p;    /* [ndof][paths], last good state; NULL = not wanted */
+   double *low_q, *low_p;      /* [ndof][paths], its low parts if compensated; NULL = not wanted */
+} symsde_paths;
+
+int symsde_paths_init(symsde_paths *paths);
+int symsde_simulate(symsde_model model, symsde_scheme scheme, const symsde_options *options,
+                    const symsde_input *input, symsde_paths *paths, symsde_report *report, symsde_error *error);
+
+/* values[nvalue][nlane] of the user's own observables; nonzero aborts the run */
+typedef int (*symsde_observables)(int nlane, int ndof, double t, const double *q, const double *p, double *values,
+                                  void *user);
+
+#define SYMSDE_MAX_FAILED_LISTED 1000
+
+/* Moments over the paths that are ok up to each time. Values: q_1 .. q_n, p_1 .. p_n, the energy where the
+ * model has has_value, then the user's observables: nvalue = 2*ndof + has_value + nobservable. */
+typedef struct symsde_moments {
+   size_t struct_size;
+   double *t;           /* [ntime] */
+   int64_t *n_ok;       /* [ntime] */
+   double *mean, *variance, *se_mean; /* [ntime][nvalue] */
+   int32_t nobservable; /* input: values of the observables callback; 0 = none */
+   symsde_observables observables;
+   void *observables_user;
+   int64_t nfailed_listed; /* output: how many of the following are filled */
+   int64_t failed[SYMSDE_MAX_FAILED_LISTED];      /* global indices, ascending */
+   int32_t failed_status[SYMSDE_MAX_FAILED_LISTED];
+   int64_t failed_step[SYMSDE_MAX_FAILED_LISTED];
+} symsde_moments;
+
+int symsde_moments_init(symsde_moments *moments);
+int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsde_options *options,
+                           const symsde_input *input, symsde_moments *moments, symsde_report *report,
+                           symsde_error *error);
+
+/* the increments that drive a run with these options: dw[steps][nnoise][paths] */
+int symsde_increments(symsde_model model, const symsde_options *options, double *dw, symsde_error *error);
+
+/* ---- diagnostics ------------------------------------------------------------------------------- */
+
+/* defect[npoint]: max |M^T J M - J| of the tangent map M of one step from (q, p)[ndof][npoint] with frozen
+ * increments dw[nnoise][npoint] */
+int symsde_symplecticity(symsde_model model, symsde_scheme scheme, const symsde_options *options, int64_t npoint,
+                         const double *q, const double *p, const double *dw, double *defect,
+                         symsde_error *error);
+/* discrete action of each step, [WHSB] (49): action[steps][paths], for q, p [steps+1][ndof][paths] from a run
+ * with save_every = 1 and its increments dw[steps][nnoise][paths] */
+int symsde_discrete_action(symsde_model model, symsde_scheme scheme, const symsde_options *options,
+                           const double *q, const double *p, const double *dw, double *action,
+                           symsde_error *error);
+/* largest residual over steps and degrees of freedom, residual[4][paths]: discrete Euler-Lagrange equations in
+ * q (47) and p (48), Legendre transforms at the left (53)-(54) and right end (57)-(58) of a step */
+int symsde_euler_lagrange_residual(symsde_model model, symsde_scheme scheme, const symsde_options *options,
+                                   const double *q, const double *p, const double *dw, double *residual,
+                                   symsde_error *error);
+/* exact solution on the run's own Brownian path where the model has one (kubo; linear_oscillator and
+ * additive_oscillator, whose increments then carry two more draws a step): q, p [ntime][ndof][paths] */
+int symsde_exact_solution(symsde_model model, const symsde_options *options, const symsde_input *input, double *q,
+                          double *p, symsde_error *error);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
