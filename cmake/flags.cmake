@@ -36,7 +36,6 @@ if(NOT CMAKE_Fortran_COMPILER_ID STREQUAL "GNU" OR CMAKE_Fortran_COMPILER_VERSIO
       "this is ${CMAKE_Fortran_COMPILER_ID} ${CMAKE_Fortran_COMPILER_VERSION}.")
 endif()
 
-set(CMAKE_Fortran_PREPROCESS OFF)  # no source needs it, and it takes /* for a comment
 add_library(symsde_flags INTERFACE)
 target_compile_options(symsde_flags INTERFACE
    $<$<COMPILE_LANGUAGE:Fortran>:${_common};${_fortran}>

@@ -22,7 +22,9 @@ def main():
     if importlib.util.find_spec("scikit_build_core") is None:
         print("skipped: scikit-build-core is not installed; ./bootstrap test installs it in .venv")
         return 77
-    shutil.rmtree(work, ignore_errors=True)
+    shutil.rmtree(work / "site", ignore_errors=True)  # the build directory stays: nothing is compiled twice
+    for old in work.glob("*.whl"):
+        old.unlink()
     pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-q"]
     subprocess.run([*pip, "-C", f"build-dir={work}/build", "-w", work, root], check=True)
     (wheel,) = work.glob("*.whl")
