@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 MISSING = 77
-FORTRAN = ("src", "tests/funit", "examples", "bench")
+FORTRAN = ("src", "tests", "examples", "bench")
 C = ("include", "tests", "examples", "bench")
 PYTHON = ("python", "tests", "examples", "bench")
 
@@ -27,7 +27,7 @@ def command(tool, root):
     if tool == "fortitude":
         return ["fortitude", "check"], files(root, FORTRAN, ".f90")
     if tool == "fprettify":
-        return ["fprettify", "--config-file", ".fprettify.rc", "--diff"], files(root, FORTRAN, ".f90")
+        return ["fprettify", "--silent", "--config-file", ".fprettify.rc", "--diff"], files(root, FORTRAN, ".f90")
     if tool == "ruff":
         return ["ruff", "check", "--no-cache"], files(root, PYTHON, ".py")
     if tool == "ruff-format":
@@ -48,7 +48,7 @@ def main():
         return 0
     done = subprocess.run([program, *words[1:], *targets], cwd=root, check=False, capture_output=True, text=True)
     print(done.stdout + done.stderr)
-    return done.returncode or (tool == "fprettify" and (done.stdout + done.stderr).strip() != "")
+    return done.returncode or (tool == "fprettify" and done.stdout.strip() != "")
 
 
 if __name__ == "__main__":
