@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> A stranger's program: the installed module files and library, nothing else of the project.
 program consumer
-   use symsde, only: wp, i8, error_type, kubo_model, new_kubo, scheme_type, get_scheme, run_options, paths_type, simulate
+   use symsde, only: wp, i8, error_type, kubo_model, new_kubo, scheme_type, get_scheme
+   use symsde, only: run_options, paths_type, simulate
    implicit none
    type(kubo_model) :: model
    type(scheme_type) :: scheme
