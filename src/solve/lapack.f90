@@ -1,0 +1,231 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The only file that knows LAPACK: one system with pivoting, and the threads of the BLAS.
+!>
+!> LAPACK's info alone does not tell failure: a NaN in the matrix gives info = 0 and NaN, a nearly
+!> singular matrix info = 0 and infinities. Data and solution are therefore looked at here.
+module symsde_solve_lapack
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_procpointer, c_funptr, c_int, &
+      c_null_char, c_null_ptr, c_ptr
+   use symsde_base_kinds, only: wp, i4
+   use symsde_base_status, only: status_ok, singular, nonfinite
+   implicit none
+   private
+   public :: solve_dense_lapack, solve_dense_many_lapack, solve_lane_lapack
+   public :: solve_banded_lane_lapack, blas_single_thread, blas_restore_threads
+
+   !> Names under which BLAS libraries let their number of threads be read and set.
+   character(*), parameter :: reader_name(2) = &
+      [character(24) :: 'openblas_get_num_threads', 'MKL_Get_Max_Threads']
+   character(*), parameter :: setter_name(2) = &
+      [character(24) :: 'openblas_set_num_threads', 'MKL_Set_Num_Threads']
+
+   interface
+      !> LAPACK: LU factors of a general matrix.
+      subroutine dgetrf(m, n, a, lda, ipiv, info)
+         import :: wp
+         integer, intent(in) :: m, n, lda
+         real(wp), intent(inout) :: a(lda, *)
+         integer, intent(out) :: ipiv(*)
+         integer, intent(out) :: info
+      end subroutine dgetrf
+
+      !> LAPACK: solve with the factors of dgetrf.
+      subroutine dgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
+         import :: wp
+         character, intent(in) :: trans
+         integer, intent(in) :: n, nrhs, lda, ldb
+         real(wp), intent(in) :: a(lda, *)
+         integer, intent(in) :: ipiv(*)
+         real(wp), intent(inout) :: b(ldb, *)
+         integer, intent(out) :: info
+      end subroutine dgetrs
+
+      !> LAPACK: LU factors of a banded matrix.
+      subroutine dgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
+         import :: wp
+         integer, intent(in) :: m, n, kl, ku, ldab
+         real(wp), intent(inout) :: ab(ldab, *)
+         integer, intent(out) :: ipiv(*)
+         integer, intent(out) :: info
+      end subroutine dgbtrf
+
+      !> LAPACK: solve with the factors of dgbtrf.
+      subroutine dgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
+         import :: wp
+         character, intent(in) :: trans
+         integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb
+         real(wp), intent(in) :: ab(ldab, *)
+         integer, intent(in) :: ipiv(*)
+         real(wp), intent(inout) :: b(ldb, *)
+         integer, intent(out) :: info
+      end subroutine dgbtrs
+
+      !> POSIX: the address of a symbol of the running program, null where there is none.
+      function dlsym(handle, name) bind(c, name='dlsym') result(address)
+         import :: c_ptr, c_char, c_funptr
+         type(c_ptr), value :: handle
+         character(kind=c_char), intent(in) :: name(*)
+         type(c_funptr) :: address
+      end function dlsym
+   end interface
+
+   abstract interface
+      !> int f(void)
+      function thread_reader() bind(c) result(threads)
+         import :: c_int
+         integer(c_int) :: threads
+      end function thread_reader
+
+      !> void f(int)
+      subroutine thread_setter(threads) bind(c)
+         import :: c_int
+         integer(c_int), value :: threads
+      end subroutine thread_setter
+   end interface
+
+contains
+
+   !> Solve a x = b with row exchanges.
+   subroutine solve_dense_lapack(n, a, x, info)
+      integer, intent(in) :: n              !! unknowns
+      real(wp), intent(inout) :: a(n, n)    !! matrix, destroyed
+      real(wp), intent(inout) :: x(n)       !! in: right-hand side; out: solution, if info is ok
+      integer(i4), intent(out) :: info      !! status_ok, singular or nonfinite
+
+      call solve_dense_many_lapack(n, 1, a, x, info)
+   end subroutine solve_dense_lapack
+
+   !> Solve a x = b with row exchanges for nrhs right-hand sides.
+   subroutine solve_dense_many_lapack(n, nrhs, a, b, info)
+      integer, intent(in) :: n                !! unknowns
+      integer, intent(in) :: nrhs             !! right-hand sides
+      real(wp), intent(inout) :: a(n, n)      !! matrix, destroyed
+      real(wp), intent(inout) :: b(n, nrhs)   !! in: right-hand sides; out: solutions, if info is ok
+      integer(i4), intent(out) :: info        !! status_ok, singular or nonfinite
+      integer :: pivot(n), lapack_info
+
+      info = nonfinite
+      if (.not. (all_finite(n*n, a) .and. all_finite(n*nrhs, b))) return
+      info = singular
+      call dgetrf(n, n, a, n, pivot, lapack_info)
+      if (lapack_info /= 0) return
+      call dgetrs('N', n, nrhs, a, n, pivot, b, n, lapack_info)
+      if (all_finite(n*nrhs, b)) info = status_ok
+   end subroutine solve_dense_many_lapack
+
+   !> Solve one lane of a block of dense systems.
+   subroutine solve_lane_lapack(nlane, n, lane, a, x, info)
+      integer, intent(in) :: nlane            !! lanes of the block
+      integer, intent(in) :: n                !! unknowns of a system
+      integer, intent(in) :: lane             !! the lane to solve
+      real(wp), intent(in) :: a(nlane, n, n)  !! matrices, kept
+      real(wp), intent(inout) :: x(nlane, n)  !! x(lane,:): right-hand side, then solution if ok
+      integer(i4), intent(out) :: info        !! status_ok, singular or nonfinite
+      real(wp), allocatable :: matrix(:, :), vector(:)
+
+      matrix = a(lane, :, :)
+      vector = x(lane, :)
+      call solve_dense_lapack(n, matrix, vector, info)
+      if (info == status_ok) x(lane, :) = vector
+   end subroutine solve_lane_lapack
+
+   !> Solve one lane of a block of banded systems, ab(lane, d, i) = A(i, i+d).
+   subroutine solve_banded_lane_lapack(nlane, n, kl, ku, lane, ab, x, info)
+      integer, intent(in) :: nlane                  !! lanes of the block
+      integer, intent(in) :: n                      !! unknowns of a system
+      integer, intent(in) :: kl                     !! diagonals below the main one
+      integer, intent(in) :: ku                     !! diagonals above the main one
+      integer, intent(in) :: lane                   !! the lane to solve
+      real(wp), intent(in) :: ab(nlane, -kl:ku, n)  !! matrices, kept
+      real(wp), intent(inout) :: x(nlane, n)        !! x(lane,:): in, and solution if info is ok
+      integer(i4), intent(out) :: info              !! status_ok, singular or nonfinite
+      real(wp), allocatable :: band(:, :), vector(:)
+      integer :: pivot(n), lapack_info, rows, d, i
+
+      ! dgbtrf wants A(i,j) at (kl+ku+1+i-j, j) and kl rows above for what the exchanges fill in
+      rows = 2*kl + ku + 1
+      allocate (band(rows, n), source=0.0_wp)
+      do i = 1, n
+         do d = max(-kl, 1 - i), min(ku, n - i)
+            band(kl + ku + 1 - d, i + d) = ab(lane, d, i)
+         end do
+      end do
+      vector = x(lane, :)
+      info = nonfinite
+      if (.not. (all_finite(size(band), band) .and. all_finite(n, vector))) return
+      info = singular
+      call dgbtrf(n, n, kl, ku, band, rows, pivot, lapack_info)
+      if (lapack_info /= 0) return
+      call dgbtrs('N', n, kl, ku, 1, band, rows, pivot, vector, n, lapack_info)
+      if (.not. all_finite(n, vector)) return
+      info = status_ok
+      x(lane, :) = vector
+   end subroutine solve_banded_lane_lapack
+
+   !> True where no number is infinite or NaN. Counting has no early exit and so vectorises.
+   pure logical function all_finite(n, x)
+      integer, intent(in) :: n      !! numbers to look at
+      real(wp), intent(in) :: x(n)  !! the numbers
+      integer :: i, bad
+
+      bad = 0
+      do i = 1, n
+         bad = bad + merge(0, 1, abs(x(i)) <= huge(1.0_wp))
+      end do
+      all_finite = bad == 0
+   end function all_finite
+
+   !> Set a threaded BLAS to one thread: many small systems are solved on threads of our own, and
+   !> threads within each solve slow that down many times over. Call outside parallel regions, for
+   !> the number belongs to the whole process. Returns the number to restore, 0 where the BLAS in
+   !> use has no such switch (then nothing is done).
+   function blas_single_thread() result(previous)
+      integer :: previous
+      procedure(thread_reader), pointer :: read_threads
+      type(c_funptr) :: reader
+      integer :: i
+
+      previous = 0
+      do i = 1, size(reader_name)
+         reader = address_of(reader_name(i))
+         if (.not. c_associated(reader)) cycle
+         call c_f_procpointer(reader, read_threads)
+         previous = int(read_threads())
+         call set_threads(1)
+         return
+      end do
+   end function blas_single_thread
+
+   !> Give the BLAS its threads back.
+   subroutine blas_restore_threads(previous)
+      integer, intent(in) :: previous  !! what blas_single_thread returned
+
+      if (previous > 0) call set_threads(previous)
+   end subroutine blas_restore_threads
+
+   !> Set the number of threads of the first BLAS library found.
+   subroutine set_threads(threads)
+      integer, intent(in) :: threads  !! number of threads, >= 1
+      procedure(thread_setter), pointer :: set_number
+      type(c_funptr) :: setter
+      integer :: i
+
+      do i = 1, size(setter_name)
+         setter = address_of(setter_name(i))
+         if (.not. c_associated(setter)) cycle
+         call c_f_procpointer(setter, set_number)
+         call set_number(int(threads, c_int))
+         return
+      end do
+   end subroutine set_threads
+
+   !> Address of a C function anywhere in the process. The null handle is RTLD_DEFAULT on Linux;
+   !> elsewhere it finds nothing and the BLAS keeps its threads.
+   function address_of(name) result(address)
+      character(*), intent(in) :: name  !! its C name; trailing blanks do not count
+      type(c_funptr) :: address
+
+      address = dlsym(c_null_ptr, trim(name)//c_null_char)
+   end function address_of
+
+end module symsde_solve_lapack
