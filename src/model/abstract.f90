@@ -13,7 +13,10 @@ module symsde_model_abstract
    use symsde_base_traits, only: model_traits
    implicit none
    private
-   public :: model_type
+   public :: model_type, difference_along, default_step
+
+   !> Step of a central difference relative to the state: balances rounding and truncation.
+   real(wp), parameter :: default_step = epsilon(1.0_wp)**(1.0_wp/3)
 
    !> A model is immutable once constructed: shared by all threads, intent(in) wherever it is used.
    type, abstract :: model_type
@@ -27,6 +30,7 @@ module symsde_model_abstract
       procedure :: gradient_hessian => gradient_hessian_composed
       procedure :: hessian_banded => hessian_banded_by_differences
       procedure :: failure_code => never_failed
+      procedure :: clear_failure => nothing_to_clear
    end type model_type
 
    abstract interface
@@ -56,7 +60,8 @@ contains
       value = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine value_missing
 
-   !> Blocks of the Hessian of sum_j w_j H_j; hqp(:,i,j) = d2/(dq_i dp_j). Default: central differences.
+   !> Blocks of the Hessian of sum_j w_j H_j; hqp(:,i,j) = d2/(dq_i dp_j). Default: products with the
+   !> unit vectors where the model has them, else central differences of gradients.
    subroutine hessian_by_differences(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -64,22 +69,22 @@ contains
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof)
       real(wp), intent(out), optional :: hqp(nlane, ndof, ndof)
       real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
-      real(wp), allocatable :: shift(:), vq(:, :), vp(:, :), uq(:, :), up(:, :)
+      real(wp), allocatable :: vq(:, :), vp(:, :), uq(:, :), up(:, :)
       integer :: j
 
-      allocate (shift(nlane), vq(nlane, ndof), vp(nlane, ndof), uq(nlane, ndof), up(nlane, ndof))
+      allocate (vq(nlane, ndof), vp(nlane, ndof), uq(nlane, ndof), up(nlane, ndof))
       vq = 0
       vp = 0
       do j = 1, ndof
          if (present(hqq)) then
             vq(:, j) = 1
-            call difference_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+            call product_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
             hqq(:, :, j) = uq
             vq(:, j) = 0
          end if
          if (present(hqp) .or. present(hpp)) then
             vp(:, j) = 1
-            call difference_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+            call product_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
             if (present(hqp)) hqp(:, :, j) = uq
             if (present(hpp)) hpp(:, :, j) = up
             vp(:, j) = 0
@@ -101,7 +106,7 @@ contains
       integer :: i, j
 
       if (.not. self%traits%has_hessian) then
-         call difference_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+         call difference_along(self, nlane, ndof, nnoise, default_step, t, w, q, p, vq, vp, uq, up)
          return
       end if
       allocate (hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof), hpp(nlane, ndof, ndof))
@@ -131,7 +136,8 @@ contains
    end subroutine gradient_hessian_composed
 
    !> Bands of the Hessian blocks: hqq(:,d,i) = d2/(dq_i dq_{i+d}), hqp(:,d,i) = d2/(dq_i dp_{i+d}).
-   !> Entries outside the matrix are zero. Default: differences along every (2b+1)-th unit vector at once.
+   !> Entries outside the matrix are zero. Default: one product for every (2b+1)-th
+   !> unit vector at once, analytic where the model has products, else a central difference.
    subroutine hessian_banded_by_differences(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -152,11 +158,11 @@ contains
          v = 0
          v(:, colour:ndof:2*b + 1) = 1
          if (present(hqq)) then
-            call difference_along(self, nlane, ndof, nnoise, t, w, q, p, v, zero, uq, up)
+            call product_along(self, nlane, ndof, nnoise, t, w, q, p, v, zero, uq, up)
             call scatter(nlane, ndof, b, colour, uq, hqq)
          end if
          if (present(hqp) .or. present(hpp)) then
-            call difference_along(self, nlane, ndof, nnoise, t, w, q, p, zero, v, uq, up)
+            call product_along(self, nlane, ndof, nnoise, t, w, q, p, zero, v, uq, up)
             if (present(hqp)) call scatter(nlane, ndof, b, colour, uq, hqp)
             if (present(hpp)) call scatter(nlane, ndof, b, colour, up, hpp)
          end if
@@ -170,18 +176,40 @@ contains
       code = 0
    end function never_failed
 
-   !> Central difference of the gradient along (vq, vp): the Hessian times the vector.
-   subroutine difference_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+   !> Forget a failure, before a run. Built-in models have none to forget.
+   subroutine nothing_to_clear(self)
+      class(model_type), intent(in) :: self
+   end subroutine nothing_to_clear
+
+   !> The Hessian times a vector, for the defaults above: analytic where the model has it.
+   subroutine product_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+
+      if (self%traits%has_hessian_vector) then
+         call self%hessian_vector(nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+      else
+         call difference_along(self, nlane, ndof, nnoise, default_step, t, w, q, p, vq, vp, uq, up)
+      end if
+   end subroutine product_along
+
+   !> Central difference of the gradient of sum_j w_j H_j along (vq, vp): its Hessian times the vector.
+   subroutine difference_along(self, nlane, ndof, nnoise, step, t, w, q, p, vq, vp, uq, up)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: step  !! relative to the larger of the state and one
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
       real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
       real(wp), allocatable :: e(:), qe(:, :), pe(:, :), lower_q(:, :), lower_p(:, :)
       integer :: i
 
-      allocate (e(nlane), qe(nlane, ndof), pe(nlane, ndof), lower_q(nlane, ndof), lower_p(nlane, ndof))
-      call difference_step(nlane, ndof, q, p, vq, vp, e)
+      allocate (e(nlane), qe(nlane, ndof), pe(nlane, ndof))
+      allocate (lower_q(nlane, ndof), lower_p(nlane, ndof))
+      call difference_step(nlane, ndof, step, q, p, vq, vp, e)
       do i = 1, ndof
          qe(:, i) = q(:, i) - e*vq(:, i)
          pe(:, i) = p(:, i) - e*vp(:, i)
@@ -198,10 +226,10 @@ contains
       end do
    end subroutine difference_along
 
-   !> Step of a central difference: eps^(1/3) times the size of the state over that of the vector.
-   pure subroutine difference_step(nlane, ndof, q, p, vq, vp, e)
+   !> Length of a central difference: the step times the size of the state over that of the vector.
+   pure subroutine difference_step(nlane, ndof, step, q, p, vq, vp, e)
       integer, intent(in) :: nlane, ndof
-      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof), vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(in) :: step, q(nlane, ndof), p(nlane, ndof), vq(nlane, ndof), vp(nlane, ndof)
       real(wp), intent(out) :: e(nlane)
       real(wp) :: state, vector
       integer :: lane, i
@@ -213,7 +241,7 @@ contains
             state = max(state, abs(q(lane, i)), abs(p(lane, i)))
             vector = max(vector, abs(vq(lane, i)), abs(vp(lane, i)))
          end do
-         e(lane) = epsilon(1.0_wp)**(1.0_wp/3)*state/merge(vector, 1.0_wp, vector > 0)
+         e(lane) = step*state/merge(vector, 1.0_wp, vector > 0)
       end do
    end subroutine difference_step
 

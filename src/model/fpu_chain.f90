@@ -1,0 +1,226 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The Fermi-Pasta-Ulam chain (beta model) between fixed ends, with an additive noise on every momentum.
+!>
+!>    H = sum_i p_i^2/2 + sum_{i=0}^{n} (r_i^2/2 + beta r_i^4/4),   r_i = q_{i+1} - q_i,  q_0 = q_{n+1} = 0
+!>    H_k = -sigma q_k                                  so dp_k = .. + sigma dW_k,  k = 1 .. n
+!>
+!> The cost of everything but the dense Hessian is proportional to n.
+module symsde_model_fpu_chain
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, invalid_argument
+   use symsde_base_text, only: name_length, to_text
+   use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: model_type
+   use symsde_model_parameters, only: require_finite, is_zero
+   implicit none
+   private
+   public :: fpu_chain_model, new_fpu_chain, fpu_chain_names, fpu_chain_defaults
+
+   character(*), parameter :: fpu_chain_names(3) = &
+                              [character(len=name_length) :: 'n', 'beta', 'sigma']
+   real(wp), parameter :: fpu_chain_defaults(3) = [32.0_wp, 1.0_wp, 0.1_wp]
+   integer, parameter :: largest = 2**20  !! as many noises as the generator can number
+
+   type, extends(model_type) :: fpu_chain_model
+      private
+      real(wp) :: beta = 0   !! strength of the quartic term
+      real(wp) :: sigma = 0  !! intensity of the noises
+   contains
+      procedure :: value => weighted_value
+      procedure :: gradient
+      procedure :: hessian
+      procedure :: hessian_banded
+      procedure :: hessian_vector
+   end type fpu_chain_model
+
+contains
+
+   !> A chain of n masses. Refuses parameters that are not finite and n outside 1 .. 2^20
+   !> (invalid_argument).
+   subroutine new_fpu_chain(self, n, beta, sigma, error)
+      type(fpu_chain_model), intent(out) :: self
+      integer, intent(in) :: n       !! number of masses
+      real(wp), intent(in) :: beta   !! strength of the quartic term [1/length^2]
+      real(wp), intent(in) :: sigma  !! intensity of the noise of every momentum [1/sqrt(time)]
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      call require_finite('new_fpu_chain', 'beta', beta, error)
+      call require_finite('new_fpu_chain', 'sigma', sigma, error)
+      if (n < 1 .or. n > largest) &
+         call raise(error, invalid_argument, 'new_fpu_chain', 'parameter n is '//to_text(n)// &
+                    '; give a number of masses from 1 to '//to_text(largest))
+      if (allocated(error)) return
+      self%beta = beta
+      self%sigma = sigma
+      self%name = 'fpu_chain'
+      self%traits = model_traits( &
+                    ndof=n, nnoise=n, separable=.true., additive=.true., position_noise=.true., &
+                    quadratic=is_zero(beta), identity_mass=.true., bandwidth=min(1, n - 1), &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
+                    max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
+      allocate (self%traits%silent(n), source=is_zero(sigma))
+   end subroutine new_fpu_chain
+
+   !> Value of sum_j w_j H_j.
+   subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
+      class(fpu_chain_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: value(nlane)
+      real(wp) :: r(nlane), beta, sigma
+      integer :: i
+
+      beta = self%beta
+      sigma = self%sigma
+      value = 0
+      do i = 0, ndof
+         call stretch(nlane, ndof, i, q, r)
+         value = value + r**2/2 + beta*r**4/4
+      end do
+      do i = 1, ndof
+         value = value + p(:, i)**2/2
+      end do
+      value = w(:, 0)*value
+      do i = 1, ndof
+         value = value - sigma*w(:, i)*q(:, i)
+      end do
+   end subroutine weighted_value
+
+   !> Gradient of sum_j w_j H_j: the difference of the forces r + beta r^3 of neighbouring springs.
+   subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
+      class(fpu_chain_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp) :: r(nlane), force(nlane), beta, sigma
+      integer :: i
+
+      beta = self%beta
+      sigma = self%sigma
+      if (present(hq)) then
+         call stretch(nlane, ndof, 0, q, r)
+         force = r + beta*r**3
+         do i = 1, ndof
+            hq(:, i) = force
+            call stretch(nlane, ndof, i, q, r)
+            force = r + beta*r**3
+            hq(:, i) = w(:, 0)*(hq(:, i) - force) - sigma*w(:, i)
+         end do
+      end if
+      if (present(hp)) then
+         do i = 1, ndof
+            hp(:, i) = w(:, 0)*p(:, i)
+         end do
+      end if
+   end subroutine gradient
+
+   !> Dense blocks of the Hessian of sum_j w_j H_j, for callers that do not use the bands.
+   subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+      class(fpu_chain_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), allocatable :: bands(:, :, :)
+      integer :: i, j
+
+      if (present(hqq)) then
+         allocate (bands(nlane, -1:1, ndof))
+         call self%hessian_banded(nlane, ndof, nnoise, 1, t, w, q, p, hqq=bands)
+         hqq = 0
+         do j = 1, ndof
+            do i = max(1, j - 1), min(ndof, j + 1)
+               hqq(:, i, j) = bands(:, j - i, i)
+            end do
+         end do
+      end if
+      if (present(hqp)) hqp = 0
+      if (present(hpp)) then
+         hpp = 0
+         do i = 1, ndof
+            hpp(:, i, i) = w(:, 0)
+         end do
+      end if
+   end subroutine hessian
+
+   !> Bands of the Hessian blocks; entries outside the matrix are zero.
+   subroutine hessian_banded(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
+      class(fpu_chain_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      integer, intent(in) :: b  !! bandwidth, at least that of the traits
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, -b:b, ndof), hqp(nlane, -b:b, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, -b:b, ndof)
+      real(wp) :: lower(nlane), upper(nlane)
+      integer :: i
+
+      if (present(hqq)) then
+         hqq = 0
+         call stiffness(nlane, ndof, 0, self%beta, w(:, 0), q, lower)
+         do i = 1, ndof
+            call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, upper)
+            hqq(:, 0, i) = lower + upper
+            if (i < ndof) hqq(:, 1, i) = -upper
+            if (i > 1) hqq(:, -1, i) = -lower
+            lower = upper
+         end do
+      end if
+      if (present(hqp)) hqp = 0
+      if (present(hpp)) then
+         hpp = 0
+         do i = 1, ndof
+            hpp(:, 0, i) = w(:, 0)
+         end do
+      end if
+   end subroutine hessian_banded
+
+   !> Hessian of sum_j w_j H_j times (vq, vp).
+   subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+      class(fpu_chain_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp) :: k(nlane), r(nlane)
+      integer :: i
+
+      do i = 0, ndof
+         call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, k)
+         call stretch(nlane, ndof, i, vq, r)
+         if (i > 0) uq(:, i) = uq(:, i) - k*r
+         if (i < ndof) uq(:, i + 1) = k*r
+      end do
+      do i = 1, ndof
+         up(:, i) = w(:, 0)*vp(:, i)
+      end do
+   end subroutine hessian_vector
+
+   !> r_i = x_{i+1} - x_i with x_0 = x_{n+1} = 0, for i = 0 .. n.
+   pure subroutine stretch(nlane, ndof, i, x, r)
+      integer, intent(in) :: nlane, ndof, i
+      real(wp), intent(in) :: x(nlane, ndof)
+      real(wp), intent(out) :: r(nlane)
+
+      if (i == 0) then
+         r = x(:, 1)
+      else if (i == ndof) then
+         r = -x(:, ndof)
+      else
+         r = x(:, i + 1) - x(:, i)
+      end if
+   end subroutine stretch
+
+   !> Stiffness of spring i times the weight of H: w_0 (1 + 3 beta r_i^2).
+   pure subroutine stiffness(nlane, ndof, i, beta, w, q, k)
+      integer, intent(in) :: nlane, ndof, i
+      real(wp), intent(in) :: beta
+      real(wp), intent(in) :: w(nlane)  !! weights of H_0
+      real(wp), intent(in) :: q(nlane, ndof)
+      real(wp), intent(out) :: k(nlane)
+
+      call stretch(nlane, ndof, i, q, k)
+      k = w*(1 + 3*beta*k**2)
+   end subroutine stiffness
+
+end module symsde_model_fpu_chain

@@ -1,0 +1,106 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The Henon-Heiles system with an additive noise on each momentum; two degrees of freedom.
+!>
+!>    H = (p.p + q.q)/2 + alpha (q_1^2 q_2 - q_2^3/3),   H_1 = sigma1 q_1,   H_2 = sigma2 q_2
+!>
+!> so dp_k = .. - sigma_k dW_k. The potential is unbounded below: paths escape, and overflow then.
+module symsde_model_henon_heiles
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type
+   use symsde_base_text, only: name_length
+   use symsde_base_traits, only: model_traits
+   use symsde_model_parameters, only: require_finite, is_zero
+   use symsde_model_separable, only: separable_model
+   implicit none
+   private
+   public :: henon_heiles_model, new_henon_heiles, henon_heiles_names, henon_heiles_defaults
+
+   character(*), parameter :: henon_heiles_names(3) = &
+                              [character(len=name_length) :: 'alpha', 'sigma1', 'sigma2']
+   real(wp), parameter :: henon_heiles_defaults(3) = [1.0_wp, 0.1_wp, 0.1_wp]
+
+   type, extends(separable_model) :: henon_heiles_model
+      private
+      real(wp) :: alpha = 0     !! strength of the cubic term
+      real(wp) :: sigma1 = 0    !! noise of p_1
+      real(wp) :: sigma2 = 0    !! noise of p_2
+   contains
+      procedure :: value => weighted_value
+      procedure :: evaluate
+   end type henon_heiles_model
+
+contains
+
+   !> A Henon-Heiles system. Refuses parameters that are not finite (invalid_argument).
+   subroutine new_henon_heiles(self, alpha, sigma1, sigma2, error)
+      type(henon_heiles_model), intent(out) :: self
+      real(wp), intent(in) :: alpha   !! strength of the cubic term [1/length]
+      real(wp), intent(in) :: sigma1  !! noise of p_1 [1/sqrt(time)]
+      real(wp), intent(in) :: sigma2  !! noise of p_2 [1/sqrt(time)]
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      call require_finite('new_henon_heiles', 'alpha', alpha, error)
+      call require_finite('new_henon_heiles', 'sigma1', sigma1, error)
+      call require_finite('new_henon_heiles', 'sigma2', sigma2, error)
+      if (allocated(error)) return
+      self%alpha = alpha
+      self%sigma1 = sigma1
+      self%sigma2 = sigma2
+      self%name = 'henon_heiles'
+      self%traits = model_traits( &
+                    ndof=2, nnoise=2, separable=.true., additive=.true., position_noise=.true., &
+                    quadratic=is_zero(alpha), identity_mass=.true., &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true.)
+      allocate (self%traits%silent(2))
+      self%traits%silent(1) = is_zero(sigma1)
+      self%traits%silent(2) = is_zero(sigma2)
+   end subroutine new_henon_heiles
+
+   !> Value of sum_j w_j H_j.
+   subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
+      class(henon_heiles_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: value(nlane)
+
+      value = w(:, 0)*((p(:, 1)**2 + p(:, 2)**2 + q(:, 1)**2 + q(:, 2)**2)/2 &
+                       + self%alpha*(q(:, 1)**2*q(:, 2) - q(:, 2)**3/3)) &
+              + self%sigma1*w(:, 1)*q(:, 1) + self%sigma2*w(:, 2)*q(:, 2)
+   end subroutine weighted_value
+
+   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
+      class(henon_heiles_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
+      real(wp) :: alpha, sigma1, sigma2
+
+      alpha = self%alpha
+      sigma1 = self%sigma1
+      sigma2 = self%sigma2
+      if (present(hq)) then
+         hq(:, 1) = w(:, 0)*(q(:, 1) + 2*alpha*q(:, 1)*q(:, 2)) + sigma1*w(:, 1)
+         hq(:, 2) = w(:, 0)*(q(:, 2) + alpha*(q(:, 1)**2 - q(:, 2)**2)) + sigma2*w(:, 2)
+      end if
+      if (present(hp)) then
+         hp(:, 1) = w(:, 0)*p(:, 1)
+         hp(:, 2) = w(:, 0)*p(:, 2)
+      end if
+      if (present(hqq)) then
+         hqq(:, 1, 1) = w(:, 0)*(1 + 2*alpha*q(:, 2))
+         hqq(:, 2, 1) = w(:, 0)*2*alpha*q(:, 1)
+         hqq(:, 1, 2) = hqq(:, 2, 1)
+         hqq(:, 2, 2) = w(:, 0)*(1 - 2*alpha*q(:, 2))
+      end if
+      if (present(hpp)) then
+         hpp(:, 1, 1) = w(:, 0)
+         hpp(:, 2, 1) = 0
+         hpp(:, 1, 2) = 0
+         hpp(:, 2, 2) = w(:, 0)
+      end if
+   end subroutine evaluate
+
+end module symsde_model_henon_heiles

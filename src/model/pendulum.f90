@@ -1,0 +1,79 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A pendulum with one multiplicative noise: H_{1,p} H_{1,q} = sigma^2 p q does not vanish, so
+!> one-sided schemes need their correction here.
+!>
+!>    H = p^2/2 - cos q,   H_1 = sigma (p^2 + q^2)/2
+module symsde_model_pendulum
+   use symsde_base_kinds, only: wp
+   use symsde_base_sincos, only: sincos_lanes
+   use symsde_base_status, only: error_type
+   use symsde_base_text, only: name_length
+   use symsde_base_traits, only: model_traits
+   use symsde_model_parameters, only: require_finite, is_zero
+   use symsde_model_separable, only: separable_model
+   implicit none
+   private
+   public :: pendulum_model, new_pendulum, pendulum_names, pendulum_defaults
+
+   character(*), parameter :: pendulum_names(1) = [character(len=name_length) :: 'sigma']
+   real(wp), parameter :: pendulum_defaults(1) = [0.5_wp]
+
+   type, extends(separable_model) :: pendulum_model
+      private
+      real(wp) :: sigma = 0    !! intensity of the noise [1/sqrt(time)]
+   contains
+      procedure :: value => weighted_value
+      procedure :: evaluate
+   end type pendulum_model
+
+contains
+
+   !> A pendulum. Refuses a parameter that is not finite (invalid_argument).
+   subroutine new_pendulum(self, sigma, error)
+      type(pendulum_model), intent(out) :: self
+      real(wp), intent(in) :: sigma  !! intensity of the noise [1/sqrt(time)]
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      call require_finite('new_pendulum', 'sigma', sigma, error)
+      if (allocated(error)) return
+      self%sigma = sigma
+      self%name = 'pendulum'
+      self%traits = model_traits( &
+                    ndof=1, nnoise=1, separable=.true., additive=is_zero(sigma), &
+                    position_noise=is_zero(sigma), identity_mass=.true., &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
+                    max_frequency=1.0_wp, noise_lipschitz=abs(sigma))
+      allocate (self%traits%silent(1), source=is_zero(sigma))
+   end subroutine new_pendulum
+
+   !> Value of sum_j w_j H_j.
+   subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
+      class(pendulum_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: value(nlane)
+      real(wp) :: sine(nlane), cosine(nlane)
+
+      call sincos_lanes(nlane, q(:, 1), sine, cosine)
+      value = w(:, 0)*(p(:, 1)**2/2 - cosine) + self%sigma*w(:, 1)*(p(:, 1)**2 + q(:, 1)**2)/2
+   end subroutine weighted_value
+
+   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
+      class(pendulum_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
+      real(wp) :: sine(nlane), cosine(nlane), sigma
+
+      sigma = self%sigma
+      if (present(hq) .or. present(hqq)) call sincos_lanes(nlane, q(:, 1), sine, cosine)
+      if (present(hq)) hq(:, 1) = w(:, 0)*sine + sigma*w(:, 1)*q(:, 1)
+      if (present(hp)) hp(:, 1) = (w(:, 0) + sigma*w(:, 1))*p(:, 1)
+      if (present(hqq)) hqq(:, 1, 1) = w(:, 0)*cosine + sigma*w(:, 1)
+      if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + sigma*w(:, 1)
+   end subroutine evaluate
+
+end module symsde_model_pendulum

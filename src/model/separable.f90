@@ -1,0 +1,95 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Models whose Hamiltonians are sums of a function of q and a function of p, written as one kernel.
+!>
+!> An extension gives `evaluate`, which computes whichever of gradient and diagonal Hessian blocks
+!> are wanted; everything else follows from it here, so that a gradient has the same bits whether it
+!> comes alone or with the Hessian. For few degrees of freedom: the blocks are dense.
+module symsde_model_separable
+   use symsde_base_kinds, only: wp
+   use symsde_model_abstract, only: model_type
+   implicit none
+   private
+   public :: separable_model
+
+   type, abstract, extends(model_type) :: separable_model
+   contains
+      procedure(evaluate_interface), deferred :: evaluate
+      procedure :: gradient
+      procedure :: hessian
+      procedure :: gradient_hessian
+      procedure :: hessian_vector
+   end type separable_model
+
+   abstract interface
+      !> Gradient and diagonal Hessian blocks of sum_j w_j H_j; an absent output is not wanted.
+      subroutine evaluate_interface(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
+         import :: separable_model, wp
+         class(separable_model), intent(in) :: self
+         integer, intent(in) :: nlane, ndof, nnoise
+         real(wp), intent(in) :: t                   !! time [1]
+         real(wp), intent(in) :: w(nlane, 0:nnoise)  !! weights of H_0 .. H_m
+         real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
+         real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+         real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
+      end subroutine evaluate_interface
+   end interface
+
+contains
+
+   !> Gradient of sum_j w_j H_j.
+   subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
+      class(separable_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+
+      call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hq=hq, hp=hp)
+   end subroutine gradient
+
+   !> Blocks of the Hessian of sum_j w_j H_j; the mixed block is zero.
+   subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+      class(separable_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+
+      call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hpp=hpp)
+      if (present(hqp)) hqp = 0
+   end subroutine hessian
+
+   !> Gradient and Hessian at one point.
+   subroutine gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
+      class(separable_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+
+      call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
+      if (present(hqp)) hqp = 0
+   end subroutine gradient_hessian
+
+   !> Hessian of sum_j w_j H_j times (vq, vp).
+   subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+      class(separable_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp) :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
+      integer :: i, j
+
+      call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hpp=hpp)
+      do i = 1, ndof
+         uq(:, i) = hqq(:, i, 1)*vq(:, 1)
+         up(:, i) = hpp(:, i, 1)*vp(:, 1)
+         do j = 2, ndof
+            uq(:, i) = uq(:, i) + hqq(:, i, j)*vq(:, j)
+            up(:, i) = up(:, i) + hpp(:, i, j)*vp(:, j)
+         end do
+      end do
+   end subroutine hessian_vector
+
+end module symsde_model_separable

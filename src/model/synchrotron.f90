@@ -1,0 +1,95 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Synchrotron oscillations of particles in storage rings [WHSB] (73)-(75).
+!>
+!>    H = p^2/2 - omega^2 cos q,   H_1 = sigma1 sin q,   H_2 = -sigma2 cos q
+module symsde_model_synchrotron
+   use symsde_base_kinds, only: wp
+   use symsde_base_sincos, only: sincos_lanes
+   use symsde_base_status, only: error_type
+   use symsde_base_text, only: name_length
+   use symsde_base_traits, only: model_traits
+   use symsde_model_parameters, only: require_finite, is_zero
+   use symsde_model_separable, only: separable_model
+   implicit none
+   private
+   public :: synchrotron_model, new_synchrotron, synchrotron_names, synchrotron_defaults
+
+   character(*), parameter :: synchrotron_names(3) = &
+                              [character(len=name_length) :: 'omega', 'sigma1', 'sigma2']
+   real(wp), parameter :: synchrotron_defaults(3) = [2.0_wp, 0.2_wp, 0.1_wp]
+
+   type, extends(separable_model) :: synchrotron_model
+      private
+      real(wp) :: omega2 = 0    !! square of the frequency [1/time^2]
+      real(wp) :: sigma1 = 0    !! noise with cos q [1/time^(3/2)]
+      real(wp) :: sigma2 = 0    !! noise with sin q [1/time^(3/2)]
+   contains
+      procedure :: value => weighted_value
+      procedure :: evaluate
+   end type synchrotron_model
+
+contains
+
+   !> A synchrotron. Refuses parameters that are not finite, or an omega whose square overflows
+   !> (invalid_argument).
+   subroutine new_synchrotron(self, omega, sigma1, sigma2, error)
+      type(synchrotron_model), intent(out) :: self
+      real(wp), intent(in) :: omega   !! frequency of small oscillations [1/time]
+      real(wp), intent(in) :: sigma1  !! noise with the force cos q [1/time^(3/2)]
+      real(wp), intent(in) :: sigma2  !! noise with the force sin q [1/time^(3/2)]
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      call require_finite('new_synchrotron', 'omega', omega, error)
+      call require_finite('new_synchrotron', 'sigma1', sigma1, error)
+      call require_finite('new_synchrotron', 'sigma2', sigma2, error)
+      call require_finite('new_synchrotron', 'omega**2', omega**2, error)
+      if (allocated(error)) return
+      self%omega2 = omega**2
+      self%sigma1 = sigma1
+      self%sigma2 = sigma2
+      self%name = 'synchrotron'
+      self%traits = model_traits( &
+                    ndof=1, nnoise=2, separable=.true., position_noise=.true., &
+                    additive=is_zero(sigma1) .and. is_zero(sigma2), identity_mass=.true., &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
+                    max_frequency=abs(omega), noise_lipschitz=abs(sigma1) + abs(sigma2))
+      allocate (self%traits%silent(2))
+      self%traits%silent(1) = is_zero(sigma1)
+      self%traits%silent(2) = is_zero(sigma2)
+   end subroutine new_synchrotron
+
+   !> Value of sum_j w_j H_j.
+   subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
+      class(synchrotron_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: value(nlane)
+      real(wp) :: sine(nlane), cosine(nlane)
+
+      call sincos_lanes(nlane, q(:, 1), sine, cosine)
+      value = w(:, 0)*p(:, 1)**2/2 + self%sigma1*w(:, 1)*sine &
+              - (self%omega2*w(:, 0) + self%sigma2*w(:, 2))*cosine
+   end subroutine weighted_value
+
+   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
+      class(synchrotron_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
+      real(wp) :: sine(nlane), cosine(nlane), omega2, sigma1, sigma2
+
+      omega2 = self%omega2
+      sigma1 = self%sigma1
+      sigma2 = self%sigma2
+      if (present(hq) .or. present(hqq)) call sincos_lanes(nlane, q(:, 1), sine, cosine)
+      if (present(hq)) hq(:, 1) = (omega2*w(:, 0) + sigma2*w(:, 2))*sine + sigma1*w(:, 1)*cosine
+      if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
+      if (present(hqq)) &
+         hqq(:, 1, 1) = (omega2*w(:, 0) + sigma2*w(:, 2))*cosine - sigma1*w(:, 1)*sine
+      if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
+   end subroutine evaluate
+
+end module symsde_model_synchrotron
