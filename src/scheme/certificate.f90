@@ -112,7 +112,8 @@ contains
              line('explicit', explicit_text(c))// &
              line('cost per step', cost_text(c))
       if (c%form == galerkin_form) &
-         text = text//line('needs', 'H_pp not singular, every H_k = U_k(q) + b_k . p with constant b_k')
+         text = text//line('needs', 'H_pp not singular, every H_k,p constant: '// &
+                          'nodes that see different velocities of the noise tear their momenta apart')
    end function certificate_text
 
    pure function line(what, value) result(text)
