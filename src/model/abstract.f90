@@ -14,6 +14,8 @@ module symsde_model_abstract
    implicit none
    private
    public :: model_type, difference_along, default_step
+   ! the defaults, for models that offer an operation only sometimes
+   public :: value_missing, hessian_by_differences, hessian_vector_composed
 
    !> Step of a central difference relative to the state: balances rounding and truncation.
    real(wp), parameter :: default_step = epsilon(1.0_wp)**(1.0_wp/3)

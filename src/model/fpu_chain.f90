@@ -11,7 +11,7 @@ module symsde_model_fpu_chain
    use symsde_base_text, only: name_length, to_text
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type
-   use symsde_model_parameters, only: require_finite, is_zero
+   use symsde_model_parameters, only: require_finite, is_zero, largest_system
    implicit none
    private
    public :: fpu_chain_model, new_fpu_chain, fpu_chain_names, fpu_chain_defaults
@@ -19,7 +19,6 @@ module symsde_model_fpu_chain
    character(*), parameter :: fpu_chain_names(3) = &
                               [character(len=name_length) :: 'n', 'beta', 'sigma']
    real(wp), parameter :: fpu_chain_defaults(3) = [32.0_wp, 1.0_wp, 0.1_wp]
-   integer, parameter :: largest = 2**20  !! as many noises as the generator can number
 
    type, extends(model_type) :: fpu_chain_model
       private
@@ -47,9 +46,9 @@ contains
       if (allocated(error)) return
       call require_finite('new_fpu_chain', 'beta', beta, error)
       call require_finite('new_fpu_chain', 'sigma', sigma, error)
-      if (n < 1 .or. n > largest) &
+      if (n < 1 .or. n > largest_system) &
          call raise(error, invalid_argument, 'new_fpu_chain', 'parameter n is '//to_text(n)// &
-                    '; give a number of masses from 1 to '//to_text(largest))
+                    '; give a number of masses from 1 to '//to_text(largest_system))
       if (allocated(error)) return
       self%beta = beta
       self%sigma = sigma

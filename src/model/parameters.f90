@@ -1,13 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Checks of parameters that the constructors of models share.
+!> Checks of parameters and of declared traits that the constructors of models share.
 module symsde_model_parameters
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: is_finite_lane
-   use symsde_base_status, only: error_type, raise, invalid_argument
+   use symsde_base_status, only: error_type, raise, invalid_argument, wrong_shape, too_large
    use symsde_base_text, only: to_text
+   use symsde_base_traits, only: model_traits, dense
    implicit none
    private
-   public :: require_finite, is_zero
+   public :: require_finite, is_zero, check_traits, largest_system
+
+   integer, parameter :: largest_system = 2**20  !! as many noises as the generator can number
 
 contains
 
@@ -29,5 +32,47 @@ contains
 
       is_zero = abs(x) <= 0
    end function is_zero
+
+   !> Refuse traits that no model can have: sizes (invalid_argument, too_large), a list of silent
+   !> noises of the wrong length (wrong_shape), bounds below zero or not finite (invalid_argument).
+   subroutine check_traits(place, name, traits, error)
+      character(*), intent(in) :: place            !! the procedure that asks
+      character(*), intent(in) :: name             !! name of the model
+      type(model_traits), intent(in) :: traits     !! as declared
+      type(error_type), allocatable, intent(inout) :: error
+      character(:), allocatable :: model
+
+      model = 'model '''//name//''' declares '
+      if (traits%ndof < 1) &
+         call raise(error, invalid_argument, place, model//to_text(traits%ndof)// &
+                    ' degrees of freedom; give ndof >= 1')
+      if (traits%nnoise < 0) &
+         call raise(error, invalid_argument, place, model//to_text(traits%nnoise)// &
+                    ' noises; give nnoise >= 0')
+      if (max(traits%ndof, traits%nnoise) > largest_system) &
+         call raise(error, too_large, place, model//to_text(traits%ndof)// &
+                    ' degrees of freedom and '//to_text(traits%nnoise)//' noises; give at most '// &
+                    to_text(largest_system)//' of each')
+      if (traits%bandwidth < dense) &
+         call raise(error, invalid_argument, place, model//'bandwidth '//to_text(traits%bandwidth)// &
+                    '; give bandwidth >= 0, or '//to_text(dense)//' for a dense Hessian')
+      if (allocated(traits%silent)) then
+         if (size(traits%silent) /= traits%nnoise) &
+            call raise(error, wrong_shape, place, model//to_text(size(traits%silent))// &
+                       ' silent flags for '//to_text(traits%nnoise)//' noises; give one for each')
+      end if
+      call check_bound(place, model//'max_frequency', traits%max_frequency, error)
+      call check_bound(place, model//'noise_lipschitz', traits%noise_lipschitz, error)
+   end subroutine check_traits
+
+   subroutine check_bound(place, what, bound, error)
+      character(*), intent(in) :: place, what
+      real(wp), intent(in) :: bound
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (bound >= 0 .and. is_finite_lane(bound)) return
+      call raise(error, invalid_argument, place, what//' = '//to_text(bound)// &
+                 '; give a bound >= 0, or 0 for none')
+   end subroutine check_bound
 
 end module symsde_model_parameters

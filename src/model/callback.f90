@@ -1,0 +1,266 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A model whose gradient, and what else it offers, are C functions that work on whole blocks.
+!>
+!> Arrays have the lane fastest: Fortran q(nlane, ndof) is C q[ndof][nlane], w(nlane, 0:nnoise) is
+!> w[nham][nlane] with nham = nnoise + 1, and hqp(nlane, i, j) = d2/(dq_i dp_j) is hqp[j][i][nlane].
+!> An output that is not wanted is NULL. The functions are called from several threads at once, must
+!> compute every lane by itself, and mark a lane that fails by NaN. A nonzero return aborts the run:
+!> the outputs of that call become NaN and failure_code() tells the first such code.
+!>
+!> Do not copy with allocate(source=): two models would own one record of failure. Assignment is safe.
+module symsde_model_callback
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, &
+                                          c_int, c_null_ptr, c_ptr
+   use symsde_base_kinds, only: wp, i4
+   use symsde_base_status, only: error_type, raise, missing_operation
+   use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, &
+                                    hessian_vector_composed
+   use symsde_model_parameters, only: check_traits
+   implicit none
+   private
+   public :: callback_model, new_callback_model
+   public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback
+
+   type, extends(model_type) :: callback_model
+      private
+      procedure(gradient_callback), pointer, nopass :: on_gradient => null()
+      procedure(value_callback), pointer, nopass :: on_value => null()
+      procedure(hessian_callback), pointer, nopass :: on_hessian => null()
+      procedure(hessian_vector_callback), pointer, nopass :: on_hessian_vector => null()
+      type(c_ptr) :: user = c_null_ptr           !! handed to every function as it is
+      integer(i4), pointer :: failure => null()  !! first nonzero return; a model is intent(in)
+   contains
+      procedure :: gradient
+      procedure :: value => weighted_value
+      procedure :: hessian
+      procedure :: hessian_vector
+      procedure :: failure_code
+      procedure :: clear_failure
+      procedure, private :: copy
+      generic :: assignment(=) => copy
+      final :: release
+   end type callback_model
+
+   abstract interface
+      !> Gradient of sum_j w_j H_j.
+      function gradient_callback(nlane, ndof, nham, t, w, q, p, hq, hp, user) bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code  !! 0 = ok
+      end function gradient_callback
+
+      !> Value of sum_j w_j H_j.
+      function value_callback(nlane, ndof, nham, t, w, q, p, value, user) bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out) :: value(nlane)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function value_callback
+
+      !> Blocks of its Hessian.
+      function hessian_callback(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user) &
+         bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+         real(c_double), intent(out), optional :: hpp(nlane, ndof, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function hessian_callback
+
+      !> Its Hessian times (vq, vp).
+      function hessian_vector_callback(nlane, ndof, nham, t, w, q, p, vq, vp, uq, up, user) &
+         bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+         real(c_double), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function hessian_vector_callback
+   end interface
+
+contains
+
+   !> A model from C functions. What is offered sets has_value, has_hessian and has_hessian_vector of
+   !> the traits. Refuses a missing gradient (missing_operation) and impossible traits (check_traits).
+   subroutine new_callback_model(self, name, traits, gradient, value, hessian, hessian_vector, &
+                                 user, error)
+      type(callback_model), intent(out) :: self
+      character(*), intent(in) :: name                !! for messages and reports
+      type(model_traits), intent(in) :: traits        !! as declared by the user
+      type(c_funptr), intent(in) :: gradient          !! a gradient_callback
+      type(c_funptr), intent(in) :: value             !! a value_callback, or c_null_funptr
+      type(c_funptr), intent(in) :: hessian           !! a hessian_callback, or c_null_funptr
+      type(c_funptr), intent(in) :: hessian_vector    !! a hessian_vector_callback, or c_null_funptr
+      type(c_ptr), intent(in) :: user                 !! handed to every function as it is
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      call check_traits('new_callback_model', name, traits, error)
+      if (.not. c_associated(gradient)) &
+         call raise(error, missing_operation, 'new_callback_model', 'model '''//name// &
+                    ''' has no gradient; give a function for it, all the others are optional')
+      if (allocated(error)) return
+      self%name = name
+      self%traits = traits
+      self%traits%has_value = c_associated(value)
+      self%traits%has_hessian = c_associated(hessian)
+      self%traits%has_hessian_vector = c_associated(hessian_vector)
+      call c_f_procpointer(gradient, self%on_gradient)
+      if (c_associated(value)) call c_f_procpointer(value, self%on_value)
+      if (c_associated(hessian)) call c_f_procpointer(hessian, self%on_hessian)
+      if (c_associated(hessian_vector)) call c_f_procpointer(hessian_vector, self%on_hessian_vector)
+      self%user = user
+      allocate (self%failure, source=0_i4)
+   end subroutine new_callback_model
+
+   !> Gradient of sum_j w_j H_j.
+   subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      integer(i4) :: code
+
+      code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, ndof, hq)
+      call spoil(nlane, ndof, hp)
+   end subroutine gradient
+
+   !> Value of sum_j w_j H_j; NaN where the user offers none.
+   subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: value(nlane)
+      integer(i4) :: code
+
+      if (.not. associated(self%on_value)) then
+         call value_missing(self, nlane, ndof, nnoise, t, w, q, p, value)
+         return
+      end if
+      code = self%on_value(nlane, ndof, nnoise + 1, t, w, q, p, value, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, 1, value)
+   end subroutine weighted_value
+
+   !> Blocks of the Hessian of sum_j w_j H_j; by products or differences where the user offers none.
+   subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      integer(i4) :: code
+
+      if (.not. associated(self%on_hessian)) then
+         call hessian_by_differences(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+         return
+      end if
+      code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hqq, hqp, hpp, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, ndof*ndof, hqq)
+      call spoil(nlane, ndof*ndof, hqp)
+      call spoil(nlane, ndof*ndof, hpp)
+   end subroutine hessian
+
+   !> Hessian of sum_j w_j H_j times (vq, vp); from the Hessian or by differences where the user
+   !> offers none.
+   subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      integer(i4) :: code
+
+      if (.not. associated(self%on_hessian_vector)) then
+         call hessian_vector_composed(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+         return
+      end if
+      code = self%on_hessian_vector(nlane, ndof, nnoise + 1, t, w, q, p, vq, vp, uq, up, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, ndof, uq)
+      call spoil(nlane, ndof, up)
+   end subroutine hessian_vector
+
+   !> The first nonzero code that a function returned since clear_failure; 0 = none.
+   integer function failure_code(self) result(code)
+      class(callback_model), intent(in) :: self
+
+      code = 0
+      if (.not. associated(self%failure)) return
+      !$omp atomic read
+      code = self%failure
+   end function failure_code
+
+   !> Forget a failure, before a run.
+   subroutine clear_failure(self)
+      class(callback_model), intent(in) :: self
+
+      if (.not. associated(self%failure)) return
+      !$omp atomic write
+      self%failure = 0
+   end subroutine clear_failure
+
+   !> Keep the first nonzero code. Of two threads that fail at the same moment either may win.
+   subroutine note(self, code)
+      type(callback_model), intent(in) :: self
+      integer(i4), intent(in) :: code
+
+      if (self%failure_code() /= 0) return
+      !$omp atomic write
+      self%failure = code
+   end subroutine note
+
+   !> An output of a function that failed; absent outputs stay absent.
+   pure subroutine spoil(nlane, n, x)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(out), optional :: x(nlane, n)
+
+      if (present(x)) x = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine spoil
+
+   !> Assignment: the same functions, a record of failure of its own.
+   subroutine copy(left, right)
+      class(callback_model), intent(inout) :: left
+      class(callback_model), intent(in) :: right
+
+      left%name = right%name
+      left%traits = right%traits
+      left%on_gradient => right%on_gradient
+      left%on_value => right%on_value
+      left%on_hessian => right%on_hessian
+      left%on_hessian_vector => right%on_hessian_vector
+      left%user = right%user
+      if (.not. associated(left%failure)) allocate (left%failure)
+      left%failure = 0
+   end subroutine copy
+
+   !> Give back the record of failure.
+   subroutine release(self)
+      type(callback_model), intent(inout) :: self
+
+      if (associated(self%failure)) deallocate (self%failure)
+   end subroutine release
+
+end module symsde_model_callback
