@@ -18,25 +18,27 @@ contains
    pure function scheme_names() result(names)
       character(len=name_length), allocatable :: names(:)
 
-      names = [character(len=name_length) :: 'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', &
-               'stormer_verlet', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', &
-               'lobatto3_swapped', 'lobatto4', 'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', &
-               'P1N3Q4Lob', 'P2N2Q2Lob', 'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', 'heun', &
-               'euler_maruyama']
+      names = [character(len=name_length) :: 'midpoint', 'symplectic_euler', &
+               'symplectic_euler_adjoint', 'stormer_verlet', 'gauss2', 'gauss3', 'gauss4', &
+               'lobatto2', 'lobatto2_swapped', 'lobatto3', 'lobatto3_swapped', 'lobatto4', &
+               'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', 'P1N3Q4Lob', 'P2N2Q2Lob', &
+               'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', 'heun', 'euler_maruyama']
    end function scheme_names
 
-   !> Names that take a parameter after the colon: dirk:c with 0 < c < 1 is a midpoint step of length c h
-   !> followed by one of length (1-c) h; lambda:x with 0 <= x <= 1 is the one-sided family.
+   !> Names that take a parameter after the colon: dirk:c with 0 < c < 1 is a midpoint step of
+   !> length c h followed by one of length (1-c) h; lambda:x with 0 <= x <= 1 is the one-sided
+   !> family.
    pure function scheme_families() result(names)
       character(len=name_length), allocatable :: names(:)
 
       names = [character(len=name_length) :: 'dirk:', 'lambda:']
    end function scheme_families
 
-   !> The scheme of a name: one of scheme_names(), a family with its parameter ('dirk:0.25', 'lambda:0.3'),
-   !> or PsNrQu with Gau, Lob or Otr: degree s, r nodes, quadrature of order u (Gauss, Lobatto, open
-   !> trapezoid; Holm and Tyranowski 2018).
-   !> Errors: unknown_name, with the nearest names; invalid_argument for a parameter that is not allowed.
+   !> The scheme of a name: one of scheme_names(), a family with its parameter ('dirk:0.25',
+   !> 'lambda:0.3'), or PsNrQu with Gau, Lob or Otr: degree s, r nodes, quadrature of order u
+   !> (Gauss, Lobatto, open trapezoid; Holm and Tyranowski 2018).
+   !> Errors: unknown_name, with the nearest names; invalid_argument for a parameter that is not
+   !> allowed.
    subroutine get_scheme(scheme, name, error)
       type(scheme_type), intent(out) :: scheme
       character(*), intent(in) :: name
@@ -45,7 +47,8 @@ contains
       if (allocated(error)) return
       select case (name)
       case ('midpoint')
-         call from_rule(scheme, name, 'gauss1', 1, '[WHSB] (70); Milstein, Repin, Tretyakov 2002', error)
+         call from_rule(scheme, name, 'gauss1', 1, '[WHSB] (70); Milstein, Repin, Tretyakov 2002', &
+                        error)
       case ('symplectic_euler')
          call from_rule(scheme, name, 'rectangle_left', 1, '[WHSB] (89)-(90)', error)
       case ('symplectic_euler_adjoint')
@@ -53,11 +56,14 @@ contains
       case ('gauss2', 'gauss3', 'gauss4')
          call from_rule(scheme, name, name, degree_of(name), 'Gauss; Ma, Ding, Ding 2012', error)
       case ('stormer_verlet')
-         call from_rule(scheme, name, 'lobatto2', 2, 'Lobatto IIIA-IIIB 2; Ma, Ding 2015; Holm, Tyranowski 2018', error)
+         call from_rule(scheme, name, 'lobatto2', 2, &
+                        'Lobatto IIIA-IIIB 2; Ma, Ding 2015; Holm, Tyranowski 2018', error)
       case ('lobatto2', 'lobatto3', 'lobatto4')
-         call from_rule(scheme, name, name, degree_of(name), 'Lobatto IIIA-IIIB; Ma, Ding 2015', error)
+         call from_rule(scheme, name, name, degree_of(name), &
+                        'Lobatto IIIA-IIIB; Ma, Ding 2015', error)
       case ('lobatto2_swapped', 'lobatto3_swapped', 'lobatto4_swapped')
-         call from_rule(scheme, name, name(:8), degree_of(name), 'Lobatto IIIB-IIIA; Ma, Ding 2015', error)
+         call from_rule(scheme, name, name(:8), degree_of(name), &
+                        'Lobatto IIIB-IIIA; Ma, Ding 2015', error)
          call swap(scheme)
       case ('heun', 'euler_maruyama')
          call contrast(scheme, name, error)
@@ -147,8 +153,10 @@ contains
          call scheme_from_quadrature(scheme, 1, [x], [1.0_wp], name, error)
          scheme%reference = 'one-sided family, [WHSB] (70), (89)-(92)'
       else
-         call raise(error, unknown_name, 'get_scheme', "there is no scheme '"//trim(name)//"'; the nearest names are "// &
-                    few(nearest_names(name, [scheme_names(), scheme_families()]))//'; scheme_names() lists all')
+         call raise(error, unknown_name, 'get_scheme', "there is no scheme '"//trim(name)// &
+                    "'; the nearest names are "// &
+                    few(nearest_names(name, [scheme_names(), scheme_families()]))// &
+                    '; scheme_names() lists all')
       end if
    end subroutine parametrised
 
@@ -190,8 +198,10 @@ contains
          rule = 'open_trapezoid'
          known = r == 2 .and. u == 2
       end select
-      known = known .and. min(s, r, u) > 0 .and. s <= r .and. name(1:1)//name(3:3)//name(5:5) == 'PNQ'
-      if (known) call from_rule(scheme, name, trim(rule), s, 'Galerkin; Holm, Tyranowski 2018', error)
+      known = known .and. min(s, r, u) > 0 .and. s <= r
+      known = known .and. name(1:1)//name(3:3)//name(5:5) == 'PNQ'
+      if (.not. known) return
+      call from_rule(scheme, name, trim(rule), s, 'Galerkin; Holm, Tyranowski 2018', error)
    end subroutine galerkin
 
    !> The number after the colon.
@@ -206,15 +216,17 @@ contains
       text = name(len(family) + 1:)
       iostat = merge(1, 0, text == '' .or. verify(trim(text), '0123456789.+-eE') > 0)
       if (iostat == 0) read (text, '(f40.0)', iostat=iostat) x
-      if (iostat /= 0) call raise(error, invalid_argument, 'get_scheme', "'"//trim(name)// &
-                                  "' has no number after the colon; write for example "//family//'0.25')
+      if (iostat == 0) return
+      call raise(error, invalid_argument, 'get_scheme', "'"//trim(name)// &
+                 "' has no number after the colon; write for example "//family//'0.25')
    end subroutine read_parameter
 
    subroutine refuse_parameter(name, allowed, error)
       character(*), intent(in) :: name, allowed
       type(error_type), allocatable, intent(inout) :: error
 
-      call raise(error, invalid_argument, 'get_scheme', "the parameter of '"//trim(name)//"' must satisfy "//allowed)
+      call raise(error, invalid_argument, 'get_scheme', &
+                 "the parameter of '"//trim(name)//"' must satisfy "//allowed)
    end subroutine refuse_parameter
 
    !> The first three of a list of names.

@@ -3,7 +3,8 @@
 module symsde_scheme_certificate
    use symsde_base_kinds, only: wp
    use symsde_base_text, only: to_text
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, symplecticity_residual
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, &
+                                   symplecticity_residual
    use symsde_scheme_properties, only: symmetry_residual, quadratic_residual, stratonovich_sum, &
                                        conjugate_stratonovich_sum, coefficient_tolerance
    use symsde_scheme_dependency, only: is_explicit, implicit_unknowns
@@ -33,7 +34,7 @@ module symsde_scheme_certificate
       real(wp) :: symmetry_residual = 0         !! distance from the adjoint
       logical :: keeps_quadratic = .false.
       real(wp) :: quadratic_residual = 0        !! largest |a - abar|, |b - bbar|
-      real(wp) :: order_additive = 0            !! strong; where a correction is needed: with its increments form
+      real(wp) :: order_additive = 0            !! strong; corrected where needed
       real(wp) :: order_commutative = 0
       real(wp) :: order_general = 0
       real(wp) :: order_commuting = 0
@@ -88,7 +89,8 @@ contains
       if (scheme%form == ito_form) return
       conjugate = conjugate_stratonovich_sum(scheme)
       c%correction_coefficient = scheme%correction_coefficient()
-      c%correction_needed = max(abs(c%stratonovich_sum - 0.5_wp), abs(conjugate - 0.5_wp)) > coefficient_tolerance
+      c%correction_needed = max(abs(c%stratonovich_sum - 0.5_wp), abs(conjugate - 0.5_wp)) &
+                            > coefficient_tolerance
       c%correction_exists = c%correction_needed .and. &
                             abs(c%stratonovich_sum + conjugate - 1) < coefficient_tolerance
    end subroutine judge_consistency
@@ -102,10 +104,11 @@ contains
              line('reference', c%reference)// &
              line('symplectic', symplectic_text(c))// &
              line('consistency', consistency_text(c))// &
-             line('symmetric', yes_no(c%symmetric)//', distance from the adjoint '//to_text(c%symmetry_residual))// &
+             line('symmetric', yes_no(c%symmetric)//', distance from the adjoint '// &
+                  to_text(c%symmetry_residual))// &
              line('quadratic invariants', quadratic_text(c))// &
-             line('strong order', 'additive noise '//order_text(c%order_additive)//', commutative '// &
-                  order_text(c%order_commutative)//', general '//order_text(c%order_general)// &
+             line('strong order', 'additive noise '//order_text(c%order_additive)// &
+                  ', commutative '//order_text(c%order_commutative)//', general '//order_text(c%order_general)// &
                   ', commuting flows '//order_text(c%order_commuting))// &
              line('weak order', order_text(c%order_weak))// &
              line('order without noise', to_text(c%order_noise_free))// &
@@ -150,7 +153,8 @@ contains
 
       select case (c%form)
       case (tableau_form); text = 'tableau, '//to_text(c%nstage)//' stages'
-      case (galerkin_form); text = 'Galerkin, degree '//to_text(c%degree)//', '//to_text(c%nstage)//' nodes'
+      case (galerkin_form)
+         text = 'Galerkin, degree '//to_text(c%degree)//', '//to_text(c%nstage)//' nodes'
       case default; text = 'Ito form, '//to_text(c%nstage)//' stages'
       end select
    end function form_text
@@ -164,7 +168,8 @@ contains
       else if (c%form == ito_form) then
          text = 'no, it steps the Ito form'
       else
-         text = yes_no(c%symplectic)//', residual of the conditions '//to_text(c%symplecticity_residual)
+         text = yes_no(c%symplectic)//', residual of the conditions '// &
+                to_text(c%symplecticity_residual)
       end if
       if (c%symplectic .and. c%correction_needed) &
          text = text//'; corrected, and without an analytic Hessian, to the error of its differences'
@@ -179,10 +184,13 @@ contains
       else if (.not. c%correction_needed) then
          text = 'Stratonovich, no correction'
       else if (c%correction_exists) then
-         text = 'beta^T b e = '//to_text(c%stratonovich_sum)//': Stratonovich only with the correction of coefficient '// &
-                to_text(c%correction_coefficient)//', unless H_k,p . H_k,q is constant for every noise'
+         text = 'beta^T b e = '//to_text(c%stratonovich_sum)// &
+                ': Stratonovich only with the correction of coefficient '// &
+                to_text(c%correction_coefficient)// &
+                ', unless H_k,p . H_k,q is constant for every noise'
       else
-         text = 'beta^T b e = '//to_text(c%stratonovich_sum)//': not the Stratonovich equation, and no correction exists'
+         text = 'beta^T b e = '//to_text(c%stratonovich_sum)// &
+                ': not the Stratonovich equation, and no correction exists'
       end if
    end function consistency_text
 
@@ -203,7 +211,8 @@ contains
       case (explicit_if_separable); text = 'for separable models'
       case default; text = 'never'
       end select
-      if (c%explicit_for /= never_explicit .and. c%correction_exists) text = text//', without correction'
+      if (c%explicit_for /= never_explicit .and. c%correction_exists) &
+         text = text//', without correction'
    end function explicit_text
 
    pure function cost_text(c) result(text)

@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> New schemes from old ones: the adjoint, compositions of fractions of a step, the triple jump.
 !>
-!> All are tableaux again, so the general stepper executes them and a certificate judges them. The parts of
-!> a composition share the increments in proportion to their fractions of the step. The adjoint treats the
-!> drift correction as even: its coefficient follows from the new beta^T b e and has the other sign
-!> (adjoint of the one-sided scheme lambda is that of 1 - lambda).
+!> All are tableaux again, so the general stepper executes them and a certificate judges them. The
+!> parts of a composition share the increments in proportion to their fractions of the step. The
+!> adjoint treats the drift correction as even: its coefficient follows from the new beta^T b e and
+!> has the other sign (adjoint of the one-sided scheme lambda is that of 1 - lambda).
 module symsde_scheme_composition
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: is_finite_lane
@@ -21,7 +21,8 @@ module symsde_scheme_composition
 contains
 
    !> The adjoint, the inverse map of a step back in time, Phi*_{h,dW} = (Phi_{-h,-dW})^{-1}: with
-   !> i' = r+1-i, alpha*_j = alpha_j', c*_i = 1 - c_i', a*_ij = alpha_j' - a_i'j', and alike for abar, b, bbar.
+   !> i' = r+1-i, alpha*_j = alpha_j', c*_i = 1 - c_i', a*_ij = alpha_j' - a_i'j', and alike for
+   !> abar, b, bbar.
    !> Errors: incompatible for Euler-Maruyama, whose Ito form has no such inverse.
    subroutine adjoint_scheme(scheme, base, error, name)
       type(scheme_type), intent(out) :: scheme  !! not the same variable as base
@@ -71,9 +72,10 @@ contains
       end do
    end function adjoint_matrix
 
-   !> One step made of a step of each part after the other, part k with the fraction gamma_k of h and of all
-   !> increments. Block tableau: gamma_k a^k on the diagonal, gamma_l alpha^l in the columns of earlier
-   !> parts l < k; weights gamma_k alpha^k; times sum_{l<k} gamma_l + gamma_k c^k.
+   !> One step made of a step of each part after the other, part k with the fraction gamma_k of h
+   !> and of all increments. Block tableau: gamma_k a^k on the diagonal, gamma_l alpha^l in the
+   !> columns of earlier parts l < k; weights gamma_k alpha^k; times sum_{l<k} gamma_l + gamma_k
+   !> c^k.
    !> Errors: wrong_shape, invalid_argument (fractions), incompatible (a part that is no tableau).
    subroutine composed_scheme(scheme, parts, fractions, name, error)
       type(scheme_type), intent(out) :: scheme
@@ -154,8 +156,8 @@ contains
       end if
    end subroutine check_parts
 
-   !> A half step of the scheme followed by a half step of its adjoint: symmetric, of even order. That of
-   !> [WHSB] (89)-(90) is the Stoermer-Verlet scheme.
+   !> A half step of the scheme followed by a half step of its adjoint: symmetric, of even order.
+   !> That of [WHSB] (89)-(90) is the Stoermer-Verlet scheme.
    !> Errors: those of adjoint_scheme and composed_scheme.
    subroutine symmetric_composition(scheme, base, error, name)
       type(scheme_type), intent(out) :: scheme  !! not the same variable as base
@@ -173,8 +175,8 @@ contains
       call composed_scheme(scheme, parts, [0.5_wp, 0.5_wp], own_name, error)
    end subroutine symmetric_composition
 
-   !> Fractions g, 1-2g, g with g = 1/(2 - 2^{1/(p+1)}) of a symmetric scheme of even order p: order p+2
-   !> without noise (Yoshida 1990; Suzuki 1990; Misawa 2010 for stochastic systems).
+   !> Fractions g, 1-2g, g with g = 1/(2 - 2^{1/(p+1)}) of a symmetric scheme of even order p: order
+   !> p+2 without noise (Yoshida 1990; Suzuki 1990; Misawa 2010 for stochastic systems).
    !> Errors: incompatible for a scheme that is not symmetric; those of composed_scheme.
    subroutine triple_jump(scheme, base, error, name)
       type(scheme_type), intent(out) :: scheme  !! not the same variable as base

@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Which stage values of a tableau need which others: whether a scheme is explicit, and in which order.
+!> Which stage values of a tableau need which others: whether a scheme is explicit, and in which
+!> order.
 !>
-!> Q_i needs H_p at stage j where a_ij or b_ij is not zero, P_i needs H_q there by abar and bbar. H_p at
-!> stage j needs (Q_j,P_j), for separable Hamiltonians P_j alone; H_q needs Q_j alone then.
+!> Q_i needs H_p at stage j where a_ij or b_ij is not zero, P_i needs H_q there by abar and bbar.
+!> H_p at stage j needs (Q_j,P_j), for separable Hamiltonians P_j alone; H_q needs Q_j alone then.
 module symsde_scheme_dependency
    use symsde_base_kinds, only: wp
    use symsde_scheme_scheme, only: scheme_type, galerkin_form
@@ -21,8 +22,9 @@ contains
       if (is_explicit) is_explicit = size(evaluation_order(scheme, separable)) == 2*scheme%nstage
    end function is_explicit
 
-   !> Stage values in an order in which each needs only earlier ones, i for Q_i and nstage+i for P_i; it ends
-   !> where what is left must be solved for. Complete, with 2 nstage entries, for an explicit scheme.
+   !> Stage values in an order in which each needs only earlier ones, i for Q_i and nstage+i for
+   !> P_i; it ends where what is left must be solved for. Complete, with 2 nstage entries, for an
+   !> explicit scheme.
    pure function evaluation_order(scheme, separable) result(order)
       type(scheme_type), intent(in) :: scheme  !! not of Galerkin form
       logical, intent(in) :: separable
@@ -48,12 +50,14 @@ contains
       order = sorted(:count)
    end function evaluation_order
 
-   !> Values for each degree of freedom that must be solved for together: stage values on or between cycles,
-   !> equal ones counted once; for Galerkin data the momenta at the nodes and the control points.
+   !> Values for each degree of freedom that must be solved for together: stage values on or between
+   !> cycles, equal ones counted once; for Galerkin data the momenta at the nodes and the control
+   !> points.
    pure integer function implicit_unknowns(scheme, separable) result(unknowns)
       type(scheme_type), intent(in) :: scheme
       logical, intent(in) :: separable
-      logical :: needs(2*scheme%nstage, 2*scheme%nstage), left(2*scheme%nstage), keep(2*scheme%nstage)
+      logical :: needs(2*scheme%nstage, 2*scheme%nstage)
+      logical :: left(2*scheme%nstage), keep(2*scheme%nstage)
       integer :: i, j
 
       if (scheme%form == galerkin_form) then
@@ -104,7 +108,8 @@ contains
          if (.not. left(j)) cycle
          k = r*((i - 1)/r)
          if (k == 0) then
-            repeats = same(scheme%a(i, :), scheme%a(j, :)) .and. same(scheme%b(i, :), scheme%b(j, :))
+            repeats = same(scheme%a(i, :), scheme%a(j, :)) .and. &
+                      same(scheme%b(i, :), scheme%b(j, :))
          else
             repeats = same(scheme%abar(i - k, :), scheme%abar(j - k, :)) .and. &
                       same(scheme%bbar(i - k, :), scheme%bbar(j - k, :))

@@ -1,15 +1,15 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> From a quadrature to a scheme: the discrete Lagrangian of [WHSB] (49), (53)-(58), (63)-(65), closed by
-!> free internal momenta.
+!> From a quadrature to a scheme: the discrete Lagrangian of [WHSB] (49), (53)-(58), (63)-(65),
+!> closed by free internal momenta.
 !>
 !> q_d is a polynomial of degree s through q_n and q_{n+1}, P_i a momentum at the node c_i:
 !>
 !>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
 !>
 !> and p_n = -dL_h/dq_n, p_{n+1} = dL_h/dq_{n+1}. With r = s nodes it is a partitioned tableau: with
-!> V_i = q_d'(c_i) the stages are Q_i = q_n + sum_j a_ij V_j with a_ij the integral of the j-th Lagrange
-!> polynomial from 0 to c_i, and the variations with respect to V_j give P_j
-!> (Holm and Tyranowski, BIT 58, 2018; Ober-Bloebaum and Saake, 2015).
+!> V_i = q_d'(c_i) the stages are Q_i = q_n + sum_j a_ij V_j with a_ij the integral of the j-th
+!> Lagrange polynomial from 0 to c_i, and the variations with respect to V_j give P_j (Holm and
+!> Tyranowski, BIT 58, 2018; Ober-Bloebaum and Saake, 2015).
 module symsde_scheme_discrete_lagrangian
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: is_finite_lane
@@ -29,10 +29,11 @@ module symsde_scheme_discrete_lagrangian
 
 contains
 
-   !> The scheme of a polynomial degree s and a quadrature of r nodes, in any order. r = s gives a tableau,
-   !> r > s Galerkin data, for noise that keeps the internal momenta determined (H_k = U_k(q) + b_k . p).
-   !> With own noise weights beta the tableau is b_ij = a_ij beta_j/alpha_j, bbar_ij = beta_j -
-   !> beta_j a_ji/alpha_i, which satisfies the four symplecticity conditions identically.
+   !> The scheme of a polynomial degree s and a quadrature of r nodes, in any order. r = s gives a
+   !> tableau; with own noise weights beta its b_ij = a_ij beta_j/alpha_j and bbar_ij = beta_j -
+   !> beta_j a_ji/alpha_i satisfy the four symplecticity conditions identically. r > s gives Galerkin
+   !> data, for noise with H_k = U_k(q) + b_k . p only, and U_k(q) alone with own noise weights: where
+   !> the nodes see different velocities of the noise, P_i - P_j is of the size dW^2/h.
    !> Errors: wrong_shape, invalid_argument (numbers), incompatible (choices that give no scheme).
    subroutine scheme_from_quadrature(scheme, degree, nodes, weights, name, error, noise_weights)
       type(scheme_type), intent(out) :: scheme
@@ -46,7 +47,8 @@ contains
       integer :: order(size(nodes)), exactness
 
       call check_numbers(degree, nodes, weights, 'weights', error)
-      if (present(noise_weights)) call check_numbers(degree, nodes, noise_weights, 'noise weights', error)
+      if (present(noise_weights)) &
+         call check_numbers(degree, nodes, noise_weights, 'noise weights', error)
       if (.not. allocated(error)) call check_choice(degree, nodes, weights, error)
       if (allocated(error)) return
       beta = weights
@@ -68,10 +70,10 @@ contains
       call declare_properties(scheme, min(2*degree, exactness + 1))
    end subroutine scheme_from_quadrature
 
-   !> The paper's own recipe (63)-(65) with momenta tied to the end points: node i evaluates the Hamiltonians
-   !> at Q_i = (1-c_i) q_n + c_i q_{n+1} and P_i = (1-d_i) p_n + d_i p_{n+1}. Its 4n equations for 2n unknowns
-   !> agree only if all P_i are one combination and d = 1 - sum_i w_i c_i with a single q-node: the family
-   !> Q = (1-lambda) q_n + lambda q_{n+1}, P = lambda p_n + (1-lambda) p_{n+1} of [WHSB] (70), (89)-(92).
+   !> The paper's own recipe (63)-(65) with momenta tied to the end points: node i evaluates the
+   !> Hamiltonians at Q_i = (1-c_i) q_n + c_i q_{n+1} and P_i = (1-d_i) p_n + d_i p_{n+1}. Its 4n
+   !> equations for 2n unknowns agree only for a single node with d = 1 - c: the family Q = (1-lambda) q_n + lambda q_{n+1}, P = lambda p_n +
+   !> (1-lambda) p_{n+1} of [WHSB] (70), (89)-(92).
    !> Errors: those of scheme_from_quadrature; incompatible for every other choice, with the reason.
    subroutine scheme_from_end_point_rule(scheme, q_nodes, p_nodes, weights, name, error)
       type(scheme_type), intent(out) :: scheme
@@ -82,18 +84,20 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       if (size(p_nodes) /= size(q_nodes)) then
-         call raise(error, wrong_shape, 'scheme_from_end_point_rule', 'there are '//to_text(size(q_nodes))// &
-                    ' nodes for q and '//to_text(size(p_nodes))//' for p; give as many of one as of the other')
+         call raise(error, wrong_shape, 'scheme_from_end_point_rule', 'there are '// &
+                    to_text(size(q_nodes))//' nodes for q and '//to_text(size(p_nodes))// &
+                    ' for p; give as many of one as of the other')
       else if (size(q_nodes) > 1) then
-         call raise(error, incompatible, 'scheme_from_end_point_rule', 'with '//to_text(size(q_nodes))// &
-                    ' nodes whose momenta are tied to p_n and p_{n+1} the equations (63)-(65) are 4n conditions '// &
-                    'on 2n unknowns that contradict each other (the trapezoid in q and p forces q_n = q_{n+1}); '// &
-                    'use one node, or scheme_from_quadrature, which leaves the internal momenta free')
+         call raise(error, incompatible, 'scheme_from_end_point_rule', 'with '// &
+                    to_text(size(q_nodes))//' nodes whose momenta are tied to p_n and p_{n+1} '// &
+                    'the equations (63)-(65) are 4n conditions on 2n unknowns that contradict '// &
+                    'each other (the trapezoid in q and p forces q_n = q_{n+1}); use one '// &
+                    'node, or scheme_from_quadrature, which leaves the internal momenta free')
       else if (size(q_nodes) == 1) then
          if (.not. abs(q_nodes(1) + p_nodes(1) - 1) <= tolerance) &
             call raise(error, incompatible, 'scheme_from_end_point_rule', 'the node of q is '// &
-                       to_text(q_nodes(1))//' and that of p is '//to_text(p_nodes(1))//'; (63)-(65) agree only if '// &
-                       'they add up to one: take 1 - '//to_text(q_nodes(1))//' for p')
+                       to_text(q_nodes(1))//' and that of p is '//to_text(p_nodes(1))// &
+                       '; (63)-(65) agree only if they add up to one: take 1 - '//to_text(q_nodes(1))//' for p')
       end if
       if (allocated(error)) return
       call scheme_from_quadrature(scheme, 1, q_nodes, weights, name, error)
@@ -115,10 +119,12 @@ contains
          call raise(error, invalid_argument, place, 'the degree of the polynomial is '//to_text(degree)// &
                     '; allowed are 1 to '//to_text(max_degree))
       else if (.not. (all(is_finite_lane(nodes)) .and. all(is_finite_lane(weights)))) then
-         call raise(error, invalid_argument, place, 'nodes and '//what//' must be finite numbers; one is not')
+         call raise(error, invalid_argument, place, &
+                    'nodes and '//what//' must be finite numbers; one is not')
       else if (any(nodes < 0) .or. any(nodes > 1)) then
          call raise(error, invalid_argument, place, 'the node '// &
-                    to_text(nodes(maxloc(abs(nodes - 0.5_wp), dim=1)))//' lies outside [0,1]; nodes are fractions of the step')
+                    to_text(nodes(maxloc(abs(nodes - 0.5_wp), dim=1)))// &
+                    ' lies outside [0,1]; nodes are fractions of the step')
       else if (smallest_distance(nodes) < node_distance) then
          call raise(error, invalid_argument, place, 'a node is repeated; nodes must differ by at least '// &
                     to_text(node_distance)//': give it once, with the sum of the weights')
@@ -131,7 +137,8 @@ contains
       end if
    end subroutine check_numbers
 
-   !> Degree, number of nodes and exactness must fit, or the equations have no or inconsistent solutions.
+   !> Degree, number of nodes and exactness must fit, or the equations have no or inconsistent
+   !> solutions.
    subroutine check_choice(degree, nodes, weights, error)
       integer, intent(in) :: degree
       real(wp), intent(in) :: nodes(:), weights(:)
@@ -152,7 +159,8 @@ contains
       end if
    end subroutine check_choice
 
-   !> r = s: a = collocation, abar its symplectic conjugate, noise coefficients from the noise weights.
+   !> r = s: a = collocation, abar its symplectic conjugate, noise coefficients from the noise
+   !> weights.
    subroutine fill_tableau(scheme)
       type(scheme_type), intent(inout) :: scheme  !! with c, alpha, beta, nstage
       integer :: i, j
@@ -173,8 +181,8 @@ contains
       end associate
    end subroutine fill_tableau
 
-   !> r > s: values and slopes of the basis at the nodes. The control points are Chebyshev-Lobatto points,
-   !> which begin at 0, end at 1, and are symmetric and well conditioned at every degree.
+   !> r > s: values and slopes of the basis at the nodes. The control points are Chebyshev-Lobatto
+   !> points, which begin at 0, end at 1, and are symmetric and well conditioned at every degree.
    subroutine fill_galerkin(scheme)
       type(scheme_type), intent(inout) :: scheme  !! with c, nstage, degree
       real(wp) :: control(0:scheme%degree)
@@ -196,8 +204,8 @@ contains
       end do
    end subroutine fill_galerkin
 
-   !> a_ij = integral of the j-th Lagrange polynomial of the nodes from 0 to c_i, by a Gauss quadrature that
-   !> is exact for it.
+   !> a_ij = integral of the j-th Lagrange polynomial of the nodes from 0 to c_i, by a Gauss
+   !> quadrature that is exact for it.
    function collocation(nodes) result(a)
       real(wp), intent(in) :: nodes(:)  !! at most max_degree of them (nstage)
       real(wp) :: a(size(nodes), size(nodes))
@@ -248,7 +256,8 @@ contains
       end do
    end function lagrange_slope
 
-   !> Coefficients that are zero but for rounding become zero, so that what is explicit is seen to be.
+   !> Coefficients that are zero but for rounding become zero, so that what is explicit is seen to
+   !> be.
    elemental real(wp) function tidy(x)
       real(wp), intent(in) :: x
 

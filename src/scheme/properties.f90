@@ -1,7 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What follows from the coefficients of a scheme: symplecticity, symmetry, invariants, expected orders.
+!> What follows from the coefficients of a scheme: symplecticity, symmetry, invariants, expected
+!> orders.
 !>
-!> Nothing here is declared by hand; the orders by noise class follow from the order conditions below.
+!> Nothing here is declared by hand; the orders by noise class follow from the order conditions
+!> below.
 module symsde_scheme_properties
    use symsde_base_kinds, only: wp
    use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, symplecticity_residual
@@ -17,11 +19,12 @@ contains
 
    !> Set the traits and the expected orders of a scheme whose coefficients are complete.
    !>
-   !> Strong order one for additive and commutative noise and weak order one need the weights to sum to one
-   !> and beta^T b e = beta^T bbar e = 1/2; where only their sum is one, a correction Hamiltonian restores
-   !> it, and the orders are those with correction = increments. Without either, the scheme does not
-   !> converge to the Stratonovich equation, except for additive noise. For commuting flows the one-step
-   !> Hamiltonian is integrated for unit time, and its size is the square root of h: half the order.
+   !> Strong order one for additive and commutative noise and weak order one need the weights to sum
+   !> to one and beta^T b e = beta^T bbar e = 1/2; where only their sum is one, a correction
+   !> Hamiltonian restores it, and the orders are those with correction = increments. Without
+   !> either, the scheme does not converge to the Stratonovich equation, except for additive noise.
+   !> For commuting flows the one-step Hamiltonian is integrated for unit time, and its size is the
+   !> square root of h: half the order.
    pure subroutine declare_properties(scheme, order_noise_free)
       type(scheme_type), intent(inout) :: scheme
       integer, intent(in) :: order_noise_free  !! order of the scheme without noise
@@ -29,11 +32,14 @@ contains
 
       consistent = abs(stratonovich_sum(scheme) - 0.5_wp) < coefficient_tolerance .and. &
                    abs(conjugate_stratonovich_sum(scheme) - 0.5_wp) < coefficient_tolerance
-      correctable = abs(stratonovich_sum(scheme) + conjugate_stratonovich_sum(scheme) - 1) < coefficient_tolerance
+      correctable = abs(stratonovich_sum(scheme) + conjugate_stratonovich_sum(scheme) - 1) < &
+                    coefficient_tolerance
       scheme%symplectic = scheme%form == galerkin_form
-      if (scheme%form == tableau_form) scheme%symplectic = symplecticity_residual(scheme) < coefficient_tolerance
+      if (scheme%form == tableau_form) &
+         scheme%symplectic = symplecticity_residual(scheme) < coefficient_tolerance
       scheme%symmetric = symmetry_residual(scheme) < coefficient_tolerance
-      scheme%keeps_quadratic = scheme%symplectic .and. quadratic_residual(scheme) < coefficient_tolerance
+      scheme%keeps_quadratic = scheme%symplectic .and. &
+                               quadratic_residual(scheme) < coefficient_tolerance
       scheme%order_noise_free = order_noise_free
       scheme%order_additive = 1
       scheme%order_commutative = 0
@@ -41,17 +47,19 @@ contains
       scheme%order_general = 0.5_wp*scheme%order_commutative
       scheme%order_weak = scheme%order_commutative
       scheme%order_commuting = scheme%order_commutative
-      if (consistent .and. scheme%noise_coefficients_equal()) scheme%order_commuting = max(1, order_noise_free/2)
+      if (consistent .and. scheme%noise_coefficients_equal()) &
+         scheme%order_commuting = max(1, order_noise_free/2)
       scheme%sharp = scheme%order_commutative > 0
    end subroutine declare_properties
 
-   !> beta^T b e, one half for schemes that converge to the Stratonovich equation as they stand; Galerkin
-   !> schemes with more nodes than degrees are built only where it is.
+   !> beta^T b e, one half for schemes that converge to the Stratonovich equation as they stand;
+   !> Galerkin schemes with more nodes than degrees are built only where it is.
    pure real(wp) function stratonovich_sum(scheme)
       type(scheme_type), intent(in) :: scheme
 
       stratonovich_sum = 0.5_wp
-      if (scheme%form /= galerkin_form) stratonovich_sum = dot_product(scheme%beta, sum(scheme%b, dim=2))
+      if (scheme%form /= galerkin_form) &
+         stratonovich_sum = dot_product(scheme%beta, sum(scheme%b, dim=2))
    end function stratonovich_sum
 
    !> beta^T bbar e, which symplecticity ties to beta^T b e: their sum is one.
@@ -59,18 +67,21 @@ contains
       type(scheme_type), intent(in) :: scheme
 
       conjugate_stratonovich_sum = 0.5_wp
-      if (scheme%form /= galerkin_form) conjugate_stratonovich_sum = dot_product(scheme%beta, sum(scheme%bbar, dim=2))
+      if (scheme%form /= galerkin_form) &
+         conjugate_stratonovich_sum = dot_product(scheme%beta, sum(scheme%bbar, dim=2))
    end function conjugate_stratonovich_sum
 
    !> Distance of a scheme from its adjoint with the stages reversed: with i' = r+1-i the largest of
-   !> |alpha_j - alpha_j'|, |c_i + c_i' - 1| and |a_ij + a_i'j' - alpha_j|, and alike for abar, b, bbar.
+   !> |alpha_j - alpha_j'|, |c_i + c_i' - 1| and |a_ij + a_i'j' - alpha_j|, and alike for abar, b,
+   !> bbar.
    pure real(wp) function symmetry_residual(scheme) result(residual)
       type(scheme_type), intent(in) :: scheme
       integer :: r
 
       r = scheme%nstage
       associate (s => scheme)
-         residual = max(maxval(abs(s%alpha - s%alpha(r:1:-1))), maxval(abs(s%beta - s%beta(r:1:-1))), &
+         residual = max(maxval(abs(s%alpha - s%alpha(r:1:-1))), &
+                        maxval(abs(s%beta - s%beta(r:1:-1))), &
                         maxval(abs(s%c + s%c(r:1:-1) - 1)))
          if (s%form == galerkin_form) then
             residual = max(residual, maxval(abs(s%basis - s%basis(r:1:-1, s%degree:0:-1))), &
@@ -96,8 +107,9 @@ contains
       end do
    end function unlike_adjoint
 
-   !> Largest difference between the coefficients of Q and P. A symplectic tableau preserves every quadratic
-   !> invariant where it vanishes; a Galerkin scheme with more nodes than degrees does not preserve them.
+   !> Largest difference between the coefficients of Q and P. A symplectic tableau preserves every
+   !> quadratic invariant where it vanishes; a Galerkin scheme with more nodes than degrees does not
+   !> preserve them.
    pure real(wp) function quadratic_residual(scheme) result(residual)
       type(scheme_type), intent(in) :: scheme
 
@@ -106,13 +118,14 @@ contains
          residual = max(maxval(abs(scheme%a - scheme%abar)), maxval(abs(scheme%b - scheme%bbar)))
    end function quadratic_residual
 
-   !> Order without noise of a partitioned tableau, 0 to 4, by the conditions of all rooted trees whose
-   !> vertices are coloured with a or abar (Hairer, Lubich, Wanner, Geometric Numerical Integration, III.2).
+   !> Order without noise of a partitioned tableau, 0 to 4, by the conditions of all rooted trees
+   !> whose vertices are coloured with a or abar (Hairer, Lubich, Wanner, Geometric Numerical
+   !> Integration, III.2).
    pure integer function tableau_order(a, abar, alpha) result(order)
       real(wp), intent(in) :: a(:, :)     !! (nstage, nstage)
       real(wp), intent(in) :: abar(:, :)  !! (nstage, nstage)
       real(wp), intent(in) :: alpha(:)    !! (nstage)
-      real(wp) :: m(size(alpha), size(alpha), 2), c(size(alpha), 2), worst(4)
+      real(wp) :: m(size(alpha), size(alpha), 2), c(size(alpha), 2), chain(size(alpha)), worst(4)
       integer :: x, y, z
 
       m(:, :, 1) = a
@@ -121,15 +134,16 @@ contains
       worst = 0
       worst(1) = abs(sum(alpha) - 1)
       do x = 1, 2
-         worst(2) = max(worst(2), abs(dot_product(alpha, c(:, x)) - 0.5_wp))
+         call require(worst(2), dot_product(alpha, c(:, x)), 2)
          do y = 1, 2
-            worst(3) = max(worst(3), abs(dot_product(alpha, c(:, x)*c(:, y)) - 1/3.0_wp), &
-                           abs(dot_product(alpha, matmul(m(:, :, x), c(:, y))) - 1/6.0_wp))
+            call require(worst(3), dot_product(alpha, c(:, x)*c(:, y)), 3)
+            call require(worst(3), dot_product(alpha, matmul(m(:, :, x), c(:, y))), 6)
             do z = 1, 2
-               worst(4) = max(worst(4), abs(dot_product(alpha, c(:, x)*c(:, y)*c(:, z)) - 1/4.0_wp), &
-                              abs(dot_product(alpha, c(:, x)*matmul(m(:, :, y), c(:, z))) - 1/8.0_wp), &
-                              abs(dot_product(alpha, matmul(m(:, :, x), c(:, y)*c(:, z))) - 1/12.0_wp), &
-                              abs(dot_product(alpha, matmul(m(:, :, x), matmul(m(:, :, y), c(:, z)))) - 1/24.0_wp))
+               chain = matmul(m(:, :, y), c(:, z))
+               call require(worst(4), dot_product(alpha, c(:, x)*c(:, y)*c(:, z)), 4)
+               call require(worst(4), dot_product(alpha, c(:, x)*chain), 8)
+               call require(worst(4), dot_product(alpha, matmul(m(:, :, x), c(:, y)*c(:, z))), 12)
+               call require(worst(4), dot_product(alpha, matmul(m(:, :, x), chain)), 24)
             end do
          end do
       end do
@@ -139,5 +153,14 @@ contains
          order = order + 1
       end do
    end function tableau_order
+
+   !> An order condition: the weight of a tree is one over its density.
+   pure subroutine require(worst, weight, density)
+      real(wp), intent(inout) :: worst  !! largest residual of this order so far
+      real(wp), intent(in) :: weight
+      integer, intent(in) :: density
+
+      worst = max(worst, abs(weight - 1.0_wp/density))
+   end subroutine require
 
 end module symsde_scheme_properties

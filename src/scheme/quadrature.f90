@@ -12,13 +12,14 @@ module symsde_scheme_quadrature
 
 contains
 
-   !> Names that get_quadrature knows; gaussR is exact to degree 2R-1, radau to 2R-2, lobatto to 2R-3.
+   !> Names that get_quadrature knows; gaussR is exact to degree 2R-1, radau to 2R-2, lobatto to
+   !> 2R-3.
    pure function quadrature_names() result(names)
       character(len=name_length), allocatable :: names(:)
 
-      names = [character(len=name_length) :: 'rectangle_left', 'rectangle_right', 'midpoint', 'trapezoid', &
-               'open_trapezoid', 'gauss1', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto3', 'lobatto4', &
-               'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3']
+      names = [character(len=name_length) :: 'rectangle_left', 'rectangle_right', &
+               'midpoint', 'trapezoid', 'open_trapezoid', 'gauss1', 'gauss2', 'gauss3', 'gauss4', &
+               'lobatto2', 'lobatto3', 'lobatto4', 'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3']
    end function quadrature_names
 
    !> Nodes, ascending, and weights of a named quadrature on [0,1].
@@ -52,7 +53,8 @@ contains
       case default
          allocate (nodes(0), weights(0))
          names = quadrature_names()
-         call raise(error, unknown_name, 'get_quadrature', "there is no quadrature '"//trim(name)// &
+         call raise(error, unknown_name, 'get_quadrature', &
+                    "there is no quadrature '"//trim(name)// &
                     "'; allowed are, the nearest first: "//nearest_names(name, names))
       end select
    end subroutine get_quadrature
@@ -140,9 +142,9 @@ contains
       end select
    end subroutine radau
 
-   !> Largest d such that polynomials up to degree d are integrated exactly over [0,1]; -1 when the weights
-   !> do not even sum to one. Tested on Legendre's polynomials, whose moments vanish without cancellation;
-   !> d is at most 2 nnode - 1.
+   !> Largest d such that polynomials up to degree d are integrated exactly over [0,1]; -1 when the
+   !> weights do not even sum to one. Tested on Legendre's polynomials, whose moments vanish without
+   !> cancellation; d is at most 2 nnode - 1.
    pure integer function exactness_degree(nodes, weights) result(degree)
       real(wp), intent(in) :: nodes(:)    !! (nnode)
       real(wp), intent(in) :: weights(:)  !! (nnode)

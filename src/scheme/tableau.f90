@@ -16,11 +16,12 @@ module symsde_scheme_tableau
 
 contains
 
-   !> The scheme of the tableau (a, abar, alpha) for the drift and (b, bbar, beta) for the noise, by default
-   !> the same. Its times are the row sums of a, or c. A tableau that is not symplectic is refused unless it
-   !> is asked for; it is then flagged symplectic = .false.
+   !> The scheme of the tableau (a, abar, alpha) for the drift and (b, bbar, beta) for the noise, by
+   !> default the same. Its times are the row sums of a, or c. A tableau that is not symplectic is
+   !> refused unless it is asked for; it is then flagged symplectic = .false.
    !> Errors: wrong_shape, invalid_argument (numbers), incompatible (not symplectic).
-   subroutine scheme_from_tableau(scheme, a, abar, alpha, name, allow_nonsymplectic, error, b, bbar, beta, c)
+   subroutine scheme_from_tableau(scheme, a, abar, alpha, name, allow_nonsymplectic, error, &
+                                  b, bbar, beta, c)
       type(scheme_type), intent(out) :: scheme
       real(wp), intent(in) :: a(:, :)     !! drift coefficients of Q (nstage, nstage)
       real(wp), intent(in) :: abar(:, :)  !! drift coefficients of P (nstage, nstage)
@@ -49,7 +50,8 @@ contains
       scheme%reference = 'tableau given by the user'
       residual = symplecticity_residual(scheme)
       if (.not. (allow_nonsymplectic .or. residual < coefficient_tolerance)) then
-         call raise(error, incompatible, place, "the tableau '"//trim(name)//"' is not symplectic: the conditions "// &
+         call raise(error, incompatible, place, "the tableau '"//trim(name)// &
+                    "' is not symplectic: the conditions "// &
                     'alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j, and those with noise, fail by '// &
                     to_text(residual)//'; take symplectic_conjugate(a, alpha) for abar, or ask for '// &
                     'allow_nonsymplectic')
@@ -86,10 +88,11 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       if (size(x) /= nstage .or. nstage == 0) then
-         call raise(error, wrong_shape, place, what//' has '//to_text(size(x))//' components; give one for each of the '// &
-                    to_text(nstage)//' stages, and at least one stage')
+         call raise(error, wrong_shape, place, what//' has '//to_text(size(x))// &
+                    ' components; give one for each of the '//to_text(nstage)//' stages, and at least one stage')
       else if (.not. all(is_finite_lane(x))) then
-         call raise(error, invalid_argument, place, what//' holds a number that is not finite; give finite coefficients')
+         call raise(error, invalid_argument, place, what// &
+                    ' holds a number that is not finite; give finite coefficients')
       end if
    end subroutine check_vector
 
@@ -100,10 +103,12 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       if (any(shape(x) /= nstage)) then
-         call raise(error, wrong_shape, place, what//' is '//to_text(size(x, 1))//' by '//to_text(size(x, 2))// &
-                    '; with '//to_text(nstage)//' weights it must be '//to_text(nstage)//' by '//to_text(nstage))
+         call raise(error, wrong_shape, place, what//' is '//to_text(size(x, 1))//' by '// &
+                    to_text(size(x, 2))//'; with '//to_text(nstage)//' weights it must be '// &
+                    to_text(nstage)//' by '//to_text(nstage))
       else if (.not. all(is_finite_lane(x))) then
-         call raise(error, invalid_argument, place, what//' holds a number that is not finite; give finite coefficients')
+         call raise(error, invalid_argument, place, what// &
+                    ' holds a number that is not finite; give finite coefficients')
       end if
    end subroutine check_matrix
 
@@ -113,8 +118,8 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       if (abs(sum(x) - 1) > tolerance) &
-         call raise(error, invalid_argument, place, 'the weights '//what//' sum to '//to_text(sum(x))// &
-                    '; they must sum to one: divide them by their sum')
+         call raise(error, invalid_argument, place, 'the weights '//what//' sum to '// &
+                    to_text(sum(x))//'; they must sum to one: divide them by their sum')
    end subroutine check_sum
 
 end module symsde_scheme_tableau
