@@ -12,26 +12,30 @@ module symsde_scheme_catalogue
    private
    public :: get_scheme, scheme_names, scheme_families
 
+   integer, parameter :: nplain = 24  !! names without a parameter; the families follow
+   character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: &
+      'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', &
+      'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', &
+      'lobatto3_swapped', 'lobatto4', 'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', &
+      'P1N3Q4Lob', 'P2N2Q2Lob', 'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', &
+      'heun', 'euler_maruyama', 'dirk:', 'lambda:']
+
 contains
 
    !> Names that get_scheme knows without a parameter.
    pure function scheme_names() result(names)
-      character(len=name_length), allocatable :: names(:)
+      character(len=name_length) :: names(nplain)
 
-      names = [character(len=name_length) :: 'midpoint', 'symplectic_euler', &
-               'symplectic_euler_adjoint', 'stormer_verlet', 'gauss2', 'gauss3', 'gauss4', &
-               'lobatto2', 'lobatto2_swapped', 'lobatto3', 'lobatto3_swapped', 'lobatto4', &
-               'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', 'P1N3Q4Lob', 'P2N2Q2Lob', &
-               'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', 'heun', 'euler_maruyama']
+      names = all_names(:nplain)
    end function scheme_names
 
    !> Names that take a parameter after the colon: dirk:c with 0 < c < 1 is a midpoint step of
    !> length c h followed by one of length (1-c) h; lambda:x with 0 <= x <= 1 is the one-sided
    !> family.
    pure function scheme_families() result(names)
-      character(len=name_length), allocatable :: names(:)
+      character(len=name_length) :: names(size(all_names) - nplain)
 
-      names = [character(len=name_length) :: 'dirk:', 'lambda:']
+      names = all_names(nplain + 1:)
    end function scheme_families
 
    !> The scheme of a name: one of scheme_names(), a family with its parameter ('dirk:0.25',
@@ -137,6 +141,7 @@ contains
       type(scheme_type), intent(out) :: scheme
       character(*), intent(in) :: name
       type(error_type), allocatable, intent(inout) :: error
+      character(len=name_length) :: names(size(all_names))
       real(wp) :: x
       logical :: known
 
@@ -153,9 +158,10 @@ contains
          call scheme_from_quadrature(scheme, 1, [x], [1.0_wp], name, error)
          scheme%reference = 'one-sided family, [WHSB] (70), (89)-(92)'
       else
+         names = all_names
          call raise(error, unknown_name, 'get_scheme', "there is no scheme '"//trim(name)// &
                     "'; the nearest names are "// &
-                    few(nearest_names(name, [scheme_names(), scheme_families()]))// &
+                    few(nearest_names(name, names))// &
                     '; scheme_names() lists all')
       end if
    end subroutine parametrised

@@ -45,10 +45,10 @@ contains
          scheme%basis(:, 0:s) = base%basis(r:1:-1, s:0:-1)
          scheme%slope(:, 0:s) = -base%slope(r:1:-1, s:0:-1)
       else
-         scheme%a = adjoint_matrix(base%a, base%alpha)
-         scheme%abar = adjoint_matrix(base%abar, base%alpha)
-         scheme%b = adjoint_matrix(base%b, base%beta)
-         scheme%bbar = adjoint_matrix(base%bbar, base%beta)
+         call adjoint_matrix(base%a, base%alpha, scheme%a)
+         call adjoint_matrix(base%abar, base%alpha, scheme%abar)
+         call adjoint_matrix(base%b, base%beta, scheme%b)
+         call adjoint_matrix(base%bbar, base%beta, scheme%bbar)
       end if
       scheme%name = base%name//'_adjoint'
       if (present(name)) scheme%name = trim(name)
@@ -57,10 +57,10 @@ contains
    end subroutine adjoint_scheme
 
    !> a*_ij = alpha_j' - a_i'j'; zero where only rounding is left, so that explicit stages are seen.
-   pure function adjoint_matrix(a, alpha) result(adjoint)
+   pure subroutine adjoint_matrix(a, alpha, adjoint)
       real(wp), intent(in) :: a(:, :)   !! (nstage, nstage)
       real(wp), intent(in) :: alpha(:)  !! (nstage)
-      real(wp) :: adjoint(size(alpha), size(alpha))
+      real(wp), intent(out) :: adjoint(:, :)  !! (nstage, nstage)
       integer :: i, j, r
 
       r = size(alpha)
@@ -70,7 +70,7 @@ contains
             if (abs(adjoint(i, j)) < 8*epsilon(1.0_wp)) adjoint(i, j) = 0
          end do
       end do
-   end function adjoint_matrix
+   end subroutine adjoint_matrix
 
    !> One step made of a step of each part after the other, part k with the fraction gamma_k of h
    !> and of all increments. Block tableau: gamma_k a^k on the diagonal, gamma_l alpha^l in the
@@ -185,7 +185,7 @@ contains
       character(*), intent(in), optional :: name  !! default: that of base with _triple_jump
       type(scheme_type) :: parts(3)
       character(:), allocatable :: own_name
-      real(wp) :: g
+      real(wp) :: g, fractions(3)
 
       if (.not. base%symmetric) call raise(error, incompatible, 'triple_jump', "'"//base%name// &
                                            "' is not symmetric, and the triple jump would not raise its order; "// &
@@ -194,10 +194,12 @@ contains
       own_name = base%name//'_triple_jump'
       if (present(name)) own_name = name
       g = 1/(2 - 2**(1.0_wp/(base%order_noise_free + 1)))
+      fractions = g
+      fractions(2) = 1 - 2*g
       parts(1) = base
       parts(2) = base
       parts(3) = base
-      call composed_scheme(scheme, parts, [g, 1 - 2*g, g], own_name, error)
+      call composed_scheme(scheme, parts, fractions, own_name, error)
       if (allocated(error)) return
       call declare_properties(scheme, base%order_noise_free + 2)
    end subroutine triple_jump

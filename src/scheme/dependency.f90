@@ -17,38 +17,40 @@ contains
    pure logical function is_explicit(scheme, separable)
       type(scheme_type), intent(in) :: scheme
       logical, intent(in) :: separable  !! every H_j(q,p) = T_j(p) + U_j(q)
+      integer :: order(2*scheme%nstage), known
 
-      is_explicit = scheme%form /= galerkin_form
-      if (is_explicit) is_explicit = size(evaluation_order(scheme, separable)) == 2*scheme%nstage
+      is_explicit = .false.
+      if (scheme%form == galerkin_form) return
+      call evaluation_order(scheme, separable, order, known)
+      is_explicit = known == size(order)
    end function is_explicit
 
    !> Stage values in an order in which each needs only earlier ones, i for Q_i and nstage+i for
-   !> P_i; it ends where what is left must be solved for. Complete, with 2 nstage entries, for an
-   !> explicit scheme.
-   pure function evaluation_order(scheme, separable) result(order)
-      type(scheme_type), intent(in) :: scheme  !! not of Galerkin form
-      logical, intent(in) :: separable
-      integer, allocatable :: order(:)
+   !> P_i. The first `known` entries count; what is left must be solved for, nothing where the scheme
+   !> is explicit.
+   pure subroutine evaluation_order(scheme, separable, order, known)
+      type(scheme_type), intent(in) :: scheme            !! not of Galerkin form
+      logical, intent(in) :: separable                   !! every H_j(q,p) = T_j(p) + U_j(q)
+      integer, intent(out) :: order(2*scheme%nstage)     !! 0 past the first known ones
+      integer, intent(out) :: known
       logical :: needs(2*scheme%nstage, 2*scheme%nstage), done(2*scheme%nstage)
-      integer :: sorted(2*scheme%nstage), count, i
-      logical :: progress
+      integer :: i, before
 
       needs = dependencies(scheme, separable)
       done = .false.
-      count = 0
-      progress = .true.
-      do while (progress)
-         progress = .false.
+      order = 0
+      known = 0
+      before = -1
+      do while (known > before)
+         before = known
          do i = 1, size(done)
             if (done(i) .or. any(needs(i, :) .and. .not. done)) cycle
             done(i) = .true.
-            count = count + 1
-            sorted(count) = i
-            progress = .true.
+            known = known + 1
+            order(known) = i
          end do
       end do
-      order = sorted(:count)
-   end function evaluation_order
+   end subroutine evaluation_order
 
    !> Values for each degree of freedom that must be solved for together: stage values on or between
    !> cycles, equal ones counted once; for Galerkin data the momenta at the nodes and the control

@@ -72,8 +72,9 @@ contains
 
    !> The paper's own recipe (63)-(65) with momenta tied to the end points: node i evaluates the
    !> Hamiltonians at Q_i = (1-c_i) q_n + c_i q_{n+1} and P_i = (1-d_i) p_n + d_i p_{n+1}. Its 4n
-   !> equations for 2n unknowns agree only for a single node with d = 1 - c: the family Q = (1-lambda) q_n + lambda q_{n+1}, P = lambda p_n +
-   !> (1-lambda) p_{n+1} of [WHSB] (70), (89)-(92).
+   !> equations for 2n unknowns agree only for a single node with d = 1 - c: the family
+   !> Q = (1-lambda) q_n + lambda q_{n+1}, P = lambda p_n + (1-lambda) p_{n+1} of [WHSB] (70),
+   !> (89)-(92).
    !> Errors: those of scheme_from_quadrature; incompatible for every other choice, with the reason.
    subroutine scheme_from_end_point_rule(scheme, q_nodes, p_nodes, weights, name, error)
       type(scheme_type), intent(out) :: scheme
@@ -163,12 +164,15 @@ contains
    !> weights.
    subroutine fill_tableau(scheme)
       type(scheme_type), intent(inout) :: scheme  !! with c, alpha, beta, nstage
+      real(wp) :: a(scheme%nstage, scheme%nstage)
       integer :: i, j
 
       associate (s => scheme, r => scheme%nstage)
          s%form = tableau_form
-         s%a = tidy(collocation(s%c))
-         s%abar = tidy(symplectic_conjugate(s%a, s%alpha))
+         a = collocation(s%c)
+         s%a = tidy(a)
+         a = symplectic_conjugate(s%a, s%alpha)
+         s%abar = tidy(a)
          allocate (s%b(r, r), s%bbar(r, r))
          do j = 1, r
             do i = 1, r

@@ -125,7 +125,8 @@ contains
       real(wp), intent(in) :: a(:, :)     !! (nstage, nstage)
       real(wp), intent(in) :: abar(:, :)  !! (nstage, nstage)
       real(wp), intent(in) :: alpha(:)    !! (nstage)
-      real(wp) :: m(size(alpha), size(alpha), 2), c(size(alpha), 2), chain(size(alpha)), worst(4)
+      real(wp) :: m(size(alpha), size(alpha), 2), c(size(alpha), 2)
+      real(wp) :: row(size(alpha)), chain(size(alpha)), worst(4)
       integer :: x, y, z
 
       m(:, :, 1) = a
@@ -134,16 +135,17 @@ contains
       worst = 0
       worst(1) = abs(sum(alpha) - 1)
       do x = 1, 2
+         row = matmul(alpha, m(:, :, x))
          call require(worst(2), dot_product(alpha, c(:, x)), 2)
          do y = 1, 2
-            call require(worst(3), dot_product(alpha, c(:, x)*c(:, y)), 3)
-            call require(worst(3), dot_product(alpha, matmul(m(:, :, x), c(:, y))), 6)
+            call require(worst(3), sum(alpha*c(:, x)*c(:, y)), 3)
+            call require(worst(3), dot_product(row, c(:, y)), 6)
             do z = 1, 2
                chain = matmul(m(:, :, y), c(:, z))
-               call require(worst(4), dot_product(alpha, c(:, x)*c(:, y)*c(:, z)), 4)
-               call require(worst(4), dot_product(alpha, c(:, x)*chain), 8)
-               call require(worst(4), dot_product(alpha, matmul(m(:, :, x), c(:, y)*c(:, z))), 12)
-               call require(worst(4), dot_product(alpha, matmul(m(:, :, x), chain)), 24)
+               call require(worst(4), sum(alpha*c(:, x)*c(:, y)*c(:, z)), 4)
+               call require(worst(4), sum(alpha*c(:, x)*chain), 8)
+               call require(worst(4), sum(row*c(:, y)*c(:, z)), 12)
+               call require(worst(4), dot_product(row, chain), 24)
             end do
          end do
       end do

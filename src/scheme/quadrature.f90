@@ -8,6 +8,10 @@ module symsde_scheme_quadrature
    private
    public :: get_quadrature, quadrature_names, exactness_degree
 
+   character(len=name_length), parameter :: all_names(16) = [character(len=name_length) :: &
+      'rectangle_left', 'rectangle_right', 'midpoint', 'trapezoid', 'open_trapezoid', &
+      'gauss1', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto3', 'lobatto4', &
+      'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3']
    real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)  !! of a moment that ought to vanish
 
 contains
@@ -15,11 +19,9 @@ contains
    !> Names that get_quadrature knows; gaussR is exact to degree 2R-1, radau to 2R-2, lobatto to
    !> 2R-3.
    pure function quadrature_names() result(names)
-      character(len=name_length), allocatable :: names(:)
+      character(len=name_length) :: names(size(all_names))
 
-      names = [character(len=name_length) :: 'rectangle_left', 'rectangle_right', &
-               'midpoint', 'trapezoid', 'open_trapezoid', 'gauss1', 'gauss2', 'gauss3', 'gauss4', &
-               'lobatto2', 'lobatto3', 'lobatto4', 'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3']
+      names = all_names
    end function quadrature_names
 
    !> Nodes, ascending, and weights of a named quadrature on [0,1].
@@ -29,7 +31,7 @@ contains
       real(wp), allocatable, intent(out) :: nodes(:)         !! (nnode)
       real(wp), allocatable, intent(out) :: weights(:)       !! (nnode)
       type(error_type), allocatable, intent(inout) :: error
-      character(len=name_length), allocatable :: names(:)
+      character(len=name_length) :: names(size(all_names))
 
       select case (name)
       case ('rectangle_left')
@@ -52,7 +54,7 @@ contains
          call radau(name, nodes, weights)
       case default
          allocate (nodes(0), weights(0))
-         names = quadrature_names()
+         names = all_names
          call raise(error, unknown_name, 'get_quadrature', &
                     "there is no quadrature '"//trim(name)// &
                     "'; allowed are, the nearest first: "//nearest_names(name, names))
@@ -68,24 +70,20 @@ contains
       select case (name)
       case ('gauss2')
          x = sqrt(1.0_wp/3.0_wp)
-         nodes = [1 - x, 1 + x]
-         nodes = 0.5_wp*nodes
+         nodes = 0.5_wp + 0.5_wp*x*[-1.0_wp, 1.0_wp]
          weights = [0.5_wp, 0.5_wp]
       case ('gauss3')
          x = sqrt(3.0_wp/5.0_wp)
-         nodes = [1 - x, 1.0_wp, 1 + x]
-         nodes = 0.5_wp*nodes
-         weights = [5.0_wp, 8.0_wp, 5.0_wp]
-         weights = weights/18.0_wp
+         nodes = 0.5_wp + 0.5_wp*x*[-1.0_wp, 0.0_wp, 1.0_wp]
+         weights = [5.0_wp, 8.0_wp, 5.0_wp]/18
       case ('gauss4')
          w = sqrt(6.0_wp/5.0_wp)
          x = sqrt((3 + 2*w)/7)
          y = sqrt((3 - 2*w)/7)
-         nodes = [1 - x, 1 - y, 1 + y, 1 + x]
-         nodes = 0.5_wp*nodes
+         nodes = 0.5_wp + 0.5_wp*(x*[-1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp] + &
+                                    y*[0.0_wp, -1.0_wp, 1.0_wp, 0.0_wp])
          w = sqrt(30.0_wp)
-         weights = [18 - w, 18 + w, 18 + w, 18 - w]
-         weights = weights/72.0_wp
+         weights = (18 + w*[-1.0_wp, 1.0_wp, 1.0_wp, -1.0_wp])/72
       case default
          nodes = [0.5_wp]
          weights = [1.0_wp]
@@ -101,14 +99,11 @@ contains
       select case (name)
       case ('lobatto3')
          nodes = [0.0_wp, 0.5_wp, 1.0_wp]
-         weights = [1.0_wp, 4.0_wp, 1.0_wp]
-         weights = weights/6.0_wp
+         weights = [1.0_wp, 4.0_wp, 1.0_wp]/6
       case ('lobatto4')
          x = sqrt(1.0_wp/5.0_wp)
-         nodes = [0.0_wp, 1 - x, 1 + x, 2.0_wp]
-         nodes = 0.5_wp*nodes
-         weights = [1.0_wp, 5.0_wp, 5.0_wp, 1.0_wp]
-         weights = weights/12.0_wp
+         nodes = 0.5_wp*([0.0_wp, 1.0_wp, 1.0_wp, 2.0_wp] + x*[0.0_wp, -1.0_wp, 1.0_wp, 0.0_wp])
+         weights = [1.0_wp, 5.0_wp, 5.0_wp, 1.0_wp]/12
       case default
          nodes = [0.0_wp, 1.0_wp]
          weights = [0.5_wp, 0.5_wp]
@@ -130,15 +125,11 @@ contains
          nodes = [1.0_wp/3.0_wp, 1.0_wp]
          weights = [0.75_wp, 0.25_wp]
       case ('radau_left3')
-         nodes = [0.0_wp, 6 - x, 6 + x]
-         nodes = nodes/10.0_wp
-         weights = [4.0_wp, 16 + x, 16 - x]
-         weights = weights/36.0_wp
+         nodes = ([0.0_wp, 6.0_wp, 6.0_wp] + x*[0.0_wp, -1.0_wp, 1.0_wp])/10
+         weights = ([4.0_wp, 16.0_wp, 16.0_wp] + x*[0.0_wp, 1.0_wp, -1.0_wp])/36
       case default
-         nodes = [4 - x, 4 + x, 10.0_wp]
-         nodes = nodes/10.0_wp
-         weights = [16 - x, 16 + x, 4.0_wp]
-         weights = weights/36.0_wp
+         nodes = ([4.0_wp, 4.0_wp, 10.0_wp] + x*[-1.0_wp, 1.0_wp, 0.0_wp])/10
+         weights = ([16.0_wp, 16.0_wp, 4.0_wp] + x*[-1.0_wp, 1.0_wp, 0.0_wp])/36
       end select
    end subroutine radau
 
