@@ -17,7 +17,6 @@ module symsde_model_kubo
    real(wp), parameter :: kubo_defaults(2) = [1.0_wp, 0.3_wp]
 
    type, extends(separable_model) :: kubo_model
-      private
       real(wp) :: a = 0        !! angular velocity [1/time]
       real(wp) :: sigma = 0    !! its noise [1/sqrt(time)]
    contains

@@ -6,18 +6,21 @@
 !>    call newton%start(status)
 !>    do while (newton%running)
 !>       ... residual newton%r and matrix newton%a (or newton%bands) at x ...
-!>       call newton%update(x, status)
+!>       call newton%update(x, status, counters)
 !>    end do
 !>
+!> One unknown in the form x + s f(x) = 0, as all steppers have it, goes through update_scalar: one pass
+!> over the lanes instead of five. A stepper that solves and corrects by itself calls only judge.
+!>
 !> A lane is done when its next correction would vanish in rounding: with d_k the size of its k-th
-!> correction, when d_k^2/d_{k-1} <= eps*|x|/4 (the next one at the rate seen), or d_k itself is at
-!> rounding level, or it has stopped shrinking within 1e-10 |x|. Tolerances looser than that make
-!> invariants drift linearly. A lane that is done or failed is frozen: a path never depends on its
+!> correction, when d_k itself is at most eps |x|/4, or the next one would be at the rate d_k/d_{k-1}
+!> seen, or it has stopped shrinking within 1e-10 |x|. Tolerances looser than that make invariants
+!> drift linearly. A lane that is done or failed is frozen: a path never depends on its
 !> neighbours. Loops are bounded by max_iter.
 module symsde_solve_newton
    use symsde_base_kinds, only: wp, i8
    use symsde_base_counters, only: counters_type
-   use symsde_base_status, only: not_converged, nonfinite
+   use symsde_base_status, only: not_converged, nonfinite, singular
    use symsde_solve_blocks, only: block_solver, new_block_solver
    implicit none
    private
@@ -39,16 +42,21 @@ module symsde_solve_newton
       logical :: running = .false.      !! some lane is not done yet
       type(newton_options) :: options
       integer :: iteration = 0
+      integer :: nrunning = 0           !! lanes that are not done
       real(wp), allocatable :: r(:, :)  !! residual (nlane, n); after an update: the correction
       real(wp), allocatable :: a(:, :, :)      !! matrix (nlane, n, n), dense case
       real(wp), allocatable :: bands(:, :, :)  !! matrix (nlane, -kl:ku, n), banded case
-      real(wp), allocatable, private :: last(:)       !! size of the last correction, or done, or failed
+      real(wp), allocatable :: last(:)  !! size of the last correction, or done, or failed; >= 0 runs (nlane)
+      real(wp), allocatable :: step(:)  !! size of this correction (nlane)
+      real(wp), allocatable :: size(:)  !! size of the unknowns (nlane)
       logical, allocatable, private :: active(:)
       integer(i8), allocatable, private :: verdict(:)
       type(block_solver), private :: solver
    contains
       procedure :: start
       procedure :: update
+      procedure :: update_scalar
+      procedure :: judge
    end type newton_type
 
 contains
@@ -65,27 +73,24 @@ contains
       self%n = n
       self%options = options
       self%affine = affine .and. options%fixed_point == 0
-      allocate (self%r(nlane, n), self%last(nlane), self%active(nlane), self%verdict(nlane))
+      allocate (self%r(nlane, n), self%last(nlane), self%step(nlane), self%size(nlane), self%active(nlane), self%verdict(nlane))
       if (options%fixed_point > 0) return
       if (kl < 0) then
          allocate (self%a(nlane, n, n))
       else
          allocate (self%bands(nlane, -kl:ku, n))
       end if
-      if (kl >= 0 .or. n > 2) call new_block_solver(self%solver, nlane, n, kl, ku)
+      if (kl >= 0 .or. n > 1) call new_block_solver(self%solver, nlane, n, kl, ku)
    end subroutine new_newton
 
    !> Begin the iterations of one step; lanes with a status are frozen from the start.
    subroutine start(self, status)
       class(newton_type), intent(inout) :: self
       integer(i8), intent(in) :: status(self%nlane)
-      integer :: lane
 
-      do lane = 1, self%nlane
-         self%last(lane) = merge(huge(1.0_wp), failed, status(lane) == 0)
-      end do
+      call start_lanes(self%nlane, status, self%last, self%nrunning)
       self%iteration = 0
-      self%running = any(status == 0)
+      self%running = self%nrunning > 0
    end subroutine start
 
    !> Solve for the correction, add it to the unknowns of the running lanes, and test each lane.
@@ -94,25 +99,49 @@ contains
       real(wp), intent(inout) :: x(self%nlane, self%n)         !! unknowns
       integer(i8), intent(inout) :: status(self%nlane)         !! code of a lane that fails
       type(counters_type), intent(inout) :: counters
-      integer :: nrunning, nfailed
+
+      if (self%options%fixed_point == 0) call solve_correction(self, status, counters)
+      call correct_lanes(self%nlane, self%n, self%r, self%last, x, self%step, self%size)
+      call self%judge(status, counters)
+   end subroutine update
+
+   !> The same for one unknown, x + sign*f(x) = 0 with derivative 1 + slope*f': f in r, f' in a.
+   subroutine update_scalar(self, sign, slope, x, status, counters)
+      class(newton_type), intent(inout) :: self
+      real(wp), intent(in) :: sign                             !! of f in the equation
+      real(wp), intent(in) :: slope                            !! factor of f' in the derivative
+      real(wp), intent(inout) :: x(self%nlane)
+      integer(i8), intent(inout) :: status(self%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      if (self%options%fixed_point > 0) then
+         call iterate_scalar(self%nlane, sign, self%r, self%last, x, self%step, self%size)
+      else
+         call correct_scalar(self%nlane, sign, slope, self%r, self%a, self%last, x, self%step, self%size)
+      end if
+      call self%judge(status, counters)
+   end subroutine update_scalar
+
+   !> Test every lane by the sizes of its correction and unknowns, and give lanes that fail their status.
+   subroutine judge(self, status, counters)
+      class(newton_type), intent(inout) :: self
+      integer(i8), intent(inout) :: status(self%nlane)
+      type(counters_type), intent(inout) :: counters
+      integer :: nfailed
 
       self%iteration = self%iteration + 1
-      call count_running(self%nlane, self%last, nrunning)
-      counters%iterations = counters%iterations + nrunning
-      if (self%options%fixed_point == 0) then
-         call solve_correction(self, status, counters)
-         counters%solves = counters%solves + nrunning
+      counters%iterations = counters%iterations + self%nrunning
+      if (self%options%fixed_point == 0) counters%solves = counters%solves + self%nrunning
+      call test_lanes(self%nlane, test_level(self), self%step, self%size, self%last, self%nrunning, nfailed)
+      if (nfailed > 0) call mark(self, status)
+      if (self%iteration >= limit(self) .and. self%nrunning > 0) then
+         if (self%options%fixed_point == 0) then
+            where (self%last >= 0 .and. status == 0) status = not_converged
+         end if
+         self%nrunning = 0
       end if
-      call correct_lanes(self%nlane, self%n, test_level(self), self%r, x, self%last, nrunning, nfailed)
-      if (self%iteration >= limit(self) .and. nrunning > 0) then
-         where (self%last >= 0) self%last = merge(done, failed, self%options%fixed_point > 0)
-         call mark(self, not_converged, status)
-         nrunning = 0
-      else if (nfailed > 0) then
-         call mark(self, nonfinite, status)
-      end if
-      self%running = nrunning > 0
-   end subroutine update
+      self%running = self%nrunning > 0
+   end subroutine judge
 
    !> Rounding level of the stopping test: affine systems are done after one solve, fixed-point runs
    !> after their fixed number of iterations.
@@ -138,21 +167,12 @@ contains
       type(counters_type), intent(inout) :: counters
       integer(i8) :: before
 
+      self%active = self%last >= 0
+      self%verdict = 0
+      before = self%solver%lapack_solves
       if (allocated(self%bands)) then
-         self%active = self%last >= 0
-         self%verdict = 0
-         before = self%solver%lapack_solves
          call self%solver%solve(self%bands, self%r, self%active, self%verdict)
-      else if (self%n == 1) then
-         call solve_one(self%nlane, self%a, self%r)
-         return
-      else if (self%n == 2) then
-         call solve_two(self%nlane, self%a, self%r)
-         return
       else
-         self%active = self%last >= 0
-         self%verdict = 0
-         before = self%solver%lapack_solves
          call self%solver%solve(self%a, self%r, self%active, self%verdict)
       end if
       counters%lapack_solves = counters%lapack_solves + self%solver%lapack_solves - before
@@ -162,89 +182,124 @@ contains
       end where
    end subroutine solve_correction
 
-   !> Lanes that failed in this update and have no status yet get one.
-   pure subroutine mark(self, code, status)
+   !> Lanes that failed in this update and have no status yet get one: singular where the derivative of a
+   !> single equation vanished, else not finite.
+   subroutine mark(self, status)
       type(newton_type), intent(in) :: self
-      integer, intent(in) :: code
       integer(i8), intent(inout) :: status(self%nlane)
+      integer :: lane
 
-      where (self%last == failed .and. status == 0) status = code
+      do lane = 1, self%nlane
+         if (self%last(lane) > -1.5_wp .or. status(lane) /= 0) cycle
+         status(lane) = nonfinite
+         if (self%n == 1) then
+            if (abs(self%r(lane, 1)) <= huge(1.0_wp)) status(lane) = singular
+         end if
+      end do
    end subroutine mark
 
    ! ---- kernels: plain loops over lanes ----------------------------------------------------------
 
-   pure subroutine count_running(nlane, last, nrunning)
+   pure subroutine start_lanes(nlane, status, last, nrunning)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: last(nlane)
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(out) :: last(nlane)
       integer, intent(out) :: nrunning
+      integer(i8) :: running
       integer :: lane
 
-      nrunning = 0
+      running = 0
       do lane = 1, nlane
-         nrunning = nrunning + merge(1, 0, last(lane) >= 0)
+         last(lane) = merge(huge(1.0_wp), failed, status(lane) == 0)
+         running = running + merge(1_i8, 0_i8, status(lane) == 0)
       end do
-   end subroutine count_running
+      nrunning = int(running)
+   end subroutine start_lanes
 
-   pure subroutine solve_one(nlane, a, r)
+   !> One unknown: x = x - (x + s f)/(1 + g f') in running lanes.
+   pure subroutine correct_scalar(nlane, s, g, f, df, last, x, step, size)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: a(nlane)
-      real(wp), intent(inout) :: r(nlane)
+      real(wp), intent(in) :: s, g, f(nlane), df(nlane), last(nlane)
+      real(wp), intent(inout) :: x(nlane)
+      real(wp), intent(out) :: step(nlane), size(nlane)
+      real(wp) :: d
       integer :: lane
 
       do lane = 1, nlane
-         r(lane) = r(lane)/a(lane)
+         d = (x(lane) + s*f(lane))/(1 + g*df(lane))
+         x(lane) = merge(x(lane) - d, x(lane), last(lane) >= 0)
+         step(lane) = abs(d)
+         size(lane) = abs(x(lane))
       end do
-   end subroutine solve_one
+   end subroutine correct_scalar
 
-   !> Cramer's rule: for matrices near the identity as accurate as elimination, and one division.
-   pure subroutine solve_two(nlane, a, r)
+   !> One unknown, one fixed-point iteration: x = -s f in running lanes.
+   pure subroutine iterate_scalar(nlane, s, f, last, x, step, size)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: a(nlane, 2, 2)
-      real(wp), intent(inout) :: r(nlane, 2)
-      real(wp) :: inverse, r1
+      real(wp), intent(in) :: s, f(nlane), last(nlane)
+      real(wp), intent(inout) :: x(nlane)
+      real(wp), intent(out) :: step(nlane), size(nlane)
       integer :: lane
 
       do lane = 1, nlane
-         inverse = 1/(a(lane, 1, 1)*a(lane, 2, 2) - a(lane, 1, 2)*a(lane, 2, 1))
-         r1 = r(lane, 1)
-         r(lane, 1) = (a(lane, 2, 2)*r1 - a(lane, 1, 2)*r(lane, 2))*inverse
-         r(lane, 2) = (a(lane, 1, 1)*r(lane, 2) - a(lane, 2, 1)*r1)*inverse
+         step(lane) = abs(x(lane) + s*f(lane))
+         x(lane) = merge(-s*f(lane), x(lane), last(lane) >= 0)
+         size(lane) = abs(x(lane))
       end do
-   end subroutine solve_two
+   end subroutine iterate_scalar
 
-   !> x = x - r in running lanes; then the stopping test of the module's header.
-   pure subroutine correct_lanes(nlane, n, level, r, x, last, nrunning, nfailed)
+   !> x = x - r in running lanes, with the size of correction and unknowns in each.
+   pure subroutine correct_lanes(nlane, n, r, last, x, step, size)
       integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: level
-      real(wp), intent(in) :: r(nlane, n)
-      real(wp), intent(inout) :: x(nlane, n), last(nlane)
-      integer, intent(out) :: nrunning, nfailed
-      real(wp) :: step(nlane), size(nlane), d, s
-      logical :: quiet, stuck, finite
+      real(wp), intent(in) :: r(nlane, n), last(nlane)
+      real(wp), intent(inout) :: x(nlane, n)
+      real(wp), intent(out) :: step(nlane), size(nlane)
       integer :: lane, i
 
-      step = 0
-      size = 0
-      do i = 1, n
+      do lane = 1, nlane
+         x(lane, 1) = merge(x(lane, 1) - r(lane, 1), x(lane, 1), last(lane) >= 0)
+         step(lane) = abs(r(lane, 1))
+         size(lane) = abs(x(lane, 1))
+      end do
+      do i = 2, n
          do lane = 1, nlane
             x(lane, i) = merge(x(lane, i) - r(lane, i), x(lane, i), last(lane) >= 0)
+            ! 0*r keeps a NaN, which max would drop
             step(lane) = max(step(lane), abs(r(lane, i))) + 0*r(lane, i)
             size(lane) = max(size(lane), abs(x(lane, i)))
          end do
       end do
-      nrunning = 0
-      nfailed = 0
+   end subroutine correct_lanes
+
+   !> The stopping test of the module's header, without divisions: at rate 2^-k the next correction is
+   !> 2^-k times this one.
+   pure subroutine test_lanes(nlane, level, step, size, last, nrunning, nfailed)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: level, step(nlane), size(nlane)
+      real(wp), intent(inout) :: last(nlane)
+      integer, intent(out) :: nrunning, nfailed
+      real(wp), parameter :: slow = 2.0_wp**(-13), fast = 2.0_wp**(-26)
+      real(wp) :: d, limit, next
+      integer(i8) :: running, bad
+      integer :: lane
+
+      running = 0
+      bad = 0
       do lane = 1, nlane
          d = step(lane)
-         s = size(lane)
-         finite = d <= huge(d) .and. s <= huge(s)
-         quiet = d <= level*s .or. d*(d/last(lane)) <= level*s
-         stuck = d >= last(lane) .and. d <= stagnation*s .and. level > 0
-         d = merge(merge(done, d, quiet .or. stuck), failed, finite)
-         last(lane) = merge(d, last(lane), last(lane) >= 0)
-         nrunning = nrunning + merge(1, 0, last(lane) >= 0)
-         nfailed = nfailed + merge(1, 0, last(lane) < -1.5_wp)
+         limit = level*size(lane)
+         next = merge(done, d, d <= limit)
+         next = merge(done, next, d <= slow*last(lane) .and. slow*d <= limit)
+         next = merge(done, next, d <= fast*last(lane) .and. fast*d <= limit)
+         next = merge(done, next, d >= last(lane) .and. d <= stagnation*size(lane) .and. level > 0)
+         next = merge(next, failed, d <= huge(d) .and. size(lane) <= huge(d))
+         next = merge(next, last(lane), last(lane) >= 0)
+         last(lane) = next
+         running = running + merge(1_i8, 0_i8, next >= 0)
+         bad = bad + merge(1_i8, 0_i8, next < -1.5_wp)
       end do
-   end subroutine correct_lanes
+      nrunning = int(running)
+      nfailed = int(bad)
+   end subroutine test_lanes
 
 end module symsde_solve_newton

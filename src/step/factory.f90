@@ -5,6 +5,7 @@ module symsde_step_factory
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
+   use symsde_model_kubo, only: kubo_model
    use symsde_scheme_scheme, only: scheme_type, tableau_form, ito_form, correction_auto, correction_none, &
                                    correction_mean, correction_increments
    use symsde_solve_newton, only: newton_options
@@ -12,6 +13,8 @@ module symsde_step_factory
    use symsde_step_explicit, only: explicit_stepper, new_explicit_stepper, is_explicit
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
+   use symsde_step_midpoint_kubo, only: midpoint_kubo_stepper, new_midpoint_kubo_stepper
+   use symsde_step_midpoint_single, only: midpoint_single_stepper, new_midpoint_single_stepper
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_one_sided, only: one_sided_stepper, new_one_sided_stepper, is_one_sided
    use symsde_step_stepper, only: stepper_type
@@ -51,10 +54,8 @@ contains
          allocate (general_stepper :: stepper)
       else if (correction == correction_none .and. is_explicit(model, scheme)) then
          allocate (explicit_stepper :: stepper)
-      else if (is_midpoint(scheme) .and. fits_midpoint_stepper(model)) then
-         allocate (midpoint_stepper :: stepper)
       else if (is_midpoint(scheme)) then
-         allocate (midpoint_full_stepper :: stepper)
+         call allocate_midpoint(stepper, model, options)
       else if (is_one_sided(scheme)) then
          allocate (one_sided_stepper :: stepper)
       else
@@ -62,6 +63,26 @@ contains
       end if
       call construct(stepper, model, scheme, correction, options, nlane)
    end subroutine new_stepper
+
+   !> The midpoint rule, from the most to the least special: fused, momenta eliminated, closed form, full.
+   subroutine allocate_midpoint(stepper, model, options)
+      class(stepper_type), allocatable, intent(out) :: stepper
+      class(model_type), intent(in) :: model
+      type(stepper_options), intent(in) :: options
+
+      select type (model)
+      type is (kubo_model)
+         if (options%newton%fixed_point == 0) allocate (midpoint_kubo_stepper :: stepper)
+      end select
+      if (allocated(stepper)) return
+      if (fits_midpoint_stepper(model)) then
+         allocate (midpoint_stepper :: stepper)
+      else if (model%traits%ndof == 1) then
+         allocate (midpoint_single_stepper :: stepper)
+      else
+         allocate (midpoint_full_stepper :: stepper)
+      end if
+   end subroutine allocate_midpoint
 
    !> Construct the stepper of the chosen type.
    subroutine construct(stepper, model, scheme, correction, options, nlane)
@@ -78,6 +99,13 @@ contains
          call new_explicit_stepper(stepper, model, scheme, nlane)
       type is (midpoint_stepper)
          call new_midpoint_stepper(stepper, model, nlane, options%newton)
+      type is (midpoint_kubo_stepper)
+         select type (model)
+         type is (kubo_model)
+            call new_midpoint_kubo_stepper(stepper, model, nlane)
+         end select
+      type is (midpoint_single_stepper)
+         call new_midpoint_single_stepper(stepper, model, nlane, options%newton)
       type is (midpoint_full_stepper)
          call new_midpoint_full_stepper(stepper, model, nlane, options%newton)
       type is (one_sided_stepper)

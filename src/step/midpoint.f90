@@ -81,7 +81,11 @@ contains
          do while (newton%running)
             call position(nlane*n, h, self%base, dp, self%qs)
             call linearise(self, h, tm, w, p, dp)
-            call newton%update(dp, status, self%ham%counters)
+            if (n == 1) then
+               call newton%update_scalar(1.0_wp, 0.25_wp*h, dp, status, self%ham%counters)
+            else
+               call newton%update(dp, status, self%ham%counters)
+            end if
          end do
          call position_increment(nlane*n, h, self%drift, dp, dq)
       end associate
@@ -98,12 +102,13 @@ contains
             call self%ham%gradient(tm, w, self%qs, p, hq=newton%r)
          else if (self%band == dense) then
             call self%ham%gradient_hessian(tm, w, self%qs, p, hq=newton%r, hqq=newton%a)
+            if (n == 1) return  ! the scalar update takes force and slope as they are
             call matrix_dense(nlane, n, h, newton%a)
          else
             call self%ham%gradient_hessian_banded(self%band, tm, w, self%qs, p, hq=newton%r, hqq=newton%bands)
             call matrix_banded(nlane, n, self%band, h, newton%bands)
          end if
-         call residual(nlane*n, v, newton%r)
+         if (n > 1) call residual(nlane*n, v, newton%r)
       end associate
    end subroutine linearise
 

@@ -4,7 +4,7 @@
 !>    q_{n+1} = q_n + Hhat_p(Q,P),  p_{n+1} = p_n - Hhat_q(Q,P),  (Q,P) the mean of both ends   [WHSB] (71)-(72)
 !>
 !> Unknowns are the increments (F,G) = (dq,dp), interleaved degree by degree so that banded Hessians
-!> make a banded matrix; one degree of freedom is a two-by-two system in closed form.
+!> make a banded matrix.
 module symsde_step_midpoint_full
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense

@@ -90,13 +90,17 @@ contains
          if (self%adjoint) then
             self%x = q + d
             call evaluate_adjoint(self, t, w, p)
-            self%newton%r = d - self%newton%r
          else
             self%x = p + d
             call evaluate(self, t, w, q)
-            self%newton%r = d + self%newton%r
          end if
-         call self%newton%update(d, status, self%ham%counters)
+         if (self%ham%ndof == 1) then
+            call self%newton%update_scalar(merge(-1.0_wp, 1.0_wp, self%adjoint), merge(-1.0_wp, 1.0_wp, self%adjoint), &
+                                           d, status, self%ham%counters)
+         else
+            self%newton%r = merge(d - self%newton%r, d + self%newton%r, self%adjoint)
+            call self%newton%update(d, status, self%ham%counters)
+         end if
       end do
    end subroutine solve_end
 
@@ -111,6 +115,7 @@ contains
          return
       end if
       call self%ham%gradient_hessian(t, w, q, self%x, hq=self%newton%r, hqp=self%newton%a)
+      if (self%ham%ndof == 1) return  ! the scalar update adds the 1 itself
       do i = 1, self%ham%ndof
          self%newton%a(:, i, i) = self%newton%a(:, i, i) + 1
       end do
@@ -124,6 +129,10 @@ contains
 
       if (self%newton%options%fixed_point > 0) then
          call self%ham%gradient(t, w, self%x, p, hp=self%newton%r)
+         return
+      end if
+      if (self%ham%ndof == 1) then  ! the scalar update takes the slope as it is
+         call self%ham%gradient_hessian(t, w, self%x, p, hp=self%newton%r, hqp=self%newton%a)
          return
       end if
       call self%ham%gradient_hessian(t, w, self%x, p, hp=self%newton%r, hqp=self%hqp)

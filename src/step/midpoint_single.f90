@@ -1,0 +1,163 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Implicit midpoint for any model of one degree of freedom: two unknowns in closed form, few passes.
+!>
+!>    F = Hhat_p(Q,P),  G = -Hhat_q(Q,P),  Q = q_n + F/2,  P = p_n + G/2,  (dq,dp) = (F,G)   [WHSB] (71)-(72)
+!>
+!> With a = Hhat_qq/2, b = Hhat_qp/2, c = Hhat_pp/2 the Newton matrix is [1-b, -c; a, 1+b], of determinant
+!> 1 - b^2 + a c. Quadratic Hamiltonians need one solve and no test. Agrees with the general stepper to a
+!> few ulps (tests/verification/test_steppers.pf).
+module symsde_step_midpoint_single
+   use symsde_base_kinds, only: wp, i8
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: correction_none
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: midpoint_single_stepper, new_midpoint_single_stepper
+
+   type, extends(stepper_type) :: midpoint_single_stepper
+      private
+      type(newton_type) :: newton
+      logical :: separable = .false.
+      real(wp), allocatable :: qs(:, :), ps(:, :)  !! (Q, P) (nlane, 1)
+      real(wp), allocatable :: hq(:, :), hp(:, :)  !! (nlane, 1)
+      real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)  !! (nlane, 1, 1)
+   contains
+      procedure :: increment
+   end type midpoint_single_stepper
+
+contains
+
+   !> A midpoint stepper for blocks of nlane lanes; requires one degree of freedom.
+   subroutine new_midpoint_single_stepper(self, model, nlane, options)
+      type(midpoint_single_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+
+      self%name = 'midpoint, one degree of freedom'
+      self%separable = model%traits%separable
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      call new_newton(self%newton, nlane, 2, options, model%traits%quadratic, -1, -1)
+      allocate (self%qs(nlane, 1), self%ps(nlane, 1), self%hq(nlane, 1), self%hp(nlane, 1))
+      allocate (self%hqq(nlane, 1, 1), self%hpp(nlane, 1, 1))
+      allocate (self%hqp(nlane, 1, 1), source=0.0_wp)
+   end subroutine new_midpoint_single_stepper
+
+   subroutine increment(self, t, w, q, p, dq, dp, status)
+      class(midpoint_single_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp) :: tm
+
+      tm = t + 0.5_wp*w(1, 0)
+      if (self%newton%affine) then
+         call evaluate(self, tm, w, q, p)
+         call solve_affine(self%ham%nlane, self%hq, self%hp, self%hqq, self%hqp, self%hpp, dq, dp)
+         associate (c => self%ham%counters)
+            c%iterations = c%iterations + self%ham%nreal
+            c%solves = c%solves + self%ham%nreal
+         end associate
+         return
+      end if
+      dq = 0
+      dp = 0
+      call self%newton%start(status)
+      do while (self%newton%running)
+         call middle(self%ham%nlane, q, p, dq, dp, self%qs, self%ps)
+         call evaluate(self, tm, w, self%qs, self%ps)
+         call correct(self, dq, dp)
+         call self%newton%judge(status, self%ham%counters)
+      end do
+   end subroutine increment
+
+   !> Gradient and Hessian at (q, p); the mixed derivative of a separable model stays zero.
+   subroutine evaluate(self, tm, w, q, p)
+      type(midpoint_single_stepper), intent(inout) :: self
+      real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, 1), p(self%ham%nlane, 1)
+
+      if (self%newton%options%fixed_point > 0) then
+         call self%ham%gradient(tm, w, q, p, self%hq, self%hp)
+      else if (self%separable) then
+         call self%ham%gradient_hessian(tm, w, q, p, self%hq, self%hp, hqq=self%hqq, hpp=self%hpp)
+      else
+         call self%ham%gradient_hessian(tm, w, q, p, self%hq, self%hp, self%hqq, self%hqp, self%hpp)
+      end if
+   end subroutine evaluate
+
+   !> One correction of (dq, dp); a fixed-point iteration is one with Hessian zero.
+   subroutine correct(self, dq, dp)
+      type(midpoint_single_stepper), intent(inout) :: self
+      real(wp), intent(inout) :: dq(self%ham%nlane, 1), dp(self%ham%nlane, 1)
+
+      if (self%newton%options%fixed_point > 0) then
+         self%hqq = 0
+         self%hqp = 0
+         self%hpp = 0
+      end if
+      call correct_pair(self%ham%nlane, self%hq, self%hp, self%hqq, self%hqp, self%hpp, self%newton%last, &
+                        dq, dp, self%newton%step, self%newton%size)
+   end subroutine correct
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   pure subroutine middle(nlane, q, p, dq, dp, qs, ps)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: q(nlane), p(nlane), dq(nlane), dp(nlane)
+      real(wp), intent(out) :: qs(nlane), ps(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         qs(lane) = q(lane) + 0.5_wp*dq(lane)
+         ps(lane) = p(lane) + 0.5_wp*dp(lane)
+      end do
+   end subroutine middle
+
+   !> (F,G) = [1-b, -c; a, 1+b]^{-1} (Hhat_p, -Hhat_q), exact for a quadratic Hamiltonian.
+   pure subroutine solve_affine(nlane, hq, hp, hqq, hqp, hpp, dq, dp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: hq(nlane), hp(nlane), hqq(nlane), hqp(nlane), hpp(nlane)
+      real(wp), intent(out) :: dq(nlane), dp(nlane)
+      real(wp) :: a, b, c, inverse
+      integer :: lane
+
+      do lane = 1, nlane
+         a = 0.5_wp*hqq(lane)
+         b = 0.5_wp*hqp(lane)
+         c = 0.5_wp*hpp(lane)
+         inverse = 1/(1 - b*b + a*c)
+         dq(lane) = ((1 + b)*hp(lane) - c*hq(lane))*inverse
+         dp(lane) = -((1 - b)*hq(lane) + a*hp(lane))*inverse
+      end do
+   end subroutine solve_affine
+
+   !> Newton's correction of (F,G) in running lanes, with its size and that of the unknowns.
+   pure subroutine correct_pair(nlane, hq, hp, hqq, hqp, hpp, last, dq, dp, step, size)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: hq(nlane), hp(nlane), hqq(nlane), hqp(nlane), hpp(nlane), last(nlane)
+      real(wp), intent(inout) :: dq(nlane), dp(nlane)
+      real(wp), intent(out) :: step(nlane), size(nlane)
+      real(wp) :: a, b, c, f, g, inverse, df, dg
+      integer :: lane
+
+      do lane = 1, nlane
+         a = 0.5_wp*hqq(lane)
+         b = 0.5_wp*hqp(lane)
+         c = 0.5_wp*hpp(lane)
+         f = dq(lane) - hp(lane)
+         g = dp(lane) + hq(lane)
+         inverse = 1/(1 - b*b + a*c)
+         df = ((1 + b)*f + c*g)*inverse
+         dg = ((1 - b)*g - a*f)*inverse
+         dq(lane) = merge(dq(lane) - df, dq(lane), last(lane) >= 0)
+         dp(lane) = merge(dp(lane) - dg, dp(lane), last(lane) >= 0)
+         step(lane) = max(abs(df), abs(dg)) + 0*df
+         size(lane) = max(abs(dq(lane)), abs(dp(lane)))
+      end do
+   end subroutine correct_pair
+
+end module symsde_step_midpoint_single
