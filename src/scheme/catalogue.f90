@@ -101,7 +101,7 @@ contains
    !> Exchange the coefficients of Q and P: the polynomial then is that of the momenta.
    pure subroutine swap(scheme)
       type(scheme_type), intent(inout) :: scheme
-      real(wp), allocatable :: keep(:, :)
+      real(wp) :: keep(scheme%nstage, scheme%nstage)
 
       keep = scheme%a
       scheme%a = scheme%abar
