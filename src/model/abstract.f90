@@ -1,9 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract model: a stochastic Hamiltonian system seen through weighted sums of its Hamiltonians.
+!> The abstract model: a stochastic Hamiltonian system seen through weighted sums of its
+!> Hamiltonians.
 !>
-!> A model knows H_0 = H, H_1 .. H_m and its traits, and nothing of schemes, noise or solvers. All that a
-!> scheme needs is value, gradient and Hessian of S(q,p) = sum_j w_j H_j(q,p), with weights of its own for
-!> every lane: with w = (h, dW_1, .., dW_m), S is the random Hamiltonian of one step of
+!> A model knows H_0 = H, H_1 .. H_m and its traits, and nothing of schemes, noise or solvers. All
+!> that a scheme needs is value, gradient and Hessian of S(q,p) = sum_j w_j H_j(q,p), with weights
+!> of its own for every lane: with w = (h, dW_1, .., dW_m), S is the random Hamiltonian of one step
+!> of
 !>
 !>    dp = -H_q dt - sum_k H_{k,q} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 !>
@@ -62,8 +64,8 @@ contains
       value = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine value_missing
 
-   !> Blocks of the Hessian of sum_j w_j H_j; hqp(:,i,j) = d2/(dq_i dp_j). Default: products with the
-   !> unit vectors where the model has them, else central differences of gradients.
+   !> Blocks of the Hessian of sum_j w_j H_j; hqp(:,i,j) = d2/(dq_i dp_j). Default: products with
+   !> the unit vectors where the model has them, else central differences of gradients.
    subroutine hessian_by_differences(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -96,8 +98,8 @@ contains
       if (present(hpp)) call symmetrise(nlane, ndof, hpp)
    end subroutine hessian_by_differences
 
-   !> Product of the Hessian of sum_j w_j H_j with (vq, vp). Default: from an analytic Hessian where the
-   !> model has one, else the central difference of gradients along the vector.
+   !> Product of the Hessian of sum_j w_j H_j with (vq, vp). Default: from an analytic Hessian where
+   !> the model has one, else the central difference of gradients along the vector.
    subroutine hessian_vector_composed(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -125,7 +127,8 @@ contains
 
    !> Gradient and Hessian at one point, as each Newton iteration wants them. Default: one after the
    !> other; a model in which the two share work (sin and cos of one argument) overrides it.
-   subroutine gradient_hessian_composed(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
+   subroutine gradient_hessian_composed(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, &
+                                        hqq, hqp, hpp)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
@@ -198,7 +201,8 @@ contains
       end if
    end subroutine product_along
 
-   !> Central difference of the gradient of sum_j w_j H_j along (vq, vp): its Hessian times the vector.
+   !> Central difference of the gradient of sum_j w_j H_j along (vq, vp): its Hessian times the
+   !> vector.
    subroutine difference_along(self, nlane, ndof, nnoise, step, t, w, q, p, vq, vp, uq, up)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -260,7 +264,8 @@ contains
       end do
    end subroutine symmetrise
 
-   !> Put the product with a coloured sum of unit vectors where each row's entry of that colour belongs.
+   !> Put the product with a coloured sum of unit vectors where each row's entry of that colour
+   !> belongs.
    pure subroutine scatter(nlane, ndof, b, colour, u, bands)
       integer, intent(in) :: nlane, ndof, b, colour
       real(wp), intent(in) :: u(nlane, ndof)

@@ -67,7 +67,8 @@ contains
       work%gq = -work%gq
       work%fq = -work%fq
       call model%hessian_vector(nlane, ndof, nnoise, t, wf, q, p, work%gp, work%gq, bq, bp)
-      call model%hessian_vector(nlane, ndof, nnoise, t, wg, q, p, work%fp, work%fq, work%uq, work%up)
+      call model%hessian_vector(nlane, ndof, nnoise, t, wg, q, p, work%fp, work%fq, &
+                                work%uq, work%up)
       bq = bq - work%uq
       bp = bp - work%up
    end subroutine bracket_gradient

@@ -7,7 +7,8 @@
 !> compute every lane by itself, and mark a lane that fails by NaN. A nonzero return aborts the run:
 !> the outputs of that call become NaN and failure_code() tells the first such code.
 !>
-!> Do not copy with allocate(source=): two models would own one record of failure. Assignment is safe.
+!> Do not copy with allocate(source=): two models would own one record of failure. Assignment is
+!> safe.
 module symsde_model_callback
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, &
@@ -95,8 +96,9 @@ module symsde_model_callback
 
 contains
 
-   !> A model from C functions. What is offered sets has_value, has_hessian and has_hessian_vector of
-   !> the traits. Refuses a missing gradient (missing_operation) and impossible traits (check_traits).
+   !> A model from C functions. What is offered sets has_value, has_hessian and has_hessian_vector
+   !> of the traits. Refuses a missing gradient (missing_operation) and impossible traits
+   !> (check_traits).
    subroutine new_callback_model(self, name, traits, gradient, value, hessian, hessian_vector, &
                                  user, error)
       type(callback_model), intent(out) :: self

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The built-in models by name, with their parameters by key.
 !>
-!> Names and defaults of parameters stand in each model's own file. A new model is one line in each of
-!> model_names, tabulate, allocate_model and construct.
+!> Names and defaults of parameters stand in each model's own file. A new model is one line in each
+!> of model_names, tabulate, allocate_model and construct.
 module symsde_model_catalogue
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument, unknown_name, wrong_shape
@@ -61,8 +61,8 @@ contains
       call tabulate(name, names, defaults)
    end function parameter_defaults
 
-   !> A built-in model. Parameters that are not given keep their defaults. Refuses an unknown model or
-   !> key with the nearest names (unknown_name), a key given twice, a value the model refuses
+   !> A built-in model. Parameters that are not given keep their defaults. Refuses an unknown model
+   !> or key with the nearest names (unknown_name), a key given twice, a value the model refuses
    !> (invalid_argument), keys and values of different number (wrong_shape).
    subroutine get_model(model, name, keys, values, error)
       class(model_type), allocatable, intent(out) :: model
@@ -134,8 +134,9 @@ contains
 
       if (allocated(error)) return
       if (size(keys) /= size(values)) then
-         call raise(error, wrong_shape, 'get_model', to_text(size(keys))//' parameter names and '// &
-                    to_text(size(values))//' values; give one value for each name')
+         call raise(error, wrong_shape, 'get_model', to_text(size(keys))// &
+                    ' parameter names and '//to_text(size(values))// &
+                    ' values; give one value for each name')
          return
       end if
       given = .false.

@@ -1,7 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The Fermi-Pasta-Ulam chain (beta model) between fixed ends, with an additive noise on every momentum.
+!> The Fermi-Pasta-Ulam chain (beta model) between fixed ends, with an additive noise on every
+!> momentum.
 !>
-!>    H = sum_i p_i^2/2 + sum_{i=0}^{n} (r_i^2/2 + beta r_i^4/4),   r_i = q_{i+1} - q_i,  q_0 = q_{n+1} = 0
+!>    H = sum_i p_i^2/2 + sum_{i=0}^{n} (r_i^2/2 + beta r_i^4/4),
+!>        r_i = q_{i+1} - q_i,  q_0 = q_{n+1} = 0
 !>    H_k = -sigma q_k                                  so dp_k = .. + sigma dW_k,  k = 1 .. n
 !>
 !> The cost of everything but the dense Hessian is proportional to n.

@@ -54,8 +54,9 @@ contains
                     ' degrees of freedom and '//to_text(traits%nnoise)//' noises; give at most '// &
                     to_text(largest_system)//' of each')
       if (traits%bandwidth < dense) &
-         call raise(error, invalid_argument, place, model//'bandwidth '//to_text(traits%bandwidth)// &
-                    '; give bandwidth >= 0, or '//to_text(dense)//' for a dense Hessian')
+         call raise(error, invalid_argument, place, model//'bandwidth '// &
+                    to_text(traits%bandwidth)//'; give bandwidth >= 0, or '// &
+                    to_text(dense)//' for a dense Hessian')
       if (allocated(traits%silent)) then
          if (size(traits%silent) /= traits%nnoise) &
             call raise(error, wrong_shape, place, model//to_text(size(traits%silent))// &

@@ -1,0 +1,413 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The probe: what a model declares, tested by differences of its gradients at three points.
+!>
+!> One procedure a declaration. A false one is refused by name, with the numbers that refute it.
+!> Products with directions that have no zeros decide, so that the cost is that of some tens of
+!> gradients whatever the number of degrees of freedom; only then is the entry looked for that is to
+!> blame. A probe refutes, it does not prove: what is false only far from the initial state passes.
+module symsde_model_probe
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, false_trait, wrong_shape
+   use symsde_base_text, only: to_text
+   use symsde_model_abstract, only: model_type, default_step
+   use symsde_model_parameters, only: check_traits
+   use symsde_model_probe_points, only: probe_points, new_probe_points, nlane, npoint, finding, &
+                                        worst, largest_entry
+   implicit none
+   private
+   public :: probe_model
+
+   character(*), parameter :: here = 'probe_model'
+   real(wp), parameter :: vanishing = 1.0e-6_wp  !! entries below this part of the rest are zero
+   real(wp), parameter :: matching = 1.0e-4_wp   !! relative mismatch of derivatives
+   integer, parameter :: largest_dense = 64      !! ndof up to which dense blocks are probed
+
+   !> Which of the model's second derivatives is compared with differences.
+   integer, parameter :: by_product = 1, by_blocks = 2, by_bands = 3
+
+contains
+
+   !> Test the declared traits and the offered derivatives of a model around an initial state.
+   !> Refuses impossible traits (check_traits), a state of the wrong shape (wrong_shape) and a
+   !> declaration that the gradients refute (false_trait). Points where the model is not finite are
+   !> passed over.
+   subroutine probe_model(model, t, q0, p0, error)
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: t             !! initial time [1]
+      real(wp), intent(in) :: q0(:), p0(:)  !! initial state of one path (ndof)
+      type(error_type), allocatable, intent(inout) :: error
+      type(probe_points) :: points
+      integer :: k
+
+      if (allocated(error)) return
+      call check_traits(here, model%name, model%traits, error)
+      if (size(q0) /= model%traits%ndof .or. size(p0) /= model%traits%ndof) &
+         call raise(error, wrong_shape, here, 'the initial state has '//to_text(size(q0))// &
+                    ' positions and '//to_text(size(p0))//' momenta; model '''//model%name// &
+                    ''' needs '//to_text(model%traits%ndof)//' of each')
+      if (allocated(error)) return
+      call new_probe_points(points, model, t, q0, p0)
+      do k = 0, points%last_sum()
+         call points%take_sum(k)
+         call probe_sum(points, model, k, error)
+         if (allocated(error)) exit
+      end do
+      call points%take_all()
+      if (model%traits%bandwidth >= 0) call probe_bandwidth(points, error)
+      call model%clear_failure()  ! a user's function may refuse a displaced point
+   end subroutine probe_model
+
+   !> What is declared of the single Hamiltonians, and what is offered for them.
+   subroutine probe_sum(points, model, k, error)
+      type(probe_points), intent(in) :: points
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: k  !! number of the sum; 0 is H
+      type(error_type), allocatable, intent(inout) :: error
+
+      associate (traits => model%traits)
+         if (k == 0 .and. traits%identity_mass) call probe_identity_mass(points, error)
+         if (k > 0 .and. allocated(traits%silent)) call probe_silent(points, k, error)
+         if (k > 0 .and. traits%position_noise) call probe_position_noise(points, error)
+         if (k > 0 .and. traits%additive) call probe_additive(points, error)
+         if (traits%separable) call probe_separable(points, error)
+         if (traits%quadratic) call probe_quadratic(points, error)
+         if (traits%has_value) call probe_value(points, error)
+         if (traits%has_hessian_vector) call probe_second(points, by_product, error)
+         if (traits%has_hessian .and. traits%ndof <= largest_dense) &
+            call probe_second(points, by_blocks, error)
+         if (traits%bandwidth >= 0) call probe_second(points, by_bands, error)
+      end associate
+   end subroutine probe_sum
+
+   ! ---- traits -----------------------------------------------------------------------------------
+
+   !> identity_mass: H_p = p.
+   subroutine probe_identity_mass(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: hq(:, :), hp(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: bad
+
+      call points%gradient(hq, hp, scale)
+      hq = 0
+      hp = hp - points%p
+      call worst(hq, hp, scale, vanishing, bad)
+      if (bad%lane == 0) return
+      call refuse(points, 'identity_mass', 'dH_0/dp_'//to_text(bad%i)//' - p_'//to_text(bad%i), &
+                  hp(bad%lane, bad%i), bad%lane, bad%i, bad%i, error)
+   end subroutine probe_identity_mass
+
+   !> silent: H_k = 0.
+   subroutine probe_silent(points, k, error)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: k
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: hq(:, :), hp(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: bad
+      integer :: last
+
+      last = merge(points%nnoise, k, k == points%last_sum())  ! the last may be several
+      if (.not. all(points%model%traits%silent(k:last))) return
+      call points%gradient(hq, hp, scale)
+      call worst(hq, hp, scale, vanishing, bad)
+      if (bad%lane == 0) return
+      if (bad%half == 2) hq = hp
+      call refuse(points, 'silent', 'd'//points%sum_name//merge('/dq_', '/dp_', bad%half == 1)// &
+                  to_text(bad%i), hq(bad%lane, bad%i), bad%lane, bad%i, bad%i, error)
+   end subroutine probe_silent
+
+   !> position_noise: H_{k,p} = 0.
+   subroutine probe_position_noise(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: hq(:, :), hp(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: bad
+
+      call points%gradient(hq, hp, scale)
+      hq = 0
+      call worst(hq, hp, scale, vanishing, bad)
+      if (bad%lane == 0) return
+      call refuse(points, 'position_noise', 'd'//points%sum_name//'/dp_'//to_text(bad%i), &
+                  hp(bad%lane, bad%i), bad%lane, bad%i, bad%i, error)
+   end subroutine probe_position_noise
+
+   !> additive: the Hessian of H_k vanishes.
+   subroutine probe_additive(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: uq(:, :), up(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: row
+
+      call points%product(points%vq, points%vp, uq, up, scale)
+      call worst(uq, up, scale, vanishing, row)
+      if (row%lane == 0) return
+      call points%row_of_hessian(row, uq, up)
+      call refuse_entry(points, 'additive', row, uq, up, error)
+   end subroutine probe_additive
+
+   !> separable: d2/(dq dp) = 0.
+   subroutine probe_separable(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: uq(:, :), up(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: row
+
+      call points%product(points%zero, points%vp, uq, up, scale)
+      up = 0
+      call worst(uq, up, scale, vanishing, row)
+      if (row%lane == 0) return
+      call points%row_of_hessian(row, uq, up)
+      uq = 0
+      call refuse_entry(points, 'separable', row, uq, up, error)
+   end subroutine probe_separable
+
+   !> quadratic: the Hessian is the same at all points.
+   subroutine probe_quadratic(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: uq(:, :), up(:, :), dq(:, :), dp(:, :)
+      real(wp) :: scale(nlane), spread(nlane)
+      type(finding) :: row, column
+      integer :: from
+
+      call points%product(points%vq, points%vp, uq, up, scale)
+      do from = 1, npoint - 1
+         call subtract_point(points%ndof, from, uq, up, dq, dp)
+         spread = max(scale, scale(from)) + 0*(scale + scale(from))
+         call worst(dq, dp, spread, vanishing, row)
+         if (row%lane > 0) exit
+      end do
+      if (row%lane == 0) return
+      call points%row_of_hessian(row, uq, up)
+      call subtract_point(points%ndof, from, uq, up, dq, dp)
+      column = largest_entry(row%lane, dq, dp)
+      if (column%half == 2) dq = dp
+      call refuse(points, 'quadratic', points%entry_name(row, column)// &
+                  ' minus its value at ('//points%place(from, row%i, column%i)//')', &
+                  dq(row%lane, column%i), row%lane, row%i, column%i, error)
+   end subroutine probe_quadratic
+
+   !> Differences from the value at one of the points.
+   subroutine subtract_point(ndof, from, uq, up, dq, dp)
+      integer, intent(in) :: ndof, from
+      real(wp), intent(in) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp), allocatable, intent(out) :: dq(:, :), dp(:, :)
+      integer :: i
+
+      allocate (dq(nlane, ndof), dp(nlane, ndof))
+      do i = 1, ndof
+         dq(:, i) = uq(:, i) - uq(from, i)
+         dp(:, i) = up(:, i) - up(from, i)
+      end do
+   end subroutine subtract_point
+
+   !> bandwidth: entries with |i-j| > b vanish. Columns that lie a stride apart are probed together;
+   !> the rows farther than b from all of them must vanish. Three strides, at most 32 sets of
+   !> columns each.
+   subroutine probe_bandwidth(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      integer, parameter :: most = 32
+      integer, parameter :: factor(3) = [4, 5, 7]
+      integer :: b, stride, k, set, nset, first
+
+      b = points%model%traits%bandwidth
+      if (b >= points%ndof - 1) return
+      do k = 1, size(factor)
+         stride = factor(k)*(b + 1) + k - 1  ! what one stride passes over, another mostly sees
+         nset = min(stride, points%ndof, most)
+         do set = 0, nset - 1
+            if (allocated(error)) return
+            first = 1 + (set*min(stride, points%ndof))/nset
+            call probe_columns(points, b, first, stride, error)
+         end do
+      end do
+   end subroutine probe_bandwidth
+
+   !> The columns first, first + stride, .. of the four blocks, against the rows far from them.
+   subroutine probe_columns(points, b, first, stride, error)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: b, first, stride
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: v(:, :), uq(:, :), up(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: row
+      integer :: half
+
+      allocate (v, mold=points%zero)
+      v = 0
+      v(:, first::stride) = points%vq(:, first::stride)
+      do half = 1, 2
+         if (half == 1) call points%product(v, points%zero, uq, up, scale)
+         if (half == 2) call points%product(points%zero, v, uq, up, scale)
+         call clear_bands(points%ndof, b, first, stride, uq, up)
+         call worst(uq, up, scale, vanishing, row)
+         if (row%lane == 0) cycle
+         call points%row_of_hessian(row, uq, up)
+         call clear_bands(points%ndof, b, row%i, points%ndof, uq, up)
+         call refuse_entry(points, 'bandwidth', row, uq, up, error)
+         return
+      end do
+   end subroutine probe_columns
+
+   !> Blank the rows within b of the columns first, first + stride, ..
+   pure subroutine clear_bands(ndof, b, first, stride, uq, up)
+      integer, intent(in) :: ndof, b, first, stride
+      real(wp), intent(inout) :: uq(nlane, ndof), up(nlane, ndof)
+      integer :: j
+
+      do j = first, ndof, stride
+         uq(:, max(1, j - b):min(ndof, j + b)) = 0
+         up(:, max(1, j - b):min(ndof, j + b)) = 0
+      end do
+   end subroutine clear_bands
+
+   ! ---- derivatives that the model offers --------------------------------------------------------
+
+   !> has_value: the slope of the values along a direction is the gradient times the direction.
+   subroutine probe_value(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: hq(:, :), hp(:, :)
+      real(wp), dimension(nlane) :: slope, half_slope, exact, scale, values
+      integer :: lane
+
+      call points%gradient(hq, hp, scale)
+      exact = sum(hq*points%vq, dim=2) + sum(hp*points%vp, dim=2)
+      scale = sum(abs(hq*points%vq), dim=2) + sum(abs(hp*points%vp), dim=2)
+      call points%slope_of_values(default_step, slope, values)
+      call points%slope_of_values(default_step/4, half_slope, values)
+      scale = scale + vanishing*abs(values)  ! what rounding of large values costs a difference
+      where (.not. abs(slope - half_slope) <= 1.0e-5_wp*scale) slope = exact
+      do lane = 1, npoint
+         if (.not. abs(slope(lane) - exact(lane)) > matching*scale(lane)) cycle
+         call raise(error, false_trait, here, 'model '''//points%model%name// &
+                    ''' declares has_value, but along one direction '//points%sum_name// &
+                    ' changes at the rate '//to_text(slope(lane))//' by its values and '// &
+                    to_text(exact(lane))//' by its gradient, at '//points%place(lane, 1, 1)// &
+                    '; correct one of them, or offer no value')
+         return
+      end do
+   end subroutine probe_value
+
+   !> has_hessian_vector, has_hessian, hessian_banded: what is offered fits differences of the
+   !> gradient.
+   subroutine probe_second(points, which, error)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: which  !! by_product, by_blocks or by_bands
+      type(error_type), allocatable, intent(inout) :: error
+      character(*), parameter :: names(3) = ['has_hessian_vector', 'has_hessian       ', &
+                                             'hessian_banded    ']
+      real(wp), allocatable :: vq(:, :), vp(:, :), uq(:, :), up(:, :), aq(:, :), ap(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: bad
+      integer :: half
+
+      do half = 1, 2
+         if (allocated(error)) return
+         vq = merge(points%vq, points%zero, half == 1)
+         vp = merge(points%vp, points%zero, half == 2)
+         call points%product(vq, vp, uq, up, scale)
+         call offered_product(points, which, vq, vp, aq, ap)
+         vq = aq - uq
+         vp = ap - up
+         call worst(vq, vp, scale, matching, bad)
+         if (bad%lane == 0) cycle
+         if (bad%half == 2) uq = up
+         if (bad%half == 2) aq = ap
+         call raise(error, false_trait, here, 'model '''//points%model%name//''' offers '// &
+                    trim(names(which))//', but by it '// &
+                    points%entry_name(bad, finding(1, half, 0))//' times a vector is '// &
+                    to_text(aq(bad%lane, bad%i))//' and by differences of the gradient '// &
+                    to_text(uq(bad%lane, bad%i))//' at '//points%place(bad%lane, bad%i, bad%i)// &
+                    '; correct it, or do not offer it')
+      end do
+   end subroutine probe_second
+
+   !> The Hessian times (vq, vp) by one of the operations that the model offers.
+   subroutine offered_product(points, which, vq, vp, uq, up)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: which
+      real(wp), intent(in) :: vq(nlane, points%ndof), vp(nlane, points%ndof)
+      real(wp), allocatable, intent(out) :: uq(:, :), up(:, :)
+      real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
+      integer :: b, i, j, d
+
+      allocate (uq, up, mold=points%zero)
+      associate (n => points%ndof, m => points%nnoise, x => points)
+         if (which == by_product) then
+            call x%model%hessian_vector(nlane, n, m, x%t, x%w, x%q, x%p, vq, vp, uq, up)
+            return
+         end if
+         b = merge(x%model%traits%bandwidth, n - 1, which == by_bands)
+         if (which == by_bands) then
+            allocate (hqq(nlane, -b:b, n), hqp(nlane, -b:b, n), hpp(nlane, -b:b, n))
+            call x%model%hessian_banded(nlane, n, m, b, x%t, x%w, x%q, x%p, hqq, hqp, hpp)
+         else
+            allocate (hqq(nlane, n, n), hqp(nlane, n, n), hpp(nlane, n, n))
+            call x%model%hessian(nlane, n, m, x%t, x%w, x%q, x%p, hqq, hqp, hpp)
+         end if
+         uq = 0
+         up = 0
+         do j = 1, n
+            do i = max(1, j - b), min(n, j + b)
+               if (which == by_bands) then
+                  d = j - i
+                  uq(:, i) = uq(:, i) + hqq(:, d, i)*vq(:, j) + hqp(:, d, i)*vp(:, j)
+                  up(:, i) = up(:, i) + hpp(:, d, i)*vp(:, j)
+                  up(:, j) = up(:, j) + hqp(:, d, i)*vq(:, i)
+               else
+                  uq(:, i) = uq(:, i) + hqq(:, i, j)*vq(:, j) + hqp(:, i, j)*vp(:, j)
+                  up(:, i) = up(:, i) + hpp(:, i, j)*vp(:, j)
+                  up(:, j) = up(:, j) + hqp(:, i, j)*vq(:, i)
+               end if
+            end do
+         end do
+      end associate
+   end subroutine offered_product
+
+   ! ---- refusals ---------------------------------------------------------------------------------
+
+   !> Refuse for the largest entry of a row of the Hessian.
+   subroutine refuse_entry(points, trait, row, uq, up, error)
+      type(probe_points), intent(in) :: points
+      character(*), intent(in) :: trait
+      type(finding), intent(in) :: row
+      real(wp), intent(in) :: uq(:, :), up(:, :)  !! the row (nlane, ndof)
+      type(error_type), allocatable, intent(inout) :: error
+      type(finding) :: column
+      real(wp) :: x
+
+      column = largest_entry(row%lane, uq, up)
+      if (column%half == 1) x = uq(row%lane, column%i)
+      if (column%half == 2) x = up(row%lane, column%i)
+      call refuse(points, trait, points%entry_name(row, column), x, row%lane, row%i, column%i, &
+                  error)
+   end subroutine refuse_entry
+
+   !> Refuse a trait because a quantity does not vanish.
+   subroutine refuse(points, trait, what, x, lane, i, j, error)
+      type(probe_points), intent(in) :: points
+      character(*), intent(in) :: trait, what  !! name of the trait, name of the quantity
+      real(wp), intent(in) :: x                !! its value
+      integer, intent(in) :: lane, i, j        !! the point, and where to tell it
+      type(error_type), allocatable, intent(inout) :: error
+      character(:), allocatable :: declared, remedy
+
+      declared = trait
+      remedy = 'set '//trait//' to false'
+      if (trait == 'bandwidth') then
+         declared = trait//' '//to_text(points%model%traits%bandwidth)
+         remedy = 'declare a larger one, or none'
+      end if
+      call raise(error, false_trait, here, 'model '''//points%model%name//''' declares '// &
+                 declared//', but '//what//' = '//to_text(x)//' at '//points%place(lane, i, j)// &
+                 '; '//remedy//', or correct the gradient')
+   end subroutine refuse
+
+end module symsde_model_probe

@@ -1,0 +1,306 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The points, sums and directions of a probe, and differences that know when not to be trusted.
+!>
+!> Three points are probed at once, one a lane: the initial state and two displaced from it by fixed
+!> pseudo-random amounts of order one. The other lanes repeat the last point. Nothing here is
+!> random: the same model is always probed in the same way.
+module symsde_model_probe_points
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: nlane => lane_unit
+   use symsde_base_text, only: to_text
+   use symsde_model_abstract, only: model_type, difference_along, default_step
+   implicit none
+   private
+   public :: probe_points, new_probe_points, nlane, npoint, finding, worst, largest_entry
+
+   integer, parameter :: npoint = 3          !! lanes 1 .. npoint are different points
+   integer, parameter :: probed_alone = 16   !! noises probed one by one, the rest in one sum
+   real(wp), parameter :: displacement = 0.3_wp
+
+   type :: probe_points
+      class(model_type), pointer :: model => null()
+      integer :: ndof = 0, nnoise = 0
+      real(wp) :: t = 0
+      real(wp), allocatable :: q(:, :), p(:, :)    !! the points (nlane, ndof)
+      real(wp), allocatable :: w(:, :)             !! weights of the sum probed (nlane, 0:nnoise)
+      real(wp), allocatable :: vq(:, :), vp(:, :)  !! a direction without zeros (nlane, ndof)
+      real(wp), allocatable :: zero(:, :)          !! no direction
+      character(:), allocatable :: sum_name        !! the sum that is probed, for messages
+   contains
+      procedure :: last_sum
+      procedure :: take_sum
+      procedure :: take_all
+      procedure :: gradient
+      procedure :: product
+      procedure :: row_of_hessian
+      procedure :: slope_of_values
+      procedure :: entry_name
+      procedure :: place
+   end type probe_points
+
+   !> Where a quantity that should vanish does not: at a point, in one component of q (half 1) or p.
+   type :: finding
+      integer :: lane = 0  !! 0 = nothing found
+      integer :: half = 1
+      integer :: i = 0
+   end type finding
+
+contains
+
+   !> The points around an initial state.
+   subroutine new_probe_points(self, model, t, q0, p0)
+      type(probe_points), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      real(wp), intent(in) :: t, q0(:), p0(:)
+      integer :: i, lane
+
+      self%model => model
+      self%ndof = model%traits%ndof
+      self%nnoise = model%traits%nnoise
+      self%t = t
+      associate (n => self%ndof)
+         allocate (self%q(nlane, n), self%p(nlane, n), self%vq(nlane, n), self%vp(nlane, n))
+         allocate (self%w(nlane, 0:self%nnoise), self%zero(nlane, n))
+      end associate
+      self%zero = 0
+      do i = 1, self%ndof
+         self%vq(:, i) = generic(i, 0)
+         self%vp(:, i) = generic(i, 5)
+         self%q(1, i) = q0(i)
+         self%p(1, i) = p0(i)
+         do lane = 2, nlane
+            self%q(lane, i) = displaced(q0(i), i, min(lane, npoint))
+            self%p(lane, i) = displaced(p0(i), i, min(lane, npoint) + 5)
+         end do
+      end do
+   end subroutine new_probe_points
+
+   pure real(wp) function displaced(x, i, salt)
+      real(wp), intent(in) :: x
+      integer, intent(in) :: i, salt
+
+      displaced = x + displacement*max(1.0_wp, abs(x))*generic(i, salt)
+   end function displaced
+
+   !> A number of size 1/2 to 1 and of either sign, equidistributed over i: no accident makes sums
+   !> of such multiples vanish.
+   pure real(wp) function generic(i, salt)
+      integer, intent(in) :: i, salt
+      real(wp), parameter :: golden = 0.618033988749894848_wp, silver = 0.414213562373095049_wp
+
+      generic = 0.5_wp + 0.5_wp*modulo(i*golden + salt*silver, 1.0_wp)
+      if (modulo(i*silver + salt*golden, 1.0_wp) < 0.5_wp) generic = -generic
+   end function generic
+
+   !> Sums are numbered from 0; sum 0 is H_0, the following ones are of noises.
+   pure integer function last_sum(self)
+      class(probe_points), intent(in) :: self
+
+      last_sum = min(self%nnoise, probed_alone + 1)
+   end function last_sum
+
+   !> Probe sum k from now on: H_k by itself, or all noises past the first sixteen together.
+   subroutine take_sum(self, k)
+      class(probe_points), intent(inout) :: self
+      integer, intent(in) :: k  !! 0 .. last_sum()
+
+      self%w = 0
+      if (k <= probed_alone) then
+         self%w(:, k) = 1
+         self%sum_name = 'H_'//to_text(k)
+      else
+         call mix(self, k)
+      end if
+   end subroutine take_sum
+
+   !> Probe one sum of all Hamiltonians from now on.
+   subroutine take_all(self)
+      class(probe_points), intent(inout) :: self
+
+      self%w = 0
+      call mix(self, 0)
+   end subroutine take_all
+
+   subroutine mix(self, first)
+      type(probe_points), intent(inout) :: self
+      integer, intent(in) :: first
+      integer :: k
+
+      do k = first, self%nnoise
+         self%w(:, k) = generic(k + 1, 1)
+      end do
+      self%sum_name = '(a sum of H_'//to_text(first)//' .. H_'//to_text(self%nnoise)//')'
+   end subroutine mix
+
+   !> Gradient of the sum.
+   subroutine gradient(self, hq, hp, scale)
+      class(probe_points), intent(in) :: self
+      real(wp), allocatable, intent(out) :: hq(:, :), hp(:, :)  !! (nlane, ndof)
+      real(wp), intent(out) :: scale(nlane)                     !! its largest component
+
+      allocate (hq(nlane, self%ndof), hp(nlane, self%ndof))
+      call self%model%gradient(nlane, self%ndof, self%nnoise, self%t, self%w, self%q, self%p, &
+                               hq, hp)
+      call largest(self%ndof, hq, hp, scale)
+   end subroutine gradient
+
+   !> Hessian of the sum times (vq, vp), by differences of gradients with two steps. Lanes in which
+   !> the two disagree (a step too large for the model, a state too large for the step) get scale
+   !> NaN.
+   subroutine product(self, vq, vp, uq, up, scale)
+      class(probe_points), intent(in) :: self
+      real(wp), intent(in) :: vq(nlane, self%ndof), vp(nlane, self%ndof)
+      real(wp), allocatable, intent(out) :: uq(:, :), up(:, :)  !! (nlane, ndof)
+      real(wp), intent(out) :: scale(nlane)  !! what an entry of the product is to be compared with
+      real(wp), parameter :: agreement = 1.0e-5_wp
+      real(wp), allocatable :: xq(:, :), xp(:, :)
+      real(wp) :: apart(nlane), state(nlane), slope(nlane)
+
+      associate (n => self%ndof, m => self%nnoise)
+         allocate (uq(nlane, n), up(nlane, n))
+         call self%gradient(xq, xp, slope)
+         call difference_along(self%model, nlane, n, m, default_step, self%t, self%w, self%q, &
+                               self%p, vq, vp, uq, up)
+         call difference_along(self%model, nlane, n, m, default_step/4, self%t, self%w, self%q, &
+                               self%p, vq, vp, xq, xp)
+         call largest(n, self%q, self%p, state)
+         call largest(n, uq, up, scale)
+         xq = uq - xq
+         xp = up - xp
+         call largest(n, xq, xp, apart)
+      end associate
+      scale = max(scale, slope/max(1.0_wp, state)) + 0*(scale + slope)
+      where (.not. apart <= agreement*scale) scale = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine product
+
+   !> The largest component of a pair of vectors, lane by lane; not finite where any component is
+   !> not.
+   pure subroutine largest(ndof, xq, xp, size)
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: xq(nlane, ndof), xp(nlane, ndof)
+      real(wp), intent(out) :: size(nlane)
+      real(wp) :: poison(nlane)
+      integer :: i
+
+      size = 0
+      poison = 0
+      do i = 1, ndof
+         size = max(size, abs(xq(:, i)), abs(xp(:, i)))
+         poison = poison + 0*xq(:, i) + 0*xp(:, i)  ! max may pass over NaN
+      end do
+      size = size + poison
+   end subroutine largest
+
+   !> The component of (uq, up) that is largest against its scale, if it exceeds the tolerance; what
+   !> is not finite, or has a scale that is not, is passed over.
+   pure subroutine worst(uq, up, scale, tolerance, found)
+      real(wp), intent(in) :: uq(:, :), up(:, :)  !! (nlane, ndof)
+      real(wp), intent(in) :: scale(nlane), tolerance
+      type(finding), intent(out) :: found
+      real(wp) :: excess
+      integer :: i, lane
+
+      excess = tolerance
+      do i = 1, size(uq, 2)
+         do lane = 1, npoint
+            if (abs(uq(lane, i))/scale(lane) > excess) then
+               found = finding(lane, 1, i)
+               excess = abs(uq(lane, i))/scale(lane)
+            end if
+            if (abs(up(lane, i))/scale(lane) > excess) then
+               found = finding(lane, 2, i)
+               excess = abs(up(lane, i))/scale(lane)
+            end if
+         end do
+      end do
+   end subroutine worst
+
+   !> The largest entry of a row (uq, up) at one point.
+   pure function largest_entry(lane, uq, up) result(column)
+      integer, intent(in) :: lane
+      real(wp), intent(in) :: uq(:, :), up(:, :)  !! (nlane, ndof)
+      type(finding) :: column
+      integer :: iq, ip
+
+      iq = maxloc(abs(uq(lane, :)), dim=1)
+      ip = maxloc(abs(up(lane, :)), dim=1)
+      column = finding(lane, 1, iq)
+      if (abs(up(lane, ip)) > abs(uq(lane, iq))) column = finding(lane, 2, ip)
+   end function largest_entry
+
+   !> The row of the Hessian of the sum to which a component belongs.
+   subroutine row_of_hessian(self, row, uq, up)
+      class(probe_points), intent(in) :: self
+      type(finding), intent(in) :: row
+      real(wp), allocatable, intent(out) :: uq(:, :), up(:, :)  !! (nlane, ndof)
+      real(wp), allocatable :: unit(:, :)
+      real(wp) :: scale(nlane)
+
+      allocate (unit, source=self%zero)
+      unit(:, row%i) = 1
+      if (row%half == 1) call self%product(unit, self%zero, uq, up, scale)
+      if (row%half == 2) call self%product(self%zero, unit, uq, up, scale)
+   end subroutine row_of_hessian
+
+   !> Rate of change of the values of the sum along the direction (vq, vp), by a central difference,
+   !> and the size of the values.
+   subroutine slope_of_values(self, step, slope, values)
+      class(probe_points), intent(in) :: self
+      real(wp), intent(in) :: step  !! relative to the state
+      real(wp), intent(out) :: slope(nlane), values(nlane)
+      real(wp), allocatable :: x(:, :), y(:, :)
+      real(wp) :: e(nlane), lower(nlane)
+      integer :: i, sign
+
+      allocate (x, y, mold=self%zero)
+      call largest(self%ndof, self%q, self%p, e)
+      e = step*max(1.0_wp, e)
+      do sign = -1, 1, 2
+         do i = 1, self%ndof
+            x(:, i) = self%q(:, i) + sign*e*self%vq(:, i)
+            y(:, i) = self%p(:, i) + sign*e*self%vp(:, i)
+         end do
+         if (sign > 0) lower = values
+         call self%model%value(nlane, self%ndof, self%nnoise, self%t, self%w, x, y, values)
+      end do
+      slope = (values - lower)/(2*e)
+   end subroutine slope_of_values
+
+   !> A second derivative of the sum, such as d2H_1/dq_1dp_2; column 0 stands for the whole row.
+   function entry_name(self, row, column) result(text)
+      class(probe_points), intent(in) :: self
+      type(finding), intent(in) :: row, column
+      character(:), allocatable :: text
+
+      text = 'd2'//self%sum_name//'/d'//variable(row%half)//'_'//to_text(row%i)// &
+             'd'//variable(column%half)
+      if (column%i > 0) text = text//'_'//to_text(column%i)
+   end function entry_name
+
+   !> Where a point lies, in the degrees of freedom of a row and a column.
+   function place(self, lane, i, j) result(text)
+      class(probe_points), intent(in) :: self
+      integer, intent(in) :: lane, i, j
+      character(:), allocatable :: text
+
+      text = coordinates(self, lane, i)
+      if (j /= i) text = text//', '//coordinates(self, lane, j)
+   end function place
+
+   function coordinates(self, lane, i) result(text)
+      type(probe_points), intent(in) :: self
+      integer, intent(in) :: lane, i
+      character(:), allocatable :: text
+
+      text = 'q_'//to_text(i)//' = '//to_text(self%q(lane, i))//', p_'//to_text(i)//' = '// &
+             to_text(self%p(lane, i))
+   end function coordinates
+
+   pure character(len=1) function variable(half)
+      integer, intent(in) :: half
+
+      variable = merge('q', 'p', half == 1)
+   end function variable
+
+end module symsde_model_probe_points
