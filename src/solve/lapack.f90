@@ -123,8 +123,9 @@ contains
       integer(i4), intent(out) :: info        !! status_ok, singular or nonfinite
       real(wp), allocatable :: matrix(:, :), vector(:)
 
-      matrix = a(lane, :, :)
-      vector = x(lane, :)
+      allocate (matrix(n, n), vector(n))
+      matrix(:, :) = a(lane, :, :)
+      vector(:) = x(lane, :)
       call solve_dense_lapack(n, matrix, vector, info)
       if (info == status_ok) x(lane, :) = vector
    end subroutine solve_lane_lapack

@@ -6,11 +6,12 @@ module symsde_step_factory
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
    use symsde_model_kubo, only: kubo_model
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, ito_form, correction_auto, correction_none, &
+   use symsde_scheme_scheme, only: scheme_type, galerkin_form, ito_form, correction_auto, correction_none, &
                                    correction_mean, correction_increments
    use symsde_solve_newton, only: newton_options
    use symsde_step_euler_maruyama, only: euler_maruyama_stepper, new_euler_maruyama_stepper
    use symsde_step_explicit, only: explicit_stepper, new_explicit_stepper, is_explicit
+   use symsde_step_galerkin, only: galerkin_stepper, new_galerkin_stepper
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
    use symsde_step_midpoint_kubo, only: midpoint_kubo_stepper, new_midpoint_kubo_stepper
@@ -46,10 +47,10 @@ contains
       if (allocated(error)) return
       if (scheme%form == ito_form) then
          allocate (euler_maruyama_stepper :: stepper)
-      else if (scheme%form /= tableau_form) then
-         call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' is in Galerkin form, '// &
-                    'which no stepper executes yet: choose a scheme with as many nodes as its degree')
-         return
+      else if (scheme%form == galerkin_form) then
+         call check_galerkin(model, scheme, error)
+         if (allocated(error)) return
+         allocate (galerkin_stepper :: stepper)
       else if (options%general) then
          allocate (general_stepper :: stepper)
       else if (correction == correction_none .and. is_explicit(model, scheme)) then
@@ -99,6 +100,8 @@ contains
          call new_explicit_stepper(stepper, model, scheme, nlane)
       type is (midpoint_stepper)
          call new_midpoint_stepper(stepper, model, nlane, options%newton)
+      type is (galerkin_stepper)
+         call new_galerkin_stepper(stepper, model, scheme, nlane, options%newton)
       type is (midpoint_kubo_stepper)
          select type (model)
          type is (kubo_model)
@@ -129,7 +132,14 @@ contains
       select case (wanted)
       case (correction_none)
       case (correction_auto)
-         if (one_sided .and. .not. model%traits%correction_vanishes()) correction = correction_increments
+         if (.not. one_sided .or. model%traits%correction_vanishes()) return
+         if (scheme%symplectic) then
+            correction = correction_increments
+         else
+            call raise(error, incompatible, 'resolve_correction', 'scheme '//scheme%name//' is not consistent '// &
+                       'with the Stratonovich equation of model '//model%name//' and, not being symplectic, has '// &
+                       'no correction: use heun or euler_maruyama, or correction "none" to run it all the same')
+         end if
       case (correction_mean, correction_increments)
          if (.not. one_sided) then
             call raise(error, incompatible, 'resolve_correction', 'scheme '//scheme%name//' is consistent '// &
@@ -143,6 +153,23 @@ contains
                     ': the corrections are auto, none, mean and increments')
       end select
    end subroutine resolve_correction
+
+   !> More nodes than degrees leave the momenta to be found from the velocities: that needs H_pp regular
+   !> and no noise in it, or the equations become singular by chance.
+   subroutine check_galerkin(model, scheme, error)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(error_type), allocatable, intent(inout) :: error
+
+      associate (t => model%traits)
+         if (t%position_noise .or. t%nnoise == 0) return
+         if (t%additive .and. scheme%noise_coefficients_equal()) return
+      end associate
+      call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' has more nodes than degrees and '// &
+                 'needs noises in position (or additive ones, if drift and noise share their weights); model '// &
+                 model%name//' declares neither: use a scheme with as many nodes as its degree, such as '// &
+                 'midpoint or gauss2')
+   end subroutine check_galerkin
 
    !> Bounds of the solver's options.
    subroutine check_newton(options, error)
