@@ -19,7 +19,7 @@ module symsde_model_abstract
    ! the defaults, for models that offer an operation only sometimes
    public :: value_missing, hessian_by_differences, hessian_vector_composed
 
-   !> Step of a central difference relative to the state: balances rounding and truncation.
+   !> Step of a central difference, relative to the larger of the state and one.
    real(wp), parameter :: default_step = epsilon(1.0_wp)**(1.0_wp/3)
 
    !> A model is immutable once constructed: shared by all threads, intent(in) wherever it is used.
@@ -110,7 +110,7 @@ contains
       integer :: i, j
 
       if (.not. self%traits%has_hessian) then
-         call difference_along(self, nlane, ndof, nnoise, default_step, t, w, q, p, vq, vp, uq, up)
+         call difference_default(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
          return
       end if
       allocate (hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof), hpp(nlane, ndof, ndof))
@@ -197,7 +197,7 @@ contains
       if (self%traits%has_hessian_vector) then
          call self%hessian_vector(nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       else
-         call difference_along(self, nlane, ndof, nnoise, default_step, t, w, q, p, vq, vp, uq, up)
+         call difference_default(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       end if
    end subroutine product_along
 
@@ -206,7 +206,7 @@ contains
    subroutine difference_along(self, nlane, ndof, nnoise, step, t, w, q, p, vq, vp, uq, up)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: step  !! relative to the larger of the state and one
+      real(wp), intent(in) :: step(nlane)  !! how far the component moves that moves most
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
       real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
@@ -215,7 +215,8 @@ contains
 
       allocate (e(nlane), qe(nlane, ndof), pe(nlane, ndof))
       allocate (lower_q(nlane, ndof), lower_p(nlane, ndof))
-      call difference_step(nlane, ndof, step, q, p, vq, vp, e)
+      call largest_component(nlane, ndof, vq, vp, e)
+      e = step/merge(e, 1.0_wp, e > 0)
       do i = 1, ndof
          qe(:, i) = q(:, i) - e*vq(:, i)
          pe(:, i) = p(:, i) - e*vp(:, i)
@@ -232,24 +233,34 @@ contains
       end do
    end subroutine difference_along
 
-   !> Length of a central difference: the step times the size of the state over that of the vector.
-   pure subroutine difference_step(nlane, ndof, step, q, p, vq, vp, e)
-      integer, intent(in) :: nlane, ndof
-      real(wp), intent(in) :: step, q(nlane, ndof), p(nlane, ndof), vq(nlane, ndof), vp(nlane, ndof)
-      real(wp), intent(out) :: e(nlane)
-      real(wp) :: state, vector
-      integer :: lane, i
+   !> The same with a step that suits a smooth model: eps^(1/3) times the larger of the state and
+   !> one balances truncation and rounding.
+   subroutine difference_default(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp), allocatable :: step(:)
 
-      do lane = 1, nlane
-         state = 1
-         vector = 0
-         do i = 1, ndof
-            state = max(state, abs(q(lane, i)), abs(p(lane, i)))
-            vector = max(vector, abs(vq(lane, i)), abs(vp(lane, i)))
-         end do
-         e(lane) = step*state/merge(vector, 1.0_wp, vector > 0)
+      allocate (step(nlane))
+      call largest_component(nlane, ndof, q, p, step)
+      step = default_step*max(1.0_wp, step)
+      call difference_along(self, nlane, ndof, nnoise, step, t, w, q, p, vq, vp, uq, up)
+   end subroutine difference_default
+
+   !> The largest component of (xq, xp), lane by lane.
+   pure subroutine largest_component(nlane, ndof, xq, xp, largest)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: xq(nlane, ndof), xp(nlane, ndof)
+      real(wp), intent(out) :: largest(nlane)
+      integer :: i
+
+      largest = 0
+      do i = 1, ndof
+         largest = max(largest, abs(xq(:, i)), abs(xp(:, i)))
       end do
-   end subroutine difference_step
+   end subroutine largest_component
 
    pure subroutine symmetrise(nlane, ndof, a)
       integer, intent(in) :: nlane, ndof

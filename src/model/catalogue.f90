@@ -26,7 +26,7 @@ module symsde_model_catalogue
                                        synchrotron_names, synchrotron_defaults
    implicit none
    private
-   public :: model_names, parameter_names, parameter_defaults, get_model
+   public :: model_names, parameter_names, parameter_defaults, tabulate, get_model
 
    character(len=name_length), parameter :: all_names(8) = [character(len=name_length) :: &
                                             'kubo', 'linear_oscillator', 'synchrotron', &

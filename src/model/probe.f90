@@ -9,7 +9,8 @@ module symsde_model_probe
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait, wrong_shape
    use symsde_base_text, only: to_text
-   use symsde_model_abstract, only: model_type, default_step
+   use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: model_type
    use symsde_model_parameters, only: check_traits
    use symsde_model_probe_points, only: probe_points, new_probe_points, nlane, npoint, finding, &
                                         worst, largest_entry
@@ -49,35 +50,46 @@ contains
       call new_probe_points(points, model, t, q0, p0)
       do k = 0, points%last_sum()
          call points%take_sum(k)
-         call probe_sum(points, model, k, error)
-         if (allocated(error)) exit
+         call probe_traits(points, model%traits, k, error)
       end do
       call points%take_all()
       if (model%traits%bandwidth >= 0) call probe_bandwidth(points, error)
+      do k = 0, points%last_sum()
+         call points%take_sum(k)
+         call probe_derivatives(points, model%traits, error)
+      end do
       call model%clear_failure()  ! a user's function may refuse a displaced point
    end subroutine probe_model
 
-   !> What is declared of the single Hamiltonians, and what is offered for them.
-   subroutine probe_sum(points, model, k, error)
+   !> What is declared of the single Hamiltonians.
+   subroutine probe_traits(points, traits, k, error)
       type(probe_points), intent(in) :: points
-      class(model_type), intent(in) :: model
+      type(model_traits), intent(in) :: traits
       integer, intent(in) :: k  !! number of the sum; 0 is H
       type(error_type), allocatable, intent(inout) :: error
 
-      associate (traits => model%traits)
-         if (k == 0 .and. traits%identity_mass) call probe_identity_mass(points, error)
-         if (k > 0 .and. allocated(traits%silent)) call probe_silent(points, k, error)
-         if (k > 0 .and. traits%position_noise) call probe_position_noise(points, error)
-         if (k > 0 .and. traits%additive) call probe_additive(points, error)
-         if (traits%separable) call probe_separable(points, error)
-         if (traits%quadratic) call probe_quadratic(points, error)
-         if (traits%has_value) call probe_value(points, error)
-         if (traits%has_hessian_vector) call probe_second(points, by_product, error)
-         if (traits%has_hessian .and. traits%ndof <= largest_dense) &
-            call probe_second(points, by_blocks, error)
-         if (traits%bandwidth >= 0) call probe_second(points, by_bands, error)
-      end associate
-   end subroutine probe_sum
+      if (allocated(error)) return
+      if (k == 0 .and. traits%identity_mass) call probe_identity_mass(points, error)
+      if (k > 0 .and. allocated(traits%silent)) call probe_silent(points, k, error)
+      if (k > 0 .and. traits%position_noise) call probe_position_noise(points, error)
+      if (k > 0 .and. traits%additive) call probe_additive(points, error)
+      if (traits%separable) call probe_separable(points, error)
+      if (traits%quadratic) call probe_quadratic(points, error)
+   end subroutine probe_traits
+
+   !> What is offered beside the gradient. The bands have been found to hold all entries by now.
+   subroutine probe_derivatives(points, traits, error)
+      type(probe_points), intent(in) :: points
+      type(model_traits), intent(in) :: traits
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      if (traits%has_value) call probe_value(points, error)
+      if (traits%has_hessian_vector) call probe_second(points, by_product, error)
+      if (traits%has_hessian .and. traits%ndof <= largest_dense) &
+         call probe_second(points, by_blocks, error)
+      if (traits%bandwidth >= 0) call probe_second(points, by_bands, error)
+   end subroutine probe_derivatives
 
    ! ---- traits -----------------------------------------------------------------------------------
 
@@ -274,16 +286,15 @@ contains
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
       real(wp), allocatable :: hq(:, :), hp(:, :)
-      real(wp), dimension(nlane) :: slope, half_slope, exact, scale, values
+      real(wp), dimension(nlane) :: slope, apart, exact, scale, values
       integer :: lane
 
       call points%gradient(hq, hp, scale)
       exact = sum(hq*points%vq, dim=2) + sum(hp*points%vp, dim=2)
       scale = sum(abs(hq*points%vq), dim=2) + sum(abs(hp*points%vp), dim=2)
-      call points%slope_of_values(default_step, slope, values)
-      call points%slope_of_values(default_step/4, half_slope, values)
-      scale = scale + vanishing*abs(values)  ! what rounding of large values costs a difference
-      where (.not. abs(slope - half_slope) <= 1.0e-5_wp*scale) slope = exact
+      call points%slope_of_values(slope, apart, values)
+      scale = scale + vanishing*values  ! what rounding of large values costs a difference
+      where (.not. apart <= 1.0e-5_wp*scale) slope = exact  ! no verdict
       do lane = 1, npoint
          if (.not. abs(slope(lane) - exact(lane)) > matching*scale(lane)) cycle
          call raise(error, false_trait, here, 'model '''//points%model%name// &

@@ -17,6 +17,7 @@ module symsde_model_probe_points
    integer, parameter :: npoint = 3          !! lanes 1 .. npoint are different points
    integer, parameter :: probed_alone = 16   !! noises probed one by one, the rest in one sum
    real(wp), parameter :: displacement = 0.3_wp
+   real(wp), parameter :: too_far = 1.0e6_wp  !! state that leaves a step of 1e-6 no digits
 
    type :: probe_points
       class(model_type), pointer :: model => null()
@@ -145,9 +146,9 @@ contains
       call largest(self%ndof, hq, hp, scale)
    end subroutine gradient
 
-   !> Hessian of the sum times (vq, vp), by differences of gradients with two steps. Lanes in which
-   !> the two disagree (a step too large for the model, a state too large for the step) get scale
-   !> NaN.
+   !> Hessian of the sum times (vq, vp), by differences of gradients with two steps, one relative to
+   !> the state and one not. Lanes in which the two disagree, or whose state is too large for the
+   !> second, get scale NaN: no verdict.
    subroutine product(self, vq, vp, uq, up, scale)
       class(probe_points), intent(in) :: self
       real(wp), intent(in) :: vq(nlane, self%ndof), vp(nlane, self%ndof)
@@ -155,24 +156,35 @@ contains
       real(wp), intent(out) :: scale(nlane)  !! what an entry of the product is to be compared with
       real(wp), parameter :: agreement = 1.0e-5_wp
       real(wp), allocatable :: xq(:, :), xp(:, :)
-      real(wp) :: apart(nlane), state(nlane), slope(nlane)
+      real(wp), dimension(nlane) :: apart, state, slope, step
 
-      associate (n => self%ndof, m => self%nnoise)
-         allocate (uq(nlane, n), up(nlane, n))
-         call self%gradient(xq, xp, slope)
-         call difference_along(self%model, nlane, n, m, default_step, self%t, self%w, self%q, &
-                               self%p, vq, vp, uq, up)
-         call difference_along(self%model, nlane, n, m, default_step/4, self%t, self%w, self%q, &
-                               self%p, vq, vp, xq, xp)
-         call largest(n, self%q, self%p, state)
-         call largest(n, uq, up, scale)
-         xq = uq - xq
-         xp = up - xp
-         call largest(n, xq, xp, apart)
-      end associate
+      call self%gradient(xq, xp, slope)
+      call largest(self%ndof, self%q, self%p, state)
+      step = default_step*max(1.0_wp, state)
+      call difference(self, step, vq, vp, uq, up)
+      step = default_step/4
+      call difference(self, step, vq, vp, xq, xp)
+      call largest(self%ndof, uq, up, scale)
+      xq = uq - xq
+      xp = up - xp
+      call largest(self%ndof, xq, xp, apart)
       scale = max(scale, slope/max(1.0_wp, state)) + 0*(scale + slope)
-      where (.not. apart <= agreement*scale) scale = ieee_value(1.0_wp, ieee_quiet_nan)
+      where (.not. (apart <= agreement*scale .and. state <= too_far)) scale = not_a_number()
    end subroutine product
+
+   subroutine difference(self, step, vq, vp, uq, up)
+      type(probe_points), intent(in) :: self
+      real(wp), intent(in) :: step(nlane), vq(nlane, self%ndof), vp(nlane, self%ndof)
+      real(wp), allocatable, intent(out) :: uq(:, :), up(:, :)
+
+      allocate (uq, up, mold=self%zero)
+      call difference_along(self%model, nlane, self%ndof, self%nnoise, step, self%t, self%w, &
+                            self%q, self%p, vq, vp, uq, up)
+   end subroutine difference
+
+   pure real(wp) function not_a_number()
+      not_a_number = ieee_value(1.0_wp, ieee_quiet_nan)
+   end function not_a_number
 
    !> The largest component of a pair of vectors, lane by lane; not finite where any component is
    !> not.
@@ -243,29 +255,44 @@ contains
       if (row%half == 2) call self%product(self%zero, unit, uq, up, scale)
    end subroutine row_of_hessian
 
-   !> Rate of change of the values of the sum along the direction (vq, vp), by a central difference,
-   !> and the size of the values.
-   subroutine slope_of_values(self, step, slope, values)
+   !> Rate of change of the values of the sum along the direction (vq, vp), by central differences
+   !> with two steps as in product, and the size of the values; NaN where there is no verdict.
+   subroutine slope_of_values(self, slope, apart, values)
       class(probe_points), intent(in) :: self
-      real(wp), intent(in) :: step  !! relative to the state
+      real(wp), intent(out) :: slope(nlane)   !! the rate by the first step
+      real(wp), intent(out) :: apart(nlane)   !! its distance from the rate by the second
+      real(wp), intent(out) :: values(nlane)  !! size of the values
+      real(wp), dimension(nlane) :: state, step, other
+
+      call largest(self%ndof, self%q, self%p, state)
+      step = default_step*max(1.0_wp, state)
+      call slope_with(self, step, slope, values)
+      step = default_step/4
+      call slope_with(self, step, other, values)
+      apart = abs(slope - other)
+      where (.not. state <= too_far) apart = not_a_number()
+   end subroutine slope_of_values
+
+   subroutine slope_with(self, step, slope, values)
+      type(probe_points), intent(in) :: self
+      real(wp), intent(in) :: step(nlane)
       real(wp), intent(out) :: slope(nlane), values(nlane)
       real(wp), allocatable :: x(:, :), y(:, :)
-      real(wp) :: e(nlane), lower(nlane)
+      real(wp) :: lower(nlane)
       integer :: i, sign
 
       allocate (x, y, mold=self%zero)
-      call largest(self%ndof, self%q, self%p, e)
-      e = step*max(1.0_wp, e)
       do sign = -1, 1, 2
          do i = 1, self%ndof
-            x(:, i) = self%q(:, i) + sign*e*self%vq(:, i)
-            y(:, i) = self%p(:, i) + sign*e*self%vp(:, i)
+            x(:, i) = self%q(:, i) + sign*step*self%vq(:, i)
+            y(:, i) = self%p(:, i) + sign*step*self%vp(:, i)
          end do
-         if (sign > 0) lower = values
          call self%model%value(nlane, self%ndof, self%nnoise, self%t, self%w, x, y, values)
+         if (sign < 0) lower = values
       end do
-      slope = (values - lower)/(2*e)
-   end subroutine slope_of_values
+      slope = (values - lower)/(2*step)
+      values = max(abs(values), abs(lower))
+   end subroutine slope_with
 
    !> A second derivative of the sum, such as d2H_1/dq_1dp_2; column 0 stands for the whole row.
    function entry_name(self, row, column) result(text)
