@@ -51,7 +51,7 @@ contains
       end if
       if (index(stepper, 'explicit') == 1 .or. index(stepper, 'Euler-Maruyama') == 1) then
          call add('solver: the step is explicit')
-      else if (model%traits%quadratic) then
+      else if (model%traits%quadratic .and. correction == correction_none) then
          call add('iteration: the equations are linear, one solve a step')
       end if
       if (index(stepper, 'eliminated') > 0) call add('half of the unknowns: identity mass')
