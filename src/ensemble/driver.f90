@@ -136,7 +136,7 @@ contains
          shared%done = shared%done + (runner%step - before)*runner%nreal
          done = shared%done
          !$omp end atomic
-         stop_now = runner%stepper%ham%model%failure_code() /= 0
+         stop_now = runner%stepper%ham%model%failure_code() /= 0 .or. runner%observer%failure_code() /= 0
          if (is_caller .and. .not. stop_now) call check_monitor(monitor, done, shared, stop_now)
          if (stop_now) then
             !$omp atomic write
@@ -209,11 +209,13 @@ contains
       type(prescribed_noise) :: prescribed
       type(brownian_noise) :: brownian
       logical, allocatable :: silent(:)
+      integer(i8) :: extent(3)
       real(wp) :: cut
 
       lost = 0
       if (present(dw)) then
-         call check_increments(options, model%traits%nnoise, shape(dw, i8), error)
+         extent = shape(dw, i8)
+         call check_increments(options, model%traits%nnoise, extent, error)
          if (allocated(error)) return
          if (.not. all(abs(dw) <= huge(dw))) then
             call raise(error, invalid_argument, 'run_ensemble', 'the prescribed increments hold values that '// &
@@ -317,7 +319,7 @@ contains
       end do
       report%nfailed = shared%nfailed
       report%nstopped = shared%nstopped
-      if (model%failure_code() /= 0) then
+      if (model%failure_code() /= 0 .or. runners(1)%observer%failure_code() /= 0) then
          report%status = callback_failed
       else if (shared%nstopped > 0) then
          report%status = stopped

@@ -41,6 +41,7 @@ module symsde_ensemble_moment_collector
       procedure :: begin_block
       procedure :: observe
       procedure :: end_block
+      procedure :: failure_code
    end type moment_collector
 
 contains
@@ -145,6 +146,14 @@ contains
          call list_failure(self%store, self%first + lane - 1, int(state%status(lane), i4), state%failed_step(lane))
       end do
    end subroutine end_block
+
+   !> That of the user's observables.
+   integer function failure_code(self) result(code)
+      class(moment_collector), intent(in) :: self
+
+      code = 0
+      if (associated(self%observables)) code = self%observables%failure_code()
+   end function failure_code
 
    !> Keep the failed paths with the lowest indices, in order, whichever thread found them first.
    subroutine list_failure(store, path, status, failed_step)

@@ -10,6 +10,7 @@ module symsde_ensemble_observables
       integer :: nvalue = 0  !! how many values
    contains
       procedure(evaluate_interface), deferred :: evaluate
+      procedure :: failure_code => never_failed
    end type observables_type
 
    abstract interface
@@ -22,5 +23,14 @@ module symsde_ensemble_observables
          real(wp), intent(out) :: values(nlane, self%nvalue)
       end subroutine evaluate_interface
    end interface
+
+contains
+
+   !> Nonzero after a user callback has refused, which aborts the run: its own return code.
+   integer function never_failed(self) result(code)
+      class(observables_type), intent(in) :: self
+
+      code = 0
+   end function never_failed
 
 end module symsde_ensemble_observables

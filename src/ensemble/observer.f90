@@ -15,6 +15,7 @@ module symsde_ensemble_observer
       procedure(begin_interface), deferred :: begin_block
       procedure(observe_interface), deferred :: observe
       procedure(end_interface), deferred :: end_block
+      procedure :: failure_code => never_failed
    end type observer_type
 
    abstract interface
@@ -42,5 +43,14 @@ module symsde_ensemble_observer
          type(lane_state), intent(in) :: state
       end subroutine end_interface
    end interface
+
+contains
+
+   !> Nonzero aborts the run: the return code of a user callback that the observer calls.
+   integer function never_failed(self) result(code)
+      class(observer_type), intent(in) :: self
+
+      code = 0
+   end function never_failed
 
 end module symsde_ensemble_observer

@@ -16,7 +16,7 @@ module symsde_ensemble_simulate
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: paths_type, moments_type, simulate, moments, new_paths, saved_times
+   public :: paths_type, moments_type, simulate, moments, new_paths, saved_times, saved_time
 
    !> Saved paths. Values of a path after its failure are NaN; last_q, last_p keep its last good state.
    type :: paths_type
@@ -59,6 +59,7 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
       type(path_recorder) :: recorder
+      real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
       type(monitor_type) :: silence
 
       if (allocated(error)) return
@@ -75,19 +76,19 @@ contains
       recorder%last_p => run%last_p
       recorder%low_q => run%low_q
       recorder%low_p => run%low_p
-      associate (n => model%traits%ndof)
-         if (present(monitor)) then
-            call run_ensemble(model, scheme, options, by_path(q0, n), by_path(p0, n), recorder, monitor, &
-                              run%report, error, dw, q0_low, p0_low)
-         else
-            call run_ensemble(model, scheme, options, by_path(q0, n), by_path(p0, n), recorder, silence, &
-                              run%report, error, dw, q0_low, p0_low)
-         end if
-      end associate
+      call by_path(q0, model%traits%ndof, q_rows)
+      call by_path(p0, model%traits%ndof, p_rows)
+      if (present(monitor)) then
+         call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, monitor, &
+                           run%report, error, dw, q0_low, p0_low)
+      else
+         call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, silence, &
+                           run%report, error, dw, q0_low, p0_low)
+      end if
    end subroutine simulate
 
    !> Integrate all paths and keep moments only; memory does not depend on paths and steps.
-   subroutine moments(model, scheme, options, q0, p0, result, error, observables, dw, monitor)
+   subroutine moments(model, scheme, options, q0, p0, result, error, observables, dw, monitor, q0_low, p0_low)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -97,31 +98,33 @@ contains
       class(observables_type), intent(in), target, optional :: observables
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
       class(monitor_type), intent(inout), optional :: monitor
+      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
       type(moment_store), allocatable, target :: store
       type(moment_collector) :: collector
       type(moment_node) :: root
+      real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
       type(monitor_type) :: silence
 
       if (allocated(error)) return
       call check_options(options, error)
       if (.not. allocated(error)) call check_shard(options, error)
+      if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
       if (allocated(error)) return
-      call saved_times(options, result%t)
       allocate (store)
-      associate (n => model%traits%ndof)
-         call new_moment_collector(collector, model, choose_nlane(options, n), size(result%t), store, observables)
-         if (present(monitor)) then
-            call run_ensemble(model, scheme, options, by_path(q0, n), by_path(p0, n), collector, monitor, &
-                              result%report, error, dw)
-         else
-            call run_ensemble(model, scheme, options, by_path(q0, n), by_path(p0, n), collector, silence, &
-                              result%report, error, dw)
-         end if
-      end associate
+      call new_moment_collector(collector, model, choose_nlane(options, model%traits%ndof), size(result%t), &
+                                store, observables)
+      call by_path(q0, model%traits%ndof, q_rows)
+      call by_path(p0, model%traits%ndof, p_rows)
+      if (present(monitor)) then
+         call run_ensemble(model, scheme, options, q_rows, p_rows, collector, monitor, &
+                           result%report, error, dw, q0_low, p0_low)
+      else
+         call run_ensemble(model, scheme, options, q_rows, p_rows, collector, silence, &
+                           result%report, error, dw, q0_low, p0_low)
+      end if
       if (allocated(error)) return
       call final_node(store%tree, root)
       call to_moments(root, result)
-      result%has_energy = model%traits%has_value
       result%failed = store%failed(:store%nlisted)
       result%failed_status = store%status(:store%nlisted)
       result%failed_step = store%failed_step(:store%nlisted)
@@ -137,6 +140,31 @@ contains
                     ' does not begin a shard: moments need a multiple of 256')
       end if
    end subroutine check_shard
+
+   !> Room for the moments; sizes that overflow and missing memory are refused.
+   subroutine new_moments(result, model, options, error, observables)
+      type(moments_type), intent(inout) :: result
+      class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      class(observables_type), intent(in), optional :: observables
+      integer(i8) :: ntime, nvalue
+      integer :: info
+
+      ntime = options%nstep/options%save_every + 1
+      result%has_energy = model%traits%has_value
+      nvalue = 2*model%traits%ndof + merge(1, 0, result%has_energy)
+      if (present(observables)) nvalue = nvalue + observables%nvalue
+      info = 1
+      if (ntime < huge(0)) allocate (result%mean(nvalue, ntime), result%variance(nvalue, ntime), &
+                                     result%se_mean(nvalue, ntime), stat=info)
+      if (info /= 0) then
+         call raise(error, out_of_memory, 'moments', 'no memory for the moments of '//to_text(nvalue)// &
+                    ' values at '//to_text(ntime)//' times: save less often (save_every)')
+         return
+      end if
+      call saved_times(options, result%t)
+   end subroutine new_moments
 
    !> Mean, variance and standard error from counts, means and sums of squares.
    subroutine to_moments(root, result)
@@ -163,7 +191,7 @@ contains
       end do
    end subroutine to_moments
 
-   !> t_n = t0 + n h at the saved steps.
+   !> The saved times, t0 included.
    subroutine saved_times(options, t)
       type(run_options), intent(in) :: options
       real(wp), allocatable, intent(out) :: t(:)
@@ -172,9 +200,17 @@ contains
       nsave = options%nstep/options%save_every
       allocate (t(nsave + 1))
       do i = 0, nsave
-         t(i + 1) = options%t0 + real(options%first_step + i*options%save_every, wp)*options%step
+         t(i + 1) = saved_time(options, i)
       end do
    end subroutine saved_times
+
+   !> t_n = t0 + n h at saved point number isave, 0 for the first.
+   pure real(wp) function saved_time(options, isave)
+      type(run_options), intent(in) :: options
+      integer(i8), intent(in) :: isave
+
+      saved_time = options%t0 + real(options%first_step + isave*options%save_every, wp)*options%step
+   end function saved_time
 
    !> Room for the saved paths; sizes that overflow and missing memory are refused.
    subroutine new_paths(run, options, ndof, error)
@@ -208,16 +244,20 @@ contains
    end subroutine new_paths
 
    !> The state as (npath or 1, ndof); a size that is no multiple of ndof is left for the check of shapes.
-   pure function by_path(x, ndof) result(rows)
+   pure subroutine by_path(x, ndof, rows)
       real(wp), intent(in) :: x(:)
       integer, intent(in) :: ndof
-      real(wp), allocatable :: rows(:, :)
+      real(wp), allocatable, intent(out) :: rows(:, :)
+      integer(i8) :: n, i, j
 
-      if (mod(size(x), ndof) == 0 .and. size(x) > 0) then
-         rows = reshape(x, [size(x)/ndof, ndof])
-      else
-         rows = reshape(x, [1, size(x)])
-      end if
-   end function by_path
+      n = ndof
+      if (mod(size(x, kind=i8), n) /= 0 .or. size(x) == 0) n = size(x, kind=i8)
+      allocate (rows(size(x, kind=i8)/max(n, 1_i8), n))
+      do j = 1, n
+         do i = 1, size(rows, 1, i8)
+            rows(i, j) = x((j - 1)*size(rows, 1, i8) + i)
+         end do
+      end do
+   end subroutine by_path
 
 end module symsde_ensemble_simulate
