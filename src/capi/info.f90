@@ -1,0 +1,80 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Texts about the library itself: status codes, version, build.
+module symsde_capi_info
+   use, intrinsic :: iso_c_binding, only: c_int, c_ptr, c_size_t
+   use, intrinsic :: iso_fortran_env, only: compiler_options, compiler_version
+   use symsde_base_status, only: status_ok, status_text
+   use symsde_base_text, only: to_text
+   use symsde_base_version, only: library_version
+   use symsde_capi_text, only: put_text
+   use symsde_noise_philox, only: counter_map_version
+   implicit none
+   private
+   public :: symsde_status_text, symsde_version, symsde_build_info
+
+contains
+
+   !> The text of a status code.
+   function symsde_status_text(code, buffer, size, needed) result(status) bind(c, name='symsde_status_text')
+      integer(c_int), intent(in), value :: code
+      type(c_ptr), intent(in), value :: buffer, needed
+      integer(c_size_t), intent(in), value :: size
+      integer(c_int) :: status
+
+      call put_text(status_text(code), buffer, size, needed)
+      status = status_ok
+   end function symsde_status_text
+
+   !> The version of the library.
+   function symsde_version(buffer, size, needed) result(status) bind(c, name='symsde_version')
+      type(c_ptr), intent(in), value :: buffer, needed
+      integer(c_size_t), intent(in), value :: size
+      integer(c_int) :: status
+
+      call put_text(library_version, buffer, size, needed)
+      status = status_ok
+   end function symsde_version
+
+   !> Lines 'key: value' about how the library was built.
+   function symsde_build_info(buffer, size, needed) result(status) bind(c, name='symsde_build_info')
+      type(c_ptr), intent(in), value :: buffer, needed
+      integer(c_size_t), intent(in), value :: size
+      integer(c_int) :: status
+      character(:), allocatable :: openmp
+
+      openmp = 'no'
+      !$ openmp = 'yes'
+      call put_text('version: '//library_version//new_line('a')// &
+                    'compiler: '//compiler_version()//new_line('a')// &
+                    'compile options: '//without_folders(compiler_options())//new_line('a')// &
+                    'counter map of the noise: '//to_text(counter_map_version)//new_line('a')// &
+                    'openmp: '//openmp//new_line('a'), buffer, size, needed)
+      status = status_ok
+   end function symsde_build_info
+
+   !> Compile options without those that name folders of the machine that built the library.
+   pure function without_folders(options) result(kept)
+      character(*), intent(in) :: options
+      character(:), allocatable :: kept, word
+      logical :: folder_follows
+      integer :: first, last
+
+      kept = ''
+      folder_follows = .false.
+      first = 1
+      do while (first <= len_trim(options))
+         last = first + scan(options(first:)//' ', ' ') - 2
+         word = options(first:last)
+         first = last + 2
+         if (word == '-J' .or. word == '-I') then
+            folder_follows = .true.
+         else if (folder_follows .or. scan(word, '/') > 0) then
+            folder_follows = .false.
+         else
+            kept = trim(kept//' '//word)
+         end if
+      end do
+      kept = trim(adjustl(kept))
+   end function without_folders
+
+end module symsde_capi_info

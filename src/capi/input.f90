@@ -1,0 +1,131 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> struct symsde_input: what goes into a run besides model, scheme and options.
+module symsde_capi_input
+   use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_f_procpointer, c_funptr, c_int, c_int64_t, &
+                                          c_loc, c_null_funptr, c_null_ptr, c_ptr, c_size_t, c_sizeof
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type
+   use symsde_capi_arrays, only: view
+   use symsde_capi_error, only: finish, require, check_sizes, take_struct
+   use symsde_ensemble_monitor, only: monitor_type
+   implicit none
+   private
+   public :: run_input, read_input, symsde_input_init
+
+   !> struct symsde_input
+   type, bind(c) :: c_input
+      integer(c_size_t) :: struct_size
+      type(c_ptr) :: q0, p0
+      integer(c_int64_t) :: q0_paths, p0_paths
+      type(c_ptr) :: increments
+      integer(c_int64_t) :: increment_rows, increment_noises, increment_paths
+      type(c_ptr) :: q0_low, p0_low
+      type(c_funptr) :: progress
+      type(c_ptr) :: progress_user
+   end type c_input
+
+   !> The monitor that asks a C function.
+   type, extends(monitor_type) :: callback_monitor
+      private
+      procedure(progress_callback), pointer, nopass :: on_progress => null()
+      type(c_ptr) :: user = c_null_ptr
+   contains
+      procedure :: wants_stop => ask_callback
+   end type callback_monitor
+
+   !> The caller's arrays, path first; what he left out is not associated, which makes an optional
+   !> argument absent.
+   type :: run_input
+      real(wp), pointer, contiguous :: q0(:, :), p0(:, :)          !! (npath or 1, ndof)
+      real(wp), pointer, contiguous :: dw(:, :, :)                 !! (npath or 1, nnoise, rows)
+      real(wp), pointer, contiguous :: q0_low(:, :), p0_low(:, :)  !! (npath, ndof)
+      type(callback_monitor) :: monitor
+   end type run_input
+
+   abstract interface
+      !> Told how many path-steps are done of how many; nonzero stops the run.
+      function progress_callback(done, total, user) bind(c) result(stop_now)
+         import :: c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: done, total
+         type(c_ptr), value :: user
+         integer(c_int) :: stop_now
+      end function progress_callback
+   end interface
+
+contains
+
+   !> No state, no increments, no callback.
+   function symsde_input_init(input) result(status) bind(c, name='symsde_input_init')
+      type(c_ptr), intent(in), value :: input
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(c_input), pointer :: filled
+
+      call require(input, 'input', refusal)
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(input, filled)
+         filled = blank_input()
+      end if
+      status = finish(refusal, c_null_ptr)
+   end function symsde_input_init
+
+   !> The arrays of the caller as Fortran arrays; whether their shapes fit the run is for the run to say.
+   subroutine read_input(given, ndof, npath, input, error)
+      type(c_ptr), intent(in) :: given     !! symsde_input
+      integer, intent(in) :: ndof
+      integer(i8), intent(in) :: npath
+      type(run_input), intent(out) :: input
+      type(error_type), allocatable, intent(inout) :: error
+      type(c_input), target :: copy
+      integer(i8) :: n
+
+      nullify (input%q0, input%p0, input%dw, input%q0_low, input%p0_low)
+      if (allocated(error)) return
+      n = ndof
+      copy = blank_input()
+      call take_struct(given, 'input', c_loc(copy), c_sizeof(copy), error)
+      call require(copy%q0, 'q0', error)
+      call require(copy%p0, 'p0', error)
+      call check_sizes(n, copy%q0_paths, 1_i8, 'q0', error)
+      call check_sizes(n, copy%p0_paths, 1_i8, 'p0', error)
+      if (c_associated(copy%increments)) &
+         call check_sizes(copy%increment_rows, copy%increment_noises, copy%increment_paths, 'increments', error)
+      if (allocated(error)) return
+      call view(copy%q0, copy%q0_paths, n, input%q0)
+      call view(copy%p0, copy%p0_paths, n, input%p0)
+      if (c_associated(copy%increments)) &
+         call view(copy%increments, copy%increment_paths, copy%increment_noises, copy%increment_rows, input%dw)
+      if (c_associated(copy%q0_low)) call view(copy%q0_low, npath, n, input%q0_low)
+      if (c_associated(copy%p0_low)) call view(copy%p0_low, npath, n, input%p0_low)
+      if (c_associated(copy%progress)) call c_f_procpointer(copy%progress, input%monitor%on_progress)
+      input%monitor%user = copy%progress_user
+   end subroutine read_input
+
+   !> Ask the caller's function, where there is one.
+   logical function ask_callback(self, done, total) result(wants_stop)
+      class(callback_monitor), intent(inout) :: self
+      integer(i8), intent(in) :: done, total  !! path-steps
+
+      wants_stop = .false.
+      if (associated(self%on_progress)) wants_stop = self%on_progress(done, total, self%user) /= 0
+   end function ask_callback
+
+   function blank_input() result(input)
+      type(c_input) :: input
+
+      input%struct_size = c_sizeof(input)
+      input%q0 = c_null_ptr
+      input%p0 = c_null_ptr
+      input%q0_paths = 1
+      input%p0_paths = 1
+      input%increments = c_null_ptr
+      input%increment_rows = 0
+      input%increment_noises = 0
+      input%increment_paths = 1
+      input%q0_low = c_null_ptr
+      input%p0_low = c_null_ptr
+      input%progress = c_null_funptr
+      input%progress_user = c_null_ptr
+   end function blank_input
+
+end module symsde_capi_input

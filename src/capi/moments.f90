@@ -1,0 +1,185 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> symsde_compute_moments: the run that keeps statistics only.
+module symsde_capi_moments
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, &
+                                          c_null_funptr, c_null_ptr, c_ptr, c_size_t, c_sizeof
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type, raise, invalid_argument
+   use symsde_base_text, only: to_text
+   use symsde_capi_arrays, only: view
+   use symsde_capi_error, only: finish, require, check_sizes, take_struct, give_struct
+   use symsde_capi_input, only: run_input, read_input
+   use symsde_capi_model, only: find_model
+   use symsde_capi_observables, only: callback_observables, new_callback_observables
+   use symsde_capi_options, only: read_options
+   use symsde_capi_report, only: check_report, end_run
+   use symsde_capi_scheme, only: find_scheme
+   use symsde_ensemble_moment_collector, only: max_failed_listed
+   use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_simulate, only: moments_type, moments
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type
+   implicit none
+   private
+   public :: symsde_moments_init, symsde_compute_moments
+
+   integer, parameter :: most_observables = 100000
+
+   !> struct symsde_moments
+   type, bind(c) :: c_moments
+      integer(c_size_t) :: struct_size
+      type(c_ptr) :: t
+      type(c_ptr) :: n_ok
+      type(c_ptr) :: mean, variance, se_mean
+      integer(c_int32_t) :: nobservable
+      type(c_funptr) :: observables
+      type(c_ptr) :: observables_user
+      integer(c_int64_t) :: nfailed_listed
+      integer(c_int64_t) :: failed(max_failed_listed)
+      integer(c_int32_t) :: failed_status(max_failed_listed)
+      integer(c_int64_t) :: failed_step(max_failed_listed)
+   end type c_moments
+
+contains
+
+   !> No arrays, no observables, no failed paths.
+   function symsde_moments_init(moments) result(status) bind(c, name='symsde_moments_init')
+      type(c_ptr), intent(in), value :: moments
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(c_moments), pointer :: filled
+
+      call require(moments, 'moments', refusal)
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(moments, filled)
+         call clear(filled)
+      end if
+      status = finish(refusal, c_null_ptr)
+   end function symsde_moments_init
+
+   !> Integrate all paths and keep their moments at every saved time.
+   function symsde_compute_moments(model, scheme, options, input, moments, report, error) result(status) &
+      bind(c, name='symsde_compute_moments')
+      type(c_ptr), intent(in), value :: model, scheme, options, input, moments, report, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      class(model_type), pointer :: m
+      type(scheme_type), pointer :: s
+      type(run_options) :: o
+      type(run_input) :: from
+      type(c_moments), target :: copy
+      type(callback_observables) :: observables
+      type(moments_type) :: result
+      integer :: code
+
+      call find_model(model, m, refusal)
+      call find_scheme(scheme, s, refusal)
+      call read_options(options, o, refusal)
+      call check_report(report, refusal)
+      if (.not. allocated(refusal)) call read_input(input, m%traits%ndof, o%npath, from, refusal)
+      if (.not. allocated(refusal)) call read_moments(moments, m, o, copy, refusal)
+      if (.not. allocated(refusal)) then
+         call new_callback_observables(observables, copy%nobservable, copy%observables, copy%observables_user)
+         call run(m, s, o, from, observables, result, refusal)
+      end if
+      if (.not. allocated(refusal)) call give_moments(result, copy, moments)
+      code = observables%failure_code()
+      if (associated(m) .and. code == 0) code = m%failure_code()
+      status = end_run(refusal, code, result%report, report, error)
+   end function symsde_compute_moments
+
+   !> The run, with the state as one list, path first.
+   subroutine run(model, scheme, options, from, observables, result, error)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      type(run_input), intent(inout) :: from
+      type(callback_observables), intent(in), target :: observables
+      type(moments_type), intent(out) :: result
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), pointer, contiguous :: q0(:), p0(:)
+
+      q0(1:size(from%q0, kind=i8)) => from%q0
+      p0(1:size(from%p0, kind=i8)) => from%p0
+      call moments(model, scheme, options, q0, p0, result, error, observables, from%dw, from%monitor, &
+                   from%q0_low, from%p0_low)
+   end subroutine run
+
+   !> The caller's struct, its arrays there, its observables a function where there are any.
+   subroutine read_moments(given, model, options, copy, error)
+      type(c_ptr), intent(in) :: given          !! symsde_moments
+      class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
+      type(c_moments), intent(out), target :: copy
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: nvalue
+
+      call clear(copy)
+      call take_struct(given, 'moments', c_loc(copy), c_sizeof(copy), error)
+      if (copy%nobservable < 0 .or. copy%nobservable > most_observables) &
+         call raise(error, invalid_argument, 'symsde_compute_moments', 'nobservable = '// &
+                    to_text(copy%nobservable)//' is out of range: give 0 to '//to_text(most_observables))
+      if (copy%nobservable > 0) call require(copy%observables, 'observables', error)
+      nvalue = 2*model%traits%ndof + merge(1, 0, model%traits%has_value) + copy%nobservable
+      call check_sizes(options%nstep/options%save_every + 1, nvalue, 1_i8, 'mean', error)
+      call require(copy%t, 't', error)
+      call require(copy%n_ok, 'n_ok', error)
+      call require(copy%mean, 'mean', error)
+      call require(copy%variance, 'variance', error)
+      call require(copy%se_mean, 'se_mean', error)
+   end subroutine read_moments
+
+   !> Copy moments into the caller's arrays and the failed paths into his struct.
+   subroutine give_moments(result, copy, given)
+      type(moments_type), intent(in) :: result
+      type(c_moments), intent(inout), target :: copy
+      type(c_ptr), intent(in) :: given
+      integer(i8), pointer, contiguous :: n_ok(:)
+      real(wp), pointer, contiguous :: t(:)
+      integer(i8) :: ntime
+      integer :: n
+
+      ntime = size(result%t)
+      call view(copy%t, ntime, t)
+      t = result%t
+      call put_rows(copy%mean, result%mean)
+      call put_rows(copy%variance, result%variance)
+      call put_rows(copy%se_mean, result%se_mean)
+      call view(copy%n_ok, ntime, n_ok)
+      n_ok = result%n_ok
+      n = size(result%failed)
+      copy%nfailed_listed = n
+      copy%failed(:n) = result%failed
+      copy%failed_status(:n) = result%failed_status
+      copy%failed_step(:n) = result%failed_step
+      call give_struct(c_loc(copy), given)
+   end subroutine give_moments
+
+   subroutine put_rows(given, x)
+      type(c_ptr), intent(in) :: given     !! [ntime][nvalue]
+      real(wp), intent(in) :: x(:, :)      !! (nvalue, ntime)
+      real(wp), pointer, contiguous :: to(:, :)
+
+      call view(given, size(x, 1, i8), size(x, 2, i8), to)
+      to = x
+   end subroutine put_rows
+
+   subroutine clear(moments)
+      type(c_moments), intent(out) :: moments
+
+      moments%struct_size = c_sizeof(moments)
+      moments%t = c_null_ptr
+      moments%n_ok = c_null_ptr
+      moments%mean = c_null_ptr
+      moments%variance = c_null_ptr
+      moments%se_mean = c_null_ptr
+      moments%nobservable = 0
+      moments%observables = c_null_funptr
+      moments%observables_user = c_null_ptr
+      moments%nfailed_listed = 0
+      moments%failed = -1
+      moments%failed_status = 0
+      moments%failed_step = -1
+   end subroutine clear
+
+end module symsde_capi_moments

@@ -1,0 +1,116 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> struct symsde_options and its conversion; the defaults stand in run_options alone.
+module symsde_capi_options
+   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, c_null_ptr, &
+                                          c_ptr, c_size_t, c_sizeof
+   use symsde_base_status, only: error_type
+   use symsde_capi_error, only: finish, require, take_struct
+   use symsde_ensemble_options, only: run_options, check_options
+   implicit none
+   private
+   public :: read_options, symsde_options_init
+
+   !> struct symsde_options
+   type, bind(c) :: c_options
+      integer(c_size_t) :: struct_size
+      real(c_double) :: step
+      integer(c_int64_t) :: steps
+      integer(c_int64_t) :: paths
+      integer(c_int64_t) :: seed  ! unsigned in C: the same 64 bits
+      real(c_double) :: t0
+      integer(c_int64_t) :: save_every
+      integer(c_int64_t) :: first_path
+      integer(c_int64_t) :: first_step
+      integer(c_int32_t) :: refine
+      integer(c_int32_t) :: correction
+      real(c_double) :: truncation
+      real(c_double) :: truncation_time
+      integer(c_int32_t) :: compensated
+      integer(c_int32_t) :: general
+      integer(c_int32_t) :: max_iter
+      integer(c_int32_t) :: fixed_point
+      integer(c_int32_t) :: lanes
+      integer(c_int32_t) :: threads
+   end type c_options
+
+contains
+
+   !> Default options.
+   function symsde_options_init(options) result(status) bind(c, name='symsde_options_init')
+      type(c_ptr), intent(in), value :: options
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(c_options), pointer :: filled
+
+      call require(options, 'options', refusal)
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(options, filled)
+         filled = from_options(run_options())
+      end if
+      status = finish(refusal, c_null_ptr)
+   end function symsde_options_init
+
+   !> The caller's options, checked.
+   subroutine read_options(given, options, error)
+      type(c_ptr), intent(in) :: given          !! symsde_options
+      type(run_options), intent(out) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      type(c_options), target :: copy
+
+      copy = from_options(run_options())
+      call take_struct(given, 'options', c_loc(copy), c_sizeof(copy), error)
+      if (allocated(error)) return
+      options = to_options(copy)
+      call check_options(options, error)
+   end subroutine read_options
+
+   function from_options(o) result(c)
+      type(run_options), intent(in) :: o
+      type(c_options) :: c
+
+      c%struct_size = c_sizeof(c)
+      c%step = o%step
+      c%steps = o%nstep
+      c%paths = o%npath
+      c%seed = o%seed
+      c%t0 = o%t0
+      c%save_every = o%save_every
+      c%first_path = o%first_path
+      c%first_step = o%first_step
+      c%refine = o%refine
+      c%correction = o%correction
+      c%truncation = o%truncation
+      c%truncation_time = o%truncation_time
+      c%compensated = merge(1, 0, o%compensated)
+      c%general = merge(1, 0, o%general)
+      c%max_iter = o%max_iter
+      c%fixed_point = o%fixed_point
+      c%lanes = o%nlane
+      c%threads = o%nthread
+   end function from_options
+
+   function to_options(c) result(o)
+      type(c_options), intent(in) :: c
+      type(run_options) :: o
+
+      o%step = c%step
+      o%nstep = c%steps
+      o%npath = c%paths
+      o%seed = c%seed
+      o%t0 = c%t0
+      o%save_every = c%save_every
+      o%first_path = c%first_path
+      o%first_step = c%first_step
+      o%refine = c%refine
+      o%correction = c%correction
+      o%truncation = c%truncation
+      o%truncation_time = c%truncation_time
+      o%compensated = c%compensated /= 0
+      o%general = c%general /= 0
+      o%max_iter = c%max_iter
+      o%fixed_point = c%fixed_point
+      o%nlane = c%lanes
+      o%nthread = c%threads
+   end function to_options
+
+end module symsde_capi_options

@@ -1,0 +1,177 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> symsde_simulate: the run that saves paths, straight into the caller's arrays.
+module symsde_capi_paths
+   use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, &
+                                          c_sizeof
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type, raise, out_of_memory
+   use symsde_base_text, only: to_text
+   use symsde_capi_arrays, only: view
+   use symsde_capi_error, only: finish, require, check_sizes, take_struct
+   use symsde_capi_input, only: run_input, read_input
+   use symsde_capi_model, only: find_model
+   use symsde_capi_options, only: read_options
+   use symsde_capi_report, only: check_report, end_run
+   use symsde_capi_scheme, only: find_scheme
+   use symsde_ensemble_driver, only: run_ensemble
+   use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_recorder, only: path_recorder
+   use symsde_ensemble_report, only: run_report
+   use symsde_ensemble_simulate, only: saved_time
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type
+   implicit none
+   private
+   public :: symsde_paths_init, symsde_simulate
+
+   !> struct symsde_paths
+   type, bind(c) :: c_paths
+      integer(c_size_t) :: struct_size
+      type(c_ptr) :: t
+      type(c_ptr) :: q, p
+      type(c_ptr) :: status
+      type(c_ptr) :: failed_step
+      type(c_ptr) :: last_q, last_p
+      type(c_ptr) :: low_q, low_p
+   end type c_paths
+
+   !> Arrays that the caller does not want, but the recorder writes.
+   type :: scratch_type
+      real(wp), allocatable :: last_q(:, :), last_p(:, :), low_q(:, :), low_p(:, :)  !! (npath, ndof)
+   end type scratch_type
+
+contains
+
+   !> No arrays.
+   function symsde_paths_init(paths) result(status) bind(c, name='symsde_paths_init')
+      type(c_ptr), intent(in), value :: paths
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(c_paths), pointer :: filled
+
+      call require(paths, 'paths', refusal)
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(paths, filled)
+         filled = blank_paths()
+      end if
+      status = finish(refusal, c_null_ptr)
+   end function symsde_paths_init
+
+   !> Integrate all paths and save them every save_every steps.
+   function symsde_simulate(model, scheme, options, input, paths, report, error) result(status) &
+      bind(c, name='symsde_simulate')
+      type(c_ptr), intent(in), value :: model, scheme, options, input, paths, report, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      class(model_type), pointer :: m
+      type(scheme_type), pointer :: s
+      type(run_options) :: o
+      type(run_input) :: from
+      type(path_recorder) :: recorder
+      type(scratch_type), target :: scratch
+      type(run_report) :: outcome
+      integer :: code
+
+      call find_model(model, m, refusal)
+      call find_scheme(scheme, s, refusal)
+      call read_options(options, o, refusal)
+      call check_report(report, refusal)
+      if (.not. allocated(refusal)) call read_input(input, m%traits%ndof, o%npath, from, refusal)
+      if (.not. allocated(refusal)) call read_paths(paths, m%traits%ndof, o, recorder, scratch, refusal)
+      if (.not. allocated(refusal)) &
+         call run_ensemble(m, s, o, from%q0, from%p0, recorder, from%monitor, outcome, refusal, &
+                           from%dw, from%q0_low, from%p0_low)
+      code = 0
+      if (associated(m)) code = m%failure_code()
+      status = end_run(refusal, code, outcome, report, error)
+   end function symsde_simulate
+
+   !> A recorder on the caller's arrays, with the saved times filled in.
+   subroutine read_paths(given, ndof, options, recorder, scratch, error)
+      type(c_ptr), intent(in) :: given                       !! symsde_paths
+      integer, intent(in) :: ndof
+      type(run_options), intent(in) :: options
+      type(path_recorder), intent(out) :: recorder
+      type(scratch_type), intent(inout), target :: scratch   !! must live as long as the recorder
+      type(error_type), allocatable, intent(inout) :: error
+      type(c_paths), target :: copy
+      integer(i8) :: n, npath, ntime
+
+      n = ndof
+      npath = options%npath
+      ntime = options%nstep/options%save_every + 1
+      copy = blank_paths()
+      call take_struct(given, 'paths', c_loc(copy), c_sizeof(copy), error)
+      call check_sizes(ntime, n, npath, 'q', error)
+      call require(copy%t, 't', error)
+      call require(copy%q, 'q', error)
+      call require(copy%p, 'p', error)
+      call require(copy%status, 'status', error)
+      call require(copy%failed_step, 'failed_step', error)
+      if (allocated(error)) return
+      recorder%first_path = options%first_path
+      call view(copy%q, npath, n, ntime, recorder%q)
+      call view(copy%p, npath, n, ntime, recorder%p)
+      call view(copy%status, npath, recorder%status)
+      call view(copy%failed_step, npath, recorder%failed_step)
+      call choose(copy%last_q, .true., npath, n, scratch%last_q, recorder%last_q, error)
+      call choose(copy%last_p, .true., npath, n, scratch%last_p, recorder%last_p, error)
+      call choose(copy%low_q, options%compensated, npath, n, scratch%low_q, recorder%low_q, error)
+      call choose(copy%low_p, options%compensated, npath, n, scratch%low_p, recorder%low_p, error)
+      if (.not. allocated(error)) call put_times(copy%t, ntime, options)
+   end subroutine read_paths
+
+   !> The caller's array, or scratch of that size where he wants none but the recorder needs it.
+   subroutine choose(given, needed, npath, ndof, scratch, array, error)
+      type(c_ptr), intent(in) :: given
+      logical, intent(in) :: needed
+      integer(i8), intent(in) :: npath, ndof
+      real(wp), allocatable, intent(inout), target :: scratch(:, :)
+      real(wp), pointer, contiguous, intent(out) :: array(:, :)   !! (npath, ndof)
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: info
+
+      nullify (array)
+      if (c_associated(given)) then
+         call view(given, npath, ndof, array)
+         array = 0
+      else if (needed) then
+         allocate (scratch(npath, ndof), stat=info)
+         if (info == 0) then
+            array => scratch
+         else
+            call raise(error, out_of_memory, 'symsde_simulate', 'no memory for the last state of '// &
+                       to_text(npath)//' paths: give fewer paths, or use symsde_compute_moments')
+         end if
+      end if
+   end subroutine choose
+
+   subroutine put_times(given, ntime, options)
+      type(c_ptr), intent(in) :: given       !! (ntime)
+      integer(i8), intent(in) :: ntime
+      type(run_options), intent(in) :: options
+      real(wp), pointer, contiguous :: t(:)
+      integer(i8) :: i
+
+      call view(given, ntime, t)
+      do i = 1, ntime
+         t(i) = saved_time(options, i - 1)
+      end do
+   end subroutine put_times
+
+   function blank_paths() result(paths)
+      type(c_paths) :: paths
+
+      paths%struct_size = c_sizeof(paths)
+      paths%t = c_null_ptr
+      paths%q = c_null_ptr
+      paths%p = c_null_ptr
+      paths%status = c_null_ptr
+      paths%failed_step = c_null_ptr
+      paths%last_q = c_null_ptr
+      paths%last_p = c_null_ptr
+      paths%low_q = c_null_ptr
+      paths%low_p = c_null_ptr
+   end function blank_paths
+
+end module symsde_capi_paths

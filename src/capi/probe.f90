@@ -1,0 +1,32 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The probe of a model for C. It stands alone because the C function symsde_model_probe must not be
+!> compiled where a Fortran module of that very name is in use.
+module symsde_capi_probe
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type
+   use symsde_model_abstract, only: model_type
+   use symsde_model_probe, only: probe_model
+   implicit none
+   private
+   public :: probe_at
+
+contains
+
+   !> Probe around a state. The probe passes over points that a callback refuses; the state itself it must
+   !> not refuse, or code is what it returned.
+   subroutine probe_at(model, ndof, t, q, p, code, error)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: t, q(ndof), p(ndof)
+      integer, intent(out) :: code
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp) :: hq(1, ndof), hp(1, ndof), w(1, 0:model%traits%nnoise)
+
+      w = 1
+      call model%clear_failure()
+      call model%gradient(1, ndof, model%traits%nnoise, t, w, q, p, hq, hp)
+      code = model%failure_code()
+      if (code == 0) call probe_model(model, t, q, p, error)
+   end subroutine probe_at
+
+end module symsde_capi_probe

@@ -1,0 +1,137 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> struct symsde_report, and the sentence for the outcome of a run.
+module symsde_capi_report
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, &
+                                          c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
+   use symsde_base_status, only: error_type, status_ok, status_text, callback_failed, stopped, paths_failed
+   use symsde_base_text, only: to_text
+   use symsde_capi_error, only: finish, require, take_struct, give_struct
+   use symsde_capi_text, only: put_chars
+   use symsde_ensemble_report, only: run_report
+   implicit none
+   private
+   public :: check_report, end_run, symsde_report_init
+
+   !> struct symsde_report
+   type, bind(c) :: c_report
+      integer(c_size_t) :: struct_size
+      integer(c_int32_t) :: status
+      integer(c_int32_t) :: correction
+      integer(c_int64_t) :: path_steps, normals, gradients, hessians, hessian_vectors, iterations, solves, lapack_solves
+      integer(c_int64_t) :: failed, stopped
+      integer(c_int32_t) :: threads, lanes
+      real(c_double) :: lost_variance
+      real(c_double) :: seconds_setup, seconds_run
+      character(kind=c_char) :: stepper(64)
+      character(kind=c_char) :: left_out(512)
+   end type c_report
+
+contains
+
+   !> The report of no run yet.
+   function symsde_report_init(report) result(status) bind(c, name='symsde_report_init')
+      type(c_ptr), intent(in), value :: report
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(c_report), pointer :: filled
+      type(run_report) :: none
+
+      call require(report, 'report', refusal)
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(report, filled)
+         filled%struct_size = c_sizeof(filled)
+         call fill_report(none, filled)
+      end if
+      status = finish(refusal, c_null_ptr)
+   end function symsde_report_init
+
+   !> Refuse a struct that could not be filled, before the run; NULL = no report is wanted.
+   subroutine check_report(given, error)
+      type(c_ptr), intent(in) :: given   !! symsde_report
+      type(error_type), allocatable, intent(inout) :: error
+      type(c_report), target :: copy
+
+      if (c_associated(given)) call take_struct(given, 'report', c_loc(copy), c_sizeof(copy), error)
+   end subroutine check_report
+
+   !> The status of a run: the refusal, or its outcome with the report filled in.
+   function end_run(refusal, code, report, given, error) result(status)
+      type(error_type), allocatable, intent(in) :: refusal
+      integer, intent(in) :: code              !! what a failed callback returned
+      type(run_report), intent(in) :: report
+      type(c_ptr), intent(in) :: given         !! symsde_report, may be NULL
+      type(c_ptr), intent(in) :: error         !! symsde_error, may be NULL
+      integer(c_int) :: status
+
+      if (allocated(refusal)) then
+         status = finish(refusal, error)
+      else
+         call give_report(report, given)
+         status = finish(refusal, error, report%status, outcome_sentence(report, code))
+      end if
+   end function end_run
+
+   !> Fill the caller's report.
+   subroutine give_report(report, given)
+      type(run_report), intent(in) :: report
+      type(c_ptr), intent(in) :: given        !! symsde_report, checked by check_report; may be NULL
+      type(c_report), target :: copy
+      type(error_type), allocatable :: none
+
+      if (.not. c_associated(given)) return
+      call take_struct(given, 'report', c_loc(copy), c_sizeof(copy), none)
+      call fill_report(report, copy)
+      call give_struct(c_loc(copy), given)
+   end subroutine give_report
+
+   !> All members but struct_size.
+   subroutine fill_report(r, c)
+      type(run_report), intent(in) :: r
+      type(c_report), intent(inout) :: c
+
+      c%status = r%status
+      c%correction = r%correction
+      c%path_steps = r%counters%steps
+      c%normals = r%counters%normals
+      c%gradients = r%counters%gradients
+      c%hessians = r%counters%hessians
+      c%hessian_vectors = r%counters%hessian_vectors
+      c%iterations = r%counters%iterations
+      c%solves = r%counters%solves
+      c%lapack_solves = r%counters%lapack_solves
+      c%failed = r%nfailed
+      c%stopped = r%nstopped
+      c%threads = r%nthread
+      c%lanes = r%nlane
+      c%lost_variance = r%lost_variance
+      c%seconds_setup = r%seconds_setup
+      c%seconds_run = r%seconds_run
+      call put_chars('', c%stepper)
+      call put_chars('', c%left_out)
+      if (allocated(r%stepper)) call put_chars(r%stepper, c%stepper)
+      if (allocated(r%left_out)) call put_chars(r%left_out, c%left_out)
+   end subroutine fill_report
+
+   !> What the outcome of a run means, and where to look.
+   pure function outcome_sentence(report, code) result(text)
+      type(run_report), intent(in) :: report
+      integer, intent(in) :: code              !! what a failed callback returned
+      character(:), allocatable :: text
+
+      select case (report%status)
+      case (status_ok)
+         text = ''
+      case (callback_failed)
+         text = 'a callback returned '//to_text(code)//' and the run was aborted: results are NaN from there on'
+      case (stopped)
+         text = 'the run was stopped on request: '//to_text(report%nstopped)// &
+                ' paths did not reach the end, their values are NaN from there on'
+      case (paths_failed)
+         text = to_text(report%nfailed)//' paths failed, their values are NaN from there on: '// &
+                'see the status and the failed step of each, and try a smaller step'
+      case default
+         text = status_text(report%status)
+      end select
+   end function outcome_sentence
+
+end module symsde_capi_report

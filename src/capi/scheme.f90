@@ -1,0 +1,298 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The handle of a scheme: from the catalogue, from a quadrature, from a tableau; described, deleted.
+module symsde_capi_scheme
+   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_loc, &
+                                          c_null_ptr, c_ptr, c_size_t, c_sizeof
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type, raise, status_ok, null_handle, out_of_memory, wrong_shape
+   use symsde_base_text, only: name_length, to_text
+   use symsde_capi_arrays, only: view
+   use symsde_capi_certificate, only: describe_scheme
+   use symsde_capi_error, only: finish, require, take_struct, give_struct
+   use symsde_capi_text, only: read_text, put_text, put_chars, lines
+   use symsde_scheme_catalogue, only: get_scheme, scheme_names
+   use symsde_scheme_discrete_lagrangian, only: scheme_from_quadrature
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_scheme_tableau, only: scheme_from_tableau
+   implicit none
+   private
+   public :: find_scheme
+   public :: symsde_scheme_info_init, symsde_scheme_names, symsde_scheme_get, symsde_scheme_from_quadrature
+   public :: symsde_scheme_from_tableau, symsde_scheme_delete, symsde_scheme_get_info
+   public :: symsde_scheme_certificate
+
+   integer(i8), parameter :: tag_of_scheme = int(z'736368656D65', i8)  !! 'scheme'; gone when it is deleted
+   integer, parameter :: most_stages = 1000                            !! of a user's tableau or quadrature
+
+   !> What a symsde_scheme points to.
+   type :: scheme_handle
+      integer(i8) :: tag = tag_of_scheme
+      type(scheme_type) :: scheme
+   end type scheme_handle
+
+   !> struct symsde_scheme_info
+   type, bind(c) :: c_scheme_info
+      integer(c_size_t) :: struct_size
+      integer(c_int32_t) :: form, nstage, degree
+      integer(c_int32_t) :: symplectic, symmetric, keeps_quadratic
+      real(c_double) :: correction_coefficient
+      real(c_double) :: order_additive, order_commutative, order_general
+      real(c_double) :: order_weak
+      character(kind=c_char) :: name(64)
+      character(kind=c_char) :: reference(256)
+   end type c_scheme_info
+
+contains
+
+   !> The scheme of a handle; refuses NULL, deleted and foreign handles (null_handle).
+   subroutine find_scheme(handle, scheme, error)
+      type(c_ptr), intent(in) :: handle
+      type(scheme_type), pointer, intent(out) :: scheme
+      type(error_type), allocatable, intent(inout) :: error
+      type(scheme_handle), pointer :: holder
+
+      nullify (scheme)
+      if (allocated(error)) return
+      if (c_associated(handle)) then
+         call c_f_pointer(handle, holder)
+         if (holder%tag == tag_of_scheme) then
+            scheme => holder%scheme
+            return
+         end if
+      end if
+      call raise(error, null_handle, 'find_scheme', 'scheme is NULL, deleted or not a scheme: '// &
+                 'make one with symsde_scheme_get')
+   end subroutine find_scheme
+
+   !> Information about no scheme yet.
+   function symsde_scheme_info_init(info) result(status) bind(c, name='symsde_scheme_info_init')
+      type(c_ptr), intent(in), value :: info
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(c_scheme_info), pointer :: filled
+
+      call require(info, 'info', refusal)
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(info, filled)
+         filled = blank_info()
+      end if
+      status = finish(refusal, c_null_ptr)
+   end function symsde_scheme_info_init
+
+   !> Names of the catalogue, one a line.
+   function symsde_scheme_names(buffer, size, needed) result(status) bind(c, name='symsde_scheme_names')
+      type(c_ptr), intent(in), value :: buffer, needed
+      integer(c_size_t), intent(in), value :: size
+      integer(c_int) :: status
+      character(len=name_length), allocatable :: names(:)
+
+      allocate (names(0))
+      names = scheme_names()
+      call put_text(lines(names), buffer, size, needed)
+      status = status_ok
+   end function symsde_scheme_names
+
+   !> A scheme of the catalogue.
+   function symsde_scheme_get(name, scheme, error) result(status) bind(c, name='symsde_scheme_get')
+      type(c_ptr), intent(in), value :: name, scheme, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      character(:), allocatable :: text
+      type(scheme_type) :: made
+
+      call begin_handle(scheme, refusal)
+      call read_text(name, 'name', text, refusal)
+      if (.not. allocated(refusal)) call get_scheme(made, text, refusal)
+      call new_handle(made, scheme, refusal)
+      status = finish(refusal, error)
+   end function symsde_scheme_get
+
+   !> The scheme of a quadrature of the action.
+   function symsde_scheme_from_quadrature(nnode, nodes, weights, degree, name, scheme, error) result(status) &
+      bind(c, name='symsde_scheme_from_quadrature')
+      integer(c_int), intent(in), value :: nnode, degree
+      type(c_ptr), intent(in), value :: nodes, weights, name, scheme, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      character(:), allocatable :: text
+      type(scheme_type) :: made
+      real(wp), pointer, contiguous :: c(:), alpha(:)
+      integer(i8) :: n
+
+      call begin_handle(scheme, refusal)
+      call read_text(name, 'name', text, refusal)
+      call check_stages(nnode, 'nnode', refusal)
+      call require(nodes, 'nodes', refusal)
+      call require(weights, 'weights', refusal)
+      if (.not. allocated(refusal)) then
+         n = nnode
+         call view(nodes, n, c)
+         call view(weights, n, alpha)
+         call scheme_from_quadrature(made, int(degree), c, alpha, text, refusal)
+      end if
+      call new_handle(made, scheme, refusal)
+      status = finish(refusal, error)
+   end function symsde_scheme_from_quadrature
+
+   !> A scheme from a tableau of the user's own.
+   function symsde_scheme_from_tableau(nstage, a, abar, alpha, name, allow_nonsymplectic, scheme, error) &
+      result(status) bind(c, name='symsde_scheme_from_tableau')
+      integer(c_int), intent(in), value :: nstage, allow_nonsymplectic
+      type(c_ptr), intent(in), value :: a, abar, alpha, name, scheme, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      character(:), allocatable :: text
+      type(scheme_type) :: made
+      real(wp), pointer, contiguous :: rows(:, :), rows_bar(:, :), weights(:)
+      real(wp), allocatable :: by_column(:, :), by_column_bar(:, :)
+      integer(i8) :: n
+
+      call begin_handle(scheme, refusal)
+      call read_text(name, 'name', text, refusal)
+      call check_stages(nstage, 'nstage', refusal)
+      call require(a, 'a', refusal)
+      call require(abar, 'abar', refusal)
+      call require(alpha, 'alpha', refusal)
+      if (.not. allocated(refusal)) then
+         n = nstage
+         call view(a, n, n, rows)
+         call view(abar, n, n, rows_bar)
+         call view(alpha, n, weights)
+         by_column = transpose(rows)
+         by_column_bar = transpose(rows_bar)
+         call scheme_from_tableau(made, by_column, by_column_bar, weights, text, &
+                                  allow_nonsymplectic /= 0, refusal)
+      end if
+      call new_handle(made, scheme, refusal)
+      status = finish(refusal, error)
+   end function symsde_scheme_from_tableau
+
+   !> Delete a scheme and set its handle to NULL; NULL is accepted.
+   function symsde_scheme_delete(scheme) result(status) bind(c, name='symsde_scheme_delete')
+      type(c_ptr), intent(in), value :: scheme
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(c_ptr), pointer :: handle
+      type(scheme_handle), pointer :: holder
+      type(scheme_type), pointer :: known
+
+      if (c_associated(scheme)) then
+         call c_f_pointer(scheme, handle)
+         if (c_associated(handle)) call find_scheme(handle, known, refusal)
+         if (c_associated(handle) .and. .not. allocated(refusal)) then
+            call c_f_pointer(handle, holder)
+            holder%tag = 0
+            deallocate (holder)
+            handle = c_null_ptr
+         end if
+      end if
+      status = finish(refusal, c_null_ptr)
+   end function symsde_scheme_delete
+
+   !> What a scheme declares.
+   function symsde_scheme_get_info(scheme, info, error) result(status) bind(c, name='symsde_scheme_get_info')
+      type(c_ptr), intent(in), value :: scheme, info, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(scheme_type), pointer :: known
+      type(c_scheme_info), target :: given
+
+      given = blank_info()
+      call find_scheme(scheme, known, refusal)
+      call take_struct(info, 'scheme_info', c_loc(given), c_sizeof(given), refusal)
+      if (.not. allocated(refusal)) then
+         call fill_info(known, given)
+         call give_struct(c_loc(given), info)
+      end if
+      status = finish(refusal, error)
+   end function symsde_scheme_get_info
+
+   !> What is proved about a scheme, as readable lines.
+   function symsde_scheme_certificate(scheme, buffer, size, needed, error) result(status) &
+      bind(c, name='symsde_scheme_certificate')
+      type(c_ptr), intent(in), value :: scheme, buffer, needed, error
+      integer(c_size_t), intent(in), value :: size
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(scheme_type), pointer :: known
+
+      call find_scheme(scheme, known, refusal)
+      if (.not. allocated(refusal)) call put_text(describe_scheme(known), buffer, size, needed)
+      status = finish(refusal, error)
+   end function symsde_scheme_certificate
+
+   !> The address of a handle to be made must be given; it is NULL until the scheme is there.
+   subroutine begin_handle(handle, error)
+      type(c_ptr), intent(in) :: handle   !! symsde_scheme *
+      type(error_type), allocatable, intent(inout) :: error
+      type(c_ptr), pointer :: made
+
+      call require(handle, 'scheme', error)
+      if (allocated(error)) return
+      call c_f_pointer(handle, made)
+      made = c_null_ptr
+   end subroutine begin_handle
+
+   !> Put a scheme behind a handle, unless something was refused.
+   subroutine new_handle(scheme, handle, error)
+      type(scheme_type), intent(in) :: scheme
+      type(c_ptr), intent(in) :: handle          !! symsde_scheme *
+      type(error_type), allocatable, intent(inout) :: error
+      type(scheme_handle), pointer :: holder
+      type(c_ptr), pointer :: made
+      integer :: info
+
+      if (allocated(error)) return
+      allocate (holder, stat=info)
+      if (info /= 0) then
+         call raise(error, out_of_memory, 'new_handle', 'no memory for a scheme')
+         return
+      end if
+      holder%scheme = scheme
+      call c_f_pointer(handle, made)
+      made = c_loc(holder)
+   end subroutine new_handle
+
+   subroutine check_stages(n, what, error)
+      integer, intent(in) :: n
+      character(*), intent(in) :: what
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (n < 1 .or. n > most_stages) &
+         call raise(error, wrong_shape, 'check_stages', what//' = '//to_text(n)//' is out of range: give 1 to '// &
+                    to_text(most_stages))
+   end subroutine check_stages
+
+   function blank_info() result(info)
+      type(c_scheme_info) :: info
+      type(scheme_type) :: none
+
+      none%name = ''
+      none%reference = ''
+      info%struct_size = c_sizeof(info)
+      call fill_info(none, info)
+      info%form = 0
+   end function blank_info
+
+   !> All members but struct_size.
+   subroutine fill_info(scheme, info)
+      type(scheme_type), intent(in) :: scheme
+      type(c_scheme_info), intent(inout) :: info
+
+      info%form = scheme%form
+      info%nstage = scheme%nstage
+      info%degree = scheme%degree
+      info%symplectic = merge(1, 0, scheme%symplectic)
+      info%symmetric = merge(1, 0, scheme%symmetric)
+      info%keeps_quadratic = merge(1, 0, scheme%keeps_quadratic)
+      info%correction_coefficient = 0
+      if (allocated(scheme%beta)) info%correction_coefficient = scheme%correction_coefficient()
+      info%order_additive = scheme%order_additive
+      info%order_commutative = scheme%order_commutative
+      info%order_general = scheme%order_general
+      info%order_weak = scheme%order_weak
+      call put_chars(scheme%name, info%name)
+      call put_chars(scheme%reference, info%reference)
+   end subroutine fill_info
+
+end module symsde_capi_scheme

@@ -1,0 +1,79 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> struct symsde_traits and its two conversions.
+module symsde_capi_traits
+   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int32_t, c_null_ptr, c_ptr, c_size_t, &
+                                          c_sizeof
+   use symsde_base_status, only: error_type
+   use symsde_base_traits, only: model_traits
+   use symsde_capi_error, only: finish, require
+   implicit none
+   private
+   public :: c_traits, from_traits, to_traits, symsde_traits_init
+
+   !> struct symsde_traits
+   type, bind(c) :: c_traits
+      integer(c_size_t) :: struct_size
+      integer(c_int32_t) :: ndof, nnoise
+      integer(c_int32_t) :: separable, additive, position_noise, quadratic, identity_mass
+      integer(c_int32_t) :: bandwidth
+      integer(c_int32_t) :: has_value, has_hessian, has_hessian_vector
+      real(c_double) :: max_frequency
+      real(c_double) :: noise_lipschitz
+   end type c_traits
+
+contains
+
+   !> Traits that declare nothing: one degree of freedom, no noise, dense Hessian.
+   function symsde_traits_init(traits) result(status) bind(c, name='symsde_traits_init')
+      type(c_ptr), intent(in), value :: traits
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(c_traits), pointer :: filled
+
+      call require(traits, 'traits', refusal)
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(traits, filled)
+         filled = from_traits(model_traits())
+      end if
+      status = finish(refusal, c_null_ptr)
+   end function symsde_traits_init
+
+   !> The traits of a model, all members of the struct filled.
+   function from_traits(traits) result(filled)
+      type(model_traits), intent(in) :: traits
+      type(c_traits) :: filled
+
+      filled%struct_size = c_sizeof(filled)
+      filled%ndof = traits%ndof
+      filled%nnoise = traits%nnoise
+      filled%separable = merge(1, 0, traits%separable)
+      filled%additive = merge(1, 0, traits%additive)
+      filled%position_noise = merge(1, 0, traits%position_noise)
+      filled%quadratic = merge(1, 0, traits%quadratic)
+      filled%identity_mass = merge(1, 0, traits%identity_mass)
+      filled%bandwidth = traits%bandwidth
+      filled%has_value = merge(1, 0, traits%has_value)
+      filled%has_hessian = merge(1, 0, traits%has_hessian)
+      filled%has_hessian_vector = merge(1, 0, traits%has_hessian_vector)
+      filled%max_frequency = traits%max_frequency
+      filled%noise_lipschitz = traits%noise_lipschitz
+   end function from_traits
+
+   !> What the user declares; has_value and its like are set by the model itself.
+   function to_traits(given) result(traits)
+      type(c_traits), intent(in) :: given
+      type(model_traits) :: traits
+
+      traits%ndof = given%ndof
+      traits%nnoise = given%nnoise
+      traits%separable = given%separable /= 0
+      traits%additive = given%additive /= 0
+      traits%position_noise = given%position_noise /= 0
+      traits%quadratic = given%quadratic /= 0
+      traits%identity_mass = given%identity_mass /= 0
+      traits%bandwidth = given%bandwidth
+      traits%max_frequency = given%max_frequency
+      traits%noise_lipschitz = given%noise_lipschitz
+   end function to_traits
+
+end module symsde_capi_traits
