@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figure 4.2: two additive noises (84)-(85), the pair (89)-(90), (91)-(92) against the exact recursion.
+
+The exact solution on the grid is Y(t_{k+1}) = F Y(t_k) + u_k with F a rotation by h; u_k is drawn from its exact law
+given the increments that drive the schemes, so that the comparison is path by path.
+"""
+
+import numpy as np
+
+import symsde as ss
+
+from . import figures
+from .experiment import Experiment
+from .order import fitted_order, rms
+
+STEP, TIME, SEED, PATHS = 0.02, 200.0, 42, 10
+SCHEMES = {"symplectic_euler": "(89)-(90)", "symplectic_euler_adjoint": "(91)-(92)"}
+CASES = {"one_noise": (1.0, 0.0), "two_noises": (1.0, 1.0)}  # gamma, sigma
+
+
+def run(quick):
+    """Errors on the figure's interval, the order, and the growth of the exact solution's second moment."""
+    order_paths = 200 if quick else 2000
+    parameters = {
+        "cases": {name: {"gamma": gamma, "sigma": sigma} for name, (gamma, sigma) in CASES.items()},
+        "q0": 0.0, "p0": 0.0, "step": STEP, "time": TIME, "paths": PATHS, "order_paths": order_paths,
+        "moment_seed": SEED + 1, "order_seed": SEED + 2,
+    }  # fmt: skip
+    title = f"Figure 4.2: two additive noises, h = {STEP}, t in [0, {TIME:g}], {PATHS} paths"
+    experiment = Experiment("figure_4_2", title, SEED, parameters)
+    for case, (gamma, sigma) in CASES.items():
+        model = ss.models.additive_oscillator(sigma=sigma, gamma=gamma)
+        experiment.numbers[case] = {scheme: _errors(experiment, model, case, scheme) for scheme in SCHEMES}
+        _growth(experiment, model, case, order_paths)
+        for scheme in SCHEMES:
+            _order(experiment, model, case, scheme, order_paths)
+    return experiment
+
+
+def _text(case):
+    gamma, sigma = CASES[case]
+    return f"gamma = {gamma:g}, sigma = {sigma:g}"
+
+
+def _errors(experiment, model, case, scheme):
+    computed = ss.simulate(
+        model, q0=0.0, p0=0.0, step=STEP, steps=round(TIME / STEP), scheme=scheme, paths=PATHS, seed=SEED
+    )
+    exact, _ = ss.diagnose.exact(computed)
+    errors = np.abs(computed.q[:, 0] - exact[:, 0]).max(axis=0)
+    amplitudes = np.abs(exact[:, 0]).max(axis=0)
+    text = f"max|q - exact|, {_text(case)}"
+    experiment.between(SCHEMES[scheme], text, errors.max(), 1e-3, 1.0)
+    experiment.at_most(SCHEMES[scheme], "  the same over the largest |q|, worst", (errors / amplitudes).max(), 0.05)
+    experiment.curves[case, scheme] = computed.t, computed.q[:, 0, 0], exact[:, 0, 0]
+    return {"max_errors": errors, "largest_q": amplitudes}
+
+
+def _growth(experiment, model, case, paths):
+    """E(p^2+q^2) = (gamma^2 + sigma^2) t of the exact solution itself."""
+    gamma, sigma = CASES[case]
+    steps = 200
+    computed = ss.simulate(
+        model, q0=0.0, p0=0.0, step=0.1, steps=steps, save_every=steps, scheme="symplectic_euler", paths=paths,
+        seed=SEED + 1,
+    )  # fmt: skip
+    q, p = ss.diagnose.exact(computed)
+    squares = q[-1, 0] ** 2 + p[-1, 0] ** 2
+    estimate = squares.mean(), squares.std(ddof=1) / np.sqrt(paths)
+    expected = (gamma**2 + sigma**2) * computed.t[-1]
+    experiment.within_errors("Y = F Y + u", f"exact: E(p^2+q^2) at t = 20, {_text(case)}", estimate, expected)
+    experiment.numbers[case]["exact_second_moment"] = {"value": estimate, "expected": expected}
+
+
+def _order(experiment, model, case, scheme, paths):
+    """Strong order at t = 10.24 over 7 steps that share their Brownian paths."""
+    levels = np.arange(7)
+    steps = 0.16 / 2.0**levels
+    errors = np.empty((steps.size, paths))
+    for i, level in enumerate(levels):
+        count = 64 * 2**level
+        computed = ss.simulate(
+            model, q0=0.0, p0=0.0, step=steps[i], steps=count, save_every=count, scheme=scheme, paths=paths,
+            seed=SEED + 2, refine=int(levels[-1] - level),
+        )  # fmt: skip
+        q, p = ss.diagnose.exact(computed)
+        errors[i] = np.hypot(computed.q[-1, 0] - q[-1, 0], computed.p[-1, 0] - p[-1, 0])
+    order, half_width = fitted_order(steps, errors)
+    experiment.near(SCHEMES[scheme], f"strong order +- {half_width:.3f}, {_text(case)}", order, 1.0, 0.05)
+    experiment.numbers[case][scheme] |= {
+        "order": order, "order_interval": [order - half_width, order + half_width], "order_steps": steps,
+        "order_rms_errors": rms(errors),
+    }  # fmt: skip
+
+
+def draw(experiment, directory):
+    """The two cases, path 0; the error below each."""
+    with figures.figure(
+        directory / "figure_4_2.png", [["one_noise", "two_noises"], ["one_error", "two_error"]], height=4.0,
+        height_ratios=[1.5, 1], sharex=True,
+    ) as axes:  # fmt: skip
+        for case, name in (("one_noise", "one_error"), ("two_noises", "two_error")):
+            gamma, sigma = CASES[case]
+            for scheme, colour, line in (
+                ("symplectic_euler", figures.BLUE, "-"),
+                ("symplectic_euler_adjoint", figures.VERMILION, "--"),
+            ):
+                t, q, exact = experiment.curves[case, scheme]
+                if scheme == "symplectic_euler":
+                    axes[case].plot(t, exact, color=figures.BLACK, lw=2.2, alpha=0.35, label="exact")
+                axes[case].plot(t, q, line, color=colour, lw=0.7, label=SCHEMES[scheme])
+                axes[name].plot(t, q - exact, color=colour, lw=0.6, label=SCHEMES[scheme])
+            top = np.abs(exact).max()
+            axes[case].set(
+                title=rf"$\gamma={gamma:g},\ \sigma={sigma:g}$", xlim=(0, TIME), ylim=(-1.1 * top, 1.3 * top)
+            )
+            axes[name].set(xlabel="$t$")
+        axes["one_noise"].set(ylabel="$q$")
+        axes["one_error"].set(ylabel="$q-$exact")
+        axes["one_noise"].legend(loc="upper left")

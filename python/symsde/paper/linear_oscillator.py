@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Linear stochastic oscillator (20)-(21): E(p^2+q^2) = 1 + sigma^2 t (24), with p0 = 0, q0 = 1.
+
+One step of the midpoint rule turns (q, p) and adds a kick of squared length sigma^2 dW^2 / (1 + h^2/4), independent of
+the state: its mean grows linearly too, at exactly sigma^2 / (1 + h^2/4). Euler-Maruyama multiplies the mean by 1 + h^2
+every step.
+"""
+
+import numpy as np
+
+import symsde as ss
+
+from . import figures
+from .experiment import Experiment
+
+SIGMA, TIME, SEED = 1.0, 100.0, 24
+
+
+def run(quick):
+    """Growth of the second moment, its slope against the step, and the blow-up of Euler-Maruyama."""
+    paths, slope_paths = (10_000, 20_000) if quick else (200_000, 1_000_000)
+    parameters = {
+        "sigma": SIGMA, "q0": 1.0, "p0": 0.0, "time": TIME, "paths": paths, "slope_paths": slope_paths,
+        "small_step": 0.02,
+    }  # fmt: skip
+    title = f"Linear oscillator (20)-(21), sigma = {SIGMA:g}, t in [0, {TIME:g}], {paths} paths"
+    experiment = Experiment("linear_oscillator", title, SEED, parameters)
+    model = ss.models.linear_oscillator(sigma=SIGMA)
+    _growth(experiment, model, paths)
+    _slopes(experiment, model, slope_paths, 1.0 if quick else 0.25)
+    _blow_up(experiment, model, paths)
+    return experiment
+
+
+def second_moment(model, scheme, step, paths, save_every):
+    """Times, E(p^2+q^2) and its standard error: twice the mean energy, for H = (p^2+q^2)/2."""
+    found = ss.moments(
+        model, q0=1.0, p0=0.0, step=step, steps=round(TIME / step), save_every=save_every, scheme=scheme, paths=paths,
+        seed=SEED,
+    )  # fmt: skip
+    return found.t, 2 * found.mean_energy, 2 * found.se_mean_energy
+
+
+def _growth(experiment, model, paths):
+    t, mean, error = second_moment(model, "midpoint", 0.02, paths, 250)
+    for time in (10.0, 25.0, 50.0, 100.0):
+        i = int(np.argmin(np.abs(t - time)))
+        text = f"E(p^2+q^2), midpoint, h = 0.02, t = {time:g}"
+        experiment.within_errors("(24)", text, (mean[i], error[i]), 1 + SIGMA**2 * t[i])
+    experiment.numbers["growth"] = {"t": t, "mean": mean, "standard_error": error, "expected": 1 + SIGMA**2 * t}
+
+
+def _slopes(experiment, model, paths, resolved):
+    """Slopes at several steps; from the step `resolved` on, the number of paths tells them from sigma^2."""
+    rows = []
+    for step in (0.1, 0.25, 0.5, 1.0, 2.0):
+        steps = round(TIME / step)
+        t, mean, error = second_moment(model, "midpoint", step, paths, steps)
+        slope = (mean[-1] - 1) / t[-1], error[-1] / t[-1]
+        exact = SIGMA**2 / (1 + step**2 / 4)
+        experiment.within_errors("(20)-(21), (24)", f"midpoint's slope = sigma^2/(1+h^2/4), h = {step:g}", slope, exact)
+        if step >= resolved:
+            experiment.beyond_errors("(24)", f"the same differs from sigma^2, h = {step:g}", slope, SIGMA**2)
+        rows.append({"step": step, "slope": slope[0], "standard_error": slope[1], "expected": exact})
+    experiment.numbers["slopes"] = rows
+
+
+def _blow_up(experiment, model, paths):
+    step = 0.1
+    t, mean, error = second_moment(model, "euler_maruyama", step, paths, 50)
+    expected = (1 + step**2) ** np.arange(0, t.size * 50, 50) * (1 + SIGMA**2 / step) - SIGMA**2 / step
+    text = f"Euler-Maruyama, h = {step:g}: E(p^2+q^2) at t = {TIME:g}"
+    experiment.within_errors("(20)-(21)", text, (mean[-1], error[-1]), expected[-1])
+    experiment.at_least("(24)", "  the same / (1 + sigma^2 t)", mean[-1] / (1 + SIGMA**2 * TIME), 1000)
+    experiment.numbers["euler_maruyama"] = {
+        "step": step, "t": t, "mean": mean, "standard_error": error, "expected": expected,
+    }  # fmt: skip
+
+
+def draw(experiment, directory):
+    """Growth beside the blow-up; slope against the step."""
+    growth, blow_up = experiment.numbers["growth"], experiment.numbers["euler_maruyama"]
+    with figures.figure(
+        directory / "linear_oscillator.png", [["growth", "slope"]], height=2.9, width_ratios=[1.2, 1]
+    ) as axes:
+        axis = axes["growth"]
+        axis.plot(growth["t"], growth["expected"], color=figures.BLACK, label=r"$1+\sigma^2t$ (24)")
+        axis.plot(growth["t"], growth["mean"], "o", color=figures.BLUE, ms=3.5, label="midpoint, $h=0.02$")
+        axis.plot(blow_up["t"], blow_up["mean"], "--", color=figures.VERMILION, label="Euler-Maruyama, $h=0.1$")
+        axis.set(xlabel="$t$", ylabel="$E(p^2+q^2)$", xlim=(0, TIME), ylim=(0, 200))
+        axis.legend(loc="upper right", fontsize=7)
+        axis = axes["slope"]
+        rows = experiment.numbers["slopes"]
+        h = np.linspace(0, 2.1, 100)
+        axis.plot(h, SIGMA**2 / (1 + h**2 / 4), color=figures.BLACK, label=r"$\sigma^2/(1+h^2/4)$")
+        axis.axhline(SIGMA**2, color=figures.GREY, ls=":", label=r"$\sigma^2$ (24)")
+        axis.errorbar(
+            [row["step"] for row in rows], [row["slope"] for row in rows],
+            yerr=[5 * row["standard_error"] for row in rows], fmt="o", color=figures.BLUE, capsize=2,
+            label="midpoint, 5 s.e.",
+        )  # fmt: skip
+        axis.set(xlabel="$h$", ylabel="slope of $E(p^2+q^2)$", xlim=(0, 2.1), ylim=(0.4, 1.1))
+        axis.legend(loc="lower left")
