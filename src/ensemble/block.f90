@@ -83,7 +83,9 @@ contains
       associate (s => self%state, offset => first - self%options%first_path)
          s%status = 0
          s%failed_step = -1
-         s%nfailed = 0
+         s%status(nreal + 1:) = stopped  ! padding: nothing is solved for it, nothing counted
+         s%failed_step(nreal + 1:) = self%step
+         s%nfailed = s%nlane - nreal
          call load(q0, offset, nreal, s%q)
          call load(p0, offset, nreal, s%p)
          if (allocated(s%q_low)) then
