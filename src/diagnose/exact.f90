@@ -1,0 +1,303 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Exact solutions along the Brownian path that drives a run, for the models that have one.
+!>
+!>    kubo                  rotation by theta = a t + sigma W(t):
+!>                          q = q0 cos theta + p0 sin theta,  p = p0 cos theta - q0 sin theta
+!>    linear_oscillator,    Y_{k+1} = F Y_k + u_k, Y = (q,p), F = (cos h, sin h; -sin h, cos h),
+!>    additive_oscillator   u_k = sigma (C_1; -S_1) + gamma (S_2; C_2)         (after [WHSB] (92))
+!>
+!> W(t) is the sum of the run's increments. (C_k, S_k) are drawn from their law given the run's
+!> dW_k, two normals more for each step and noise (noise/oscillator_law): the solution has the
+!> exact law jointly with the increments. With refine = l > 0 the recursion runs on the finer draws,
+!> so that it is the same path for (step, l) and (step/2, l-1); not so with the bridge, refine < 0.
+!> Truncation is left out: the Brownian path itself is followed. Prescribed increments are taken as
+!> they are.
+module symsde_diagnose_exact
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lanes_for, path_of_lane
+   use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_driver, only: new_noise
+   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_model_abstract, only: model_type
+   use symsde_model_additive_oscillator, only: additive_oscillator_model
+   use symsde_model_kubo, only: kubo_model
+   use symsde_model_linear_oscillator, only: linear_oscillator_model
+   use symsde_noise_brownian, only: max_refine
+   use symsde_noise_oscillator_law, only: oscillator_integrals, oscillator_draws
+   use symsde_noise_source, only: noise_type
+   implicit none
+   private
+   public :: exact_solution
+
+   !> What the three models have in common: dq = a p dt + .., dp = -a q dt + ..
+   type :: oscillator
+      logical :: additive = .false.
+      real(wp) :: a = 0                        !! angular velocity [1/time]
+      real(wp) :: sigma = 0                    !! kubo: noise of the angular velocity
+      real(wp), allocatable :: to_q(:), to_p(:)  !! additive: dW_k in dq and in dp (nnoise)
+   end type oscillator
+
+   !> One block of paths on its way.
+   type :: exact_block
+      integer :: nlane = 0, nreal = 0
+      integer(i8) :: first = 0                 !! first path of the block, from 0
+      integer(i8), allocatable :: path(:)      !! global (nlane)
+      real(wp), allocatable :: w(:, :, :)      !! weights of a pair of steps (nlane, 0:nnoise, 0:1)
+      real(wp), allocatable, dimension(:) :: q0, p0, q, p, sum_w, low, xi1, xi2, c, s  !! (nlane)
+   end type exact_block
+
+contains
+
+   !> q(path, 1, n), p(path, 1, n) at the saved times of a run with these options, t0 included.
+   !> Errors: missing_operation for models without an exact solution; wrong_shape; those of
+   !> check_options and of the noise.
+   subroutine exact_solution(model, options, q0, p0, q, p, error, dw)
+      class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:, :), p0(:, :)        !! initial state (npath or 1, ndof)
+      real(wp), intent(out) :: q(:, :, :), p(:, :, :)   !! (npath, ndof, ntime)
+      type(error_type), allocatable, intent(inout) :: error
+      !> increments (npath or 1, nnoise, rows)
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      class(noise_type), allocatable, target :: noise
+      type(oscillator) :: system
+      type(exact_block) :: work
+      type(run_options) :: fine
+      real(wp) :: lost
+      integer(i8) :: n, done, drawn
+
+      if (allocated(error)) return
+      call check_options(options, error)
+      if (.not. allocated(error)) call recognise(model, system, error)
+      if (.not. allocated(error)) call check_shapes(options, q0, p0, q, p, error)
+      if (allocated(error)) return
+      fine = finest(options)
+      call new_noise(noise, model, fine, lost, error, dw)
+      if (allocated(error)) return
+      call new_block(work, model%traits%nnoise, fine)
+      drawn = 0
+      do while (work%first < fine%npath)
+         call begin_block(work, fine, q0, p0)
+         call save_point(work, 1, q, p)
+         do n = fine%first_step, fine%first_step + fine%nstep - 1
+            if (noise%nnoise > 0 .and. (mod(n, 2_i8) == 0 .or. n == fine%first_step)) &
+               call noise%fill(work%nlane, work%path, n/2, work%w, drawn)
+            call advance(work, system, fine, n)
+            done = n + 1 - fine%first_step
+            if (mod(done, fine%save_every) /= 0) cycle
+            if (.not. system%additive) call rotate(work, system, real(done, wp)*fine%step)
+            call save_point(work, int(done/fine%save_every) + 1, q, p)
+         end do
+         work%first = work%first + work%nlane
+      end do
+   end subroutine exact_solution
+
+   !> The model's parameters, read from its gradients at unit points and unit weights; exact.
+   subroutine recognise(model, system, error)
+      class(model_type), intent(in) :: model
+      type(oscillator), intent(out) :: system
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: k
+
+      select type (model)
+      type is (kubo_model)
+         system%a = slope(model, 0, 1.0_wp)
+         system%sigma = slope(model, 1, 1.0_wp)
+      type is (linear_oscillator_model)
+         system%additive = .true.
+      type is (additive_oscillator_model)
+         system%additive = .true.
+      class default
+         call raise(error, missing_operation, 'exact_solution', 'this model has no exact '// &
+                    'solution in the library: kubo, linear_oscillator and additive_oscillator '// &
+                    'have; compare with a run at a much smaller step on the same path '// &
+                    '(refine) instead')
+      end select
+      if (.not. system%additive) return
+      system%a = 1
+      allocate (system%to_q(model%traits%nnoise), system%to_p(model%traits%nnoise))
+      do k = 1, model%traits%nnoise
+         system%to_q(k) = slope(model, k, 0.0_wp)
+         system%to_p(k) = -slope(model, k, 0.0_wp, in_q=.true.)
+      end do
+   end subroutine recognise
+
+   !> dH_k/dp, or dH_k/dq, at (q, p) = (0, x) or (x, 0).
+   real(wp) function slope(model, k, x, in_q)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: k
+      real(wp), intent(in) :: x
+      logical, intent(in), optional :: in_q
+      real(wp) :: w(1, 0:model%traits%nnoise), zero(1, 1), at(1, 1), hq(1, 1), hp(1, 1)
+
+      w = 0
+      w(1, k) = 1
+      zero = 0
+      at = x
+      call model%gradient(1, 1, model%traits%nnoise, 0.0_wp, w, zero, at, hq, hp)
+      slope = hp(1, 1)
+      if (present(in_q)) slope = hq(1, 1)
+   end function slope
+
+   !> The run at the step of its draws, without truncation.
+   pure type(run_options) function finest(options) result(fine)
+      type(run_options), intent(in) :: options
+      integer(i8) :: parts
+
+      fine = options
+      fine%truncation = 0
+      if (options%refine <= 0 .or. options%refine > max_refine) return  ! beyond it: refused later
+      parts = 2_i8**options%refine
+      fine%refine = 0
+      fine%step = options%step/real(parts, wp)
+      fine%nstep = options%nstep*parts
+      fine%first_step = options%first_step*parts
+      fine%save_every = min(options%save_every, max(options%nstep, 1_i8))*parts
+   end function finest
+
+   subroutine check_shapes(options, q0, p0, q, p, error)
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:, :), p0(:, :), q(:, :, :), p(:, :, :)
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: ntime
+
+      ntime = options%nstep/options%save_every + 1
+      if (size(q, 1, i8) /= options%npath .or. size(q, 2) /= 1 .or. size(q, 3, i8) /= ntime .or. &
+          any(shape(p, i8) /= shape(q, i8))) then
+         call raise(error, wrong_shape, 'exact_solution', 'q and p have no room for the '// &
+                    'solution: needed is ('//to_text(options%npath)//',1,'//to_text(ntime)// &
+                    ') for each')
+      else if (size(q0, 2) /= 1 .or. any(shape(q0) /= shape(p0)) .or. &
+               (size(q0, 1) /= 1 .and. size(q0, 1, i8) /= options%npath)) then
+         call raise(error, wrong_shape, 'exact_solution', 'the initial q is ('// &
+                    to_text(size(q0, 1))//','//to_text(size(q0, 2))// &
+                    '), the initial p ('//to_text(size(p0, 1))//','//to_text(size(p0, 2))// &
+                    '); needed is one degree of freedom and '//to_text(options%npath)// &
+                    ' paths or one for all')
+      end if
+   end subroutine check_shapes
+
+   subroutine new_block(work, nnoise, options)
+      type(exact_block), intent(out) :: work
+      integer, intent(in) :: nnoise
+      type(run_options), intent(in) :: options
+      integer :: nlane
+
+      nlane = lanes_for(1, options%npath)
+      work%nlane = nlane
+      allocate (work%path(nlane), work%w(nlane, 0:nnoise, 0:1))
+      allocate (work%q0(nlane), work%p0(nlane), work%q(nlane), work%p(nlane), work%sum_w(nlane), &
+                work%low(nlane), work%xi1(nlane), work%xi2(nlane), work%c(nlane), work%s(nlane))
+      work%w = 0
+   end subroutine new_block
+
+   !> Load the initial states of the block that begins at work%first.
+   subroutine begin_block(work, options, q0, p0)
+      type(exact_block), intent(inout) :: work
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:, :), p0(:, :)
+      integer(i8) :: row
+      integer :: lane
+
+      work%nreal = int(min(int(work%nlane, i8), options%npath - work%first))
+      call path_of_lane(work%nlane, options%first_path + work%first, work%nreal, work%path)
+      do lane = 1, work%nlane
+         row = min(work%first + min(lane, work%nreal), size(q0, 1, i8))
+         work%q0(lane) = q0(row, 1)
+         work%p0(lane) = p0(row, 1)
+      end do
+      work%q = work%q0
+      work%p = work%p0
+      work%sum_w = 0
+      work%low = 0
+   end subroutine begin_block
+
+   !> Step n: add to W(t) (compensated), or the recursion Y + (F - I) Y + u, whose rounding does not
+   !> accumulate in the radius as that of F Y would.
+   subroutine advance(work, system, options, n)
+      type(exact_block), intent(inout) :: work
+      type(oscillator), intent(in) :: system
+      type(run_options), intent(in) :: options
+      integer(i8), intent(in) :: n
+      real(wp) :: versine, sine
+      integer :: half, k
+
+      half = int(mod(n, 2_i8))
+      if (.not. system%additive) then
+         call add_compensated(work%nlane, work%w(:, 1, half), work%sum_w, work%low)
+         return
+      end if
+      versine = 2*sin(0.5_wp*options%step)**2
+      sine = sin(options%step)
+      call turn(work%nlane, versine, sine, work%q, work%p)
+      do k = 1, size(system%to_q)
+         if (abs(system%to_q(k)) <= 0 .and. abs(system%to_p(k)) <= 0) cycle
+         call oscillator_draws(work%nlane, options%seed, work%path, n, k, work%xi1, work%xi2)
+         call oscillator_integrals(work%nlane, options%step, work%w(:, k, half), &
+                                   work%xi1, work%xi2, work%c, work%s)
+         work%q = work%q + (system%to_q(k)*work%c + system%to_p(k)*work%s)
+         work%p = work%p + (system%to_p(k)*work%c - system%to_q(k)*work%s)
+      end do
+   end subroutine advance
+
+   !> The Kubo oscillator after the time t, from its initial state and W(t).
+   subroutine rotate(work, system, t)
+      type(exact_block), intent(inout) :: work
+      type(oscillator), intent(in) :: system
+      real(wp), intent(in) :: t
+      real(wp) :: theta
+      integer :: lane
+
+      do lane = 1, work%nlane
+         theta = system%a*t + system%sigma*(work%sum_w(lane) + work%low(lane))
+         work%q(lane) = work%q0(lane)*cos(theta) + work%p0(lane)*sin(theta)
+         work%p(lane) = work%p0(lane)*cos(theta) - work%q0(lane)*sin(theta)
+      end do
+   end subroutine rotate
+
+   subroutine save_point(work, isave, q, p)
+      type(exact_block), intent(in) :: work
+      integer, intent(in) :: isave
+      real(wp), intent(inout) :: q(:, :, :), p(:, :, :)
+      integer :: lane
+
+      do lane = 1, work%nreal
+         q(work%first + lane, 1, isave) = work%q(lane)
+         p(work%first + lane, 1, isave) = work%p(lane)
+      end do
+   end subroutine save_point
+
+   !> Y = Y + (F - I) Y
+   pure subroutine turn(nlane, versine, sine, q, p)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: versine, sine        !! 1 - cos h, sin h
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      real(wp) :: dq, dp
+      integer :: lane
+
+      do lane = 1, nlane
+         dq = sine*p(lane) - versine*q(lane)
+         dp = -sine*q(lane) - versine*p(lane)
+         q(lane) = q(lane) + dq
+         p(lane) = p(lane) + dp
+      end do
+   end subroutine turn
+
+   !> Kahan's summation: the sum proper is x + low.
+   pure subroutine add_compensated(nlane, d, x, low)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: d(nlane)
+      real(wp), intent(inout) :: x(nlane), low(nlane)
+      real(wp) :: y, s
+      integer :: lane
+
+      do lane = 1, nlane
+         y = d(lane) + low(lane)
+         s = x(lane) + y
+         low(lane) = y - (s - x(lane))
+         x(lane) = s
+      end do
+   end subroutine add_compensated
+
+end module symsde_diagnose_exact

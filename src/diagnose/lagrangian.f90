@@ -1,0 +1,372 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The discrete Lagrangian Lbar_h(p_n, q_n, p_{n+1}, q_{n+1}) of a scheme [WHSB] (49), its value
+!> and its gradient, on and off the solutions of the scheme. Hhat is the one-step Hamiltonian.
+!>
+!> One stage, as the paper writes it in (61)-(62), (77)-(78), (88), with lambda = a_11:
+!>
+!>    Lbar_h = P.(q_{n+1} - q_n) - Hhat(P,Q),
+!>    P = lambda p_n + (1-lambda) p_{n+1},   Q = (1-lambda) q_n + lambda q_{n+1}
+!>
+!> More stages, with internal slopes V_i and momenta P_i free (Hamilton-Pontryagin principle) and
+!> p_{n+1} the multiplier of q_{n+1} = q_n + sum_i alpha_i V_i:
+!>
+!>    Lbar_h = p_{n+1}.(q_{n+1} - q_n)
+!>             + ext_{V,P} sum_i alpha_i [(P_i - p_{n+1}).V_i - Hhat(P_i,Q_i)],
+!>    Q_i = q_n + sum_j a_ij V_j
+!>
+!> so V_i = Hhat_p(P_i,Q_i) and P_i = p_{n+1} + sum_j (alpha_j a_ji/alpha_i) Hhat_q(P_j,Q_j), solved
+!> here by Newton. (57) then holds identically and (58) is the constraint. It is not a function of
+!> q_n, q_{n+1} alone, because that one does not exist where Hhat_pp is singular, as for the Kubo
+!> oscillator at a h + sigma dW = 0. Of the scheme only a, alpha and c enter, never abar: a wrong
+!> abar, or a wrong sign in a stepper, shows in the Legendre transforms. Noise coefficients of their
+!> own (b, beta) make stages of their own, with the Hamiltonians h H and sum_k dW_k H_k.
+module symsde_diagnose_lagrangian
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type, raise, incompatible
+   use symsde_ensemble_options, only: run_options
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none, correction_mean
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_step_factory, only: resolve_correction
+   use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
+   implicit none
+   private
+   public :: discrete_lagrangian, new_discrete_lagrangian, count_unknowns
+
+   !> Slopes are ordered x(:, 1:n) = V_1, x(:, n+1:2n) = Hhat_q at stage 1, and so on.
+   type :: discrete_lagrangian
+      private
+      type(one_step_hamiltonian), public :: ham
+      type(newton_type) :: newton
+      logical :: one_stage = .false.
+      integer :: nstage = 0                        !! stages of drift and noise together
+      integer, allocatable :: part(:)    !! 1: all of Hhat, or its drift; 2: its noise (nstage)
+      real(wp), allocatable :: c(:), alpha(:)      !! (nstage)
+      real(wp), allocatable :: a(:, :)             !! a_ij (nstage, nstage)
+      real(wp), allocatable :: back(:, :)          !! alpha_j a_ji/alpha_i (nstage, nstage)
+      real(wp), allocatable :: v(:, :, :)          !! weights of each part (nlane, 0:nnoise, 2)
+      real(wp), allocatable :: x(:, :)             !! slopes (nlane, 2 ndof nstage)
+      real(wp), allocatable :: qs(:, :), ps(:, :), hq(:, :), hp(:, :)  !! one point (nlane, ndof)
+      real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
+   contains
+      procedure, public :: gradient
+      procedure, public :: value
+   end type discrete_lagrangian
+
+contains
+
+   !> Unknowns of one path's internal stages, to choose the size of blocks by.
+   pure integer function count_unknowns(model, scheme) result(n)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+
+      n = 2*model%traits%ndof*scheme%nstage
+      if (.not. has_one_part(model, scheme)) n = 2*n
+   end function count_unknowns
+
+   !> The discrete Lagrangian of a scheme for blocks of nlane lanes.
+   !> Errors: incompatible for schemes that come from none; those of resolve_correction.
+   subroutine new_discrete_lagrangian(self, model, scheme, options, nlane, error)
+      type(discrete_lagrangian), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: nlane
+      type(error_type), allocatable, intent(inout) :: error
+      type(newton_options) :: newton
+      integer :: n, correction
+
+      call check_scheme(scheme, error)
+      if (allocated(error)) return
+      call resolve_correction(correction, model, scheme, options%correction, error)
+      if (allocated(error)) return
+      call flatten(self, scheme, has_one_part(model, scheme), error)
+      if (allocated(error)) return
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction, &
+                                    scheme%correction_coefficient())
+      n = model%traits%ndof
+      allocate (self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
+      allocate (self%v(nlane, 0:model%traits%nnoise, 2))
+      if (self%one_stage) return
+      newton%max_iter = options%max_iter
+      call new_newton(self%newton, nlane, 2*n*self%nstage, newton, &
+                      model%traits%quadratic .and. correction == correction_none, -1, -1)
+      allocate (self%x(nlane, 2*n*self%nstage))
+      allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
+   end subroutine new_discrete_lagrangian
+
+   !> Partial derivatives of Lbar_h with respect to q_n, p_n (left), q_{n+1}, p_{n+1} (right).
+   subroutine gradient(self, t, w, q0, p0, q1, p1, left_q, left_p, right_q, right_p, status)
+      class(discrete_lagrangian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)   !! t_n; h, dW_1 .. dW_m
+      real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p0, q1, p1
+      real(wp), intent(out), dimension(self%ham%nlane, self%ham%ndof) :: left_q, left_p
+      real(wp), intent(out), dimension(self%ham%nlane, self%ham%ndof) :: right_q, right_p
+      integer(i8), intent(inout) :: status(self%ham%nlane)   !! 0, or why the stages were not solved
+      integer :: i, at
+
+      call split_weights(self, w)
+      if (self%one_stage) then
+         call one_point(self, q0, p0, q1, p1)
+         call self%ham%gradient(t + self%c(1)*w(1, 0), self%v(:, :, 1), self%qs, self%ps, &
+                                self%hq, self%hp)
+         left_q = -self%ps - (1 - self%a(1, 1))*self%hq
+         right_q = self%ps - self%a(1, 1)*self%hq
+         left_p = self%a(1, 1)*((q1 - q0) - self%hp)
+         right_p = (1 - self%a(1, 1))*((q1 - q0) - self%hp)
+         return
+      end if
+      call solve_stages(self, t, w(1, 0), q0, p1, status)
+      left_q = -p1
+      left_p = 0
+      right_q = p1
+      right_p = q1 - q0
+      associate (n => self%ham%ndof)
+         do i = 1, self%nstage
+            at = 2*n*(i - 1)
+            right_p = right_p - self%alpha(i)*self%x(:, at + 1:at + n)
+            left_q = left_q - self%alpha(i)*self%x(:, at + n + 1:at + 2*n)
+         end do
+      end associate
+   end subroutine gradient
+
+   !> Lbar_h itself; the model must have values.
+   subroutine value(self, t, w, q0, p0, q1, p1, action, status)
+      class(discrete_lagrangian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)   !! t_n; h, dW_1 .. dW_m
+      real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p0, q1, p1
+      real(wp), intent(out) :: action(self%ham%nlane)
+      integer(i8), intent(inout) :: status(self%ham%nlane)   !! 0, or why the stages were not solved
+      real(wp) :: h(self%ham%nlane)
+      integer :: i, at
+
+      call split_weights(self, w)
+      if (self%one_stage) then
+         call one_point(self, q0, p0, q1, p1)
+         call hamiltonian_value(self, 1, t + self%c(1)*w(1, 0), h)
+         action = sum(self%ps*(q1 - q0), dim=2) - h
+         return
+      end if
+      call solve_stages(self, t, w(1, 0), q0, p1, status)
+      action = sum(p1*(q1 - q0), dim=2)
+      associate (n => self%ham%ndof)
+         do i = 1, self%nstage
+            at = 2*n*(i - 1)
+            call stage_point(self, i, q0, p1)
+            call hamiltonian_value(self, self%part(i), t + self%c(i)*w(1, 0), h)
+            action = action &
+                     + self%alpha(i)*(sum((self%ps - p1)*self%x(:, at + 1:at + n), dim=2) - h)
+         end do
+      end associate
+   end subroutine value
+
+   !> Whether drift and noise share all coefficients, or there is no noise.
+   pure logical function has_one_part(model, scheme)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+
+      has_one_part = model%traits%nnoise == 0
+      if (.not. has_one_part) has_one_part = scheme%noise_coefficients_equal()
+   end function has_one_part
+
+   !> Refuse what comes from no discrete Lagrangian.
+   subroutine check_scheme(scheme, error)
+      type(scheme_type), intent(in) :: scheme
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (.not. scheme%symplectic) then
+         call raise(error, incompatible, 'new_discrete_lagrangian', 'scheme '//scheme%name// &
+                    ' is not symplectic and comes from no discrete Lagrangian: it has no '// &
+                    'discrete action; take a symplectic scheme such as midpoint')
+      else if (scheme%form /= tableau_form) then
+         call raise(error, incompatible, 'new_discrete_lagrangian', 'scheme '//scheme%name// &
+                    ' is in Galerkin form, for which the discrete action is not offered: '// &
+                    'choose a scheme with as many nodes as its degree, such as midpoint or gauss2')
+      end if
+   end subroutine check_scheme
+
+   !> One list of stages; noise with coefficients of its own follows the drift. Stages that nothing
+   !> weighs and nothing uses are left out.
+   subroutine flatten(self, scheme, one_part, error)
+      type(discrete_lagrangian), intent(inout) :: self
+      type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: one_part
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: alpha(:), a(:, :)
+      integer :: keep(2*scheme%nstage), r, i
+
+      r = scheme%nstage
+      if (one_part) then
+         alpha = scheme%alpha
+         a = scheme%a
+      else
+         allocate (alpha(2*r), a(2*r, 2*r))
+         alpha(:r) = scheme%alpha
+         alpha(r + 1:) = scheme%beta
+         a(:r, :r) = scheme%a
+         a(r + 1:, :r) = scheme%a
+         a(:r, r + 1:) = scheme%b
+         a(r + 1:, r + 1:) = scheme%b
+      end if
+      do i = 1, size(alpha)
+         if (.not. (abs(alpha(i)) > 0 .or. any(abs(a(:, i)) > 0))) cycle
+         self%nstage = self%nstage + 1
+         keep(self%nstage) = i
+      end do
+      associate (k => keep(:self%nstage))
+         self%alpha = alpha(k)
+         self%a = a(k, k)
+         self%part = (k - 1)/r + 1
+         k = mod(k - 1, r) + 1
+         self%c = scheme%c(k)
+      end associate
+      if (any(abs(self%alpha) <= 0)) then
+         call raise(error, incompatible, 'new_discrete_lagrangian', 'scheme '//scheme%name// &
+                    ' uses a stage of weight zero, whose momentum no discrete Lagrangian '// &
+                    'determines: take a scheme without such stages')
+         return
+      end if
+      self%one_stage = one_part .and. self%nstage == 1
+      allocate (self%back(self%nstage, self%nstage))
+      do i = 1, self%nstage
+         self%back(i, :) = self%alpha*self%a(:, i)/self%alpha(i)
+      end do
+   end subroutine flatten
+
+   !> One part: all weights. Two parts: (h, 0, .., 0) and (0, dW_1, .., dW_m).
+   subroutine split_weights(self, w)
+      type(discrete_lagrangian), intent(inout) :: self
+      real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
+
+      self%v(:, :, 1) = w
+      if (all(self%part == 1)) return
+      self%v(:, 1:, 1) = 0
+      self%v(:, :, 2) = w
+      self%v(:, 0, 2) = 0
+   end subroutine split_weights
+
+   !> (Q, P) of the one-stage form.
+   subroutine one_point(self, q0, p0, q1, p1)
+      type(discrete_lagrangian), intent(inout) :: self
+      real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p0, q1, p1
+
+      associate (lambda => self%a(1, 1))
+         self%qs = (1 - lambda)*q0 + lambda*q1
+         self%ps = lambda*p0 + (1 - lambda)*p1
+      end associate
+   end subroutine one_point
+
+   !> (Q_i, P_i) from the slopes.
+   subroutine stage_point(self, i, q0, p1)
+      type(discrete_lagrangian), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p1
+      integer :: j, at
+
+      associate (n => self%ham%ndof)
+         self%qs = q0
+         self%ps = p1
+         do j = 1, self%nstage
+            at = 2*n*(j - 1)
+            self%qs = self%qs + self%a(i, j)*self%x(:, at + 1:at + n)
+            self%ps = self%ps + self%back(i, j)*self%x(:, at + n + 1:at + 2*n)
+         end do
+      end associate
+   end subroutine stage_point
+
+   !> Newton for the slopes of all stages, given q_n and p_{n+1}.
+   subroutine solve_stages(self, t, h, q0, p1, status)
+      type(discrete_lagrangian), intent(inout) :: self
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p1
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer :: i, at
+
+      self%x = 0
+      call self%newton%start(status)
+      do while (self%newton%running)
+         do i = 1, self%nstage
+            call stage_point(self, i, q0, p1)
+            call self%ham%gradient_hessian(t + self%c(i)*h, self%v(:, :, self%part(i)), &
+                                           self%qs, self%ps, self%hq, self%hp, &
+                                           self%hqq, self%hqp, self%hpp)
+            associate (n => self%ham%ndof)
+               at = 2*n*(i - 1)
+               self%newton%r(:, at + 1:at + n) = self%x(:, at + 1:at + n) - self%hp
+               self%newton%r(:, at + n + 1:at + 2*n) = self%x(:, at + n + 1:at + 2*n) - self%hq
+            end associate
+            call matrix_rows(self, i)
+         end do
+         call self%newton%update(self%x, status, self%ham%counters)
+      end do
+   end subroutine solve_stages
+
+   !> Rows of stage i of the matrix, from the Hessian there.
+   subroutine matrix_rows(self, i)
+      type(discrete_lagrangian), intent(inout) :: self
+      integer, intent(in) :: i
+      integer :: n, j, k, l, at, to
+
+      n = self%ham%ndof
+      at = 2*n*(i - 1)
+      associate (m => self%newton%a)
+         do j = 1, self%nstage
+            to = 2*n*(j - 1)
+            do l = 1, n
+               do k = 1, n
+                  m(:, at + k, to + l) = -self%a(i, j)*self%hqp(:, l, k)
+                  m(:, at + k, to + n + l) = -self%back(i, j)*self%hpp(:, k, l)
+                  m(:, at + n + k, to + l) = -self%a(i, j)*self%hqq(:, k, l)
+                  m(:, at + n + k, to + n + l) = -self%back(i, j)*self%hqp(:, k, l)
+               end do
+            end do
+         end do
+         do k = at + 1, at + 2*n
+            m(:, k, k) = m(:, k, k) + 1
+         end do
+      end associate
+   end subroutine matrix_rows
+
+   !> Value of a part of Hhat, correction included, at (qs, ps).
+   subroutine hamiltonian_value(self, part, t, h)
+      type(discrete_lagrangian), intent(inout) :: self
+      integer, intent(in) :: part
+      real(wp), intent(in) :: t
+      real(wp), intent(out) :: h(self%ham%nlane)
+      real(wp) :: noise(self%ham%nlane, 0:self%ham%nnoise), product(self%ham%nlane)
+      integer :: k
+
+      associate (ham => self%ham)
+         call ham%model%value(ham%nlane, ham%ndof, ham%nnoise, t, self%v(:, :, part), self%qs, &
+                              self%ps, h)
+         if (ham%correction == correction_none) return
+         noise = 0
+         if (ham%correction == correction_mean) then
+            do k = 1, ham%nnoise
+               noise(:, k) = 1
+               call product_of_gradients(self, t, noise, product)
+               noise(:, k) = 0
+               h = h + ham%coefficient*self%v(:, 0, part)*product
+            end do
+         else
+            noise(:, 1:) = self%v(:, 1:, part)
+            call product_of_gradients(self, t, noise, product)
+            h = h + ham%coefficient*product
+         end if
+      end associate
+   end subroutine hamiltonian_value
+
+   !> F_p.F_q at (qs, ps) for F = sum_j v_j H_j.
+   subroutine product_of_gradients(self, t, v, product)
+      type(discrete_lagrangian), intent(inout) :: self
+      real(wp), intent(in) :: t, v(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(out) :: product(self%ham%nlane)
+
+      associate (ham => self%ham)
+         call ham%model%gradient(ham%nlane, ham%ndof, ham%nnoise, t, v, self%qs, self%ps, &
+                                 self%hq, self%hp)
+      end associate
+      product = sum(self%hq*self%hp, dim=2)
+   end subroutine product_of_gradients
+
+end module symsde_diagnose_lagrangian
