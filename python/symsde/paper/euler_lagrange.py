@@ -148,7 +148,7 @@ def _perturbed(experiment, case, computed):
     }  # fmt: skip
 
 
-def _moving_ends(computed, dq, dp, eps=1e-5):
+def _moving_ends(computed, dq, dp, eps=1e-4):
     up, down = (ss.diagnose.action(_move(computed, s * eps * dq, s * eps * dp)).sum(axis=0) for s in (1, -1))
     boundary = computed.p[-1, 0] * dq[-1, 0] - computed.p[0, 0] * dq[0, 0]
     return np.abs((up - down) / (2 * eps) - boundary).max() / np.abs(boundary).max()
