@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""symsde: symplectic integration of stochastic Hamiltonian systems (Stratonovich).
+
+    dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k
+
+    import symsde as ss
+    model = ss.models.kubo(a=1.0, sigma=0.3)
+    run = ss.simulate(model, q0=1.0, p0=0.0, step=0.02, steps=5000, paths=1000, seed=1, save_every=50)
+    run.t, run.q, run.p                      # (time,), (time, dof, path), (time, dof, path)
+
+Everything is dimensionless. The path is the last axis of every array. [WHSB] in the documentation is the
+paper "Dynamics and variational integrators of stochastic Hamiltonian systems" with its equation numbers.
+"""
+
+from . import diagnose, errors, models, schemes
+from ._callbacks import numba_signature
+from ._handles import status_text
+from ._setup import build_info
+from .convergence import Convergence, convergence
+from .errors import PathsFailedWarning, SymsdeError
+from .model import Model, Traits
+from .moments import Moments, moments
+from .report import Report
+from .schemes import Scheme
+from .simulate import Run, simulate
+from .step import increments, step
+
+__version__ = build_info()["version"]
+
+__all__ = [
+    "Convergence",
+    "Model",
+    "Moments",
+    "PathsFailedWarning",
+    "Report",
+    "Run",
+    "Scheme",
+    "SymsdeError",
+    "Traits",
+    "__version__",
+    "build_info",
+    "convergence",
+    "diagnose",
+    "errors",
+    "increments",
+    "models",
+    "moments",
+    "numba_signature",
+    "schemes",
+    "simulate",
+    "status_text",
+    "step",
+]

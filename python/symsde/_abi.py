@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""include/symsde.h in ctypes: structs, callback types and one table of functions.
+
+Arrays are passed as addresses (c_void_p), so that NULL is None.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import (
+    CFUNCTYPE,
+    POINTER,
+    Structure,
+    c_char,
+    c_char_p,
+    c_double,
+    c_int,
+    c_int32,
+    c_int64,
+    c_size_t,
+    c_uint64,
+    c_void_p,
+)
+
+MESSAGE_SIZE = 1024
+MAX_FAILED_LISTED = 1000
+OK, NOT_CONVERGED, SINGULAR, NONFINITE, CALLBACK_FAILED, STOPPED, PATHS_FAILED = range(7)
+INVALID_ARGUMENT = -1
+MISSING_OPERATION = -9
+CORRECTIONS = ("auto", "none", "mean", "increments")
+
+
+class Error(Structure):
+    """symsde_error."""
+
+    _fields_ = (("code", c_int32), ("message", c_char * MESSAGE_SIZE))
+
+
+class Traits(Structure):
+    """symsde_traits."""
+
+    _fields_ = (
+        ("struct_size", c_size_t),
+        *((name, c_int32) for name in ("ndof", "nnoise", "separable", "additive")),
+        *((name, c_int32) for name in ("position_noise", "quadratic", "identity_mass", "bandwidth")),
+        *((name, c_int32) for name in ("has_value", "has_hessian", "has_hessian_vector")),
+        ("max_frequency", c_double),
+        ("noise_lipschitz", c_double),
+    )
+
+
+class SchemeInfo(Structure):
+    """symsde_scheme_info."""
+
+    _fields_ = (
+        ("struct_size", c_size_t),
+        *((name, c_int32) for name in ("form", "nstage", "degree")),
+        *((name, c_int32) for name in ("symplectic", "symmetric", "keeps_quadratic")),
+        ("correction_coefficient", c_double),
+        *((name, c_double) for name in ("order_additive", "order_commutative", "order_general")),
+        ("order_weak", c_double),
+        ("name", c_char * 64),
+        ("reference", c_char * 256),
+    )
+
+
+class Options(Structure):
+    """symsde_options."""
+
+    _fields_ = (
+        ("struct_size", c_size_t),
+        ("step", c_double),
+        ("steps", c_int64),
+        ("paths", c_int64),
+        ("seed", c_uint64),
+        ("t0", c_double),
+        *((name, c_int64) for name in ("save_every", "first_path", "first_step")),
+        ("refine", c_int32),
+        ("correction", c_int32),
+        ("truncation", c_double),
+        ("truncation_time", c_double),
+        *((name, c_int32) for name in ("compensated", "general", "max_iter", "fixed_point")),
+        ("lanes", c_int32),
+        ("threads", c_int32),
+    )
+
+
+# int f(int64_t done, int64_t total, void *user)
+Progress = CFUNCTYPE(c_int, c_int64, c_int64, c_void_p)
+
+
+class Input(Structure):
+    """symsde_input."""
+
+    _fields_ = (
+        ("struct_size", c_size_t),
+        ("q0", c_void_p),
+        ("p0", c_void_p),
+        ("q0_paths", c_int64),
+        ("p0_paths", c_int64),
+        ("increments", c_void_p),
+        *((f"increment_{name}", c_int64) for name in ("rows", "noises", "paths")),
+        ("q0_low", c_void_p),
+        ("p0_low", c_void_p),
+        ("progress", Progress),
+        ("progress_user", c_void_p),
+    )
+
+
+COUNTERS = (
+    "path_steps",
+    "normals",
+    "gradients",
+    "hessians",
+    "hessian_vectors",
+    "iterations",
+    "solves",
+    "lapack_solves",
+)
+
+
+class Report(Structure):
+    """symsde_report."""
+
+    _fields_ = (
+        ("struct_size", c_size_t),
+        ("status", c_int32),
+        ("correction", c_int32),
+        *((name, c_int64) for name in COUNTERS),
+        ("failed", c_int64),
+        ("stopped", c_int64),
+        ("threads", c_int32),
+        ("lanes", c_int32),
+        *((name, c_double) for name in ("lost_variance", "seconds_setup", "seconds_run")),
+        ("stepper", c_char * 64),
+        ("left_out", c_char * 512),
+    )
+
+
+class Paths(Structure):
+    """symsde_paths."""
+
+    _fields_ = (
+        ("struct_size", c_size_t),
+        *((name, c_void_p) for name in ("t", "q", "p", "status", "failed_step")),
+        *((name, c_void_p) for name in ("last_q", "last_p", "low_q", "low_p")),
+    )
+
+
+# The callbacks; each ends with `void *user`. All arrays are double.
+_block = (c_int, c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p)
+CALLBACKS = {
+    "gradient": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p),
+    "value": CFUNCTYPE(*_block, c_void_p, c_void_p),
+    "hessian": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p),
+    "hessian_vector": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
+}
+Observables = CFUNCTYPE(c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p, c_void_p)
+
+
+class Moments(Structure):
+    """symsde_moments."""
+
+    _fields_ = (
+        ("struct_size", c_size_t),
+        *((name, c_void_p) for name in ("t", "n_ok", "mean", "variance", "se_mean")),
+        ("nobservable", c_int32),
+        ("observables", Observables),
+        ("observables_user", c_void_p),
+        ("nfailed_listed", c_int64),
+        ("failed", c_int64 * MAX_FAILED_LISTED),
+        ("failed_status", c_int32 * MAX_FAILED_LISTED),
+        ("failed_step", c_int64 * MAX_FAILED_LISTED),
+    )
+
+
+_handle = c_void_p
+_handle_out = POINTER(c_void_p)
+_error = POINTER(Error)
+_options = POINTER(Options)
+_input = POINTER(Input)
+_text = (c_char_p, c_size_t, POINTER(c_size_t))
+_points = (_handle, c_int64, c_double, c_void_p, c_void_p, c_void_p)
+_run = (_handle, _handle, _options)
+_residual = (*_run, c_void_p, c_void_p, c_void_p, c_void_p, _error)
+
+# name without symsde_ -> argument types; every function returns int
+FUNCTIONS = {
+    "status_text": (c_int, *_text),
+    "version": _text,
+    "build_info": _text,
+    "traits_init": (POINTER(Traits),),
+    "model_names": _text,
+    "model_parameters": (c_char_p, *_text, _error),
+    "model_get": (c_char_p, c_int, POINTER(c_char_p), POINTER(c_double), _handle_out, _error),
+    "model_new": (
+        c_char_p,
+        POINTER(Traits),
+        *(CALLBACKS[kind] for kind in ("gradient", "value", "hessian", "hessian_vector")),
+        c_void_p,
+        _handle_out,
+        _error,
+    ),
+    "model_delete": (_handle_out,),
+    "model_traits": (_handle, POINTER(Traits), _error),
+    "model_probe": (_handle, c_double, c_void_p, c_void_p, _error),
+    "model_value": (*_points, c_void_p, _error),
+    "model_gradient": (*_points, c_void_p, c_void_p, _error),
+    "model_hessian": (*_points, c_void_p, c_void_p, c_void_p, _error),
+    "scheme_info_init": (POINTER(SchemeInfo),),
+    "scheme_names": _text,
+    "scheme_get": (c_char_p, _handle_out, _error),
+    "scheme_from_quadrature": (c_int, c_void_p, c_void_p, c_int, c_char_p, _handle_out, _error),
+    "scheme_from_tableau": (
+        *(c_int, c_void_p, c_void_p, c_void_p),
+        *(c_char_p, c_int, _handle_out, _error),
+    ),
+    "scheme_delete": (_handle_out,),
+    "scheme_get_info": (_handle, POINTER(SchemeInfo), _error),
+    "scheme_certificate": (_handle, *_text, _error),
+    "options_init": (_options,),
+    "input_init": (_input,),
+    "report_init": (POINTER(Report),),
+    "paths_init": (POINTER(Paths),),
+    "simulate": (*_run, _input, POINTER(Paths), POINTER(Report), _error),
+    "moments_init": (POINTER(Moments),),
+    "compute_moments": (*_run, _input, POINTER(Moments), POINTER(Report), _error),
+    "increments": (_handle, _options, c_void_p, _error),
+    "symplecticity": (*_run, c_int64, c_void_p, c_void_p, c_void_p, c_void_p, _error),
+    "discrete_action": _residual,
+    "euler_lagrange_residual": _residual,
+    "exact_solution": (_handle, _options, _input, c_void_p, c_void_p, _error),
+}
+
+
+def declare(library: ctypes.CDLL) -> None:
+    """Give every function of the table its types; AttributeError where the library lacks one."""
+    for name, argtypes in FUNCTIONS.items():
+        function = getattr(library, f"symsde_{name}")
+        function.restype = c_int
+        function.argtypes = argtypes

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Python and compiled functions as callbacks of the library.
+
+An exception never leaves a callback: it is stored, the callback returns nonzero, and the exception is
+raised again, with its traceback, when the library has returned. Python functions get copies of the
+state, so that keeping one does no harm.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+
+import numpy as np
+
+from . import _abi
+from ._files import optional
+from .errors import WrongShapeError, WrongTypeError
+
+Call = tuple[int, int, int, float]  # nlane, ndof, nham, t
+_PRECOMPILED = (ctypes._CFuncPtr, ctypes.c_void_p)
+
+# kind -> what a Python function returns
+RETURNS = {
+    "gradient": ("hq", "hp"),
+    "value": ("value",),
+    "hessian": ("hqq", "hqp", "hpp"),
+    "hessian_vector": ("uq", "up"),
+}
+# kind -> number of vectors (dof, lane) among the inputs after w
+_VECTORS = {"gradient": 2, "value": 2, "hessian": 2, "hessian_vector": 4}
+
+
+class Failures:
+    """The first exception of the callbacks of a model or a run."""
+
+    def __init__(self) -> None:
+        self.first: BaseException | None = None
+
+    def store(self, error: BaseException) -> int:
+        """Keep the first one; the status for the library."""
+        if self.first is None:
+            self.first = error
+        return 1
+
+    def raise_stored(self) -> None:
+        """Raise what was stored, once."""
+        error, self.first = self.first, None
+        if error is not None:
+            raise error
+
+
+def view(address: int, shape: tuple[int, ...]) -> np.ndarray:
+    """The array of float64 at an address."""
+    count = 1
+    for extent in shape:
+        count *= extent
+    return np.frombuffer((ctypes.c_double * count).from_address(address)).reshape(shape)
+
+
+def store_result(where: str, value: object, target: int | None, shape: tuple[int, ...]) -> None:
+    """Copy what a Python function returned to an address; NULL is not wanted."""
+    if target is None:
+        return
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu":
+        raise WrongTypeError(f"{where} holds {array.dtype} values: return an array of real numbers")
+    one_row = len(shape) > 1 and array.shape == shape[-1:] and set(shape[:-1]) == {1}
+    if array.ndim and array.shape != shape and not one_row:
+        raise WrongShapeError(f"{where} has shape {array.shape}: return shape {shape}, the lanes last, or one number")
+    view(target, shape)[...] = array
+
+
+def _shapes(kind: str, nlane: int, ndof: int) -> tuple[int, ...]:
+    """Shape of each result of a callback."""
+    return {"value": (nlane,), "hessian": (ndof, ndof, nlane)}.get(kind, (ndof, nlane))
+
+
+def from_python(kind: str, function: Callable, failures: Failures) -> ctypes._CFuncPtr:
+    """A Python function f(t, w, q, p, ...) as callback of this kind."""
+    names, nvector = RETURNS[kind], _VECTORS[kind]
+
+    def callback(nlane, ndof, nham, t, w, *addresses):
+        try:
+            vectors = [view(a, (ndof, nlane)).copy() for a in addresses[:nvector]]
+            result = function(t, view(w, (nham, nlane)).copy(), *vectors)
+            results = (result,) if len(names) == 1 else _unpacked(kind, names, result)
+            shape = _shapes(kind, nlane, ndof)
+            for name, value, target in zip(names, results, addresses[nvector:-1], strict=True):
+                store_result(f"{name} of {kind}()", value, target, shape)
+        except BaseException as error:  # raised again by raise_stored
+            return failures.store(error)
+        return 0
+
+    return _abi.CALLBACKS[kind](callback)
+
+
+def _unpacked(kind: str, names: tuple[str, ...], result: object) -> tuple:
+    if isinstance(result, tuple | list) and len(result) == len(names):
+        return tuple(result)
+    given = f"{len(result)} values" if isinstance(result, tuple | list) else type(result).__name__
+    raise WrongTypeError(f"{kind}() returned {given}: return the tuple ({', '.join(names)})")
+
+
+def compiled(kind: str, function: object) -> tuple[ctypes._CFuncPtr, int | None] | None:
+    """A compiled function (numba cfunc, ctypes pointer, LowLevelCallable) and its user pointer.
+
+    None for anything else.
+    """
+    user = None
+    if type(function).__name__ == "LowLevelCallable":
+        user = _address_of(function.user_data, "user_data of the LowLevelCallable")
+        function = function.function
+    if not isinstance(function, _PRECOMPILED) and hasattr(function, "address"):
+        _check_numba(kind, function)
+        function = ctypes.c_void_p(function.address)
+    if type(function).__name__ == "PyCapsule":
+        function = ctypes.c_void_p(_capsule_pointer(function))
+    if not isinstance(function, _PRECOMPILED):
+        return None
+    return ctypes.cast(function, _abi.CALLBACKS[kind]), user
+
+
+def _check_numba(kind: str, function: object) -> None:
+    """A numba cfunc tells its signature: a wrong number of arguments would crash the process."""
+    given = len(getattr(getattr(function, "_sig", None), "args", ()))
+    wanted = len(_abi.CALLBACKS[kind]._argtypes_)
+    if given and given != wanted:
+        raise WrongTypeError(
+            f"the compiled {kind} takes {given} arguments and not {wanted}: "
+            f"declare it with numba.cfunc(symsde.numba_signature('{kind}'))"
+        )
+
+
+def _address_of(value: object, what: str) -> int | None:
+    """Address that a pointer of any kind holds."""
+    if value is None:
+        return None
+    if type(value).__name__ == "PyCapsule":
+        return _capsule_pointer(value)
+    try:
+        return ctypes.cast(value, ctypes.c_void_p).value
+    except (TypeError, ctypes.ArgumentError):
+        raise WrongTypeError(f"{what} is no pointer: give a ctypes pointer or None") from None
+
+
+def _capsule_pointer(capsule: object) -> int | None:
+    api = ctypes.pythonapi
+    api.PyCapsule_GetName.restype = ctypes.c_char_p
+    api.PyCapsule_GetName.argtypes = (ctypes.py_object,)
+    api.PyCapsule_GetPointer.restype = ctypes.c_void_p
+    api.PyCapsule_GetPointer.argtypes = (ctypes.py_object, ctypes.c_char_p)
+    return api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule))
+
+
+def numba_signature(kind: str):
+    """Signature of a callback (gradient, value, hessian, hessian_vector) for numba.cfunc.
+
+    Outputs that are not wanted are NULL, and writing there ends the process. Inside the function:
+
+        out = numba.carray(hq, (ndof, nlane))
+        if out.ctypes.data != 0:
+            out[0] = ...
+    """
+    types = optional("numba", "fast").types
+    arrays = (types.CPointer(types.double),) * (len(_abi.CALLBACKS[kind]._argtypes_) - 5)
+    return types.intc(types.intc, types.intc, types.intc, types.double, *arrays, types.voidptr)
+
+
+def observables(functions: dict[str, Callable], failures: Failures) -> ctypes._CFuncPtr:
+    """Named Python functions f(q, p) -> (lane,) as one callback."""
+
+    def callback(nlane, ndof, _t, q, p, values, _user):
+        try:
+            state = view(q, (ndof, nlane)), view(p, (ndof, nlane))
+            for i, (name, function) in enumerate(functions.items()):
+                result = function(*(x.copy() for x in state))
+                store_result(f"observable {name!r}", result, values + 8 * nlane * i, (nlane,))
+        except BaseException as error:  # raised again by raise_stored
+            return failures.store(error)
+        return 0
+
+    return _abi.Observables(callback)

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Checks of arguments, each with a sentence: what was given, what is allowed, what to do."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import numbers
+import operator
+import os
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from .errors import InvalidArgumentError, TooLargeError, UnknownNameError, WrongShapeError, WrongTypeError
+
+INT32 = (-(2**31), 2**31 - 1)
+INT64 = (-(2**63), 2**63 - 1)
+UINT64 = (0, 2**64 - 1)
+
+
+def shown(value: object) -> str:
+    """A value as it was written, cut to a length that fits a sentence."""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def number(name: str, value: object) -> float:
+    """A real number; finite or not is for the library to judge."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
+    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
+        raise WrongTypeError(f"{name} = {shown(value)} is not a number: give one real number")
+    try:
+        return float(value)
+    except OverflowError:
+        raise InvalidArgumentError(f"{name} = {shown(value)} is too large: give a number below 1.8e308") from None
+
+
+def finite(name: str, value: object) -> float:
+    """A finite number."""
+    result = number(name, value)
+    if not math.isfinite(result):
+        raise InvalidArgumentError(f"{name} = {result} is not finite: give a finite number")
+    return result
+
+
+def integer(name: str, value: object, bounds: tuple[int, int] = INT64) -> int:
+    """A whole number within the bounds; floats that are whole (1e6) are accepted."""
+    if isinstance(value, float | np.floating) and float(value).is_integer():
+        value = int(value)
+    try:
+        if isinstance(value, bool | np.bool_):
+            raise TypeError
+        whole = operator.index(value)
+    except TypeError:
+        raise WrongTypeError(f"{name} = {shown(value)} is not a whole number: give an integer") from None
+    low, high = bounds
+    if not low <= whole <= high:
+        raise InvalidArgumentError(f"{name} = {whole} is out of range: give an integer from {low} to {high}")
+    return whole
+
+
+def flag(name: str, value: object) -> bool:
+    """True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise WrongTypeError(f"{name} = {shown(value)} is not a truth value: give True or False")
+    return bool(value)
+
+
+def name_of(what: str, value: object) -> str:
+    """A name."""
+    if not isinstance(value, str):
+        raise WrongTypeError(f"{what} = {shown(value)} is not a name: give a string")
+    return value
+
+
+def nearest(given: str, known: Iterable[str]) -> str:
+    """The known names, those most like the given one first, joined by commas."""
+    known = list(known)
+    close = difflib.get_close_matches(given, known, n=len(known) or 1, cutoff=0.5)
+    return ", ".join([*close, *(name for name in known if name not in close)])
+
+
+def choice(name: str, value: object, known: Sequence[str]) -> int:
+    """Position of a name in a list of allowed ones."""
+    if name_of(name, value) not in known:
+        raise UnknownNameError(f"{name} = {value!r} does not exist: there are {nearest(value, known)}")
+    return known.index(value)
+
+
+def real_array(name: str, value: object) -> np.ndarray:
+    """Values as an array of float64; copied only where they are not one already."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise WrongShapeError(
+            f"{name} is a nested sequence of unequal lengths: give an array with rows of one length"
+        ) from None
+    if array.dtype.kind not in "fiu":
+        raise WrongTypeError(f"{name} holds {array.dtype} values and not real numbers: give an array of numbers")
+    return np.asarray(array, dtype=np.float64)
+
+
+def state(name: str, value: object, ndof: int, paths: int) -> np.ndarray:
+    """A state as C-contiguous (dof, 1) or (dof, path) from a scalar, (dof,) or (dof, path)."""
+    array = real_array(name, value)
+    if array.ndim == 0:
+        return np.full((ndof, 1), float(array))
+    if array.ndim == 1 and array.shape[0] == ndof:
+        return np.ascontiguousarray(array[:, np.newaxis])
+    if array.ndim == 2 and array.shape[0] == ndof and array.shape[1] in (1, paths):
+        return np.ascontiguousarray(array)
+    hint = ""
+    if array.shape in ((paths,), (paths, ndof)):
+        turned = f"{name}[None, :]" if array.ndim == 1 else f"{name}.T"
+        hint = f" (the path is the last axis: {turned})"
+    raise WrongShapeError(
+        f"{name} has shape {array.shape}: give a number, shape ({ndof},) for all paths, "
+        f"or ({ndof}, {paths}), one column for each path{hint}"
+    )
+
+
+def columns(*states: object) -> int:
+    """Number of points that states, each a number, (dof,) or (dof, path), are given at."""
+    arrays = [real_array("a state", x) for x in states]
+    return max([1, *(x.shape[1] for x in arrays if x.ndim == 2)])
+
+
+def full(array: np.ndarray, npath: int) -> np.ndarray:
+    """An array with one column for each path."""
+    return np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:-1], npath)))
+
+
+def room(shape: tuple[int, ...], what: str) -> None:
+    """Refuse arrays of float64 that the machine cannot hold, before anything is allocated."""
+    size = 8
+    for extent in shape:
+        size *= max(0, extent)
+    if size > _memory():
+        raise TooLargeError(
+            f"{what} of shape {shape} need {size / 1e9:.3g} GB, more than the {_memory() / 1e9:.3g} GB "
+            "of this machine: save less often (save_every), fewer paths, or use moments"
+        )
+
+
+def _memory() -> int:
+    """Bytes of main memory."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return 2**46
+
+
+def address(array: np.ndarray | None) -> int | None:
+    """Address of an array; NULL for none."""
+    return None if array is None else array.ctypes.data

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Find and load libsymsde, once."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from pathlib import Path
+
+from . import _abi
+from .errors import LibraryNotFoundError
+
+_NAME = "libsymsde.dylib" if sys.platform == "darwin" else "libsymsde.so"
+
+
+def candidates() -> list[Path]:
+    """Where the library is looked for: SYMSDE_LIBRARY alone if set, the package, the build tree."""
+    chosen = os.environ.get("SYMSDE_LIBRARY")
+    if chosen:
+        return [Path(chosen)]
+    here = Path(__file__).resolve().parent
+    return [here / _NAME, here.parents[1] / "build" / "native" / _NAME]
+
+
+def load() -> ctypes.CDLL:
+    """Load the library and declare its functions; LibraryNotFoundError says where it was looked for."""
+    tried = candidates()
+    path = next((path for path in tried if path.is_file()), None)
+    if path is None:
+        places = ", ".join(str(path) for path in tried)
+        raise LibraryNotFoundError(
+            f"the compiled library of symsde is not at {places}: build it with ./bootstrap build, "
+            "or set SYMSDE_LIBRARY to the path of libsymsde.so"
+        )
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise LibraryNotFoundError(
+            f"{path} cannot be loaded ({error}): build it again on this machine with ./bootstrap build"
+        ) from error
+    try:
+        _abi.declare(library)
+    except AttributeError as error:
+        raise LibraryNotFoundError(
+            f"{path} is of another version than this package ({error}): build it again"
+        ) from error
+    return library
+
+
+library = load()

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Progress of a run, and Ctrl-C.
+
+A signal handler that raises could do so where a callback of the library begins, and the exception would be
+lost. So during a run SIGINT only leaves a note; the library asks for it between chunks, stops, and the
+handler that was there before is called then. A second Ctrl-C raises at once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+
+from . import _abi, _checks
+from .errors import WrongTypeError
+
+Progress = bool | Callable[[int, int], object]
+
+_after_fork = threading.Event()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork.set)
+
+
+def threads_of(threads: int | None, in_python: bool) -> int:
+    """Threads of a run: as asked; one for Python callbacks and after a fork, where OpenMP would hang."""
+    chosen = 0 if threads is None else _checks.integer("threads", threads, (1, 1024))
+    if _after_fork.is_set() or (threads is None and in_python):
+        return 1
+    return chosen
+
+
+class Monitor:
+    """Context of one run; `callback` is what the library calls between chunks."""
+
+    def __init__(self, progress: Progress):
+        if not isinstance(progress, bool) and not callable(progress):
+            raise WrongTypeError(
+                f"progress = {_checks.shown(progress)} is not allowed: give True, False, or a function "
+                "f(done, total) that returns True to stop"
+            )
+        self._bar = _Bar() if progress is True else None
+        self._tell = progress if callable(progress) else self._bar
+        self._error: BaseException | None = None
+        self._previous = None
+        self._note: tuple | None = None
+        self.callback = _abi.Progress(self._between_chunks)
+
+    def __enter__(self) -> Monitor:
+        if threading.current_thread() is threading.main_thread():
+            previous = signal.getsignal(signal.SIGINT)
+            if callable(previous):
+                self._previous = previous
+                signal.signal(signal.SIGINT, self._leave_note)
+        return self
+
+    def __exit__(self, kind, error, traceback) -> None:
+        if self._previous is not None:
+            signal.signal(signal.SIGINT, self._previous)
+        if self._bar is not None:
+            self._bar.close()
+        if kind is None and self._note is not None:
+            self._previous(*self._note)
+        if kind is None and self._error is not None:
+            raise self._error
+
+    def _leave_note(self, number, frame) -> None:
+        if self._note is not None:
+            self._previous(number, frame)
+        self._note = (number, frame)
+
+    def _between_chunks(self, done: int, total: int, _user) -> int:
+        try:
+            wants_stop = bool(self._tell(done, total)) if self._tell else False
+        except BaseException as error:  # raised again at the end of the run
+            self._error = error
+            wants_stop = True
+        return int(wants_stop or self._note is not None)
+
+
+class _Bar:
+    """A bar by tqdm where it is installed, else one line on stderr."""
+
+    def __init__(self) -> None:
+        self._bar = None
+        self._shown = -1
+
+    def __call__(self, done: int, total: int) -> None:
+        if self._bar is None:
+            self._bar = self._tqdm(total)
+        if self._bar:
+            self._bar.update(done - self._bar.n)
+        elif (percent := 100 * done // max(1, total)) > self._shown:
+            self._shown = percent
+            sys.stderr.write(f"\r{percent:3d} %")
+            sys.stderr.flush()
+
+    @staticmethod
+    def _tqdm(total: int):
+        try:
+            tqdm = importlib.import_module("tqdm.auto")
+        except ImportError:
+            return False
+        return tqdm.tqdm(total=total, unit="step", unit_scale=True, leave=False)
+
+    def close(self) -> None:
+        """End the line."""
+        if self._bar:
+            self._bar.close()
+        elif self._shown >= 0:
+            sys.stderr.write("\r      \r")

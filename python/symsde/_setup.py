@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Everything that goes into a run, checked and in the form of the C interface."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import json
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import _abi, _checks, _handles
+from ._checks import INT32, UINT64, address
+from ._progress import Monitor, threads_of
+from .errors import InvalidArgumentError, WrongShapeError, WrongTypeError
+from .model import Model
+from .schemes import Scheme, as_scheme
+
+_COUNT = 2**47  # range of the counters of paths and steps
+
+
+@dataclass
+class Setup:
+    """Model, scheme, options and arrays of one run; kept by its result, so that it can be re-examined."""
+
+    model: Model
+    scheme: Scheme
+    options: _abi.Options
+    q0: np.ndarray  #: (dof, 1 or path)
+    p0: np.ndarray
+    increments: np.ndarray | None = None  #: (row, noise, 1 or path)
+    q0_low: np.ndarray | None = None  #: (dof, path)
+    p0_low: np.ndarray | None = None
+
+    @property
+    def ntime(self) -> int:
+        """Number of saved times."""
+        return self.options.steps // self.options.save_every + 1
+
+    @property
+    def paths(self) -> int:
+        """Number of paths."""
+        return self.options.paths
+
+    def input(self, monitor: Monitor | None = None) -> _abi.Input:
+        """Arrays and callback as the C interface takes them; they live as long as this setup."""
+        given = _handles.new(_abi.Input, "input")
+        given.q0, given.p0 = address(self.q0), address(self.p0)
+        given.q0_paths, given.p0_paths = self.q0.shape[1], self.p0.shape[1]
+        if self.increments is not None:
+            given.increments = address(self.increments)
+            rows, noises, paths = self.increments.shape
+            given.increment_rows, given.increment_noises, given.increment_paths = rows, noises, paths
+        given.q0_low, given.p0_low = address(self.q0_low), address(self.p0_low)
+        if monitor is not None:
+            given.progress = monitor.callback
+        return given
+
+    def handles(self) -> tuple:
+        """The leading arguments of a run in the C interface."""
+        return self.model._handle.pointer, self.scheme._handle.pointer, ctypes.byref(self.options)
+
+    def attributes(self) -> dict[str, str]:
+        """What made the run, as text for files."""
+        names = [name for name, *_ in _abi.Options._fields_ if name not in ("struct_size", "threads", "lanes")]
+        chosen = {name: getattr(self.options, name) for name in names}
+        chosen["correction"] = _abi.CORRECTIONS[self.options.correction]
+        return {
+            "model": self.model.name,
+            "parameters": json.dumps(self.model.parameters),
+            "scheme": self.scheme.name,
+            "options": json.dumps(chosen),
+            "increments": "Brownian" if self.increments is None else "prescribed",
+            **{f"symsde_{key.replace(' ', '_')}": value for key, value in build_info().items()},
+        }
+
+
+def build_info() -> dict[str, str]:
+    """Version, compiler and options of the library, version of the counter map of its noise."""
+    lines = (line.partition(":") for line in _build_text().splitlines() if ":" in line)
+    return {key.strip(): value.strip() for key, _, value in lines}
+
+
+@functools.cache
+def _build_text() -> str:
+    return _handles.text("build_info")
+
+
+def make_options(
+    model: Model,
+    *,
+    step: float,
+    steps: int,
+    paths: int = 1,
+    seed: int = 0,
+    t0: float = 0.0,
+    save_every: int = 1,
+    refine: int = 0,
+    first_path: int = 0,
+    first_step: int = 0,
+    correction: str = "auto",
+    truncation: tuple[float, float] | None = None,
+    compensated: bool = False,
+    threads: int | None = None,
+    general: bool = False,
+    fixed_point: int = 0,
+    max_iter: int = 100,
+    lanes: int | None = None,
+    in_python: bool = False,
+) -> _abi.Options:
+    """Options of the C interface; types and ranges are checked here, their meaning by the library."""
+    if not isinstance(model, Model):
+        raise WrongTypeError(
+            f"model = {_checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
+        )
+    integer = _checks.integer
+    options = _handles.new(_abi.Options, "options")
+    options.step = _checks.number("step", step)
+    options.t0 = _checks.number("t0", t0)
+    options.steps = integer("steps", steps, (0, _COUNT))
+    options.paths = integer("paths", paths, (1, _COUNT))
+    options.seed = integer("seed", seed, UINT64)
+    options.save_every = integer("save_every", save_every, (1, _COUNT))
+    options.first_path = integer("first_path", first_path, (0, _COUNT))
+    options.first_step = integer("first_step", first_step, (0, _COUNT))
+    options.refine = integer("refine", refine, INT32)
+    options.correction = _checks.choice("correction", correction, _abi.CORRECTIONS)
+    options.truncation, options.truncation_time = _truncation(truncation)
+    options.compensated = _checks.flag("compensated", compensated)
+    options.general = _checks.flag("general", general)
+    options.max_iter = integer("max_iter", max_iter, INT32)
+    options.fixed_point = integer("fixed_point", fixed_point, INT32)
+    options.lanes = 0 if lanes is None else integer("lanes", lanes, INT32)
+    options.threads = threads_of(threads, in_python or model.in_python)
+    if options.steps % options.save_every:
+        raise InvalidArgumentError(
+            f"steps = {options.steps} is not a multiple of save_every = {options.save_every}: "
+            "the last saved point would be missed; change one of the two"
+        )
+    return options
+
+
+def make_setup(
+    model: Model,
+    *,
+    q0: object,
+    p0: object,
+    scheme: str | Scheme = "midpoint",
+    increments: object = None,
+    q0_low: object = None,
+    p0_low: object = None,
+    **options,
+) -> Setup:
+    """Check everything that goes into a run."""
+    chosen = make_options(model, **options)
+    ndof, paths = model.ndof, chosen.paths
+    return Setup(
+        model=model,
+        scheme=as_scheme(scheme),
+        options=chosen,
+        q0=_checks.state("q0", q0, ndof, paths),
+        p0=_checks.state("p0", p0, ndof, paths),
+        increments=None if increments is None else increments_array(increments),
+        q0_low=_low("q0_low", q0_low, ndof, paths),
+        p0_low=_low("p0_low", p0_low, ndof, paths),
+    )
+
+
+def increments_array(value: object) -> np.ndarray:
+    """Prescribed increments as C-contiguous (row, noise, 1 or path)."""
+    array = _checks.real_array("increments", value)
+    if array.ndim == 2:
+        array = array[:, :, np.newaxis]
+    if array.ndim != 3:
+        raise WrongShapeError(
+            f"increments has shape {array.shape}: give (steps*2**refine, noise, path), or "
+            "(steps*2**refine, noise) for all paths"
+        )
+    return np.ascontiguousarray(array)
+
+
+def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray | None:
+    """Low parts of a compensated state, for every path."""
+    return None if value is None else _checks.full(_checks.state(name, value, ndof, paths), paths)
+
+
+def _truncation(value: object) -> tuple[float, float]:
+    """Order and time scale of truncated increments; (0, 0) for none."""
+    if value is None:
+        return 0.0, 0.0
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise WrongTypeError(
+            f"truncation = {_checks.shown(value)} is not allowed: give None or a pair (order, time scale), as (2, 1.0)"
+        )
+    return _checks.finite("order of truncation", value[0]), _checks.finite("time scale of truncation", value[1])

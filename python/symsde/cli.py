@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command line: symsde VERB, or python -m symsde VERB."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import sys
+import warnings
+from pathlib import Path
+
+from . import _files, models, scene, schemes
+from ._setup import build_info
+from .errors import PathsFailedWarning, SymsdeError
+from .moments import Moments
+
+OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED = 0, 1, 2, 3, 4
+_EPILOG = "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed, 4 stopped"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PathsFailedWarning)  # the exit code and a line say it
+            return options.verb(options)
+    except (SymsdeError, OSError) as error:
+        print(f"symsde: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("symsde: stopped", file=sys.stderr)
+        return STOPPED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="symsde", description="Symplectic integration of stochastic Hamiltonian systems.", epilog=_EPILOG
+    )
+    parser.add_argument("--version", action="version", version=f"symsde {build_info().get('version', '?')}")
+    verbs = parser.add_subparsers(title="verbs", required=True, metavar="VERB")
+
+    def add(verb, function, text):
+        sub = verbs.add_parser(verb, help=text, description=text, epilog=_EPILOG)
+        sub.set_defaults(verb=function)
+        return sub
+
+    run = add("run", _run, "Run a scene; print moments, write moments.csv and run.nc.")
+    run.add_argument("scene", metavar="SCENE.toml")
+    run.add_argument("--out", metavar="DIR", help="directory of the results (default: named after the scene)")
+    run.add_argument("--quiet", action="store_true", help="no progress and no table")
+    add("check", _check, "Check a scene without running it.").add_argument("scene", metavar="SCENE.toml")
+    add("template", _template, "Print a scene of a built-in model.").add_argument("model", metavar="MODEL")
+    add("list", _list, "List models with their parameters, and schemes.")
+    add("info", _info, "Print versions, compiler and optional packages.")
+    paper = add("paper", _paper, "Run every experiment of the paper; write results.json and figures.")
+    paper.add_argument("--out", metavar="DIR", default="out/paper", help="directory of the results (%(default)s)")
+    paper.add_argument("--quick", action="store_true", help="fewer paths and steps")
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    chosen = scene.load(options.scene)
+    directory = Path(options.out or Path(options.scene).stem)
+    progress = sys.stderr.isatty() and not options.quiet
+    directory.mkdir(parents=True, exist_ok=True)
+    report, failed = None, 0
+    if chosen.moments:
+        moments = chosen.compute_moments(progress)
+        moments.save(directory / "moments.csv")
+        report, failed = moments.report, moments.report.failed
+        if not options.quiet:
+            _print_moments(moments)
+    if chosen.paths:
+        run = chosen.compute_paths(progress)
+        run.save(directory / ("run.nc" if _has_netcdf() else "run.npz"))
+        report, failed = report or run.report, max(failed, int((run.status != 0).sum()))
+    if not options.quiet:
+        print(f"{report or ''}\nwritten to {directory}".lstrip())
+    if failed:
+        print(f"symsde: {failed} paths failed; moments are over the others", file=sys.stderr)
+    return PATHS_FAILED if failed else OK
+
+
+def _has_netcdf() -> bool:
+    return all(importlib.util.find_spec(package) for package in ("xarray", "netCDF4"))
+
+
+def _print_moments(moments: Moments, rows: int = 11, columns: int = 4) -> None:
+    """At most eleven times; q_1, p_1 and the energy first."""
+    names = moments.columns()
+    ndof = moments.setup.model.ndof
+    wanted = [0, ndof, *range(2 * ndof, len(names))][:columns]
+    means, errors = moments.to_arrays()
+    print(f"{'t':>10s} {'paths':>9s}" + "".join(f" {'mean ' + names[j]:>24s}" for j in wanted))
+    every = max(1, -(-(len(moments.t) - 1) // (rows - 1)))
+    for i in sorted({*range(0, len(moments.t), every), len(moments.t) - 1}):
+        values = "".join(f" {means[i, j]:12.5g} +- {errors[i, j]:8.2g}" for j in wanted)
+        print(f"{moments.t[i]:10.4g} {moments.n_ok[i]:9d}{values}")
+
+
+def _check(options: argparse.Namespace) -> int:
+    chosen = scene.load(options.scene)
+    report = chosen.try_out().report
+    print(f"{options.scene}: ok")
+    print(f"{'model':11s}{chosen.model!r}\n{'stepper':11s}{report.stepper}")
+    print(f"{'left out':11s}{'; '.join(report.left_out) or 'nothing'}")
+    return OK
+
+
+def _template(options: argparse.Namespace) -> int:
+    print(scene.template(options.model), end="")
+    return OK
+
+
+def _list(_options: argparse.Namespace) -> int:
+    print("models")
+    for name in models.names():
+        print(f"  {name}({', '.join(f'{key}={value:g}' for key, value in models.parameters(name).items())})")
+    print("schemes")
+    for name in schemes.names():
+        info = schemes.get(name).info
+        orders = f"strong order {info.order_additive:g} / {info.order_commutative:g} / {info.order_general:g}"
+        kind = "symplectic" if info.symplectic else "not symplectic"
+        print(f"  {name:26s} {kind:15s} {orders}  {info.reference}")
+    print("  (strong orders: additive / commutative / general noise; also dirk:C and lambda:X, as lambda:0.3)")
+    return OK
+
+
+def _info(_options: argparse.Namespace) -> int:
+    for key, value in build_info().items():
+        print(f"{key}: {value}")
+    print(f"python: {sys.version.split()[0]}")
+    for package in ("numpy", "xarray", "netCDF4", "matplotlib", "numba", "tqdm"):
+        print(f"{package}: {'yes' if importlib.util.find_spec(package) else 'not installed'}")
+    return OK
+
+
+def _paper(options: argparse.Namespace) -> int:
+    _files.optional("matplotlib", "plot")
+    paper = importlib.import_module("symsde.paper")
+    return int(paper.run(options.out, options.quick) or OK)

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Examine schemes and runs: symplecticity, discrete action, discrete Euler-Lagrange equations."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+
+from . import _abi, _checks
+from ._checks import address
+from ._setup import Setup, make_options
+from .errors import IncompatibleError, WrongShapeError, WrongTypeError
+from .model import Model
+from .schemes import Scheme, as_scheme
+from .simulate import Run
+from .step import increments_at, of_options
+
+
+def symplecticity(
+    model: Model,
+    scheme: str | Scheme = "midpoint",
+    *,
+    q: Any = 1.0,
+    p: Any = 0.5,
+    step: float = 0.1,
+    dw: Any = None,
+    seed: int = 0,
+    t: float = 0.0,
+    **options: Any,
+) -> np.ndarray:
+    """max |M^T J M - J| of the tangent map M of one step with frozen increments, at each point: (point,).
+
+    q, p: a number, (dof,) or (dof, point); dw: (noise,) or (noise, point), without it those of `seed`.
+    Zero up to rounding for symplectic schemes.
+    """
+    points = _checks.columns(q, p, *([] if dw is None else [dw]))
+    chosen = make_options(model, step=step, steps=1, paths=points, seed=seed, t0=t, **options)
+    q, p = (_checks.full(_checks.state(name, x, model.ndof, points), points) for name, x in (("q", q), ("p", p)))
+    drive = of_options(model, chosen)[0] if dw is None else increments_at(model, dw, points)
+    defect = np.empty(points)
+    chosen_scheme = as_scheme(scheme)
+    model.call(
+        "symplecticity",
+        model._handle.pointer,
+        chosen_scheme._handle.pointer,
+        ctypes.byref(chosen),
+        points,
+        *(address(x) for x in (q, p, drive, defect)),
+        also=(chosen_scheme,),
+    )
+    return defect
+
+
+def action(run: Run) -> np.ndarray:
+    """Discrete action [WHSB] (49) of each step of a run with save_every = 1: (step, path)."""
+    setup = _setup_of(run)
+    values = np.empty((setup.options.steps, setup.paths))
+    _examine("discrete_action", run, values)
+    return values
+
+
+def euler_lagrange_residual(run: Run) -> np.ndarray:
+    """Largest residuals over the steps of a run with save_every = 1, to rounding zero: (4, path).
+
+    Discrete Euler-Lagrange equations in q (47) and p (48), Legendre transforms at the left (53)-(54) and the
+    right end (57)-(58) of a step.
+    """
+    values = np.empty((4, _setup_of(run).paths))
+    _examine("euler_lagrange_residual", run, values)
+    return values
+
+
+def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Exact solution q, p on the Brownian path of a run, each (time, dof, path), for the models that have one.
+
+    kubo, linear_oscillator and additive_oscillator; MissingOperationError for the others.
+    """
+    return exact_of(_setup_of(run))
+
+
+def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
+    """Exact solution of a run that need not have been made."""
+    shape = (setup.ntime, setup.model.ndof, setup.paths)
+    _checks.room((2, *shape), "the exact solution (q and p; time, dof, path)")
+    q, p = np.empty(shape), np.empty(shape)
+    setup.model.call(
+        "exact_solution",
+        setup.model._handle.pointer,
+        ctypes.byref(setup.options),
+        ctypes.byref(setup.input()),
+        address(q),
+        address(p),
+    )
+    return q, p
+
+
+def driving_increments(run: Run) -> np.ndarray:
+    """The increments that drove a run, (step, noise, path), prescribed ones summed and truncated as it did."""
+    setup = run.setup
+    if setup.increments is None:
+        return of_options(setup.model, setup.options)
+    dw = setup.increments
+    for _ in range(setup.options.refine):
+        dw = dw[0::2] + dw[1::2]  # the balanced tree of the library
+    if setup.options.truncation != 0:
+        raise IncompatibleError(
+            "the run truncated increments of your own: truncate them yourself and leave truncation out"
+        )
+    return _checks.full(dw, setup.paths)
+
+
+def _setup_of(run: object) -> Setup:
+    """What made a run."""
+    if not isinstance(run, Run):
+        raise WrongTypeError(f"run = {_checks.shown(run)} is not a run: give the result of symsde.simulate")
+    return run.setup
+
+
+def _states(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """The states of a run, which its owner may have replaced."""
+    array = np.ascontiguousarray(_checks.real_array("the states of the run", values))
+    if array.shape != shape:
+        raise WrongShapeError(f"the states of the run have shape {array.shape}: give {shape}, as simulate did")
+    return array
+
+
+def _examine(name: str, run: Run, values: np.ndarray) -> None:
+    """Call a diagnostic of every step of a run."""
+    setup = _setup_of(run)
+    if setup.options.save_every != 1:
+        raise IncompatibleError(
+            f"the run has save_every = {setup.options.save_every}: this needs every step, simulate with save_every = 1"
+        )
+    options = _abi.Options.from_buffer_copy(setup.options)
+    options.refine = 0  # the increments are those of whole steps
+    shape = (setup.ntime, setup.model.ndof, setup.paths)
+    arrays = (*(_states(x, shape) for x in (run.q, run.p)), driving_increments(run), values)
+    setup.model.call(
+        name,
+        setup.model._handle.pointer,
+        setup.scheme._handle.pointer,
+        ctypes.byref(options),
+        *(address(x) for x in arrays),
+        also=(setup.scheme,),
+    )

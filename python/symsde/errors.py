@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Exceptions of symsde. Misuse is a ValueError too, so that `except ValueError` catches it."""
+
+from __future__ import annotations
+
+
+class SymsdeError(Exception):
+    """Base of all errors of symsde; `code` is the status of the C interface, 0 where none applies."""
+
+    code: int = 0
+
+
+class LibraryNotFoundError(SymsdeError, ImportError):
+    """The compiled library is missing, cannot be loaded, or is of another version."""
+
+
+class InvalidArgumentError(SymsdeError, ValueError):
+    """A value that is not allowed."""
+
+    code = -1
+
+
+class WrongTypeError(InvalidArgumentError, TypeError):
+    """A value of a type that is not allowed."""
+
+
+class IncompatibleError(SymsdeError, ValueError):
+    """Scheme, model and options do not fit together."""
+
+    code = -2
+
+
+class UnknownNameError(SymsdeError, ValueError):
+    """A model, scheme, parameter or key that does not exist."""
+
+    code = -3
+
+
+class WrongShapeError(SymsdeError, ValueError):
+    """An array of the wrong shape."""
+
+    code = -4
+
+
+class TooLargeError(SymsdeError, ValueError):
+    """Sizes whose product overflows or exceeds the memory of the machine."""
+
+    code = -5
+
+
+class FalseTraitError(SymsdeError, ValueError):
+    """A declared trait or Hessian that a probe refutes."""
+
+    code = -6
+
+
+class NullHandleError(SymsdeError, ValueError):
+    """A handle that was deleted."""
+
+    code = -7
+
+
+class OutOfMemoryError(SymsdeError, MemoryError):
+    """No memory for a run of this size."""
+
+    code = -8
+
+
+class MissingOperationError(SymsdeError, ValueError):
+    """The model does not offer what was asked of it."""
+
+    code = -9
+
+
+class NumericalError(SymsdeError, ArithmeticError):
+    """A computation that failed as a whole; failures of single paths are in their status instead."""
+
+
+class CallbackError(SymsdeError, RuntimeError):
+    """A compiled callback returned nonzero. Exceptions of Python callbacks are raised as they are."""
+
+    code = 4
+
+
+class SceneError(InvalidArgumentError):
+    """A scene that cannot be run; names the file and the key."""
+
+
+class MissingPackageError(SymsdeError, ImportError):
+    """An optional package that is not installed."""
+
+
+class PathsFailedWarning(RuntimeWarning):
+    """Some paths of a run failed; they are NaN from there on and left out of moments."""
+
+
+_BY_CODE = {
+    kind.code: kind
+    for kind in (
+        InvalidArgumentError,
+        IncompatibleError,
+        UnknownNameError,
+        WrongShapeError,
+        TooLargeError,
+        FalseTraitError,
+        NullHandleError,
+        OutOfMemoryError,
+        MissingOperationError,
+        CallbackError,
+    )
+}
+
+
+def from_code(code: int, message: str) -> SymsdeError:
+    """Exception of a status code of the C interface."""
+    error = _BY_CODE.get(code, NumericalError if code > 0 else SymsdeError)(message)
+    error.code = code
+    return error

@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Models: Hamiltonians H_0 = H, H_1 .. H_m with their traits."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import _abi, _callbacks, _checks, _handles
+from .errors import IncompatibleError, SymsdeError, WrongShapeError, WrongTypeError
+
+_FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass")
+_KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What a model declares about its Hamiltonians H_0 = H, H_1 .. H_m, so that little is paid for."""
+
+    ndof: int  #: degrees of freedom
+    nnoise: int  #: noises m
+    separable: bool  #: every H_j = T_j(p) + U_j(q)
+    additive: bool  #: every H_k, k >= 1, is linear in (q, p)
+    position_noise: bool  #: every H_k, k >= 1, depends on q alone
+    quadratic: bool  #: every H_j is a polynomial of degree two at most
+    identity_mass: bool  #: H = p.p/2 + U(q)
+    bandwidth: int | None  #: of every block of the Hessian; None = dense
+    max_frequency: float  #: bound of the frequencies of H; 0 = not declared
+    noise_lipschitz: float  #: Lipschitz constant of the noise; 0 = not declared
+    has_value: bool  #: the Hamiltonians can be evaluated
+    has_hessian: bool  #: Hessians are analytic
+    has_hessian_vector: bool  #: products of Hessian and vector are analytic
+
+
+class Model:
+    """A stochastic Hamiltonian system of your own (Stratonovich), everything dimensionless.
+
+        dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
+
+    All functions work on weighted sums S = sum_j w[j] H_j of the Hamiltonians H_0 = H, H_1 .. H_m and on
+    many lanes (paths) at once, each lane from its own numbers alone:
+
+    - ``gradient(t, w, q, p) -> (S_q, S_p)``, required
+    - ``value(t, w, q, p) -> S``, shape (lane,)
+    - ``hessian(t, w, q, p) -> (S_qq, S_qp, S_pp)``, shapes (dof, dof, lane), S_qp[j, i] = d2S/dq_i dp_j
+    - ``hessian_vector(t, w, q, p, vq, vp) -> (S_qq vq + S_qp vp, S_pq vq + S_pp vp)``
+
+    with w of shape (nnoise + 1, lane), q, p, vq, vp and gradients of shape (dof, lane). A lane fails by NaN.
+    They are Python functions on NumPy arrays (then runs use one thread unless told otherwise), or compiled
+    functions of the C signature in symsde.h: a ``numba.cfunc`` (see `numba_signature`), a ctypes function
+    pointer, or a ``scipy.LowLevelCallable``.
+
+    The other arguments declare traits, see `Traits`; runs probe them, and refuse a false one by name
+    (`FalseTraitError`). Without a Hessian it is formed by differences of gradients. An exception raised in
+    a Python function stops the run and is raised by the run.
+    """
+
+    def __init__(
+        self,
+        *,
+        ndof: int,
+        nnoise: int,
+        gradient: Any,
+        value: Any = None,
+        hessian: Any = None,
+        hessian_vector: Any = None,
+        separable: bool = False,
+        additive: bool = False,
+        position_noise: bool = False,
+        quadratic: bool = False,
+        identity_mass: bool = False,
+        bandwidth: int | None = None,
+        max_frequency: float = 0.0,
+        noise_lipschitz: float = 0.0,
+        name: str = "user",
+    ):
+        """Make the model; see the class."""
+        declared = {
+            "separable": separable,
+            "additive": additive,
+            "position_noise": position_noise,
+            "quadratic": quadratic,
+            "identity_mass": identity_mass,
+        }
+        traits = _handles.new(_abi.Traits, "traits")
+        traits.ndof = _checks.integer("ndof", ndof, _checks.INT32)
+        traits.nnoise = _checks.integer("nnoise", nnoise, _checks.INT32)
+        traits.bandwidth = -1 if bandwidth is None else _checks.integer("bandwidth", bandwidth, _checks.INT32)
+        traits.max_frequency = _checks.number("max_frequency", max_frequency)
+        traits.noise_lipschitz = _checks.number("noise_lipschitz", noise_lipschitz)
+        for trait, given in declared.items():
+            setattr(traits, trait, _checks.flag(trait, given))
+        failures = _callbacks.Failures()
+        functions = {"gradient": gradient, "value": value, "hessian": hessian, "hessian_vector": hessian_vector}
+        callbacks, user, in_python = _all_callbacks(functions, failures)
+        pointer = ctypes.c_void_p()
+        _handles.call(
+            "model_new",
+            _handles.encode(_checks.name_of("name", name)),
+            ctypes.byref(traits),
+            *callbacks,
+            user,
+            ctypes.byref(pointer),
+        )
+        keep = (callbacks, tuple(functions.values()))
+        self._adopt(pointer, name=name, keep=keep, failures=failures, in_python=in_python)
+
+    @classmethod
+    def builtin(cls, name: str, parameters: Mapping[str, float]) -> Model:
+        """A built-in model by name; `symsde.models` has one function for each."""
+        values = [_checks.number(key, value) for key, value in parameters.items()]
+        keys = (ctypes.c_char_p * len(values))(*(_handles.encode(key) for key in parameters))
+        pointer = ctypes.c_void_p()
+        _handles.call(
+            "model_get",
+            _handles.encode(_checks.name_of("name", name)),
+            len(values),
+            keys,
+            (ctypes.c_double * len(values))(*values),
+            ctypes.byref(pointer),
+        )
+        self = cls.__new__(cls)
+        self._adopt(pointer, name=name, parameters=dict(zip(parameters, values, strict=True)))
+        return self
+
+    def _adopt(self, pointer, *, name, parameters=None, keep=None, failures=None, in_python=False) -> None:
+        """Own the handle that `pointer` is, and what must live as long."""
+        self._handle = _handles.Handle("model", pointer, keep)
+        self._failures = failures or _callbacks.Failures()
+        self.in_python = in_python  #: some callback is a Python function
+        self.name: str = name
+        self.parameters: dict[str, float] = parameters or {}
+        self.traits: Traits = self._read_traits()
+
+    def _read_traits(self) -> Traits:
+        given = _handles.new(_abi.Traits, "traits")
+        _handles.call("model_traits", self._handle.pointer, ctypes.byref(given))
+        flags = {name: bool(getattr(given, name)) for name in (*_FLAGS, *_KNOWN)}
+        return Traits(
+            ndof=given.ndof,
+            nnoise=given.nnoise,
+            bandwidth=None if given.bandwidth < 0 else given.bandwidth,
+            max_frequency=given.max_frequency,
+            noise_lipschitz=given.noise_lipschitz,
+            **flags,
+        )
+
+    ndof = property(lambda self: self.traits.ndof, doc="Degrees of freedom.")
+    nnoise = property(lambda self: self.traits.nnoise, doc="Noises.")
+
+    def __repr__(self) -> str:
+        """Name and parameters."""
+        parameters = ", ".join(f"{key}={value:g}" for key, value in self.parameters.items())
+        what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
+        return f"{self.name}({what})"
+
+    def call(self, name: str, *arguments, allow: tuple[int, ...] = (), also=()) -> int:
+        """Call the library with this model (and `also`) locked; exceptions of callbacks are raised."""
+        with _handles.held(self, *also):
+            self._failures.first = None
+            refusal = None
+            try:
+                status = _handles.call(name, *arguments, allow=allow)
+            except SymsdeError as error:
+                refusal = error
+            self._failures.raise_stored()
+        if refusal is not None:
+            raise refusal
+        return status
+
+    def value(self, q, p, w=None, t: float = 0.0) -> np.ndarray:
+        """sum_j w[j] H_j at many points: shape (path,). Without w: H alone.
+
+        q, p: a number, (dof,) or (dof, path); w: (nnoise + 1,) or (nnoise + 1, path).
+        """
+        q, p, w, npath = self._points(q, p, w)
+        out = np.empty(npath)
+        self._evaluate("value", npath, t, w, q, p, out)
+        return out
+
+    def gradient(self, q, p, w=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of sum_j w[j] H_j by q and by p: two arrays (dof, path)."""
+        q, p, w, npath = self._points(q, p, w)
+        out = np.empty((self.ndof, npath)), np.empty((self.ndof, npath))
+        self._evaluate("gradient", npath, t, w, q, p, *out)
+        return out
+
+    def hessian(self, q, p, w=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Second derivatives qq, qp, pp of sum_j w[j] H_j: three arrays (dof, dof, path).
+
+        qp[j, i] = d2/dq_i dp_j.
+        """
+        q, p, w, npath = self._points(q, p, w)
+        _checks.room((3, self.ndof, self.ndof, npath), "Hessians")
+        out = tuple(np.empty((self.ndof, self.ndof, npath)) for _ in range(3))
+        self._evaluate("hessian", npath, t, w, q, p, *out)
+        return out
+
+    def probe(self, q0=1.0, p0=0.5, t: float = 0.0) -> None:
+        """Check declared traits and Hessians at three points around (q0, p0); FalseTraitError names a false one."""
+        q, p = _checks.state("q0", q0, self.ndof, 1), _checks.state("p0", p0, self.ndof, 1)
+        address = _checks.address
+        self.call("model_probe", self._handle.pointer, _checks.number("t", t), address(q), address(p))
+
+    def _evaluate(self, what, npath, t, w, *arrays) -> None:
+        addresses = [_checks.address(a) for a in (w, *arrays)]
+        self.call(f"model_{what}", self._handle.pointer, npath, _checks.number("t", t), *addresses)
+
+    def _points(self, q, p, w):
+        """Points and weights with one column for each path."""
+        npath = _checks.columns(q, p)
+        q, p = (_checks.full(_checks.state(name, x, self.ndof, npath), npath) for name, x in (("q", q), ("p", p)))
+        if w is None:
+            w = np.eye(self.nnoise + 1)[0]
+        w = _checks.real_array("w", w)
+        w = w[:, np.newaxis] if w.ndim == 1 else w
+        if w.ndim != 2 or w.shape[0] != self.nnoise + 1 or w.shape[1] not in (1, npath):
+            raise WrongShapeError(
+                f"w has shape {w.shape}: give ({self.nnoise + 1},) or ({self.nnoise + 1}, {npath}), "
+                "one weight for each Hamiltonian H_0 .. H_m"
+            )
+        return q, p, _checks.full(w, npath), npath
+
+
+def _all_callbacks(functions: dict[str, Callable | None], failures: _callbacks.Failures):
+    """Callbacks in the order of the C interface, their user pointer, and whether one is in Python."""
+    if functions["gradient"] is None:
+        raise WrongTypeError("gradient is None: give the gradient of the weighted sum of the Hamiltonians")
+    callbacks, users, in_python = [], set(), False
+    for kind, function in functions.items():
+        ready = None if function is None else _callbacks.compiled(kind, function)
+        if function is None:
+            callbacks.append(_abi.CALLBACKS[kind]())
+        elif ready is not None:
+            callbacks.append(ready[0])
+            users.add(ready[1])
+        elif callable(function):
+            callbacks.append(_callbacks.from_python(kind, function, failures))
+            in_python = True
+        else:
+            raise WrongTypeError(
+                f"{kind} = {_checks.shown(function)} cannot be called: give a function, a numba cfunc, "
+                "a ctypes function pointer or a LowLevelCallable"
+            )
+    users.discard(None)
+    if len(users) > 1:
+        raise IncompatibleError("the compiled functions have different user data: a model has room for one pointer")
+    return callbacks, (users.pop() if users else None), in_python

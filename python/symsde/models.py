@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The built-in models. Parameters are real numbers, everything is dimensionless.
+
+Each integrates (Stratonovich; [WHSB] are the equation numbers of the paper)
+
+    dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k
+
+Parameters that are not finite raise InvalidArgumentError.
+"""
+
+from __future__ import annotations
+
+from . import _handles
+from .model import Model
+
+
+def names() -> list[str]:
+    """Names of the built-in models."""
+    return _handles.text("model_names").split()
+
+
+def parameters(name: str) -> dict[str, float]:
+    """Parameters of a built-in model with their defaults; UnknownNameError lists the nearest names."""
+    lines = _handles.text("model_parameters", _handles.encode(name), has_error=True).splitlines()
+    pairs = (line.split("=") for line in lines if line.strip())
+    return {key.strip(): float(value) for key, value in pairs}
+
+
+def get(name: str, **values: float) -> Model:
+    """A built-in model by name; parameters that are not given keep their defaults."""
+    return Model.builtin(name, {**parameters(name), **values})
+
+
+def kubo(a: float = 1.0, sigma: float = 0.3) -> Model:
+    """Kubo oscillator [WHSB] (35)-(37): H = a (p^2 + q^2)/2, H_1 = sigma (p^2 + q^2)/2.
+
+    A rotation by a t + sigma W(t), so that p^2 + q^2 is invariant.
+    """
+    return Model.builtin("kubo", {"a": a, "sigma": sigma})
+
+
+def linear_oscillator(sigma: float = 1.0) -> Model:
+    """Linear stochastic oscillator [WHSB] (20)-(21): H = (p^2 + q^2)/2, H_1 = -sigma q.
+
+    dp = -q dt + sigma dW, dq = p dt; E(p^2 + q^2) grows by sigma^2 t (24).
+    """
+    return Model.builtin("linear_oscillator", {"sigma": sigma})
+
+
+def synchrotron(omega: float = 2.0, sigma1: float = 0.2, sigma2: float = 0.1) -> Model:
+    """Synchrotron oscillations [WHSB] (73)-(75): H = p^2/2 - omega^2 cos q.
+
+    H_1 = sigma1 sin q, H_2 = -sigma2 cos q.
+    """
+    return Model.builtin("synchrotron", {"omega": omega, "sigma1": sigma1, "sigma2": sigma2})
+
+
+def additive_oscillator(sigma: float = 0.0, gamma: float = 1.0) -> Model:
+    """Oscillator with two additive noises [WHSB] (84)-(86): H = (p^2 + q^2)/2.
+
+    H_1 = sigma p, H_2 = -gamma q: dp = -q dt + gamma dW_2, dq = p dt + sigma dW_1.
+    """
+    return Model.builtin("additive_oscillator", {"sigma": sigma, "gamma": gamma})
+
+
+def pendulum(sigma: float = 0.5) -> Model:
+    """Pendulum with multiplicative noise: H = p^2/2 - cos q, H_1 = sigma (p^2 + q^2)/2.
+
+    One-sided schemes need their correction here.
+    """
+    return Model.builtin("pendulum", {"sigma": sigma})
+
+
+def noncommutative_oscillator(s1: float = 0.5, s2: float = 0.5) -> Model:
+    """Oscillator whose noises do not commute: H = (p^2 + q^2)/2, H_1 = s1 p^2/2, H_2 = s2 q^2/2.
+
+    {H_1, H_2} = -s1 s2 p q; its moments are known exactly.
+    """
+    return Model.builtin("noncommutative_oscillator", {"s1": s1, "s2": s2})
+
+
+def henon_heiles(alpha: float = 1.0, sigma1: float = 0.1, sigma2: float = 0.1) -> Model:
+    """Henon-Heiles system, two degrees of freedom: H = (p.p + q.q)/2 + alpha (q1^2 q2 - q2^3/3).
+
+    H_1 = sigma1 q1, H_2 = sigma2 q2. The potential is unbounded below: paths escape and then fail.
+    """
+    return Model.builtin("henon_heiles", {"alpha": alpha, "sigma1": sigma1, "sigma2": sigma2})
+
+
+def fpu_chain(n: int = 32, beta: float = 1.0, sigma: float = 0.1) -> Model:
+    """Fermi-Pasta-Ulam chain of n masses between fixed ends, an additive noise on every momentum.
+
+    H = sum p_i^2/2 + sum (r_i^2/2 + beta r_i^4/4) with r_i = q_{i+1} - q_i, H_k = -sigma q_k.
+    """
+    return Model.builtin("fpu_chain", {"n": n, "beta": beta, "sigma": sigma})

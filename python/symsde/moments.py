@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Integrate paths and keep their moments only."""
+
+from __future__ import annotations
+
+import csv
+import ctypes
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import _abi, _callbacks, _checks, _files, _handles
+from ._checks import address
+from ._progress import Monitor, Progress
+from ._setup import Setup, make_setup
+from .errors import WrongTypeError
+from .model import Model
+from .report import Report, make_report
+
+Observable = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+class Moments:
+    """Means, unbiased variances and standard errors of means over the paths that are ok up to each time."""
+
+    t: np.ndarray  #: (time,)
+    n_ok: np.ndarray  #: (time,), paths that count
+    mean_q: np.ndarray  #: (time, dof); likewise var_q, se_mean_q
+    mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p
+    mean_energy: np.ndarray | None  #: (time,) of H, None without value; likewise var_energy, se_mean_energy
+    mean: dict[str, np.ndarray]  #: (time,) of each observable; likewise var, se_mean
+    failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
+    report: Report
+
+    def __init__(self, setup: Setup, observables: dict[str, Observable]):
+        """Room for the moments; `fill` computes them."""
+        self.setup = setup
+        self._observables = observables
+        self._has_energy = setup.model.traits.has_value
+        ndof = setup.model.ndof
+        nvalue = 2 * ndof + self._has_energy + len(observables)
+        _checks.room((3, setup.ntime, nvalue), "the moments (mean, variance, error; time, value)")
+        self.t = np.empty(setup.ntime)
+        self.n_ok = np.empty(setup.ntime, np.int64)
+        self._tables = {kind: np.empty((setup.ntime, nvalue)) for kind in ("mean", "var", "se_mean")}
+        for kind, table in self._tables.items():
+            setattr(self, f"{kind}_q", table[:, :ndof])
+            setattr(self, f"{kind}_p", table[:, ndof : 2 * ndof])
+            setattr(self, f"{kind}_energy", table[:, 2 * ndof] if self._has_energy else None)
+            first = 2 * ndof + self._has_energy
+            setattr(self, kind, {name: table[:, first + i] for i, name in enumerate(observables)})
+
+    def fill(self, progress: Progress) -> None:
+        """Let the library integrate."""
+        failures = _callbacks.Failures()
+        moments = _handles.new(_abi.Moments, "moments")
+        moments.t, moments.n_ok = address(self.t), address(self.n_ok)
+        for member, kind in (("mean", "mean"), ("variance", "var"), ("se_mean", "se_mean")):
+            setattr(moments, member, address(self._tables[kind]))
+        if self._observables:
+            moments.nobservable = len(self._observables)
+            moments.observables = _callbacks.observables(self._observables, failures)
+        report = _handles.new(_abi.Report, "report")
+        with Monitor(progress) as monitor:
+            self._integrate(moments, report, monitor, failures)
+        listed = moments.nfailed_listed
+        for name in ("failed", "failed_status", "failed_step"):
+            setattr(self, name, np.array(getattr(moments, name)[:listed], np.int64))
+        self.report = make_report(report)
+
+    def _integrate(self, moments, report, monitor, failures) -> None:
+        setup = self.setup
+        given = setup.input(monitor)
+        refusal = None
+        try:
+            setup.model.call(
+                "compute_moments",
+                *setup.handles(),
+                *(ctypes.byref(struct) for struct in (given, moments, report)),
+                allow=(_abi.STOPPED, _abi.PATHS_FAILED),
+                also=(setup.scheme,),
+            )
+        except Exception as error:
+            refusal = error
+        failures.raise_stored()
+        if refusal is not None:
+            raise refusal
+
+    def columns(self) -> list[str]:
+        """Names of the values, in their order: q_1 .. q_n, p_1 .. p_n, energy, observables."""
+        ndof = self.setup.model.ndof
+        names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
+        return [*names, *(["energy"] if self._has_energy else []), *self._observables]
+
+    def to_arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Means and their standard errors, each (time, value), the values as in `columns`."""
+        return self._tables["mean"], self._tables["se_mean"]
+
+    def _variables(self) -> _files.Variables:
+        variables = {"n_ok": (("time",), self.n_ok), "failed": (("listed",), self.failed)}
+        for kind in self._tables:
+            for x in "qp":
+                variables[f"{kind}_{x}"] = (("time", "dof"), getattr(self, f"{kind}_{x}"))
+            if self._has_energy:
+                variables[f"{kind}_energy"] = (("time",), getattr(self, f"{kind}_energy"))
+            for name, values in getattr(self, kind).items():
+                variables[f"{kind}_{name}"] = (("time",), values)
+        return variables
+
+    def to_xarray(self):
+        """An xarray.Dataset with dims time and dof."""
+        return _files.dataset(self._variables(), {"time": (("time",), self.t)}, self.setup.attributes())
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write a .csv table, or a .nc (needs xarray and netCDF4) or .npz file."""
+        if Path(path).suffix == ".csv":
+            _files.replace(Path(path), self._write_csv)
+        else:
+            variables = {"t": (("time",), self.t), **self._variables()}
+            _files.write(path, self.to_xarray, variables, self.setup.attributes())
+
+    def _write_csv(self, path: Path) -> None:
+        header = [f"{kind} {name}" for kind in self._tables for name in self.columns()]
+        rows = np.column_stack(list(self._tables.values())).tolist()
+        with path.open("w", newline="") as file:
+            table = csv.writer(file)
+            table.writerow(["t", "n_ok", *header])
+            table.writerows([t, n, *row] for t, n, row in zip(self.t.tolist(), self.n_ok.tolist(), rows, strict=True))
+
+    def __repr__(self) -> str:
+        """One line."""
+        return (
+            f"<moments of {self.setup.model!r} by {self.setup.scheme.name}: {', '.join(self.columns()[:8])} at "
+            f"{len(self.t)} times from {self.t[0]:g} to {self.t[-1]:g}, {self.setup.paths} paths, "
+            f"{self.report.outcome}>"
+        )
+
+
+def moments(
+    model: Model,
+    *,
+    q0: Any,
+    p0: Any,
+    step: float,
+    steps: int,
+    observables: dict[str, Observable] | None = None,
+    progress: Progress = False,
+    **options: Any,
+) -> Moments:
+    """Moments of q, p, the energy H and observables, in memory that does not depend on paths and steps.
+
+    The options are those of `simulate`. observables: name -> function of q, p, (dof, lane) each, that returns
+    (lane,) values. first_path is a multiple of 256, so that parts of an ensemble merge to the same bits.
+
+    Misuse raises a ValueError (`symsde.errors`); an exception of an observable stops the run and is raised.
+    """
+    functions = _check_observables(observables)
+    in_python = bool(functions)
+    setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=in_python, **options)
+    result = Moments(setup, functions)
+    result.fill(progress)
+    return result
+
+
+def _check_observables(given: object) -> dict[str, Observable]:
+    if given is None:
+        return {}
+    if not isinstance(given, dict):
+        raise WrongTypeError(
+            f"observables = {_checks.shown(given)} is not allowed: give a dict of names and functions f(q, p)"
+        )
+    for name, function in given.items():
+        if not callable(function):
+            raise WrongTypeError(f"observable {_checks.name_of('observable', name)!r} cannot be called: give f(q, p)")
+    return dict(given)

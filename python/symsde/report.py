@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run did."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+from . import _abi, _handles
+from ._setup import build_info
+from .errors import PathsFailedWarning
+
+
+@dataclass(frozen=True)
+class Report:
+    """Stepper, what was left out, counters, failures, timings and versions of a run."""
+
+    outcome: str  #: ok, or what happened
+    status: int  #: its code; 0 = ok
+    stepper: str  #: the stepper that the traits chose
+    correction: str  #: the correction that was active
+    left_out: tuple[str, ...]  #: what this scene did not need
+    counters: dict[str, int]  #: path_steps, normals, gradients, hessians, iterations, solves, ...
+    failed: int  #: paths that failed
+    stopped: int  #: paths cut short by a stop
+    threads: int
+    lanes: int  #: lanes of a block
+    lost_variance: float  #: of a normal, by truncation
+    timings: dict[str, float]  #: seconds of setup and run
+    versions: dict[str, str]  #: of the library, its compiler and options
+
+    def __str__(self) -> str:
+        """Table, one line for each."""
+        counted = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in self.counters.items() if n)
+        lines = {
+            "outcome": self.outcome,
+            "stepper": self.stepper,
+            "correction": self.correction,
+            "left out": "; ".join(self.left_out) or "nothing",
+            "counters": counted,
+            "paths": f"{self.failed} failed, {self.stopped} stopped",
+            "threads": f"{self.threads}, {self.lanes} lanes a block",
+            "seconds": f"{self.timings['setup']:.3g} to set up, {self.timings['run']:.3g} to run",
+            "version": self.versions.get("version", "?"),
+        }
+        return "\n".join(f"{key:11s}{value}" for key, value in lines.items())
+
+
+def make_report(given: _abi.Report) -> Report:
+    """Report of the C interface in Python; warns where paths failed."""
+    left_out = given.left_out.decode("utf-8", "replace")
+    report = Report(
+        outcome=_handles.status_text(given.status),
+        status=given.status,
+        stepper=given.stepper.decode("utf-8", "replace"),
+        correction=_abi.CORRECTIONS[given.correction],
+        left_out=tuple(part for part in left_out.split("; ") if part),
+        counters={name: getattr(given, name) for name in _abi.COUNTERS},
+        failed=given.failed,
+        stopped=given.stopped,
+        threads=given.threads,
+        lanes=given.lanes,
+        lost_variance=given.lost_variance,
+        timings={"setup": given.seconds_setup, "run": given.seconds_run},
+        versions=build_info(),
+    )
+    if report.failed:
+        warnings.warn(
+            f"{report.failed} paths failed: they are NaN from there on and left out of moments; "
+            "see status and failed_step",
+            PathsFailedWarning,
+            stacklevel=4,
+        )
+    return report

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Scenes: a run as a TOML file, for the command line."""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import inspect
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import _checks, models
+from ._setup import make_setup
+from .errors import SceneError, SymsdeError
+from .model import Model
+from .moments import Moments, moments
+from .simulate import Run, simulate
+
+_NOT_IN_SCENES = {"model", "increments", "progress", "q0_low", "p0_low"}
+RUN_KEYS = [key for key in inspect.signature(simulate).parameters if key not in _NOT_IN_SCENES]
+_REQUIRED = ("step", "steps", "q0", "p0")
+OUTPUT_KEYS = ["moments", "paths"]
+
+
+@dataclass
+class Scene:
+    """A checked scene."""
+
+    file: str
+    model: Model
+    run: dict[str, Any]  #: options of `simulate`
+    moments: bool  #: moments are wanted
+    paths: list[int]  #: global indices of the paths to save
+
+    def compute_moments(self, progress=False) -> Moments:
+        """Moments of all paths."""
+        return moments(self.model, progress=progress, **self.run)
+
+    def compute_paths(self, progress=False) -> Run:
+        """The wanted paths: one run for each stretch of consecutive indices, joined."""
+        runs = []
+        for stretch in _stretches(self.paths):
+            here = {**self.run, "first_path": stretch[0], "paths": len(stretch)}
+            for key in ("q0", "p0"):
+                here[key] = self._columns(here[key], stretch)
+            runs.append(simulate(self.model, progress=progress, **here))
+        return _joined(runs)
+
+    def _columns(self, state, stretch):
+        """Columns of an initial state that belong to a stretch of paths."""
+        array = np.asarray(state)
+        if array.ndim < 2 or array.shape[1] == 1:
+            return state
+        first = stretch[0] - self.run.get("first_path", 0)
+        return array[:, first : first + len(stretch)]
+
+    def try_out(self) -> Run:
+        """Set everything up as for the run, but make no step; misuse raises SceneError."""
+        try:
+            setup = make_setup(self.model, **self.run)
+            here = {**self.run, "steps": 0, "paths": 1, "q0": setup.q0[:, :1], "p0": setup.p0[:, :1]}
+            return simulate(self.model, **here)
+        except SymsdeError as error:
+            raise SceneError(f"{self.file}: [run]: {error}") from error
+
+
+def load(path: str | os.PathLike) -> Scene:
+    """Read and check a scene; SceneError names the file and the key."""
+    file = str(path)
+    tables = _read(file)
+    _known(file, "table", tables, ["model", "run", "output"])
+    for name in ("model", "run"):
+        if name not in tables:
+            raise SceneError(f"{file}: there is no table [{name}]: `symsde template kubo` prints a whole scene")
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            raise SceneError(f"{file}: {name} is not a table: write it as [{name}] with keys below")
+    run = dict(tables["run"])
+    _known(file, "key of [run]", run, RUN_KEYS)
+    for key in _REQUIRED:
+        if key not in run:
+            raise SceneError(f"{file}: [run] lacks {key}: give step, steps, q0 and p0")
+    output = dict(tables.get("output", {}))
+    _known(file, "key of [output]", output, OUTPUT_KEYS)
+    wants_moments = output.get("moments", True)
+    if not isinstance(wants_moments, bool):
+        raise SceneError(f"{file}: [output] moments = {wants_moments!r}: give true or false")
+    scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [])
+    scene.try_out()
+    scene.paths = _paths(file, output.get("paths", []), run)
+    return scene
+
+
+def _read(file: str) -> dict[str, Any]:
+    tomllib = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
+    try:
+        return tomllib.loads(Path(file).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SceneError(f"{file} cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SceneError(f"{file} is not TOML: {error}") from error
+
+
+def _known(file: str, what: str, given: dict, known: list[str]) -> None:
+    for key in given:
+        if key not in known:
+            raise SceneError(f"{file}: {key!r} is no {what}: there are {_checks.nearest(key, known)}")
+
+
+def _model(file: str, table: dict[str, Any]) -> Model:
+    name = table.pop("name", None)
+    if not isinstance(name, str):
+        known = ", ".join(models.names())
+        raise SceneError(f"{file}: [model] lacks name, a text: there are {known}")
+    try:
+        _known(file, "key of [model]", table, list(models.parameters(name)))
+        return models.get(name, **table)
+    except SceneError:
+        raise
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [model]: {error}") from error
+
+
+def _paths(file: str, given: object, run: dict[str, Any]) -> list[int]:
+    """Indices of the paths to save, ascending."""
+    first, count = int(run.get("first_path", 0)), int(run.get("paths", 1))
+    if given == "all":
+        return list(range(first, first + count))
+    if not isinstance(given, list) or not all(type(i) is int for i in given):
+        raise SceneError(f'{file}: [output] paths = {given!r}: give a list of indices, or "all"')
+    for i in given:
+        if not first <= i < first + count:
+            raise SceneError(f"{file}: [output] paths: {i} is not among the paths {first} .. {first + count - 1}")
+    return sorted(set(given))
+
+
+def _stretches(indices: list[int]) -> list[list[int]]:
+    """Consecutive indices together."""
+    result: list[list[int]] = []
+    for i in indices:
+        if result and result[-1][-1] == i - 1:
+            result[-1].append(i)
+        else:
+            result.append([i])
+    return result
+
+
+def _joined(runs: list[Run]) -> Run:
+    """Runs of different paths as one; report and options are those of the first."""
+    whole = copy.copy(runs[0])
+    for name in ("path", "q", "p", "status", "failed_step", "last_q", "last_p"):
+        setattr(whole, name, np.concatenate([getattr(run, name) for run in runs], axis=-1))
+    return whole
+
+
+def template(name: str) -> str:
+    """A commented scene of a built-in model, with the keys that it needs."""
+    defaults = models.parameters(name)
+    model = models.get(name)
+    about = (getattr(models, name).__doc__ or "").splitlines()[0].strip()
+    lines = [f"# {about}", "[model]", f'name = "{name}"']
+    lines += [f"{key} = {value:.15g}" for key, value in defaults.items()]
+    state = "" if model.ndof == 1 else f", or a list of {model.ndof} numbers"
+    lines += [
+        "",
+        "[run]",
+        'scheme = "midpoint"   # `symsde list` shows all',
+        "step = 0.02           # h",
+        "steps = 5000          # a multiple of save_every",
+        f"q0 = {0.1 if model.ndof > 1 else 1.0}              # the same for all paths{state}",
+        "p0 = 0.0",
+        "save_every = 50       # steps between saved points",
+    ]
+    if model.nnoise:
+        lines += ["paths = 1000", "seed = 1"]
+    lines += ["", "[output]", "moments = true        # moments.csv: means with standard errors"]
+    lines += ["paths = [0]           # run.nc: these paths"]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Schemes: from the catalogue, from a quadrature of the action, from a tableau of your own."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import _abi, _checks, _handles
+from .errors import WrongShapeError
+
+_FORMS = {1: "tableau", 2: "Galerkin", 3: "Euler-Maruyama"}
+
+
+@dataclass(frozen=True)
+class SchemeInfo:
+    """What is known about a scheme. Orders are strong, by class of noise; 0 = does not converge."""
+
+    name: str
+    reference: str
+    form: str  #: tableau, Galerkin or Euler-Maruyama
+    nstage: int
+    degree: int  #: of the polynomial of the quadrature; 0 = not from one
+    symplectic: bool
+    symmetric: bool
+    keeps_quadratic: bool  #: quadratic invariants are kept exactly
+    correction_coefficient: float  #: 1/2 - lambda; 0 = consistent as it stands
+    order_additive: float
+    order_commutative: float
+    order_general: float
+    order_weak: float
+
+
+class Scheme:
+    """A scheme as data; made by `get`, `from_quadrature` or `from_tableau`."""
+
+    def __init__(self, pointer: ctypes.c_void_p):
+        """Own the handle that `pointer` is."""
+        self._handle = _handles.Handle("scheme", pointer)
+        self.info: SchemeInfo = self._read_info()
+
+    def _read_info(self) -> SchemeInfo:
+        given = _handles.new(_abi.SchemeInfo, "scheme_info")
+        _handles.call("scheme_get_info", self._handle.pointer, ctypes.byref(given))
+        fields = {name: getattr(given, name) for name in SchemeInfo.__dataclass_fields__}
+        for name in ("name", "reference"):
+            fields[name] = fields[name].decode("utf-8", "replace")
+        for name in ("symplectic", "symmetric", "keeps_quadratic"):
+            fields[name] = bool(fields[name])
+        fields["form"] = _FORMS.get(fields["form"], str(fields["form"]))
+        return SchemeInfo(**fields)
+
+    @property
+    def name(self) -> str:
+        """Name of the scheme."""
+        return self.info.name
+
+    def certificate(self) -> str:
+        """What is proved about the scheme, as readable lines."""
+        with _handles.held(self):
+            return _handles.text("scheme_certificate", self._handle.pointer, has_error=True)
+
+    def __repr__(self) -> str:
+        """One line."""
+        kind = "symplectic" if self.info.symplectic else "not symplectic"
+        return f"<scheme {self.name}: {self.info.form}, {self.info.nstage} stages, {kind}>"
+
+
+def names() -> list[str]:
+    """Names of the catalogue; `get` also knows families with a parameter, 'dirk:0.25', 'lambda:0.3'."""
+    return _handles.text("scheme_names").split()
+
+
+def get(name: str) -> Scheme:
+    """A scheme of the catalogue; UnknownNameError lists the nearest names."""
+    pointer = ctypes.c_void_p()
+    _handles.call("scheme_get", _handles.encode(_checks.name_of("scheme", name)), ctypes.byref(pointer))
+    return Scheme(pointer)
+
+
+def as_scheme(scheme: str | Scheme) -> Scheme:
+    """A scheme given as such or by name."""
+    return scheme if isinstance(scheme, Scheme) else get(scheme)
+
+
+def from_quadrature(nodes, weights, degree: int, name: str | None = None) -> Scheme:
+    """The symplectic scheme of a quadrature of the action, from [WHSB] (49), (53)-(58).
+
+    nodes, weights: (node,) on the unit interval; degree: of the polynomials, at most the number of nodes.
+    IncompatibleError or InvalidArgumentError say why a quadrature gives no scheme.
+    """
+    nodes, weights = (_vector(key, x) for key, x in (("nodes", nodes), ("weights", weights)))
+    if len(nodes) != len(weights):
+        raise WrongShapeError(f"there are {len(nodes)} nodes and {len(weights)} weights: give one weight for each node")
+    pointer = ctypes.c_void_p()
+    _handles.call(
+        "scheme_from_quadrature",
+        len(nodes),
+        _checks.address(nodes),
+        _checks.address(weights),
+        _checks.integer("degree", degree, _checks.INT32),
+        _name(name),
+        ctypes.byref(pointer),
+    )
+    return Scheme(pointer)
+
+
+def from_tableau(a, abar, alpha, name: str | None = None, allow_nonsymplectic: bool = False) -> Scheme:
+    """The partitioned Runge-Kutta scheme with these coefficients (schemes for q: a, for p: abar).
+
+    a, abar: (stage, stage), row i = stage i; alpha: (stage,). A tableau that is not symplectic is refused
+    unless `allow_nonsymplectic`.
+    """
+    alpha = _vector("alpha", alpha)
+    square = (len(alpha), len(alpha))
+    matrices = []
+    for key, value in (("a", a), ("abar", abar)):
+        matrix = np.ascontiguousarray(_checks.real_array(key, value))
+        if matrix.shape != square:
+            raise WrongShapeError(f"{key} has shape {matrix.shape}: give {square}, one row for each weight in alpha")
+        matrices.append(matrix)
+    pointer = ctypes.c_void_p()
+    _handles.call(
+        "scheme_from_tableau",
+        len(alpha),
+        *(_checks.address(x) for x in (*matrices, alpha)),
+        _name(name),
+        _checks.flag("allow_nonsymplectic", allow_nonsymplectic),
+        ctypes.byref(pointer),
+    )
+    return Scheme(pointer)
+
+
+def _vector(key: str, value: object) -> np.ndarray:
+    array = np.ascontiguousarray(_checks.real_array(key, value))
+    if array.ndim != 1 or array.size == 0:
+        raise WrongShapeError(f"{key} has shape {array.shape}: give a list of at least one number")
+    return array
+
+
+def _name(name: str | None) -> bytes:
+    return _handles.encode("user" if name is None else _checks.name_of("name", name))

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Integrate paths and keep them."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from typing import Any
+
+import numpy as np
+
+from . import _abi, _checks, _files, _handles
+from ._checks import address
+from ._progress import Monitor, Progress
+from ._setup import Setup, make_setup
+from .model import Model
+from .report import Report, make_report
+from .schemes import Scheme
+
+
+class Run:
+    """Saved paths: arrays as the library filled them, without a copy. Values after a failure are NaN."""
+
+    t: np.ndarray  #: (time,), t0 included
+    q: np.ndarray  #: (time, dof, path)
+    p: np.ndarray  #: (time, dof, path)
+    path: np.ndarray  #: (path,), global indices
+    status: np.ndarray  #: (path,), 0 = ok; `symsde.status_text` tells the others
+    failed_step: np.ndarray  #: (path,), absolute step that failed; -1 = none
+    last_q: np.ndarray  #: (dof, path), last good state
+    last_p: np.ndarray
+    low_q: np.ndarray | None  #: (dof, path), low parts of the last state of a compensated run
+    low_p: np.ndarray | None
+    report: Report
+
+    def __init__(self, setup: Setup):
+        """Room for the paths; `fill` computes them."""
+        self.setup = setup
+        ntime, ndof, paths = setup.ntime, setup.model.ndof, setup.paths
+        _checks.room((2, ntime, ndof, paths), "the saved paths (q and p; time, dof, path)")
+        self.t = np.empty(ntime)
+        self.q, self.p = (np.empty((ntime, ndof, paths)) for _ in "qp")
+        self.path = setup.options.first_path + np.arange(paths)
+        self.status = np.empty(paths, np.int32)
+        self.failed_step = np.empty(paths, np.int64)
+        self.last_q, self.last_p = (np.empty((ndof, paths)) for _ in "qp")
+        self.low_q = self.low_p = None
+        if setup.options.compensated:
+            self.low_q, self.low_p = (np.empty((ndof, paths)) for _ in "qp")
+
+    def fill(self, progress: Progress) -> None:
+        """Let the library integrate."""
+        paths = _handles.new(_abi.Paths, "paths")
+        for name, *_ in _abi.Paths._fields_[1:]:
+            setattr(paths, name, address(getattr(self, name)))
+        report = _handles.new(_abi.Report, "report")
+        setup = self.setup
+        with Monitor(progress) as monitor:
+            given = setup.input(monitor)
+            setup.model.call(
+                "simulate",
+                *setup.handles(),
+                *(ctypes.byref(struct) for struct in (given, paths, report)),
+                allow=(_abi.STOPPED, _abi.PATHS_FAILED),
+                also=(setup.scheme,),
+            )
+        self.report = make_report(report)
+
+    @property
+    def model(self) -> Model:
+        """The model of this run."""
+        return self.setup.model
+
+    @property
+    def scheme(self) -> Scheme:
+        """The scheme of this run."""
+        return self.setup.scheme
+
+    def _variables(self) -> _files.Variables:
+        return {
+            "q": (("time", "dof", "path"), self.q),
+            "p": (("time", "dof", "path"), self.p),
+            "status": (("path",), self.status),
+            "failed_step": (("path",), self.failed_step),
+        }
+
+    def to_xarray(self):
+        """An xarray.Dataset with dims time, dof, path; path is the global index."""
+        coordinates = {"time": (("time",), self.t), "path": (("path",), self.path)}
+        return _files.dataset(self._variables(), coordinates, self.setup.attributes())
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write a .nc (needs xarray and netCDF4) or .npz file."""
+        variables = {"t": (("time",), self.t), "path": (("path",), self.path), **self._variables()}
+        _files.write(path, self.to_xarray, variables, self.setup.attributes())
+
+    def __repr__(self) -> str:
+        """One line."""
+        ntime, ndof, paths = self.q.shape
+        return (
+            f"<run of {self.model!r} by {self.scheme.name}: {ntime} times from {self.t[0]:g} to {self.t[-1]:g}, "
+            f"{ndof} degrees of freedom, {paths} paths, {self.report.outcome}>"
+        )
+
+
+def simulate(
+    model: Model,
+    *,
+    q0: Any,
+    p0: Any,
+    step: float,
+    steps: int,
+    t0: float = 0.0,
+    scheme: str | Scheme = "midpoint",
+    paths: int = 1,
+    seed: int = 0,
+    save_every: int = 1,
+    increments: Any = None,
+    refine: int = 0,
+    first_path: int = 0,
+    first_step: int = 0,
+    correction: str = "auto",
+    truncation: tuple[float, float] | None = None,
+    compensated: bool = False,
+    threads: int | None = None,
+    progress: Progress = False,
+    general: bool = False,
+    fixed_point: int = 0,
+    max_iter: int = 100,
+    lanes: int | None = None,
+    q0_low: Any = None,
+    p0_low: Any = None,
+) -> Run:
+    """Integrate paths and save them every `save_every` steps. Everything is dimensionless.
+
+    Path i depends on (seed, i, model, initial state, t0, scheme, step, refine, options) and the build alone:
+    not on threads, lanes or the number of paths, bit for bit.
+
+    - q0, p0: initial state, a number, (dof,) for all paths, or (dof, path)
+    - step: h, may be negative; steps: how many, a multiple of save_every; t0: time of step 0
+    - scheme: a name (`symsde.schemes.names()`) or a Scheme
+    - paths, first_path: global indices first_path .. first_path + paths - 1
+    - seed: 0 .. 2^64 - 1
+    - increments: dW of your own, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths
+    - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the bridge
+    - first_step: absolute index of the first step; with q0, p0 = last_q, last_p of an earlier run it resumes
+    - correction: of one-sided schemes, "auto", "none", "mean" or "increments"
+    - truncation: (order, time scale) of truncated increments
+    - compensated: compensated summation of the state; q0_low, p0_low, (dof, path), resume it
+    - threads: default SYMSDE_NUM_THREADS, else OpenMP's; one for Python callbacks and in forked processes
+    - progress: True shows a bar; a function f(done, total) may return True to stop
+    - general: the general stepper; fixed_point: that many fixed-point iterations instead of Newton; max_iter:
+      iterations of Newton a step; lanes: of a block, never changes a result
+
+    Misuse raises a ValueError (`symsde.errors`) with a sentence, and computes nothing. Ctrl-C stops the run and
+    raises KeyboardInterrupt. Paths that fail are NaN from there on; a PathsFailedWarning tells how many.
+    """
+    run = Run(
+        make_setup(
+            model,
+            q0=q0,
+            p0=p0,
+            step=step,
+            steps=steps,
+            t0=t0,
+            scheme=scheme,
+            paths=paths,
+            seed=seed,
+            save_every=save_every,
+            increments=increments,
+            refine=refine,
+            first_path=first_path,
+            first_step=first_step,
+            correction=correction,
+            truncation=truncation,
+            compensated=compensated,
+            threads=threads,
+            general=general,
+            fixed_point=fixed_point,
+            max_iter=max_iter,
+            lanes=lanes,
+            q0_low=q0_low,
+            p0_low=p0_low,
+        )
+    )
+    run.fill(progress)
+    return run

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One step with given increments, for many points at once; and the increments that drive a run."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+
+from . import _checks
+from ._checks import address
+from ._setup import make_options
+from .model import Model
+from .schemes import Scheme
+from .simulate import simulate
+
+
+def step(  # noqa: PLR0917 - the step reads like its formula
+    model: Model,
+    scheme: str | Scheme,
+    q: Any,
+    p: Any,
+    step: float,
+    dw: Any = 0.0,
+    t: float = 0.0,
+    **options: Any,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The state after one step of size `step` from (q, p) with increments dw: two arrays (dof, point).
+
+    q, p: a number, (dof,) or (dof, point); dw: a number, (noise,) or (noise, point); t: time before the step.
+    Options of `simulate` (correction, general, fixed_point, ...) are passed on. A point whose step fails is NaN.
+    """
+    points = _checks.columns(q, p, dw)
+    drive = increments_at(model, dw, points)
+    run = simulate(
+        model,
+        q0=q,
+        p0=p,
+        t0=t,
+        step=step,
+        steps=1,
+        scheme=scheme,
+        paths=points,
+        increments=drive[np.newaxis],
+        **options,
+    )
+    return run.q[1], run.p[1]
+
+
+def increments_at(model: Model, dw: Any, points: int) -> np.ndarray:
+    """Increments as C-contiguous (noise, point) from a number, (noise,) or (noise, point)."""
+    if not isinstance(model, Model):
+        return np.zeros((0, points))  # refused by name where options are made
+    return _checks.full(_checks.state("dw", dw, model.nnoise, points), points)
+
+
+def increments(
+    model: Model,
+    *,
+    step: float,
+    steps: int,
+    paths: int = 1,
+    seed: int = 0,
+    refine: int = 0,
+    first_path: int = 0,
+    first_step: int = 0,
+    truncation: tuple[float, float] | None = None,
+) -> np.ndarray:
+    """The increments dW that drive a run with these options of `simulate`: (step, noise, path)."""
+    options = make_options(
+        model,
+        step=step,
+        steps=steps,
+        paths=paths,
+        seed=seed,
+        refine=refine,
+        first_path=first_path,
+        first_step=first_step,
+        truncation=truncation,
+    )
+    return of_options(model, options)
+
+
+def of_options(model: Model, options) -> np.ndarray:
+    """Brownian increments of a run, (step, noise, path)."""
+    shape = (options.steps, model.nnoise, options.paths)
+    _checks.room(shape, "increments (step, noise, path)")
+    dw = np.empty(shape)
+    model.call("increments", model._handle.pointer, ctypes.byref(options), address(dw))
+    return dw
