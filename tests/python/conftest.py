@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the tests of the package share."""
+
+import numpy as np
+import pytest
+import symsde as ss
+
+A, SIGMA = 1.0, 0.3
+
+
+def rotation_gradient(t, w, q, p):
+    """Kubo's oscillator as a NumPy function: S = (a w_0 + sigma w_1)(p^2 + q^2)/2."""
+    rate = A * w[0] + SIGMA * w[1]
+    return rate * q, rate * p
+
+
+def rotation_hessian(t, w, q, p):
+    """Second derivatives of Kubo's oscillator."""
+    rate = (A * w[0] + SIGMA * w[1])[None, None, :]
+    return rate, np.zeros_like(rate), rate
+
+
+def rotation_value(t, w, q, p):
+    """Values of Kubo's oscillator."""
+    return (A * w[0] + SIGMA * w[1]) * (p[0] ** 2 + q[0] ** 2) / 2
+
+
+@pytest.fixture
+def kubo():
+    """The built-in model that `user_kubo` imitates."""
+    return ss.models.kubo(a=A, sigma=SIGMA)
+
+
+@pytest.fixture
+def user_kubo():
+    """Kubo's oscillator with NumPy callables."""
+    return ss.Model(
+        ndof=1,
+        nnoise=1,
+        gradient=rotation_gradient,
+        hessian=rotation_hessian,
+        value=rotation_value,
+        separable=True,
+        quadratic=True,
+        name="user_kubo",
+    )
+
+
+@pytest.fixture
+def options():
+    """A short run."""
+    return {"q0": 1.0, "p0": 0.0, "step": 0.05, "steps": 40, "paths": 12, "seed": 7, "save_every": 10}

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# ruff: noqa: PLR0917 - callbacks of C take what they take
+"""Models of the user: NumPy functions, compiled functions, and what goes wrong in them."""
+
+import ctypes
+import gc
+import threading
+import traceback
+import weakref
+
+import numpy as np
+import pytest
+import symsde as ss
+from conftest import rotation_gradient
+from symsde import errors
+
+SCHEMES = ["midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "heun", "euler_maruyama"]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_equal_to_the_built_in_model(scheme, kubo, user_kubo, options):
+    mine, known = (ss.simulate(model, scheme=scheme, **options) for model in (user_kubo, kubo))
+    np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=40 * 8 * np.finfo(float).eps)
+    np.testing.assert_allclose(mine.p, known.p, rtol=0, atol=40 * 8 * np.finfo(float).eps)
+    assert mine.report.threads == 1
+
+
+def test_moments_of_a_user_model(kubo, user_kubo, options):
+    mine, known = (ss.moments(model, **options) for model in (user_kubo, kubo))
+    np.testing.assert_allclose(mine.mean_energy, known.mean_energy, rtol=1e-13)
+
+
+def test_gradient_alone_is_enough(kubo, options):
+    model = ss.Model(ndof=1, nnoise=1, gradient=rotation_gradient)
+    mine, known = (ss.simulate(m, **options) for m in (model, kubo))
+    np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
+
+
+def test_evaluation(user_kubo, kubo):
+    q, p = np.array([[0.5, 1.0, 2.0]]), np.array([[0.1, 0.2, 0.3]])
+    for name in ("value", "gradient", "hessian"):
+        mine, known = (getattr(model, name)(q, p, [1.0, 2.0]) for model in (user_kubo, kubo))
+        np.testing.assert_allclose(mine, known, rtol=1e-15)
+
+
+def test_hessian_vector_is_used(options):
+    called = []
+
+    def hessian_vector(t, w, q, p, vq, vp):
+        called.append(vq.shape)
+        rate = w[0] + 0.3 * w[1]
+        return rate * vq, rate * vp
+
+    model = ss.Model(ndof=1, nnoise=1, gradient=rotation_gradient, hessian_vector=hessian_vector)
+    mine = ss.simulate(model, scheme="symplectic_euler", **options)
+    known = ss.simulate(ss.models.kubo(), scheme="symplectic_euler", **options)
+    assert called
+    np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
+
+
+def test_more_threads_if_asked(user_kubo, options):
+    options |= {"paths": 600}
+    two, one = (ss.simulate(user_kubo, threads=n, lanes=64, **options) for n in (2, 1))
+    assert two.report.threads == 2
+    np.testing.assert_array_equal(two.q, one.q)
+
+
+class BrokenError(Exception):
+    """Planted."""
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_exceptions_are_raised_with_their_traceback(threads):
+    def gradient(t, w, q, p):
+        if t > 0.5:
+            raise BrokenError("planted")
+        return w[0] * q, w[0] * p
+
+    model = ss.Model(ndof=1, nnoise=0, gradient=gradient)
+    common = {"q0": 1.0, "p0": 0.0, "step": 0.1, "paths": 100, "lanes": 8, "threads": threads}
+    with pytest.raises(BrokenError, match="planted") as caught:
+        ss.simulate(model, steps=20, **common)
+    assert "t > 0.5" not in str(caught.value)
+    assert "raise BrokenError" in "".join(traceback.format_tb(caught.value.__traceback__))
+    assert np.isfinite(ss.simulate(model, steps=3, **common).q).all()  # the model lives on
+
+
+def test_exception_of_an_observable(kubo, options):
+    with pytest.raises(ZeroDivisionError):
+        ss.moments(kubo, observables={"bad": lambda q, p: 1 / 0}, **options)
+    with pytest.raises(ValueError, match=r"observable 'bad'.*\(2, 3\)"):
+        ss.moments(kubo, observables={"bad": lambda q, p: np.zeros((2, 3))}, **options)
+
+
+def test_exception_in_evaluation_and_probe():
+    def value(t, w, q, p):
+        raise BrokenError
+
+    model = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p), value=value)
+    with pytest.raises(BrokenError):
+        model.value(1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("result", "words"),
+    [
+        (lambda q, p: (q[0], p[0, :-1]), ["hp of gradient()", "shape (1, "]),
+        (lambda q, p: (q.T, p), ["hq of gradient()"]),
+        (lambda q, p: (q, p, q), ["3 values", "(hq, hp)"]),
+        (lambda q, p: None, ["NoneType", "(hq, hp)"]),
+        (lambda q, p: (q, "p"), ["hp of gradient()", "real numbers"]),
+        (lambda q, p: (q * 1j, p), ["hq of gradient()", "complex"]),
+    ],
+)
+def test_wrong_results_are_named(result, words, options):
+    model = ss.Model(ndof=1, nnoise=1, gradient=lambda t, w, q, p: result(q, p))
+    with pytest.raises(ValueError) as caught:
+        ss.simulate(model, **options)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_nan_fails_one_lane_only():
+    def gradient(t, w, q, p):
+        return w[0] * np.where(q > 5, np.nan, q), w[0] * p
+
+    model = ss.Model(ndof=1, nnoise=0, gradient=gradient)
+    start = np.array([[1.0, 6.0, 2.0]])
+    with pytest.warns(ss.PathsFailedWarning):
+        run = ss.simulate(model, q0=start, p0=0.0, step=0.1, steps=5, paths=3)
+    assert list(run.status > 0) == [False, True, False]
+    good = ss.simulate(model, q0=start[:, ::2], p0=0.0, step=0.1, steps=5, paths=2)
+    np.testing.assert_array_equal(run.q[:, :, ::2], good.q)
+
+
+def test_kept_state_is_a_copy(options):
+    kept = []
+
+    def gradient(t, w, q, p):
+        kept.append(q)
+        q *= 1.0
+        return w[0] * q, w[0] * p
+
+    ss.simulate(ss.Model(ndof=1, nnoise=1, gradient=gradient), **options)
+    gc.collect()
+    assert all(np.isfinite(q).all() for q in kept)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_numba(scheme, kubo, options):
+    numba = pytest.importorskip("numba")
+    carray = numba.carray
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        weights = carray(w, (nham, nlane))
+        for state, out in ((q, hq), (p, hp)):
+            x, slope = carray(state, (ndof, nlane)), carray(out, (ndof, nlane))
+            if slope.ctypes.data != 0:  # wanted
+                slope[0] = (weights[0] + 0.3 * weights[1]) * x[0]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("value"))
+    def value(nlane, ndof, nham, t, w, q, p, value, user):
+        for i in range(nlane):
+            value[i] = (w[i] + 0.3 * w[nlane + i]) * (q[i] ** 2 + p[i] ** 2) / 2
+        return 0
+
+    model = ss.Model(ndof=1, nnoise=1, gradient=gradient, value=value, separable=True)
+    assert not model.in_python
+    with pytest.raises(errors.WrongTypeError, match="gradient takes 9 arguments and not 10"):
+        ss.Model(ndof=1, nnoise=1, gradient=value)
+    mine, known = (ss.moments(m, scheme=scheme, **options) for m in (model, kubo))
+    np.testing.assert_allclose(mine.mean_q, known.mean_q, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(mine.mean_energy, known.mean_energy, rtol=0, atol=1e-11)
+
+
+def c_gradient():
+    from symsde._abi import CALLBACKS
+
+    def function(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        arrays = [np.ctypeslib.as_array((ctypes.c_double * nlane).from_address(a)) for a in (w, q, p)]
+        rate = arrays[0]
+        for source, target in ((arrays[1], hq), (arrays[2], hp)):
+            if target is not None:
+                np.ctypeslib.as_array((ctypes.c_double * nlane).from_address(target))[:] = rate * source
+        return 7 if user == 7 else 0
+
+    return CALLBACKS["gradient"](function)
+
+
+def test_ctypes_pointer():
+    pointer = c_gradient()
+    model = ss.Model(ndof=1, nnoise=0, gradient=pointer)
+    run = ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=10, threads=1)
+    np.testing.assert_allclose(run.q, ss.simulate(ss.models.kubo(sigma=0.0), q0=1.0, p0=0.0, step=0.1, steps=10).q)
+
+
+def test_low_level_callable_and_its_failure():
+    scipy = pytest.importorskip("scipy")
+    pointer = c_gradient()
+    callable_ = scipy.LowLevelCallable(pointer, ctypes.c_void_p(7))
+    model = ss.Model(ndof=1, nnoise=0, gradient=callable_)
+    with pytest.raises(errors.CallbackError, match="7"):
+        ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=10, threads=1)
+
+
+def test_models_are_freed_with_their_functions():
+    class Gradient:
+        def __call__(self, t, w, q, p):
+            return w[0] * q, w[0] * p
+
+    function = Gradient()
+    gone = weakref.ref(function)
+    model = ss.Model(ndof=1, nnoise=0, gradient=function)
+    del function
+    gc.collect()
+    run = ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=3)
+    assert gone() is not None
+    del model, run
+    gc.collect()
+    assert gone() is None
+
+
+def test_one_model_in_two_python_threads(user_kubo, options):
+    expected = ss.simulate(user_kubo, **options).q
+    found = []
+    workers = [threading.Thread(target=lambda: found.append(ss.simulate(user_kubo, **options).q)) for _ in range(4)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert len(found) == 4
+    for q in found:
+        np.testing.assert_array_equal(q, expected)

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Models and schemes by name, their parameters, traits and certificates."""
+
+import inspect
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import symsde as ss
+
+SCHEMES = [
+    "midpoint",
+    "symplectic_euler",
+    "symplectic_euler_adjoint",
+    "stormer_verlet",
+    "gauss2",
+    "lobatto3",
+    "heun",
+    "euler_maruyama",
+]
+
+
+def test_every_model_has_a_function_with_the_library_s_defaults():
+    assert len(ss.models.names()) == 8
+    for name in ss.models.names():
+        function = getattr(ss.models, name)
+        defaults = {key: p.default for key, p in inspect.signature(function).parameters.items()}
+        assert defaults == ss.models.parameters(name)
+        model = function()
+        assert model.name == name
+        assert "H = " in function.__doc__
+        assert model.traits.has_value
+
+
+def test_traits_of_a_chain():
+    model = ss.models.fpu_chain(n=5)
+    assert (model.ndof, model.nnoise, model.traits.bandwidth) == (5, 5, 1)
+    assert model.traits.additive and model.traits.identity_mass and not model.traits.quadratic
+
+
+def test_get_keeps_defaults():
+    model = ss.models.get("kubo", a=2.0)
+    assert model.parameters == {"a": 2.0, "sigma": 0.3}
+    assert repr(model) == "kubo(a=2, sigma=0.3)"
+
+
+def test_hamiltonians_of_the_synchrotron():
+    model = ss.models.synchrotron(omega=2.0, sigma1=0.2, sigma2=0.1)
+    q, p = np.array([[0.3, -1.2]]), np.array([[0.7, 0.4]])
+    expected = [p**2 / 2 - 4 * np.cos(q), 0.2 * np.sin(q), -0.1 * np.cos(q)]
+    for j in range(3):
+        weights = np.eye(3)[j]
+        np.testing.assert_allclose(model.value(q, p, weights), expected[j][0], rtol=1e-15)
+    hq, hp = model.gradient(q, p)
+    np.testing.assert_allclose(hq, 4 * np.sin(q), rtol=1e-14)
+    np.testing.assert_array_equal(hp, p)
+    hqq, hqp, hpp = model.hessian(q, p, [1.0, 0.5, 2.0])
+    slope = 4 * np.cos(q) - 0.1 * np.sin(q) + 0.2 * np.cos(q)
+    np.testing.assert_allclose(hqq[0], slope, rtol=1e-14)
+    np.testing.assert_array_equal(hqp, 0)
+    np.testing.assert_array_equal(hpp, 1)
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+def test_schemes(name):
+    assert name in ss.schemes.names()
+    scheme = ss.schemes.get(name)
+    assert scheme.name == name
+    assert scheme.info.symplectic == (name not in {"heun", "euler_maruyama"})
+    assert name in repr(scheme)
+    assert len(scheme.certificate().splitlines()) >= 3
+
+
+def test_families():
+    assert ss.schemes.get("lambda:0.25").info.correction_coefficient == 0.25
+    assert ss.schemes.get("dirk:0.25").info.nstage == 2
+
+
+def test_scheme_from_quadrature_is_gauss2(kubo, options):
+    root = np.sqrt(3) / 6
+    scheme = ss.schemes.from_quadrature([0.5 - root, 0.5 + root], [0.5, 0.5], degree=2, name="mine")
+    assert scheme.name == "mine" and scheme.info.degree == 2
+    mine, known = (ss.simulate(kubo, scheme=s, **options).q for s in (scheme, "gauss2"))
+    np.testing.assert_allclose(mine, known, rtol=0, atol=1e-13)
+
+
+def test_scheme_from_tableau(kubo, options):
+    scheme = ss.schemes.from_tableau([[0.5]], [[0.5]], [1.0])
+    assert scheme.info.keeps_quadratic
+    mine, known = (ss.simulate(kubo, scheme=s, **options).q for s in (scheme, "midpoint"))
+    np.testing.assert_allclose(mine, known, rtol=0, atol=1e-13)
+    heun = ([[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]], [0.5, 0.5])
+    with pytest.raises(ValueError, match="symplectic"):
+        ss.schemes.from_tableau(*heun)
+    assert not ss.schemes.from_tableau(*heun, allow_nonsymplectic=True).info.symplectic
+
+
+def test_versions():
+    info = ss.build_info()
+    assert ss.__version__ == info["version"]
+    assert "GCC" in info["compiler"]
+
+
+def test_import_is_light():
+    code = "import sys, symsde; print(*[m for m in ('matplotlib', 'xarray', 'numba', 'tqdm') if m in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.split() == []
+
+
+def test_library_not_found():
+    code = "import symsde"
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**__import__("os").environ, "SYMSDE_LIBRARY": "/nowhere/libsymsde.so"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert found.returncode == 1
+    assert "/nowhere/libsymsde.so" in found.stderr and "./bootstrap build" in found.stderr

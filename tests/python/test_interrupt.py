@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Ctrl-C stops a run, and forked processes do not hang."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import symsde as ss
+
+LONG = {"q0": 1.0, "p0": 0.0, "step": 1e-3, "steps": 10**9, "save_every": 10**8}
+
+
+def interrupt_soon():
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    return timer
+
+
+@pytest.mark.parametrize("function", [ss.simulate, ss.moments])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_ctrl_c(function, threads, kubo):
+    before = signal.getsignal(signal.SIGINT)
+    timer = interrupt_soon()
+    start = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        function(kubo, paths=1000, threads=threads, **LONG)
+    timer.join()
+    assert time.perf_counter() - start < 3
+    assert signal.getsignal(signal.SIGINT) is before
+    assert np.isfinite(ss.simulate(kubo, q0=1.0, p0=0.0, step=0.1, steps=10).q).all()
+
+
+def test_ctrl_c_with_python_callbacks(user_kubo):
+    timer = interrupt_soon()
+    with pytest.raises(KeyboardInterrupt):
+        ss.simulate(user_kubo, paths=10, **LONG)
+    timer.join()
+
+
+def test_handlers_of_the_user_are_called(kubo):
+    class PlantedError(Exception):
+        pass
+
+    def handler(number, frame):
+        raise PlantedError
+
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        timer = interrupt_soon()
+        with pytest.raises(PlantedError):
+            ss.simulate(kubo, paths=10, **LONG)
+        timer.join()
+        assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_exception_of_progress(kubo):
+    def progress(done, total):
+        raise RuntimeError("planted")
+
+    with pytest.raises(RuntimeError, match="planted"):
+        ss.simulate(kubo, paths=10, progress=progress, **LONG)
+
+
+def test_fork():
+    code = """
+import multiprocessing, symsde as ss
+def run(seed):
+    found = ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=20, paths=600, lanes=64, threads=2, seed=seed)
+    return found.report.threads, float(found.q[-1, 0, 599])
+if __name__ == "__main__":
+    here = [run(seed) for seed in range(4)]
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        there = pool.map(run, range(4))
+    assert [threads for threads, _ in here] == [2] * 4, here
+    assert [threads for threads, _ in there] == [1] * 4, there
+    assert [x for _, x in here] == [x for _, x in there]
+    print("same")
+"""
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert found.stdout.strip() == "same", found.stderr

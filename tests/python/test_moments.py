@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Moments equal those of the saved paths."""
+
+import csv
+
+import numpy as np
+import pytest
+import symsde as ss
+
+
+def test_equal_to_those_of_saved_paths(options):
+    model = ss.models.henon_heiles()
+    options |= {"q0": 0.1, "paths": 600}
+    found = ss.moments(model, observables={"r": lambda q, p: np.hypot(q[0], q[1])}, **options)
+    run = ss.simulate(model, **options)
+    assert found.mean_q.shape == (5, 2) and found.mean_energy.shape == found.mean["r"].shape == (5,)
+    energy = np.array([model.value(q, p) for q, p in zip(run.q, run.p, strict=True)])
+    radius = np.hypot(run.q[:, 0], run.q[:, 1])
+    pairs = [
+        (found.mean_q, found.var_q, found.se_mean_q, run.q),
+        (found.mean_p, found.var_p, found.se_mean_p, run.p),
+        (found.mean_energy, found.var_energy, found.se_mean_energy, energy),
+        (found.mean["r"], found.var["r"], found.se_mean["r"], radius),
+    ]
+    for mean, variance, error, values in pairs:
+        np.testing.assert_allclose(mean, values.mean(axis=-1), rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(variance, values.var(axis=-1, ddof=1), rtol=1e-11, atol=1e-24)
+        np.testing.assert_allclose(error, np.sqrt(variance / 600), rtol=1e-13)
+    assert (found.n_ok == 600).all() and found.failed.size == 0
+
+
+def test_failed_paths_are_left_out():
+    model = ss.models.henon_heiles()
+    start = np.full((2, 300), 0.1)
+    start[:, [5, 270]] = 20.0
+    common = {"q0": start, "p0": 0.0, "step": 0.1, "steps": 60, "paths": 300, "scheme": "stormer_verlet"}
+    with pytest.warns(ss.PathsFailedWarning, match="2 paths failed"):
+        found = ss.moments(model, first_path=512, **common)
+    np.testing.assert_array_equal(found.failed, [517, 782])
+    assert (found.failed_status > 0).all() and (found.failed_step > 0).all()
+    assert found.n_ok[0] == 300 and found.n_ok[-1] == 298 and found.report.failed == 2
+    with pytest.warns(ss.PathsFailedWarning):
+        run = ss.simulate(model, first_path=512, **common)
+    good = run.q[-1][:, run.status == 0]
+    np.testing.assert_allclose(found.mean_q[-1], good.mean(axis=1), rtol=1e-12)
+
+
+def test_growth_of_energy():
+    """E(p^2 + q^2)/2 = sigma^2 t/2 (24), times the midpoint's factor 1/(1 + h^2/4); 5 standard errors: 6e-7."""
+    found = ss.moments(
+        ss.models.linear_oscillator(sigma=1.0), q0=0.0, p0=0.0, step=0.1, steps=100, paths=20000, save_every=100
+    )
+    expected = 0.5 * 10 / (1 + 0.1**2 / 4)
+    assert abs(found.mean_energy[-1] - expected) < 5 * found.se_mean_energy[-1] < 0.3
+    assert abs(found.mean_energy[-1] - 0.9 * expected) > 5 * found.se_mean_energy[-1]
+
+
+def test_one_path_has_no_variance(kubo):
+    found = ss.moments(kubo, q0=1.0, p0=0.0, step=0.1, steps=5)
+    assert np.isnan(found.var_q).all() and np.isfinite(found.mean_q).all()
+
+
+def test_model_without_value():
+    model = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p))
+    found = ss.moments(model, q0=1.0, p0=0.0, step=0.1, steps=5, paths=3)
+    assert found.mean_energy is None and found.columns() == ["q_1", "p_1"]
+
+
+def test_files(kubo, options, tmp_path):
+    found = ss.moments(kubo, observables={"I": lambda q, p: q[0] ** 2 + p[0] ** 2}, **options)
+    found.save(tmp_path / "moments.csv")
+    with (tmp_path / "moments.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert rows[0][:4] == ["t", "n_ok", "mean q_1", "mean p_1"] and "se_mean I" in rows[0]
+    assert len(rows) == 6 and float(rows[3][2]) == found.mean_q[2, 0]
+    found.save(tmp_path / "moments.npz")
+    with np.load(tmp_path / "moments.npz") as read:
+        np.testing.assert_array_equal(read["mean_I"], found.mean["I"])
+    pytest.importorskip("xarray")
+    assert found.to_xarray().mean_energy.dims == ("time",)
