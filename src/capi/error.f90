@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The error of the C interface, and the checks that every function makes of its pointers and structs.
 module symsde_capi_error
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_funptr, c_int, c_int32_t, &
-                                          c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: &
+      c_associated, c_char, c_f_pointer, c_funptr, c_int, c_int32_t, c_ptr, c_size_t
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, status_ok, invalid_argument, too_large, wrong_shape
    use symsde_base_text, only: to_text

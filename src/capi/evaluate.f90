@@ -15,17 +15,17 @@ module symsde_capi_evaluate
    private
    public :: symsde_model_value, symsde_model_gradient, symsde_model_hessian
 
-   integer, parameter :: of_value = 1, of_gradient = 2, of_hessian = 3
+   integer, parameter :: of_value = 1, of_gradient = 2, of_hessian = 3  !! what is asked of the model
 
    !> The caller's arrays as (npath, numbers of a path), and one block of each, copied and padded so that
    !> a path does not depend on its neighbours. An output that is not wanted is not associated, its block
    !> not allocated.
    type :: points_type
-      class(model_type), pointer :: model
+      class(model_type), pointer :: model => null()
       integer(i8) :: npath = 0
       integer :: ndof = 0, nnoise = 0, nlane = 0
-      real(wp), pointer, contiguous :: w(:, :), q(:, :), p(:, :)
-      real(wp), pointer, contiguous :: out1(:, :), out2(:, :), out3(:, :)
+      real(wp), pointer, contiguous :: w(:, :) => null(), q(:, :) => null(), p(:, :) => null()
+      real(wp), pointer, contiguous :: out1(:, :) => null(), out2(:, :) => null(), out3(:, :) => null()
       real(wp), allocatable :: wb(:, :), qb(:, :), pb(:, :)
       real(wp), allocatable :: block1(:, :), block2(:, :), block3(:, :)
    end type points_type
@@ -98,7 +98,6 @@ contains
       integer(i8), intent(in) :: npath
       type(error_type), allocatable, intent(inout) :: error
 
-      nullify (points%out1, points%out2, points%out3)
       call find_model(model, points%model, error)
       if (npath < 0) call raise(error, invalid_argument, 'read_points', 'npath = '//to_text(npath)// &
                                 ' is negative: give the number of points')
@@ -188,7 +187,7 @@ contains
          call x%model%value(x%nlane, x%ndof, x%nnoise, t, x%wb, x%qb, x%pb, x%block1)
       case (of_gradient)
          call x%model%gradient(x%nlane, x%ndof, x%nnoise, t, x%wb, x%qb, x%pb, x%block1, x%block2)
-      case (of_hessian)
+      case default
          call x%model%hessian(x%nlane, x%ndof, x%nnoise, t, x%wb, x%qb, x%pb, x%block1, x%block2, x%block3)
       end select
       if (associated(x%out1)) call copy_out(x%block1, first, x%out1)

@@ -42,8 +42,7 @@ contains
       integer(c_int) :: status
       character(:), allocatable :: openmp
 
-      openmp = 'no'
-      !$ openmp = 'yes'
+      openmp = trim(merge('yes', 'no ', index(compiler_options(), '-fopenmp') > 0))
       call put_text('version: '//library_version//new_line('a')// &
                     'compiler: '//compiler_version()//new_line('a')// &
                     'compile options: '//without_folders(compiler_options())//new_line('a')// &

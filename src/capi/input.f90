@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> struct symsde_input: what goes into a run besides model, scheme and options.
 module symsde_capi_input
-   use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_f_procpointer, c_funptr, c_int, c_int64_t, &
-                                          c_loc, c_null_funptr, c_null_ptr, c_ptr, c_size_t, c_sizeof
+   use, intrinsic :: iso_c_binding, only: &
+      c_associated, c_f_pointer, c_f_procpointer, c_funptr, c_int, c_int64_t, c_loc, &
+      c_null_funptr, c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
    use symsde_capi_arrays, only: view
@@ -36,9 +37,9 @@ module symsde_capi_input
    !> The caller's arrays, path first; what he left out is not associated, which makes an optional
    !> argument absent.
    type :: run_input
-      real(wp), pointer, contiguous :: q0(:, :), p0(:, :)          !! (npath or 1, ndof)
-      real(wp), pointer, contiguous :: dw(:, :, :)                 !! (npath or 1, nnoise, rows)
-      real(wp), pointer, contiguous :: q0_low(:, :), p0_low(:, :)  !! (npath, ndof)
+      real(wp), pointer, contiguous :: q0(:, :) => null(), p0(:, :) => null()          !! (npath or 1, ndof)
+      real(wp), pointer, contiguous :: dw(:, :, :) => null()                           !! (npath or 1, nnoise, rows)
+      real(wp), pointer, contiguous :: q0_low(:, :) => null(), p0_low(:, :) => null()  !! (npath, ndof)
       type(callback_monitor) :: monitor
    end type run_input
 
@@ -79,7 +80,6 @@ contains
       type(c_input), target :: copy
       integer(i8) :: n
 
-      nullify (input%q0, input%p0, input%dw, input%q0_low, input%p0_low)
       if (allocated(error)) return
       n = ndof
       copy = blank_input()

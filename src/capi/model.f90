@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The handle of a model: made, asked for its traits, probed, deleted.
 module symsde_capi_model
-   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_pointer, c_funptr, c_int, c_loc, &
-                                          c_null_ptr, c_ptr, c_size_t, c_sizeof
+   use, intrinsic :: iso_c_binding, only: &
+      c_associated, c_double, c_f_pointer, c_funptr, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, &
+      c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, status_ok, null_handle, out_of_memory, &
                                  invalid_argument, unknown_name, callback_failed
@@ -196,7 +197,8 @@ contains
       if (code == 0) then
          status = finish(refusal, error)
       else
-         status = finish(refusal, error, callback_failed, 'a callback returned '//to_text(code)//' at the initial state')
+         status = finish(refusal, error, callback_failed, &
+                         'a callback returned '//to_text(code)//' at the initial state')
       end if
    end function symsde_model_probe
 

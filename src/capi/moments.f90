@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> symsde_compute_moments: the run that keeps statistics only.
 module symsde_capi_moments
-   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, &
-                                          c_null_funptr, c_null_ptr, c_ptr, c_size_t, c_sizeof
+   use, intrinsic :: iso_c_binding, only: &
+      c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, &
+      c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_base_text, only: to_text

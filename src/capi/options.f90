@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> struct symsde_options and its conversion; the defaults stand in run_options alone.
 module symsde_capi_options
-   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, c_null_ptr, &
-                                          c_ptr, c_size_t, c_sizeof
+   use, intrinsic :: iso_c_binding, only: &
+      c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, c_null_ptr, c_ptr, c_size_t, &
+      c_sizeof
    use symsde_base_status, only: error_type
    use symsde_capi_error, only: finish, require, take_struct
    use symsde_ensemble_options, only: run_options, check_options

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> symsde_simulate: the run that saves paths, straight into the caller's arrays.
 module symsde_capi_paths
-   use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, &
-                                          c_sizeof
+   use, intrinsic :: iso_c_binding, only: &
+      c_associated, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, out_of_memory
    use symsde_base_text, only: to_text

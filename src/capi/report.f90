@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> struct symsde_report, and the sentence for the outcome of a run.
 module symsde_capi_report
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, &
-                                          c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
+   use, intrinsic :: iso_c_binding, only: &
+      c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, &
+      c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_status, only: error_type, status_ok, status_text, callback_failed, stopped, paths_failed
    use symsde_base_text, only: to_text
    use symsde_capi_error, only: finish, require, take_struct, give_struct

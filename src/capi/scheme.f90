@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The handle of a scheme: from the catalogue, from a quadrature, from a tableau; described, deleted.
 module symsde_capi_scheme
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_loc, &
-                                          c_null_ptr, c_ptr, c_size_t, c_sizeof
+   use, intrinsic :: iso_c_binding, only: &
+      c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_loc, c_null_ptr, c_ptr, &
+      c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, status_ok, null_handle, out_of_memory, wrong_shape
    use symsde_base_text, only: name_length, to_text

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> struct symsde_traits and its two conversions.
 module symsde_capi_traits
-   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int32_t, c_null_ptr, c_ptr, c_size_t, &
-                                          c_sizeof
+   use, intrinsic :: iso_c_binding, only: &
+      c_double, c_f_pointer, c_int, c_int32_t, c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_status, only: error_type
    use symsde_base_traits, only: model_traits
    use symsde_capi_error, only: finish, require

@@ -222,12 +222,14 @@ static void test_schemes(void) {
    OK(symsde_scheme_get_info(scheme, &info, &error));
    CHECK(strcmp(info.name, "mine") == 0 && info.symplectic == 1 && info.degree == 1);
    symsde_scheme_delete(&scheme);
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "sum", symsde_scheme_from_quadrature(1, nodes, bad_weights, 1, "x", &scheme, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "sum",
+          symsde_scheme_from_quadrature(1, nodes, bad_weights, 1, "x", &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "outside",
           symsde_scheme_from_quadrature(1, node_outside, one, 1, "x", &scheme, &error));
    EXPECT(SYMSDE_INCOMPATIBLE, "degree 2", symsde_scheme_from_quadrature(1, nodes, one, 2, "x", &scheme, &error));
    EXPECT(SYMSDE_WRONG_SHAPE, "nnode = 0", symsde_scheme_from_quadrature(0, nodes, one, 1, "x", &scheme, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "nodes is NULL", symsde_scheme_from_quadrature(1, NULL, one, 1, "x", &scheme, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nodes is NULL",
+          symsde_scheme_from_quadrature(1, NULL, one, 1, "x", &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "weights is NULL",
           symsde_scheme_from_quadrature(1, nodes, NULL, 1, "x", &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "name is NULL",

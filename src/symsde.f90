@@ -1,0 +1,62 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> symsde: symplectic integration of stochastic Hamiltonian systems
+!>
+!>    dp = -H_q dt - sum_k H_{k,q} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k     (Stratonovich)
+!>
+!> What a program uses, from one module. Nothing is defined here.
+!>
+!>    use symsde
+!>    type(kubo_model) :: model
+!>    type(scheme_type) :: scheme
+!>    type(paths_type) :: run
+!>    type(error_type), allocatable :: error
+!>    call new_kubo(model, a=1.0_wp, sigma=0.3_wp, error=error)
+!>    call get_scheme(scheme, 'midpoint', error)
+!>    call simulate(model, scheme, run_options(step=0.02_wp, nstep=5000_i8, npath=1000_i8, seed=1_i8), &
+!>                  q0=[1.0_wp], p0=[0.0_wp], run=run, error=error)
+!>    if (allocated(error)) print '(a)', error%message
+module symsde
+   ! kinds, errors, traits
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_status, only: error_type, raise, status_text
+   use symsde_base_status, only: status_ok, invalid_argument, incompatible, unknown_name, wrong_shape, too_large, &
+                                 false_trait, null_handle, out_of_memory, missing_operation
+   use symsde_base_status, only: not_converged, singular, nonfinite, callback_failed, stopped, paths_failed
+   use symsde_base_traits, only: model_traits, dense
+   use symsde_base_version, only: library_version
+   ! models: the type to extend, the built-in ones, one by name, one from C functions
+   use symsde_model_abstract, only: model_type
+   use symsde_model_additive_oscillator, only: additive_oscillator_model, new_additive_oscillator
+   use symsde_model_fpu_chain, only: fpu_chain_model, new_fpu_chain
+   use symsde_model_henon_heiles, only: henon_heiles_model, new_henon_heiles
+   use symsde_model_kubo, only: kubo_model, new_kubo
+   use symsde_model_linear_oscillator, only: linear_oscillator_model, new_linear_oscillator
+   use symsde_model_noncommutative_oscillator, only: noncommutative_oscillator_model, new_noncommutative_oscillator
+   use symsde_model_pendulum, only: pendulum_model, new_pendulum
+   use symsde_model_synchrotron, only: synchrotron_model, new_synchrotron
+   use symsde_model_catalogue, only: get_model, model_names, parameter_names, parameter_defaults
+   use symsde_model_callback, only: callback_model, new_callback_model
+   use symsde_model_probe, only: probe_model
+   ! schemes: by name, from a quadrature, from a tableau, and what is proved about them
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, symplectic_conjugate
+   use symsde_scheme_scheme, only: correction_auto, correction_none, correction_mean, correction_increments
+   use symsde_scheme_catalogue, only: get_scheme, scheme_names, scheme_families
+   use symsde_scheme_quadrature, only: get_quadrature
+   use symsde_scheme_discrete_lagrangian, only: scheme_from_quadrature, scheme_from_end_point_rule
+   use symsde_scheme_tableau, only: scheme_from_tableau
+   use symsde_scheme_certificate, only: certificate_type, certificate, certificate_text
+   ! runs
+   use symsde_base_counters, only: counters_type
+   use symsde_ensemble_monitor, only: monitor_type
+   use symsde_ensemble_observables, only: observables_type
+   use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_report, only: run_report
+   use symsde_ensemble_simulate, only: paths_type, moments_type, simulate, moments
+   ! diagnostics
+   use symsde_diagnose_action, only: discrete_action, action_gradient, euler_lagrange_residual
+   use symsde_diagnose_exact, only: exact_solution
+   use symsde_diagnose_invariants, only: invariant_drift, quadratic_invariant, energy
+   use symsde_diagnose_symplecticity, only: symplecticity_defect, tangent_map
+   implicit none
+   public
+end module symsde

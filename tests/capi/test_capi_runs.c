@@ -1,0 +1,488 @@
+/* SPDX-License-Identifier: BSD-3-Clause
+ *
+ * Runs through the C interface: paths, moments, increments, callbacks, outcomes, diagnostics.
+ */
+#include "check.h"
+
+enum { PATHS = 300, STEPS = 40, SAVE = 4, NTIME = STEPS / SAVE + 1 };
+
+/* arrays of a run with one degree of freedom */
+typedef struct arrays {
+   double t[STEPS + 1], q[(STEPS + 1) * PATHS], p[(STEPS + 1) * PATHS];
+   double last_q[PATHS], last_p[PATHS], low_q[PATHS], low_p[PATHS];
+   int32_t status[PATHS];
+   int64_t failed_step[PATHS];
+} arrays;
+
+static symsde_paths paths_in(arrays *a, int all) {
+   symsde_paths paths;
+   symsde_paths_init(&paths);
+   paths.t = a->t;
+   paths.q = a->q;
+   paths.p = a->p;
+   paths.status = a->status;
+   paths.failed_step = a->failed_step;
+   if (all) {
+      paths.last_q = a->last_q;
+      paths.last_p = a->last_p;
+      paths.low_q = a->low_q;
+      paths.low_p = a->low_p;
+   }
+   return paths;
+}
+
+static symsde_options some_options(void) {
+   symsde_options options;
+   symsde_options_init(&options);
+   options.step = 0.1;
+   options.steps = STEPS;
+   options.paths = PATHS;
+   options.seed = 0x8000000000000005u; /* the highest bit counts too */
+   options.save_every = SAVE;
+   options.t0 = 2;
+   return options;
+}
+
+static symsde_input some_input(const double *q0, const double *p0) {
+   symsde_input input;
+   symsde_input_init(&input);
+   input.q0 = q0;
+   input.p0 = p0;
+   return input;
+}
+
+static symsde_model new_kubo(void) {
+   symsde_model model = NULL;
+   OK(symsde_model_get("kubo", 0, NULL, NULL, &model, &error));
+   return model;
+}
+
+static const double one = 1, zero = 0;
+static arrays a, b;
+static double dw[STEPS * PATHS];
+
+static void test_simulate(void) {
+   symsde_model model = new_kubo();
+   symsde_scheme scheme = new_scheme("midpoint");
+   symsde_options options = some_options();
+   symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 1), few = paths_in(&b, 0);
+   symsde_report report;
+   double worst = 0;
+
+   symsde_report_init(&report);
+   a.low_q[3] = 7;
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   for (int i = 0; i < NTIME * PATHS; i++) {
+      worst = fmax(worst, fabs(a.q[i] * a.q[i] + a.p[i] * a.p[i] - 1));
+   }
+   CHECK(worst < 1e-13 && a.q[0] == 1 && a.p[PATHS - 1] == 0 && a.q[PATHS] != a.q[PATHS + 1]);
+   CHECK(a.t[0] == 2 && a.t[NTIME - 1] == 2 + 40 * 0.1);
+   CHECK(a.status[0] == 0 && a.failed_step[PATHS - 1] == -1 && a.low_q[3] == 0);
+   CHECK(memcmp(a.last_q, a.q + (NTIME - 1) * PATHS, sizeof a.last_q) == 0);
+   CHECK(report.status == 0 && report.path_steps == STEPS * PATHS && report.normals == STEPS * PATHS);
+   CHECK(report.correction == SYMSDE_CORRECTION_NONE && report.stepper[0] != 0 && report.left_out[0] != 0);
+   CHECK(report.threads >= 1 && report.lanes == 256 && report.seconds_run > 0 && report.failed == 0);
+
+   /* other threads, other blocks, no report, no last state, an older and smaller struct: the same bits */
+   options.threads = 2;
+   options.lanes = 8;
+   few.struct_size = offsetof(symsde_paths, last_q);
+   OK(symsde_simulate(model, scheme, &options, &input, &few, NULL, &error));
+   CHECK(memcmp(a.q, b.q, sizeof(double) * NTIME * PATHS) == 0 && memcmp(a.p, b.p, sizeof(double) * PATHS) == 0);
+
+   /* the increments of the run, given back to it */
+   OK(symsde_increments(model, &options, dw, &error));
+   input.increments = dw;
+   input.increment_rows = STEPS;
+   input.increment_noises = 1;
+   input.increment_paths = PATHS;
+   OK(symsde_simulate(model, scheme, &options, &input, &few, &report, &error));
+   CHECK(memcmp(a.q, b.q, sizeof(double) * NTIME * PATHS) == 0 && report.normals == 0);
+   input.increment_rows = STEPS - 1;
+   EXPECT(SYMSDE_WRONG_SHAPE, "39|40", symsde_simulate(model, scheme, &options, &input, &few, NULL, &error));
+   input.increment_rows = -1;
+   EXPECT(SYMSDE_WRONG_SHAPE, "increments|negative",
+          symsde_simulate(model, scheme, &options, &input, &few, NULL, &error));
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
+static void test_resume(void) {
+   symsde_model model = new_kubo();
+   symsde_scheme scheme = new_scheme("midpoint");
+   symsde_options options = some_options(), first, rest;
+   symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 1), parts = paths_in(&b, 1);
+   static double odd[STEPS * PATHS];
+
+   options.compensated = 1;
+   options.save_every = 1;
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(a.low_q[0] != 0 || a.low_q[1] != 0);
+   first = rest = options;
+   first.steps = 17; /* odd: the rest begins with the second step of a pair */
+   rest.first_step = 17;
+   rest.steps = STEPS - 17;
+   OK(symsde_simulate(model, scheme, &first, &input, &parts, NULL, &error));
+   static double q[PATHS], p[PATHS], low_q[PATHS], low_p[PATHS];
+   memcpy(q, b.last_q, sizeof q);
+   memcpy(p, b.last_p, sizeof p);
+   memcpy(low_q, b.low_q, sizeof q);
+   memcpy(low_p, b.low_p, sizeof p);
+   input = some_input(q, p);
+   input.q0_paths = input.p0_paths = PATHS;
+   input.q0_low = low_q;
+   input.p0_low = low_p;
+   OK(symsde_simulate(model, scheme, &rest, &input, &parts, NULL, &error));
+   CHECK(memcmp(a.q + 17 * PATHS, b.q, sizeof(double) * (STEPS - 16) * PATHS) == 0);
+   CHECK(memcmp(a.low_p, b.low_p, sizeof a.low_p) == 0 && b.t[0] == a.t[17] && b.t[1] == a.t[18]);
+   OK(symsde_increments(model, &options, dw, &error));
+   OK(symsde_increments(model, &rest, odd, &error));
+   CHECK(memcmp(dw + 17 * PATHS, odd, sizeof(double) * (STEPS - 17) * PATHS) == 0);
+   /* fewer paths, from another first one */
+   rest = options;
+   rest.first_path = 290;
+   rest.paths = 10;
+   OK(symsde_increments(model, &rest, odd, &error));
+   CHECK(odd[0] == dw[290] && odd[9] == dw[299] && odd[10 * (STEPS - 1)] == dw[PATHS * (STEPS - 1) + 290]);
+   input.q0_paths = 7;
+   EXPECT(SYMSDE_WRONG_SHAPE, "7|300", symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
+static int observe(int nlane, int ndof, double t, const double *q, const double *p, double *values, void *user) {
+   (void)ndof;
+   for (int i = 0; i < nlane; i++) {
+      values[i] = q[i] * p[i];
+      values[nlane + i] = t;
+   }
+   return user != NULL && t > *(const double *)user ? 23 : 0;
+}
+
+static void test_moments(void) {
+   enum { NVALUE = 2 + 1 + 2 };
+   static double t[NTIME], mean[NTIME * NVALUE], variance[NTIME * NVALUE], se[NTIME * NVALUE];
+   static int64_t n_ok[NTIME];
+   const double limit = 3;
+   pendulum_user user = {0.3, INFINITY, 0.0};
+   symsde_model model = new_pendulum(&user);
+   symsde_scheme scheme = new_scheme("stormer_verlet");
+   symsde_options options = some_options();
+   symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_report report;
+   symsde_moments *m = malloc(sizeof *m);
+   double sum = 0, squares = 0, energy = 0;
+
+   symsde_report_init(&report);
+   symsde_moments_init(m);
+   m->t = t;
+   m->n_ok = n_ok;
+   m->mean = mean;
+   m->variance = variance;
+   m->se_mean = se;
+   m->nobservable = 2;
+   m->observables = observe;
+   OK(symsde_compute_moments(model, scheme, &options, &input, m, &report, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   const double *q = a.q + (NTIME - 1) * PATHS, *p = a.p + (NTIME - 1) * PATHS, *last = mean + (NTIME - 1) * NVALUE;
+   for (int i = 0; i < PATHS; i++) {
+      sum += q[i] / PATHS;
+      energy += (0.5 * p[i] * p[i] - cos(q[i])) / PATHS;
+   }
+   for (int i = 0; i < PATHS; i++) {
+      squares += (q[i] - sum) * (q[i] - sum) / (PATHS - 1);
+   }
+   CHECK(fabs(last[0] - sum) < 1e-14 && fabs(last[2] - energy) < 1e-14 && last[4] == t[NTIME - 1]);
+   CHECK(fabs(variance[(NTIME - 1) * NVALUE] - squares) < 1e-13 && n_ok[NTIME - 1] == PATHS && t[0] == 2);
+   CHECK(fabs(se[(NTIME - 1) * NVALUE] - sqrt(squares / PATHS)) < 1e-13 && variance[4] == 0);
+   CHECK(m->nfailed_listed == 0 && report.status == 0 && mean[0] == 1 && mean[3] == 0);
+
+   m->observables_user = (void *)&limit;
+   EXPECT(SYMSDE_CALLBACK_FAILED, "23", symsde_compute_moments(model, scheme, &options, &input, m, &report, &error));
+   CHECK(report.status == SYMSDE_CALLBACK_FAILED);
+   m->observables = NULL;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "observables is NULL",
+          symsde_compute_moments(model, scheme, &options, &input, m, &report, &error));
+   m->nobservable = -1;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nobservable = -1",
+          symsde_compute_moments(model, scheme, &options, &input, m, &report, &error));
+   m->nobservable = 0;
+   m->se_mean = NULL;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "se_mean is NULL",
+          symsde_compute_moments(model, scheme, &options, &input, m, &report, &error));
+   m->se_mean = se;
+   options.first_path = 100;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "256", symsde_compute_moments(model, scheme, &options, &input, m, NULL, &error));
+   options = some_options();
+   options.steps = (int64_t)1 << 44;
+   options.save_every = 1;
+   EXPECT(SYMSDE_OUT_OF_MEMORY, "save_every", symsde_compute_moments(model, scheme, &options, &input, m, NULL, &error));
+   m->struct_size = 0;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "symsde_moments_init first",
+          symsde_compute_moments(model, scheme, &options, &input, m, NULL, &error));
+   free(m);
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
+/* a force that has no value left of -1.2 */
+static int cliff_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                          double *hq, double *hp, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)user;
+   for (int i = 0; i < nlane; i++) {
+      if (hq != NULL) {
+         hq[i] = w[i] * sqrt(q[i] + 1.2) + w[nlane + i];
+      }
+      if (hp != NULL) {
+         hp[i] = w[i] * p[i];
+      }
+   }
+   return 0;
+}
+
+static void test_failed_paths(void) {
+   static double t[NTIME], mean[NTIME * 2], variance[NTIME * 2], se[NTIME * 2];
+   static int64_t n_ok[NTIME];
+   symsde_traits traits = pendulum_traits();
+   symsde_model model = NULL;
+   symsde_scheme scheme = new_scheme("symplectic_euler");
+   symsde_options options = some_options();
+   symsde_input input = some_input(&zero, &zero);
+   symsde_paths paths = paths_in(&a, 1);
+   symsde_report report;
+   symsde_moments *m = malloc(sizeof *m);
+   int64_t nfailed = 0, first_failed = -1;
+
+   traits.additive = 1;
+   OK(symsde_model_new("cliff", &traits, cliff_gradient, NULL, NULL, NULL, NULL, &model, &error));
+   symsde_report_init(&report);
+   EXPECT(SYMSDE_PATHS_FAILED, "paths failed|smaller step",
+          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   for (int i = 0; i < PATHS; i++) {
+      if (a.status[i] != 0) {
+         nfailed++;
+         first_failed = first_failed < 0 ? i : first_failed;
+      }
+   }
+   CHECK(nfailed > 0 && nfailed < PATHS && report.failed == nfailed && report.status == SYMSDE_PATHS_FAILED);
+   CHECK(a.status[first_failed] == SYMSDE_NONFINITE && a.failed_step[first_failed] >= 0);
+   CHECK(isnan(a.q[(NTIME - 1) * PATHS + first_failed]) && isfinite(a.last_q[first_failed]));
+
+   symsde_moments_init(m);
+   m->t = t;
+   m->n_ok = n_ok;
+   m->mean = mean;
+   m->variance = variance;
+   m->se_mean = se;
+   EXPECT(SYMSDE_PATHS_FAILED, "paths failed",
+          symsde_compute_moments(model, scheme, &options, &input, m, &report, &error));
+   CHECK(m->nfailed_listed == nfailed && m->failed[0] == first_failed && n_ok[NTIME - 1] == PATHS - nfailed);
+   CHECK(m->failed_status[0] == SYMSDE_NONFINITE && m->failed_step[0] == a.failed_step[first_failed]);
+   CHECK(n_ok[0] == PATHS && isfinite(mean[(NTIME - 1) * 2]));
+   free(m);
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
+typedef struct progress_user {
+   int calls, stop;
+   int64_t done, total;
+} progress_user;
+
+static int on_progress(int64_t done, int64_t total, void *user) {
+   progress_user *u = user;
+   u->calls++;
+   u->done = done;
+   u->total = total;
+   return u->stop;
+}
+
+static void test_stop_and_refusing_callback(void) {
+   pendulum_user user = {0.3, INFINITY, 0.0};
+   symsde_model model = new_pendulum(&user);
+   symsde_scheme scheme = new_scheme("midpoint");
+   symsde_options options = some_options();
+   symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 1);
+   symsde_report report;
+   progress_user progress = {0, 0, 0, 0};
+
+   symsde_report_init(&report);
+   options.threads = 1; /* else another thread may do all the blocks, and only the caller's asks */
+   input.progress = on_progress;
+   input.progress_user = &progress;
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   CHECK(progress.calls >= 1 && progress.total == STEPS * PATHS && progress.done > 0);
+   progress.stop = 1;
+   EXPECT(SYMSDE_STOPPED, "stopped on request|300",
+          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   CHECK(report.status == SYMSDE_STOPPED && report.stopped == PATHS && a.status[PATHS - 1] == SYMSDE_STOPPED);
+   CHECK(isnan(a.q[(NTIME - 1) * PATHS]) && isfinite(a.last_q[0]) && a.q[0] == 1);
+
+   input.progress = NULL;
+   user.refuse_after = 3;
+   EXPECT(SYMSDE_CALLBACK_FAILED, "17", symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   CHECK(report.status == SYMSDE_CALLBACK_FAILED && isnan(a.q[(NTIME - 1) * PATHS]) && a.q[0] == 1);
+   user.refuse_after = INFINITY;
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error)); /* forgotten */
+   user.wrong = 1;
+   EXPECT(SYMSDE_FALSE_TRAIT, "own pendulum",
+          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
+static void test_diagnostics(void) {
+   static double defect[PATHS], action[STEPS * PATHS], residual[4 * PATHS], q[(STEPS + 1) * PATHS];
+   static double p[(STEPS + 1) * PATHS];
+   symsde_model model = new_kubo(), pendulum = NULL;
+   symsde_scheme midpoint = new_scheme("midpoint"), heun = new_scheme("heun");
+   symsde_options options = some_options();
+   symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 0);
+   double worst = 0, largest = 0;
+
+   options.save_every = 1;
+   OK(symsde_simulate(model, midpoint, &options, &input, &paths, NULL, &error));
+   OK(symsde_increments(model, &options, dw, &error));
+   OK(symsde_symplecticity(model, midpoint, &options, PATHS, a.q, a.p, dw, defect, &error));
+   for (int i = 0; i < PATHS; i++) {
+      worst = fmax(worst, defect[i]);
+   }
+   CHECK(worst < 1e-12);
+   OK(symsde_symplecticity(model, heun, &options, PATHS, a.q, a.p, dw, defect, &error));
+   CHECK(defect[0] > 1e-12 && defect[PATHS - 1] > 1e-12);
+
+   OK(symsde_discrete_action(model, midpoint, &options, a.q, a.p, dw, action, &error));
+   worst = 0;
+   for (int i = 0; i < STEPS * PATHS; i++) {
+      const double qm = 0.5 * (a.q[i] + a.q[i + PATHS]), pm = 0.5 * (a.p[i] + a.p[i + PATHS]);
+      const double own = pm * (a.q[i + PATHS] - a.q[i]) - (0.1 + 0.3 * dw[i]) * 0.5 * (qm * qm + pm * pm);
+      worst = fmax(worst, fabs(action[i] - own));
+   }
+   CHECK(worst < 1e-13);
+   OK(symsde_euler_lagrange_residual(model, midpoint, &options, a.q, a.p, dw, residual, &error));
+   for (int i = 0; i < 4 * PATHS; i++) {
+      largest = fmax(largest, residual[i]);
+   }
+   CHECK(largest < 1e-12);
+
+   /* kubo turns by a t + sigma W */
+   OK(symsde_exact_solution(model, &options, &input, q, p, &error));
+   double w = 0;
+   worst = 0;
+   for (int n = 0; n < STEPS; n++) {
+      w += dw[n * PATHS + 5];
+      worst = fmax(worst, fabs(q[(n + 1) * PATHS + 5] - cos(0.1 * (n + 1) + 0.3 * w)));
+      worst = fmax(worst, fabs(p[(n + 1) * PATHS + 5] + sin(0.1 * (n + 1) + 0.3 * w)));
+   }
+   CHECK(worst < 1e-13);
+
+   OK(symsde_model_get("pendulum", 0, NULL, NULL, &pendulum, &error));
+   CHECK(symsde_exact_solution(pendulum, &options, &input, q, p, &error) < 0 && error.message[0] != 0);
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "defect is NULL",
+          symsde_symplecticity(model, midpoint, &options, PATHS, a.q, a.p, dw, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "npoint = 0",
+          symsde_symplecticity(model, midpoint, &options, 0, a.q, a.p, dw, defect, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "dw is NULL",
+          symsde_discrete_action(model, midpoint, &options, a.q, a.p, NULL, action, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "scheme",
+          symsde_euler_lagrange_residual(model, NULL, &options, a.q, a.p, dw, residual, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "p is NULL", symsde_exact_solution(model, &options, &input, q, NULL, &error));
+   symsde_model_delete(&model);
+   symsde_model_delete(&pendulum);
+   symsde_scheme_delete(&midpoint);
+   symsde_scheme_delete(&heun);
+}
+
+/* every misuse of a run, each named */
+static void test_misuse(void) {
+   symsde_model model = new_kubo();
+   symsde_scheme scheme = new_scheme("midpoint");
+   symsde_options good = some_options(), options = good;
+   symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_report report;
+   const double nan_value = NAN;
+
+#define REFUSE(status, words)                                                                                          \
+   EXPECT(status, words, symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error))
+#define OPTION(member, value, status, words)                                                                           \
+   options = good;                                                                                                     \
+   options.member = value;                                                                                             \
+   REFUSE(status, words)
+   OPTION(step, 0, SYMSDE_INVALID_ARGUMENT, "step");
+   OPTION(step, NAN, SYMSDE_INVALID_ARGUMENT, "step");
+   OPTION(t0, INFINITY, SYMSDE_INVALID_ARGUMENT, "t0");
+   OPTION(steps, -4, SYMSDE_INVALID_ARGUMENT, "steps = -4");
+   OPTION(steps, 42, SYMSDE_INVALID_ARGUMENT, "42|multiple|save_every");
+   OPTION(save_every, 0, SYMSDE_INVALID_ARGUMENT, "save_every");
+   OPTION(paths, 0, SYMSDE_INVALID_ARGUMENT, "paths = 0");
+   OPTION(paths, INT64_MAX, SYMSDE_TOO_LARGE, "paths");
+   OPTION(steps, (int64_t)4 << 50, SYMSDE_TOO_LARGE, "steps");
+   OPTION(first_step, -1, SYMSDE_INVALID_ARGUMENT, "first_step");
+   OPTION(lanes, 12, SYMSDE_INVALID_ARGUMENT, "multiple of 8");
+   OPTION(threads, -1, SYMSDE_INVALID_ARGUMENT, "threads");
+   OPTION(refine, 31, SYMSDE_INVALID_ARGUMENT, "refine = 31");
+   OPTION(correction, 9, SYMSDE_INVALID_ARGUMENT, "correction");
+   OPTION(correction, SYMSDE_CORRECTION_MEAN, SYMSDE_INCOMPATIBLE, "midpoint|correction");
+   OPTION(max_iter, 0, SYMSDE_INVALID_ARGUMENT, "");
+   OPTION(struct_size, 0, SYMSDE_INVALID_ARGUMENT, "symsde_options_init first");
+   OPTION(struct_size, sizeof options + 8, SYMSDE_INVALID_ARGUMENT, "symsde_options_init first|header");
+   options = good;
+   options.steps = (int64_t)1 << 46;
+   options.paths = (int64_t)1 << 30;
+   options.save_every = 1;
+   REFUSE(SYMSDE_TOO_LARGE, "q has");
+   options = good;
+   input.q0 = NULL;
+   REFUSE(SYMSDE_INVALID_ARGUMENT, "q0 is NULL");
+   input = some_input(&one, &nan_value);
+   REFUSE(SYMSDE_INVALID_ARGUMENT, "finite");
+   input = some_input(&one, &zero);
+   input.p0_paths = -1;
+   REFUSE(SYMSDE_WRONG_SHAPE, "p0|negative");
+   input.p0_paths = 0;
+   REFUSE(SYMSDE_WRONG_SHAPE, "300");
+   input = some_input(&one, &zero);
+   input.struct_size = 0;
+   REFUSE(SYMSDE_INVALID_ARGUMENT, "symsde_input_init first");
+   input = some_input(&one, &zero);
+   paths.failed_step = NULL;
+   REFUSE(SYMSDE_INVALID_ARGUMENT, "failed_step is NULL");
+   paths = paths_in(&a, 0);
+   paths.struct_size = 0;
+   REFUSE(SYMSDE_INVALID_ARGUMENT, "symsde_paths_init first");
+   paths = paths_in(&a, 0);
+   report.struct_size = 0;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "symsde_report_init first",
+          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_simulate(NULL, scheme, &options, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "scheme", symsde_simulate(model, NULL, &options, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL",
+          symsde_simulate(model, scheme, NULL, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "input is NULL",
+          symsde_simulate(model, scheme, &options, NULL, &paths, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "paths is NULL",
+          symsde_simulate(model, scheme, &options, &input, NULL, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "dw is NULL", symsde_increments(model, &options, NULL, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_increments(NULL, &options, dw, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL", symsde_increments(model, NULL, dw, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error)); /* and it still works */
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
+int main(void) {
+   test_simulate();
+   test_resume();
+   test_moments();
+   test_failed_paths();
+   test_stop_and_refusing_callback();
+   test_diagnostics();
+   test_misuse();
+   return close_report();
+}
