@@ -1,0 +1,104 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Limit program: the midpoint rule on the synchrotron, Newton in V = dp to stagnation.
+!>
+!> It calls the library's sine and cosine and does all the rest of an iteration in one pass over 256
+!> lanes; a lane that has converged is frozen. See synchrotron_fused.f90 for one pass altogether.
+module bench_limit_synchrotron
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_sincos, only: sincos_lanes
+   use symsde_noise_normal, only: normal_pairs
+   implicit none
+   private
+   public :: limit_synchrotron
+
+   integer(i4), parameter :: nlane = 256
+
+contains
+
+   !> nstep (even) steps of npath (a multiple of 256) paths from (1, 0); final states on return.
+   subroutine limit_synchrotron(npath, nstep, seed, h, omega, sigma1, sigma2, q, p)
+      integer(i8), intent(in) :: npath, nstep, seed
+      real(wp), intent(in) :: h, omega, sigma1, sigma2
+      real(wp), intent(out) :: q(npath), p(npath)
+      real(wp) :: dw1(nlane, 0:1), dw2(nlane, 0:1)
+      integer(i8) :: path(nlane), first, step
+      integer(i4) :: lane, half
+
+      q = 1
+      p = 0
+      do first = 0, npath - 1, nlane
+         path = [(first + lane, lane=0, nlane - 1)]
+         do step = 0, nstep - 1
+            half = int(mod(step, 2_i8))
+            if (half == 0) then
+               call normal_pairs(nlane, seed, path, step/2, 1, 0, 0, dw1(:, 0), dw1(:, 1))
+               call normal_pairs(nlane, seed, path, step/2, 2, 0, 0, dw2(:, 0), dw2(:, 1))
+            end if
+            call one_step(h, omega**2, sigma1*sqrt(h), sigma2*sqrt(h), dw1(:, half), dw2(:, half), &
+                          q(first + 1), p(first + 1))
+         end do
+      end do
+   end subroutine limit_synchrotron
+
+   subroutine one_step(h, omega2, sigma1, sigma2, dw1, dw2, q, p)
+      real(wp), intent(in) :: h, omega2, sigma1, sigma2, dw1(nlane), dw2(nlane)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      real(wp) :: x(nlane), v(nlane), last(nlane), sine(nlane), cosine(nlane)
+      integer(i8) :: nrunning
+      integer(i4) :: lane
+
+      do lane = 1, nlane
+         x(lane) = q(lane) + 0.5_wp*h*p(lane)
+         v(lane) = 0
+         last(lane) = huge(1.0_wp)
+      end do
+      nrunning = nlane
+      do while (nrunning > 0)
+         call sincos_lanes(nlane, x, sine, cosine)
+         call iterate(h, omega2, sigma1, sigma2, dw1, dw2, q, p, sine, cosine, x, v, last, nrunning)
+      end do
+      do lane = 1, nlane
+         q(lane) = q(lane) + h*(p(lane) + 0.5_wp*v(lane))
+         p(lane) = p(lane) + v(lane)
+      end do
+   end subroutine one_step
+
+   pure subroutine iterate(h, omega2, sigma1, sigma2, dw1, dw2, q, p, &
+                           sine, cosine, x, v, last, nrunning)
+      real(wp), intent(in) :: h, omega2, sigma1, sigma2, dw1(nlane), dw2(nlane), q(nlane), p(nlane)
+      real(wp), intent(in) :: sine(nlane), cosine(nlane)
+      real(wp), intent(inout) :: x(nlane), v(nlane), last(nlane)
+      integer(i8), intent(out) :: nrunning
+      real(wp) :: a, b, d, next
+      integer(i4) :: lane
+
+      nrunning = 0
+      do lane = 1, nlane
+         a = omega2*h + sigma2*dw2(lane)
+         b = sigma1*dw1(lane)
+         d = (v(lane) + (a*sine(lane) + b*cosine(lane)))/ &
+             (1 + 0.25_wp*h*(a*cosine(lane) - b*sine(lane)))
+         next = merge(v(lane) - d, v(lane), last(lane) >= 0)
+         v(lane) = next
+         x(lane) = q(lane) + 0.5_wp*h*p(lane) + 0.25_wp*h*next
+         next = next_size(abs(d), abs(next), last(lane))
+         last(lane) = next
+         nrunning = nrunning + merge(1_i8, 0_i8, next >= 0)
+      end do
+   end subroutine iterate
+
+   !> Size of the correction where the lane goes on, negative where it is done: the library's test
+   !> of stagnation, without that of failures.
+   pure function next_size(d, size, last) result(next)
+      real(wp), intent(in) :: d, size, last
+      real(wp) :: next, limit
+
+      limit = 0.25_wp*epsilon(1.0_wp)*size
+      next = merge(-1.0_wp, d, d <= limit)
+      next = merge(-1.0_wp, next, d <= 2.0_wp**(-13)*last .and. 2.0_wp**(-13)*d <= limit)
+      next = merge(-1.0_wp, next, d <= 2.0_wp**(-26)*last .and. 2.0_wp**(-26)*d <= limit)
+      next = merge(-1.0_wp, next, d >= last .and. d <= 1e-10_wp*size)
+      next = merge(next, last, last >= 0)
+   end function next_size
+
+end module bench_limit_synchrotron
