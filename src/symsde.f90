@@ -3,7 +3,8 @@
 !>
 !>    dp = -H_q dt - sum_k H_{k,q} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k     (Stratonovich)
 !>
-!> What a program uses, from one module. Nothing is defined here.
+!> What a program uses, from one module. Nothing is defined here; names too short to share a scope with a
+!> user's own get a prefix.
 !>
 !>    use symsde
 !>    type(kubo_model) :: model
@@ -18,11 +19,16 @@
 module symsde
    ! kinds, errors, traits
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_base_status, only: error_type, raise, status_text
-   use symsde_base_status, only: status_ok, invalid_argument, incompatible, unknown_name, wrong_shape, too_large, &
-                                 false_trait, null_handle, out_of_memory, missing_operation
-   use symsde_base_status, only: not_converged, singular, nonfinite, callback_failed, stopped, paths_failed
-   use symsde_base_traits, only: model_traits, dense
+   use symsde_base_status, only: error_type, status_text, status_ok
+   use symsde_base_status, only: status_invalid_argument => invalid_argument, status_incompatible => incompatible
+   use symsde_base_status, only: status_unknown_name => unknown_name, status_wrong_shape => wrong_shape
+   use symsde_base_status, only: status_too_large => too_large, status_false_trait => false_trait
+   use symsde_base_status, only: status_null_handle => null_handle, status_out_of_memory => out_of_memory
+   use symsde_base_status, only: status_missing_operation => missing_operation, status_not_converged => not_converged
+   use symsde_base_status, only: status_singular => singular, status_nonfinite => nonfinite
+   use symsde_base_status, only: status_callback_failed => callback_failed, status_stopped => stopped
+   use symsde_base_status, only: status_paths_failed => paths_failed
+   use symsde_base_traits, only: model_traits, dense_hessian => dense
    use symsde_base_version, only: library_version
    ! models: the type to extend, the built-in ones, one by name, one from C functions
    use symsde_model_abstract, only: model_type
@@ -55,7 +61,7 @@ module symsde
    ! diagnostics
    use symsde_diagnose_action, only: discrete_action, action_gradient, euler_lagrange_residual
    use symsde_diagnose_exact, only: exact_solution
-   use symsde_diagnose_invariants, only: invariant_drift, quadratic_invariant, energy
+   use symsde_diagnose_invariants, only: invariant_drift, quadratic_invariant
    use symsde_diagnose_symplecticity, only: symplecticity_defect, tangent_map
    implicit none
    public
