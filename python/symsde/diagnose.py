@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from . import _abi, _checks
+from . import _checks
 from ._checks import address
 from ._setup import Setup, make_options
 from .errors import IncompatibleError, WrongShapeError, WrongTypeError
@@ -133,15 +133,11 @@ def _examine(name: str, run: Run, values: np.ndarray) -> None:
         raise IncompatibleError(
             f"the run has save_every = {setup.options.save_every}: this needs every step, simulate with save_every = 1"
         )
-    options = _abi.Options.from_buffer_copy(setup.options)
-    options.refine = 0  # the increments are those of whole steps
     shape = (setup.ntime, setup.model.ndof, setup.paths)
     arrays = (*(_states(x, shape) for x in (run.q, run.p)), driving_increments(run), values)
     setup.model.call(
         name,
-        setup.model._handle.pointer,
-        setup.scheme._handle.pointer,
-        ctypes.byref(options),
+        *setup.handles(),
         *(address(x) for x in arrays),
         also=(setup.scheme,),
     )
