@@ -6,12 +6,17 @@
 !>              refine = l equal, bit for bit, the sums of two at step h/2 and refine = l-1
 !> refine = -l  the increments at step 2^l h, halved l times by the Brownian bridge, so that a run can be
 !>              repeated at half its step on the same path: W_1 = W/2 + sqrt(H)/2 xi, W_2 = W - W_1
+!>
+!> Increments of a discrete law are sums of discrete draws at refine > 0, and have no bridge.
 module symsde_noise_brownian
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_status, only: error_type, raise, invalid_argument
+   use symsde_base_laws, only: law_gaussian, law_text
+   use symsde_base_status, only: error_type, raise, invalid_argument, incompatible
    use symsde_base_text, only: to_text
+   use symsde_noise_discrete, only: discrete_pairs
+   use symsde_noise_integrals, only: integral_draws, step_integrals, fill_pair
    use symsde_noise_normal, only: normal_pairs
-   use symsde_noise_source, only: noise_type, clip_lanes
+   use symsde_noise_source, only: noise_type, clip_lanes, clip_integrals
    implicit none
    private
    public :: brownian_noise, new_brownian_noise
@@ -25,14 +30,17 @@ module symsde_noise_brownian
       integer(i8) :: seed = 0
       integer :: refine = 0
       real(wp) :: h = 0   !! step size of the run [time]
+      real(wp) :: signed_h = 0
+      integer :: law = law_gaussian
    contains
       procedure :: fill => fill_brownian
+      procedure :: fill_integrals => fill_brownian_integrals
    end type brownian_noise
 
 contains
 
    !> A Brownian source for a run with step h.
-   subroutine new_brownian_noise(self, nnoise, seed, h, refine, silent, error)
+   subroutine new_brownian_noise(self, nnoise, seed, h, refine, silent, error, law)
       type(brownian_noise), intent(out) :: self
       integer, intent(in) :: nnoise       !! m
       integer(i8), intent(in) :: seed     !! all 64 bits are the key of the generator
@@ -40,7 +48,15 @@ contains
       integer, intent(in) :: refine       !! levels finer (> 0) or coarser (< 0) than one draw a step
       logical, intent(in) :: silent(:)    !! noises for which nothing is drawn (nnoise)
       type(error_type), allocatable, intent(inout) :: error
+      integer, intent(in), optional :: law !! of base/laws; Gaussian if absent
 
+      if (present(law)) self%law = law
+      if (self%law /= law_gaussian .and. refine < 0) then
+         call raise(error, incompatible, 'new_brownian_noise', 'refine = '//to_text(refine)// &
+                    ' halves Gaussian increments, and these are '//law_text(self%law)// &
+                    ': give refine >= 0, or a scheme with Gaussian increments')
+         return
+      end if
       if (abs(refine) > max_refine) then
          call raise(error, invalid_argument, 'new_brownian_noise', 'refine = '//to_text(refine)// &
                     ' is out of range: give an integer between -'//to_text(max_refine)//' and '// &
@@ -50,6 +66,7 @@ contains
       self%nnoise = nnoise
       self%seed = seed
       self%h = abs(h)
+      self%signed_h = h
       self%refine = refine
       self%silent = silent
    end subroutine new_brownian_noise
@@ -83,6 +100,31 @@ contains
       end do
    end subroutine fill_brownian
 
+   !> The same draws with dZ and areas of the path they belong to.
+   subroutine fill_brownian_integrals(self, nlane, path, pair, w, z, area, drawn)
+      class(brownian_noise), intent(in) :: self
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:1)
+      real(wp), intent(inout) :: z(nlane, self%nz, 0:1), area(nlane, self%narea, 0:1)
+      integer(i8), intent(inout) :: drawn
+      type(integral_draws) :: draws
+      type(step_integrals) :: steps(0:1)
+      integer :: half
+
+      draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, &
+                             self%needs_dz, self%needs_areas)
+      call fill_pair(draws, nlane, path, pair, steps(0), steps(1), drawn)
+      do half = 0, 1
+         w(:, 1:, half) = steps(half)%w
+         z(:, :, half) = steps(half)%z
+         area(:, :, half) = steps(half)%a
+         if (self%bound < huge(1.0_wp)) &
+            call clip_integrals(nlane, self%nnoise, self%nz, self%narea, self%bound, self%signed_h, &
+                                w(:, 1:, half), z(:, :, half), area(:, :, half))
+      end do
+   end subroutine fill_brownian_integrals
+
    !> Two scaled normals a lane; level 0 are the increments at the finest step, level d the bridge's.
    subroutine draw(self, nlane, path, pair, k, level, scale, even, odd, drawn)
       class(brownian_noise), intent(in) :: self
@@ -93,8 +135,12 @@ contains
       integer(i8), intent(inout) :: drawn
       integer :: lane
 
-      call normal_pairs(nlane, self%seed, path, pair, k, level, &
-                        merge(purpose_increment, purpose_bridge, level == 0), even, odd)
+      if (self%law == law_gaussian) then
+         call normal_pairs(nlane, self%seed, path, pair, k, level, &
+                           merge(purpose_increment, purpose_bridge, level == 0), even, odd)
+      else
+         call discrete_pairs(nlane, self%seed, path, pair, k, self%law, even, odd)
+      end if
       do lane = 1, nlane
          even(lane) = scale*even(lane)
          odd(lane) = scale*odd(lane)

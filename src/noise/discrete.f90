@@ -1,0 +1,49 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Increments with two or three values, which serve weak schemes and bound the noise of a step.
+!>
+!>    three-point   +-sqrt(3) with probability 1/6 each, else 0     moments of a normal up to the fifth
+!>    two-point     +-1 with probability 1/2 each                   up to the third
+module symsde_noise_discrete
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_laws, only: law_three_point
+   use symsde_noise_normal, only: uniform_open_lanes
+   use symsde_noise_philox, only: philox_lanes
+   implicit none
+   private
+   public :: discrete_pairs
+
+   integer, parameter :: purpose_discrete = 6  !! counter word of these draws
+
+contains
+
+   !> Two independent draws of mean 0 and variance 1 a lane, in the place of two normals.
+   subroutine discrete_pairs(nlane, seed, path, pair, noise, law, even, odd)
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: seed, path(nlane), pair  !! as in normal_pairs
+      integer, intent(in) :: noise
+      integer, intent(in) :: law                          !! law_three_point or law_two_point
+      real(wp), intent(out) :: even(nlane), odd(nlane)
+      integer(i8) :: words(nlane, 4)
+
+      call philox_lanes(nlane, seed, path, pair, noise, 0, purpose_discrete, words)
+      call uniform_open_lanes(nlane, words, even, odd)
+      call to_values(nlane, law == law_three_point, even)
+      call to_values(nlane, law == law_three_point, odd)
+   end subroutine discrete_pairs
+
+   !> Uniforms on (0,1) to the values of the law.
+   pure subroutine to_values(nlane, three, u)
+      integer, intent(in) :: nlane
+      logical, intent(in) :: three
+      real(wp), intent(inout) :: u(nlane)
+      real(wp) :: edge, size
+      integer :: lane
+
+      edge = merge(1.0_wp/6, 0.5_wp, three)
+      size = merge(sqrt(3.0_wp), 1.0_wp, three)
+      do lane = 1, nlane
+         u(lane) = merge(size, 0.0_wp, u(lane) > 1 - edge) - merge(size, 0.0_wp, u(lane) < edge)
+      end do
+   end subroutine to_values
+
+end module symsde_noise_discrete

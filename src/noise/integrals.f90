@@ -1,0 +1,358 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Increments of a step together with its dZ and its areas, all of one and the same Brownian path.
+!>
+!>    dZ_k = int_t^{t+h} (W_k(s) - W_k(t)) ds = h (dW_k/2 + H_k),   H_k ~ N(0, |h|/12) independent of dW_k
+!>    A_kl = 1/2 int_t^{t+h} (W_k o dW_l - W_l o dW_k),  k < l,     W from the start of the step
+!>
+!> An area is the sum over 2^n sub-increments of the step, n so large that its mean-square error is at
+!> most |h|^3 (time in units of the model): |h|^2/(4 2^n) <= |h|^3, or with H known at each of them
+!> |h|^2/(12 2^n) <= |h|^3. The sub-increments are halvings of dW (of dW and H where dZ is asked for):
+!>
+!>    W only    W_1 = W/2 + B,            W_2 = W - W_1,          B ~ N(0, |h|/4)
+!>    (W,H)     W_1 = W/2 + 3/2 H + Z,    W_2 = W - W_1,          Z ~ N(0, |h|/16)
+!>              H_1 = H/4 - Z/2 + N/2,    H_2 = H/4 - Z/2 - N/2,  N ~ N(0, |h|/12)
+!>
+!> and neighbouring intervals merge by
+!>
+!>    dW = dW_1 + dW_2,  dZ = dZ_1 + dZ_2 + h_2 dW_1,  A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
+!>
+!> refine = l > 0: 2^l finer steps, merged as a balanced binary tree; dW has the bits of the source that
+!> makes only dW, and dZ and areas at refine = l are, bit for bit, what those of h/2 and l-1 merge to.
+!> refine = -l: the coarse step halved l times. Where dZ is asked for, its dW are those of the (W,H)
+!> halving, not of the W-only one: a run is halved on the path of the same scheme. The halvings of a
+!> run at refine = -l are the sub-increments of the areas at refine = 0: one path.
+module symsde_noise_integrals
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_laws, only: area_count, area_index
+   use symsde_noise_normal, only: normal_pairs
+   implicit none
+   private
+   public :: integral_draws, step_integrals, merge_steps, area_levels, fill_pair
+
+   integer, parameter, public :: max_area_levels = 20  !! 2^20 sub-increments of a step
+
+   ! counter words; 2 is the oscillator's
+   integer, parameter :: purpose_increment = 0  !! dW at the finest step
+   integer, parameter :: purpose_bridge = 1     !! B of the halving of W alone
+   integer, parameter :: purpose_shape = 3      !! H at the finest step
+   integer, parameter :: purpose_halving = 4    !! Z of the halving of (W,H)
+   integer, parameter :: purpose_halves = 5     !! N of the same
+
+   !> What the draws of a run are a function of.
+   type :: integral_draws
+      integer :: nnoise = 0
+      integer(i8) :: seed = 0
+      real(wp) :: h = 0                    !! step of the run, with its sign [time]
+      integer :: refine = 0
+      logical, allocatable :: silent(:)    !! noises for which nothing is drawn (nnoise)
+      logical :: dz = .false., areas = .false.
+   end type integral_draws
+
+   !> One interval of the path in every lane.
+   type :: step_integrals
+      real(wp) :: length = 0               !! with its sign [time]
+      real(wp), allocatable :: w(:, :)     !! dW_k (nlane, nnoise)
+      real(wp), allocatable :: z(:, :)     !! dZ_k (nlane, nnoise), or of extent 0
+      real(wp), allocatable :: a(:, :)     !! A_kl at area_index(k,l) (nlane, nnoise(nnoise-1)/2), or 0
+   end type step_integrals
+
+contains
+
+   !> n, the number of halvings of a step whose areas are wanted.
+   pure integer function area_levels(h, with_shape)
+      real(wp), intent(in) :: h            !! step [time]
+      logical, intent(in) :: with_shape    !! H is known at each sub-increment
+      real(wp) :: parts
+
+      parts = 1/(merge(12.0_wp, 4.0_wp, with_shape)*abs(h))
+      area_levels = 0
+      do while (2.0_wp**area_levels < parts .and. area_levels < max_area_levels)
+         area_levels = area_levels + 1
+      end do
+   end function area_levels
+
+   !> The steps 2*pair and 2*pair+1 of the run.
+   subroutine fill_pair(d, nlane, path, pair, even, odd, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), pair
+      type(step_integrals), intent(out) :: even, odd
+      integer(i8), intent(inout) :: drawn
+
+      if (d%refine == 0) then
+         call finest_pair(d, nlane, path, pair, d%h, even, odd, drawn)
+      else if (d%refine > 0) then
+         call sum_tree(d, nlane, path, 2*pair, even, drawn)
+         call sum_tree(d, nlane, path, 2*pair + 1, odd, drawn)
+      else
+         call descend(d, nlane, path, 2*pair, even, drawn)
+         call descend(d, nlane, path, 2*pair + 1, odd, drawn)
+      end if
+   end subroutine fill_pair
+
+   !> One step as the balanced binary tree of 2^refine finer ones.
+   subroutine sum_tree(d, nlane, path, step, whole, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), step
+      type(step_integrals), intent(out) :: whole
+      integer(i8), intent(inout) :: drawn
+      type(step_integrals) :: partial(d%refine), even, odd, left
+      integer(i8) :: i, first, carry
+      integer :: level
+      real(wp) :: fine
+
+      fine = d%h/2.0_wp**d%refine
+      first = step*2_i8**(d%refine - 1)  ! pairs of draws
+      do i = 0, 2_i8**(d%refine - 1) - 1
+         call finest_pair(d, nlane, path, first + i, fine, even, odd, drawn)
+         call merge_steps(nlane, d%nnoise, even, odd, whole)
+         carry = i
+         level = 1
+         do while (mod(carry, 2_i8) == 1)  ! two complete sums of one size make one of the next
+            left = partial(level)
+            odd = whole
+            call merge_steps(nlane, d%nnoise, left, odd, whole)
+            carry = carry/2
+            level = level + 1
+         end do
+         if (level <= d%refine) partial(level) = whole
+      end do
+   end subroutine sum_tree
+
+   !> Two neighbouring intervals as one.
+   pure subroutine merge_steps(nlane, nnoise, left, right, whole)
+      integer, intent(in) :: nlane, nnoise
+      type(step_integrals), intent(in) :: left, right
+      type(step_integrals), intent(out) :: whole
+      integer :: k
+
+      whole%length = left%length + right%length
+      allocate (whole%w(nlane, nnoise))
+      allocate (whole%z(nlane, size(left%z, 2)), whole%a(nlane, size(left%a, 2)))
+      do k = 1, nnoise
+         whole%w(:, k) = left%w(:, k) + right%w(:, k)
+         if (size(left%z) > 0) &
+            whole%z(:, k) = (left%z(:, k) + right%z(:, k)) + right%length*left%w(:, k)
+      end do
+      if (size(left%a) > 0) &
+         call merge_areas(nlane, nnoise, left%w, right%w, left%a, right%a, whole%a)
+   end subroutine merge_steps
+
+   !> A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
+   pure subroutine merge_areas(nlane, nnoise, w1, w2, a1, a2, a)
+      integer, intent(in) :: nlane, nnoise
+      real(wp), intent(in) :: w1(nlane, nnoise), w2(nlane, nnoise)
+      real(wp), intent(in) :: a1(nlane, area_count(nnoise)), a2(nlane, area_count(nnoise))
+      real(wp), intent(out) :: a(nlane, area_count(nnoise))
+      integer :: k, l, kl, lane
+
+      do l = 2, nnoise
+         do k = 1, l - 1
+            kl = area_index(k, l)
+            do lane = 1, nlane
+               a(lane, kl) = (a1(lane, kl) + a2(lane, kl)) &
+                             + 0.5_wp*(w1(lane, k)*w2(lane, l) - w1(lane, l)*w2(lane, k))
+            end do
+         end do
+      end do
+   end subroutine merge_areas
+
+   !> The finest intervals 2*pair and 2*pair+1, of the given length.
+   subroutine finest_pair(d, nlane, path, pair, length, even, odd, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(in) :: length
+      type(step_integrals), intent(out) :: even, odd
+      integer(i8), intent(inout) :: drawn
+      real(wp), allocatable :: h1(:, :), h2(:, :), u1(:, :), u2(:, :), v1(:, :), v2(:, :)
+
+      allocate (even%w(nlane, d%nnoise), odd%w(nlane, d%nnoise))
+      allocate (h1(nlane, d%nnoise), h2(nlane, d%nnoise))
+      call draw(d, nlane, path, pair, 0, purpose_increment, sqrt(abs(length)), even%w, odd%w, drawn)
+      if (d%dz) call draw(d, nlane, path, pair, 0, purpose_shape, sqrt(abs(length)/12), h1, h2, drawn)
+      if (d%areas) call draw_halving(d, nlane, path, pair, 1, length, u1, u2, v1, v2, drawn)
+      call complete(d, nlane, path, 0, 2*pair, length, h1, u1, v1, even, drawn)
+      call complete(d, nlane, path, 0, 2*pair + 1, length, h2, u2, v2, odd, drawn)
+   end subroutine finest_pair
+
+   !> One step of a run at refine < 0: the coarse step that holds it, halved.
+   subroutine descend(d, nlane, path, step, interval, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), step
+      type(step_integrals), intent(out) :: interval
+      integer(i8), intent(inout) :: drawn
+      real(wp), allocatable, dimension(:, :) :: w, hh, w1, w2, h1, h2, u1, u2, v1, v2
+      integer(i8) :: parent
+      integer :: level, levels
+      real(wp) :: length
+
+      levels = -d%refine
+      length = d%h*2.0_wp**levels
+      parent = step/2_i8**levels
+      allocate (w(nlane, d%nnoise), w1(nlane, d%nnoise), w2(nlane, d%nnoise))
+      allocate (hh(nlane, d%nnoise), h1(nlane, d%nnoise), h2(nlane, d%nnoise))
+      call draw(d, nlane, path, parent/2, 0, purpose_increment, sqrt(abs(length)), w1, w2, drawn)
+      w = merge(w1, w2, mod(parent, 2_i8) == 0)
+      if (d%dz) then
+         call draw(d, nlane, path, parent/2, 0, purpose_shape, sqrt(abs(length)/12), h1, h2, drawn)
+         hh = merge(h1, h2, mod(parent, 2_i8) == 0)
+      end if
+      do level = 1, levels
+         parent = step/2_i8**(levels - level + 1)
+         call draw_halving(d, nlane, path, parent/2, level, length, u1, u2, v1, v2, drawn)
+         if (mod(parent, 2_i8) == 1) u1 = u2
+         if (mod(parent, 2_i8) == 1 .and. d%dz) v1 = v2
+         call halve(d%dz, nlane, d%nnoise, w, hh, u1, v1, w1, w2, h1, h2)
+         if (mod(step/2_i8**(levels - level), 2_i8) == 0) then
+            w = w1
+            if (d%dz) hh = h1
+         else
+            w = w2
+            if (d%dz) hh = h2
+         end if
+         length = length/2
+      end do
+      if (d%areas) call draw_halving(d, nlane, path, step/2, levels + 1, length, u1, u2, v1, v2, drawn)
+      if (d%areas .and. mod(step, 2_i8) == 1) then
+         u1 = u2
+         if (d%dz) v1 = v2
+      end if
+      interval%w = w
+      call complete(d, nlane, path, levels, step, length, hh, u1, v1, interval, drawn)
+   end subroutine descend
+
+   !> dZ and areas of an interval whose dW is there.
+   subroutine complete(d, nlane, path, level, index, length, hh, u, v, interval, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane, level                 !! halvings that led to this interval
+      integer(i8), intent(in) :: path(nlane), index       !! number of the interval among its like
+      real(wp), intent(in) :: length
+      real(wp), allocatable, intent(in) :: hh(:, :), u(:, :), v(:, :)
+      type(step_integrals), intent(inout) :: interval
+      integer(i8), intent(inout) :: drawn
+      integer :: last
+
+      interval%length = length
+      allocate (interval%z(nlane, merge(d%nnoise, 0, d%dz)))
+      allocate (interval%a(nlane, merge(area_count(d%nnoise), 0, d%areas)))
+      if (d%dz) interval%z = length*(0.5_wp*interval%w + hh)
+      if (.not. d%areas) return
+      last = level + area_levels(length, d%dz)
+      if (last > level) then
+         call area_of_halves(d, nlane, path, level + 1, last, index, length, interval%w, hh, u, v, &
+                             interval%a, drawn)
+      else
+         call area_of_leaf(d%dz, nlane, d%nnoise, interval%w, hh, interval%a)
+      end if
+   end subroutine complete
+
+   !> Areas of an interval from those of its halves, down to the last level.
+   recursive subroutine area_of_halves(d, nlane, path, level, last, index, length, w, hh, u, v, a, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      integer, intent(in) :: level, last                  !! of this halving, of the last ones
+      integer(i8), intent(in) :: path(nlane), index       !! number of the interval among its like
+      real(wp), intent(in) :: length, w(nlane, d%nnoise)
+      real(wp), allocatable, intent(in) :: hh(:, :), u(:, :), v(:, :)
+      real(wp), intent(out) :: a(nlane, area_count(d%nnoise))
+      integer(i8), intent(inout) :: drawn
+      real(wp), allocatable, dimension(:, :) :: w1, w2, h1, h2, u1, u2, v1, v2, a1, a2
+
+      allocate (w1(nlane, d%nnoise), w2(nlane, d%nnoise), h1(nlane, d%nnoise), h2(nlane, d%nnoise))
+      allocate (a1(nlane, area_count(d%nnoise)), a2(nlane, area_count(d%nnoise)))
+      call halve(d%dz, nlane, d%nnoise, w, hh, u, v, w1, w2, h1, h2)
+      if (level == last) then
+         call area_of_leaf(d%dz, nlane, d%nnoise, w1, h1, a1)
+         call area_of_leaf(d%dz, nlane, d%nnoise, w2, h2, a2)
+      else
+         call draw_halving(d, nlane, path, index, level + 1, length/2, u1, u2, v1, v2, drawn)
+         call area_of_halves(d, nlane, path, level + 1, last, 2*index, length/2, w1, h1, u1, v1, a1, drawn)
+         call area_of_halves(d, nlane, path, level + 1, last, 2*index + 1, length/2, w2, h2, u2, v2, a2, drawn)
+      end if
+      call merge_areas(nlane, d%nnoise, w1, w2, a1, a2, a)
+   end subroutine area_of_halves
+
+   !> The area of the straight path is zero, that of the parabola is H_k dW_l - H_l dW_k.
+   pure subroutine area_of_leaf(with_shape, nlane, nnoise, w, hh, a)
+      logical, intent(in) :: with_shape
+      integer, intent(in) :: nlane, nnoise
+      real(wp), intent(in) :: w(nlane, nnoise), hh(nlane, nnoise)
+      real(wp), intent(out) :: a(nlane, area_count(nnoise))
+      integer :: k, l
+
+      a = 0
+      if (.not. with_shape) return
+      do l = 2, nnoise
+         do k = 1, l - 1
+            a(:, area_index(k, l)) = hh(:, k)*w(:, l) - hh(:, l)*w(:, k)
+         end do
+      end do
+   end subroutine area_of_leaf
+
+   !> The two halves of an interval.
+   pure subroutine halve(with_shape, nlane, nnoise, w, hh, u, v, w1, w2, h1, h2)
+      logical, intent(in) :: with_shape
+      integer, intent(in) :: nlane, nnoise
+      real(wp), intent(in) :: w(nlane, nnoise)
+      real(wp), allocatable, intent(in) :: hh(:, :), u(:, :), v(:, :)
+      real(wp), intent(inout) :: w1(nlane, nnoise), w2(nlane, nnoise), h1(nlane, nnoise), h2(nlane, nnoise)
+
+      if (with_shape) then
+         w1 = 0.5_wp*w + 1.5_wp*hh + u
+         h1 = 0.25_wp*hh - 0.5_wp*u
+         h2 = h1 - 0.5_wp*v
+         h1 = h1 + 0.5_wp*v
+      else
+         w1 = 0.5_wp*w + u
+      end if
+      w2 = w - w1
+   end subroutine halve
+
+   !> What the halvings of the intervals 2*pair and 2*pair+1 of one length add: B, or Z and N.
+   subroutine draw_halving(d, nlane, path, pair, level, length, u1, u2, v1, v2, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane, level                 !! level of this halving, from 1
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(in) :: length                      !! of the intervals to be halved
+      real(wp), allocatable, intent(inout) :: u1(:, :), u2(:, :), v1(:, :), v2(:, :)
+      integer(i8), intent(inout) :: drawn
+
+      if (.not. allocated(u1)) then
+         allocate (u1(nlane, d%nnoise), u2(nlane, d%nnoise))
+         if (d%dz) allocate (v1(nlane, d%nnoise), v2(nlane, d%nnoise))
+      end if
+      if (d%dz) then
+         call draw(d, nlane, path, pair, level, purpose_halving, sqrt(abs(length)/16), u1, u2, drawn)
+         call draw(d, nlane, path, pair, level, purpose_halves, sqrt(abs(length)/12), v1, v2, drawn)
+      else
+         call draw(d, nlane, path, pair, level, purpose_bridge, 0.5_wp*sqrt(abs(length)), u1, u2, drawn)
+      end if
+   end subroutine draw_halving
+
+   !> Scaled normals of all noises for the intervals 2*pair and 2*pair+1; zero for silent noises.
+   subroutine draw(d, nlane, path, pair, level, purpose, scale, even, odd, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane, level, purpose
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(in) :: scale
+      real(wp), intent(inout) :: even(nlane, d%nnoise), odd(nlane, d%nnoise)
+      integer(i8), intent(inout) :: drawn
+      integer :: k
+
+      do k = 1, d%nnoise
+         if (d%silent(k)) then
+            even(:, k) = 0
+            odd(:, k) = 0
+            cycle
+         end if
+         call normal_pairs(nlane, d%seed, path, pair, k, level, purpose, even(:, k), odd(:, k))
+         even(:, k) = scale*even(:, k)
+         odd(:, k) = scale*odd(:, k)
+         drawn = drawn + 2
+      end do
+   end subroutine draw
+
+end module symsde_noise_integrals
