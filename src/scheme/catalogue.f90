@@ -4,6 +4,7 @@ module symsde_scheme_catalogue
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, unknown_name, invalid_argument
    use symsde_base_text, only: name_length, nearest_names
+   use symsde_scheme_expansion, only: expand_scheme
    use symsde_scheme_scheme, only: scheme_type, ito_form
    use symsde_scheme_quadrature, only: get_quadrature
    use symsde_scheme_discrete_lagrangian, only: scheme_from_quadrature
@@ -12,12 +13,13 @@ module symsde_scheme_catalogue
    private
    public :: get_scheme, scheme_names, scheme_families
 
-   integer, parameter :: nplain = 24  !! names without a parameter; the families follow
+   integer, parameter :: nplain = 29  !! names without a parameter; the families follow
    character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: &
       'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', &
       'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', &
       'lobatto3_swapped', 'lobatto4', 'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', &
       'P1N3Q4Lob', 'P2N2Q2Lob', 'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', &
+      'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'midpoint_areas', 'midpoint_weak1', &
       'heun', 'euler_maruyama', 'dirk:', 'lambda:']
 
 contains
@@ -71,6 +73,8 @@ contains
          call swap(scheme)
       case ('heun', 'euler_maruyama')
          call contrast(scheme, name, error)
+      case ('gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'midpoint_areas', 'midpoint_weak1')
+         call expanded(scheme, name, error)
       case default
          call parametrised(scheme, name, error)
       end select
@@ -90,6 +94,20 @@ contains
       call scheme_from_quadrature(scheme, degree, nodes, weights, name, error)
       scheme%reference = reference
    end subroutine from_rule
+
+   !> Gauss schemes of one or two stages under a modified Hamiltonian or with discrete increments.
+   subroutine expanded(scheme, name, error)
+      type(scheme_type), intent(out) :: scheme
+      character(*), intent(in) :: name
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (index(name, 'gauss2') == 1) then
+         call from_rule(scheme, name, 'gauss2', 2, '', error)
+      else
+         call from_rule(scheme, name, 'gauss1', 1, '', error)
+      end if
+      if (.not. allocated(error)) call expand_scheme(scheme, name)
+   end subroutine expanded
 
    !> The number of stages in names such as gauss3 and lobatto3_swapped.
    pure integer function degree_of(name)
@@ -142,7 +160,8 @@ contains
       character(*), intent(in) :: name
       type(error_type), allocatable, intent(inout) :: error
       character(len=name_length) :: names(size(all_names))
-      real(wp) :: x
+      real(wp) :: x, nodes(1)
+      real(wp), parameter :: one(1) = 1
       logical :: known
 
       call galerkin(scheme, name, known, error)
@@ -155,7 +174,8 @@ contains
          call read_parameter(name, 'lambda:', x, error)
          if (x < 0 .or. x > 1) call refuse_parameter(name, '0 <= x <= 1, as in lambda:0.3', error)
          if (allocated(error)) return
-         call scheme_from_quadrature(scheme, 1, [x], [1.0_wp], name, error)
+         nodes = x
+         call scheme_from_quadrature(scheme, 1, nodes, one, name, error)
          scheme%reference = 'one-sided family, [WHSB] (70), (89)-(92)'
       else
          names = all_names
@@ -172,10 +192,15 @@ contains
       character(*), intent(in) :: name
       real(wp), intent(in) :: c
       type(error_type), allocatable, intent(inout) :: error
-      real(wp) :: a(2, 2)
+      real(wp) :: a(2, 2), weights(2)
 
-      a = reshape([0.5_wp*c, c, 0.0_wp, 0.5_wp*(1 - c)], [2, 2])
-      call scheme_from_tableau(scheme, a, a, [c, 1 - c], name, .false., error)
+      a(:, 1) = c
+      a(1, 1) = 0.5_wp*c
+      a(1, 2) = 0
+      a(2, 2) = 0.5_wp*(1 - c)
+      weights(1) = c
+      weights(2) = 1 - c
+      call scheme_from_tableau(scheme, a, a, weights, name, .false., error)
       scheme%reference = 'diagonally implicit; Ma, Ding, Ding 2012'
    end subroutine dirk
 

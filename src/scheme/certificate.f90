@@ -2,9 +2,11 @@
 !> The certificate of a scheme: what its coefficients prove, measured, not declared.
 module symsde_scheme_certificate
    use symsde_base_kinds, only: wp
+   use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_text, only: to_text
    use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, &
-                                   symplecticity_residual
+                                   symplecticity_residual, expansion_none, uses_dz, uses_areas, &
+                                   uses_nested_bracket
    use symsde_scheme_properties, only: symmetry_residual, quadratic_residual, stratonovich_sum, &
                                        conjugate_stratonovich_sum, coefficient_tolerance
    use symsde_scheme_dependency, only: is_explicit, implicit_unknowns
@@ -24,6 +26,8 @@ module symsde_scheme_certificate
       integer :: form = tableau_form
       integer :: nstage = 0
       integer :: degree = 0
+      integer :: expansion = expansion_none     !! brackets added to the one-step Hamiltonian
+      integer :: law = law_gaussian             !! law of the increments (base/laws)
       logical :: symplectic = .false.
       real(wp) :: symplecticity_residual = 0    !! largest residual of the four conditions
       real(wp) :: stratonovich_sum = 0          !! beta^T b e; 1/2 = consistent with Stratonovich
@@ -58,6 +62,8 @@ contains
       c%form = scheme%form
       c%nstage = scheme%nstage
       c%degree = scheme%degree
+      c%expansion = scheme%expansion
+      c%law = scheme%law
       if (scheme%form == tableau_form) c%symplecticity_residual = symplecticity_residual(scheme)
       c%symplectic = scheme%form /= ito_form .and. c%symplecticity_residual < coefficient_tolerance
       c%symmetry_residual = symmetry_residual(scheme)
@@ -110,7 +116,8 @@ contains
              line('strong order', 'additive noise '//order_text(c%order_additive)// &
                   ', commutative '//order_text(c%order_commutative)//', general '//order_text(c%order_general)// &
                   ', commuting flows '//order_text(c%order_commuting))// &
-             line('weak order', order_text(c%order_weak))// &
+             line('weak order', weak_text(c))// &
+             expansion_lines(c)// &
              line('order without noise', to_text(c%order_noise_free))// &
              line('explicit', explicit_text(c))// &
              line('cost per step', cost_text(c))
@@ -118,6 +125,32 @@ contains
          text = text//line('needs', 'H_pp not singular, every H_k,p constant: '// &
                           'nodes that see different velocities of the noise tear their momenta apart')
    end function certificate_text
+
+   !> Weak order two takes the noises to commute.
+   pure function weak_text(c) result(text)
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: text
+
+      text = order_text(c%order_weak)
+      if (uses_nested_bracket(c%expansion)) text = text//' for commutative noises, 1.0 for the others'
+   end function weak_text
+
+   !> What is added to the Hamiltonian of a step, and what is asked of the noise; nothing for plain schemes.
+   pure function expansion_lines(c) result(text)
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: text
+
+      text = ''
+      if (c%expansion /= expansion_none) then
+         if (uses_dz(c%expansion)) text = text//', {H_k,H} with dZ'
+         if (uses_areas(c%expansion)) text = text//', {H_l,H_k} with areas'
+         if (uses_nested_bracket(c%expansion)) text = text//', {{H,H_k},H_k} by differences of values'
+         text = line('brackets added', text(3:)//'; without an analytic Hessian symplectic to the error of '// &
+                     'its differences')
+      end if
+      if (c%law /= law_gaussian) &
+         text = text//line('increments', law_text(c%law)//': for expectations, not path by path')
+   end function expansion_lines
 
    pure function line(what, value) result(text)
       character(*), intent(in) :: what, value

@@ -13,11 +13,14 @@
 !>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
 module symsde_scheme_scheme
    use symsde_base_kinds, only: wp
+   use symsde_base_laws, only: law_gaussian
    implicit none
    private
    public :: scheme_type
    public :: tableau_form, galerkin_form, ito_form
    public :: correction_auto, correction_none, correction_mean, correction_increments
+   public :: expansion_none, expansion_strong, expansion_areas, expansion_strong_areas, expansion_weak
+   public :: uses_dz, uses_areas, uses_nested_bracket
    public :: symplectic_conjugate, symplecticity_residual
 
    enum, bind(c)
@@ -30,6 +33,15 @@ module symsde_scheme_scheme
       enumerator :: correction_none = 1
       enumerator :: correction_mean = 2        !! (1/2-lambda) h sum_k H_{k,p}.H_{k,q}
       enumerator :: correction_increments = 3  !! (1/2-lambda) F_p.F_q with F = sum_k dW_k H_k
+   end enum
+
+   ! brackets added to the one-step Hamiltonian (step/modified_hamiltonian), for orders beyond one
+   enum, bind(c)
+      enumerator :: expansion_none = 0
+      enumerator :: expansion_strong = 1        !! {H_k,H} with dZ and {{H,H_k},H_k}: strong 3/2, commutative
+      enumerator :: expansion_areas = 2         !! {H_l,H_k} with areas: strong 1 for every noise
+      enumerator :: expansion_strong_areas = 3  !! both
+      enumerator :: expansion_weak = 4          !! {{H,H_k},H_k} alone: weak 2, commutative
    end enum
 
    type :: scheme_type
@@ -45,6 +57,8 @@ module symsde_scheme_scheme
       integer :: degree = 0                   !! s: degree of the polynomial; 0 = not from a polynomial
       real(wp), allocatable :: basis(:, :)    !! l_mu(c_i), Galerkin form only (nstage, 0:degree)
       real(wp), allocatable :: slope(:, :)    !! l_mu'(c_i), Galerkin form only (nstage, 0:degree)
+      integer :: expansion = expansion_none   !! brackets added to the one-step Hamiltonian
+      integer :: law = law_gaussian           !! law of the increments that a run draws (base/laws)
       logical :: symplectic = .false.
       logical :: symmetric = .false.          !! equal to its adjoint
       logical :: keeps_quadratic = .false.    !! quadratic invariants are preserved exactly
@@ -71,6 +85,25 @@ contains
       if (equal .and. self%form == tableau_form) &
          equal = .not. (any(abs(self%a - self%b) > 0) .or. any(abs(self%abar - self%bbar) > 0))
    end function noise_coefficients_equal
+
+   !> Whether an expansion multiplies brackets by dZ_k, by areas A_kl, and has the nested brackets.
+   pure logical function uses_dz(expansion)
+      integer, intent(in) :: expansion
+
+      uses_dz = expansion == expansion_strong .or. expansion == expansion_strong_areas
+   end function uses_dz
+
+   pure logical function uses_areas(expansion)
+      integer, intent(in) :: expansion
+
+      uses_areas = expansion == expansion_areas .or. expansion == expansion_strong_areas
+   end function uses_areas
+
+   pure logical function uses_nested_bracket(expansion)
+      integer, intent(in) :: expansion
+
+      uses_nested_bracket = uses_dz(expansion) .or. expansion == expansion_weak
+   end function uses_nested_bracket
 
    !> 1/2 - sum_ij beta_i b_ij: the factor of the correction that makes the scheme consistent with the
    !> Stratonovich equation. Zero for the midpoint, 1/2 - lambda for the one-sided family.

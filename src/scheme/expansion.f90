@@ -1,0 +1,69 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Schemes beyond strong order one, and weak schemes: a symplectic tableau applied to the modified
+!> Hamiltonian of one step, with the law of increments that it is meant for (docs/method.md).
+!>
+!>    gauss2_strong32         with dZ: strong 3/2 for commutative noises
+!>    midpoint_areas          with areas: strong 1 for every noise
+!>    gauss2_strong32_areas   with both: strong 3/2 for commutative noises, 1 for the others
+!>    gauss2_weak2            three-point increments: weak 2 for commutative noises
+!>    midpoint_weak1          two-point increments, nothing added: weak 1
+module symsde_scheme_expansion
+   use symsde_base_kinds, only: wp
+   use symsde_base_laws, only: law_gaussian, law_three_point, law_two_point
+   use symsde_scheme_scheme, only: scheme_type, expansion_none, expansion_strong, expansion_areas, &
+                                   expansion_strong_areas, expansion_weak
+   implicit none
+   private
+   public :: expand_scheme
+
+contains
+
+   !> The plain scheme under an expanded name: gauss2 or midpoint.
+   pure function base_of(name) result(base)
+      character(*), intent(in) :: name   !! one of the five
+      character(:), allocatable :: base
+
+      base = name(:index(name, '_') - 1)
+   end function base_of
+
+   !> Make the plain scheme of the name, gauss2 or midpoint, the expanded one: brackets, law, orders.
+   !>
+   !> Orders are those of the truncated logarithm of the flow (Castell 1993, adapted): dZ and the nested
+   !> bracket leave a local error of size h^2 for commutative noises, areas alone one of size h^(3/2) with
+   !> mean h^2. Brackets of commuting Hamiltonians vanish: such flows keep the order of the plain scheme.
+   !> What commutes with every H_j commutes with their brackets: quadratic invariants stay.
+   pure subroutine expand_scheme(scheme, name)
+      type(scheme_type), intent(inout) :: scheme
+      character(*), intent(in) :: name   !! one of the five
+
+      select case (name)
+      case ('gauss2_strong32'); call declare(scheme, expansion_strong, law_gaussian, 1.5_wp, 0.5_wp, 2.0_wp)
+      case ('gauss2_strong32_areas')
+         call declare(scheme, expansion_strong_areas, law_gaussian, 1.5_wp, 1.0_wp, 2.0_wp)
+      case ('midpoint_areas'); call declare(scheme, expansion_areas, law_gaussian, 1.0_wp, 1.0_wp, 1.0_wp)
+      case ('gauss2_weak2'); call declare(scheme, expansion_weak, law_three_point, 0.0_wp, 0.0_wp, 2.0_wp)
+      case ('midpoint_weak1'); call declare(scheme, expansion_none, law_two_point, 0.0_wp, 0.0_wp, 1.0_wp)
+      end select
+      scheme%reference = 'modified one-step Hamiltonian on '//base_of(name)//' (log-ODE; Castell 1993)'
+      if (scheme%law /= law_gaussian) then
+         scheme%order_commuting = 0
+         scheme%reference = 'weak scheme on '//base_of(name)//'; Milstein, Tretyakov 2004'
+      end if
+   end subroutine expand_scheme
+
+   pure subroutine declare(scheme, expansion, law, commutative, general, weak)
+      type(scheme_type), intent(inout) :: scheme
+      integer, intent(in) :: expansion, law
+      real(wp), intent(in) :: commutative, general  !! strong orders
+      real(wp), intent(in) :: weak                  !! weak order, commutative noises
+
+      scheme%expansion = expansion
+      scheme%law = law
+      scheme%order_additive = commutative
+      scheme%order_commutative = commutative
+      scheme%order_general = general
+      scheme%order_weak = weak
+      scheme%sharp = commutative > 0
+   end subroutine declare
+
+end module symsde_scheme_expansion
