@@ -31,6 +31,7 @@ module symsde_ensemble_block
       integer(i8) :: chunk = 1             !! steps of a chunk, adapted to the clock
       integer(i8), allocatable :: path(:)  !! global path of each lane
       real(wp), allocatable :: w(:, :, :)  !! weights (nlane, 0:nnoise, 0:1), even and odd step of the pair
+      real(wp), allocatable :: z(:, :, :), area(:, :, :)  !! dZ and areas, where the scheme asks for them
       real(wp), allocatable :: dq(:, :), dp(:, :)
    contains
       procedure :: begin
@@ -60,6 +61,8 @@ contains
          call new_lane_state(self%state, nlane, ham%ndof, options%compensated)
          allocate (self%path(nlane), self%w(nlane, 0:ham%nnoise, 0:1))
          allocate (self%dq(nlane, ham%ndof), self%dp(nlane, ham%ndof))
+         if (noise%needs_dz .or. noise%needs_areas) &
+            allocate (self%z(nlane, noise%nz, 0:1), self%area(nlane, noise%narea, 0:1), source=0.0_wp)
       end associate
       self%w = 0
       self%w(:, 0, :) = options%step
@@ -126,11 +129,16 @@ contains
       type(block_runner), intent(inout) :: self
       integer :: half
 
-      if (self%step/2 /= self%pair .and. self%noise%nnoise > 0) then
+      half = int(mod(self%step, 2_i8))
+      if (allocated(self%z)) then
+         if (self%step/2 /= self%pair) call self%noise%fill_integrals( &
+            self%state%nlane, self%path, self%step/2, self%w, self%z, self%area, self%normals)
+         if (self%noise%needs_dz) self%stepper%ham%extra%z = self%z(:, :, half)
+         if (self%noise%needs_areas) self%stepper%ham%extra%area = self%area(:, :, half)
+      else if (self%step/2 /= self%pair .and. self%noise%nnoise > 0) then
          call self%noise%fill(self%state%nlane, self%path, self%step/2, self%w, self%normals)
       end if
       self%pair = self%step/2
-      half = int(mod(self%step, 2_i8))
       call self%stepper%increment(time_of(self, self%step), self%w(:, :, half), self%state%q, self%state%p, &
                                   self%dq, self%dp, self%state%status)
       call self%state%advance(self%step, self%dq, self%dp)

@@ -8,8 +8,9 @@ module symsde_ensemble_driver
    use symsde_base_counters, only: add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for
+   use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, wrong_shape, invalid_argument, incompatible, stopped, &
-                                 callback_failed, paths_failed, out_of_memory
+                                 callback_failed, paths_failed, out_of_memory, too_large
    use symsde_base_text, only: to_text
    use symsde_ensemble_block, only: block_runner, new_block_runner
    use symsde_ensemble_monitor, only: monitor_type
@@ -19,12 +20,14 @@ module symsde_ensemble_driver
    use symsde_model_abstract, only: model_type
    use symsde_model_probe, only: probe_model
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
+   use symsde_noise_integrals, only: area_levels
    use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
    use symsde_noise_source, only: noise_type
    use symsde_noise_truncation, only: truncation_bound, lost_variance
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: stepper_options, new_stepper, resolve_correction
+   use symsde_step_modified_hamiltonian, only: integrals_needed
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
@@ -72,7 +75,7 @@ contains
       call check_options(options, error)
       if (.not. allocated(error)) call check_state(options, model%traits%ndof, q0, p0, error)
       if (.not. allocated(error)) call probe_model(model, options%t0, q0(1, :), p0(1, :), error)
-      if (.not. allocated(error)) call new_noise(noise, model, options, report%lost_variance, error, dw)
+      if (.not. allocated(error)) call new_noise(noise, model, options, report%lost_variance, error, dw, scheme)
       if (.not. allocated(error)) &
          call new_runners(runners, model, scheme, options, observer, noise, report, error)
       if (allocated(error)) return
@@ -199,20 +202,33 @@ contains
    end subroutine new_runners
 
    !> The noise source of a run: prescribed increments where they are given, else Brownian.
-   subroutine new_noise(noise, model, options, lost, error, dw)
+   !> A scheme may ask for a law, for dZ and for areas; without one these are dW, Gaussian.
+   subroutine new_noise(noise, model, options, lost, error, dw, scheme)
       class(noise_type), allocatable, intent(out) :: noise
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options
       real(wp), intent(out) :: lost  !! variance of a normal lost to truncation
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      type(scheme_type), intent(in), optional :: scheme
       type(prescribed_noise) :: prescribed
       type(brownian_noise) :: brownian
       logical, allocatable :: silent(:)
       integer(i8) :: extent(3)
       real(wp) :: cut
+      logical :: needs_dz, needs_areas
+      integer :: law
 
       lost = 0
+      needs_dz = .false.
+      needs_areas = .false.
+      law = law_gaussian
+      if (present(scheme)) then
+         law = scheme%law
+         call integrals_needed(scheme%expansion, model%traits, needs_dz, needs_areas)
+         call check_integrals(model, scheme, options, needs_dz, needs_areas, present(dw), error)
+         if (allocated(error)) return
+      end if
       if (present(dw)) then
          extent = shape(dw, i8)
          call check_increments(options, model%traits%nnoise, extent, error)
@@ -222,22 +238,53 @@ contains
                        'are not finite: give finite numbers only')
             return
          end if
-         call new_prescribed_noise(prescribed, dw, options%first_path, options%first_step, options%refine)
+         call new_prescribed_noise(prescribed, dw, options%first_path, options%first_step, options%refine, &
+                                   options%step)
          allocate (noise, source=prescribed)
       else
          allocate (silent(model%traits%nnoise), source=.false.)
          if (allocated(model%traits%silent)) silent = model%traits%silent
          call new_brownian_noise(brownian, model%traits%nnoise, options%seed, options%step, options%refine, &
-                                 silent, error)
+                                 silent, error, law)
          if (allocated(error)) return
          allocate (noise, source=brownian)
       end if
+      call noise%ask(needs_dz, needs_areas)
       if (options%truncation > 0 .or. options%truncation < 0) then
          call truncation_bound(options%step, options%truncation, options%truncation_time, cut, error)
          noise%bound = cut*sqrt(abs(options%step))
          lost = lost_variance(cut)
       end if
    end subroutine new_noise
+
+   !> What a scheme asks for beyond increments must be there: in prescribed increments it comes from finer
+   !> rows, and the sub-increments of areas must stay within the counters.
+   subroutine check_integrals(model, scheme, options, needs_dz, needs_areas, prescribed, error)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      logical, intent(in) :: needs_dz, needs_areas, prescribed
+      type(error_type), allocatable, intent(inout) :: error
+      character(:), allocatable :: what
+      real(wp) :: rows
+
+      if (.not. (needs_dz .or. needs_areas)) return
+      what = 'areas'
+      if (needs_dz) what = 'dZ'
+      if (needs_dz .and. needs_areas) what = 'dZ and areas'
+      if (prescribed) then
+         if (options%refine < 1) call raise(error, incompatible, 'run_ensemble', 'scheme '//scheme%name//' needs '// &
+            what//' for model '//model%name//', which one prescribed increment a step does not determine: give '// &
+            'finer rows, 2^refine a step with refine >= 1, or a scheme that needs increments only, such as '// &
+            'midpoint')
+      else if (needs_areas) then
+         rows = real(options%first_step + options%nstep, wp)*2.0_wp**max(0, options%refine)* &
+                2.0_wp**area_levels(options%step/2.0_wp**max(0, options%refine), needs_dz)
+         if (rows > 2.0_wp**47) call raise(error, too_large, 'run_ensemble', 'the areas of '// &
+            to_text(options%nstep)//' steps need '//to_text(rows)//' sub-increments, beyond 2^47, the range of '// &
+            'the step counter: give fewer or longer steps')
+      end if
+   end subroutine check_integrals
 
    !> Prescribed increments must have one row for every (finer) step and one column for every noise.
    subroutine check_increments(options, nnoise, extent, error)

@@ -12,6 +12,7 @@ module symsde_step_factory
    use symsde_step_euler_maruyama, only: euler_maruyama_stepper, new_euler_maruyama_stepper
    use symsde_step_explicit, only: explicit_stepper, new_explicit_stepper, is_explicit
    use symsde_step_galerkin, only: galerkin_stepper, new_galerkin_stepper
+   use symsde_step_modified_hamiltonian, only: expansion_active
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
    use symsde_step_midpoint_kubo, only: midpoint_kubo_stepper, new_midpoint_kubo_stepper
@@ -51,7 +52,7 @@ contains
          call check_galerkin(model, scheme, error)
          if (allocated(error)) return
          allocate (galerkin_stepper :: stepper)
-      else if (options%general) then
+      else if (options%general .or. expansion_active(scheme%expansion, model%traits)) then
          allocate (general_stepper :: stepper)
       else if (correction == correction_none .and. is_explicit(model, scheme)) then
          allocate (explicit_stepper :: stepper)

@@ -61,10 +61,11 @@ contains
          self%abar(:, :, 2) = scheme%bbar
          self%alpha(:, 2) = scheme%beta
       end if
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction, scheme%correction_coefficient())
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction, scheme%correction_coefficient(), scheme%expansion)
       ! the Hessian leaves out the correction: then one solve is not enough, though the equations are linear
       call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, &
-                      model%traits%quadratic .and. correction == correction_none, -1, -1)
+                      model%traits%quadratic .and. correction == correction_none .and. &
+                      .not. allocated(self%ham%extra), -1, -1)
       allocate (self%v(nlane, 0:model%traits%nnoise, self%npart))
       allocate (self%x(nlane, 2*n*nstage*self%npart), self%qs(nlane, n), self%ps(nlane, n))
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))

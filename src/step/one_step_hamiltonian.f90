@@ -10,11 +10,13 @@
 !>    increments   (1/2-lambda) F_p.F_q,  F = sum_k dW_k H_k
 !>
 !> Its gradient needs Hessian-vector products only: grad(F_p.F_q) = Hess F (F_p; F_q), q-part first.
+!> Schemes beyond strong order one add the brackets of step/modified_hamiltonian.
 module symsde_step_one_step_hamiltonian
    use symsde_base_kinds, only: wp
    use symsde_base_counters, only: counters_type
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none, correction_mean
+   use symsde_step_modified_hamiltonian, only: modified_hamiltonian, new_modified_hamiltonian, expansion_active
    implicit none
    private
    public :: one_step_hamiltonian, new_one_step_hamiltonian
@@ -26,6 +28,7 @@ module symsde_step_one_step_hamiltonian
       integer :: correction = correction_none
       real(wp) :: coefficient = 0             !! 1/2 - lambda
       type(counters_type) :: counters
+      type(modified_hamiltonian), allocatable :: extra  !! brackets of schemes beyond order one
       real(wp), allocatable, private :: v(:, :)       !! weights of the noise alone (nlane, 0:nnoise)
       real(wp), allocatable, private :: factor(:)     !! of the product of gradients (nlane)
       real(wp), allocatable, private :: fq(:, :), fp(:, :), uq(:, :), up(:, :)
@@ -38,12 +41,13 @@ module symsde_step_one_step_hamiltonian
 contains
 
    !> Room for blocks of nlane lanes.
-   subroutine new_one_step_hamiltonian(self, model, nlane, correction, coefficient)
+   subroutine new_one_step_hamiltonian(self, model, nlane, correction, coefficient, expansion)
       type(one_step_hamiltonian), intent(out) :: self
       class(model_type), intent(in), target :: model
       integer, intent(in) :: nlane
       integer, intent(in) :: correction      !! correction_none, correction_mean or correction_increments
       real(wp), intent(in) :: coefficient    !! 1/2 - lambda
+      integer, intent(in), optional :: expansion !! brackets to add, of scheme_type; none if absent
 
       self%model => model
       self%nlane = nlane
@@ -52,6 +56,12 @@ contains
       self%nreal = nlane
       self%correction = correction
       self%coefficient = coefficient
+      if (present(expansion)) then
+         if (expansion_active(expansion, model%traits)) then
+            allocate (self%extra)
+            call new_modified_hamiltonian(self%extra, model, expansion, nlane)
+         end if
+      end if
       if (correction == correction_none) return
       allocate (self%v(nlane, 0:self%nnoise), self%factor(nlane))
       allocate (self%fq(nlane, self%ndof), self%fp(nlane, self%ndof))
@@ -68,9 +78,10 @@ contains
       call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hq, hp)
       self%counters%gradients = self%counters%gradients + self%nreal
       if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
+      if (allocated(self%extra)) call self%extra%add_gradient(t, w, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
 
-   !> Gradient of Hhat with the correction, Hessian without it: Newton on the uncorrected Hessian
+   !> Gradient of Hhat with correction and brackets, Hessian without them: Newton on the uncorrected Hessian
    !> converges linearly, to the same root.
    subroutine gradient_hessian(self, t, w, q, p, hq, hp, hqq, hqp, hpp)
       class(one_step_hamiltonian), intent(inout) :: self
@@ -86,6 +97,7 @@ contains
       self%counters%gradients = self%counters%gradients + self%nreal
       self%counters%hessians = self%counters%hessians + self%nreal
       if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
+      if (allocated(self%extra)) call self%extra%add_gradient(t, w, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient_hessian
 
    !> The same with the bands of the Hessian blocks.

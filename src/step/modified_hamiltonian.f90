@@ -1,0 +1,379 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What is added to the random Hamiltonian of one step for orders beyond one (docs/method.md):
+!>
+!>    sum_k (h dW_k/2 - dZ_k) {H_k,H}  +  sum_{k<l} A_kl {H_l,H_k}  +  (h|h|/12) sum_k {{H,H_k},H_k}
+!>
+!> each part only where the scheme asks for it and the model's traits do not prove it without effect.
+!> Every part is a Hamiltonian of which the exact gradient is taken, so a symplectic scheme stays one.
+!>
+!> Single brackets need gradients and Hessian-vector products. The nested one would need third
+!> derivatives; with u, v the fields of H and H_k, (H_p, -H_q) and (H_k,p, -H_k,q), it is replaced by
+!>
+!>    [H(x+bv) + H(x-bv) - 2H(x)]/b^2
+!>    - [H_k(x+au+bv) + H_k(x-au-bv) - H_k(x+au-bv) - H_k(x-au+bv)]/(4ab),   a = r |h|, b = r sqrt|h|
+!>
+!> differences over r times the step's own moves by drift and by noise. It differs from the bracket by
+!> O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2. Noise that
+!> depends on position alone with H = p.p/2 + U(q) needs no difference: the bracket is H_k,q . H_k,q.
+!>
+!> H may depend on time, the noises must not: d/dt H_k would join the single bracket.
+module symsde_step_modified_hamiltonian
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp
+   use symsde_base_laws, only: area_count, area_index
+   use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: model_type
+   use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
+   use symsde_scheme_scheme, only: uses_dz, uses_areas, uses_nested_bracket
+   implicit none
+   private
+   public :: modified_hamiltonian, new_modified_hamiltonian, integrals_needed, expansion_active
+
+   real(wp), parameter :: reach = 0.5_wp  !! r
+
+   type :: modified_hamiltonian
+      class(model_type), pointer :: model
+      integer :: nlane = 0, ndof = 0, nnoise = 0
+      real(wp), allocatable :: z(:, :)      !! dZ_k of this step, zero until set (nlane, nnoise)
+      real(wp), allocatable :: area(:, :)   !! A_kl of this step, zero until set (nlane, nnoise(nnoise-1)/2)
+      logical :: single = .false., areas = .false., nested = .false.  !! parts that are active
+      logical, allocatable, private :: noisy(:)   !! noises that are not silent (nnoise)
+      real(wp), allocatable, private :: f(:, :), g(:, :)   !! weights of two sums (nlane, 0:nnoise)
+      real(wp), allocatable, private :: vq(:, :), vp(:, :), bq(:, :), bp(:, :)  !! (nlane, ndof)
+      real(wp), allocatable, private :: uq(:, :), up(:, :), yq(:, :), yp(:, :), sq(:, :), sp(:, :)
+      real(wp), allocatable, private :: xq(:, :), xp(:, :), gq(:, :), gp(:, :), rq(:, :), rp(:, :)
+      type(algebra_work), private :: work
+   contains
+      procedure :: add_gradient
+   end type modified_hamiltonian
+
+contains
+
+   !> Which integrals of the path a scheme needs for a model with these traits. Areas multiply brackets
+   !> {H_l,H_k}, which are constant for additive noise and vanish for noise that depends on position.
+   pure subroutine integrals_needed(expansion, traits, needs_dz, needs_areas)
+      integer, intent(in) :: expansion            !! of scheme_type
+      type(model_traits), intent(in) :: traits
+      logical, intent(out) :: needs_dz, needs_areas
+      integer :: nactive
+
+      nactive = traits%nnoise
+      if (allocated(traits%silent)) nactive = count(.not. traits%silent)
+      needs_dz = uses_dz(expansion) .and. nactive > 0
+      needs_areas = uses_areas(expansion) .and. nactive > 1 .and. &
+                    .not. (traits%additive .or. traits%position_noise)
+   end subroutine integrals_needed
+
+   !> Whether anything is added at all.
+   pure logical function expansion_active(expansion, traits)
+      integer, intent(in) :: expansion
+      type(model_traits), intent(in) :: traits
+      logical :: needs_dz, needs_areas
+
+      call integrals_needed(expansion, traits, needs_dz, needs_areas)
+      expansion_active = needs_dz .or. needs_areas .or. (uses_nested_bracket(expansion) .and. traits%nnoise > 0)
+   end function expansion_active
+
+   !> Room for blocks of nlane lanes.
+   subroutine new_modified_hamiltonian(self, model, expansion, nlane)
+      type(modified_hamiltonian), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: expansion   !! of scheme_type
+      integer, intent(in) :: nlane
+      integer :: n, m
+
+      n = model%traits%ndof
+      m = model%traits%nnoise
+      self%model => model
+      self%nlane = nlane
+      self%ndof = n
+      self%nnoise = m
+      call integrals_needed(expansion, model%traits, self%single, self%areas)
+      self%nested = uses_nested_bracket(expansion)
+      allocate (self%noisy(m), source=.true.)
+      if (allocated(model%traits%silent)) self%noisy = .not. model%traits%silent
+      allocate (self%z(nlane, m), self%area(nlane, area_count(m)), source=0.0_wp)
+      allocate (self%f(nlane, 0:m), self%g(nlane, 0:m), source=0.0_wp)
+      allocate (self%vq(nlane, n), self%vp(nlane, n), self%bq(nlane, n), self%bp(nlane, n))
+      allocate (self%uq(nlane, n), self%up(nlane, n), self%yq(nlane, n), self%yp(nlane, n))
+      allocate (self%xq(nlane, n), self%xp(nlane, n), self%gq(nlane, n), self%gp(nlane, n))
+      allocate (self%sq(nlane, n), self%sp(nlane, n), self%rq(nlane, n), self%rp(nlane, n))
+      call new_algebra_work(self%work, nlane, n)
+   end subroutine new_modified_hamiltonian
+
+   !> Add the gradient of all active parts to the wanted outputs.
+   subroutine add_gradient(self, t, w, q, p, hq, hp, counters, nreal)
+      class(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)   !! h, dW_1 .. dW_m
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal                              !! real paths of the block
+      logical :: simple
+
+      simple = self%model%traits%position_noise .and. self%model%traits%identity_mass
+      self%sq = 0
+      self%sp = 0
+      if (self%single) call add_single(self, simple, t, w, q, p, counters, nreal)
+      if (self%areas) call add_areas(self, t, q, p, counters, nreal)
+      if (self%nested) then
+         if (simple) then
+            call add_squares(self, t, w, q, p, counters, nreal)
+         else if (self%model%traits%additive) then
+            call add_shifts(self, t, w, q, p, counters, nreal)
+         else
+            call add_differences(self, t, w, q, p, counters, nreal)
+         end if
+      end if
+      if (present(hq)) hq = hq + self%sq
+      if (present(hp)) hp = hp + self%sp
+   end subroutine add_gradient
+
+   !> {F,H} with F = sum_k (h dW_k/2 - dZ_k) H_k. For F(q) and H = p.p/2 + U(q) it is F_q . p.
+   subroutine add_single(self, simple, t, w, q, p, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      logical, intent(in) :: simple   !! position noise and identity mass
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+      integer :: k
+
+      self%f(:, 0) = 0
+      do k = 1, self%nnoise
+         self%f(:, k) = 0.5_wp*w(:, 0)*w(:, k) - self%z(:, k)
+      end do
+      associate (n => self%nlane, d => self%ndof, m => self%nnoise)
+         if (simple) then
+            call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%bp)
+            self%vp = 0
+            call self%model%hessian_vector(n, d, m, t, self%f, q, p, p, self%vp, self%bq, self%gp)
+            counters%gradients = counters%gradients + nreal
+            counters%hessian_vectors = counters%hessian_vectors + nreal
+            self%sq = self%sq + self%bq
+            self%sp = self%sp + self%bp
+         else
+            self%g = 0
+            self%g(:, 0) = 1
+            call add_bracket(self, t, q, p, counters, nreal)
+         end if
+      end associate
+   end subroutine add_single
+
+   !> sum_l {H_l, sum_{k<l} A_kl H_k}
+   subroutine add_areas(self, t, q, p, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+      integer :: k, l
+
+      do l = 2, self%nnoise
+         if (.not. self%noisy(l)) cycle
+         self%f = 0
+         self%f(:, l) = 1
+         self%g = 0
+         do k = 1, l - 1
+            if (self%noisy(k)) self%g(:, k) = self%area(:, area_index(k, l))
+         end do
+         call add_bracket(self, t, q, p, counters, nreal)
+      end do
+   end subroutine add_areas
+
+   !> {F,G} for the sums with the weights f and g.
+   subroutine add_bracket(self, t, q, p, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+
+      call bracket_gradient(self%model, self%nlane, self%ndof, self%nnoise, t, self%f, self%g, q, p, &
+                            self%bq, self%bp, self%work)
+      counters%gradients = counters%gradients + 2*nreal
+      counters%hessian_vectors = counters%hessian_vectors + 2*nreal
+      self%sq = self%sq + self%bq
+      self%sp = self%sp + self%bp
+   end subroutine add_bracket
+
+   !> Position noise, identity mass: (h|h|/12) sum_k H_k,q . H_k,q
+   subroutine add_squares(self, t, w, q, p, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+      real(wp) :: c
+      integer :: k
+
+      c = w(1, 0)*abs(w(1, 0))/6
+      self%f = 0
+      self%vp = 0
+      do k = 1, self%nnoise
+         if (.not. self%noisy(k)) cycle
+         self%f(:, k) = 1
+         associate (n => self%nlane, d => self%ndof, m => self%nnoise)
+            call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%vq)
+            call self%model%hessian_vector(n, d, m, t, self%f, q, p, self%vq, self%vp, self%gq, self%gp)
+         end associate
+         counters%gradients = counters%gradients + nreal
+         counters%hessian_vectors = counters%hessian_vectors + nreal
+         self%f(:, k) = 0
+         self%sq = self%sq + c*self%gq
+      end do
+   end subroutine add_squares
+
+   !> Additive noise: the fields v are constant, the second difference of H along them is all.
+   subroutine add_shifts(self, t, w, q, p, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+      real(wp) :: b, c
+      integer :: k
+
+      b = reach*sqrt(abs(w(1, 0)))
+      c = w(1, 0)/(12*reach**2)
+      self%g = 0
+      self%g(:, 0) = 1
+      call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*count(self%noisy))
+      do k = 1, self%nnoise
+         if (.not. self%noisy(k)) cycle
+         call field_of(self, t, k, q, p)
+         call add_sum(self, t, q, p, 0.0_wp, b, c)
+         call add_sum(self, t, q, p, 0.0_wp, -b, c)
+      end do
+      counters%gradients = counters%gradients + nreal*(1 + 3*count(self%noisy))
+   end subroutine add_shifts
+
+   !> The general case. With G(e,f) = grad H_k at x + e u + f v, and alike g(f) of H at x + f v,
+   !>
+   !>    c [g(b) + g(-b) - 2 g(0)] + (Dv)^T c b [g(b) - g(-b)]                     c = (h|h|/12)/b^2
+   !>    - c' sum_{s,r=+-1} s r [1 + s a (Du)^T + r b (Dv)^T] G(s a, r b)          c' = (h|h|/12)/(4ab)
+   !>
+   !> and (Dv)^T y = Hess H_k (-y_p, y_q).
+   subroutine add_differences(self, t, w, q, p, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+      real(wp) :: a, b, c, c2
+      integer :: k
+
+      associate (h => w(1, 0))
+         a = reach*abs(h)
+         b = reach*sqrt(abs(h))
+         c = h/(12*reach**2)
+         c2 = h*abs(h)/(48*a*b)
+      end associate
+      call field_of(self, t, 0, q, p)
+      self%uq = self%vq
+      self%up = self%vp
+      self%yq = 0
+      self%yp = 0
+      do k = 1, self%nnoise
+         if (.not. self%noisy(k)) cycle
+         call field_of(self, t, k, q, p)
+         self%rq = 0
+         self%rp = 0
+         call second_difference(self, t, b, c, q, p)
+         call mixed_difference(self, t, k, a, b, c2, q, p)
+         call add_transposed(self, t, k, q, p)
+      end do
+      self%rq = self%yq
+      self%rp = self%yp
+      call add_transposed(self, t, 0, q, p)
+      ! -2c sum_k grad H, from the field of H
+      self%sq = self%sq + (2*c*count(self%noisy))*self%up
+      self%sp = self%sp - (2*c*count(self%noisy))*self%uq
+      counters%gradients = counters%gradients + nreal*(1 + 7*count(self%noisy))
+      counters%hessian_vectors = counters%hessian_vectors + nreal*(1 + count(self%noisy))
+   end subroutine add_differences
+
+   !> c [g(b) + g(-b)], and what the field of H_k adds, c b [g(b) - g(-b)], into r.
+   subroutine second_difference(self, t, b, c, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, b, c
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      integer :: sign
+
+      self%g = 0
+      self%g(:, 0) = 1
+      do sign = -1, 1, 2
+         call add_sum(self, t, q, p, 0.0_wp, sign*b, c)
+         self%rq = self%rq + (sign*c*b)*self%gq
+         self%rp = self%rp + (sign*c*b)*self%gp
+      end do
+   end subroutine second_difference
+
+   !> The four gradients of H_k; what the fields add goes into y (that of H) and r (that of H_k).
+   subroutine mixed_difference(self, t, k, a, b, c, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      integer, intent(in) :: k
+      real(wp), intent(in) :: t, a, b, c
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      integer :: s, r
+
+      self%g = 0
+      self%g(:, k) = 1
+      do r = -1, 1, 2
+         do s = -1, 1, 2
+            call add_sum(self, t, q, p, s*a, r*b, -s*r*c)
+            self%yq = self%yq - (r*a*c)*self%gq
+            self%yp = self%yp - (r*a*c)*self%gp
+            self%rq = self%rq - (s*b*c)*self%gq
+            self%rp = self%rp - (s*b*c)*self%gp
+         end do
+      end do
+   end subroutine mixed_difference
+
+   !> (gq, gp) = gradient of the sum with weights g at x + e u + f v; c times it is added to the result.
+   subroutine add_sum(self, t, q, p, e, f, c)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, e, f, c
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+
+      self%xq = q
+      self%xp = p
+      if (abs(e) > 0) then
+         self%xq = self%xq + e*self%uq
+         self%xp = self%xp + e*self%up
+      end if
+      if (abs(f) > 0) then
+         self%xq = self%xq + f*self%vq
+         self%xp = self%xp + f*self%vp
+      end if
+      call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, self%g, self%xq, self%xp, self%gq, self%gp)
+      self%sq = self%sq + c*self%gq
+      self%sp = self%sp + c*self%gp
+   end subroutine add_sum
+
+   !> v = the Hamiltonian field (H_k,p, -H_k,q) at x.
+   subroutine field_of(self, t, k, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      integer, intent(in) :: k
+      real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+
+      self%f = 0
+      self%f(:, k) = 1
+      call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, self%f, q, p, self%vp, self%vq)
+      self%vp = -self%vp
+   end subroutine field_of
+
+   !> Add (D field of H_k)^T r = Hess H_k (-r_p, r_q) to the result.
+   subroutine add_transposed(self, t, k, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      integer, intent(in) :: k
+      real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+
+      self%f = 0
+      self%f(:, k) = 1
+      self%xq = -self%rp
+      call self%model%hessian_vector(self%nlane, self%ndof, self%nnoise, t, self%f, q, p, self%xq, self%rq, &
+                                     self%bq, self%bp)
+      self%sq = self%sq + self%bq
+      self%sp = self%sp + self%bp
+   end subroutine add_transposed
+
+end module symsde_step_modified_hamiltonian
