@@ -90,15 +90,15 @@ typedef struct symsde_traits {
 typedef int (*symsde_gradient)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                const double *p, double *hq, double *hp, void *user);
 /* value[nlane] of sum_j w[j] H_j */
-typedef int (*symsde_value)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
-                            const double *p, double *value, void *user);
+typedef int (*symsde_value)(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                            double *value, void *user);
 /* hqq, hqp, hpp [ndof][ndof][nlane]; hqp[j][i] = d2/(dq_i dp_j) */
 typedef int (*symsde_hessian)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                               const double *p, double *hqq, double *hqp, double *hpp, void *user);
 /* Hessian times (vq, vp): uq[ndof][nlane], up[ndof][nlane] */
 typedef int (*symsde_hessian_vector)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
-                                     const double *p, const double *vq, const double *vp, double *uq,
-                                     double *up, void *user);
+                                     const double *p, const double *vq, const double *vp, double *uq, double *up,
+                                     void *user);
 
 int symsde_traits_init(symsde_traits *traits);
 /* names of the built-in models, one a line */
@@ -110,19 +110,19 @@ int symsde_model_get(const char *name, int nparameter, const char *const *keys, 
                      symsde_model *model, symsde_error *error);
 /* a model of the user's own; value, hessian and hessian_vector may be NULL */
 int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradient gradient, symsde_value value,
-                     symsde_hessian hessian, symsde_hessian_vector hessian_vector, void *user,
-                     symsde_model *model, symsde_error *error);
+                     symsde_hessian hessian, symsde_hessian_vector hessian_vector, void *user, symsde_model *model,
+                     symsde_error *error);
 int symsde_model_delete(symsde_model *model);
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);
 /* check declared traits and Hessians at three points around q0[ndof], p0[ndof] */
 int symsde_model_probe(symsde_model model, double t, const double *q0, const double *p0, symsde_error *error);
 /* evaluate at npath points; shapes as in the callbacks, with npath for nlane */
-int symsde_model_value(symsde_model model, int64_t npath, double t, const double *w, const double *q,
-                       const double *p, double *value, symsde_error *error);
+int symsde_model_value(symsde_model model, int64_t npath, double t, const double *w, const double *q, const double *p,
+                       double *value, symsde_error *error);
 int symsde_model_gradient(symsde_model model, int64_t npath, double t, const double *w, const double *q,
                           const double *p, double *hq, double *hp, symsde_error *error);
-int symsde_model_hessian(symsde_model model, int64_t npath, double t, const double *w, const double *q,
-                         const double *p, double *hqq, double *hqp, double *hpp, symsde_error *error);
+int symsde_model_hessian(symsde_model model, int64_t npath, double t, const double *w, const double *q, const double *p,
+                         double *hqq, double *hqp, double *hpp, symsde_error *error);
 
 /* ---- schemes ----------------------------------------------------------------------------------- */
 
@@ -146,17 +146,15 @@ int symsde_scheme_info_init(symsde_scheme_info *info);
 int symsde_scheme_names(char *buffer, size_t size, size_t *needed);
 int symsde_scheme_get(const char *name, symsde_scheme *scheme, symsde_error *error);
 /* the scheme of a quadrature of the action: nodes and weights [nnode], polynomials of this degree */
-int symsde_scheme_from_quadrature(int nnode, const double *nodes, const double *weights, int degree,
-                                  const char *name, symsde_scheme *scheme, symsde_error *error);
+int symsde_scheme_from_quadrature(int nnode, const double *nodes, const double *weights, int degree, const char *name,
+                                  symsde_scheme *scheme, symsde_error *error);
 /* a tableau of the user's own: a, abar [nstage][nstage] (row i = stage i), alpha[nstage] */
-int symsde_scheme_from_tableau(int nstage, const double *a, const double *abar, const double *alpha,
-                               const char *name, int allow_nonsymplectic, symsde_scheme *scheme,
-                               symsde_error *error);
+int symsde_scheme_from_tableau(int nstage, const double *a, const double *abar, const double *alpha, const char *name,
+                               int allow_nonsymplectic, symsde_scheme *scheme, symsde_error *error);
 int symsde_scheme_delete(symsde_scheme *scheme);
 int symsde_scheme_get_info(symsde_scheme scheme, symsde_scheme_info *info, symsde_error *error);
 /* what is proved about the scheme, as readable lines */
-int symsde_scheme_certificate(symsde_scheme scheme, char *buffer, size_t size, size_t *needed,
-                              symsde_error *error);
+int symsde_scheme_certificate(symsde_scheme scheme, char *buffer, size_t size, size_t *needed, symsde_error *error);
 
 /* ---- runs -------------------------------------------------------------------------------------- */
 
@@ -235,8 +233,8 @@ typedef struct symsde_paths {
 } symsde_paths;
 
 int symsde_paths_init(symsde_paths *paths);
-int symsde_simulate(symsde_model model, symsde_scheme scheme, const symsde_options *options,
-                    const symsde_input *input, symsde_paths *paths, symsde_report *report, symsde_error *error);
+int symsde_simulate(symsde_model model, symsde_scheme scheme, const symsde_options *options, const symsde_input *input,
+                    symsde_paths *paths, symsde_report *report, symsde_error *error);
 
 /* values[nvalue][nlane] of the user's own observables; nonzero aborts the run */
 typedef int (*symsde_observables)(int nlane, int ndof, double t, const double *q, const double *p, double *values,
@@ -265,7 +263,8 @@ int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsd
                            const symsde_input *input, symsde_moments *moments, symsde_report *report,
                            symsde_error *error);
 
-/* the increments that drive a run with these options: dw[steps][nnoise][paths] */
+/* the increments that drive a run with these options: dw[steps][nnoise][paths]; Gaussian, which is the law of
+ * every scheme but the weak ones with two- or three-point increments */
 int symsde_increments(symsde_model model, const symsde_options *options, double *dw, symsde_error *error);
 
 /* ---- diagnostics ------------------------------------------------------------------------------- */
@@ -273,13 +272,11 @@ int symsde_increments(symsde_model model, const symsde_options *options, double 
 /* defect[npoint]: max |M^T J M - J| of the tangent map M of one step from (q, p)[ndof][npoint] with frozen
  * increments dw[nnoise][npoint] */
 int symsde_symplecticity(symsde_model model, symsde_scheme scheme, const symsde_options *options, int64_t npoint,
-                         const double *q, const double *p, const double *dw, double *defect,
-                         symsde_error *error);
+                         const double *q, const double *p, const double *dw, double *defect, symsde_error *error);
 /* discrete action of each step, [WHSB] (49): action[steps][paths], for q, p [steps+1][ndof][paths] from a run
  * with save_every = 1 and its increments dw[steps][nnoise][paths] */
-int symsde_discrete_action(symsde_model model, symsde_scheme scheme, const symsde_options *options,
-                           const double *q, const double *p, const double *dw, double *action,
-                           symsde_error *error);
+int symsde_discrete_action(symsde_model model, symsde_scheme scheme, const symsde_options *options, const double *q,
+                           const double *p, const double *dw, double *action, symsde_error *error);
 /* largest residual over steps and degrees of freedom, residual[4][paths]: discrete Euler-Lagrange equations in
  * q (47) and p (48), Legendre transforms at the left (53)-(54) and right end (57)-(58) of a step */
 int symsde_euler_lagrange_residual(symsde_model model, symsde_scheme scheme, const symsde_options *options,
