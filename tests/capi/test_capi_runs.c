@@ -2,64 +2,9 @@
  *
  * Runs through the C interface: paths, moments, increments, callbacks, outcomes, diagnostics.
  */
-#include "check.h"
+#include "run.h"
 
-enum { PATHS = 300, STEPS = 40, SAVE = 4, NTIME = STEPS / SAVE + 1 };
-
-/* arrays of a run with one degree of freedom */
-typedef struct arrays {
-   double t[STEPS + 1], q[(STEPS + 1) * PATHS], p[(STEPS + 1) * PATHS];
-   double last_q[PATHS], last_p[PATHS], low_q[PATHS], low_p[PATHS];
-   int32_t status[PATHS];
-   int64_t failed_step[PATHS];
-} arrays;
-
-static symsde_paths paths_in(arrays *a, int all) {
-   symsde_paths paths;
-   symsde_paths_init(&paths);
-   paths.t = a->t;
-   paths.q = a->q;
-   paths.p = a->p;
-   paths.status = a->status;
-   paths.failed_step = a->failed_step;
-   if (all) {
-      paths.last_q = a->last_q;
-      paths.last_p = a->last_p;
-      paths.low_q = a->low_q;
-      paths.low_p = a->low_p;
-   }
-   return paths;
-}
-
-static symsde_options some_options(void) {
-   symsde_options options;
-   symsde_options_init(&options);
-   options.step = 0.1;
-   options.steps = STEPS;
-   options.paths = PATHS;
-   options.seed = 0x8000000000000005u; /* the highest bit counts too */
-   options.save_every = SAVE;
-   options.t0 = 2;
-   return options;
-}
-
-static symsde_input some_input(const double *q0, const double *p0) {
-   symsde_input input;
-   symsde_input_init(&input);
-   input.q0 = q0;
-   input.p0 = p0;
-   return input;
-}
-
-static symsde_model new_kubo(void) {
-   symsde_model model = NULL;
-   OK(symsde_model_get("kubo", 0, NULL, NULL, &model, &error));
-   return model;
-}
-
-static const double one = 1, zero = 0;
-static arrays a, b;
-static double dw[STEPS * PATHS];
+static arrays b;
 
 static void test_simulate(void) {
    symsde_model model = new_kubo();
@@ -140,6 +85,33 @@ static void test_resume(void) {
    OK(symsde_increments(model, &options, dw, &error));
    OK(symsde_increments(model, &rest, odd, &error));
    CHECK(memcmp(dw + 17 * PATHS, odd, sizeof(double) * (STEPS - 17) * PATHS) == 0);
+   /* moments take low parts too: with large ones they show */
+   static double t[STEPS + 1], mean[3 * (STEPS + 1)], variance[3 * (STEPS + 1)], se[3 * (STEPS + 1)];
+   static int64_t n_ok[STEPS + 1];
+   double sum = 0;
+   symsde_moments *m = malloc(sizeof *m);
+   symsde_moments_init(m);
+   m->t = t;
+   m->n_ok = n_ok;
+   m->mean = mean;
+   m->variance = variance;
+   m->se_mean = se;
+   for (int i = 0; i < PATHS; i++) {
+      low_q[i] = 0.25;
+      low_p[i] = 0;
+   }
+   OK(symsde_compute_moments(model, scheme, &rest, &input, m, NULL, &error));
+   OK(symsde_simulate(model, scheme, &rest, &input, &parts, NULL, &error));
+   for (int i = 0; i < PATHS; i++) {
+      sum += b.last_q[i] / PATHS;
+   }
+   CHECK(n_ok[STEPS - 17] == PATHS && fabs(mean[3 * (STEPS - 17)] - sum) < 1e-14);
+   free(m);
+   /* every bit of the seed counts */
+   rest = options;
+   rest.seed = 5;
+   OK(symsde_increments(model, &rest, odd, &error));
+   CHECK(memcmp(odd, dw, sizeof dw) != 0);
    /* fewer paths, from another first one */
    rest = options;
    rest.first_path = 290;
@@ -202,7 +174,7 @@ static void test_moments(void) {
 
    m->observables_user = (void *)&limit;
    EXPECT(SYMSDE_CALLBACK_FAILED, "23", symsde_compute_moments(model, scheme, &options, &input, m, &report, &error));
-   CHECK(report.status == SYMSDE_CALLBACK_FAILED);
+   CHECK(report.status == SYMSDE_CALLBACK_FAILED && report.path_steps < STEPS * PATHS); /* stopped early */
    m->observables = NULL;
    EXPECT(SYMSDE_INVALID_ARGUMENT, "observables is NULL",
           symsde_compute_moments(model, scheme, &options, &input, m, &report, &error));
@@ -398,84 +370,6 @@ static void test_diagnostics(void) {
    symsde_scheme_delete(&heun);
 }
 
-/* every misuse of a run, each named */
-static void test_misuse(void) {
-   symsde_model model = new_kubo();
-   symsde_scheme scheme = new_scheme("midpoint");
-   symsde_options good = some_options(), options = good;
-   symsde_input input = some_input(&one, &zero);
-   symsde_paths paths = paths_in(&a, 0);
-   symsde_report report;
-   const double nan_value = NAN;
-
-#define REFUSE(status, words)                                                                                          \
-   EXPECT(status, words, symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error))
-#define OPTION(member, value, status, words)                                                                           \
-   options = good;                                                                                                     \
-   options.member = value;                                                                                             \
-   REFUSE(status, words)
-   OPTION(step, 0, SYMSDE_INVALID_ARGUMENT, "step");
-   OPTION(step, NAN, SYMSDE_INVALID_ARGUMENT, "step");
-   OPTION(t0, INFINITY, SYMSDE_INVALID_ARGUMENT, "t0");
-   OPTION(steps, -4, SYMSDE_INVALID_ARGUMENT, "steps = -4");
-   OPTION(steps, 42, SYMSDE_INVALID_ARGUMENT, "42|multiple|save_every");
-   OPTION(save_every, 0, SYMSDE_INVALID_ARGUMENT, "save_every");
-   OPTION(paths, 0, SYMSDE_INVALID_ARGUMENT, "paths = 0");
-   OPTION(paths, INT64_MAX, SYMSDE_TOO_LARGE, "paths");
-   OPTION(steps, (int64_t)4 << 50, SYMSDE_TOO_LARGE, "steps");
-   OPTION(first_step, -1, SYMSDE_INVALID_ARGUMENT, "first_step");
-   OPTION(lanes, 12, SYMSDE_INVALID_ARGUMENT, "multiple of 8");
-   OPTION(threads, -1, SYMSDE_INVALID_ARGUMENT, "threads");
-   OPTION(refine, 31, SYMSDE_INVALID_ARGUMENT, "refine = 31");
-   OPTION(correction, 9, SYMSDE_INVALID_ARGUMENT, "correction");
-   OPTION(correction, SYMSDE_CORRECTION_MEAN, SYMSDE_INCOMPATIBLE, "midpoint|correction");
-   OPTION(max_iter, 0, SYMSDE_INVALID_ARGUMENT, "");
-   OPTION(struct_size, 0, SYMSDE_INVALID_ARGUMENT, "symsde_options_init first");
-   OPTION(struct_size, sizeof options + 8, SYMSDE_INVALID_ARGUMENT, "symsde_options_init first|header");
-   options = good;
-   options.steps = (int64_t)1 << 46;
-   options.paths = (int64_t)1 << 30;
-   options.save_every = 1;
-   REFUSE(SYMSDE_TOO_LARGE, "q has");
-   options = good;
-   input.q0 = NULL;
-   REFUSE(SYMSDE_INVALID_ARGUMENT, "q0 is NULL");
-   input = some_input(&one, &nan_value);
-   REFUSE(SYMSDE_INVALID_ARGUMENT, "finite");
-   input = some_input(&one, &zero);
-   input.p0_paths = -1;
-   REFUSE(SYMSDE_WRONG_SHAPE, "p0|negative");
-   input.p0_paths = 0;
-   REFUSE(SYMSDE_WRONG_SHAPE, "300");
-   input = some_input(&one, &zero);
-   input.struct_size = 0;
-   REFUSE(SYMSDE_INVALID_ARGUMENT, "symsde_input_init first");
-   input = some_input(&one, &zero);
-   paths.failed_step = NULL;
-   REFUSE(SYMSDE_INVALID_ARGUMENT, "failed_step is NULL");
-   paths = paths_in(&a, 0);
-   paths.struct_size = 0;
-   REFUSE(SYMSDE_INVALID_ARGUMENT, "symsde_paths_init first");
-   paths = paths_in(&a, 0);
-   report.struct_size = 0;
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "symsde_report_init first",
-          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
-   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_simulate(NULL, scheme, &options, &input, &paths, NULL, &error));
-   EXPECT(SYMSDE_NULL_HANDLE, "scheme", symsde_simulate(model, NULL, &options, &input, &paths, NULL, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL",
-          symsde_simulate(model, scheme, NULL, &input, &paths, NULL, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "input is NULL",
-          symsde_simulate(model, scheme, &options, NULL, &paths, NULL, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "paths is NULL",
-          symsde_simulate(model, scheme, &options, &input, NULL, NULL, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "dw is NULL", symsde_increments(model, &options, NULL, &error));
-   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_increments(NULL, &options, dw, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL", symsde_increments(model, NULL, dw, &error));
-   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error)); /* and it still works */
-   symsde_model_delete(&model);
-   symsde_scheme_delete(&scheme);
-}
-
 int main(void) {
    test_simulate();
    test_resume();
@@ -483,6 +377,5 @@ int main(void) {
    test_failed_paths();
    test_stop_and_refusing_callback();
    test_diagnostics();
-   test_misuse();
    return close_report();
 }

@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: BSD-3-Clause
+ *
+ * Every misuse of a run through the C interface is refused by its own words, and the process goes on.
+ */
+#include "run.h"
+
+/* every misuse of a run, each named */
+static void test_misuse(void) {
+   symsde_model model = new_kubo();
+   symsde_scheme scheme = new_scheme("midpoint");
+   symsde_options good = some_options(), options = good;
+   symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_report report;
+   const double nan_value = NAN;
+
+#define REFUSE(status, words)                                                                                          \
+   EXPECT(status, words, symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error))
+#define OPTION(member, value, status, words)                                                                           \
+   options = good;                                                                                                     \
+   options.member = value;                                                                                             \
+   REFUSE(status, words)
+   OPTION(step, 0, SYMSDE_INVALID_ARGUMENT, "step");
+   OPTION(step, NAN, SYMSDE_INVALID_ARGUMENT, "step");
+   OPTION(t0, INFINITY, SYMSDE_INVALID_ARGUMENT, "t0");
+   OPTION(steps, -4, SYMSDE_INVALID_ARGUMENT, "steps = -4");
+   OPTION(steps, 42, SYMSDE_INVALID_ARGUMENT, "42|multiple|save_every");
+   OPTION(save_every, 0, SYMSDE_INVALID_ARGUMENT, "save_every");
+   OPTION(paths, 0, SYMSDE_INVALID_ARGUMENT, "paths = 0");
+   OPTION(paths, INT64_MAX, SYMSDE_TOO_LARGE, "paths");
+   OPTION(steps, (int64_t)4 << 50, SYMSDE_TOO_LARGE, "steps");
+   OPTION(first_step, -1, SYMSDE_INVALID_ARGUMENT, "first_step");
+   OPTION(lanes, 12, SYMSDE_INVALID_ARGUMENT, "multiple of 8");
+   OPTION(threads, -1, SYMSDE_INVALID_ARGUMENT, "threads");
+   OPTION(refine, 31, SYMSDE_INVALID_ARGUMENT, "refine = 31");
+   OPTION(correction, 9, SYMSDE_INVALID_ARGUMENT, "correction");
+   OPTION(correction, SYMSDE_CORRECTION_MEAN, SYMSDE_INCOMPATIBLE, "midpoint|correction");
+   OPTION(max_iter, 0, SYMSDE_INVALID_ARGUMENT, "");
+   OPTION(struct_size, 0, SYMSDE_INVALID_ARGUMENT, "symsde_options_init first");
+   OPTION(struct_size, sizeof options + 8, SYMSDE_INVALID_ARGUMENT, "symsde_options_init first|header");
+   options = good;
+   options.steps = (int64_t)1 << 46;
+   options.paths = (int64_t)1 << 30;
+   options.save_every = 1;
+   REFUSE(SYMSDE_TOO_LARGE, "q has");
+   options = good;
+   input.q0 = NULL;
+   REFUSE(SYMSDE_INVALID_ARGUMENT, "q0 is NULL");
+   input = some_input(&one, &nan_value);
+   REFUSE(SYMSDE_INVALID_ARGUMENT, "finite");
+   input = some_input(&one, &zero);
+   input.p0_paths = -1;
+   REFUSE(SYMSDE_WRONG_SHAPE, "p0|negative");
+   input.p0_paths = 0;
+   REFUSE(SYMSDE_WRONG_SHAPE, "300");
+   input = some_input(&one, &zero);
+   input.struct_size = 0;
+   REFUSE(SYMSDE_INVALID_ARGUMENT, "symsde_input_init first");
+   input = some_input(&one, &zero);
+   paths.failed_step = NULL;
+   REFUSE(SYMSDE_INVALID_ARGUMENT, "failed_step is NULL");
+   paths = paths_in(&a, 0);
+   paths.struct_size = 0;
+   REFUSE(SYMSDE_INVALID_ARGUMENT, "symsde_paths_init first");
+   paths = paths_in(&a, 0);
+   report.struct_size = 0;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "symsde_report_init first",
+          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_simulate(NULL, scheme, &options, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "scheme", symsde_simulate(model, NULL, &options, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL",
+          symsde_simulate(model, scheme, NULL, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "input is NULL",
+          symsde_simulate(model, scheme, &options, NULL, &paths, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "paths is NULL",
+          symsde_simulate(model, scheme, &options, &input, NULL, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "dw is NULL", symsde_increments(model, &options, NULL, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_increments(NULL, &options, dw, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL", symsde_increments(model, NULL, dw, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error)); /* and it still works */
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
+int main(void) {
+   test_misuse();
+   return close_report();
+}
