@@ -53,7 +53,7 @@ contains
       if (allocated(error)) return
       select case (name)
       case ('midpoint')
-         call from_rule(scheme, name, 'gauss1', 1, '[WHSB] (70); Milstein, Repin, Tretyakov 2002', &
+         call from_rule(scheme, name, 'gauss1', 1, '[WHSB] (71)-(72); Milstein, Repin, Tretyakov 2002', &
                         error)
       case ('symplectic_euler')
          call from_rule(scheme, name, 'rectangle_left', 1, '[WHSB] (89)-(90)', error)
@@ -176,7 +176,7 @@ contains
          if (allocated(error)) return
          nodes = x
          call scheme_from_quadrature(scheme, 1, nodes, one, name, error)
-         scheme%reference = 'one-sided family, [WHSB] (70), (89)-(92)'
+         scheme%reference = 'one-sided family, [WHSB] (71)-(72), (89)-(92)'
       else
          names = all_names
          call raise(error, unknown_name, 'get_scheme', "there is no scheme '"//trim(name)// &

@@ -73,7 +73,7 @@ contains
    !> The paper's own recipe (63)-(65) with momenta tied to the end points: node i evaluates the
    !> Hamiltonians at Q_i = (1-c_i) q_n + c_i q_{n+1} and P_i = (1-d_i) p_n + d_i p_{n+1}. Its 4n
    !> equations for 2n unknowns agree only for a single node with d = 1 - c: the family
-   !> Q = (1-lambda) q_n + lambda q_{n+1}, P = lambda p_n + (1-lambda) p_{n+1} of [WHSB] (70),
+   !> Q = (1-lambda) q_n + lambda q_{n+1}, P = lambda p_n + (1-lambda) p_{n+1} of [WHSB] (71)-(72),
    !> (89)-(92).
    !> Errors: those of scheme_from_quadrature; incompatible for every other choice, with the reason.
    subroutine scheme_from_end_point_rule(scheme, q_nodes, p_nodes, weights, name, error)
