@@ -79,17 +79,68 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
-      real(wp) :: sine(nlane), cosine(nlane), omega2, sigma1, sigma2
+      real(wp) :: sine(nlane), cosine(nlane)
 
-      omega2 = self%omega2
-      sigma1 = self%sigma1
-      sigma2 = self%sigma2
       if (present(hq) .or. present(hqq)) call sincos_lanes(nlane, q(:, 1), sine, cosine)
-      if (present(hq)) hq(:, 1) = (omega2*w(:, 0) + sigma2*w(:, 2))*sine + sigma1*w(:, 1)*cosine
+      if (present(hqq)) then
+         if (present(hq)) then
+            call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, cosine, hq, hqq)
+         else
+            call slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, cosine, hqq)
+         end if
+      else if (present(hq)) then
+         call force(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, cosine, hq)
+      end if
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
-      if (present(hqq)) &
-         hqq(:, 1, 1) = (omega2*w(:, 0) + sigma2*w(:, 2))*cosine - sigma1*w(:, 1)*sine
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> hq = (omega^2 w_0 + sigma2 w_2) sin q + sigma1 w_1 cos q
+   pure subroutine force(nlane, omega2, sigma1, sigma2, w, sine, cosine, hq)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: omega2, sigma1, sigma2, w(nlane, 0:2), sine(nlane), cosine(nlane)
+      real(wp), intent(out) :: hq(nlane)
+      real(wp) :: a, b
+      integer :: lane
+
+      do lane = 1, nlane
+         a = omega2*w(lane, 0) + sigma2*w(lane, 2)
+         b = sigma1*w(lane, 1)
+         hq(lane) = a*sine(lane) + b*cosine(lane)
+      end do
+   end subroutine force
+
+   !> hqq = (omega^2 w_0 + sigma2 w_2) cos q - sigma1 w_1 sin q
+   pure subroutine slope(nlane, omega2, sigma1, sigma2, w, sine, cosine, hqq)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: omega2, sigma1, sigma2, w(nlane, 0:2), sine(nlane), cosine(nlane)
+      real(wp), intent(out) :: hqq(nlane)
+      real(wp) :: a, b
+      integer :: lane
+
+      do lane = 1, nlane
+         a = omega2*w(lane, 0) + sigma2*w(lane, 2)
+         b = sigma1*w(lane, 1)
+         hqq(lane) = a*cosine(lane) - b*sine(lane)
+      end do
+   end subroutine slope
+
+   !> Both in one pass, for Newton's iteration: what they share is loaded once.
+   pure subroutine force_and_slope(nlane, omega2, sigma1, sigma2, w, sine, cosine, hq, hqq)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: omega2, sigma1, sigma2, w(nlane, 0:2), sine(nlane), cosine(nlane)
+      real(wp), intent(out) :: hq(nlane), hqq(nlane)
+      real(wp) :: a, b
+      integer :: lane
+
+      do lane = 1, nlane
+         a = omega2*w(lane, 0) + sigma2*w(lane, 2)
+         b = sigma1*w(lane, 1)
+         hq(lane) = a*sine(lane) + b*cosine(lane)
+         hqq(lane) = a*cosine(lane) - b*sine(lane)
+      end do
+   end subroutine force_and_slope
 
 end module symsde_model_synchrotron
