@@ -2,6 +2,7 @@
 !> Scenes of the library beside hand-fused programs of the same scheme, generator and arithmetic.
 !>
 !> bench_suite [REPEATS [SCALE]]: both run in turn, REPEATS times; SCALE percent of the usual steps.
+!> One thread, processor time, so that other work on the machine disturbs little.
 !> Lines: scene NAME, then ns per path-step of the library (median, least, largest), of the limit
 !> program (the same), the median of the ratios, and the largest difference of the final states.
 program bench_suite
@@ -13,7 +14,7 @@ program bench_suite
    use bench_limit_kubo, only: limit_kubo
    use bench_limit_synchrotron, only: limit_synchrotron
    use bench_limit_synchrotron_fused, only: limit_synchrotron_fused
-   use bench_support, only: seconds, median, scene_type, new_scene, run_paths, integer_argument
+   use bench_support, only: median, scene_type, new_scene, run_paths, integer_argument
    implicit none
    integer(i8), parameter :: npath = 2048
    integer(i4), parameter :: nsite = 64
@@ -38,7 +39,7 @@ contains
       type(scene_type) :: scene
       type(paths_type) :: run
       real(wp), allocatable :: q(:), p(:)
-      real(wp) :: ours(repeats), limit(repeats), start, unit, difference
+      real(wp) :: ours(repeats), limit(repeats), start, end, unit, difference
       integer(i8) :: nstep, repeat
 
       call choose(name, scene)
@@ -47,12 +48,14 @@ contains
       allocate (q(npath*size(scene%q0)), p(npath*size(scene%q0)))
       call run_paths(scene, npath, 2_i8, 0_i8, run)
       do repeat = 1, repeats
-         start = seconds()
+         call cpu_time(start)
          call run_paths(scene, npath, nstep, 0_i8, run)
-         ours(repeat) = unit*(seconds() - start)
-         start = seconds()
+         call cpu_time(end)
+         ours(repeat) = unit*(end - start)
+         call cpu_time(start)
          call run_limit(name, nstep, scene%q0, q, p)
-         limit(repeat) = unit*(seconds() - start)
+         call cpu_time(end)
+         limit(repeat) = unit*(end - start)
       end do
       difference = largest_difference(name, run%last_q, q)
       print '(a, 1x, a, 8(1x, es12.5))', 'scene', name, median(ours), minval(ours), maxval(ours), &

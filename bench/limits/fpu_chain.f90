@@ -65,7 +65,7 @@ contains
          nrunning = 0
          do lane = 1, nlane
             last(lane) = next_size(step(lane), size(lane), last(lane))
-            nrunning = nrunning + merge(1_i8, 0_i8, last(lane) >= 0)
+            nrunning = nrunning + runs(last(lane))
          end do
       end do
       do i = 1, n
@@ -135,14 +135,21 @@ contains
    !> of stagnation, without that of failures.
    pure function next_size(d, size, last) result(next)
       real(wp), intent(in) :: d, size, last
-      real(wp) :: next, limit
+      real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)
+      real(wp) :: next, bound
 
-      limit = 0.25_wp*epsilon(1.0_wp)*size
-      next = merge(-1.0_wp, d, d <= limit)
-      next = merge(-1.0_wp, next, d <= 2.0_wp**(-13)*last .and. 2.0_wp**(-13)*d <= limit)
-      next = merge(-1.0_wp, next, d <= 2.0_wp**(-26)*last .and. 2.0_wp**(-26)*d <= limit)
-      next = merge(-1.0_wp, next, d >= last .and. d <= 1e-10_wp*size)
+      bound = merge(2.0_wp**13, 1.0_wp, d <= 2.0_wp**(-13)*last)
+      bound = rounding*size*merge(2.0_wp**26, bound, d <= 2.0_wp**(-26)*last)
+      bound = merge(1e-10_wp*size, bound, d >= last)
+      next = merge(-1.0_wp, d, d <= bound)
       next = merge(next, last, last >= 0)
    end function next_size
+
+   !> 1 for a lane that goes on, else 0, from the sign of its size.
+   pure integer(i8) function runs(next)
+      real(wp), intent(in) :: next
+
+      runs = 1 - ishft(transfer(next, 0_i8), -63)
+   end function runs
 
 end module bench_limit_fpu_chain
