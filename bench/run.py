@@ -213,7 +213,7 @@ def describe_machine(build: Path) -> dict:
         "cpu": f"{cpu[1] if cpu else platform.processor()}, {os.cpu_count()} cores, {level}",
         "system": platform.platform(),
         "compiler": version,
-        "flags": flags[1].strip() if flags else "unknown",
+        "flags": " ".join(f for f in flags[1].split() if f[:2] not in ("-J", "-I")) if flags else "unknown",
         "date": datetime.date.today().isoformat(),
         "load": f"{os.getloadavg()[0]:.2f} when it began",
     }
@@ -253,7 +253,8 @@ def scene_section(results: dict) -> str:
     heads = ["scene", "library [ns]", "limit [ns]", "library/limit", "fraction", "target"]
     return (
         "## Scenes beside hand-fused programs\n\n"
-        "ns per path-step on one thread: median (least .. largest). The limit programs of\n"
+        "ns of processor time per path-step on one thread: median (least .. largest), both in turn.\n"
+        "Fraction is the limit program's time over the library's. The limit programs of\n"
         "`bench/limits/` have the same scheme, generator and arithmetic and none of the machinery\n"
         "(no status, checks, observers). `synchrotron_midpoint_fused` is the same scene beside a\n"
         "limit program with a copy of sine and cosine in its one loop.\n\n" + table(heads, rows)

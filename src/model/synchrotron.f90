@@ -84,7 +84,8 @@ contains
       if (present(hq) .or. present(hqq)) call sincos_lanes(nlane, q(:, 1), sine, cosine)
       if (present(hqq)) then
          if (present(hq)) then
-            call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, cosine, hq, hqq)
+            call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, cosine, &
+                                 hq, hqq)
          else
             call slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, cosine, hqq)
          end if
