@@ -211,12 +211,15 @@ typedef struct symsde_report {
    int32_t status;      /* the outcome of the whole run, also returned */
    int32_t correction;  /* the correction that was active */
    int64_t path_steps, normals, gradients, hessians, hessian_vectors, iterations, solves, lapack_solves;
+   int64_t failures, damped, continued; /* path-steps not solved from zero increments; of these, solved by damped
+                                           Newton, and by continuation in the increments */
    int64_t failed, stopped; /* paths */
    int32_t threads, lanes;
    double lost_variance;    /* of a normal, by truncation */
    double seconds_setup, seconds_run;
    char stepper[64];
    char left_out[512];
+   char warnings[2048]; /* doubts known before the run, one a line */
 } symsde_report;
 
 int symsde_report_init(symsde_report *report);

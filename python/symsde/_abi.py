@@ -116,6 +116,9 @@ COUNTERS = (
     "iterations",
     "solves",
     "lapack_solves",
+    "failures",
+    "damped",
+    "continued",
 )
 
 
@@ -134,6 +137,7 @@ class Report(Structure):
         *((name, c_double) for name in ("lost_variance", "seconds_setup", "seconds_run")),
         ("stepper", c_char * 64),
         ("left_out", c_char * 512),
+        ("warnings", c_char * 2048),
     )
 
 

@@ -20,6 +20,7 @@ class Report:
     stepper: str  #: the stepper that the traits chose
     correction: str  #: the correction that was active
     left_out: tuple[str, ...]  #: what this scene did not need
+    warnings: tuple[str, ...]  #: doubts known before the run, with numbers
     counters: dict[str, int]  #: path_steps, normals, gradients, hessians, iterations, solves, ...
     failed: int  #: paths that failed
     stopped: int  #: paths cut short by a stop
@@ -38,6 +39,7 @@ class Report:
             "correction": self.correction,
             "left out": "; ".join(self.left_out) or "nothing",
             "counters": counted,
+            "warnings": "; ".join(self.warnings) or "none",
             "paths": f"{self.failed} failed, {self.stopped} stopped",
             "threads": f"{self.threads}, {self.lanes} lanes a block",
             "seconds": f"{self.timings['setup']:.3g} to set up, {self.timings['run']:.3g} to run",
@@ -55,6 +57,7 @@ def make_report(given: _abi.Report) -> Report:
         stepper=given.stepper.decode("utf-8", "replace"),
         correction=_abi.CORRECTIONS[given.correction],
         left_out=tuple(part for part in left_out.split("; ") if part),
+        warnings=tuple(given.warnings.decode("utf-8", "replace").splitlines()),
         counters={name: getattr(given, name) for name in _abi.COUNTERS},
         failed=given.failed,
         stopped=given.stopped,

@@ -16,6 +16,9 @@ module symsde_base_counters
       integer(i8) :: iterations = 0       !! Newton or fixed-point iterations, each until its own lane was done
       integer(i8) :: solves = 0           !! linear systems solved
       integer(i8) :: lapack_solves = 0    !! of these, by LAPACK
+      integer(i8) :: failures = 0         !! path-steps that Newton from zero increments did not solve
+      integer(i8) :: damped = 0           !! of these, solved by damped Newton
+      integer(i8) :: continued = 0        !! of these, solved by continuation in the increments
    end type counters_type
 
 contains
@@ -33,6 +36,9 @@ contains
       total%iterations = total%iterations + part%iterations
       total%solves = total%solves + part%solves
       total%lapack_solves = total%lapack_solves + part%lapack_solves
+      total%failures = total%failures + part%failures
+      total%damped = total%damped + part%damped
+      total%continued = total%continued + part%continued
    end subroutine add_counters
 
 end module symsde_base_counters

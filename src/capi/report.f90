@@ -19,12 +19,14 @@ module symsde_capi_report
       integer(c_int32_t) :: status
       integer(c_int32_t) :: correction
       integer(c_int64_t) :: path_steps, normals, gradients, hessians, hessian_vectors, iterations, solves, lapack_solves
+      integer(c_int64_t) :: failures, damped, continued
       integer(c_int64_t) :: failed, stopped
       integer(c_int32_t) :: threads, lanes
       real(c_double) :: lost_variance
       real(c_double) :: seconds_setup, seconds_run
       character(kind=c_char) :: stepper(64)
       character(kind=c_char) :: left_out(512)
+      character(kind=c_char) :: warnings(2048)
    end type c_report
 
 contains
@@ -100,6 +102,9 @@ contains
       c%iterations = r%counters%iterations
       c%solves = r%counters%solves
       c%lapack_solves = r%counters%lapack_solves
+      c%failures = r%counters%failures
+      c%damped = r%counters%damped
+      c%continued = r%counters%continued
       c%failed = r%nfailed
       c%stopped = r%nstopped
       c%threads = r%nthread
@@ -109,8 +114,10 @@ contains
       c%seconds_run = r%seconds_run
       call put_chars('', c%stepper)
       call put_chars('', c%left_out)
+      call put_chars('', c%warnings)
       if (allocated(r%stepper)) call put_chars(r%stepper, c%stepper)
       if (allocated(r%left_out)) call put_chars(r%left_out, c%left_out)
+      if (allocated(r%warnings)) call put_chars(r%warnings, c%warnings)
    end subroutine fill_report
 
    !> What the outcome of a run means, and where to look.

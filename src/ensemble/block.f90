@@ -11,6 +11,7 @@ module symsde_ensemble_block
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
    use symsde_noise_source, only: noise_type
+   use symsde_step_rescue, only: rescue_type
    use symsde_step_state, only: lane_state, new_lane_state
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -21,6 +22,7 @@ module symsde_ensemble_block
    type :: block_runner
       type(run_options) :: options
       class(stepper_type), allocatable :: stepper
+      type(rescue_type) :: rescue          !! for paths that the stepper cannot solve
       class(observer_type), allocatable :: observer
       class(noise_type), pointer :: noise
       type(lane_state) :: state
@@ -127,9 +129,11 @@ contains
    !> One step of the block.
    subroutine one_step(self)
       type(block_runner), intent(inout) :: self
+      integer(i8) :: failures
       integer :: half
 
       half = int(mod(self%step, 2_i8))
+      failures = self%stepper%ham%counters%failures
       if (allocated(self%z)) then
          if (self%step/2 /= self%pair) call self%noise%fill_integrals( &
             self%state%nlane, self%path, self%step/2, self%w, self%z, self%area, self%normals)
@@ -141,6 +145,10 @@ contains
       self%pair = self%step/2
       call self%stepper%increment(time_of(self, self%step), self%w(:, :, half), self%state%q, self%state%p, &
                                   self%dq, self%dp, self%state%status)
+      if (self%stepper%ham%counters%failures > failures) &
+         call self%rescue%attempt(self%state%nlane, time_of(self, self%step), self%w(:, :, half), self%state%q, &
+                                  self%state%p, self%state%failed_step >= 0, self%dq, self%dp, self%state%status, &
+                                  self%stepper%ham%counters)
       call self%state%advance(self%step, self%dq, self%dp)
       self%stepper%ham%counters%steps = self%stepper%ham%counters%steps + self%nreal
       self%step = self%step + 1

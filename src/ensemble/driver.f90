@@ -16,7 +16,8 @@ module symsde_ensemble_driver
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options, check_options
-   use symsde_ensemble_report, only: run_report, describe_left_out
+   use symsde_ensemble_report, only: run_report, describe_left_out, is_explicit_stepper
+   use symsde_ensemble_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
    use symsde_model_probe, only: probe_model
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
@@ -28,6 +29,7 @@ module symsde_ensemble_driver
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: stepper_options, new_stepper, resolve_correction
    use symsde_step_modified_hamiltonian, only: integrals_needed
+   use symsde_step_rescue, only: new_rescue
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
@@ -79,6 +81,8 @@ contains
       if (.not. allocated(error)) &
          call new_runners(runners, model, scheme, options, observer, noise, report, error)
       if (allocated(error)) return
+      report%warnings = set_up_warnings(model, scheme, options, is_explicit_stepper(report%stepper), q0(1, :), p0(1, :), &
+                                        report%lost_variance)
       call model%clear_failure()
       report%seconds_setup = seconds() - start
 
@@ -197,6 +201,7 @@ contains
          if (allocated(error)) return
          if (i == 1) report%stepper = stepper%name
          call new_block_runner(runners(i), options, report%nlane, stepper, observer, noise)
+         call new_rescue(runners(i)%rescue, model, scheme, runners(i)%stepper, choice%newton)
       end do
       report%left_out = describe_left_out(model, scheme, report%correction, report%stepper)
    end subroutine new_runners
@@ -250,7 +255,7 @@ contains
          allocate (noise, source=brownian)
       end if
       call noise%ask(needs_dz, needs_areas)
-      if (options%truncation > 0 .or. options%truncation < 0) then
+      if (.not. abs(options%truncation) <= 0) then
          call truncation_bound(options%step, options%truncation, options%truncation_time, cut, error)
          noise%bound = cut*sqrt(abs(options%step))
          lost = lost_variance(cut)

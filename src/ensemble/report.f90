@@ -8,12 +8,13 @@ module symsde_ensemble_report
    use symsde_scheme_scheme, only: scheme_type, correction_none
    implicit none
    private
-   public :: run_report, describe_left_out
+   public :: run_report, describe_left_out, is_explicit_stepper
 
    type :: run_report
       integer(i4) :: status = status_ok          !! ok, or the numerical outcome of the whole run
       character(:), allocatable :: stepper       !! the stepper the factory chose
       character(:), allocatable :: left_out      !! what this scene did not need
+      character(:), allocatable :: warnings      !! doubts known before the run, one a line
       integer :: correction = correction_none    !! the correction that was active
       type(counters_type) :: counters
       integer(i8) :: nfailed = 0                 !! paths with a numerical failure
@@ -49,7 +50,7 @@ contains
             call add('correction: switched off, the scheme converges to another equation')
          end if
       end if
-      if (index(stepper, 'explicit') == 1 .or. index(stepper, 'Euler-Maruyama') == 1) then
+      if (is_explicit_stepper(stepper)) then
          call add('solver: the step is explicit')
       else if (model%traits%quadratic .and. correction == correction_none) then
          call add('iteration: the equations are linear, one solve a step')
@@ -66,5 +67,12 @@ contains
       end subroutine add
 
    end function describe_left_out
+
+   !> Whether a stepper, by its name, calls no solver.
+   pure logical function is_explicit_stepper(stepper)
+      character(*), intent(in) :: stepper
+
+      is_explicit_stepper = index(stepper, 'explicit') == 1 .or. index(stepper, 'Euler-Maruyama') == 1
+   end function is_explicit_stepper
 
 end module symsde_ensemble_report

@@ -22,6 +22,7 @@ module symsde_solve_newton
    use symsde_base_counters, only: counters_type
    use symsde_base_status, only: not_converged, nonfinite, singular
    use symsde_solve_blocks, only: block_solver, new_block_solver
+   use symsde_solve_damping, only: damping_type, new_damping, start_damping, reject, accept
    implicit none
    private
    public :: newton_type, newton_options, new_newton
@@ -34,6 +35,7 @@ module symsde_solve_newton
    type :: newton_options
       integer :: max_iter = 100         !! bound of the iterations of one step, 1..1000
       integer :: fixed_point = 0        !! n > 0: exactly n fixed-point iterations instead of Newton
+      logical :: damped = .false.       !! shorten corrections that do not lower the residual; update only
    end type newton_options
 
    type :: newton_type
@@ -52,6 +54,7 @@ module symsde_solve_newton
       logical, allocatable, private :: active(:)
       integer(i8), allocatable, private :: verdict(:)
       type(block_solver), private :: solver
+      type(damping_type), private :: damping
    contains
       procedure :: start
       procedure :: update
@@ -72,8 +75,10 @@ contains
       self%nlane = nlane
       self%n = n
       self%options = options
-      self%affine = affine .and. options%fixed_point == 0
-      allocate (self%r(nlane, n), self%last(nlane), self%step(nlane), self%size(nlane), self%active(nlane), self%verdict(nlane))
+      self%affine = affine .and. options%fixed_point == 0 .and. .not. options%damped
+      allocate (self%r(nlane, n), self%last(nlane), self%step(nlane), self%size(nlane))
+      allocate (self%active(nlane), self%verdict(nlane))
+      if (options%damped) call new_damping(self%damping, nlane, n)
       if (options%fixed_point > 0) return
       if (kl < 0) then
          allocate (self%a(nlane, n, n))
@@ -91,6 +96,7 @@ contains
       call start_lanes(self%nlane, status, self%last, self%nrunning)
       self%iteration = 0
       self%running = self%nrunning > 0
+      if (self%options%damped) call start_damping(self%damping)
    end subroutine start
 
    !> Solve for the correction, add it to the unknowns of the running lanes, and test each lane.
@@ -100,8 +106,14 @@ contains
       integer(i8), intent(inout) :: status(self%nlane)         !! code of a lane that fails
       type(counters_type), intent(inout) :: counters
 
-      if (self%options%fixed_point == 0) call solve_correction(self, status, counters)
-      call correct_lanes(self%nlane, self%n, self%r, self%last, x, self%step, self%size)
+      if (self%options%damped) then
+         call reject(self%damping, self%r, self%last, x, self%step, self%size)
+         call solve_correction(self, status, counters)
+         call accept(self%damping, self%r, self%last, x, self%step, self%size)
+      else
+         if (self%options%fixed_point == 0) call solve_correction(self, status, counters)
+         call correct_lanes(self%nlane, self%n, self%r, self%last, x, self%step, self%size)
+      end if
       call self%judge(status, counters)
    end subroutine update
 
@@ -133,9 +145,10 @@ contains
       counters%iterations = counters%iterations + self%nrunning
       if (self%options%fixed_point == 0) counters%solves = counters%solves + self%nrunning
       call test_lanes(self%nlane, test_level(self), self%step, self%size, self%last, self%nrunning, nfailed)
-      if (nfailed > 0) call mark(self, status)
+      if (nfailed > 0) call mark(self, status, counters)
       if (self%iteration >= limit(self) .and. self%nrunning > 0) then
          if (self%options%fixed_point == 0) then
+            counters%failures = counters%failures + count(self%last >= 0 .and. status == 0)
             where (self%last >= 0 .and. status == 0) status = not_converged
          end if
          self%nrunning = 0
@@ -176,6 +189,8 @@ contains
          call self%solver%solve(self%a, self%r, self%active, self%verdict)
       end if
       counters%lapack_solves = counters%lapack_solves + self%solver%lapack_solves - before
+      if (all(self%verdict == 0)) return
+      counters%failures = counters%failures + count(self%active .and. self%verdict /= 0)
       where (self%active .and. self%verdict /= 0)
          status = self%verdict
          self%last = failed
@@ -184,14 +199,16 @@ contains
 
    !> Lanes that failed in this update and have no status yet get one: singular where the derivative of a
    !> single equation vanished, else not finite.
-   subroutine mark(self, status)
+   subroutine mark(self, status, counters)
       type(newton_type), intent(in) :: self
       integer(i8), intent(inout) :: status(self%nlane)
+      type(counters_type), intent(inout) :: counters
       integer :: lane
 
       do lane = 1, self%nlane
          if (self%last(lane) > -1.5_wp .or. status(lane) /= 0) cycle
          status(lane) = nonfinite
+         counters%failures = counters%failures + 1
          if (self%n == 1) then
             if (abs(self%r(lane, 1)) <= huge(1.0_wp)) status(lane) = singular
          end if

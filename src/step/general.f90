@@ -26,11 +26,13 @@ module symsde_step_general
       real(wp), allocatable :: c(:)            !! nodes (nstage)
       real(wp), allocatable :: a(:, :, :), abar(:, :, :), alpha(:, :) !! (.., npart)
       real(wp), allocatable :: v(:, :, :)      !! weights of each part (nlane, 0:nnoise, npart)
-      real(wp), allocatable :: x(:, :)         !! slopes (nlane, 2 ndof nstage npart)
+      real(wp), allocatable, public :: x(:, :) !! slopes (nlane, 2 ndof nstage npart)
       real(wp), allocatable :: qs(:, :), ps(:, :)               !! one stage (nlane, ndof)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
    contains
       procedure :: increment
+      procedure :: solve_stages
+      procedure :: add_up
    end type general_stepper
 
 contains
@@ -77,21 +79,42 @@ contains
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
-      integer :: i, part, at
+
+      self%x = 0
+      call self%solve_stages(t, w(1, 0), w, q, p, status)
+      call self%add_up(dq, dp)
+   end subroutine increment
+
+   !> Newton for the slopes, from those in x on.
+   subroutine solve_stages(self, t, h, w, q, p, status)
+      class(general_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp), intent(in) :: h    !! step that places the nodes in time [time]
+      real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer :: i, part
 
       call split_weights(self, w)
-      self%x = 0
       call self%newton%start(status)
       do while (self%newton%running)
          if (allocated(self%newton%a)) self%newton%a = 0
          do i = 1, self%nstage
             call stage_point(self, i, q, p)
             do part = 1, self%npart
-               call linearise(self, i, part, t + self%c(i)*w(1, 0))
+               call linearise(self, i, part, t + self%c(i)*h)
             end do
          end do
          call self%newton%update(self%x, status, self%ham%counters)
       end do
+   end subroutine solve_stages
+
+   !> dq = sum_i alpha_i F_i, dp = sum_i alpha_i G_i.
+   subroutine add_up(self, dq, dp)
+      class(general_stepper), intent(in) :: self
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer :: i, part, at
+
       dq = 0
       dp = 0
       associate (n => self%ham%ndof)
@@ -103,7 +126,7 @@ contains
             end do
          end do
       end associate
-   end subroutine increment
+   end subroutine add_up
 
    !> Where the slopes of a stage and part begin in x.
    pure integer function first(self, i, part)

@@ -1,0 +1,193 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What can be known to be doubtful before a run begins, in sentences with numbers.
+!>
+!> Bounds that the model declares (max_frequency, noise_lipschitz) are used as they are; otherwise they
+!> are estimated from Hessians at the initial state of the first path, and called estimates.
+module symsde_ensemble_warnings
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_text, only: to_text
+   use symsde_base_traits, only: dense
+   use symsde_ensemble_options, only: run_options
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type
+   implicit none
+   private
+   public :: set_up_warnings
+
+   integer, parameter :: largest_dense = 64  !! degrees of freedom up to which a dense Hessian is looked at
+
+   type :: bounds_type
+      real(wp) :: frequency = 0   !! of H [1/time]
+      real(wp) :: lipschitz = 0   !! of the noise [1/sqrt(time)]
+      character(:), allocatable :: frequency_source, lipschitz_source
+   end type bounds_type
+
+contains
+
+   !> Warnings, one a line; empty where there is nothing to say.
+   function set_up_warnings(model, scheme, options, explicit, q0, p0, lost_variance) result(text)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      logical, intent(in) :: explicit            !! the step calls no solver
+      real(wp), intent(in) :: q0(:), p0(:)       !! initial state of the first path (ndof)
+      real(wp), intent(in) :: lost_variance      !! of a normal, by truncation
+      character(:), allocatable :: text
+      type(bounds_type) :: bounds
+
+      text = ''
+      call find_bounds(model, options%t0, q0, p0, bounds)
+      call warn_of_frequency(text, scheme, model%traits%quadratic, abs(options%step), explicit, bounds)
+      if (.not. explicit) call warn_of_noise(text, options, bounds)
+      if (lost_variance > 1e-3_wp) call add(text, 'truncation loses '//to_text(100*lost_variance)// &
+                                            ' % of the variance of every increment')
+      if (.not. options%compensated) call warn_of_rounding(text, model, options, q0, p0)
+   end function set_up_warnings
+
+   !> Stability limit, resolution and uniqueness, by h omega.
+   subroutine warn_of_frequency(text, scheme, quadratic, h, explicit, bounds)
+      character(:), allocatable, intent(inout) :: text
+      type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: quadratic, explicit
+      real(wp), intent(in) :: h
+      type(bounds_type), intent(in) :: bounds
+      real(wp) :: x
+      character(:), allocatable :: value
+
+      x = h*bounds%frequency
+      value = 'h*omega = '//to_text(x)//' (omega '//bounds%frequency_source//')'
+      if (explicit .and. x >= 1.8_wp) call add(text, value//' is near or above 2, the stability limit of '// &
+                                               'explicit symplectic steps: take a smaller step or midpoint')
+      if (x > 1) call add(text, value//' exceeds 1: the fastest oscillations are under-resolved, their phases '// &
+                          'and the energy that noise puts into them are wrong'//midpoint_factor(scheme, x))
+      if (.not. explicit .and. .not. quadratic .and. 0.25_wp*x**2 >= 1) &
+         call add(text, '(h*omega)^2/4 = '//to_text(0.25_wp*x**2)//' is at least 1: the implicit equations may have '// &
+                  'several solutions, and Newton finds one of them')
+   end subroutine warn_of_frequency
+
+   !> The factor of the midpoint's energy input, exact for linear oscillators with additive noise.
+   function midpoint_factor(scheme, x) result(text)
+      type(scheme_type), intent(in) :: scheme
+      real(wp), intent(in) :: x
+      character(:), allocatable :: text
+
+      text = ''
+      if (scheme%name == 'midpoint') text = ' (by the factor 1/(1+(h*omega)^2/4) = '//to_text(1/(1 + 0.25_wp*x**2))//')'
+   end function midpoint_factor
+
+   !> Solvability is certain while L |dW|/2 < 1.
+   subroutine warn_of_noise(text, options, bounds)
+      character(:), allocatable, intent(inout) :: text
+      type(run_options), intent(in) :: options
+      type(bounds_type), intent(in) :: bounds
+      real(wp) :: cut, probability, expected
+
+      if (.not. bounds%lipschitz > 0) return
+      cut = 2/(bounds%lipschitz*sqrt(abs(options%step)))  ! of the standard normal
+      probability = erfc(cut/sqrt(2.0_wp))
+      expected = probability*real(options%npath, wp)*real(options%nstep, wp)
+      if (options%truncation > 0) then
+         if (sqrt(2*options%truncation*abs(log(abs(options%step)/options%truncation_time))) < cut) return
+      end if
+      if (expected > 1e-3_wp) call add(text, 'noise of Lipschitz constant '//to_text(bounds%lipschitz)//' ('// &
+                                       bounds%lipschitz_source//') is too strong for certain solvability: '// &
+                                       'normals above '//to_text(cut)//', expected '//to_text(expected)// &
+                                       ' times in this run, may have no solution or the wrong one; take a '// &
+                                       'smaller step or truncate')
+   end subroutine warn_of_noise
+
+   !> Increments of the drift below the rounding of the state are lost.
+   subroutine warn_of_rounding(text, model, options, q0, p0)
+      character(:), allocatable, intent(inout) :: text
+      class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:), p0(:)
+      real(wp) :: w(8, 0:model%traits%nnoise), q(8, size(q0)), p(8, size(p0)), hq(8, size(q0)), hp(8, size(p0))
+      real(wp) :: largest, state
+
+      w = 0
+      w(:, 0) = 1
+      q = spread(q0, 1, 8)
+      p = spread(p0, 1, 8)
+      call model%gradient(8, size(q0), model%traits%nnoise, options%t0, w, q, p, hq, hp)
+      largest = abs(options%step)*max(maxval(abs(hq(1, :))), maxval(abs(hp(1, :))))
+      state = max(maxval(abs(q0)), maxval(abs(p0)))
+      if (largest > 0 .and. largest < epsilon(1.0_wp)*state) &
+         call add(text, 'increments of the drift, '//to_text(largest)//', are below the rounding of the state, '// &
+                  to_text(epsilon(1.0_wp)*state)//': ask for compensated summation')
+   end subroutine warn_of_rounding
+
+   !> Declared bounds, else row sums of Hessians at the initial state.
+   subroutine find_bounds(model, t, q0, p0, bounds)
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: t, q0(:), p0(:)
+      type(bounds_type), intent(out) :: bounds
+      real(wp) :: hqq, hqp, hpp, total
+      integer :: k
+      logical :: looked
+
+      bounds%frequency = model%traits%max_frequency
+      bounds%lipschitz = model%traits%noise_lipschitz
+      bounds%frequency_source = 'declared'
+      bounds%lipschitz_source = 'declared'
+      if (.not. bounds%frequency > 0) then
+         bounds%frequency_source = 'estimated at the initial state'
+         call hessian_norms(model, t, 0, q0, p0, hqq, hqp, hpp, looked)
+         if (looked) bounds%frequency = hqp + sqrt(hqq)*sqrt(hpp)
+      end if
+      if (bounds%lipschitz > 0 .or. model%traits%additive) return
+      bounds%lipschitz_source = 'estimated at the initial state'
+      total = 0
+      do k = 1, model%traits%nnoise
+         call hessian_norms(model, t, k, q0, p0, hqq, hqp, hpp, looked)
+         if (.not. looked) return
+         total = total + max(hqq + hqp, hqp + hpp)
+      end do
+      bounds%lipschitz = total
+   end subroutine find_bounds
+
+   !> Largest row sums of the Hessian blocks of H_k.
+   subroutine hessian_norms(model, t, k, q0, p0, hqq, hqp, hpp, looked)
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: t, q0(:), p0(:)
+      integer, intent(in) :: k
+      real(wp), intent(out) :: hqq, hqp, hpp
+      logical, intent(out) :: looked   !! false where the Hessian is too large to look at
+      real(wp), allocatable :: w(:, :), q(:, :), p(:, :), aqq(:, :, :), aqp(:, :, :), app(:, :, :)
+      integer :: n, b
+
+      hqq = 0
+      hqp = 0
+      hpp = 0
+      n = size(q0)
+      b = model%traits%bandwidth
+      looked = b /= dense .or. n <= largest_dense
+      if (.not. looked) return
+      allocate (w(8, 0:model%traits%nnoise), source=0.0_wp)
+      w(:, k) = 1
+      q = spread(q0, 1, 8)
+      p = spread(p0, 1, 8)
+      if (b == dense) then
+         allocate (aqq(8, n, n), aqp(8, n, n), app(8, n, n))
+         call model%hessian(8, n, model%traits%nnoise, t, w, q, p, aqq, aqp, app)
+         hqq = maxval(sum(abs(aqq(1, :, :)), dim=2))
+         hqp = maxval(sum(abs(aqp(1, :, :)), dim=2))
+         hpp = maxval(sum(abs(app(1, :, :)), dim=2))
+      else
+         allocate (aqq(8, -b:b, n), aqp(8, -b:b, n), app(8, -b:b, n))
+         call model%hessian_banded(8, n, model%traits%nnoise, b, t, w, q, p, aqq, aqp, app)
+         hqq = maxval(sum(abs(aqq(1, :, :)), dim=1))
+         hqp = maxval(sum(abs(aqp(1, :, :)), dim=1))
+         hpp = maxval(sum(abs(app(1, :, :)), dim=1))
+      end if
+   end subroutine hessian_norms
+
+   subroutine add(text, sentence)
+      character(:), allocatable, intent(inout) :: text
+      character(*), intent(in) :: sentence
+
+      if (len(text) > 0) text = text//new_line('a')
+      text = text//sentence
+   end subroutine add
+
+end module symsde_ensemble_warnings

@@ -1,0 +1,88 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Damped Newton: a correction that does not lower the residual is halved until it does.
+!>
+!> The largest residual of a lane must fall by the factor 1 - tau/4 for a correction shortened by tau. Only
+!> paths that plain Newton could not solve come here, so these are plain loops, one lane at a time.
+module symsde_solve_damping
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: damping_type, new_damping, start_damping, reject, accept
+
+   real(wp), parameter :: shortest = 2.0_wp**(-30)  !! shorter corrections fail the lane
+   real(wp), parameter :: rounding = 1e-10_wp       !! corrections below it, relative to x, are not judged
+
+   type :: damping_type
+      private
+      real(wp), allocatable :: x(:, :), d(:, :)  !! last accepted unknowns and their correction (nlane, n)
+      real(wp), allocatable :: merit(:)          !! largest residual there (nlane)
+      real(wp), allocatable :: tau(:)            !! how much of the correction was taken (nlane)
+      logical, allocatable :: rejected(:)        !! (nlane)
+   end type damping_type
+
+contains
+
+   subroutine new_damping(self, nlane, n)
+      type(damping_type), intent(out) :: self
+      integer, intent(in) :: nlane, n
+
+      allocate (self%x(nlane, n), self%d(nlane, n), self%merit(nlane), self%tau(nlane), self%rejected(nlane))
+   end subroutine new_damping
+
+   subroutine start_damping(self)
+      type(damping_type), intent(inout) :: self
+
+      self%merit = huge(1.0_wp)
+      self%tau = 1
+      self%x = 0
+      self%d = 0
+   end subroutine start_damping
+
+   !> Judge the last corrections by the residuals r at x; take half of those that did not help.
+   subroutine reject(self, r, last, x, step, size)
+      type(damping_type), intent(inout) :: self
+      real(wp), intent(in) :: r(:, :)              !! residuals at x (nlane, n)
+      real(wp), intent(inout) :: last(:)           !! >= 0: the lane is running (nlane)
+      real(wp), intent(inout) :: x(:, :), step(:), size(:)
+      real(wp) :: merit
+      integer :: lane
+
+      do lane = 1, ubound(last, 1)
+         merit = maxval(abs(r(lane, :)))
+         if (.not. all(abs(r(lane, :)) <= huge(merit))) merit = huge(merit)
+         self%rejected(lane) = last(lane) >= 0 .and. self%merit(lane) < huge(merit) .and. &
+                               .not. merit < (1 - 0.25_wp*self%tau(lane))*self%merit(lane) .and. &
+                               maxval(abs(self%d(lane, :)))*self%tau(lane) > rounding*maxval(abs(self%x(lane, :)))
+         if (self%rejected(lane)) then
+            self%tau(lane) = self%tau(lane)/2
+            x(lane, :) = self%x(lane, :) - self%tau(lane)*self%d(lane, :)
+            step(lane) = last(lane)  ! neither progress nor stagnation
+            size(lane) = 0
+            if (self%tau(lane) < shortest) step(lane) = ieee_value(merit, ieee_positive_inf)  ! fails the lane
+         else
+            self%merit(lane) = merit
+         end if
+      end do
+   end subroutine reject
+
+   !> Take the full corrections r of the lanes that were not rejected.
+   subroutine accept(self, r, last, x, step, size)
+      type(damping_type), intent(inout) :: self
+      real(wp), intent(in) :: r(:, :)              !! corrections (nlane, n)
+      real(wp), intent(in) :: last(:)
+      real(wp), intent(inout) :: x(:, :), step(:), size(:)
+      integer :: lane
+
+      do lane = 1, ubound(last, 1)
+         if (self%rejected(lane) .or. .not. last(lane) >= 0) cycle
+         self%x(lane, :) = x(lane, :)
+         self%d(lane, :) = r(lane, :)
+         self%tau(lane) = 1
+         x(lane, :) = x(lane, :) - r(lane, :)
+         step(lane) = maxval(abs(r(lane, :))) + 0*sum(r(lane, :))
+         size(lane) = maxval(abs(x(lane, :)))
+      end do
+   end subroutine accept
+
+end module symsde_solve_damping

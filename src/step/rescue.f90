@@ -1,0 +1,167 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What happens to a path whose implicit equations Newton could not solve from zero increments.
+!>
+!> The ladder, the same for every scheme in tableau form, bounded and counted:
+!>
+!>    1. Newton from zero increments        the stepper itself
+!>    2. damped Newton                      here, on the general stepper's equations
+!>    3. continuation in the increments     (h, dW) scaled by k/16, k = 1..16, each from the last solution
+!>    4. the path fails, with the status of rung 1
+!>
+!> The step is never divided: that would be another scheme and another noise. The general stepper solves
+!> the same equations as every special one. Failed lanes are gathered into small blocks of eight.
+module symsde_step_rescue
+   use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lane_unit
+   use symsde_base_status, only: not_converged, singular, nonfinite
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, tableau_form
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_general, only: general_stepper, new_general_stepper
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: rescue_type, new_rescue
+
+   integer, parameter :: parts = 16           !! of the continuation
+   integer, parameter :: max_unknowns = 512   !! of a lane: matrices are dense here
+
+   type :: rescue_type
+      private
+      logical, public :: available = .false.  !! the scheme and the size of the system allow it
+      class(model_type), pointer :: model
+      type(scheme_type) :: scheme
+      integer :: correction = 0
+      integer :: max_iter = 0
+      type(general_stepper), allocatable :: stepper  !! made when the first path needs it
+      real(wp), allocatable :: w(:, :), q(:, :), p(:, :), dq(:, :), dp(:, :)  !! of eight lanes
+   contains
+      procedure :: attempt
+   end type rescue_type
+
+contains
+
+   !> Prepare for runs of this stepper; nothing large is allocated before it is needed.
+   subroutine new_rescue(self, model, scheme, stepper, options)
+      type(rescue_type), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      class(stepper_type), intent(in) :: stepper   !! rung 1
+      type(newton_options), intent(in) :: options
+
+      if (scheme%form /= tableau_form .or. options%fixed_point > 0) return
+      if (allocated(stepper%ham%extra)) return  ! its brackets have increments of their own
+      if (4*model%traits%ndof*scheme%nstage > max_unknowns) return
+      self%available = .true.
+      self%model => model
+      self%scheme = scheme
+      self%correction = stepper%ham%correction
+      self%max_iter = options%max_iter
+   end subroutine new_rescue
+
+   !> Try the lanes that failed in this step; those that are saved get their increments and status ok.
+   subroutine attempt(self, nlane, t, w, q, p, failed_before, dq, dp, status, counters)
+      class(rescue_type), intent(inout) :: self
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, w(:, 0:), q(:, :), p(:, :)
+      logical, intent(in) :: failed_before(nlane)    !! lanes that had failed in earlier steps
+      real(wp), intent(inout) :: dq(:, :), dp(:, :)
+      integer(i8), intent(inout) :: status(nlane)
+      type(counters_type), intent(inout) :: counters
+      integer :: lanes(lane_unit), lane, n
+
+      if (.not. self%available) return
+      if (.not. allocated(self%stepper)) call make_stepper(self)
+      n = 0
+      do lane = 1, nlane
+         if (failed_before(lane) .or. .not. any(status(lane) == [not_converged, singular, nonfinite])) cycle
+         n = n + 1
+         lanes(n) = lane
+         if (n == lane_unit) then
+            call rescue_lanes(self, n, lanes, t, w, q, p, dq, dp, status, counters)
+            n = 0
+         end if
+      end do
+      if (n > 0) call rescue_lanes(self, n, lanes, t, w, q, p, dq, dp, status, counters)
+   end subroutine attempt
+
+   subroutine make_stepper(self)
+      type(rescue_type), intent(inout) :: self
+      integer :: n, m
+
+      n = self%model%traits%ndof
+      m = self%model%traits%nnoise
+      allocate (self%stepper)
+      call new_general_stepper(self%stepper, self%model, self%scheme, self%correction, lane_unit, &
+                               newton_options(max_iter=self%max_iter, damped=.true.))
+      allocate (self%w(lane_unit, 0:m), self%q(lane_unit, n), self%p(lane_unit, n))
+      allocate (self%dq(lane_unit, n), self%dp(lane_unit, n))
+   end subroutine make_stepper
+
+   !> Rungs 2 and 3 for up to eight lanes.
+   subroutine rescue_lanes(self, n, lanes, t, w, q, p, dq, dp, status, counters)
+      type(rescue_type), intent(inout) :: self
+      integer, intent(in) :: n, lanes(lane_unit)
+      real(wp), intent(in) :: t, w(:, 0:), q(:, :), p(:, :)
+      real(wp), intent(inout) :: dq(:, :), dp(:, :)
+      integer(i8), intent(inout) :: status(:)
+      type(counters_type), intent(inout) :: counters
+      integer(i8) :: fate(lane_unit)
+      integer :: i
+
+      do i = 1, lane_unit
+         self%w(i, :) = w(lanes(min(i, n)), :)
+         self%q(i, :) = q(lanes(min(i, n)), :)
+         self%p(i, :) = p(lanes(min(i, n)), :)
+      end do
+      self%stepper%ham%nreal = n
+      fate = nonfinite
+      fate(:n) = 0
+      call self%stepper%increment(t, self%w, self%q, self%p, self%dq, self%dp, fate)
+      call keep(self, n, lanes, fate, dq, dp, status, counters%damped)
+      if (any(fate(:n) /= 0)) then
+         call continue_increments(self, n, t, fate)
+         call keep(self, n, lanes, fate, dq, dp, status, counters%continued)
+      end if
+      self%stepper%ham%counters%failures = 0
+      call add_counters(counters, self%stepper%ham%counters)
+      self%stepper%ham%counters = counters_type()
+   end subroutine rescue_lanes
+
+   !> Scale (h, dW) by k/16, k = 1..16, starting from the slopes found for k-1. Lanes already solved rest.
+   subroutine continue_increments(self, n, t, fate)
+      type(rescue_type), intent(inout) :: self
+      integer, intent(in) :: n    !! lanes in use
+      real(wp), intent(in) :: t
+      integer(i8), intent(inout) :: fate(lane_unit)
+      integer :: k
+
+      fate(:n) = merge(0_i8, int(nonfinite, i8), fate(:n) /= 0)  ! only what rung 2 left is tried
+      self%stepper%x = 0
+      do k = 1, parts
+         if (k > 1) self%stepper%x = self%stepper%x*(real(k, wp)/(k - 1))
+         call self%stepper%solve_stages(t, self%w(1, 0), self%w*(real(k, wp)/parts), self%q, self%p, fate)
+      end do
+      call self%stepper%add_up(self%dq, self%dp)
+   end subroutine continue_increments
+
+   !> Hand back the lanes whose fate is ok.
+   subroutine keep(self, n, lanes, fate, dq, dp, status, saved)
+      type(rescue_type), intent(in) :: self
+      integer, intent(in) :: n, lanes(lane_unit)
+      integer(i8), intent(in) :: fate(lane_unit)
+      real(wp), intent(inout) :: dq(:, :), dp(:, :)
+      integer(i8), intent(inout) :: status(:), saved
+      integer :: i
+
+      do i = 1, n
+         if (fate(i) /= 0) cycle
+         dq(lanes(i), :) = self%dq(i, :)
+         dp(lanes(i), :) = self%dp(i, :)
+         status(lanes(i)) = 0
+         saved = saved + 1
+      end do
+   end subroutine keep
+
+end module symsde_step_rescue
