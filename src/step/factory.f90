@@ -20,6 +20,8 @@ module symsde_step_factory
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_one_sided, only: one_sided_stepper, new_one_sided_stepper, is_one_sided
    use symsde_step_stepper, only: stepper_type
+   use symsde_step_two_stage_single, only: two_stage_single_stepper, new_two_stage_single_stepper, &
+                                           fits_two_stage_single
    implicit none
    private
    public :: stepper_options, new_stepper, resolve_correction
@@ -52,19 +54,37 @@ contains
          call check_galerkin(model, scheme, error)
          if (allocated(error)) return
          allocate (galerkin_stepper :: stepper)
-      else if (options%general .or. expansion_active(scheme%expansion, model%traits)) then
+      else if (options%general) then
          allocate (general_stepper :: stepper)
+      else if (expansion_active(scheme%expansion, model%traits)) then
+         call allocate_expanded(stepper, model, scheme, options)
       else if (correction == correction_none .and. is_explicit(model, scheme)) then
          allocate (explicit_stepper :: stepper)
       else if (is_midpoint(scheme)) then
          call allocate_midpoint(stepper, model, options)
       else if (is_one_sided(scheme)) then
          allocate (one_sided_stepper :: stepper)
+      else if (correction == correction_none .and. fits_two_stage_single(model, scheme, options%newton)) then
+         allocate (two_stage_single_stepper :: stepper)
       else
          allocate (general_stepper :: stepper)
       end if
       call construct(stepper, model, scheme, correction, options, nlane)
    end subroutine new_stepper
+
+   !> Steppers that add the brackets of schemes beyond order one.
+   subroutine allocate_expanded(stepper, model, scheme, options)
+      class(stepper_type), allocatable, intent(out) :: stepper
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(stepper_options), intent(in) :: options
+
+      if (fits_two_stage_single(model, scheme, options%newton)) then
+         allocate (two_stage_single_stepper :: stepper)
+      else
+         allocate (general_stepper :: stepper)
+      end if
+   end subroutine allocate_expanded
 
    !> The midpoint rule, from the most to the least special: fused, momenta eliminated, closed form, full.
    subroutine allocate_midpoint(stepper, model, options)
@@ -114,6 +134,8 @@ contains
          call new_midpoint_full_stepper(stepper, model, nlane, options%newton)
       type is (one_sided_stepper)
          call new_one_sided_stepper(stepper, model, scheme, correction, nlane, options%newton)
+      type is (two_stage_single_stepper)
+         call new_two_stage_single_stepper(stepper, model, scheme, nlane, options%newton)
       type is (general_stepper)
          call new_general_stepper(stepper, model, scheme, correction, nlane, options%newton)
       end select

@@ -97,7 +97,7 @@ contains
       self%counters%gradients = self%counters%gradients + self%nreal
       self%counters%hessians = self%counters%hessians + self%nreal
       if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
-      if (allocated(self%extra)) call self%extra%add_gradient(t, w, q, p, hq, hp, self%counters, self%nreal)
+      if (allocated(self%extra)) call self%extra%add_gradient(t, w, q, p, hq, hp, self%counters, self%nreal, hqp)
    end subroutine gradient_hessian
 
    !> The same with the bands of the Hessian blocks.

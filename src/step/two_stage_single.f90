@@ -1,0 +1,230 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Implicit schemes of two stages (Gauss 2 above all) for one degree of freedom: four unknowns a lane in
+!> closed form, few passes.
+!>
+!>    F_i = Hhat_p(Q_i,P_i),  G_i = -Hhat_q(Q_i,P_i),  Q_i = q_n + sum_j a_ij F_j,  P_i = p_n + sum_j abar_ij G_j
+!>
+!> Newton's matrix of four rows is inverted by its minors of two, which needs no pivots. The first guess
+!> is one Newton correction from (q_n, p_n), with a single evaluation in the middle of the step for both
+!> stages. Agrees with the general stepper to a few ulps (tests/verification/test_beyond_one.pf).
+module symsde_step_two_stage_single
+   use symsde_base_kinds, only: wp, i8
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: two_stage_single_stepper, new_two_stage_single_stepper, fits_two_stage_single
+
+   type, extends(stepper_type) :: two_stage_single_stepper
+      private
+      type(newton_type) :: newton
+      real(wp) :: a(2, 2) = 0, abar(2, 2) = 0, alpha(2) = 0, c(2) = 0
+      real(wp), allocatable :: x(:, :)             !! slopes F_1, F_2, G_1, G_2 (nlane, 4)
+      real(wp), allocatable :: qs(:, :), ps(:, :)  !! one stage (nlane, 1)
+      real(wp), allocatable :: hq(:, :, :), hp(:, :, :)           !! both stages (nlane, 1, 2)
+      real(wp), allocatable :: hqq(:, :, :, :), hqp(:, :, :, :), hpp(:, :, :, :)  !! (nlane, 1, 1, 2)
+   contains
+      procedure :: increment
+   end type two_stage_single_stepper
+
+contains
+
+   !> Two stages, drift and noise alike, one degree of freedom, solved by Newton.
+   pure logical function fits_two_stage_single(model, scheme, options)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(newton_options), intent(in) :: options
+
+      fits_two_stage_single = scheme%form == tableau_form .and. scheme%nstage == 2 .and. &
+                              model%traits%ndof == 1 .and. options%fixed_point == 0
+      if (fits_two_stage_single) fits_two_stage_single = scheme%noise_coefficients_equal()
+   end function fits_two_stage_single
+
+   !> A stepper for blocks of nlane lanes; requires fits_two_stage_single and no correction.
+   subroutine new_two_stage_single_stepper(self, model, scheme, nlane, options)
+      type(two_stage_single_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+
+      self%name = 'two stages, one degree of freedom'
+      self%a = scheme%a
+      self%abar = scheme%abar
+      self%alpha = scheme%alpha
+      self%c = scheme%c
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%expansion)
+      call new_newton(self%newton, nlane, 4, options, &
+                      model%traits%quadratic .and. .not. allocated(self%ham%extra), -1, -1)
+      allocate (self%x(nlane, 4), self%qs(nlane, 1), self%ps(nlane, 1))
+      allocate (self%hq(nlane, 1, 2), self%hp(nlane, 1, 2))
+      allocate (self%hqq(nlane, 1, 1, 2), self%hqp(nlane, 1, 1, 2), self%hpp(nlane, 1, 1, 2))
+   end subroutine new_two_stage_single_stepper
+
+   subroutine increment(self, t, w, q, p, dq, dp, status)
+      class(two_stage_single_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer :: i
+
+      self%x = 0
+      call self%newton%start(status)
+      if (.not. self%newton%affine) call predict(self, t, w, q, p)
+      do while (self%newton%running)
+         do i = 1, 2
+            call stage_point(self%ham%nlane, self%a(i, :), self%abar(i, :), q, p, self%x, self%qs, self%ps)
+            call evaluate(self, i, t + self%c(i)*w(1, 0), w, self%qs, self%ps)
+         end do
+         call correct(self)
+         call self%newton%judge(status, self%ham%counters)
+      end do
+      call add_stages(self%ham%nlane, self%alpha, self%x, dq, dp)
+   end subroutine increment
+
+   !> The first guess. It is not judged: a gradient that vanishes here need not vanish at the stages.
+   subroutine predict(self, t, w, q, p)
+      type(two_stage_single_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, 1), p(self%ham%nlane, 1)
+
+      call evaluate(self, 1, t + 0.5_wp*w(1, 0), w, q, p)
+      self%hq(:, :, 2) = self%hq(:, :, 1)
+      self%hp(:, :, 2) = self%hp(:, :, 1)
+      self%hqq(:, :, :, 2) = self%hqq(:, :, :, 1)
+      self%hqp(:, :, :, 2) = self%hqp(:, :, :, 1)
+      self%hpp(:, :, :, 2) = self%hpp(:, :, :, 1)
+      call correct(self)
+   end subroutine predict
+
+   !> Gradient and Hessian of stage i.
+   subroutine evaluate(self, i, t, w, q, p)
+      type(two_stage_single_stepper), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, 1), p(self%ham%nlane, 1)
+
+      call self%ham%gradient_hessian(t, w, q, p, self%hq(:, :, i), self%hp(:, :, i), self%hqq(:, :, :, i), &
+                                     self%hqp(:, :, :, i), self%hpp(:, :, :, i))
+   end subroutine evaluate
+
+   subroutine correct(self)
+      type(two_stage_single_stepper), intent(inout) :: self
+
+      associate (n => self%newton)
+         call solve_lanes(self%ham%nlane, self%a, self%abar, self%hq, self%hp, self%hqq, self%hqp, self%hpp, &
+                          self%x, n%r)
+         call correct_lanes(self%ham%nlane, n%r, n%last, self%x, n%step, n%size)
+      end associate
+   end subroutine correct
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   pure subroutine stage_point(nlane, a, abar, q, p, x, qs, ps)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: a(2), abar(2), q(nlane), p(nlane), x(nlane, 4)
+      real(wp), intent(out) :: qs(nlane), ps(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         qs(lane) = q(lane) + (a(1)*x(lane, 1) + a(2)*x(lane, 2))
+         ps(lane) = p(lane) + (abar(1)*x(lane, 3) + abar(2)*x(lane, 4))
+      end do
+   end subroutine stage_point
+
+   pure subroutine add_stages(nlane, alpha, x, dq, dp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: alpha(2), x(nlane, 4)
+      real(wp), intent(out) :: dq(nlane), dp(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         dq(lane) = alpha(1)*x(lane, 1) + alpha(2)*x(lane, 2)
+         dp(lane) = alpha(1)*x(lane, 3) + alpha(2)*x(lane, 4)
+      end do
+   end subroutine add_stages
+
+   !> x = x - d in running lanes, with the sizes of d and x. Apart from the solution: the branches of max
+   !> would keep all of it from vectorising.
+   pure subroutine correct_lanes(nlane, d, last, x, step, size)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: d(nlane, 4), last(nlane)
+      real(wp), intent(inout) :: x(nlane, 4)
+      real(wp), intent(out) :: step(nlane), size(nlane)
+      integer :: lane, i
+
+      step = 0
+      size = 0
+      do i = 1, 4
+         do lane = 1, nlane
+            x(lane, i) = merge(x(lane, i) - d(lane, i), x(lane, i), last(lane) >= 0)
+            ! 0*d keeps a NaN, which max would drop
+            step(lane) = max(step(lane), abs(d(lane, i))) + 0*d(lane, i)
+            size(lane) = max(size(lane), abs(x(lane, i)))
+         end do
+      end do
+   end subroutine correct_lanes
+
+   !> Newton's correction d of the slopes.
+   pure subroutine solve_lanes(nlane, a, abar, hq, hp, hqq, hqp, hpp, x, d)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: a(2, 2), abar(2, 2)
+      real(wp), intent(in) :: hq(nlane, 2), hp(nlane, 2), hqq(nlane, 2), hqp(nlane, 2), hpp(nlane, 2)
+      real(wp), intent(in) :: x(nlane, 4)
+      real(wp), intent(out) :: d(nlane, 4)
+      real(wp) :: m11, m12, m13, m14, m21, m22, m23, m24, m31, m32, m33, m34, m41, m42, m43, m44
+      real(wp) :: s12, s13, s14, s23, s24, s34, c12, c13, c14, c23, c24, c34, inverse
+      real(wp) :: r1, r2, r3, r4
+      integer :: lane
+
+      do lane = 1, nlane
+         m11 = 1 - a(1, 1)*hqp(lane, 1)
+         m12 = -a(1, 2)*hqp(lane, 1)
+         m13 = -abar(1, 1)*hpp(lane, 1)
+         m14 = -abar(1, 2)*hpp(lane, 1)
+         m21 = -a(2, 1)*hqp(lane, 2)
+         m22 = 1 - a(2, 2)*hqp(lane, 2)
+         m23 = -abar(2, 1)*hpp(lane, 2)
+         m24 = -abar(2, 2)*hpp(lane, 2)
+         m31 = a(1, 1)*hqq(lane, 1)
+         m32 = a(1, 2)*hqq(lane, 1)
+         m33 = 1 + abar(1, 1)*hqp(lane, 1)
+         m34 = abar(1, 2)*hqp(lane, 1)
+         m41 = a(2, 1)*hqq(lane, 2)
+         m42 = a(2, 2)*hqq(lane, 2)
+         m43 = abar(2, 1)*hqp(lane, 2)
+         m44 = 1 + abar(2, 2)*hqp(lane, 2)
+         r1 = x(lane, 1) - hp(lane, 1)
+         r2 = x(lane, 2) - hp(lane, 2)
+         r3 = x(lane, 3) + hq(lane, 1)
+         r4 = x(lane, 4) + hq(lane, 2)
+         ! minors of the first two rows and of the last two
+         s12 = m11*m22 - m21*m12
+         s13 = m11*m23 - m21*m13
+         s14 = m11*m24 - m21*m14
+         s23 = m12*m23 - m22*m13
+         s24 = m12*m24 - m22*m14
+         s34 = m13*m24 - m23*m14
+         c12 = m31*m42 - m41*m32
+         c13 = m31*m43 - m41*m33
+         c14 = m31*m44 - m41*m34
+         c23 = m32*m43 - m42*m33
+         c24 = m32*m44 - m42*m34
+         c34 = m33*m44 - m43*m34
+         inverse = 1/(s12*c34 - s13*c24 + s14*c23 + s23*c14 - s24*c13 + s34*c12)
+         d(lane, 1) = ((m22*c34 - m23*c24 + m24*c23)*r1 - (m12*c34 - m13*c24 + m14*c23)*r2 &
+               + (m42*s34 - m43*s24 + m44*s23)*r3 - (m32*s34 - m33*s24 + m34*s23)*r4)*inverse
+         d(lane, 2) = (-(m21*c34 - m23*c14 + m24*c13)*r1 + (m11*c34 - m13*c14 + m14*c13)*r2 &
+               - (m41*s34 - m43*s14 + m44*s13)*r3 + (m31*s34 - m33*s14 + m34*s13)*r4)*inverse
+         d(lane, 3) = ((m21*c24 - m22*c14 + m24*c12)*r1 - (m11*c24 - m12*c14 + m14*c12)*r2 &
+               + (m41*s24 - m42*s14 + m44*s12)*r3 - (m31*s24 - m32*s14 + m34*s12)*r4)*inverse
+         d(lane, 4) = (-(m21*c23 - m22*c13 + m23*c12)*r1 + (m11*c23 - m12*c13 + m13*c12)*r2 &
+               - (m41*s23 - m42*s13 + m43*s12)*r3 + (m31*s23 - m32*s13 + m33*s12)*r4)*inverse
+      end do
+   end subroutine solve_lanes
+
+end module symsde_step_two_stage_single
