@@ -341,7 +341,10 @@ def page(results: dict) -> str:
     return (
         "# Performance\n\nWritten by `./bootstrap bench --markdown docs/performance.md`; all "
         "numbers are of one run on one\nmachine. Compare ratios, not nanoseconds, between "
-        f"machines.\n\n{machine}\n\n" + "\n\n".join(s(results) for s in sections) + "\n"
+        "machines. Scenes are timed by processor time, all the\nrest by the clock: with a load "
+        f"near or above the number of cores, other work disturbed it.\n\n{machine}\n\n"
+        + "\n\n".join(s(results) for s in sections)
+        + "\n"
     )
 
 
