@@ -4,6 +4,7 @@
 !> Path i is a pure function of (seed, i, model, initial state, t0, scheme, step, refine, options, build,
 !> CPU type): never of threads, blocks, neighbours or the number of paths.
 module symsde_ensemble_driver
+   use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_max_threads, omp_get_thread_num
    use symsde_base_counters, only: add_counters
    use symsde_base_kinds, only: wp, i8
@@ -38,10 +39,20 @@ module symsde_ensemble_driver
    !> What the threads of one run share.
    type :: shared_state
       logical :: stop = .false.
+      integer(i8) :: next = 0, finished = 0       !! blocks
       integer(i8) :: done = 0, total = 0          !! path-steps
       integer(i8) :: nfailed = 0, nstopped = 0    !! paths
       real(wp) :: last_check = 0                  !! seconds
    end type shared_state
+
+   interface
+      !> POSIX: rest for so many microseconds.
+      function usleep(microseconds) result(status) bind(c, name='usleep')
+         import :: c_int
+         integer(c_int), value :: microseconds
+         integer(c_int) :: status
+      end function usleep
+   end interface
 
 contains
 
@@ -108,10 +119,15 @@ contains
 
       nlane = runners(1)%state%nlane
       nblock = (options%npath + nlane - 1)/nlane
-      !$omp parallel do schedule(dynamic, 1) num_threads(size(runners)) default(none) private(me, nreal) &
+      !$omp parallel num_threads(size(runners)) default(none) private(me, nreal, iblock) &
       !$omp shared(runners, options, q0, p0, q0_low, p0_low, monitor, shared, nblock, nlane)
-      do iblock = 0, nblock - 1
-         me = omp_get_thread_num() + 1
+      me = omp_get_thread_num() + 1
+      do
+         !$omp atomic capture
+         iblock = shared%next
+         shared%next = shared%next + 1
+         !$omp end atomic
+         if (iblock >= nblock) exit
          nreal = int(min(nlane, options%npath - iblock*nlane))
          call runners(me)%begin(options%first_path + iblock*nlane, nreal, q0, p0, q0_low, p0_low)
          call run_block(runners(me), me == 1, monitor, shared)
@@ -121,8 +137,37 @@ contains
          shared%nfailed = shared%nfailed + count(runners(me)%state%status(:nreal) /= 0 .and. &
                                                  runners(me)%state%status(:nreal) /= stopped)
          !$omp end critical (symsde_end_block)
+         !$omp atomic update
+         shared%finished = shared%finished + 1
       end do
+      if (me == 1) call watch(nblock, monitor, shared)
+      !$omp end parallel
    end subroutine run_blocks
+
+   !> The calling thread has no block left: until the others are done it still tells the monitor, so that a
+   !> run can be stopped whichever thread works on its last block.
+   subroutine watch(nblock, monitor, shared)
+      integer(i8), intent(in) :: nblock
+      class(monitor_type), intent(inout) :: monitor
+      type(shared_state), intent(inout) :: shared
+      integer(i8) :: finished, done
+      integer(c_int) :: ignored
+      logical :: stop_now
+
+      do
+         !$omp atomic read
+         finished = shared%finished
+         if (finished >= nblock) exit
+         ignored = usleep(200_c_int)
+         !$omp atomic read
+         done = shared%done
+         call check_monitor(monitor, done, shared, stop_now)
+         if (stop_now) then
+            !$omp atomic write
+            shared%stop = .true.
+         end if
+      end do
+   end subroutine watch
 
    !> One block, chunk by chunk; between chunks the stop flag is read and the monitor is told.
    subroutine run_block(runner, is_caller, monitor, shared)
