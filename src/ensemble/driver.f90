@@ -38,7 +38,7 @@ module symsde_ensemble_driver
 
    !> What the threads of one run share.
    type :: shared_state
-      logical :: stop = .false.
+      logical :: halted = .false.
       integer(i8) :: next = 0, finished = 0       !! blocks
       integer(i8) :: done = 0, total = 0          !! path-steps
       integer(i8) :: nfailed = 0, nstopped = 0    !! paths
@@ -164,7 +164,7 @@ contains
          call check_monitor(monitor, done, shared, stop_now)
          if (stop_now) then
             !$omp atomic write
-            shared%stop = .true.
+            shared%halted = .true.
          end if
       end do
    end subroutine watch
@@ -180,7 +180,7 @@ contains
 
       do while (.not. runner%is_done())
          !$omp atomic read
-         stop_now = shared%stop
+         stop_now = shared%halted
          if (stop_now) exit
          before = runner%step
          call runner%run_chunk()
@@ -192,7 +192,7 @@ contains
          if (is_caller .and. .not. stop_now) call check_monitor(monitor, done, shared, stop_now)
          if (stop_now) then
             !$omp atomic write
-            shared%stop = .true.
+            shared%halted = .true.
          end if
       end do
       call runner%finish()
