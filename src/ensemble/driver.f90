@@ -92,8 +92,8 @@ contains
       if (.not. allocated(error)) &
          call new_runners(runners, model, scheme, options, observer, noise, report, error)
       if (allocated(error)) return
-      report%warnings = set_up_warnings(model, scheme, options, is_explicit_stepper(report%stepper), q0(1, :), p0(1, :), &
-                                        report%lost_variance)
+      report%warnings = set_up_warnings(model, scheme, options, is_explicit_stepper(report%stepper), &
+                                        q0(1, :), p0(1, :), report%lost_variance)
       call model%clear_failure()
       report%seconds_setup = seconds() - start
 

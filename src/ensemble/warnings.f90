@@ -61,8 +61,8 @@ contains
       if (x > 1) call add(text, value//' exceeds 1: the fastest oscillations are under-resolved, their phases '// &
                           'and the energy that noise puts into them are wrong'//midpoint_factor(scheme, x))
       if (.not. explicit .and. .not. quadratic .and. 0.25_wp*x**2 >= 1) &
-         call add(text, '(h*omega)^2/4 = '//to_text(0.25_wp*x**2)//' is at least 1: the implicit equations may have '// &
-                  'several solutions, and Newton finds one of them')
+         call add(text, '(h*omega)^2/4 = '//to_text(0.25_wp*x**2)//' is at least 1: the implicit equations '// &
+                  'may have several solutions, and Newton finds one of them')
    end subroutine warn_of_frequency
 
    !> The factor of the midpoint's energy input, exact for linear oscillators with additive noise.

@@ -63,7 +63,8 @@ contains
          self%abar(:, :, 2) = scheme%bbar
          self%alpha(:, 2) = scheme%beta
       end if
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction, scheme%correction_coefficient(), scheme%expansion)
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction, scheme%correction_coefficient(), &
+                                    scheme%expansion)
       ! the Hessian leaves out the correction: then one solve is not enough, though the equations are linear
       call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, &
                       model%traits%quadratic .and. correction == correction_none .and. &
