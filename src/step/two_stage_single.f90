@@ -77,7 +77,7 @@ contains
       if (.not. self%newton%affine) call predict(self, t, w, q, p)
       do while (self%newton%running)
          do i = 1, 2
-            call stage_point(self%ham%nlane, self%a(i, :), self%abar(i, :), q, p, self%x, self%qs, self%ps)
+            call stage_point(self%ham%nlane, i, self%a, self%abar, q, p, self%x, self%qs, self%ps)
             call evaluate(self, i, t + self%c(i)*w(1, 0), w, self%qs, self%ps)
          end do
          call correct(self)
@@ -124,15 +124,16 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   pure subroutine stage_point(nlane, a, abar, q, p, x, qs, ps)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: a(2), abar(2), q(nlane), p(nlane), x(nlane, 4)
+   !> (Q_i, P_i) from the slopes.
+   pure subroutine stage_point(nlane, i, a, abar, q, p, x, qs, ps)
+      integer, intent(in) :: nlane, i
+      real(wp), intent(in) :: a(2, 2), abar(2, 2), q(nlane), p(nlane), x(nlane, 4)
       real(wp), intent(out) :: qs(nlane), ps(nlane)
       integer :: lane
 
       do lane = 1, nlane
-         qs(lane) = q(lane) + (a(1)*x(lane, 1) + a(2)*x(lane, 2))
-         ps(lane) = p(lane) + (abar(1)*x(lane, 3) + abar(2)*x(lane, 4))
+         qs(lane) = q(lane) + (a(i, 1)*x(lane, 1) + a(i, 2)*x(lane, 2))
+         ps(lane) = p(lane) + (abar(i, 1)*x(lane, 3) + abar(i, 2)*x(lane, 4))
       end do
    end subroutine stage_point
 
