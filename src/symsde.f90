@@ -60,6 +60,8 @@ module symsde
    use symsde_ensemble_simulate, only: paths_type, moments_type, simulate, moments
    ! diagnostics
    use symsde_diagnose_action, only: discrete_action, action_gradient, euler_lagrange_residual
+   use symsde_diagnose_commutator, only: commutator_type, commutator
+   use symsde_diagnose_boundary_value, only: stationary_path
    use symsde_diagnose_exact, only: exact_solution
    use symsde_diagnose_invariants, only: invariant_drift, quadratic_invariant
    use symsde_diagnose_symplecticity, only: symplecticity_defect, tangent_map
