@@ -25,7 +25,7 @@ module symsde_diagnose_lagrangian
    use symsde_base_status, only: error_type, raise, incompatible
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none, correction_mean
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none, correction_mean, expansion_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_factory, only: resolve_correction
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
@@ -39,10 +39,10 @@ module symsde_diagnose_lagrangian
       type(one_step_hamiltonian), public :: ham
       type(newton_type) :: newton
       logical :: one_stage = .false.
-      integer :: nstage = 0                        !! stages of drift and noise together
-      integer, allocatable :: part(:)    !! 1: all of Hhat, or its drift; 2: its noise (nstage)
-      real(wp), allocatable :: c(:), alpha(:)      !! (nstage)
-      real(wp), allocatable :: a(:, :)             !! a_ij (nstage, nstage)
+      integer, public :: nstage = 0                !! stages of drift and noise together
+      integer, allocatable, public :: part(:)      !! 1: all of Hhat, or its drift; 2: its noise (nstage)
+      real(wp), allocatable, public :: c(:), alpha(:)  !! (nstage)
+      real(wp), allocatable, public :: a(:, :)     !! a_ij (nstage, nstage)
       real(wp), allocatable :: back(:, :)          !! alpha_j a_ji/alpha_i (nstage, nstage)
       real(wp), allocatable :: v(:, :, :)          !! weights of each part (nlane, 0:nnoise, 2)
       real(wp), allocatable :: x(:, :)             !! slopes (nlane, 2 ndof nstage)
@@ -169,7 +169,7 @@ contains
       if (.not. has_one_part) has_one_part = scheme%noise_coefficients_equal()
    end function has_one_part
 
-   !> Refuse what comes from no discrete Lagrangian.
+   !> Refuse what comes from no discrete Lagrangian of the Hamiltonians themselves.
    subroutine check_scheme(scheme, error)
       type(scheme_type), intent(in) :: scheme
       type(error_type), allocatable, intent(inout) :: error
@@ -182,6 +182,10 @@ contains
          call raise(error, incompatible, 'new_discrete_lagrangian', 'scheme '//scheme%name// &
                     ' is in Galerkin form, for which the discrete action is not offered: '// &
                     'choose a scheme with as many nodes as its degree, such as midpoint or gauss2')
+      else if (scheme%expansion /= expansion_none) then
+         call raise(error, incompatible, 'new_discrete_lagrangian', 'scheme '//scheme%name// &
+                    ' adds brackets to the Hamiltonians, which the discrete action does not know: '// &
+                    'take the plain scheme, such as midpoint or gauss2')
       end if
    end subroutine check_scheme
 

@@ -11,7 +11,7 @@ module symsde_solve_lapack
    implicit none
    private
    public :: solve_dense_lapack, solve_dense_many_lapack, solve_lane_lapack
-   public :: solve_banded_lane_lapack, blas_single_thread, blas_restore_threads
+   public :: solve_banded_lapack, solve_banded_lane_lapack, blas_single_thread, blas_restore_threads
 
    !> Names under which BLAS libraries let their number of threads be read and set.
    character(*), parameter :: reader_name(2) = &
@@ -59,6 +59,20 @@ module symsde_solve_lapack
          real(wp), intent(inout) :: b(ldb, *)
          integer, intent(out) :: info
       end subroutine dgbtrs
+
+      !> LAPACK: estimate of the reciprocal condition number from the factors of dgbtrf.
+      subroutine dgbcon(norm, n, kl, ku, ab, ldab, ipiv, anorm, rcond, work, iwork, info)
+         import :: wp
+         character, intent(in) :: norm
+         integer, intent(in) :: n, kl, ku, ldab
+         real(wp), intent(in) :: ab(ldab, *)
+         integer, intent(in) :: ipiv(*)
+         real(wp), intent(in) :: anorm
+         real(wp), intent(out) :: rcond
+         real(wp), intent(out) :: work(*)
+         integer, intent(out) :: iwork(*)
+         integer, intent(out) :: info
+      end subroutine dgbcon
 
       !> POSIX: the address of a symbol of the running program, null where there is none.
       function dlsym(handle, name) bind(c, name='dlsym') result(address)
@@ -141,27 +155,56 @@ contains
       real(wp), intent(inout) :: x(nlane, n)        !! x(lane,:): in, and solution if info is ok
       integer(i4), intent(out) :: info              !! status_ok, singular or nonfinite
       real(wp), allocatable :: band(:, :), vector(:)
-      integer :: pivot(n), lapack_info, rows, d, i
+      integer :: d, i
 
-      ! dgbtrf wants A(i,j) at (kl+ku+1+i-j, j) and kl rows above for what the exchanges fill in
-      rows = 2*kl + ku + 1
-      allocate (band(rows, n), source=0.0_wp)
+      allocate (band(2*kl + ku + 1, n), source=0.0_wp)
       do i = 1, n
          do d = max(-kl, 1 - i), min(ku, n - i)
             band(kl + ku + 1 - d, i + d) = ab(lane, d, i)
          end do
       end do
       vector = x(lane, :)
-      info = nonfinite
-      if (.not. (all_finite(size(band), band) .and. all_finite(n, vector))) return
-      info = singular
-      call dgbtrf(n, n, kl, ku, band, rows, pivot, lapack_info)
-      if (lapack_info /= 0) return
-      call dgbtrs('N', n, kl, ku, 1, band, rows, pivot, vector, n, lapack_info)
-      if (.not. all_finite(n, vector)) return
-      info = status_ok
-      x(lane, :) = vector
+      call solve_banded_lapack(n, kl, ku, band, vector, info)
+      if (info == status_ok) x(lane, :) = vector
    end subroutine solve_banded_lane_lapack
+
+   !> Solve one banded system, A(i,j) at band(kl+ku+1+i-j, j); the kl rows above are for what the row
+   !> exchanges fill in. With rcond, a system whose condition number exceeds 1/(4 eps) is singular too:
+   !> its solution would have no correct digit.
+   subroutine solve_banded_lapack(n, kl, ku, band, x, info, rcond)
+      integer, intent(in) :: n                              !! unknowns
+      integer, intent(in) :: kl                             !! diagonals below the main one
+      integer, intent(in) :: ku                             !! diagonals above the main one
+      real(wp), intent(inout) :: band(2*kl + ku + 1, n)     !! matrix, destroyed
+      real(wp), intent(inout) :: x(n)                       !! in: right-hand side; out: solution, if ok
+      integer(i4), intent(out) :: info                      !! status_ok, singular or nonfinite
+      real(wp), intent(out), optional :: rcond              !! 1/(|A| |A^-1|), estimated, in the 1-norm
+      real(wp), allocatable :: work(:)
+      integer, allocatable :: pivot(:), iwork(:)
+      real(wp) :: norm
+      integer :: lapack_info, j
+
+      if (present(rcond)) rcond = 0
+      info = nonfinite
+      if (.not. (all_finite(size(band), band) .and. all_finite(n, x))) return
+      info = singular
+      norm = 0
+      if (present(rcond)) then
+         do j = 1, n
+            norm = max(norm, sum(abs(band(kl + 1:, j))))
+         end do
+      end if
+      allocate (pivot(n))
+      call dgbtrf(n, n, kl, ku, band, 2*kl + ku + 1, pivot, lapack_info)
+      if (lapack_info /= 0) return
+      if (present(rcond)) then
+         allocate (work(3*n), iwork(n))
+         call dgbcon('1', n, kl, ku, band, 2*kl + ku + 1, pivot, norm, rcond, work, iwork, lapack_info)
+         if (.not. rcond > 4*epsilon(1.0_wp)) return
+      end if
+      call dgbtrs('N', n, kl, ku, 1, band, 2*kl + ku + 1, pivot, x, n, lapack_info)
+      if (all_finite(n, x)) info = status_ok
+   end subroutine solve_banded_lapack
 
    !> True where no number is infinite or NaN. Counting has no early exit and so vectorises.
    pure logical function all_finite(n, x)

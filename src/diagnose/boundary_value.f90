@@ -1,0 +1,312 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The stochastic Hamilton principle as a tool: the path between two given positions that makes the
+!> discrete action stationary, [WHSB] Theorem 2.3 and (46)-(48), on a given Brownian path.
+!>
+!> Newton's method on diagnose/action_system, its banded matrix solved with row exchanges. A correction is
+!> shortened while it does not lower the residual; a path is done when a full correction no longer does
+!> and the residual is rounding. The result is the path that the scheme itself takes from (q_0, p_0) to
+!> q_N, up to rounding times the condition number of the boundary value problem. That number is finite,
+!> and the solution unique near the guess, for times below the first conjugate point (pi for an
+!> oscillator of unit frequency); at a conjugate point the status is singular.
+module symsde_diagnose_boundary_value
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_lanes, only: lane_unit
+   use symsde_base_status, only: error_type, raise, invalid_argument, wrong_shape, too_large, out_of_memory, &
+                                 status_ok, not_converged, nonfinite
+   use symsde_base_text, only: to_text
+   use symsde_diagnose_action_system, only: action_system, new_action_system
+   use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian
+   use symsde_ensemble_driver, only: new_noise
+   use symsde_ensemble_increments, only: collect_increments
+   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_model_abstract, only: model_type
+   use symsde_noise_source, only: noise_type
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_solve_lapack, only: solve_banded_lapack
+   implicit none
+   private
+   public :: stationary_path
+
+   real(wp), parameter :: rounding = 1e-12_wp        !! residual of a solved path, in units of the unknowns
+   real(wp), parameter :: shortest = 2.0_wp**(-20)   !! of a full correction
+   character(*), parameter :: place = 'stationary_path'
+
+   !> The iteration of one path.
+   type :: newton_state
+      logical :: running = .false.
+      integer(i4) :: status = status_ok
+      real(wp) :: norm = huge(1.0_wp)  !! of the residual at the last accepted unknowns
+      real(wp) :: length = 1           !! of the correction under trial, as a part of the full one
+      real(wp) :: rcond = 0            !! of the last matrix
+      real(wp), allocatable :: x(:), d(:)  !! unknowns last accepted, their full correction (nunknown)
+   end type newton_state
+
+contains
+
+   !> q(path, :, n+1), p(path, :, n+1), n = 0 .. nstep: the stationary path from q_start to q_end over the
+   !> steps of the options (step, nstep, npath, t0, first_step, correction, max_iter; the increments are
+   !> those of a run with these options, or dw). status(path): ok; singular, at a conjugate point;
+   !> not_converged; nonfinite. Paths that are not ok are NaN.
+   !> Errors: those of check_options; incompatible for schemes without a discrete Lagrangian of the model's
+   !> Hamiltonians; wrong_shape, invalid_argument; out_of_memory.
+   subroutine stationary_path(model, scheme, options, q_start, q_end, q, p, status, error, dw, guess_q, &
+                              guess_p, rcond)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q_start(:, :), q_end(:, :)   !! q_0 and q_N (npath or 1, ndof)
+      real(wp), intent(out) :: q(:, :, :), p(:, :, :)      !! (npath, ndof, nstep+1)
+      integer(i4), intent(out) :: status(:)                !! (npath)
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      real(wp), intent(in), optional :: guess_q(:, :, :)   !! default: a straight line (npath, ndof, nstep+1)
+      real(wp), intent(in), optional :: guess_p(:, :, :)   !! default: its velocity, or 0 (npath, ndof, nstep+1)
+      real(wp), intent(out), optional :: rcond(:)          !! 1/condition number, estimated (npath)
+      type(discrete_lagrangian) :: lagrangian
+      type(action_system) :: system
+      type(newton_state) :: states(lane_unit)
+      class(noise_type), allocatable :: noise
+      real(wp), allocatable :: w(:, :, :)
+      real(wp) :: lost
+      integer :: first, nreal, info
+
+      call check(model, options, q_start, q_end, q, p, status, error, guess_q, guess_p)
+      if (present(rcond)) then
+         if (size(rcond) /= size(status)) call refuse_shape('rcond', error)
+      end if
+      if (allocated(error)) return
+      call new_discrete_lagrangian(lagrangian, model, scheme, options, lane_unit, error)
+      if (.not. allocated(error)) call new_noise(noise, model, options, lost, error, dw, scheme)
+      if (allocated(error)) return
+      if (4.0_wp*model%traits%ndof*(lagrangian%nstage + 1)*options%nstep > huge(0)) then
+         call raise(error, too_large, place, to_text(options%nstep)//' steps have more unknowns than can be '// &
+                    'numbered: give fewer steps')
+         return
+      end if
+      call new_action_system(system, lagrangian, int(options%nstep), &
+                             options%t0 + real(options%first_step, wp)*options%step, options%step, info)
+      if (info == 0) allocate (w(options%npath, noise%nnoise, options%nstep), stat=info)
+      if (info /= 0) then
+         call raise(error, out_of_memory, place, 'no memory for the equations of '//to_text(options%nstep)// &
+                    ' steps: give fewer steps')
+         return
+      end if
+      call collect_increments(noise, options, w)
+      do first = 1, size(q, 1), lane_unit
+         nreal = min(lane_unit, size(q, 1) - first + 1)
+         call load(system, first, nreal, q_start, q_end, w)
+         call start_guess(system, model, first, nreal, guess_q, guess_p)
+         call solve_block(system, options%max_iter, nreal, states)
+         call store(system, first, nreal, states, q, p, status)
+         if (present(rcond)) rcond(first:first + nreal - 1) = states(:nreal)%rcond
+      end do
+   end subroutine stationary_path
+
+   !> Newton on the paths of a block; every iteration differentiates all of them at once.
+   subroutine solve_block(system, max_iter, nreal, states)
+      type(action_system), intent(inout) :: system
+      integer, intent(in) :: max_iter, nreal
+      type(newton_state), intent(out) :: states(:)
+      integer :: iteration, lane
+
+      states(:nreal)%running = .true.
+      do iteration = 0, max_iter
+         call system%differentiate()
+         do lane = 1, nreal
+            if (states(lane)%running) call iterate(system, lane, iteration == max_iter, states(lane))
+         end do
+         if (.not. any(states%running)) return
+      end do
+   end subroutine solve_block
+
+   !> Judge the unknowns of a path, and give it the next ones.
+   subroutine iterate(system, lane, last, state)
+      type(action_system), intent(inout) :: system
+      integer, intent(in) :: lane
+      logical, intent(in) :: last     !! no iteration follows
+      type(newton_state), intent(inout) :: state
+      real(wp) :: norm
+      logical :: better
+
+      associate (x => system%x(:, lane), r => system%r(:, lane))
+         norm = norm2(r)
+         better = norm <= (1 - 0.25_wp*state%length)*state%norm
+         if (.not. allocated(state%x)) better = norm <= huge(norm)
+         if (.not. better .and. allocated(state%x)) x = state%x
+         if (better) then
+            state%norm = norm
+            state%x = x
+         else if (.not. allocated(state%x)) then
+            call finish(nonfinite)
+            return
+         else if (state%norm <= rounding*sqrt(real(size(x), wp))*maxval(abs(x))) then
+            call finish(status_ok)
+            return
+         else
+            state%length = 0.5_wp*state%length
+         end if
+         if (norm <= 0) then
+            call finish(status_ok)
+         else if (last .or. state%length < shortest) then
+            call finish(not_converged)
+            if (state%norm <= rounding*sqrt(real(size(x), wp))*maxval(abs(x))) state%status = status_ok
+         else
+            if (better) call find_correction(system, lane, state)
+            if (state%running) x = state%x + state%length*state%d
+         end if
+      end associate
+
+   contains
+
+      subroutine finish(status)
+         integer(i4), intent(in) :: status
+
+         state%running = .false.
+         state%status = status
+      end subroutine finish
+
+   end subroutine iterate
+
+   !> The full correction from the unknowns last differentiated.
+   subroutine find_correction(system, lane, state)
+      type(action_system), intent(inout) :: system
+      integer, intent(in) :: lane
+      type(newton_state), intent(inout) :: state
+
+      call system%fill_matrix(lane)
+      state%d = -system%r(:, lane)
+      state%length = 1
+      call solve_banded_lapack(system%nunknown, system%width, system%width, system%band, state%d, &
+                               state%status, state%rcond)
+      state%running = state%status == status_ok
+   end subroutine find_correction
+
+   !> End points and weights of the paths from first; the lanes behind the last path repeat it.
+   subroutine load(system, first, nreal, q_start, q_end, dw)
+      type(action_system), intent(inout) :: system
+      integer, intent(in) :: first, nreal
+      real(wp), intent(in) :: q_start(:, :), q_end(:, :), dw(:, :, :)
+      integer :: lane, path
+
+      system%w(:, 0, :) = system%h
+      do lane = 1, system%nlane
+         path = first + min(lane, nreal) - 1
+         system%w(lane, 1:, :) = dw(path, :, :)
+         system%q_start(lane, :) = q_start(min(path, size(q_start, 1)), :)
+         system%q_end(lane, :) = q_end(min(path, size(q_end, 1)), :)
+      end do
+   end subroutine load
+
+   !> Unknowns to begin with: a straight line in q, its velocity where H = p.p/2 + U(q), or the caller's.
+   subroutine start_guess(system, model, first, nreal, guess_q, guess_p)
+      type(action_system), intent(inout) :: system
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: first, nreal
+      real(wp), intent(in), optional :: guess_q(:, :, :), guess_p(:, :, :)
+      real(wp) :: before(system%ndof), now(system%ndof), v(system%ndof), p(system%ndof)
+      integer :: lane, path, step, i, at
+
+      associate (n => system%ndof, nstep => system%nstep)
+         do lane = 1, system%nlane
+            path = first + min(lane, nreal) - 1
+            now = system%q_start(lane, :)
+            do step = 1, nstep
+               before = now
+               now = before + (system%q_end(lane, :) - system%q_start(lane, :))/nstep
+               if (present(guess_q)) now = guess_q(path, :, step + 1)
+               v = now - before
+               p = merge(v/system%h, 0.0_wp, model%traits%identity_mass)
+               if (present(guess_p)) p = guess_p(path, :, step + 1)
+               do i = 1, system%lagrangian%nstage
+                  at = system%stage_at(step, i)
+                  system%x(at + 1:at + n, lane) = merge(v, 0.0_wp, system%lagrangian%part(i) == 1)
+                  system%x(at + n + 1:at + 2*n, lane) = p
+               end do
+               at = system%momentum_at(step)
+               system%x(at + 1:at + n, lane) = p
+               if (step < nstep) system%x(at + n + 1:at + 2*n, lane) = now
+            end do
+         end do
+      end associate
+   end subroutine start_guess
+
+   !> The paths of a block as the caller wants them.
+   subroutine store(system, first, nreal, states, q, p, status)
+      type(action_system), intent(inout) :: system
+      integer, intent(in) :: first, nreal
+      type(newton_state), intent(in) :: states(:)
+      real(wp), intent(inout) :: q(:, :, :), p(:, :, :)
+      integer(i4), intent(inout) :: status(:)
+      real(wp) :: p0(system%nlane, system%ndof), now(system%ndof)
+      integer :: lane, path, step, at
+
+      call system%first_momentum(p0)
+      do lane = 1, nreal
+         path = first + lane - 1
+         status(path) = states(lane)%status
+         p(path, :, 1) = p0(lane, :)
+         do step = 0, system%nstep
+            now = system%position(step, lane)
+            q(path, :, step + 1) = now
+            at = system%momentum_at(step)
+            if (step > 0) p(path, :, step + 1) = system%x(at + 1:at + system%ndof, lane)
+         end do
+         if (status(path) == status_ok) cycle
+         q(path, :, :) = ieee_value(0.0_wp, ieee_quiet_nan)
+         p(path, :, :) = ieee_value(0.0_wp, ieee_quiet_nan)
+      end do
+   end subroutine store
+
+   !> Options, shapes and numbers.
+   subroutine check(model, options, q_start, q_end, q, p, status, error, guess_q, guess_p)
+      class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q_start(:, :), q_end(:, :), q(:, :, :), p(:, :, :)
+      integer(i4), intent(in) :: status(:)
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), optional :: guess_q(:, :, :), guess_p(:, :, :)
+      integer(i8) :: wanted(3)
+
+      call check_options(options, error)
+      if (allocated(error)) return
+      if (options%nstep < 1) call raise(error, invalid_argument, place, 'steps = '//to_text(options%nstep)// &
+                                        ': a path between two positions needs at least one step')
+      wanted(1) = options%npath
+      wanted(2) = model%traits%ndof
+      wanted(3) = options%nstep + 1
+      if (any(shape(q, i8) /= wanted)) call refuse_shape('q', error)
+      if (any(shape(p, i8) /= wanted)) call refuse_shape('p', error)
+      if (size(status, kind=i8) /= options%npath) call refuse_shape('status', error)
+      call check_ends('q_start', q_start)
+      call check_ends('q_end', q_end)
+      if (present(guess_q)) then
+         if (any(shape(guess_q, i8) /= wanted)) call refuse_shape('guess_q', error)
+      end if
+      if (present(guess_p)) then
+         if (any(shape(guess_p, i8) /= wanted)) call refuse_shape('guess_p', error)
+      end if
+
+   contains
+
+      subroutine check_ends(what, x)
+         character(*), intent(in) :: what
+         real(wp), intent(in) :: x(:, :)
+
+         if (size(x, 2) /= model%traits%ndof .or. &
+             (size(x, 1) /= 1 .and. size(x, 1, i8) /= options%npath)) call refuse_shape(what, error)
+         if (.not. all(abs(x) <= huge(x))) call raise(error, invalid_argument, place, what// &
+                                                      ' holds values that are not finite: give finite positions')
+      end subroutine check_ends
+
+   end subroutine check
+
+   subroutine refuse_shape(what, error)
+      character(*), intent(in) :: what
+      type(error_type), allocatable, intent(inout) :: error
+
+      call raise(error, wrong_shape, place, what//' has the wrong shape: needed are q_start and q_end '// &
+                 '(npath or 1,ndof), q, p and guesses (npath,ndof,nstep+1), status and rcond (npath)')
+   end subroutine refuse_shape
+
+end module symsde_diagnose_boundary_value

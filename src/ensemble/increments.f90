@@ -1,0 +1,54 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The increments that drive a run, all at once, asked of the same noise source that drives it.
+module symsde_ensemble_increments
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: default_nlane, path_of_lane
+   use symsde_ensemble_options, only: run_options
+   use symsde_noise_source, only: noise_type
+   implicit none
+   private
+   public :: collect_increments
+
+contains
+
+   !> dw(path, k, n) = dW_k of the n-th step of the run.
+   subroutine collect_increments(noise, options, dw)
+      class(noise_type), intent(in) :: noise
+      type(run_options), intent(in) :: options
+      real(wp), intent(inout) :: dw(:, :, :)  !! (npath, nnoise, nstep)
+      integer(i8) :: first
+
+      if (noise%nnoise == 0 .or. options%nstep == 0) return
+      do first = 0, options%npath - 1, default_nlane
+         call fill_block(noise, options, first, dw)
+      end do
+   end subroutine collect_increments
+
+   !> The paths of one block; the source makes the steps 2j and 2j+1 together, of which a run may begin
+   !> with the second or end with the first.
+   subroutine fill_block(noise, options, first, dw)
+      class(noise_type), intent(in) :: noise
+      type(run_options), intent(in) :: options
+      integer(i8), intent(in) :: first           !! paths before the block
+      real(wp), intent(inout) :: dw(:, :, :)     !! (npath, nnoise, nstep)
+      real(wp) :: w(default_nlane, 0:noise%nnoise, 0:1)
+      integer(i8) :: path(default_nlane), pair, n, drawn
+      integer :: half, k, nreal
+
+      nreal = int(min(int(default_nlane, i8), options%npath - first))
+      call path_of_lane(default_nlane, options%first_path + first, nreal, path)
+      w = 0
+      drawn = 0
+      do pair = options%first_step/2, (options%first_step + options%nstep - 1)/2
+         call noise%fill(default_nlane, path, pair, w, drawn)
+         do half = 0, 1
+            n = 2*pair + half - options%first_step + 1
+            if (n < 1 .or. n > options%nstep) cycle
+            do k = 1, noise%nnoise
+               dw(first + 1:first + nreal, k, n) = w(:nreal, k, half)
+            end do
+         end do
+      end do
+   end subroutine fill_block
+
+end module symsde_ensemble_increments
