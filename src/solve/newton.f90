@@ -126,12 +126,16 @@ contains
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
 
+      integer :: nrunning, nfailed
+
       if (self%options%fixed_point > 0) then
          call iterate_scalar(self%nlane, sign, self%r, self%last, x, self%step, self%size)
+         call self%judge(status, counters)
       else
-         call correct_scalar(self%nlane, sign, slope, self%r, self%a, self%last, x, self%step, self%size)
+         call correct_scalar(self%nlane, test_level(self), sign, slope, self%r, self%a, self%last, x, &
+                             nrunning, nfailed)
+         call conclude(self, nrunning, nfailed, status, counters)
       end if
-      call self%judge(status, counters)
    end subroutine update_scalar
 
    !> Test every lane by the sizes of its correction and unknowns, and give lanes that fail their status.
@@ -139,12 +143,23 @@ contains
       class(newton_type), intent(inout) :: self
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
-      integer :: nfailed
+      integer :: nrunning, nfailed
+
+      call test_lanes(self%nlane, test_level(self), self%step, self%size, self%last, nrunning, nfailed)
+      call conclude(self, nrunning, nfailed, status, counters)
+   end subroutine judge
+
+   !> Count the iteration, give lanes that failed their status, and end at the bound of iterations.
+   subroutine conclude(self, nrunning, nfailed, status, counters)
+      class(newton_type), intent(inout) :: self
+      integer, intent(in) :: nrunning, nfailed    !! lanes that go on, and lanes that have ever failed
+      integer(i8), intent(inout) :: status(self%nlane)
+      type(counters_type), intent(inout) :: counters
 
       self%iteration = self%iteration + 1
       counters%iterations = counters%iterations + self%nrunning
       if (self%options%fixed_point == 0) counters%solves = counters%solves + self%nrunning
-      call test_lanes(self%nlane, test_level(self), self%step, self%size, self%last, self%nrunning, nfailed)
+      self%nrunning = nrunning
       if (nfailed > 0) call mark(self, status, counters)
       if (self%iteration >= limit(self) .and. self%nrunning > 0) then
          if (self%options%fixed_point == 0) then
@@ -154,7 +169,7 @@ contains
          self%nrunning = 0
       end if
       self%running = self%nrunning > 0
-   end subroutine judge
+   end subroutine conclude
 
    !> Rounding level of the stopping test: affine systems are done after one solve, fixed-point runs
    !> after their fixed number of iterations.
@@ -233,21 +248,29 @@ contains
       nrunning = int(running)
    end subroutine start_lanes
 
-   !> One unknown: x = x - (x + s f)/(1 + g f') in running lanes.
-   pure subroutine correct_scalar(nlane, s, g, f, df, last, x, step, size)
+   !> One unknown: x = x - (x + s f)/(1 + g f') in running lanes, and the test of every lane.
+   pure subroutine correct_scalar(nlane, level, s, g, f, df, last, x, nrunning, nfailed)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: s, g, f(nlane), df(nlane), last(nlane)
-      real(wp), intent(inout) :: x(nlane)
-      real(wp), intent(out) :: step(nlane), size(nlane)
-      real(wp) :: d
+      real(wp), intent(in) :: level, s, g, f(nlane), df(nlane)
+      real(wp), intent(inout) :: last(nlane), x(nlane)
+      integer, intent(out) :: nrunning, nfailed
+      real(wp) :: d, new
+      integer(i8) :: running, bad
       integer :: lane
 
+      running = 0
+      bad = 0
       do lane = 1, nlane
          d = (x(lane) + s*f(lane))/(1 + g*df(lane))
-         x(lane) = merge(x(lane) - d, x(lane), last(lane) >= 0)
-         step(lane) = abs(d)
-         size(lane) = abs(x(lane))
+         new = merge(x(lane) - d, x(lane), last(lane) >= 0)
+         x(lane) = new
+         new = verdict_of(level, abs(d), abs(new), last(lane))
+         last(lane) = new
+         running = running + runs(new)
+         bad = bad + has_failed(new)
       end do
+      nrunning = int(running)
+      nfailed = int(bad)
    end subroutine correct_scalar
 
    !> One unknown, one fixed-point iteration: x = -s f in running lanes.
@@ -288,35 +311,58 @@ contains
       end do
    end subroutine correct_lanes
 
-   !> The stopping test of the module's header, without divisions: at rate 2^-k the next correction is
-   !> 2^-k times this one.
+   !> The stopping test for lanes whose correction and unknowns have these sizes.
    pure subroutine test_lanes(nlane, level, step, size, last, nrunning, nfailed)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: level, step(nlane), size(nlane)
       real(wp), intent(inout) :: last(nlane)
       integer, intent(out) :: nrunning, nfailed
-      real(wp), parameter :: slow = 2.0_wp**(-13), fast = 2.0_wp**(-26)
-      real(wp) :: d, limit, next
+      real(wp) :: next
       integer(i8) :: running, bad
       integer :: lane
 
       running = 0
       bad = 0
       do lane = 1, nlane
-         d = step(lane)
-         limit = level*size(lane)
-         next = merge(done, d, d <= limit)
-         next = merge(done, next, d <= slow*last(lane) .and. slow*d <= limit)
-         next = merge(done, next, d <= fast*last(lane) .and. fast*d <= limit)
-         next = merge(done, next, d >= last(lane) .and. d <= stagnation*size(lane) .and. level > 0)
-         next = merge(next, failed, d <= huge(d) .and. size(lane) <= huge(d))
-         next = merge(next, last(lane), last(lane) >= 0)
+         next = verdict_of(level, step(lane), size(lane), last(lane))
          last(lane) = next
-         running = running + merge(1_i8, 0_i8, next >= 0)
-         bad = bad + merge(1_i8, 0_i8, next < -1.5_wp)
+         running = running + runs(next)
+         bad = bad + has_failed(next)
       end do
       nrunning = int(running)
       nfailed = int(bad)
    end subroutine test_lanes
+
+   !> The stopping test of the module's header for one lane: at rate 2^-k the next correction is 2^-k
+   !> times this one. The size of the correction, or done, or failed. One bound is put together and
+   !> compared with, because comparisons are what this costs.
+   pure function verdict_of(level, d, size, last) result(next)
+      real(wp), intent(in) :: level, d, size, last
+      real(wp), parameter :: slow = 2.0_wp**(-13), fast = 2.0_wp**(-26)
+      real(wp) :: next, bound
+
+      bound = merge(1/slow, 1.0_wp, d <= slow*last)
+      bound = level*size*merge(1/fast, bound, d <= fast*last)
+      bound = merge(max(level, merge(stagnation, level, level > 0))*size, bound, d >= last)
+      next = merge(done, d, d <= bound)
+      next = merge(next, failed, d + size <= huge(d))
+      next = merge(next, last, last >= 0)
+   end function verdict_of
+
+   !> 1 where the verdict is that the lane goes on, else 0: its sign bit, without a comparison.
+   pure integer(i8) function runs(next)
+      real(wp), intent(in) :: next
+
+      runs = 1 - ishft(transfer(next, 0_i8), -63)
+   end function runs
+
+   !> 1 for `failed`, else 0: failed = -2 has the two highest bits set, done = -1 only the sign.
+   pure integer(i8) function has_failed(next)
+      real(wp), intent(in) :: next
+      integer(i8) :: bits
+
+      bits = transfer(next, 0_i8)
+      has_failed = ishft(iand(bits, ishft(bits, 1)), -63)
+   end function has_failed
 
 end module symsde_solve_newton

@@ -20,6 +20,8 @@ module symsde_step_explicit
       integer :: stage = 0
       logical :: force = .false.     !! Hhat_q is wanted
       logical :: velocity = .false.  !! Hhat_p is wanted
+      logical :: needs_q = .true.    !! of the point where it is evaluated
+      logical :: needs_p = .true.
    end type evaluation
 
    type, extends(stepper_type) :: explicit_stepper
@@ -94,6 +96,8 @@ contains
             next%force = q_ready .and. (separable .or. p_ready) .and. .not. has_force(i)
             next%velocity = p_ready .and. (separable .or. q_ready) .and. .not. has_velocity(i)
             if (.not. (next%force .or. next%velocity)) cycle
+            next%needs_q = next%force .or. .not. separable
+            next%needs_p = next%velocity .or. .not. separable
             has_force(i) = has_force(i) .or. next%force
             has_velocity(i) = has_velocity(i) .or. next%velocity
             n = n + 1
@@ -112,54 +116,85 @@ contains
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: n, i, k
+      logical :: q_moves, p_moves
 
       n = size(q)
       do k = 1, size(self%plan)
          i = self%plan(k)%stage
-         self%qs = q
-         self%ps = p
-         call add_slopes(n, self%nstage, self%to_q(:, i), self%hp, self%qs)
-         call add_slopes(n, self%nstage, self%to_p(:, i), self%hq, self%ps)
-         call evaluate(self, self%plan(k), t + self%c(i)*w(1, 0), w)
+         q_moves = self%plan(k)%needs_q .and. any(abs(self%to_q(:, i)) > 0)
+         p_moves = self%plan(k)%needs_p .and. any(abs(self%to_p(:, i)) > 0)
+         if (q_moves) call add_slopes(n, self%nstage, self%to_q(:, i), self%hp, q, self%qs)
+         if (p_moves) call add_slopes(n, self%nstage, self%to_p(:, i), self%hq, p, self%ps)
+         ! a point that is where the step began is not copied
+         associate (ti => t + self%c(i)*w(1, 0))
+            if (q_moves .and. p_moves) then
+               call evaluate(self, self%plan(k), ti, w, self%qs, self%ps)
+            else if (q_moves) then
+               call evaluate(self, self%plan(k), ti, w, self%qs, p)
+            else if (p_moves) then
+               call evaluate(self, self%plan(k), ti, w, q, self%ps)
+            else
+               call evaluate(self, self%plan(k), ti, w, q, p)
+            end if
+         end associate
       end do
-      dq = 0
-      dp = 0
-      call add_slopes(n, self%nstage, self%alpha, self%hp, dq)
-      call add_slopes(n, self%nstage, self%minus_alpha, self%hq, dp)
-      status = status + 0
+      call sum_slopes(n, self%nstage, self%alpha, self%hp, dq)
+      call sum_slopes(n, self%nstage, self%minus_alpha, self%hq, dp)
    end subroutine increment
 
-   !> One evaluation of the plan, at the point in qs and ps.
-   subroutine evaluate(self, what, t, w)
-      type(explicit_stepper), intent(inout) :: self
+   !> One evaluation of the plan at (q, p).
+   subroutine evaluate(self, what, t, w, q, p)
+      class(explicit_stepper), intent(inout) :: self
       type(evaluation), intent(in) :: what
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
 
       associate (i => what%stage)
          if (what%force .and. what%velocity) then
-            call self%ham%gradient(t, w, self%qs, self%ps, self%hq(:, :, i), self%hp(:, :, i))
+            call self%ham%gradient(t, w, q, p, self%hq(:, :, i), self%hp(:, :, i))
          else if (what%force) then
-            call self%ham%gradient(t, w, self%qs, self%ps, hq=self%hq(:, :, i))
+            call self%ham%gradient(t, w, q, p, hq=self%hq(:, :, i))
          else
-            call self%ham%gradient(t, w, self%qs, self%ps, hp=self%hp(:, :, i))
+            call self%ham%gradient(t, w, q, p, hp=self%hp(:, :, i))
          end if
       end associate
    end subroutine evaluate
 
-   !> total = total + sum_j coefficient_j slope_j; slopes with coefficient zero are never read, so those
-   !> that have not been evaluated yet do no harm.
-   pure subroutine add_slopes(n, nstage, coefficient, slope, total)
+   !> total = start + sum_j coefficient_j slope_j; slopes with coefficient zero are never read, so those
+   !> that have not been evaluated yet do no harm. At least one coefficient is not zero.
+   pure subroutine add_slopes(n, nstage, coefficient, slope, start, total)
       integer, intent(in) :: n, nstage
-      real(wp), intent(in) :: coefficient(nstage), slope(n, nstage)
+      real(wp), intent(in) :: coefficient(nstage), slope(n, nstage), start(n)
       real(wp), intent(inout) :: total(n)
-      integer :: i, j
+      integer :: i, j, first
 
-      do j = 1, nstage
+      first = findloc(abs(coefficient) > 0, .true., 1)
+      do i = 1, n
+         total(i) = start(i) + coefficient(first)*slope(i, first)
+      end do
+      do j = first + 1, nstage
          if (abs(coefficient(j)) <= 0) cycle
          do i = 1, n
             total(i) = total(i) + coefficient(j)*slope(i, j)
          end do
       end do
    end subroutine add_slopes
+
+   !> total = sum_j coefficient_j slope_j
+   pure subroutine sum_slopes(n, nstage, coefficient, slope, total)
+      integer, intent(in) :: n, nstage
+      real(wp), intent(in) :: coefficient(nstage), slope(n, nstage)
+      real(wp), intent(out) :: total(n)
+      integer :: i, j
+
+      do i = 1, n
+         total(i) = coefficient(1)*slope(i, 1)
+      end do
+      do j = 2, nstage
+         do i = 1, n
+            total(i) = total(i) + coefficient(j)*slope(i, j)
+         end do
+      end do
+   end subroutine sum_slopes
 
 end module symsde_step_explicit
