@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-from . import _files, models, scene, schemes
+from . import _files, models, scene, schemes, tables
 from ._setup import build_info
 from .errors import PathsFailedWarning, SymsdeError
 from .moments import Moments
@@ -52,7 +52,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--quiet", action="store_true", help="no progress and no table")
     add("check", _check, "Check a scene without running it.").add_argument("scene", metavar="SCENE.toml")
     add("template", _template, "Print a scene of a built-in model.").add_argument("model", metavar="MODEL")
-    add("list", _list, "List models with their parameters, and schemes.")
+    catalogue = add("list", _list, "List models with their parameters, and schemes.")
+    catalogue.add_argument("what", nargs="?", choices=("models", "schemes"), help="one of the two (default: both)")
+    catalogue.add_argument("--markdown", action="store_true", help="as the page of the documentation")
     add("info", _info, "Print versions, compiler and optional packages.")
     paper = add("paper", _paper, "Run every experiment of the paper; write results.json and figures.")
     paper.add_argument("--out", metavar="DIR", default="out/paper", help="directory of the results (%(default)s)")
@@ -114,18 +116,31 @@ def _template(options: argparse.Namespace) -> int:
     return OK
 
 
-def _list(_options: argparse.Namespace) -> int:
-    print("models")
+def _list(options: argparse.Namespace) -> int:
+    if options.what != "schemes":
+        print(tables.models_markdown() if options.markdown else _models())
+    if options.what != "models":
+        print(tables.schemes_markdown() if options.markdown else _schemes())
+    return OK
+
+
+def _models() -> str:
+    lines = ["models"]
     for name in models.names():
-        print(f"  {name}({', '.join(f'{key}={value:g}' for key, value in models.parameters(name).items())})")
-    print("schemes")
+        parameters = ", ".join(f"{key}={value:g}" for key, value in models.parameters(name).items())
+        lines.append(f"  {name}({parameters})")
+    return "\n".join(lines)
+
+
+def _schemes() -> str:
+    lines = ["schemes"]
     for name in schemes.names():
         info = schemes.get(name).info
         orders = f"strong order {info.order_additive:g} / {info.order_commutative:g} / {info.order_general:g}"
         kind = "symplectic" if info.symplectic else "not symplectic"
-        print(f"  {name:26s} {kind:15s} {orders}  {info.reference}")
-    print("  (strong orders: additive / commutative / general noise; also dirk:C and lambda:X, as lambda:0.3)")
-    return OK
+        lines.append(f"  {name:26s} {kind:15s} {orders}  {info.reference}")
+    lines.append("  (strong orders: additive / commutative / general noise; also dirk:C and lambda:X, as lambda:0.3)")
+    return "\n".join(lines)
 
 
 def _info(_options: argparse.Namespace) -> int:
