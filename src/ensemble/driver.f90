@@ -329,7 +329,7 @@ contains
             'midpoint')
       else if (needs_areas) then
          rows = real(options%first_step + options%nstep, wp)*2.0_wp**max(0, options%refine)* &
-                2.0_wp**area_levels(options%step/2.0_wp**max(0, options%refine), needs_dz)
+                2.0_wp**area_levels(options%step/2.0_wp**max(0, options%refine))
          if (rows > 2.0_wp**47) call raise(error, too_large, 'run_ensemble', 'the areas of '// &
             to_text(options%nstep)//' steps need '//to_text(rows)//' sub-increments, beyond 2^47, the range of '// &
             'the step counter: give fewer or longer steps')

@@ -4,13 +4,12 @@
 !>    dZ_k = int_t^{t+h} (W_k(s) - W_k(t)) ds = h (dW_k/2 + H_k),   H_k ~ N(0, |h|/12) independent of dW_k
 !>    A_kl = 1/2 int_t^{t+h} (W_k o dW_l - W_l o dW_k),  k < l,     W from the start of the step
 !>
-!> An area is the sum over 2^n sub-increments of the step, n so large that its mean-square error is at
-!> most |h|^3 (time in units of the model): |h|^2/(4 2^n) <= |h|^3, or with H known at each of them
-!> |h|^2/(12 2^n) <= |h|^3. The sub-increments are halvings of dW (of dW and H where dZ is asked for):
+!> An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, n so large
+!> that its mean-square error |h|^2/(12 2^n) is at most |h|^3 (time in units of the model). The
+!> sub-increments are halvings of (W,H):
 !>
-!>    W only    W_1 = W/2 + B,            W_2 = W - W_1,          B ~ N(0, |h|/4)
-!>    (W,H)     W_1 = W/2 + 3/2 H + Z,    W_2 = W - W_1,          Z ~ N(0, |h|/16)
-!>              H_1 = H/4 - Z/2 + N/2,    H_2 = H/4 - Z/2 - N/2,  N ~ N(0, |h|/12)
+!>    W_1 = W/2 + 3/2 H + Z,    W_2 = W - W_1,          Z ~ N(0, |h|/16)
+!>    H_1 = H/4 - Z/2 + N/2,    H_2 = H/4 - Z/2 - N/2,  N ~ N(0, |h|/12)
 !>
 !> and neighbouring intervals merge by
 !>
@@ -18,8 +17,8 @@
 !>
 !> refine = l > 0: 2^l finer steps, merged as a balanced binary tree; dW has the bits of the source that
 !> makes only dW, and dZ and areas at refine = l are, bit for bit, what those of h/2 and l-1 merge to.
-!> refine = -l: the coarse step halved l times. Where dZ is asked for, its dW are those of the (W,H)
-!> halving, not of the W-only one: a run is halved on the path of the same scheme. The halvings of a
+!> refine = -l: the coarse step halved l times. Its dW are those of the (W,H) halving, not of the W-only
+!> one of a source that makes only dW: a run is halved on the path of the same scheme. The halvings of a
 !> run at refine = -l are the sub-increments of the areas at refine = 0: one path.
 module symsde_noise_integrals
    use symsde_base_kinds, only: wp, i8
@@ -31,11 +30,10 @@ module symsde_noise_integrals
 
    integer, parameter, public :: max_area_levels = 20  !! 2^20 sub-increments of a step
 
-   ! counter words; 2 is the oscillator's
+   ! counter words; 1 is the bridge of W alone, 2 the oscillator's
    integer, parameter :: purpose_increment = 0  !! dW at the finest step
-   integer, parameter :: purpose_bridge = 1     !! B of the halving of W alone
    integer, parameter :: purpose_shape = 3      !! H at the finest step
-   integer, parameter :: purpose_halving = 4    !! Z of the halving of (W,H)
+   integer, parameter :: purpose_halving = 4    !! Z of a halving
    integer, parameter :: purpose_halves = 5     !! N of the same
 
    !> What the draws of a run are a function of.
@@ -59,12 +57,11 @@ module symsde_noise_integrals
 contains
 
    !> n, the number of halvings of a step whose areas are wanted.
-   pure integer function area_levels(h, with_shape)
+   pure integer function area_levels(h)
       real(wp), intent(in) :: h            !! step [time]
-      logical, intent(in) :: with_shape    !! H is known at each sub-increment
       real(wp) :: parts
 
-      parts = 1/(merge(12.0_wp, 4.0_wp, with_shape)*abs(h))
+      parts = 1/(12*abs(h))
       area_levels = 0
       do while (2.0_wp**area_levels < parts .and. area_levels < max_area_levels)
          area_levels = area_levels + 1
@@ -171,7 +168,7 @@ contains
       allocate (even%w(nlane, d%nnoise), odd%w(nlane, d%nnoise))
       allocate (h1(nlane, d%nnoise), h2(nlane, d%nnoise))
       call draw(d, nlane, path, pair, 0, purpose_increment, sqrt(abs(length)), even%w, odd%w, drawn)
-      if (d%dz) call draw(d, nlane, path, pair, 0, purpose_shape, sqrt(abs(length)/12), h1, h2, drawn)
+      call draw(d, nlane, path, pair, 0, purpose_shape, sqrt(abs(length)/12), h1, h2, drawn)
       if (d%areas) call draw_halving(d, nlane, path, pair, 1, length, u1, u2, v1, v2, drawn)
       call complete(d, nlane, path, 0, 2*pair, length, h1, u1, v1, even, drawn)
       call complete(d, nlane, path, 0, 2*pair + 1, length, h2, u2, v2, odd, drawn)
@@ -196,29 +193,29 @@ contains
       allocate (hh(nlane, d%nnoise), h1(nlane, d%nnoise), h2(nlane, d%nnoise))
       call draw(d, nlane, path, parent/2, 0, purpose_increment, sqrt(abs(length)), w1, w2, drawn)
       w = merge(w1, w2, mod(parent, 2_i8) == 0)
-      if (d%dz) then
-         call draw(d, nlane, path, parent/2, 0, purpose_shape, sqrt(abs(length)/12), h1, h2, drawn)
-         hh = merge(h1, h2, mod(parent, 2_i8) == 0)
-      end if
+      call draw(d, nlane, path, parent/2, 0, purpose_shape, sqrt(abs(length)/12), h1, h2, drawn)
+      hh = merge(h1, h2, mod(parent, 2_i8) == 0)
       do level = 1, levels
          parent = step/2_i8**(levels - level + 1)
          call draw_halving(d, nlane, path, parent/2, level, length, u1, u2, v1, v2, drawn)
-         if (mod(parent, 2_i8) == 1) u1 = u2
-         if (mod(parent, 2_i8) == 1 .and. d%dz) v1 = v2
-         call halve(d%dz, nlane, d%nnoise, w, hh, u1, v1, w1, w2, h1, h2)
+         if (mod(parent, 2_i8) == 1) then
+            u1 = u2
+            v1 = v2
+         end if
+         call halve(nlane, d%nnoise, w, hh, u1, v1, w1, w2, h1, h2)
          if (mod(step/2_i8**(levels - level), 2_i8) == 0) then
             w = w1
-            if (d%dz) hh = h1
+            hh = h1
          else
             w = w2
-            if (d%dz) hh = h2
+            hh = h2
          end if
          length = length/2
       end do
       if (d%areas) call draw_halving(d, nlane, path, step/2, levels + 1, length, u1, u2, v1, v2, drawn)
       if (d%areas .and. mod(step, 2_i8) == 1) then
          u1 = u2
-         if (d%dz) v1 = v2
+         v1 = v2
       end if
       interval%w = w
       call complete(d, nlane, path, levels, step, length, hh, u1, v1, interval, drawn)
@@ -240,12 +237,12 @@ contains
       allocate (interval%a(nlane, merge(area_count(d%nnoise), 0, d%areas)))
       if (d%dz) interval%z = length*(0.5_wp*interval%w + hh)
       if (.not. d%areas) return
-      last = level + area_levels(length, d%dz)
+      last = level + area_levels(length)
       if (last > level) then
          call area_of_halves(d, nlane, path, level + 1, last, index, length, interval%w, hh, u, v, &
                              interval%a, drawn)
       else
-         call area_of_leaf(d%dz, nlane, d%nnoise, interval%w, hh, interval%a)
+         call area_of_leaf(nlane, d%nnoise, interval%w, hh, interval%a)
       end if
    end subroutine complete
 
@@ -263,10 +260,10 @@ contains
 
       allocate (w1(nlane, d%nnoise), w2(nlane, d%nnoise), h1(nlane, d%nnoise), h2(nlane, d%nnoise))
       allocate (a1(nlane, area_count(d%nnoise)), a2(nlane, area_count(d%nnoise)))
-      call halve(d%dz, nlane, d%nnoise, w, hh, u, v, w1, w2, h1, h2)
+      call halve(nlane, d%nnoise, w, hh, u, v, w1, w2, h1, h2)
       if (level == last) then
-         call area_of_leaf(d%dz, nlane, d%nnoise, w1, h1, a1)
-         call area_of_leaf(d%dz, nlane, d%nnoise, w2, h2, a2)
+         call area_of_leaf(nlane, d%nnoise, w1, h1, a1)
+         call area_of_leaf(nlane, d%nnoise, w2, h2, a2)
       else
          call draw_halving(d, nlane, path, index, level + 1, length/2, u1, u2, v1, v2, drawn)
          call area_of_halves(d, nlane, path, level + 1, last, 2*index, length/2, w1, h1, u1, v1, a1, drawn)
@@ -275,16 +272,13 @@ contains
       call merge_areas(nlane, d%nnoise, w1, w2, a1, a2, a)
    end subroutine area_of_halves
 
-   !> The area of the straight path is zero, that of the parabola is H_k dW_l - H_l dW_k.
-   pure subroutine area_of_leaf(with_shape, nlane, nnoise, w, hh, a)
-      logical, intent(in) :: with_shape
+   !> The area of the parabola is H_k dW_l - H_l dW_k.
+   pure subroutine area_of_leaf(nlane, nnoise, w, hh, a)
       integer, intent(in) :: nlane, nnoise
       real(wp), intent(in) :: w(nlane, nnoise), hh(nlane, nnoise)
       real(wp), intent(out) :: a(nlane, area_count(nnoise))
       integer :: k, l
 
-      a = 0
-      if (.not. with_shape) return
       do l = 2, nnoise
          do k = 1, l - 1
             a(:, area_index(k, l)) = hh(:, k)*w(:, l) - hh(:, l)*w(:, k)
@@ -293,25 +287,20 @@ contains
    end subroutine area_of_leaf
 
    !> The two halves of an interval.
-   pure subroutine halve(with_shape, nlane, nnoise, w, hh, u, v, w1, w2, h1, h2)
-      logical, intent(in) :: with_shape
+   pure subroutine halve(nlane, nnoise, w, hh, u, v, w1, w2, h1, h2)
       integer, intent(in) :: nlane, nnoise
-      real(wp), intent(in) :: w(nlane, nnoise)
-      real(wp), allocatable, intent(in) :: hh(:, :), u(:, :), v(:, :)
-      real(wp), intent(inout) :: w1(nlane, nnoise), w2(nlane, nnoise), h1(nlane, nnoise), h2(nlane, nnoise)
+      real(wp), intent(in) :: w(nlane, nnoise), hh(nlane, nnoise)
+      real(wp), intent(in) :: u(nlane, nnoise), v(nlane, nnoise)  !! Z and N
+      real(wp), intent(out) :: w1(nlane, nnoise), w2(nlane, nnoise), h1(nlane, nnoise), h2(nlane, nnoise)
 
-      if (with_shape) then
-         w1 = 0.5_wp*w + 1.5_wp*hh + u
-         h1 = 0.25_wp*hh - 0.5_wp*u
-         h2 = h1 - 0.5_wp*v
-         h1 = h1 + 0.5_wp*v
-      else
-         w1 = 0.5_wp*w + u
-      end if
+      w1 = 0.5_wp*w + 1.5_wp*hh + u
       w2 = w - w1
+      h1 = 0.25_wp*hh - 0.5_wp*u
+      h2 = h1 - 0.5_wp*v
+      h1 = h1 + 0.5_wp*v
    end subroutine halve
 
-   !> What the halvings of the intervals 2*pair and 2*pair+1 of one length add: B, or Z and N.
+   !> Z and N of the halvings of the intervals 2*pair and 2*pair+1 of one length.
    subroutine draw_halving(d, nlane, path, pair, level, length, u1, u2, v1, v2, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane, level                 !! level of this halving, from 1
@@ -322,14 +311,10 @@ contains
 
       if (.not. allocated(u1)) then
          allocate (u1(nlane, d%nnoise), u2(nlane, d%nnoise))
-         if (d%dz) allocate (v1(nlane, d%nnoise), v2(nlane, d%nnoise))
+         allocate (v1(nlane, d%nnoise), v2(nlane, d%nnoise))
       end if
-      if (d%dz) then
-         call draw(d, nlane, path, pair, level, purpose_halving, sqrt(abs(length)/16), u1, u2, drawn)
-         call draw(d, nlane, path, pair, level, purpose_halves, sqrt(abs(length)/12), v1, v2, drawn)
-      else
-         call draw(d, nlane, path, pair, level, purpose_bridge, 0.5_wp*sqrt(abs(length)), u1, u2, drawn)
-      end if
+      call draw(d, nlane, path, pair, level, purpose_halving, sqrt(abs(length)/16), u1, u2, drawn)
+      call draw(d, nlane, path, pair, level, purpose_halves, sqrt(abs(length)/12), v1, v2, drawn)
    end subroutine draw_halving
 
    !> Scaled normals of all noises for the intervals 2*pair and 2*pair+1; zero for silent noises.
