@@ -37,9 +37,10 @@ contains
 
    !> defect(point) = max_ij |(M^T J M - J)_ij| of the step from (q, p) at time options%t0 with the
    !> given increments; Theorem 3.2 of [WHSB] says zero. NaN where the step was not solved.
-   !> Of the options step, t0, correction, general, max_iter and fixed_point are used.
+   !> Of the options step, t0, correction, general, max_iter and fixed_point are used. dZ and areas are used
+   !> by the schemes that need them; they must have the shapes given.
    !> Errors: wrong_shape, invalid_argument, those of check_options and new_stepper.
-   subroutine symplecticity_defect(model, scheme, options, q, p, dw, defect, error, spacing)
+   subroutine symplecticity_defect(model, scheme, options, q, p, dw, defect, error, spacing, dz, areas)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -48,6 +49,8 @@ contains
       real(wp), intent(out) :: defect(:)             !! (npoint)
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), optional :: spacing      !! of the differences, default 1/32
+      real(wp), intent(in), optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
+      real(wp), intent(in), optional :: areas(:, :)  !! areas of the step, default 0 (npoint, nnoise(nnoise-1)/2)
       real(wp), allocatable :: d(:, :, :)
       integer :: i
 
@@ -57,7 +60,7 @@ contains
                     to_text(size(defect))//' points; '//to_text(size(q, 1))//' states were given')
          return
       end if
-      call differentiate(model, scheme, options, q, p, dw, d, error, spacing)
+      call differentiate(model, scheme, options, q, p, dw, d, error, spacing, dz, areas)
       if (allocated(error)) return
       do i = 1, size(defect)
          defect(i) = defect_of(model%traits%ndof, d(:, :, i))
@@ -66,7 +69,7 @@ contains
 
    !> The tangent map M(point, i, j) = d x_i(t_{n+1}) / d x_j(t_n), x = (q_1 .. q_n, p_1 .. p_n),
    !> of the same step. Errors as symplecticity_defect.
-   subroutine tangent_map(model, scheme, options, q, p, dw, m, error, spacing)
+   subroutine tangent_map(model, scheme, options, q, p, dw, m, error, spacing, dz, areas)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -75,6 +78,8 @@ contains
       real(wp), intent(out) :: m(:, :, :)            !! (npoint, 2 ndof, 2 ndof)
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), optional :: spacing      !! of the differences, default 1/32
+      real(wp), intent(in), optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
+      real(wp), intent(in), optional :: areas(:, :)  !! areas of the step, default 0 (npoint, nnoise(nnoise-1)/2)
       real(wp), allocatable :: d(:, :, :)
       integer :: i, j, n
 
@@ -86,7 +91,7 @@ contains
                     '); it must be ('//to_text(size(q, 1))//','//to_text(n)//','//to_text(n)//')')
          return
       end if
-      call differentiate(model, scheme, options, q, p, dw, d, error, spacing)
+      call differentiate(model, scheme, options, q, p, dw, d, error, spacing, dz, areas)
       if (allocated(error)) return
       do j = 1, n
          do i = 1, n
@@ -99,14 +104,14 @@ contains
    !> d(:, :, point) = M - I: derivatives of the increments (dq, dp) with respect to (q, p).
    !> All points of all stencils are lanes, side by side: point slowest, then the variable that is
    !> moved, then its offset.
-   subroutine differentiate(model, scheme, options, q, p, dw, d, error, spacing)
+   subroutine differentiate(model, scheme, options, q, p, dw, d, error, spacing, dz, areas)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
       real(wp), intent(in) :: q(:, :), p(:, :), dw(:, :)
       real(wp), allocatable, intent(out) :: d(:, :, :)  !! (2 ndof, 2 ndof, npoint)
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), optional :: spacing
+      real(wp), intent(in), optional :: spacing, dz(:, :), areas(:, :)
       class(stepper_type), allocatable :: stepper
       type(stepper_options) :: choice
       real(wp), allocatable :: w(:, :), qs(:, :), ps(:, :), dq(:, :), dp(:, :)
@@ -135,6 +140,10 @@ contains
       do first = 0, total - 1, nlane
          nreal = int(min(int(nlane, i8), total - first))
          call spread_points(first, nreal, base, q, p, dw, qs, ps, w(:, 1:))
+         if (allocated(stepper%ham%extra)) then
+            if (present(dz)) call spread_integrals(first, nreal, n, dz, stepper%ham%extra%z)
+            if (present(areas)) call spread_integrals(first, nreal, n, areas, stepper%ham%extra%area)
+         end if
          status = 0
          call stepper%increment(options%t0, w, qs, ps, dq, dp, status)
          call collect(first, nreal, base, q, p, dq, dp, status, d)
@@ -163,6 +172,20 @@ contains
          end if
       end do
    end subroutine spread_points
+
+   !> dZ or areas of each lane's point.
+   subroutine spread_integrals(first, nreal, n, given, lanes)
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: nreal, n           !! real lanes, degrees of freedom
+      real(wp), intent(in) :: given(:, :)       !! (npoint, :)
+      real(wp), intent(out) :: lanes(:, :)      !! (nlane, :)
+      integer :: lane, point, variable, k
+
+      do lane = 1, size(lanes, 1)
+         call locate(first + min(lane, nreal) - 1, n, point, variable, k)
+         lanes(lane, :) = given(point, :)
+      end do
+   end subroutine spread_integrals
 
    !> Add what the real lanes contribute to the differences.
    subroutine collect(first, nreal, base, q, p, dq, dp, status, d)
