@@ -5,7 +5,6 @@ H = p^2/2 - cos q, H_1 = sigma sin q: a pendulum that is shaken sideways.
 """
 
 import numpy as np
-
 import symsde as ss
 
 SIGMA = 0.3

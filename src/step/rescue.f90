@@ -36,6 +36,7 @@ module symsde_step_rescue
       integer :: max_iter = 0
       type(general_stepper), allocatable :: stepper  !! made when the first path needs it
       real(wp), allocatable :: w(:, :), q(:, :), p(:, :), dq(:, :), dp(:, :)  !! of eight lanes
+      real(wp), allocatable :: part(:, :)     !! a fraction of w
    contains
       procedure :: attempt
    end type rescue_type
@@ -95,7 +96,8 @@ contains
       allocate (self%stepper)
       call new_general_stepper(self%stepper, self%model, self%scheme, self%correction, lane_unit, &
                                newton_options(max_iter=self%max_iter, damped=.true.))
-      allocate (self%w(lane_unit, 0:m), self%q(lane_unit, n), self%p(lane_unit, n))
+      allocate (self%w(lane_unit, 0:m), self%part(lane_unit, 0:m))
+      allocate (self%q(lane_unit, n), self%p(lane_unit, n))
       allocate (self%dq(lane_unit, n), self%dp(lane_unit, n))
    end subroutine make_stepper
 
@@ -141,7 +143,8 @@ contains
       self%stepper%x = 0
       do k = 1, parts
          if (k > 1) self%stepper%x = self%stepper%x*(real(k, wp)/(k - 1))
-         call self%stepper%solve_stages(t, self%w(1, 0), self%w*(real(k, wp)/parts), self%q, self%p, fate)
+         self%part = self%w*(real(k, wp)/parts)
+         call self%stepper%solve_stages(t, self%w(1, 0), self%part, self%q, self%p, fate)
       end do
       call self%stepper%add_up(self%dq, self%dp)
    end subroutine continue_increments

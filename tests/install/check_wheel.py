@@ -26,7 +26,7 @@ def main():
     for old in work.glob("*.whl"):
         old.unlink()
     pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-q"]
-    subprocess.run([*pip, "-C", f"build-dir={work}/build", "-w", work, root], check=True)
+    subprocess.run([*pip, f"--config-settings=build-dir={work}/build", "-w", work, root], check=True)
     (wheel,) = work.glob("*.whl")
     if "-py3-none-" not in wheel.name:
         print(f"{wheel.name} is bound to one version of Python")
