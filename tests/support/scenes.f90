@@ -15,7 +15,7 @@ module scenes
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
-   public :: model_of, scheme_of, stepper_of, require, draw_weights, hermite_nodes, slope_of, hash_of
+   public :: model_of, make_model, scheme_of, stepper_of, require, draw_weights, hermite_nodes, slope_of, hash_of
 
 contains
 
@@ -29,6 +29,18 @@ contains
       call get_model(model, name, parameter_names(name), values, error)
       call require(error)
    end function model_of
+
+   !> The same into a variable. Assignment of a polymorphic result to a variable that holds a model of another
+   !> size corrupts memory with gfortran 12.
+   subroutine make_model(model, name, values)
+      class(model_type), allocatable, intent(out) :: model
+      character(*), intent(in) :: name
+      real(wp), intent(in) :: values(:)
+      type(error_type), allocatable :: error
+
+      call get_model(model, name, parameter_names(name), values, error)
+      call require(error)
+   end subroutine make_model
 
    function scheme_of(name) result(scheme)
       character(*), intent(in) :: name
