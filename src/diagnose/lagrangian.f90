@@ -184,7 +184,7 @@ contains
                     'choose a scheme with as many nodes as its degree, such as midpoint or gauss2')
       else if (scheme%expansion /= expansion_none) then
          call raise(error, incompatible, 'new_discrete_lagrangian', 'scheme '//scheme%name// &
-                    ' adds brackets to the Hamiltonians, which the discrete action does not know: '// &
+                    ' adds brackets or dZ to the increments, which the discrete action does not know: '// &
                     'take the plain scheme, such as midpoint or gauss2')
       end if
    end subroutine check_scheme

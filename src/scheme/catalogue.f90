@@ -4,6 +4,7 @@ module symsde_scheme_catalogue
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, unknown_name, invalid_argument
    use symsde_base_text, only: name_length, nearest_names
+   use symsde_scheme_additive, only: additive_scheme
    use symsde_scheme_expansion, only: expand_scheme
    use symsde_scheme_scheme, only: scheme_type, ito_form
    use symsde_scheme_quadrature, only: get_quadrature
@@ -13,13 +14,14 @@ module symsde_scheme_catalogue
    private
    public :: get_scheme, scheme_names, scheme_families
 
-   integer, parameter :: nplain = 29  !! names without a parameter; the families follow
+   integer, parameter :: nplain = 32  !! names without a parameter; the families follow
    character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: &
       'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', &
       'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', &
       'lobatto3_swapped', 'lobatto4', 'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', &
       'P1N3Q4Lob', 'P2N2Q2Lob', 'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', &
       'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'midpoint_areas', 'midpoint_weak1', &
+      'verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', &
       'heun', 'euler_maruyama', 'dirk:', 'lambda:']
 
 contains
@@ -75,6 +77,8 @@ contains
          call contrast(scheme, name, error)
       case ('gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'midpoint_areas', 'midpoint_weak1')
          call expanded(scheme, name, error)
+      case ('verlet_dz', 'averaged_shift_midpoint', 'drift_preserving')
+         call additive_scheme(scheme, name, error)
       case default
          call parametrised(scheme, name, error)
       end select

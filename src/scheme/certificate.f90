@@ -5,8 +5,8 @@ module symsde_scheme_certificate
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_text, only: to_text
    use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, &
-                                   symplecticity_residual, expansion_none, uses_dz, uses_areas, &
-                                   uses_nested_bracket
+                                   symplecticity_residual, expansion_none, expansion_dz, uses_dz, uses_areas, &
+                                   uses_nested_bracket, special_none, special_drift_preserving
    use symsde_scheme_properties, only: symmetry_residual, quadratic_residual, stratonovich_sum, &
                                        conjugate_stratonovich_sum, coefficient_tolerance
    use symsde_scheme_dependency, only: is_explicit, implicit_unknowns
@@ -28,6 +28,7 @@ module symsde_scheme_certificate
       integer :: degree = 0
       integer :: expansion = expansion_none     !! brackets added to the one-step Hamiltonian
       integer :: law = law_gaussian             !! law of the increments (base/laws)
+      integer :: special = special_none         !! additive noise alone, by a stepper of its own
       logical :: symplectic = .false.
       real(wp) :: symplecticity_residual = 0    !! largest residual of the four conditions
       real(wp) :: stratonovich_sum = 0          !! beta^T b e; 1/2 = consistent with Stratonovich
@@ -64,6 +65,7 @@ contains
       c%degree = scheme%degree
       c%expansion = scheme%expansion
       c%law = scheme%law
+      c%special = scheme%special
       if (scheme%form == tableau_form) c%symplecticity_residual = symplecticity_residual(scheme)
       c%symplectic = scheme%form /= ito_form .and. c%symplecticity_residual < coefficient_tolerance
       c%symmetry_residual = symmetry_residual(scheme)
@@ -92,7 +94,7 @@ contains
       real(wp) :: conjugate
 
       c%stratonovich_sum = stratonovich_sum(scheme)
-      if (scheme%form == ito_form) return
+      if (scheme%form == ito_form .or. scheme%special /= special_none) return
       conjugate = conjugate_stratonovich_sum(scheme)
       c%correction_coefficient = scheme%correction_coefficient()
       c%correction_needed = max(abs(c%stratonovich_sum - 0.5_wp), abs(conjugate - 0.5_wp)) &
@@ -124,6 +126,7 @@ contains
       if (c%form == galerkin_form) &
          text = text//line('needs', 'H_pp not singular, every H_k,p constant: '// &
                           'nodes that see different velocities of the noise tear their momenta apart')
+      if (c%special /= special_none) text = text//line('needs', needs_text(c))
    end function certificate_text
 
    !> Weak order two takes the noises to commute.
@@ -141,7 +144,9 @@ contains
       character(:), allocatable :: text
 
       text = ''
-      if (c%expansion /= expansion_none) then
+      if (c%expansion == expansion_dz) then
+         text = line('increments', 'dZ beside dW')
+      else if (c%expansion /= expansion_none) then
          if (uses_dz(c%expansion)) text = text//', {H_k,H} with dZ'
          if (uses_areas(c%expansion)) text = text//', {H_l,H_k} with areas'
          if (uses_nested_bracket(c%expansion)) text = text//', {{H,H_k},H_k} by differences of values'
@@ -151,6 +156,18 @@ contains
       if (c%law /= law_gaussian) &
          text = text//line('increments', law_text(c%law)//': for expectations, not path by path')
    end function expansion_lines
+
+   !> What a model must be for the schemes that are made for additive noise.
+   pure function needs_text(c) result(text)
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: text
+
+      text = 'additive noise'
+      if (c%expansion /= expansion_dz .or. c%explicit_for /= never_explicit) &
+         text = text//' in p alone, H = p.p/2 + U(q)'
+      if (c%special == special_drift_preserving) &
+         text = text//'; E H is exact for polynomials U up to degree eight'
+   end function needs_text
 
    pure function line(what, value) result(text)
       character(*), intent(in) :: what, value

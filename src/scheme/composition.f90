@@ -8,9 +8,11 @@
 module symsde_scheme_composition
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: is_finite_lane
+   use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
    use symsde_base_text, only: to_text
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, &
+                                   expansion_none, special_none
    use symsde_scheme_properties, only: declare_properties, tableau_order
    implicit none
    private
@@ -34,6 +36,7 @@ contains
       if (base%form == ito_form) call raise(error, incompatible, 'adjoint_scheme', &
                                             "'"//base%name//"' steps the Ito form, which has no adjoint; "// &
                                             'take a scheme of the Stratonovich form')
+      call check_plain('adjoint_scheme', base, error)
       if (allocated(error)) return
       scheme = base
       r = base%nstage
@@ -152,9 +155,27 @@ contains
             if (parts(k)%form /= tableau_form) &
                call raise(error, incompatible, 'composed_scheme', "'"//parts(k)%name//"' is not a tableau; "// &
                           'only tableaux are composed into one scheme')
+            call check_plain('composed_scheme', parts(k), error)
+            if (parts(k)%law /= law_gaussian) &
+               call raise(error, incompatible, 'composed_scheme', "'"//parts(k)%name//"' is made for "// &
+                          law_text(parts(k)%law)//' increments, whose parts have another law; compose '// &
+                          'midpoint or gauss2')
          end do
       end if
    end subroutine check_parts
+
+   !> Brackets and steppers of their own belong to a whole step: dZ and areas are not shared out in
+   !> proportion to time.
+   subroutine check_plain(place, base, error)
+      character(*), intent(in) :: place
+      type(scheme_type), intent(in) :: base
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (base%expansion /= expansion_none .or. base%special /= special_none) &
+         call raise(error, incompatible, place, "'"//base%name//"' uses more of the path than its "// &
+                    'increments, or a stepper of its own, and has no composition; take a plain scheme '// &
+                    'such as midpoint or gauss2')
+   end subroutine check_plain
 
    !> A half step of the scheme followed by a half step of its adjoint: symmetric, of even order.
    !> That of [WHSB] (89)-(90) is the Stoermer-Verlet scheme.

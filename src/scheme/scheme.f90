@@ -20,6 +20,8 @@ module symsde_scheme_scheme
    public :: tableau_form, galerkin_form, ito_form
    public :: correction_auto, correction_none, correction_mean, correction_increments
    public :: expansion_none, expansion_strong, expansion_areas, expansion_strong_areas, expansion_weak
+   public :: expansion_dz
+   public :: special_none, special_verlet_dz, special_averaged_shift, special_drift_preserving
    public :: uses_dz, uses_areas, uses_nested_bracket
    public :: symplectic_conjugate, symplecticity_residual
 
@@ -42,6 +44,14 @@ module symsde_scheme_scheme
       enumerator :: expansion_areas = 2         !! {H_l,H_k} with areas: strong 1 for every noise
       enumerator :: expansion_strong_areas = 3  !! both
       enumerator :: expansion_weak = 4          !! {{H,H_k},H_k} alone: weak 2, commutative
+      enumerator :: expansion_dz = 5            !! no bracket; dZ for the scheme's own stepper
+   end enum
+   ! schemes for additive noise alone (scheme/additive), each with a stepper of its own
+   enum, bind(c)
+      enumerator :: special_none = 0
+      enumerator :: special_verlet_dz = 1
+      enumerator :: special_averaged_shift = 2
+      enumerator :: special_drift_preserving = 3
    end enum
 
    type :: scheme_type
@@ -58,6 +68,7 @@ module symsde_scheme_scheme
       real(wp), allocatable :: basis(:, :)    !! l_mu(c_i), Galerkin form only (nstage, 0:degree)
       real(wp), allocatable :: slope(:, :)    !! l_mu'(c_i), Galerkin form only (nstage, 0:degree)
       integer :: expansion = expansion_none   !! brackets added to the one-step Hamiltonian
+      integer :: special = special_none       !! additive noise alone, by a stepper of its own
       integer :: law = law_gaussian           !! law of the increments that a run draws (base/laws)
       logical :: symplectic = .false.
       logical :: symmetric = .false.          !! equal to its adjoint
@@ -90,7 +101,8 @@ contains
    pure logical function uses_dz(expansion)
       integer, intent(in) :: expansion
 
-      uses_dz = expansion == expansion_strong .or. expansion == expansion_strong_areas
+      uses_dz = expansion == expansion_strong .or. expansion == expansion_strong_areas .or. &
+                expansion == expansion_dz
    end function uses_dz
 
    pure logical function uses_areas(expansion)
@@ -102,7 +114,7 @@ contains
    pure logical function uses_nested_bracket(expansion)
       integer, intent(in) :: expansion
 
-      uses_nested_bracket = uses_dz(expansion) .or. expansion == expansion_weak
+      uses_nested_bracket = expansion /= expansion_dz .and. (uses_dz(expansion) .or. expansion == expansion_weak)
    end function uses_nested_bracket
 
    !> 1/2 - sum_ij beta_i b_ij: the factor of the correction that makes the scheme consistent with the

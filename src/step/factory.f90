@@ -7,8 +7,11 @@ module symsde_step_factory
    use symsde_model_abstract, only: model_type
    use symsde_model_kubo, only: kubo_model
    use symsde_scheme_scheme, only: scheme_type, galerkin_form, ito_form, correction_auto, correction_none, &
-                                   correction_mean, correction_increments
+                                   correction_mean, correction_increments, special_none, special_verlet_dz, &
+                                   special_averaged_shift, special_drift_preserving
    use symsde_solve_newton, only: newton_options
+   use symsde_step_averaged_shift, only: averaged_shift_stepper, new_averaged_shift_stepper
+   use symsde_step_drift_preserving, only: drift_preserving_stepper, new_drift_preserving_stepper
    use symsde_step_euler_maruyama, only: euler_maruyama_stepper, new_euler_maruyama_stepper
    use symsde_step_explicit, only: explicit_stepper, new_explicit_stepper, is_explicit
    use symsde_step_galerkin, only: galerkin_stepper, new_galerkin_stepper
@@ -22,6 +25,7 @@ module symsde_step_factory
    use symsde_step_stepper, only: stepper_type
    use symsde_step_two_stage_single, only: two_stage_single_stepper, new_two_stage_single_stepper, &
                                            fits_two_stage_single
+   use symsde_step_verlet_dz, only: verlet_dz_stepper, new_verlet_dz_stepper
    implicit none
    private
    public :: stepper_options, new_stepper, resolve_correction
@@ -48,7 +52,11 @@ contains
       if (allocated(error)) return
       call resolve_correction(correction, model, scheme, options%correction, error)
       if (allocated(error)) return
-      if (scheme%form == ito_form) then
+      if (scheme%special /= special_none) then
+         call check_special(model, scheme, error)
+         if (allocated(error)) return
+         call allocate_special(stepper, scheme, options)
+      else if (scheme%form == ito_form) then
          allocate (euler_maruyama_stepper :: stepper)
       else if (scheme%form == galerkin_form) then
          call check_galerkin(model, scheme, error)
@@ -71,6 +79,23 @@ contains
       end if
       call construct(stepper, model, scheme, correction, options, nlane)
    end subroutine new_stepper
+
+   !> Steppers for additive noise alone. The general one executes those that need no dZ.
+   subroutine allocate_special(stepper, scheme, options)
+      class(stepper_type), allocatable, intent(out) :: stepper
+      type(scheme_type), intent(in) :: scheme
+      type(stepper_options), intent(in) :: options
+
+      if (scheme%special == special_verlet_dz) then
+         allocate (verlet_dz_stepper :: stepper)
+      else if (scheme%special == special_averaged_shift) then
+         allocate (averaged_shift_stepper :: stepper)
+      else if (options%general) then
+         allocate (general_stepper :: stepper)
+      else
+         allocate (drift_preserving_stepper :: stepper)
+      end if
+   end subroutine allocate_special
 
    !> Steppers that add the brackets of schemes beyond order one.
    subroutine allocate_expanded(stepper, model, scheme, options)
@@ -115,6 +140,12 @@ contains
       type(stepper_options), intent(in) :: options
 
       select type (stepper)
+      type is (verlet_dz_stepper)
+         call new_verlet_dz_stepper(stepper, model, nlane)
+      type is (averaged_shift_stepper)
+         call new_averaged_shift_stepper(stepper, model, nlane, options%newton)
+      type is (drift_preserving_stepper)
+         call new_drift_preserving_stepper(stepper, model, scheme, nlane, options%newton)
       type is (euler_maruyama_stepper)
          call new_euler_maruyama_stepper(stepper, model, nlane)
       type is (explicit_stepper)
@@ -193,6 +224,30 @@ contains
                  model%name//' declares neither: use a scheme with as many nodes as its degree, such as '// &
                  'midpoint or gauss2')
    end subroutine check_galerkin
+
+   !> The schemes for additive noise use that its fields are constant; two of them that it kicks p alone.
+   subroutine check_special(model, scheme, error)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(error_type), allocatable, intent(inout) :: error
+      character(:), allocatable :: wanted
+
+      associate (t => model%traits)
+         if (.not. (t%additive .or. t%nnoise == 0)) then
+            wanted = 'additive noise (trait additive)'
+         else if (scheme%special == special_averaged_shift) then
+            return
+         else if (.not. (t%position_noise .or. t%nnoise == 0)) then
+            wanted = 'noise in p alone (trait position_noise)'
+         else if (.not. t%identity_mass) then
+            wanted = 'H = p.p/2 + U(q) (trait identity_mass)'
+         else
+            return
+         end if
+      end associate
+      call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//wanted//'; model '// &
+                 model%name//' does not declare it: use gauss2_strong32 for strong order 3/2, or midpoint')
+   end subroutine check_special
 
    !> Bounds of the solver's options.
    subroutine check_newton(options, error)

@@ -1,0 +1,85 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Schemes for additive noise alone: a tableau for the drift, and a stepper of its own that knows what the
+!> noise does where its Hamiltonians are linear (docs/method.md).
+!>
+!>    verlet_dz                 position Verlet with dZ: strong 2, explicit, symplectic
+!>    averaged_shift_midpoint   midpoint around the mean of the path with dZ: strong 3/2, symplectic
+!>    drift_preserving          averaged forces: E H grows exactly as it must for every h; not symplectic
+module symsde_scheme_additive
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type
+   use symsde_scheme_quadrature, only: get_quadrature
+   use symsde_scheme_scheme, only: scheme_type, expansion_dz, special_verlet_dz, special_averaged_shift, &
+                                   special_drift_preserving
+   use symsde_scheme_tableau, only: scheme_from_tableau
+   implicit none
+   private
+   public :: additive_scheme
+
+contains
+
+   !> One of the three, by name.
+   subroutine additive_scheme(scheme, name, error)
+      type(scheme_type), intent(out) :: scheme
+      character(*), intent(in) :: name
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), parameter :: half(1, 1) = 0.5_wp, one(1) = 1, halves(2) = 0.5_wp, middle(2) = 0.5_wp
+      real(wp), parameter :: a(2, 2) = reshape([0.5_wp, 0.5_wp, 0.0_wp, 0.0_wp], [2, 2])
+      real(wp), parameter :: abar(2, 2) = reshape([0.0_wp, 0.5_wp, 0.0_wp, 0.5_wp], [2, 2])
+
+      select case (name)
+      case ('verlet_dz')
+         call scheme_from_tableau(scheme, a, abar, halves, name, .false., error, c=middle)
+         call claim(scheme, special_verlet_dz, 2.0_wp, 2.0_wp)
+         scheme%expansion = expansion_dz
+         scheme%reference = 'position Verlet with dZ; Milstein, Repin, Tretyakov 2002 (additive noise)'
+      case ('averaged_shift_midpoint')
+         call scheme_from_tableau(scheme, half, half, one, name, .false., error)
+         call claim(scheme, special_averaged_shift, 1.5_wp, 1.5_wp)
+         scheme%expansion = expansion_dz
+         scheme%reference = 'midpoint of z = x - B (W - W_n) under a modified Hamiltonian (docs/method.md)'
+      case default
+         call averaged_forces(scheme, name, error)
+         call claim(scheme, special_drift_preserving, 1.0_wp, 1.0_wp)
+         scheme%reference = 'Chen, Cohen, D''Ambrosio, Lang 2020; not symplectic'
+      end select
+   end subroutine additive_scheme
+
+   !> Orders hold for additive noise; for others the schemes are refused, not wrong.
+   pure subroutine claim(scheme, special, strong, weak)
+      type(scheme_type), intent(inout) :: scheme
+      integer, intent(in) :: special
+      real(wp), intent(in) :: strong, weak
+
+      scheme%special = special
+      scheme%order_additive = strong
+      scheme%order_commutative = 0
+      scheme%order_general = 0
+      scheme%order_commuting = 0
+      scheme%order_weak = weak
+      scheme%sharp = .false.
+   end subroutine claim
+
+   !> Psi = p_n + g - (h/2) sum_j w_j V'(q_n + c_j h Psi), q_{n+1} = q_n + h Psi, p_{n+1} = p_n + g - h sum_j
+   !> w_j V', with the kick g of the noise, as a tableau: a_ij = c_i w_j, abar_ij = w_j/2, bbar_ij = w_j.
+   !> Gauss' four nodes make the mean of V' exact for polynomials V up to degree eight.
+   subroutine averaged_forces(scheme, name, error)
+      type(scheme_type), intent(out) :: scheme
+      character(*), intent(in) :: name
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: nodes(:), weights(:), a(:, :), abar(:, :), bbar(:, :)
+      integer :: i, n
+
+      call get_quadrature('gauss4', nodes, weights, error)
+      if (allocated(error)) return
+      n = size(nodes)
+      allocate (a(n, n), abar(n, n), bbar(n, n))
+      do i = 1, n
+         a(i, :) = nodes(i)*weights
+         abar(i, :) = 0.5_wp*weights
+         bbar(i, :) = weights
+      end do
+      call scheme_from_tableau(scheme, a, abar, weights, name, .true., error, b=a, bbar=bbar, c=nodes)
+   end subroutine averaged_forces
+
+end module symsde_scheme_additive

@@ -1,0 +1,91 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Midpoint around the mean of the path, for any H with additive noise: strong order 3/2.
+!>
+!> With x = z + B (W - W_n), B_k the constant field of H_k, z has no noise but a moving Hamiltonian, and
+!>
+!>    z' = z + h J^{-1} grad H*((z + z')/2 + B dZ/h),   H* = H + (|h|/12) sum_k B_k^T Hess H B_k,
+!>    x_{n+1} = z' + B dW
+!>
+!> that is the midpoint rule for H* between two constant shifts: symplectic for every h, dW, dZ. The second
+!> difference of H that stands for B^T Hess H B is a Hamiltonian itself (step/modified_hamiltonian).
+module symsde_step_averaged_shift
+   use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_kinds, only: wp, i8
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: correction_none, expansion_none, expansion_weak
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
+   use symsde_step_modified_hamiltonian, only: new_modified_hamiltonian
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: averaged_shift_stepper, new_averaged_shift_stepper
+
+   type, extends(stepper_type) :: averaged_shift_stepper
+      private
+      type(midpoint_full_stepper) :: inner             !! under h H*, without noise
+      real(wp), allocatable :: v(:, :), drift(:, :)    !! weights 0, b_k and h, 0 (nlane, 0:nnoise)
+      real(wp), allocatable :: qs(:, :), ps(:, :), hq(:, :), hp(:, :)  !! (nlane, ndof)
+   contains
+      procedure :: increment
+   end type averaged_shift_stepper
+
+contains
+
+   !> A stepper for blocks of nlane lanes. dZ is written into ham%extra, which adds nothing else.
+   subroutine new_averaged_shift_stepper(self, model, nlane, options)
+      type(averaged_shift_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+
+      self%name = 'midpoint, averaged shift'
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      allocate (self%ham%extra)
+      call new_modified_hamiltonian(self%ham%extra, model, expansion_none, nlane)
+      call new_midpoint_full_stepper(self%inner, model, nlane, options)
+      allocate (self%inner%ham%extra)
+      call new_modified_hamiltonian(self%inner%ham%extra, model, expansion_weak, nlane)
+      associate (n => model%traits%ndof, m => model%traits%nnoise)
+         allocate (self%v(nlane, 0:m), self%drift(nlane, 0:m), source=0.0_wp)
+         allocate (self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
+      end associate
+   end subroutine new_averaged_shift_stepper
+
+   subroutine increment(self, t, w, q, p, dq, dp, status)
+      class(averaged_shift_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp) :: h, tm
+
+      h = w(1, 0)
+      tm = t + 0.5_wp*h
+      self%qs = q
+      self%ps = p
+      self%v(:, 1:) = self%ham%extra%z/h
+      call add_shift(self, tm, self%qs, self%ps)
+      self%drift(:, 0) = h
+      self%inner%ham%nreal = self%ham%nreal
+      call self%inner%increment(t, self%drift, self%qs, self%ps, dq, dp, status)
+      self%v(:, 1:) = w(:, 1:)
+      call add_shift(self, tm, dq, dp)
+      call add_counters(self%ham%counters, self%inner%ham%counters)
+      self%inner%ham%counters = counters_type()
+   end subroutine increment
+
+   !> (xq, xp) + sum_k v_k B_k, read off at that very point: the fields of additive noise are constant.
+   subroutine add_shift(self, t, xq, xp)
+      type(averaged_shift_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp), intent(inout) :: xq(self%ham%nlane, self%ham%ndof), xp(self%ham%nlane, self%ham%ndof)
+
+      if (self%ham%nnoise == 0) return
+      call self%ham%gradient(t, self%v, xq, xp, self%hq, self%hp)
+      xq = xq + self%hp
+      xp = xp - self%hq
+   end subroutine add_shift
+
+end module symsde_step_averaged_shift

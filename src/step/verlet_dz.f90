@@ -1,0 +1,67 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Position Verlet with dZ, for H = p.p/2 + U(q) with additive noise in p: strong order 2, explicit.
+!>
+!>    Q = q_n + h p_n/2,   p_{n+1} = p_n - h U'(Q) + g dW,   q_{n+1} = Q + h p_{n+1}/2 + g (dZ - h dW/2)
+!>
+!> summed over the noises, g_k = -H_{k,q} constant. It is Verlet's step under h H + sum_k dW_k H_k, then a
+!> constant shift of q: symplectic for every h, dW, dZ.
+module symsde_step_verlet_dz
+   use symsde_base_kinds, only: wp, i8
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: correction_none, expansion_none
+   use symsde_step_modified_hamiltonian, only: new_modified_hamiltonian
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: verlet_dz_stepper, new_verlet_dz_stepper
+
+   type, extends(stepper_type) :: verlet_dz_stepper
+      private
+      real(wp), allocatable :: v(:, :)                !! weights 0, dZ_k - h dW_k/2 (nlane, 0:nnoise)
+      real(wp), allocatable :: qs(:, :), shift(:, :)  !! (nlane, ndof)
+   contains
+      procedure :: increment
+   end type verlet_dz_stepper
+
+contains
+
+   !> A stepper for blocks of nlane lanes. dZ is written into ham%extra, which adds nothing else.
+   subroutine new_verlet_dz_stepper(self, model, nlane)
+      type(verlet_dz_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+
+      self%name = 'Verlet with dZ'
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      allocate (self%ham%extra)
+      call new_modified_hamiltonian(self%ham%extra, model, expansion_none, nlane)
+      allocate (self%v(nlane, 0:model%traits%nnoise), source=0.0_wp)
+      allocate (self%qs(nlane, model%traits%ndof), self%shift(nlane, model%traits%ndof))
+   end subroutine new_verlet_dz_stepper
+
+   subroutine increment(self, t, w, q, p, dq, dp, status)
+      class(verlet_dz_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp) :: h, tm
+      integer :: k
+
+      h = w(1, 0)
+      tm = t + 0.5_wp*h
+      self%qs = q + 0.5_wp*h*p
+      call self%ham%gradient(tm, w, self%qs, p, hq=dp)
+      dp = -dp
+      dq = h*(p + 0.5_wp*dp)
+      status = status + 0
+      if (self%ham%nnoise == 0) return
+      do k = 1, self%ham%nnoise
+         self%v(:, k) = self%ham%extra%z(:, k) - 0.5_wp*h*w(:, k)
+      end do
+      call self%ham%gradient(tm, self%v, self%qs, p, hq=self%shift)
+      dq = dq - self%shift
+   end subroutine increment
+
+end module symsde_step_verlet_dz
