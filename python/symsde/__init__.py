@@ -24,6 +24,7 @@ from .report import Report
 from .schemes import Scheme
 from .simulate import Run, simulate
 from .step import increments, step
+from .study import WorkPrecision, work_precision
 
 __version__ = build_info()["version"]
 
@@ -37,6 +38,7 @@ __all__ = [
     "Scheme",
     "SymsdeError",
     "Traits",
+    "WorkPrecision",
     "__version__",
     "build_info",
     "convergence",
@@ -50,4 +52,5 @@ __all__ = [
     "simulate",
     "status_text",
     "step",
+    "work_precision",
 ]

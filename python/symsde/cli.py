@@ -14,6 +14,8 @@ from . import _files, models, scene, schemes, tables
 from ._setup import build_info
 from .errors import PathsFailedWarning, SymsdeError
 from .moments import Moments
+from .stability import command as stability
+from .study import command as study
 
 OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED = 0, 1, 2, 3, 4
 _EPILOG = "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed, 4 stopped"
@@ -56,6 +58,10 @@ def _parser() -> argparse.ArgumentParser:
     catalogue.add_argument("what", nargs="?", choices=("models", "schemes"), help="one of the two (default: both)")
     catalogue.add_argument("--markdown", action="store_true", help="as the page of the documentation")
     add("info", _info, "Print versions, compiler and optional packages.")
+    work = add("study", study.run, study.HELP)
+    study.arguments(work)
+    extremes = add("stability", stability.run, stability.HELP)
+    stability.arguments(extremes)
     paper = add("paper", _paper, "Run every experiment of the paper; write results.json and figures.")
     paper.add_argument("--out", metavar="DIR", default="out/paper", help="directory of the results (%(default)s)")
     paper.add_argument("--quick", action="store_true", help="fewer paths and steps")

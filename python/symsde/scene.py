@@ -8,7 +8,7 @@ import importlib
 import inspect
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ _NOT_IN_SCENES = {"model", "increments", "progress", "q0_low", "p0_low"}
 RUN_KEYS = [key for key in inspect.signature(simulate).parameters if key not in _NOT_IN_SCENES]
 _REQUIRED = ("step", "steps", "q0", "p0")
 OUTPUT_KEYS = ["moments", "paths"]
+STUDY_KEYS = ["schemes", "steps", "horizon", "paths", "reference", "reference_steps", "repeats", "interval"]
 
 
 @dataclass
@@ -36,6 +37,7 @@ class Scene:
     run: dict[str, Any]  #: options of `simulate`
     moments: bool  #: moments are wanted
     paths: list[int]  #: global indices of the paths to save
+    study: dict[str, Any] = field(default_factory=dict)  #: options of `work_precision`
 
     def compute_moments(self, progress=False) -> Moments:
         """Moments of all paths."""
@@ -73,7 +75,7 @@ def load(path: str | os.PathLike) -> Scene:
     """Read and check a scene; SceneError names the file and the key."""
     file = str(path)
     tables = _read(file)
-    _known(file, "table", tables, ["model", "run", "output"])
+    _known(file, "table", tables, ["model", "run", "output", "study"])
     for name in ("model", "run"):
         if name not in tables:
             raise SceneError(f"{file}: there is no table [{name}]: `symsde template kubo` prints a whole scene")
@@ -90,7 +92,9 @@ def load(path: str | os.PathLike) -> Scene:
     wants_moments = output.get("moments", True)
     if not isinstance(wants_moments, bool):
         raise SceneError(f"{file}: [output] moments = {wants_moments!r}: give true or false")
-    scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [])
+    study = dict(tables.get("study", {}))
+    _known(file, "key of [study]", study, STUDY_KEYS)
+    scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [], study)
     scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
     return scene

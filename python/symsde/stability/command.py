@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`symsde stability`: every scenario, its table and its figure."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from pathlib import Path
+from time import perf_counter
+
+from .. import _files
+
+HELP = "Run stiff and extreme scenarios; compare what is observed with what is expected."
+FAILED = 1
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("--quick", action="store_true", help="fewer paths and steps, under twenty seconds")
+    parser.add_argument("--out", metavar="DIR", default="out/stability", help="directory of the results (%(default)s)")
+    parser.add_argument("--markdown", metavar="FILE", help="write this page, and figures/ beside it")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do it; 0, or 1 if a criterion failed."""
+    _files.optional("matplotlib", "plot")
+    stability = importlib.import_module("symsde.stability")
+    page = importlib.import_module("symsde.stability.page")
+    directory = Path(options.out)
+    directory.mkdir(parents=True, exist_ok=True)
+    found = []
+    for function in stability.SCENARIOS:
+        begin = perf_counter()
+        scenario = function(options.quick)
+        print(page.block(scenario, perf_counter() - begin), flush=True)
+        found.append(scenario)
+    page.write(directory / "stability.md", found, options.quick)
+    if options.markdown:
+        page.write(Path(options.markdown), found, options.quick)
+    checks = [check for scenario in found for check in scenario.checks]
+    failed = [check for check in checks if not check.passed]
+    for check in failed:
+        print(f"FAILED {check.scenario} {check.name}: expected {check.expected}, observed {check.observed}")
+    print(f"{len(checks) - len(failed)} criteria hold, {len(failed)} fail; written to {options.markdown or directory}")
+    return FAILED if failed else 0

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One bad path among good ones, callbacks that fail, matrices that LAPACK does not complain of."""
+
+from __future__ import annotations
+
+import ctypes
+import time
+
+import numpy as np
+
+import symsde as ss
+
+from .nonlinear import residual
+from .scenario import EPS, Scenario, moments, simulate
+from .systems import quartic
+
+NOT_CONVERGED, SINGULAR, NONFINITE = 1, 2, 3  #: status of a path
+BAD = 137  #: the bad path
+LIMIT = 5.0  #: seconds
+
+
+def overflow(quick: bool) -> Scenario:
+    """S24: one path from 1e100 .. 1e308 among 10^4 in a quartic potential."""
+    result = Scenario("S24", "One overflowing path among 10^4, midpoint and stormer_verlet")
+    paths, steps = 10**4, 5
+    start = np.linspace(-1, 1, paths)
+    for scheme in ("midpoint", "stormer_verlet"):
+        common = {"p0": 0.5, "step": 0.1, "steps": steps, "paths": paths, "scheme": scheme, "threads": 1}
+        healthy = simulate(quartic(), q0=start[None], **common)
+        for size in (1e100, 1e154, 1e200, 1e308):
+            ill = start.copy()
+            ill[BAD] = size
+            run = simulate(quartic(), q0=ill[None], **common)
+            name = f"{scheme}, q0 = {size:.0e}"
+            _ill(result, name, run, size, common)
+            others = np.arange(paths) != BAD
+            same = np.array_equal(run.q[:, :, others], healthy.q[:, :, others])
+            result.add(f"{name}: the other paths", "same bits", "same bits" if same else "different", "bit-identical",
+                       same and run.report.failed == (run.status[BAD] != 0))  # fmt: skip
+    _means(result, start, size=1e308, common=common)
+    return result
+
+
+def _ill(result: Scenario, name: str, run, size: float, common: dict) -> None:
+    """The ill path fails at its first step; should it not, its step must be the solution."""
+    status, step = int(run.status[BAD]), int(run.failed_step[BAD])
+    text, passed = f"{ss.status_text(status)} at step {step}", status == NONFINITE and step == 0
+    if status == 0 and common["scheme"] == "midpoint":
+        error = residual(size, common["step"], run.q[1, 0, BAD], run.p[1, 0, BAD], p0=common["p0"])
+        text, passed = f"solved, residual {error:.0e}", error <= 4 * EPS
+    result.add(f"{name}: its status", "not finite at step 0", text, "NONFINITE at step 0, or solved to 4 eps", passed)
+
+
+def _means(result: Scenario, start: np.ndarray, size: float, common: dict) -> None:
+    """Moments are over the paths that are ok, and say so."""
+    ill = start.copy()
+    ill[BAD] = size
+    found = moments(quartic(), q0=ill[None], save_every=common["steps"], **common)
+    run = simulate(quartic(), q0=ill[None], save_every=common["steps"], **common)
+    mean = np.delete(run.q[-1, 0], BAD).mean()
+    result.at_most("mean of q over the paths that are ok", abs(found.mean_q[-1, 0] - mean), 1e-14)
+    told = found.n_ok[-1] == start.size - 1 and found.failed.tolist() == [BAD] and found.report.failed == 1
+    result.add("moments name the failed path", [BAD], found.failed.tolist(), "n_ok, failed and report agree", told)
+
+
+def labelled(fault, first: float):
+    """Pendulum in dof 1; dof 2 never moves, and where it is 1 the callback fails from the time `first` on."""
+
+    def gradient(t, w, q, p):
+        hq, hp = np.stack([w[0] * np.sin(q[0]), 0 * q[1]]), np.stack([w[0] * p[0], 0 * p[1]])
+        if t > first:
+            fault(hq, q[1] == 1)
+        return hq, hp
+
+    return ss.Model(ndof=2, nnoise=0, gradient=gradient, separable=True)
+
+
+def _spoil(value: float):
+    def fault(hq, lanes):
+        hq[0, lanes] = value
+
+    return fault
+
+
+def _raise(hq, lanes):
+    raise ZeroDivisionError("planted")
+
+
+def callbacks(quick: bool) -> Scenario:
+    """S26: a callback that returns NaN or Inf for one lane at step 1, 2 or 1000, a code, or raises."""
+    result = Scenario("S26", "Callbacks that fail")
+    h, paths, bad = 0.01, 64, 17
+    label = np.zeros((2, paths))
+    label[0] = np.linspace(-1, 1, paths)
+    common = {"p0": 0.0, "step": h, "paths": paths, "threads": 4}
+    for k in (1, 2, 200 if quick else 1000):
+        steps = k + 3
+        healthy = simulate(labelled(_spoil(0.0), np.inf), q0=label, steps=steps, **common)
+        for value in (np.nan, np.inf):
+            ill = label.copy()
+            ill[1, bad] = 1.0
+            begin = time.perf_counter()
+            run = simulate(labelled(_spoil(value), (k - 1) * h), q0=ill, steps=steps, **common)
+            seconds = time.perf_counter() - begin
+            found = int(run.status[bad]), int(run.failed_step[bad])
+            right = found == (NONFINITE, k - 1) and run.report.failed == 1 and seconds < LIMIT
+            result.add(f"{value} at step {k}: path, step, status", f"{bad}, {k - 1}, not finite",
+                       f"{np.flatnonzero(run.status).tolist()}, {found[1]}, {ss.status_text(found[0])}",
+                       f"exact, others untouched, < {LIMIT:g} s", right and _untouched(run, healthy, bad))  # fmt: skip
+    begin = time.perf_counter()
+    told = _outcome(lambda: simulate(labelled(_raise, 0.0), q0=label, steps=3, **common))
+    result.add("raises in Python", "ZeroDivisionError: planted", told, f"surfaces, < {LIMIT:g} s",
+               told == "ZeroDivisionError: planted" and time.perf_counter() - begin < LIMIT)  # fmt: skip
+    told = _outcome(lambda: simulate(_coded(7), q0=0.0, p0=0.0, step=h, steps=3))
+    result.add(
+        "returns code 7 in C", "CallbackError", told.partition(":")[0], "surfaces", told.startswith("CallbackError")
+    )
+    return result
+
+
+def _untouched(run, healthy, bad: int) -> bool:
+    """dof 1 of all other paths has the bits of the run without a fault."""
+    others = np.arange(run.q.shape[2]) != bad
+    return np.array_equal(run.q[:, 0, others], healthy.q[:, 0, others])
+
+
+def _outcome(action) -> str:
+    try:
+        action()
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return "no error"
+
+
+def _coded(code: int) -> ss.Model:
+    """A compiled gradient that returns a code; once, so that the model is accepted, it returns 0."""
+    array = ctypes.POINTER(ctypes.c_double)
+    integers = [ctypes.c_int] * 3
+    kind = ctypes.CFUNCTYPE(ctypes.c_int, *integers, ctypes.c_double, *[array] * 5, ctypes.c_void_p)
+    return ss.Model(ndof=1, nnoise=0, gradient=kind(lambda *_: code))
+
+
+def singular_matrices(quick: bool) -> Scenario:
+    """S28: dgesv returns info = 0 with NaN for NaN matrices; singular ones must be told from those."""
+    result = Scenario("S28", "Singular and NaN matrices of 20 degrees of freedom, through LAPACK")
+    for scheme in ("midpoint", "gauss2"):
+        run = simulate(chain_of(20, nan_after=0.45), q0=0.1, p0=0.1, step=0.1, steps=9, scheme=scheme, paths=8)
+        found, steps = set(run.status.tolist()), set(run.failed_step.tolist())
+        right = found <= {SINGULAR, NONFINITE} and steps <= {4, 5}
+        result.add(f"{scheme}: Hessian NaN from step 5 on", "not finite or singular", _texts(found),
+                   "every path fails there, none is ok", right)  # fmt: skip
+        finite = np.isfinite(run.last_q).all() and np.isfinite(run.q[:5]).all()
+        result.add(f"{scheme}: last good states", "finite", "finite" if finite else "not finite", "finite", finite)
+    run = simulate(inverted(20, 0.5), q0=0.1, p0=0.1, step=0.5, steps=2, paths=8)
+    found = set(run.status.tolist())
+    result.add("midpoint: 1 + h^2 U''/4 = 0", "singular", _texts(found), "every path singular or not finite at step 0",
+               found <= {SINGULAR, NONFINITE} and set(run.failed_step.tolist()) == {0})  # fmt: skip
+    run = simulate(chain_of(20), q0=0.1, p0=0.1, step=0.1, steps=9, paths=8, scheme="gauss2")
+    used = run.report.counters["lapack_solves"]
+    result.add(
+        "gauss2: solves by LAPACK of a sound run",
+        "> 0",
+        used,
+        "> 0, no path fails",
+        used > 0 and run.report.failed == 0,
+    )
+    return result
+
+
+def _texts(found: set[int]) -> str:
+    return ", ".join(ss.status_text(status) for status in sorted(found))
+
+
+def chain_of(n: int, nan_after: float = np.inf) -> ss.Model:
+    """n pendulums coupled by springs to a common mean; its Hessian turns NaN at a time."""
+
+    def gradient(t, w, q, p):
+        return w[0] * (np.sin(q) + q - q.mean(axis=0)), w[0] * p
+
+    def hessian(t, w, q, p):
+        lanes = q.shape[1]
+        qq = np.zeros((n, n, lanes)) - w[0] / n
+        qq[np.arange(n), np.arange(n)] += w[0] * (np.cos(q) + 1)
+        if t > nan_after:
+            qq[3, 2] = np.nan
+        pp = np.zeros((n, n, lanes))
+        pp[np.arange(n), np.arange(n)] = w[0]
+        return qq, np.zeros((n, n, lanes)), pp
+
+    return ss.Model(ndof=n, nnoise=0, gradient=gradient, hessian=hessian, separable=True, identity_mass=True)
+
+
+def inverted(n: int, h: float) -> ss.Model:
+    """n equal hills, U'' = -4/h^2: the midpoint's matrix is zero."""
+    k = -4 / h**2
+
+    def gradient(t, w, q, p):
+        return w[0] * k * q, w[0] * p
+
+    def hessian(t, w, q, p):
+        unit = np.eye(n)[:, :, None] * w[0]
+        return k * unit, 0 * unit, unit
+
+    flags = dict.fromkeys(("separable", "quadratic", "identity_mass"), True)
+    return ss.Model(ndof=n, nnoise=0, gradient=gradient, hessian=hessian, **flags)

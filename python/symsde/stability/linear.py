@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Stiff linear modes: omega h from 0.01 to 1000, the limit of explicit steps, resonances of the step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import symsde as ss
+
+from .scenario import Scenario, says, simulate
+from .systems import spring, two_springs
+
+STEPS = (0.01, 0.1, 0.5, 1.0, 2.0, 10.0, 100.0, 1000.0)  #: omega h
+BELOW_LIMIT = (0.1, 0.5, 1.0, 1.9, 1.99)
+DOUBLINGS = 40  #: 2^40 steps: the mean growth of the Euler pair has settled
+
+
+def midpoint_factor(x: float) -> float:
+    """Energy input of the midpoint rule by that of the equation, x = omega h."""
+    return 1 / (1 + x**2 / 4)
+
+
+def euler_factor(x: float) -> float:
+    """The same of the Euler pair, on average over long times; x < 2."""
+    return 1 / (1 - x**2 / 4)
+
+
+def fast_mode(quick: bool) -> Scenario:
+    """S07: a fast mode without noise, h = 0.1."""
+    result = Scenario("S07", "Fast linear mode, midpoint")
+    steps = 200 if quick else 2000
+    for omega in (1e0, 1e2, 1e4, 1e6, 1e8):
+        model = spring(omega)
+        run = simulate(model, q0=1.0, p0=0.0, step=0.1, steps=steps)
+        energy = model.value(run.q.reshape(1, -1), run.p.reshape(1, -1))
+        name = f"omega = {omega:.0e}"
+        result.at_most(f"{name}: relative change of H", np.abs(energy / energy[0] - 1).max(), 1e-10)
+        iterations = run.report.counters["iterations"] / run.report.counters["path_steps"]
+        result.add(f"{name}: Newton iterations a step", "1 (linear)", f"{iterations:.3g}", "<= 3", iterations <= 3)
+        warned, wanted = says(run.report, "under-resolved"), omega * 0.1 > 1
+        result.add(f"{name}: warned of h omega", wanted, warned, "warning iff h omega > 1", warned == wanted)
+    return result
+
+
+def energy_input(quick: bool) -> Scenario:
+    """S08: noise feeds a mode; the midpoint rule takes 1/(1 + (omega h)^2/4) of it in."""
+    result = Scenario("S08", "Energy input of additive noise, midpoint")
+    model = ss.models.linear_oscillator(sigma=1.0)
+    paths, steps = (2**16, 64) if quick else (2**19, 256)
+    sampled = []
+    for h in STEPS:
+        q, p = ss.step(model, "midpoint", 0.0, 0.0, h, dw=1.0)
+        response = float(q[0, 0] ** 2 + p[0, 0] ** 2)
+        factor = midpoint_factor(h)
+        result.at_most(f"omega h = {h:g}: one step without sampling", abs(response / factor - 1), 1e-12,
+                       expected=f"{factor:.6g}")  # fmt: skip
+        found = ss.moments(model, q0=0.0, p0=0.0, step=h, steps=steps, paths=paths, seed=8, save_every=steps)
+        scale = 2 / (steps * h)  # H = (p^2 + q^2)/2
+        mean, error = scale * found.mean_energy[-1], scale * found.se_mean_energy[-1]
+        result.within(f"omega h = {h:g}: E(p^2 + q^2)/t, sampled", mean, error, factor)
+        warned = says(found.report, "under-resolved")
+        result.add(f"omega h = {h:g}: warned", h > 1, warned, "warning iff omega h > 1", warned == (h > 1))
+        sampled.append(mean)
+    result.curves = {"h": np.array(STEPS), "midpoint": np.array(sampled)}
+    return result
+
+
+def step_matrix(model, scheme: str, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """Matrix M (2, 2) and noise vector b (2,) of a linear step z' = M z + b dW, z = (q, p)."""
+    q, p = ss.step(model, scheme, np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]]), h,
+                   dw=np.array([[0.0, 0.0, 1.0]]))  # fmt: skip
+    found = np.concatenate([q, p])
+    return found[:, :2], found[:, 2]
+
+
+def mean_growth(matrix: np.ndarray, vector: np.ndarray, h: float) -> float:
+    """E(p^2 + q^2)/t after 2^40 steps from rest: S_2n = M^n S_n (M^n)^T + S_n."""
+    second = h * np.outer(vector, vector)
+    power = matrix.copy()
+    for _ in range(DOUBLINGS):
+        second = power @ second @ power.T + second
+        power = power @ power
+    return float(np.trace(second) / (2.0**DOUBLINGS * h))
+
+
+def euler_limit(quick: bool) -> Scenario:
+    """S09: the Euler pair is bounded below omega h = 2, and nothing above."""
+    result = Scenario("S09", "Stability limit of explicit steps")
+    model = ss.models.linear_oscillator(sigma=1.0)
+    grown = []
+    for h in BELOW_LIMIT:
+        for scheme in ("symplectic_euler", "symplectic_euler_adjoint"):
+            matrix, vector = step_matrix(model, scheme, h)
+            growth = mean_growth(matrix, vector, h)
+            ratio = growth / euler_factor(h)
+            result.add(f"{scheme}, omega h = {h:g}: E(p^2 + q^2)/t", f"{euler_factor(h):.5g}", f"{growth:.5g}",
+                       "within 0.5 %", abs(ratio - 1) <= 0.005)  # fmt: skip
+        grown.append(growth)
+    result.curves = {"h": np.array(BELOW_LIMIT), "euler": np.array(grown)}
+    for h in (1.7, 1.9, 2.0, 2.01, 3.0):
+        _beyond(result, model, h, 4000 if quick else 20000)
+    return result
+
+
+def _beyond(result: Scenario, model, h: float, steps: int) -> None:
+    """Run into overflow, and compare with the same steps in extended precision; above 1.8 the user was warned."""
+    run = simulate(model, q0=1.0, p0=0.0, scheme="symplectic_euler", step=h, steps=steps, seed=9, save_every=steps)
+    expected = overflow_step(h, ss.increments(model, step=h, steps=steps, seed=9)[:, 0, 0])
+    found = int(run.failed_step[0])
+    result.add(f"omega h = {h:g}: step that overflows", expected if expected >= 0 else "none",
+               found if found >= 0 else "none", "the same step", found == expected)  # fmt: skip
+    warned = says(run.report, "stability limit")
+    result.add(f"omega h = {h:g}: warned of the limit", h >= 1.8, warned, "warning from 1.8 up", warned == (h >= 1.8))
+
+
+def overflow_step(h: float, drive: np.ndarray) -> int:
+    """First step with a term beyond the largest double, -1 = none: [WHSB] (89)-(90) in extended precision."""
+    largest = np.finfo(float).max
+    wide = np.longdouble
+    h, q, p = wide(h), wide(1), wide(0)
+    for n, dw in enumerate(drive):
+        kick = h * q
+        p += wide(dw) - kick
+        drift = h * p
+        q += drift
+        if max(abs(kick), abs(p), abs(drift), abs(q)) > largest:
+            return n
+    return -1
+
+
+def resonances(quick: bool) -> Scenario:
+    """S10: 200 steps with omega h from 0.2 to 20 for a fast spring coupled to a quartic one."""
+    result = Scenario("S10", "Scan of steps for resonances")
+    omega, count, steps = 50.0, 200, 1000 if quick else 20000
+    x = np.geomspace(0.2, 20, count)
+    model = two_springs(omega, coupling=0.1)
+    increments = np.broadcast_to(x / omega, (steps, 1, count)).copy()
+    start = {"q0": np.tile([[0.02], [1.0]], count), "p0": 0.0, "step": 1.0, "steps": steps, "paths": count}
+    curves = {"x": x}
+    for scheme in ("midpoint", "stormer_verlet"):
+        run = simulate(model, scheme=scheme, increments=increments, save_every=10, **start)
+        with np.errstate(over="ignore", invalid="ignore"):
+            flat = [state.transpose(1, 0, 2).reshape(2, -1) for state in (run.q, run.p)]
+            energy = model.value(*flat, w=np.array([0.0, 1.0])).reshape(-1, count)
+            change = np.abs(energy / energy[0] - 1).max(axis=0)
+        curves[scheme] = np.where(run.status == 0, change, np.inf)
+        failed = int((run.status != 0).sum())
+        if scheme == "midpoint":
+            result.add("midpoint: steps at which the path fails", 0, failed, "none of 200", failed == 0)
+            result.at_most("midpoint: median change of H, omega h < 1", np.median(change[x < 1]), 1e-2, "small")
+            worst = int(np.argmax(change))
+            result.add("midpoint: largest change of H", "bounded", f"{change[worst]:.2e} at omega h = {x[worst]:.3g}",
+                       "finite at every step", np.isfinite(change).all())  # fmt: skip
+        else:
+            wild = ~(curves[scheme] < 1e3)
+            first = x[wild].min() if wild.any() else np.inf
+            result.add("stormer_verlet: first omega h that blows up", "2", f"{first:.3g}", "1.9 to 2.1",
+                       1.9 <= first <= 2.1)  # fmt: skip
+    result.curves = curves
+    return result

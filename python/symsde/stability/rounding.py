@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rounding: drift of an invariant by stopping rule and summation, round trips, tiny steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import symsde as ss
+
+from .scenario import Scenario, says, simulate
+from .systems import turning
+
+SEEDS = 32
+RULES = {  #: options of `simulate`
+    "Newton, plain": {},
+    "Newton, compensated": {"compensated": True},
+    "fixed_point = 4, plain": {"fixed_point": 4},
+    "fixed_point = 4, compensated": {"fixed_point": 4, "compensated": True},
+    "fixed_point = 16, plain": {"fixed_point": 16},
+}
+WALK = 0.6  #: largest slope of a random walk
+BOUNDS = {"Newton, plain": 1e-12, "Newton, compensated": 1e-13, "fixed_point = 16, plain": 1e-12}  #: at 1e7 steps
+
+
+def drifts(run) -> np.ndarray:
+    """rms over the paths of the relative change of p^2 + q^2 at the saved times, without the first."""
+    square = run.q[:, 0] ** 2 + run.p[:, 0] ** 2
+    return np.sqrt(np.mean(np.square(square[1:] / square[0] - 1), axis=1))
+
+
+def slope(steps: np.ndarray, values: np.ndarray) -> float:
+    """Of log values over log steps, at steps that are evenly spread on that scale."""
+    chosen = np.unique(np.geomspace(1, len(steps), 40).astype(int)) - 1
+    return float(np.polyfit(np.log(steps[chosen]), np.log(np.maximum(values[chosen], 1e-17)), 1)[0])
+
+
+def invariant_drift(quick: bool) -> Scenario:
+    """S20: p^2 + q^2 of Kubo's oscillator over 10^7 steps: a random walk, not a line."""
+    result = Scenario("S20", "Drift of an invariant, midpoint on kubo, h = 0.01, sigma = 0.5")
+    total = 10**5 if quick else 10**7
+    every = total // 1000
+    model = ss.models.kubo(a=1.0, sigma=0.5)
+    steps = np.arange(1, 1001) * every
+    result.curves = {"steps": steps}
+    for rule, options in RULES.items():
+        run = simulate(model, q0=1.0, p0=0.0, step=0.01, steps=total, paths=SEEDS, seed=20, save_every=every, **options)
+        drift = drifts(run)
+        result.curves[rule] = drift
+        found = slope(steps, drift)
+        if rule in BOUNDS:
+            _walk(result, rule, found, drift[-1], total)
+        else:
+            result.add(f"{rule}: growth of the drift", "a line", f"steps^{found:.2f}", "exponent >= 0.9", found >= 0.9)
+            result.add(f"{rule}: drift after {total:.0e} steps", "-", f"{drift[-1]:.1e}", "reported", True)
+    return result
+
+
+def _walk(result: Scenario, rule: str, exponent: float, last: float, total: int) -> None:
+    """Bounds at 10^7 steps, less by the root of the number of steps."""
+    result.add(f"{rule}: growth of the drift", "a random walk", f"steps^{exponent:.2f}", f"exponent <= {WALK}",
+               exponent <= WALK)  # fmt: skip
+    result.at_most(f"{rule}: drift after {total:.0e} steps", last, BOUNDS[rule] * np.sqrt(total / 1e7))
+
+
+def nonlinear_drift(quick: bool) -> Scenario:
+    """S20, continued: the invariant of a nonlinear problem, where Newton has to iterate."""
+    result = Scenario("S20n", "Drift of an invariant, midpoint on H = I + I^2/2, h = 0.01, sigma = 0.5")
+    total = 2000 if quick else 10**5
+    every = total // 100
+    steps = np.arange(1, 101) * every
+    for rule, options in {"Newton, plain": {}, "Newton, compensated": {"compensated": True}}.items():
+        run = simulate(turning(0.5), q0=1.0, p0=0.0, step=0.01, steps=total, paths=SEEDS, seed=21, save_every=every,
+                       **options)  # fmt: skip
+        drift = drifts(run)
+        _walk(result, rule, slope(steps, drift), drift[-1], total)
+    return result
+
+
+def round_trip(quick: bool) -> Scenario:
+    """S22: forward, then back with -h and the increments reversed in sign and order."""
+    result = Scenario("S22", "Round trips of symmetric schemes")
+    steps, paths = 1000 if quick else 10**4, 16
+    for name, model in (("kubo", ss.models.kubo()), ("synchrotron", ss.models.synchrotron())):
+        drive = ss.increments(model, step=0.01, steps=steps, paths=paths, seed=22)
+        for scheme in ("midpoint", "stormer_verlet", "gauss2"):
+            common = {"scheme": scheme, "steps": steps, "paths": paths, "save_every": steps}
+            out = simulate(model, q0=0.5, p0=0.5, step=0.01, increments=drive, **common)
+            back = simulate(model, q0=out.q[-1], p0=out.p[-1], step=-0.01, increments=-drive[::-1], **common)
+            distance = np.hypot(back.q[-1, 0] - 0.5, back.p[-1, 0] - 0.5).max()
+            result.at_most(f"{name}, {scheme}: distance after {steps:.0e} steps and back", distance, 1e-11)
+    return result
+
+
+def tiny_steps(quick: bool) -> Scenario:
+    """S21: h = 1e-16 from q = p = 1, where every increment is below the rounding of the state."""
+    result = Scenario("S21", "Increments below rounding, h = 1e-16")
+    steps = 10**6
+    model = ss.models.kubo(a=1.0, sigma=0.0)
+    common = {"q0": 1.0, "p0": 1.0, "step": 1e-16, "steps": steps, "save_every": steps}
+    kept = simulate(model, compensated=True, **common)
+    moved = (kept.q[-1, 0, 0] - 1) + kept.low_q[0, 0]
+    result.add(
+        "compensated: q moves by", "1e-10", f"{moved:.8e}", "within 1e-5, relative", abs(moved / 1e-10 - 1) <= 1e-5
+    )
+    plain = simulate(model, **common)
+    warned = says(plain.report, "below the rounding")
+    result.add("plain: warned", True, warned, "warning before the run", warned)
+    result.add("compensated: warned", False, says(kept.report, "below the rounding"), "no warning",
+               not says(kept.report, "below the rounding"))  # fmt: skip
+    return result

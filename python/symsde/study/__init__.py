@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Error against run time: every scheme at every step on the same Brownian paths, and what each point costs.
+
+Errors and run times come from separate runs: increments that are sums of finer ones are not what a user pays for.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .. import _files
+from ..model import Model
+from ..schemes import Scheme
+from . import figure, orders, table, words
+from .errors import References, measure
+from .plan import Plan, make_plan
+from .state import State, point_key
+from .timing import cost
+
+SCHEMES = ("midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "heun")
+STEPS = (16, 32, 64, 128, 256)
+
+
+@dataclass(frozen=True)
+class WorkPrecision:
+    """Errors and costs of every point; `rows` are dicts with the columns of `symsde.study.table.COLUMNS`."""
+
+    name: str
+    model: str
+    horizon: float
+    schemes: list[str]
+    rows: list[dict]
+    orders: dict[str, orders.Order]  #: of each scheme, plateaus left out
+    resumed: int  #: points that an earlier run had finished
+
+    def words(self) -> str:
+        """For this error use this scheme at this step."""
+        return words.paragraph(self.rows, self.orders)
+
+    def __str__(self) -> str:
+        """Table, one line a point."""
+        head = f"{self.name}: {self.model} to t = {self.horizon:g}, {self.rows[0]['paths'] if self.rows else 0} paths"
+        references = ", ".join(dict.fromkeys(row["reference"] for row in self.rows))
+        return f"{head}, against {references}\n{table.terminal(self.rows, self.orders)}"
+
+    def save(self, directory: str | os.PathLike) -> None:
+        """Write work-precision.csv, and work-precision.png where matplotlib is installed."""
+        target = Path(directory)
+        target.mkdir(parents=True, exist_ok=True)
+        table.write_csv(target / "work-precision.csv", self.rows)
+        self.plot(target / "work-precision.png")
+
+    def plot(self, path: str | os.PathLike) -> None:
+        """Draw error against run time and against the step; write a PNG."""
+        figure.save(Path(path), self)
+
+
+def work_precision(
+    model: Model,
+    *,
+    q0: Any,
+    p0: Any,
+    schemes: Sequence[str | Scheme] = SCHEMES,
+    steps: Sequence[int] = STEPS,
+    horizon: float = 1.0,
+    paths: int = 1000,
+    reference: str = "auto",
+    reference_steps: int | None = None,
+    repeats: int = 7,
+    interval: float | None = None,
+    invariants: dict[str, Callable] | None = None,
+    out: str | os.PathLike | None = None,
+    progress: bool = False,
+    name: str | None = None,
+    **options: Any,
+) -> WorkPrecision:
+    """Error against run time of several schemes at several steps, all on the same Brownian paths.
+
+    - schemes: names or Schemes; steps: numbers of steps to the horizon, each the largest divided by a power of two
+    - horizon: time at which errors are taken; paths: of the error runs, at least 40
+    - reference: "exact", the name of a scheme, or "auto": the exact solution where the model has one, else a better
+      scheme with `reference_steps` steps (a power of two times the finest), whose own error is estimated and shown
+    - repeats: timed runs of a point, at least 5, on one thread
+    - interval: relative half width wanted of the strong errors; too few paths for it are refused
+    - invariants: {name: f(q, p)}; without any, H where every noise Hamiltonian commutes with it
+    - out: directory for the table, the figure and the finished points; a rerun goes on where an earlier one stopped
+    - further options are t0, seed, correction, truncation and compensated of `simulate`
+
+    Misuse raises a ValueError with a sentence before the first long run. Points whose paths fail are marked.
+    """
+    plan = make_plan(
+        model,
+        q0=q0,
+        p0=p0,
+        schemes=schemes,
+        steps=steps,
+        horizon=horizon,
+        paths=paths,
+        reference=reference,
+        reference_steps=reference_steps,
+        repeats=repeats,
+        interval=interval,
+        invariants=invariants,
+        name=name,
+        **options,
+    )
+    directory = None if out is None else Path(out)
+    if directory is not None:
+        _files.optional("matplotlib", "plot")  # better refused now than after an hour
+        directory.mkdir(parents=True, exist_ok=True)
+    rows: list[dict] = []
+    resumed = 0
+    try:
+        for row in points(plan, State(directory), progress):
+            resumed += row.pop("resumed")
+            rows.append(row)
+    finally:
+        result = finish(plan, rows, resumed)
+        if directory is not None and rows:
+            result.save(directory)
+    return result
+
+
+def points(plan: Plan, state: State, progress: bool):
+    """Each point as a row, as soon as it is known."""
+    references = References(plan)
+    total = len(plan.schemes) * len(plan.steps)
+    done = 0
+    for scheme in plan.schemes:
+        for steps in plan.steps:
+            done += 1
+            _tell(progress, f"{done}/{total} {plan.name}: {scheme.name}, {steps} steps")
+            key = point_key(plan, scheme, steps)
+            known = state.get(key)
+            if known is None:
+                known = {**measure(plan, scheme, steps, references), **cost(plan, scheme, steps)}
+                state.put(key, known)
+                yield {**_head(plan, scheme, steps), **known, "resumed": False}
+            else:
+                yield {**_head(plan, scheme, steps), **known, "resumed": True}
+    _tell(progress, "")
+
+
+def finish(plan: Plan, rows: list[dict], resumed: int) -> WorkPrecision:
+    """Judge the points together."""
+    for row in rows:
+        row["status"] = orders.judge(row)
+    front = orders.pareto(rows)
+    for i, row in enumerate(rows):
+        row["pareto"] = i in front
+    names = [scheme.name for scheme in plan.schemes]
+    fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
+    return WorkPrecision(plan.name, repr(plan.model), plan.horizon, names, rows, fitted, resumed)
+
+
+def _head(plan: Plan, scheme: Scheme, steps: int) -> dict:
+    return {
+        "scene": plan.name,
+        "scheme": scheme.name,
+        "steps": steps,
+        "h": plan.horizon / steps,
+        "reference": str(plan.references[scheme.name]),
+        "paths": plan.paths,
+    }
+
+
+def _tell(progress: bool, text: str) -> None:
+    """One line on stderr, written over."""
+    if progress:
+        sys.stderr.write(f"\r\033[K{text}")
+        sys.stderr.flush()

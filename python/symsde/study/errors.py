@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Errors of one scheme at one step, on the Brownian paths that all points of a study share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .. import diagnose
+from ..model import Model
+from .plan import BATCHES, Plan, Reference
+
+NORMAL = 1.96  #: of a 95 % interval
+STUDENT = 2.093  #: the same of Student's t with BATCHES - 1 degrees of freedom
+CONSERVED = 1e-9  #: brackets below this, relative, count as zero
+
+
+class References:
+    """Final states of the references, computed when they are first asked for."""
+
+    def __init__(self, plan: Plan):
+        """Nothing is computed yet."""
+        self._plan = plan
+        self._known: dict[str, tuple[np.ndarray, float]] = {}
+
+    def get(self, reference: Reference) -> tuple[np.ndarray, float]:
+        """Final states (2, dof, path) and their own rms error."""
+        if reference.scheme not in self._known:
+            make = self._exact if reference.scheme == "exact" else self._fine
+            self._known[reference.scheme] = make(reference)
+        return self._known[reference.scheme]
+
+    def _exact(self, _reference: Reference) -> tuple[np.ndarray, float]:
+        run = self._plan.reference_run("midpoint", self._plan.steps[0])
+        q, p = diagnose.exact(run)
+        return np.stack([q[-1], p[-1]]), 0.0
+
+    def _fine(self, reference: Reference) -> tuple[np.ndarray, float]:
+        """The difference to half as many steps is the error of those; at order one also that of the reference."""
+        fine = end(self._plan.reference_run(reference.scheme, reference.steps))
+        half = end(self._plan.reference_run(reference.scheme, reference.steps // 2))
+        return fine, rms(squares(fine, half))
+
+
+def measure(plan: Plan, scheme, steps: int, references: References) -> dict:
+    """Strong and weak errors with 95 % intervals, and the drift of invariants, of one point."""
+    reference, own_error = references.get(plan.references[scheme.name])
+    run = plan.run(scheme, steps, shared=True)
+    with np.errstate(over="ignore", invalid="ignore"):  # points that diverge are marked, not computed with
+        return _judge(plan, run, reference, own_error)
+
+
+def _judge(plan: Plan, run, reference: np.ndarray, own_error: float) -> dict:
+    found = end(run)
+    square = squares(found, reference)
+    ok = (run.status == 0) & np.isfinite(square)
+    row = {"failed": int((~ok).sum()), "ref_error": own_error, "stepper": run.report.stepper}
+    if ok.sum() < 2 * BATCHES:
+        return row
+    square = square[ok]
+    error = rms(square)
+    half = NORMAL * square.std(ddof=1) / np.sqrt(square.size) / max(2 * error, np.finfo(float).tiny)
+    row |= {"err_strong": error, "err_strong_low": max(error - half, 0.0), "err_strong_high": error + half}
+    row["size"] = rms(np.square(reference[:, :, ok]).sum(axis=(0, 1)))
+    row["batches"] = [float(batch.mean()) for batch in np.array_split(square, BATCHES)]
+    row |= weak_errors(plan.model, found[:, :, ok], reference[:, :, ok])
+    row["drift"] = drift(plan, found[:, :, ok], ok)
+    return row
+
+
+def weak_errors(model: Model, found: np.ndarray, reference: np.ndarray) -> dict:
+    """Differences of E q, E p (mean over degrees of freedom) and E H on common paths, with half widths."""
+    values = {"q": (found[0] - reference[0]).mean(axis=0), "p": (found[1] - reference[1]).mean(axis=0)}
+    if model.traits.has_value:
+        values["H"] = model.value(*found) - model.value(*reference)
+    row = {}
+    for name, difference in values.items():
+        row[f"weak_{name}"] = float(difference.mean())
+        row[f"weak_{name}_ci"] = float(NORMAL * difference.std(ddof=1) / np.sqrt(difference.size))
+    return row
+
+
+def drift(plan: Plan, found: np.ndarray, ok: np.ndarray) -> float | None:
+    """Largest over invariants of the rms relative change over the paths; None without an invariant."""
+    functions = dict(plan.invariants)
+    if not functions and conserves_energy(plan.model):
+        functions["H"] = plan.model.value
+    changes = []
+    for function in functions.values():
+        first = function(*(start(x, found.shape[1], ok) for x in (plan.q0, plan.p0)))
+        last = function(found[0], found[1])
+        changes.append(rms(np.square((last - first) / np.where(first == 0, 1, first))))
+    return max(changes) if changes else None
+
+
+def start(state, ndof: int, ok: np.ndarray) -> np.ndarray:
+    """Initial state (dof, path) of the paths that are ok."""
+    array = np.asarray(state, dtype=float)
+    array = array if array.ndim == 2 else np.broadcast_to(array, (ndof,))[:, np.newaxis]
+    return np.ascontiguousarray(np.broadcast_to(array, (ndof, ok.size))[:, ok])
+
+
+def conserves_energy(model: Model) -> bool:
+    """{H, H_k} = 0 for every k, at sixteen points: then H is an invariant of every path."""
+    if not model.traits.has_value:
+        return False
+    points = np.random.default_rng(1).uniform(-1, 1, (2, model.ndof, 16))
+    weights = np.eye(model.nnoise + 1)
+    hq, hp = model.gradient(*points, w=weights[0])
+    for w in weights[1:]:
+        kq, kp = model.gradient(*points, w=w)
+        if np.abs(hq * kp - hp * kq).sum(axis=0).max() == 0:
+            continue
+        bracket = np.abs((hq * kp - hp * kq).sum(axis=0))
+        scale = (np.abs(hq * kp) + np.abs(hp * kq)).sum(axis=0)
+        if (bracket > CONSERVED * scale).any():
+            return False
+    return True
+
+
+def end(run) -> np.ndarray:
+    """Final state (2, dof, path)."""
+    return np.stack([run.q[-1], run.p[-1]])
+
+
+def squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Squared distance of each path; overflow counts as not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.square(one - other).sum(axis=(0, 1))
+
+
+def rms(square: np.ndarray) -> float:
+    """Root of the mean of squares."""
+    return float(np.sqrt(np.mean(square)))

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a scene does not need is not computed: counters of a path-step, from the report of a run."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from .. import scene
+from ..moments import moments
+
+PATHS, STEPS = 256, 32  #: of the counted runs
+COUNTERS = ("normals", "gradients", "hessians", "hessian_vectors", "iterations", "solves", "lapack_solves")
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Counts of a path-step of one scene by its own scheme."""
+
+    scene: str
+    scheme: str
+    stepper: str
+    left_out: tuple[str, ...]
+    counts: dict[str, float]  #: of a path-step
+    bytes_kept: int  #: results of a moments run, independent of the number of paths
+    bytes_paths: int  #: what the paths of the same run would take
+
+
+def left_out(file: str | os.PathLike) -> LeftOut:
+    """Run a scene for 32 steps of 256 paths, keeping moments only, and read its counters."""
+    chosen = scene.load(file)
+    run = {**chosen.run, "paths": PATHS, "steps": STEPS, "save_every": STEPS, "threads": 1}
+    run.pop("first_path", None)
+    found = moments(chosen.model, **run)
+    report = found.report
+    counts = {name: report.counters[name] / report.counters["path_steps"] for name in COUNTERS}
+    kept = sum(array.nbytes for array in (found.t, found.n_ok, *found.to_arrays(), found.to_arrays()[1]))
+    paths = 2 * 8 * len(found.t) * chosen.model.ndof * PATHS
+    scheme = found.setup.scheme.name
+    return LeftOut(Path(file).stem, scheme, report.stepper, report.left_out, counts, kept, paths)
+
+
+def markdown(rows: list[LeftOut]) -> list[str]:
+    """The table as lines."""
+    lines = [
+        "| scene | scheme | stepper | normals | gradients | Hessians | HVP | iterations | solves | LAPACK | left out |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        cells = " | ".join(f"{row.counts[name]:.4g}" for name in COUNTERS)
+        lines.append(
+            f"| {row.scene} | {row.scheme} | {row.stepper} | {cells} | {'; '.join(row.left_out) or 'nothing'} |"
+        )
+    return lines

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a study measures, checked before any long work begins."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from .. import _checks, diagnose
+from ..errors import InvalidArgumentError, MissingOperationError, PathsFailedWarning, SymsdeError
+from ..model import Model
+from ..schemes import Scheme, as_scheme
+from ..simulate import simulate
+
+BATCHES = 20  #: groups of paths whose scatter gives the interval of an order
+LEAST_REPEATS = 5
+SMALL = 4  #: degrees of freedom up to which a scheme with dense Newton is an affordable reference
+OPTIONS = ("t0", "seed", "correction", "truncation", "compensated")  #: of `simulate`, common to all runs
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What paths are compared with: the exact solution, or a scheme with more steps."""
+
+    scheme: str  #: "exact", or a name
+    steps: int  #: finest draws of the study; steps of the scheme
+
+    def __str__(self) -> str:
+        """As it is printed."""
+        return "exact solution" if self.scheme == "exact" else f"{self.scheme}, {self.steps} steps"
+
+
+@dataclass
+class Plan:
+    """A checked study; every run of it uses the Brownian paths drawn at `draws` steps."""
+
+    model: Model
+    schemes: list[Scheme]
+    steps: list[int]  #: ascending
+    horizon: float
+    paths: int
+    q0: Any
+    p0: Any
+    options: dict[str, Any]  #: of `simulate`
+    references: dict[str, Reference]  #: of each scheme
+    draws: int  #: finest steps of the Brownian paths
+    repeats: int
+    interval: float | None  #: wanted half width of the strong errors, relative
+    name: str
+    invariants: dict[str, Any] = field(default_factory=dict)
+
+    def reference_run(self, scheme: str, steps: int):
+        """Follow the Brownian paths themselves: nothing truncated, consistent as the scheme stands."""
+        return self.run(scheme, steps, shared=True, correction="auto", truncation=None)
+
+    def run(self, scheme: str | Scheme, steps: int, *, shared: bool, paths: int | None = None, **more):
+        """Integrate to the horizon: on the shared paths, or with increments of its own step."""
+        options = {**self.options, **more}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PathsFailedWarning)  # counted and shown instead
+            return simulate(
+                self.model,
+                q0=self.q0,
+                p0=self.p0,
+                scheme=scheme,
+                step=self.horizon / steps,
+                steps=steps,
+                save_every=steps,
+                paths=self.paths if paths is None else paths,
+                refine=halvings(self.draws, steps) if shared else 0,
+                **options,
+            )
+
+
+def make_plan(
+    model: Model,
+    *,
+    q0: Any,
+    p0: Any,
+    schemes: Sequence[str | Scheme],
+    steps: Sequence[int],
+    horizon: float,
+    paths: int,
+    reference: str = "auto",
+    reference_steps: int | None = None,
+    repeats: int = 7,
+    interval: float | None = None,
+    invariants: dict[str, Any] | None = None,
+    name: str | None = None,
+    **options: Any,
+) -> Plan:
+    """Check everything; each refusal is a sentence, and comes before the first long run."""
+    for key in options:
+        if key not in OPTIONS:
+            raise InvalidArgumentError(f"{key!r} is no option of a study: there are {_checks.nearest(key, OPTIONS)}")
+    counts = check_steps(steps)
+    horizon = _checks.finite("horizon", horizon)
+    if horizon <= 0:
+        raise InvalidArgumentError(f"horizon = {horizon:g} is not allowed: give a time above 0")
+    chosen = _schemes(schemes)
+    repeats = _checks.integer("repeats", repeats, (1, 1000))
+    if repeats < LEAST_REPEATS:
+        raise InvalidArgumentError(
+            f"repeats = {repeats} is too few for a median with its spread: give at least {LEAST_REPEATS}"
+        )
+    plan = Plan(
+        model=model,
+        schemes=chosen,
+        steps=counts,
+        horizon=horizon,
+        paths=check_paths(paths, interval),
+        q0=q0,
+        p0=p0,
+        options=options,
+        references={},
+        draws=counts[-1],
+        repeats=repeats,
+        interval=interval,
+        name=name or getattr(model, "name", "model"),
+        invariants=dict(invariants or {}),
+    )
+    _try_out(plan)
+    for scheme in chosen:
+        plan.references[scheme.name] = _reference(plan, scheme, reference, reference_steps)
+    plan.draws = max([counts[-1], *(r.steps for r in plan.references.values())])
+    return plan
+
+
+def check_steps(steps: Sequence[int]) -> list[int]:
+    """Numbers of steps, ascending; each is the largest divided by a power of two."""
+    if isinstance(steps, str) or not isinstance(steps, Sequence):
+        raise InvalidArgumentError(f"steps = {_checks.shown(steps)} is not a list: give numbers such as [16, 32, 64]")
+    counts = sorted({_checks.integer("steps", n, (1, 2**40)) for n in steps})
+    if len(counts) < 2:
+        raise InvalidArgumentError(f"steps = {_checks.shown(steps)} has one level: give at least two, as [16, 32]")
+    for n in counts:
+        if counts[-1] % n:
+            raise InvalidArgumentError(
+                f"steps: {n} is not a whole divisor of {counts[-1]}, so that its steps would not end where the finer "
+                "ones do: give numbers such as 16, 32, 64"
+            )
+        if (counts[-1] // n).bit_count() != 1:
+            raise InvalidArgumentError(
+                f"steps: {n} is not {counts[-1]} divided by a power of two, so the Brownian paths cannot be shared: "
+                "give numbers such as 16, 32, 64"
+            )
+    return counts
+
+
+def check_paths(paths: int, interval: float | None) -> int:
+    """Enough paths for 20 groups, and for the interval asked."""
+    count = _checks.integer("paths", paths, (1, 2**47))
+    if count < 2 * BATCHES:
+        raise InvalidArgumentError(
+            f"paths = {count} is too few: intervals come from {BATCHES} groups of paths, give at least {2 * BATCHES}"
+        )
+    if interval is None:
+        return count
+    width = _checks.finite("interval", interval)
+    if width <= 0:
+        raise InvalidArgumentError(f"interval = {width:g} is not allowed: give a relative half width such as 0.1")
+    # of the root mean square of normal errors: 1.96 sqrt(kurtosis - 1)/(2 sqrt(n)), kurtosis 3
+    needed = math.ceil((1.96 / (math.sqrt(2) * width)) ** 2)
+    if count < needed:
+        raise InvalidArgumentError(
+            f"paths = {count} is too few for intervals of {100 * width:g} %: even normal errors need {needed} paths; "
+            "give more paths or a wider interval"
+        )
+    return count
+
+
+def halvings(fine: int, coarse: int) -> int:
+    """How often the step of `coarse` steps is halved to make `fine` ones."""
+    return (fine // coarse).bit_length() - 1
+
+
+def uses_integrals(scheme: Scheme) -> bool:
+    """The scheme is driven by more than increments: dZ or areas."""
+    return scheme.info.order_additive > 1 or scheme.info.order_general > 0.5
+
+
+def _schemes(schemes: Sequence[str | Scheme]) -> list[Scheme]:
+    if isinstance(schemes, str) or not schemes:
+        raise InvalidArgumentError(
+            f"schemes = {_checks.shown(schemes)} is not a list of schemes: give names such as ['midpoint', 'gauss2']"
+        )
+    chosen = [as_scheme(scheme) for scheme in schemes]
+    names = [scheme.name for scheme in chosen]
+    for scheme in chosen:
+        if names.count(scheme.name) > 1:
+            raise InvalidArgumentError(f"schemes: {scheme.name} is there twice: give each scheme once")
+        if scheme.info.order_additive == 0:
+            raise InvalidArgumentError(
+                f"scheme {scheme.name} draws increments of a law of its own and follows no Brownian path, so it has no "
+                "strong error: leave it out of the study"
+            )
+    return chosen
+
+
+def _try_out(plan: Plan) -> None:
+    """Set every run up without making a step: schemes that do not fit are refused here."""
+    for scheme in plan.schemes:
+        for n in plan.steps:
+            try:
+                start = {"q0": plan.q0, "p0": plan.p0, "paths": plan.paths, **plan.options}
+                simulate(plan.model, scheme=scheme, step=plan.horizon / n, steps=0, **start)
+            except SymsdeError as error:
+                error.args = (f"{scheme.name} with {n} steps: {error}",)
+                raise
+
+
+def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Reference:
+    """What the paths of a scheme are compared with."""
+    finest = plan.steps[-1]
+    wanted = _checks.name_of("reference", wanted)
+    only_increments = plan.model.name == "kubo" or not uses_integrals(scheme)
+    if wanted == "exact" and not only_increments:
+        raise InvalidArgumentError(
+            f"reference = 'exact' does not fit {scheme.name}: the exact solution of {plan.model.name} draws its own "
+            "integrals given the increments, not those of the scheme; give reference = 'auto'"
+        )
+    if wanted == "exact" or (wanted == "auto" and only_increments and _has_exact(plan)):
+        if steps is not None and wanted == "exact":
+            raise InvalidArgumentError("reference_steps is for a scheme: the exact solution needs none, leave it out")
+        return Reference("exact", finest)
+    name = _better(plan.model, scheme) if wanted == "auto" else as_scheme(wanted).name
+    extra = 3 if uses_integrals(as_scheme(name)) else 5
+    count = finest << extra if steps is None else _checks.integer("reference_steps", steps, (1, 2**40))
+    if count <= finest or count % finest or (count // finest).bit_count() != 1:
+        raise InvalidArgumentError(
+            f"reference_steps = {count} is not finer than the finest steps = {finest} by a power of two: give "
+            f"{2 * finest}, {4 * finest}, ..."
+        )
+    return Reference(name, count)
+
+
+def _has_exact(plan: Plan) -> bool:
+    try:
+        diagnose.exact(plan.run("midpoint", 1, shared=False, correction="auto", truncation=None))
+    except MissingOperationError:
+        return False
+    return True
+
+
+def _better(model: Model, scheme: Scheme) -> str:
+    """The best affordable scheme on the Brownian paths of another."""
+    commutative = model.nnoise < 2 or model.traits.additive or model.traits.position_noise
+    if model.ndof > SMALL:
+        return "stormer_verlet" if model.traits.separable else "midpoint"
+    if commutative:
+        return "gauss2_strong32"
+    # areas from dW alone are another completion of the path than areas from dW and dZ
+    return "midpoint_areas" if scheme.name == "midpoint_areas" else "gauss2_strong32_areas"

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Studies of scenes: the table [study] beside [model] and [run]."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import scene
+from ..errors import SceneError, SymsdeError
+from . import WorkPrecision, work_precision
+from .plan import OPTIONS
+
+
+def study(file: str | os.PathLike, **given: Any) -> WorkPrecision:
+    """Study of a scene; arguments of `work_precision` that are given replace those of [study]."""
+    chosen = scene.load(file)
+    run = chosen.run
+    arguments = {"horizon": abs(run["step"]) * run["steps"], "paths": max(1000, run.get("paths", 1))}
+    arguments |= {key: run[key] for key in (*OPTIONS, "q0", "p0") if key in run}
+    arguments |= chosen.study | {key: value for key, value in given.items() if value is not None}
+    if any(np.ndim(run[key]) == 2 for key in ("q0", "p0")):
+        arguments["paths"] = run.get("paths", 1)  # one column for each path of the scene
+    try:
+        return work_precision(chosen.model, name=Path(file).stem, **arguments)
+    except SceneError:
+        raise
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [study]: {error}") from error
+
+
+def about(file: str | os.PathLike) -> str:
+    """The comment that a scene begins with."""
+    lines = []
+    for line in Path(file).read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# ").rstrip())
+    return " ".join(lines)
