@@ -8,7 +8,7 @@ from pathlib import Path
 MISSING = 77
 FORTRAN = ("src", "tests", "examples", "bench")
 C = ("include", "tests", "examples", "bench")
-PYTHON = ("python", "tests", "examples", "bench")
+PYTHON = ("python", "tests", "examples", "bench", "docs")
 
 
 def files(root, folders, *suffixes):
