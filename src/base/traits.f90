@@ -28,6 +28,7 @@ module symsde_base_traits
       real(wp) :: noise_lipschitz = 0      !! declared Lipschitz constant of sum_k |grad H_k|; 0 = not declared
    contains
       procedure :: correction_vanishes
+      procedure :: one_solve
    end type model_traits
 
 contains
@@ -39,5 +40,15 @@ contains
 
       vanishes = self%nnoise == 0 .or. self%additive .or. self%position_noise
    end function correction_vanishes
+
+   !> Whether one linear solve finds the root of a step: quadratic Hamiltonians with exact Hessians.
+   !> Differences leave errors of 1e-11 in a Hessian, which a second iteration removes.
+   pure function one_solve(self, banded)
+      class(model_traits), intent(in) :: self
+      logical, intent(in) :: banded  !! the Hessian is taken by its bands
+      logical :: one_solve
+
+      one_solve = self%quadratic .and. (self%has_hessian_vector .or. (self%has_hessian .and. .not. banded))
+   end function one_solve
 
 end module symsde_base_traits

@@ -4,6 +4,7 @@ module symsde_ensemble_report
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok
+   use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
    implicit none
@@ -52,7 +53,7 @@ contains
       end if
       if (is_explicit_stepper(stepper)) then
          call add('solver: the step is explicit')
-      else if (model%traits%quadratic .and. correction == correction_none) then
+      else if (model%traits%one_solve(model%traits%bandwidth /= dense)) then
          call add('iteration: the equations are linear, one solve a step')
       end if
       if (index(stepper, 'eliminated') > 0) call add('half of the unknowns: identity mass')

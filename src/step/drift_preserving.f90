@@ -51,7 +51,7 @@ contains
       self%node = scheme%c
       self%weight = scheme%alpha
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, n, options, model%traits%quadratic, b, b)
+      call new_newton(self%newton, nlane, n, options, model%traits%one_solve(b /= dense), b, b)
       allocate (self%v(nlane, 0:model%traits%nnoise), self%kick(nlane, n), self%qs(nlane, n), self%hq(nlane, n))
       if (b == dense) then
          allocate (self%hqq(nlane, n, n))

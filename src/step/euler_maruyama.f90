@@ -48,7 +48,7 @@ contains
       real(wp) :: h
       integer :: k
 
-      h = w(1, 0)
+      h = abs(w(1, 0))  ! the variance of dW
       call self%ham%gradient(t, w, q, p, hq=dp, hp=dq)
       dp = -dp
       if (self%has_ito_drift) then

@@ -64,7 +64,7 @@ contains
       end do
       where (abs(self%moment) < 16*epsilon(1.0_wp)) self%moment = 0  ! exact for every consistent quadrature
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, (self%r + self%s)*n, options, model%traits%quadratic, -1, -1)
+      call new_newton(self%newton, nlane, (self%r + self%s)*n, options, model%traits%one_solve(.false.), -1, -1)
       allocate (self%x(nlane, (self%r + self%s)*n), self%v(nlane, 0:model%traits%nnoise, self%r))
       allocate (self%qs(nlane, n), self%ps(nlane, n), self%sq(nlane, n), self%sp(nlane, n))
       allocate (self%sqq(nlane, n, n), self%sqp(nlane, n, n), self%spp(nlane, n, n))

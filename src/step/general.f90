@@ -10,7 +10,7 @@
 module symsde_step_general
    use symsde_base_kinds, only: wp, i8
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type
@@ -65,9 +65,8 @@ contains
       end if
       call new_one_step_hamiltonian(self%ham, model, nlane, correction, scheme%correction_coefficient(), &
                                     scheme%expansion)
-      ! the Hessian leaves out the correction: then one solve is not enough, though the equations are linear
       call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, &
-                      model%traits%quadratic .and. correction == correction_none .and. &
+                      model%traits%one_solve(.false.) .and. &
                       .not. allocated(self%ham%extra), -1, -1)
       allocate (self%v(nlane, 0:model%traits%nnoise, self%npart))
       allocate (self%x(nlane, 2*n*nstage*self%npart), self%qs(nlane, n), self%ps(nlane, n))

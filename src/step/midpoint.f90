@@ -54,7 +54,7 @@ contains
       self%name = 'midpoint, momenta eliminated'
       self%band = b
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, n, options, model%traits%quadratic, b, b)
+      call new_newton(self%newton, nlane, n, options, model%traits%one_solve(b /= dense), b, b)
       allocate (self%base(nlane, n), self%drift(nlane, n), self%qs(nlane, n), self%zero(nlane, n))
       self%zero = 0
    end subroutine new_midpoint_stepper

@@ -46,7 +46,7 @@ contains
       self%band = b
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       width = merge(dense, 2*b + 1, b == dense)
-      call new_newton(self%newton, nlane, 2*n, options, model%traits%quadratic, width, width)
+      call new_newton(self%newton, nlane, 2*n, options, model%traits%one_solve(b /= dense), width, width)
       allocate (self%x(nlane, 2*n), self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
       if (b == dense) then
          allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))

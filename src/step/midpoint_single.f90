@@ -40,7 +40,7 @@ contains
       self%name = 'midpoint, one degree of freedom'
       self%separable = model%traits%separable
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, 2, options, model%traits%quadratic, -1, -1)
+      call new_newton(self%newton, nlane, 2, options, model%traits%one_solve(.false.), -1, -1)
       allocate (self%qs(nlane, 1), self%ps(nlane, 1), self%hq(nlane, 1), self%hp(nlane, 1))
       allocate (self%hqq(nlane, 1, 1), self%hpp(nlane, 1, 1))
       allocate (self%hqp(nlane, 1, 1), source=0.0_wp)

@@ -8,7 +8,7 @@
 module symsde_step_one_sided
    use symsde_base_kinds, only: wp, i8
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
+   use symsde_scheme_scheme, only: scheme_type, tableau_form
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type
@@ -53,9 +53,8 @@ contains
       self%name = 'one-sided'
       self%adjoint = scheme%a(1, 1) > 0.5_wp
       call new_one_step_hamiltonian(self%ham, model, nlane, correction, scheme%correction_coefficient())
-      ! the Hessian leaves out the correction: then one solve is not enough, though the equations are linear
       call new_newton(self%newton, nlane, n, options, &
-                      model%traits%quadratic .and. correction == correction_none, -1, -1)
+                      model%traits%one_solve(.false.), -1, -1)
       allocate (self%x(nlane, n), self%hqp(nlane, n, n))
    end subroutine new_one_sided_stepper
 

@@ -6,10 +6,14 @@
 !> Any symplectic scheme applied to Hhat with frozen increments is symplectic path by path. One-sided
 !> schemes (lambda /= 1/2) need a correction to solve the Stratonovich equation (docs/method.md):
 !>
-!>    mean         (1/2-lambda) h sum_k H_{k,p}.H_{k,q}
+!>    mean         (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}, |h| because it stands for dW_k^2
 !>    increments   (1/2-lambda) F_p.F_q,  F = sum_k dW_k H_k
 !>
-!> Its gradient needs Hessian-vector products only: grad(F_p.F_q) = Hess F (F_p; F_q), q-part first.
+!> Its gradient needs Hessian-vector products only: grad(F_p.F_q) = Hess F (F_p; F_q), q-part first. Its
+!> Hessian is (D F_p)^T D F_q + (D F_q)^T D F_p and a part with third derivatives. That part is left out:
+!> it vanishes for quadratic F, and Newton's iteration finds the same root without it. Leaving out all of
+!> the correction would lose paths: on the Kubo oscillator such an iteration diverges where
+!> |sigma dW| > sqrt 2.
 !> Schemes beyond strong order one add the brackets of step/modified_hamiltonian.
 module symsde_step_one_step_hamiltonian
    use symsde_base_kinds, only: wp
@@ -32,6 +36,7 @@ module symsde_step_one_step_hamiltonian
       real(wp), allocatable, private :: v(:, :)       !! weights of the noise alone (nlane, 0:nnoise)
       real(wp), allocatable, private :: factor(:)     !! of the product of gradients (nlane)
       real(wp), allocatable, private :: fq(:, :), fp(:, :), uq(:, :), up(:, :)
+      real(wp), allocatable, private :: fqq(:, :, :), fqp(:, :, :), fpp(:, :, :)  !! (nlane, ndof, ndof)
    contains
       procedure :: gradient
       procedure :: gradient_hessian
@@ -81,8 +86,8 @@ contains
       if (allocated(self%extra)) call self%extra%add_gradient(t, w, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
 
-   !> Gradient of Hhat with correction and brackets, Hessian without them: Newton on the uncorrected Hessian
-   !> converges linearly, to the same root.
+   !> Gradient of Hhat with correction and brackets; Hessian without brackets and third derivatives: Newton
+   !> converges to the same root, linearly where these matter.
    subroutine gradient_hessian(self, t, w, q, p, hq, hp, hqq, hqp, hpp)
       class(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -96,11 +101,14 @@ contains
                                        hq, hp, hqq, hqp, hpp)
       self%counters%gradients = self%counters%gradients + self%nreal
       self%counters%hessians = self%counters%hessians + self%nreal
-      if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
+      if (self%correction /= correction_none) then
+         call add_correction(self, t, w, q, p, hq, hp)
+         call add_correction_hessian(self, t, w, q, p, hqq, hqp, hpp)
+      end if
       if (allocated(self%extra)) call self%extra%add_gradient(t, w, q, p, hq, hp, self%counters, self%nreal, hqp)
    end subroutine gradient_hessian
 
-   !> The same with the bands of the Hessian blocks.
+   !> The same with the bands of the Hessian blocks, for schemes without correction.
    subroutine gradient_hessian_banded(self, b, t, w, q, p, hq, hp, hqq, hqp, hpp)
       class(one_step_hamiltonian), intent(inout) :: self
       integer, intent(in) :: b
@@ -124,20 +132,56 @@ contains
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       integer :: k
 
+      do k = 1, nterm(self)
+         call choose_term(self, k, w)
+         call add_product(self, t, q, p, hq, hp)
+      end do
+   end subroutine add_correction
+
+   !> Add the Hessian of the correction, without third derivatives, to the wanted blocks.
+   subroutine add_correction_hessian(self, t, w, q, p, hqq, hqp, hpp)
+      type(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout), optional :: hqq(self%nlane, self%ndof, self%ndof)
+      real(wp), intent(inout), optional :: hqp(self%nlane, self%ndof, self%ndof)
+      real(wp), intent(inout), optional :: hpp(self%nlane, self%ndof, self%ndof)
+      integer :: k
+
+      associate (nlane => self%nlane, n => self%ndof)
+         if (.not. allocated(self%fqq)) &
+            allocate (self%fqq(nlane, n, n), self%fqp(nlane, n, n), self%fpp(nlane, n, n))
+         do k = 1, nterm(self)
+            call choose_term(self, k, w)
+            call self%model%hessian(nlane, n, self%nnoise, t, self%v, q, p, self%fqq, self%fqp, self%fpp)
+            self%counters%hessians = self%counters%hessians + self%nreal
+            call add_blocks(nlane, n, self%factor, self%fqq, self%fqp, self%fpp, hqq, hqp, hpp)
+         end do
+      end associate
+   end subroutine add_correction_hessian
+
+   !> The correction is a sum of so many terms factor*F_p.F_q.
+   pure integer function nterm(self)
+      type(one_step_hamiltonian), intent(in) :: self
+
+      nterm = merge(self%nnoise, 1, self%correction == correction_mean)
+   end function nterm
+
+   !> F = sum_j v_j H_j of one term, and its factor.
+   subroutine choose_term(self, k, w)
+      type(one_step_hamiltonian), intent(inout) :: self
+      integer, intent(in) :: k
+      real(wp), intent(in) :: w(self%nlane, 0:self%nnoise)
+
       self%v = 0
       if (self%correction == correction_mean) then
-         self%factor = self%coefficient*w(:, 0)
-         do k = 1, self%nnoise
-            self%v(:, k) = 1
-            call add_product(self, t, q, p, hq, hp)
-            self%v(:, k) = 0
-         end do
+         self%v(:, k) = 1
+         self%factor = self%coefficient*abs(w(:, 0))
       else
-         self%factor = self%coefficient
          self%v(:, 1:) = w(:, 1:)
-         call add_product(self, t, q, p, hq, hp)
+         self%factor = self%coefficient
       end if
-   end subroutine add_correction
+   end subroutine choose_term
 
    !> Add factor*grad(F_p.F_q) for F = sum_j v_j H_j.
    subroutine add_product(self, t, q, p, hq, hp)
@@ -158,5 +202,28 @@ contains
          if (present(hp)) hp(:, i) = hp(:, i) + self%factor*self%up(:, i)
       end do
    end subroutine add_product
+
+   !> Add factor*((D F_p)^T D F_q + (D F_q)^T D F_p), with D F_p = (F_pq, F_pp) and D F_q = (F_qq, F_qp).
+   pure subroutine add_blocks(nlane, ndof, factor, fqq, fqp, fpp, hqq, hqp, hpp)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: factor(nlane), fqq(nlane, ndof, ndof), fqp(nlane, ndof, ndof)
+      real(wp), intent(in) :: fpp(nlane, ndof, ndof)
+      real(wp), intent(inout), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(inout), optional :: hpp(nlane, ndof, ndof)
+      integer :: i, j, l
+
+      do j = 1, ndof
+         do i = 1, ndof
+            do l = 1, ndof
+               if (present(hqq)) hqq(:, i, j) = hqq(:, i, j) + factor* &
+                                                (fqp(:, i, l)*fqq(:, l, j) + fqq(:, i, l)*fqp(:, j, l))
+               if (present(hqp)) hqp(:, i, j) = hqp(:, i, j) + factor* &
+                                                (fqp(:, i, l)*fqp(:, l, j) + fqq(:, i, l)*fpp(:, l, j))
+               if (present(hpp)) hpp(:, i, j) = hpp(:, i, j) + factor* &
+                                                (fpp(:, i, l)*fqp(:, l, j) + fqp(:, l, i)*fpp(:, l, j))
+            end do
+         end do
+      end do
+   end subroutine add_blocks
 
 end module symsde_step_one_step_hamiltonian

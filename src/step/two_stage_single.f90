@@ -58,7 +58,7 @@ contains
       self%c = scheme%c
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%expansion)
       call new_newton(self%newton, nlane, 4, options, &
-                      model%traits%quadratic .and. .not. allocated(self%ham%extra), -1, -1)
+                      model%traits%one_solve(.false.) .and. .not. allocated(self%ham%extra), -1, -1)
       allocate (self%x(nlane, 4), self%qs(nlane, 1), self%ps(nlane, 1))
       allocate (self%hq(nlane, 1, 2), self%hp(nlane, 1, 2))
       allocate (self%hqq(nlane, 1, 1, 2), self%hqp(nlane, 1, 1, 2), self%hpp(nlane, 1, 1, 2))
