@@ -145,12 +145,24 @@ int symsde_scheme_info_init(symsde_scheme_info *info);
 /* names of the catalogue, one a line */
 int symsde_scheme_names(char *buffer, size_t size, size_t *needed);
 int symsde_scheme_get(const char *name, symsde_scheme *scheme, symsde_error *error);
-/* the scheme of a quadrature of the action: nodes and weights [nnode], polynomials of this degree */
-int symsde_scheme_from_quadrature(int nnode, const double *nodes, const double *weights, int degree, const char *name,
-                                  symsde_scheme *scheme, symsde_error *error);
-/* a tableau of the user's own: a, abar [nstage][nstage] (row i = stage i), alpha[nstage] */
-int symsde_scheme_from_tableau(int nstage, const double *a, const double *abar, const double *alpha, const char *name,
-                               int allow_nonsymplectic, symsde_scheme *scheme, symsde_error *error);
+/* the scheme of a quadrature of the action: nodes and weights [nnode], polynomials of this degree; noise_weights
+ * [nnode] are the weights of the noise, NULL = those of the drift */
+int symsde_scheme_from_quadrature(int nnode, const double *nodes, const double *weights, const double *noise_weights,
+                                  int degree, const char *name, symsde_scheme *scheme, symsde_error *error);
+/* a tableau of the user's own: a, abar [nstage][nstage] (row i = stage i), alpha[nstage] for the drift; b, bbar, beta
+ * for the noise, each NULL = as for the drift */
+int symsde_scheme_from_tableau(int nstage, const double *a, const double *abar, const double *alpha, const double *b,
+                               const double *bbar, const double *beta, const char *name, int allow_nonsymplectic,
+                               symsde_scheme *scheme, symsde_error *error);
+/* the inverse map of a step back in time; half a step of base, then half a step of its adjoint; three steps of a
+ * symmetric base, the second one back, of two orders more without noise. name = NULL: that of base with a suffix */
+int symsde_scheme_adjoint(symsde_scheme base, const char *name, symsde_scheme *scheme, symsde_error *error);
+int symsde_scheme_symmetric_composition(symsde_scheme base, const char *name, symsde_scheme *scheme,
+                                        symsde_error *error);
+int symsde_scheme_triple_jump(symsde_scheme base, const char *name, symsde_scheme *scheme, symsde_error *error);
+/* one step made of steps of parts[npart] in this order, with fractions[npart] of h and of all increments */
+int symsde_scheme_compose(int npart, const symsde_scheme *parts, const double *fractions, const char *name,
+                          symsde_scheme *scheme, symsde_error *error);
 int symsde_scheme_delete(symsde_scheme *scheme);
 int symsde_scheme_get_info(symsde_scheme scheme, symsde_scheme_info *info, symsde_error *error);
 /* what is proved about the scheme, as readable lines */
@@ -285,6 +297,13 @@ int symsde_discrete_action(symsde_model model, symsde_scheme scheme, const symsd
 int symsde_euler_lagrange_residual(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                                    const double *q, const double *p, const double *dw, double *residual,
                                    symsde_error *error);
+/* the path from q_start to q_end [ndof][paths] that makes the discrete action stationary, [WHSB] (46)-(48), on the
+ * increments of a run with these options, or dw[steps*2^refine][nnoise][paths]: q, p [steps+1][ndof][paths] and
+ * status[paths], SYMSDE_SINGULAR where the end points are conjugate; paths that are not ok are NaN. dw and the guesses
+ * [steps+1][ndof][paths] to begin with may be NULL. Returns SYMSDE_PATHS_FAILED where some paths are not ok */
+int symsde_stationary_path(symsde_model model, symsde_scheme scheme, const symsde_options *options,
+                           const double *q_start, const double *q_end, const double *dw, const double *guess_q,
+                           const double *guess_p, double *q, double *p, int32_t *status, symsde_error *error);
 /* exact solution on the run's own Brownian path where the model has one (kubo; linear_oscillator and
  * additive_oscillator, whose increments then carry two more draws a step): q, p [ntime][ndof][paths] */
 int symsde_exact_solution(symsde_model model, const symsde_options *options, const symsde_input *input, double *q,

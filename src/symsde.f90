@@ -50,6 +50,7 @@ module symsde
    use symsde_scheme_quadrature, only: get_quadrature
    use symsde_scheme_discrete_lagrangian, only: scheme_from_quadrature, scheme_from_end_point_rule
    use symsde_scheme_tableau, only: scheme_from_tableau
+   use symsde_scheme_composition, only: adjoint_scheme, composed_scheme, symmetric_composition, triple_jump
    use symsde_scheme_certificate, only: certificate_type, certificate, certificate_text
    ! runs
    use symsde_base_counters, only: counters_type

@@ -186,7 +186,14 @@ _input = POINTER(Input)
 _text = (c_char_p, c_size_t, POINTER(c_size_t))
 _points = (_handle, c_int64, c_double, c_void_p, c_void_p, c_void_p)
 _run = (_handle, _handle, _options)
+_derived = (_handle, c_char_p, _handle_out, _error)
 _residual = (*_run, c_void_p, c_void_p, c_void_p, c_void_p, _error)
+
+
+def _arrays(count: int) -> tuple:
+    """Types of so many arrays, each of which may be NULL."""
+    return (c_void_p,) * count
+
 
 # name without symsde_ -> argument types; every function returns int
 FUNCTIONS = {
@@ -214,11 +221,12 @@ FUNCTIONS = {
     "scheme_info_init": (POINTER(SchemeInfo),),
     "scheme_names": _text,
     "scheme_get": (c_char_p, _handle_out, _error),
-    "scheme_from_quadrature": (c_int, c_void_p, c_void_p, c_int, c_char_p, _handle_out, _error),
-    "scheme_from_tableau": (
-        *(c_int, c_void_p, c_void_p, c_void_p),
-        *(c_char_p, c_int, _handle_out, _error),
-    ),
+    "scheme_from_quadrature": (c_int, *_arrays(3), c_int, c_char_p, _handle_out, _error),
+    "scheme_from_tableau": (c_int, *_arrays(6), c_char_p, c_int, _handle_out, _error),
+    "scheme_adjoint": _derived,
+    "scheme_symmetric_composition": _derived,
+    "scheme_triple_jump": _derived,
+    "scheme_compose": (c_int, _handle_out, c_void_p, c_char_p, _handle_out, _error),
     "scheme_delete": (_handle_out,),
     "scheme_get_info": (_handle, POINTER(SchemeInfo), _error),
     "scheme_certificate": (_handle, *_text, _error),
@@ -233,6 +241,7 @@ FUNCTIONS = {
     "symplecticity": (*_run, c_int64, c_void_p, c_void_p, c_void_p, c_void_p, _error),
     "discrete_action": _residual,
     "euler_lagrange_residual": _residual,
+    "stationary_path": (*_run, *_arrays(8), _error),
     "exact_solution": (_handle, _options, _input, c_void_p, c_void_p, _error),
 }
 

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Examine schemes and runs: symplecticity, discrete action, discrete Euler-Lagrange equations."""
+"""Examine schemes and runs: symplecticity, discrete action, Euler-Lagrange equations, stationary paths."""
 
 from __future__ import annotations
 
 import ctypes
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from . import _checks
+from . import _abi, _checks
 from ._checks import address
-from ._setup import Setup, make_options
+from ._setup import Setup, increments_array, make_options
 from .errors import IncompatibleError, WrongShapeError, WrongTypeError
 from .model import Model
 from .schemes import Scheme, as_scheme
@@ -70,6 +71,79 @@ def euler_lagrange_residual(run: Run) -> np.ndarray:
     values = np.empty((4, _setup_of(run).paths))
     _examine("euler_lagrange_residual", run, values)
     return values
+
+
+@dataclass(frozen=True)
+class StationaryPath:
+    """Paths between two positions along which the discrete action is stationary; NaN where status is not 0."""
+
+    t: np.ndarray  #: (time,)
+    q: np.ndarray  #: (time, dof, path)
+    p: np.ndarray  #: (time, dof, path)
+    status: np.ndarray  #: (path,): 0 = found; 1 = not converged, 2 = singular: the end points are conjugate
+
+
+def stationary_path(
+    model: Model,
+    scheme: str | Scheme = "midpoint",
+    *,
+    q_start: Any,
+    q_end: Any,
+    increments: Any = None,
+    guess_q: Any = None,
+    guess_p: Any = None,
+    **options: Any,
+) -> StationaryPath:
+    """The stochastic Hamilton principle: the path from q_start to q_end that makes the discrete action stationary.
+
+    It is the path that the scheme itself takes from (q_start, p[0]), [WHSB] Theorem 2.3 and (46)-(48), on the
+    increments of a run with these `options` of `simulate` (step, steps, paths, seed, ...) or on given ones,
+    (step, noise) or (step, noise, path). q_start, q_end: a number, (dof,) or (dof, path); guesses to begin with:
+    (time, dof, path), by default a straight line. Promised below the first conjugate point (an oscillator of unit
+    frequency: times below pi).
+    """
+    chosen = make_options(model, **options)
+    shape = (chosen.steps + 1, model.ndof, chosen.paths)
+    _checks.room((2, *shape), "the paths (q and p; time, dof, path)")
+    ends = [
+        _checks.full(_checks.state(name, x, model.ndof, chosen.paths), chosen.paths)
+        for name, x in (("q_start", q_start), ("q_end", q_end))
+    ]
+    dw = _prescribed(increments, (chosen.steps * 2 ** max(0, chosen.refine), model.nnoise, chosen.paths))
+    guesses = [_guess(name, x, shape) for name, x in (("guess_q", guess_q), ("guess_p", guess_p))]
+    q, p, status = np.empty(shape), np.empty(shape), np.zeros(chosen.paths, dtype=np.int32)
+    scheme = as_scheme(scheme)
+    model.call(
+        "stationary_path",
+        model._handle.pointer,
+        scheme._handle.pointer,
+        ctypes.byref(chosen),
+        *(address(x) for x in (*ends, dw, *guesses, q, p, status)),
+        also=(scheme,),
+        allow=(_abi.PATHS_FAILED,),
+    )
+    t = chosen.t0 + (chosen.first_step + np.arange(chosen.steps + 1)) * chosen.step
+    return StationaryPath(t, q, p, status)
+
+
+def _prescribed(increments: object, shape: tuple[int, int, int]) -> np.ndarray | None:
+    """Given increments with one column for each path."""
+    if increments is None:
+        return None
+    array = increments_array(increments)
+    if array.shape[:2] != shape[:2] or array.shape[2] not in {1, shape[2]}:
+        raise WrongShapeError(f"increments has shape {array.shape}: give {shape}, or one path for all")
+    return _checks.full(array, shape[2])
+
+
+def _guess(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray | None:
+    """A path to begin with."""
+    if value is None:
+        return None
+    array = np.ascontiguousarray(_checks.real_array(name, value))
+    if array.shape != shape:
+        raise WrongShapeError(f"{name} has shape {array.shape}: give {shape} (time, dof, path)")
+    return array
 
 
 def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Schemes: from the catalogue, from a quadrature of the action, from a tableau of your own."""
+"""Schemes: from the catalogue, from a quadrature of the action, from a tableau of your own, from other schemes."""
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,21 +86,25 @@ def as_scheme(scheme: str | Scheme) -> Scheme:
     return scheme if isinstance(scheme, Scheme) else get(scheme)
 
 
-def from_quadrature(nodes, weights, degree: int, name: str | None = None) -> Scheme:
+def from_quadrature(nodes, weights, degree: int, name: str | None = None, noise_weights=None) -> Scheme:
     """The symplectic scheme of a quadrature of the action, from [WHSB] (49), (53)-(58).
 
-    nodes, weights: (node,) on the unit interval; degree: of the polynomials, at most the number of nodes.
-    IncompatibleError or InvalidArgumentError say why a quadrature gives no scheme.
+    nodes, weights: (node,) on the unit interval; degree: of the polynomials, at most the number of nodes;
+    noise_weights: (node,), where the noise has weights of its own. IncompatibleError or InvalidArgumentError
+    say why a quadrature gives no scheme.
     """
     nodes, weights = (_vector(key, x) for key, x in (("nodes", nodes), ("weights", weights)))
-    if len(nodes) != len(weights):
-        raise WrongShapeError(f"there are {len(nodes)} nodes and {len(weights)} weights: give one weight for each node")
+    own = None if noise_weights is None else _vector("noise_weights", noise_weights)
+    for what, given in (("weights", weights), ("noise weights", own)):
+        if given is not None and len(given) != len(nodes):
+            raise WrongShapeError(
+                f"there are {len(nodes)} nodes and {len(given)} {what}: give one weight for each node"
+            )
     pointer = ctypes.c_void_p()
     _handles.call(
         "scheme_from_quadrature",
         len(nodes),
-        _checks.address(nodes),
-        _checks.address(weights),
+        *(_checks.address(x) for x in (nodes, weights, own)),
         _checks.integer("degree", degree, _checks.INT32),
         _name(name),
         ctypes.byref(pointer),
@@ -107,30 +112,85 @@ def from_quadrature(nodes, weights, degree: int, name: str | None = None) -> Sch
     return Scheme(pointer)
 
 
-def from_tableau(a, abar, alpha, name: str | None = None, allow_nonsymplectic: bool = False) -> Scheme:
-    """The partitioned Runge-Kutta scheme with these coefficients (schemes for q: a, for p: abar).
+def from_tableau(  # noqa: PLR0917 - a tableau reads like its formula
+    a,
+    abar,
+    alpha,
+    name: str | None = None,
+    allow_nonsymplectic: bool = False,
+    b=None,
+    bbar=None,
+    beta=None,
+) -> Scheme:
+    """The partitioned Runge-Kutta scheme with these coefficients: a for q, abar for p.
 
-    a, abar: (stage, stage), row i = stage i; alpha: (stage,). A tableau that is not symplectic is refused
-    unless `allow_nonsymplectic`.
+    a, abar: (stage, stage), row i = stage i; alpha: (stage,); b, bbar, beta: those of the noise, by default the
+    same. A tableau that is not symplectic is refused unless `allow_nonsymplectic`.
     """
     alpha = _vector("alpha", alpha)
-    square = (len(alpha), len(alpha))
-    matrices = []
-    for key, value in (("a", a), ("abar", abar)):
-        matrix = np.ascontiguousarray(_checks.real_array(key, value))
-        if matrix.shape != square:
-            raise WrongShapeError(f"{key} has shape {matrix.shape}: give {square}, one row for each weight in alpha")
-        matrices.append(matrix)
+    size = len(alpha)
+    matrices = [_matrix(key, value, size) for key, value in (("a", a), ("abar", abar))]
+    own = [None if value is None else _matrix(key, value, size) for key, value in (("b", b), ("bbar", bbar))]
+    noise_weights = None if beta is None else _vector("beta", beta)
+    if noise_weights is not None and len(noise_weights) != size:
+        raise WrongShapeError(f"beta has {len(noise_weights)} weights: give {size}, one for each weight in alpha")
     pointer = ctypes.c_void_p()
     _handles.call(
         "scheme_from_tableau",
-        len(alpha),
-        *(_checks.address(x) for x in (*matrices, alpha)),
+        size,
+        *(_checks.address(x) for x in (*matrices, alpha, *own, noise_weights)),
         _name(name),
         _checks.flag("allow_nonsymplectic", allow_nonsymplectic),
         ctypes.byref(pointer),
     )
     return Scheme(pointer)
+
+
+def adjoint(scheme: str | Scheme, name: str | None = None) -> Scheme:
+    """The adjoint: the inverse map of a step back in time. That of symplectic_euler is symplectic_euler_adjoint."""
+    return _derived("scheme_adjoint", scheme, name)
+
+
+def symmetric_composition(scheme: str | Scheme, name: str | None = None) -> Scheme:
+    """Half a step of a scheme, then half a step of its adjoint. That of symplectic_euler is stormer_verlet."""
+    return _derived("scheme_symmetric_composition", scheme, name)
+
+
+def triple_jump(scheme: str | Scheme, name: str | None = None) -> Scheme:
+    """Three steps of a symmetric scheme, the second one back: two orders more without noise."""
+    return _derived("scheme_triple_jump", scheme, name)
+
+
+def composition(parts: Sequence[str | Scheme], fractions, name: str = "composition") -> Scheme:
+    """Steps of several schemes one after the other, each with its fraction of the step and of all increments.
+
+    fractions: (part,), their sum is one.
+    """
+    chain = [as_scheme(part) for part in parts]
+    gamma = _vector("fractions", fractions)
+    if len(chain) != len(gamma):
+        raise WrongShapeError(f"there are {len(chain)} parts and {len(gamma)} fractions: give one for each part")
+    handles = (ctypes.c_void_p * len(chain))(*(part._handle.pointer for part in chain))
+    pointer = ctypes.c_void_p()
+    with _handles.held(*{id(part): part for part in sorted(chain, key=id)}.values()):
+        _handles.call("scheme_compose", len(chain), handles, _checks.address(gamma), _name(name), ctypes.byref(pointer))
+    return Scheme(pointer)
+
+
+def _derived(function: str, scheme: str | Scheme, name: str | None) -> Scheme:
+    """A scheme made from another one."""
+    base = as_scheme(scheme)
+    pointer = ctypes.c_void_p()
+    with _handles.held(base):
+        _handles.call(function, base._handle.pointer, None if name is None else _name(name), ctypes.byref(pointer))
+    return Scheme(pointer)
+
+
+def _matrix(key: str, value: object, size: int) -> np.ndarray:
+    matrix = np.ascontiguousarray(_checks.real_array(key, value))
+    if matrix.shape != (size, size):
+        raise WrongShapeError(f"{key} has shape {matrix.shape}: give {(size, size)}, one row for each weight in alpha")
+    return matrix
 
 
 def _vector(key: str, value: object) -> np.ndarray:

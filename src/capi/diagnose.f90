@@ -19,6 +19,7 @@ module symsde_capi_diagnose
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
+   public :: read_run
    public :: symsde_symplecticity, symsde_discrete_action, symsde_euler_lagrange_residual, symsde_exact_solution
 
    integer, parameter :: of_action = 1, of_residual = 2

@@ -17,7 +17,7 @@ module symsde_capi_scheme
    use symsde_scheme_tableau, only: scheme_from_tableau
    implicit none
    private
-   public :: find_scheme
+   public :: find_scheme, begin_handle, new_handle, check_stages
    public :: symsde_scheme_info_init, symsde_scheme_names, symsde_scheme_get, symsde_scheme_from_quadrature
    public :: symsde_scheme_from_tableau, symsde_scheme_delete, symsde_scheme_get_info
    public :: symsde_scheme_certificate
@@ -109,15 +109,15 @@ contains
    end function symsde_scheme_get
 
    !> The scheme of a quadrature of the action.
-   function symsde_scheme_from_quadrature(nnode, nodes, weights, degree, name, scheme, error) result(status) &
-      bind(c, name='symsde_scheme_from_quadrature')
+   function symsde_scheme_from_quadrature(nnode, nodes, weights, noise_weights, degree, name, scheme, error) &
+      result(status) bind(c, name='symsde_scheme_from_quadrature')
       integer(c_int), intent(in), value :: nnode, degree
-      type(c_ptr), intent(in), value :: nodes, weights, name, scheme, error
+      type(c_ptr), intent(in), value :: nodes, weights, noise_weights, name, scheme, error
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       character(:), allocatable :: text
       type(scheme_type) :: made
-      real(wp), pointer, contiguous :: c(:), alpha(:)
+      real(wp), pointer, contiguous :: c(:), alpha(:), beta(:)
       integer(i8) :: n
 
       call begin_handle(scheme, refusal)
@@ -129,23 +129,26 @@ contains
          n = nnode
          call view(nodes, n, c)
          call view(weights, n, alpha)
-         call scheme_from_quadrature(made, int(degree), c, alpha, text, refusal)
+         nullify (beta)
+         if (c_associated(noise_weights)) call view(noise_weights, n, beta)
+         ! a null pointer is an absent argument
+         call scheme_from_quadrature(made, int(degree), c, alpha, text, refusal, beta)
       end if
       call new_handle(made, scheme, refusal)
       status = finish(refusal, error)
    end function symsde_scheme_from_quadrature
 
    !> A scheme from a tableau of the user's own.
-   function symsde_scheme_from_tableau(nstage, a, abar, alpha, name, allow_nonsymplectic, scheme, error) &
-      result(status) bind(c, name='symsde_scheme_from_tableau')
+   function symsde_scheme_from_tableau(nstage, a, abar, alpha, b, bbar, beta, name, allow_nonsymplectic, scheme, &
+                                       error) result(status) bind(c, name='symsde_scheme_from_tableau')
       integer(c_int), intent(in), value :: nstage, allow_nonsymplectic
-      type(c_ptr), intent(in), value :: a, abar, alpha, name, scheme, error
+      type(c_ptr), intent(in), value :: a, abar, alpha, b, bbar, beta, name, scheme, error
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       character(:), allocatable :: text
       type(scheme_type) :: made
-      real(wp), pointer, contiguous :: rows(:, :), rows_bar(:, :), weights(:)
-      real(wp), allocatable :: by_column(:, :), by_column_bar(:, :)
+      real(wp), pointer, contiguous :: weights(:), noise_weights(:)
+      real(wp), allocatable :: drift(:, :), drift_bar(:, :), noise(:, :), noise_bar(:, :)
       integer(i8) :: n
 
       call begin_handle(scheme, refusal)
@@ -156,17 +159,32 @@ contains
       call require(alpha, 'alpha', refusal)
       if (.not. allocated(refusal)) then
          n = nstage
-         call view(a, n, n, rows)
-         call view(abar, n, n, rows_bar)
+         call read_rows(a, n, drift)
+         call read_rows(abar, n, drift_bar)
+         call read_rows(b, n, noise)
+         call read_rows(bbar, n, noise_bar)
          call view(alpha, n, weights)
-         by_column = transpose(rows)
-         by_column_bar = transpose(rows_bar)
-         call scheme_from_tableau(made, by_column, by_column_bar, weights, text, &
-                                  allow_nonsymplectic /= 0, refusal)
+         nullify (noise_weights)
+         if (c_associated(beta)) call view(beta, n, noise_weights)
+         ! what was not given is not allocated, or null, and so an absent argument
+         call scheme_from_tableau(made, drift, drift_bar, weights, text, allow_nonsymplectic /= 0, refusal, &
+                                  noise, noise_bar, noise_weights)
       end if
       call new_handle(made, scheme, refusal)
       status = finish(refusal, error)
    end function symsde_scheme_from_tableau
+
+   !> A square matrix of the caller's, row by row, as columns; not allocated where there is none.
+   subroutine read_rows(given, n, matrix)
+      type(c_ptr), intent(in) :: given
+      integer(i8), intent(in) :: n
+      real(wp), allocatable, intent(out) :: matrix(:, :)
+      real(wp), pointer, contiguous :: rows(:, :)
+
+      if (.not. c_associated(given)) return
+      call view(given, n, n, rows)
+      matrix = transpose(rows)
+   end subroutine read_rows
 
    !> Delete a scheme and set its handle to NULL; NULL is accepted.
    function symsde_scheme_delete(scheme) result(status) bind(c, name='symsde_scheme_delete')

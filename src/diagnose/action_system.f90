@@ -16,6 +16,8 @@
 !> matrix is the symmetric banded Hessian of S. Of the scheme a, alpha and c enter (diagnose/lagrangian).
 module symsde_diagnose_action_system
    use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, out_of_memory
+   use symsde_base_text, only: to_text
    use symsde_diagnose_lagrangian, only: discrete_lagrangian
    implicit none
    private
@@ -49,14 +51,14 @@ module symsde_diagnose_action_system
 
 contains
 
-   !> Room for the paths of the Lagrangian's lanes over nstep steps; info is nonzero without memory.
-   subroutine new_action_system(self, lagrangian, nstep, t0, h, info)
+   !> Room for the paths of the Lagrangian's lanes over nstep steps. Errors: out_of_memory.
+   subroutine new_action_system(self, lagrangian, nstep, t0, h, error)
       type(action_system), intent(out) :: self
       type(discrete_lagrangian), intent(in) :: lagrangian
       integer, intent(in) :: nstep
       real(wp), intent(in) :: t0, h   !! time of the first step, step [time]
-      integer, intent(out) :: info
-      integer :: n, r
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: n, r, info
 
       self%lagrangian = lagrangian
       n = lagrangian%ham%ndof
@@ -76,6 +78,8 @@ contains
                    self%band(3*self%width + 1, self%nunknown), self%hqq(l, n, n, r, nstep), &
                    self%hqp(l, n, n, r, nstep), self%hpp(l, n, n, r, nstep), stat=info)
       end associate
+      if (info /= 0) call raise(error, out_of_memory, 'new_action_system', 'no memory for the equations of '// &
+                                to_text(nstep)//' steps: give fewer steps')
    end subroutine new_action_system
 
    !> Position before the first component of V_i (P_i follows) of a step, from 1.

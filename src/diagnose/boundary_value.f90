@@ -85,11 +85,12 @@ contains
          return
       end if
       call new_action_system(system, lagrangian, int(options%nstep), &
-                             options%t0 + real(options%first_step, wp)*options%step, options%step, info)
-      if (info == 0) allocate (w(options%npath, noise%nnoise, options%nstep), stat=info)
+                             options%t0 + real(options%first_step, wp)*options%step, options%step, error)
+      if (allocated(error)) return
+      allocate (w(options%npath, noise%nnoise, options%nstep), stat=info)
       if (info /= 0) then
-         call raise(error, out_of_memory, place, 'no memory for the equations of '//to_text(options%nstep)// &
-                    ' steps: give fewer steps')
+         call raise(error, out_of_memory, place, 'no memory for the increments of '//to_text(options%nstep)// &
+                    ' steps: give fewer steps or paths')
          return
       end if
       call collect_increments(noise, options, w)

@@ -218,39 +218,148 @@ static void test_schemes(void) {
    CHECK(holds(text, "midpoint|symplectic|yes|weak order") && needed == strlen(text) + 1);
    CHECK(symsde_scheme_delete(&scheme) == 0 && scheme == NULL && symsde_scheme_delete(&scheme) == 0);
 
-   OK(symsde_scheme_from_quadrature(1, nodes, one, 1, "mine", &scheme, &error));
+   OK(symsde_scheme_from_quadrature(1, nodes, one, NULL, 1, "mine", &scheme, &error));
    OK(symsde_scheme_get_info(scheme, &info, &error));
    CHECK(strcmp(info.name, "mine") == 0 && info.symplectic == 1 && info.degree == 1);
    symsde_scheme_delete(&scheme);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "sum",
-          symsde_scheme_from_quadrature(1, nodes, bad_weights, 1, "x", &scheme, &error));
+          symsde_scheme_from_quadrature(1, nodes, bad_weights, NULL, 1, "x", &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "outside",
-          symsde_scheme_from_quadrature(1, node_outside, one, 1, "x", &scheme, &error));
-   EXPECT(SYMSDE_INCOMPATIBLE, "degree 2", symsde_scheme_from_quadrature(1, nodes, one, 2, "x", &scheme, &error));
-   EXPECT(SYMSDE_WRONG_SHAPE, "nnode = 0", symsde_scheme_from_quadrature(0, nodes, one, 1, "x", &scheme, &error));
+          symsde_scheme_from_quadrature(1, node_outside, one, NULL, 1, "x", &scheme, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "degree 2", symsde_scheme_from_quadrature(1, nodes, one, NULL, 2, "x", &scheme, &error));
+   EXPECT(SYMSDE_WRONG_SHAPE, "nnode = 0", symsde_scheme_from_quadrature(0, nodes, one, NULL, 1, "x", &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "nodes is NULL",
-          symsde_scheme_from_quadrature(1, NULL, one, 1, "x", &scheme, &error));
+          symsde_scheme_from_quadrature(1, NULL, one, NULL, 1, "x", &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "weights is NULL",
-          symsde_scheme_from_quadrature(1, nodes, NULL, 1, "x", &scheme, &error));
+          symsde_scheme_from_quadrature(1, nodes, NULL, NULL, 1, "x", &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "name is NULL",
-          symsde_scheme_from_quadrature(1, nodes, one, 1, NULL, &scheme, &error));
+          symsde_scheme_from_quadrature(1, nodes, one, NULL, 1, NULL, &scheme, &error));
 
-   OK(symsde_scheme_from_tableau(2, heun, heun, half, "my heun", 1, &scheme, &error));
+   OK(symsde_scheme_from_tableau(2, heun, heun, half, NULL, NULL, NULL, "my heun", 1, &scheme, &error));
    OK(symsde_scheme_get_info(scheme, &info, &error));
    CHECK(info.symplectic == 0 && info.nstage == 2);
    OK(symsde_scheme_certificate(scheme, text, sizeof text, NULL, &error));
    CHECK(strstr(text, "for every model") != NULL); /* explicit: the rows are rows */
    symsde_scheme_delete(&scheme);
    EXPECT(SYMSDE_INCOMPATIBLE, "not symplectic|allow_nonsymplectic",
-          symsde_scheme_from_tableau(2, heun, heun, half, "x", 0, &scheme, &error));
+          symsde_scheme_from_tableau(2, heun, heun, half, NULL, NULL, NULL, "x", 0, &scheme, &error));
    CHECK(scheme == NULL);
-   EXPECT(SYMSDE_WRONG_SHAPE, "nstage = -2", symsde_scheme_from_tableau(-2, heun, heun, half, "x", 1, &scheme, &error));
+   EXPECT(SYMSDE_WRONG_SHAPE, "nstage = -2",
+          symsde_scheme_from_tableau(-2, heun, heun, half, NULL, NULL, NULL, "x", 1, &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "abar is NULL",
-          symsde_scheme_from_tableau(2, heun, NULL, half, "x", 1, &scheme, &error));
+          symsde_scheme_from_tableau(2, heun, NULL, half, NULL, NULL, NULL, "x", 1, &scheme, &error));
    EXPECT(SYMSDE_UNKNOWN_NAME, "midpiont|midpoint", symsde_scheme_get("midpiont", &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "lambda", symsde_scheme_get("lambda:7", &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "name is NULL", symsde_scheme_get(NULL, &scheme, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "scheme is NULL", symsde_scheme_get("midpoint", NULL, &error));
+}
+
+static void test_schemes_from_schemes(void) {
+   const double fractions[] = {0.25, 0.75}, half[] = {0.5, 0.5}, root = sqrt(3.0) / 6;
+   const double nodes[] = {0.5 - root, 0.5 + root}, own[] = {0.25, 0.75}, bad[] = {0.5, 0.6}, a[] = {0.5}, b[] = {0.4};
+   const double one[] = {1.0};
+   symsde_scheme euler = new_scheme("symplectic_euler"), midpoint = new_scheme("midpoint"), made = NULL;
+   symsde_scheme special = new_scheme("verlet_dz"), parts[] = {midpoint, midpoint}, holes[] = {midpoint, NULL};
+   symsde_scheme_info info;
+
+   symsde_scheme_info_init(&info);
+   OK(symsde_scheme_adjoint(euler, NULL, &made, &error));
+   OK(symsde_scheme_get_info(made, &info, &error));
+   CHECK(strcmp(info.name, "symplectic_euler_adjoint") == 0 && info.correction_coefficient == -0.5);
+   symsde_scheme_delete(&made);
+   OK(symsde_scheme_symmetric_composition(euler, "verlet", &made, &error));
+   OK(symsde_scheme_get_info(made, &info, &error));
+   CHECK(strcmp(info.name, "verlet") == 0 && info.symmetric == 1 && info.nstage == 2 && info.symplectic == 1);
+   symsde_scheme_delete(&made);
+   OK(symsde_scheme_triple_jump(midpoint, NULL, &made, &error));
+   OK(symsde_scheme_get_info(made, &info, &error));
+   CHECK(strcmp(info.name, "midpoint_triple_jump") == 0 && info.nstage == 3 && info.keeps_quadratic == 1);
+   symsde_scheme_delete(&made);
+   OK(symsde_scheme_compose(2, parts, fractions, "two", &made, &error));
+   OK(symsde_scheme_get_info(made, &info, &error));
+   CHECK(strcmp(info.name, "two") == 0 && info.nstage == 2 && info.symmetric == 0 && info.keeps_quadratic == 1);
+   symsde_scheme_delete(&made);
+   EXPECT(SYMSDE_INCOMPATIBLE, "not symmetric", symsde_scheme_triple_jump(euler, NULL, &made, &error));
+   CHECK(made == NULL);
+   EXPECT(SYMSDE_INCOMPATIBLE, "verlet_dz", symsde_scheme_adjoint(special, NULL, &made, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "symsde_scheme_get", symsde_scheme_adjoint(NULL, NULL, &made, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "symsde_scheme_get", symsde_scheme_compose(2, holes, half, "x", &made, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "sum to", symsde_scheme_compose(2, parts, bad, "x", &made, &error));
+   EXPECT(SYMSDE_WRONG_SHAPE, "npart = 0", symsde_scheme_compose(0, parts, half, "x", &made, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "parts is NULL", symsde_scheme_compose(2, NULL, half, "x", &made, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "scheme is NULL", symsde_scheme_triple_jump(midpoint, NULL, NULL, &error));
+
+   OK(symsde_scheme_from_quadrature(2, nodes, half, own, 2, "own", &made, &error));
+   OK(symsde_scheme_get_info(made, &info, &error));
+   CHECK(info.symplectic == 1 && info.correction_coefficient == 0 && strcmp(info.name, "own") == 0);
+   symsde_scheme_delete(&made);
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "noise weights",
+          symsde_scheme_from_quadrature(2, nodes, half, bad, 2, "x", &made, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "not symplectic",
+          symsde_scheme_from_tableau(1, a, a, one, b, NULL, NULL, "x", 0, &made, &error));
+   OK(symsde_scheme_from_tableau(1, a, a, one, a, a, one, "x", 0, &made, &error));
+   symsde_scheme_delete(&made);
+   symsde_scheme_delete(&special);
+   symsde_scheme_delete(&midpoint);
+   symsde_scheme_delete(&euler);
+}
+
+enum { POINTS = 21, PATHS = 2 };
+
+static void test_stationary_path(void) {
+   const double start[PATHS] = {0.3, -0.2}, end[PATHS] = {0.5, 0.4}, far[PATHS] = {0.5, NAN};
+   double q[POINTS][1][PATHS], p[POINTS][1][PATHS], again[POINTS][1][PATHS], residual[4][PATHS];
+   double dw[POINTS - 1][2][PATHS], none[POINTS - 1][1][PATHS] = {{{0}}}, largest = 0, gap = 0;
+   int32_t status[PATHS];
+   symsde_model model = NULL, oscillator = NULL;
+   symsde_scheme scheme = new_scheme("gauss2"), midpoint = new_scheme("midpoint"), heun = new_scheme("heun");
+   symsde_options options;
+
+   OK(symsde_model_get("synchrotron", 0, NULL, NULL, &model, &error));
+   OK(symsde_model_get("linear_oscillator", 0, NULL, NULL, &oscillator, &error));
+   symsde_options_init(&options);
+   options.step = 0.05;
+   options.steps = POINTS - 1;
+   options.paths = PATHS;
+   options.seed = 3;
+   OK(symsde_stationary_path(model, scheme, &options, start, end, NULL, NULL, NULL, &q[0][0][0], &p[0][0][0], status,
+                             &error));
+   CHECK(status[0] == 0 && status[1] == 0 && q[0][0][1] == start[1] && q[POINTS - 1][0][0] == end[0]);
+   OK(symsde_increments(model, &options, &dw[0][0][0], &error));
+   OK(symsde_euler_lagrange_residual(model, scheme, &options, &q[0][0][0], &p[0][0][0], &dw[0][0][0], &residual[0][0],
+                                     &error));
+   for (int i = 0; i < 4; i++) {
+      largest = fmax(largest, fmax(residual[i][0], residual[i][1]));
+   }
+   CHECK(largest < 1e-13);
+   OK(symsde_stationary_path(model, scheme, &options, start, end, &dw[0][0][0], &q[0][0][0], &p[0][0][0],
+                             &again[0][0][0], &p[0][0][0], status, &error));
+   for (int i = 0; i < POINTS; i++) {
+      gap = fmax(gap, fabs(again[i][0][0] - q[i][0][0]));
+   }
+   CHECK(gap < 1e-13);
+   options.step = 2 * tan(acos(-1.0) / (2 * (POINTS - 1))); /* half a turn of the oscillator */
+   EXPECT(SYMSDE_PATHS_FAILED, "2 of 2 paths|conjugate",
+          symsde_stationary_path(oscillator, midpoint, &options, start, end, &none[0][0][0], NULL, NULL, &q[0][0][0],
+                                 &p[0][0][0], status, &error));
+   CHECK(status[0] == SYMSDE_SINGULAR && isnan(q[3][0][1]));
+   EXPECT(SYMSDE_INCOMPATIBLE, "heun",
+          symsde_stationary_path(model, heun, &options, start, end, NULL, NULL, NULL, &q[0][0][0], &p[0][0][0], status,
+                                 &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "q_end holds",
+          symsde_stationary_path(model, scheme, &options, start, far, NULL, NULL, NULL, &q[0][0][0], &p[0][0][0],
+                                 status, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "q_start is NULL",
+          symsde_stationary_path(model, scheme, &options, NULL, end, NULL, NULL, NULL, &q[0][0][0], &p[0][0][0], status,
+                                 &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "status is NULL",
+          symsde_stationary_path(model, scheme, &options, start, end, NULL, NULL, NULL, &q[0][0][0], &p[0][0][0], NULL,
+                                 &error));
+   symsde_scheme_delete(&heun);
+   symsde_scheme_delete(&midpoint);
+   symsde_scheme_delete(&scheme);
+   symsde_model_delete(&oscillator);
+   symsde_model_delete(&model);
 }
 
 static void test_handles(void) {
@@ -286,6 +395,8 @@ int main(void) {
    test_own_model();
    test_evaluation();
    test_schemes();
+   test_schemes_from_schemes();
+   test_stationary_path();
    test_handles();
    return close_report();
 }

@@ -96,6 +96,71 @@ def test_scheme_from_tableau(kubo, options):
     assert not ss.schemes.from_tableau(*heun, allow_nonsymplectic=True).info.symplectic
 
 
+def test_noise_weights_of_its_own(kubo, options):
+    root = np.sqrt(3) / 6
+    nodes, weights = [0.5 - root, 0.5 + root], [0.5, 0.5]
+    same = ss.schemes.from_quadrature(nodes, weights, 2, noise_weights=weights)
+    np.testing.assert_array_equal(
+        ss.simulate(kubo, scheme=same, **options).q,
+        ss.simulate(kubo, scheme=ss.schemes.from_quadrature(nodes, weights, 2), **options).q,
+    )
+    own = ss.schemes.from_quadrature(nodes, weights, 2, noise_weights=[0.25, 0.75])
+    assert own.info.symplectic and own.info.correction_coefficient == 0  # Gauss: consistent with any of them
+    assert ss.diagnose.symplecticity(kubo, own, step=0.2, dw=0.3).max() < 1e-13
+    with pytest.raises(ss.errors.WrongShapeError, match="1 noise weights"):
+        ss.schemes.from_quadrature(nodes, weights, 2, noise_weights=[1.0])
+    with pytest.raises(ValueError, match="noise weights sum"):
+        ss.schemes.from_quadrature(nodes, weights, 2, noise_weights=[0.5, 0.6])
+
+
+def test_tableau_with_noise_of_its_own():
+    half, one = [[0.5]], [1.0]
+    assert ss.schemes.from_tableau(half, half, one, b=half, bbar=half, beta=one).info.keeps_quadratic
+    with pytest.raises(ValueError, match="symplectic"):
+        ss.schemes.from_tableau(half, half, one, b=[[0.4]])
+    mixed = ss.schemes.from_tableau(half, half, one, b=[[0.4]], bbar=[[0.6]], allow_nonsymplectic=True)
+    assert not mixed.info.symplectic
+    with pytest.raises(ss.errors.WrongShapeError, match="bbar"):
+        ss.schemes.from_tableau(half, half, one, bbar=one)
+    with pytest.raises(ss.errors.WrongShapeError, match="beta"):
+        ss.schemes.from_tableau(half, half, one, beta=[0.5, 0.5])
+
+
+def test_schemes_from_schemes(kubo, options):
+    pairs = {
+        "symplectic_euler_adjoint": ss.schemes.adjoint("symplectic_euler"),
+        "stormer_verlet": ss.schemes.symmetric_composition(ss.schemes.get("symplectic_euler")),
+        "dirk:0.25": ss.schemes.composition(["midpoint", "midpoint"], [0.25, 0.75], name="two"),
+    }
+    for name, made in pairs.items():
+        mine, known = (ss.simulate(kubo, scheme=s, **options).q for s in (made, name))
+        np.testing.assert_allclose(mine, known, rtol=0, atol=1e-13)
+    jump = ss.schemes.triple_jump("midpoint", name="Yoshida")
+    assert jump.name == "Yoshida" and jump.info.nstage == 3 and jump.info.keeps_quadratic
+    assert "order without noise   4" in jump.certificate()
+    assert "order without noise   2" in ss.schemes.get("midpoint").certificate()
+    assert pairs["stormer_verlet"].name == "symplectic_euler_symmetric"
+    with pytest.raises(ValueError, match="not symmetric"):
+        ss.schemes.triple_jump("symplectic_euler")
+    with pytest.raises(ValueError, match="more of the path"):
+        ss.schemes.adjoint("verlet_dz")
+    with pytest.raises(ss.errors.WrongShapeError, match="2 parts and 1 fractions"):
+        ss.schemes.composition(["midpoint", "midpoint"], [1.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "order"), [("verlet_dz", 2), ("averaged_shift_midpoint", 1.5), ("drift_preserving", 1)]
+)
+def test_schemes_for_additive_noise(name, order):
+    scheme = ss.schemes.get(name)
+    assert scheme.info.order_additive == order and scheme.info.order_commutative == 0
+    assert "needs                 additive noise" in scheme.certificate()
+    run = ss.simulate(ss.models.henon_heiles(), q0=0.1, p0=0.0, step=0.1, steps=10, paths=5, scheme=scheme)
+    assert (run.status == 0).all()
+    with pytest.raises(ValueError, match="additive"):
+        ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=10, scheme=scheme)
+
+
 def test_versions():
     info = ss.build_info()
     assert ss.__version__ == info["version"]

@@ -42,6 +42,50 @@ def test_action_with_refine_and_given_increments(kubo):
     assert ss.diagnose.euler_lagrange_residual(given).max() < 1e-14
 
 
+@pytest.mark.parametrize("scheme", ["midpoint", "symplectic_euler", "gauss2"])
+def test_stationary_path_is_that_of_the_scheme(scheme):
+    model = ss.models.synchrotron()
+    common = {"step": 0.05, "steps": 20, "paths": 9, "seed": 4}
+    run = ss.simulate(model, scheme=scheme, q0=0.3, p0=0.5, **common)
+    found = ss.diagnose.stationary_path(model, scheme, q_start=0.3, q_end=run.q[-1], **common)
+    assert (found.status == 0).all() and found.q.shape == run.q.shape
+    np.testing.assert_array_equal(found.t, run.t)
+    np.testing.assert_allclose(found.q, run.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.p, run.p, rtol=0, atol=1e-12)
+    dw = ss.increments(model, step=0.05, steps=20, paths=9, seed=5)
+    other = ss.diagnose.stationary_path(model, scheme, q_start=0.3, q_end=run.q[-1], increments=dw, **common)
+    assert abs(other.q - run.q).max() > 1e-3  # another path of the noise
+    again = ss.diagnose.stationary_path(
+        model, scheme, q_start=0.3, q_end=run.q[-1], guess_q=run.q + 0.1, guess_p=run.p - 0.1, **common
+    )
+    np.testing.assert_allclose(again.p, run.p, rtol=0, atol=1e-12)
+
+
+def test_stationary_path_at_a_conjugate_point():
+    model = ss.models.linear_oscillator()
+    common = {"q_start": 1.0, "q_end": 0.2, "steps": 100, "increments": np.zeros((100, 1))}
+    turn = 2 * np.tan(np.pi / 200)  # a hundred midpoint steps are half a turn
+    singular = ss.diagnose.stationary_path(model, step=turn, **common)
+    assert singular.status[0] == 2 and np.isnan(singular.q).all()
+    found = ss.diagnose.stationary_path(model, step=0.9 * turn, **common)
+    assert found.status[0] == 0 and found.q[-1, 0, 0] == 0.2
+
+
+def test_stationary_path_refuses():
+    model = ss.models.linear_oscillator()
+    common = {"q_start": 1.0, "step": 0.1, "steps": 10}
+    with pytest.raises(ValueError, match="not symplectic"):
+        ss.diagnose.stationary_path(model, "heun", q_end=0.0, **common)
+    with pytest.raises(ss.errors.WrongShapeError, match="q_end"):
+        ss.diagnose.stationary_path(model, q_end=[0.0, 1.0], **common)
+    with pytest.raises(ss.errors.WrongShapeError, match="guess_p"):
+        ss.diagnose.stationary_path(model, q_end=0.0, guess_p=np.zeros((10, 1, 1)), **common)
+    with pytest.raises(ss.errors.WrongShapeError, match="increments"):
+        ss.diagnose.stationary_path(model, q_end=0.0, increments=np.zeros((9, 1)), **common)
+    with pytest.raises(ValueError, match="finite"):
+        ss.diagnose.stationary_path(model, q_end=np.nan, **common)
+
+
 def test_exact_solution_of_kubo(kubo, options):
     run = ss.simulate(kubo, **options)
     q, p = ss.diagnose.exact(run)
