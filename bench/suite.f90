@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Scenes of the library beside hand-fused programs of the same scheme, generator and arithmetic.
 !>
-!> bench_suite [REPEATS [SCALE]]: both run in turn, REPEATS times; SCALE percent of the usual steps.
+!> bench_suite [REPEATS [SCALE [SCENE [LANES]]]]: both run in turn, REPEATS times; SCALE percent of the
+!> usual steps; one scene instead of all; LANES a block in the library instead of its own choice.
 !> One thread, processor time, so that other work on the machine disturbs little.
 !> Lines: scene NAME, then ns per path-step of the library (median, least, largest), of the limit
 !> program (the same), the median of the ratios, and the largest difference of the final states.
@@ -41,8 +42,12 @@ contains
       real(wp), allocatable :: q(:), p(:)
       real(wp) :: ours(repeats), limit(repeats), start, end, unit, difference
       integer(i8) :: nstep, repeat
+      character(len=64) :: only
 
+      call get_command_argument(3, only)
+      if (only /= '' .and. only /= name) return
       call choose(name, scene)
+      scene%options%nlane = int(integer_argument(4, 0_i8))
       nstep = max(2_i8, usual*scale/200*2)
       unit = 1e9_wp/(real(npath, wp)*real(nstep, wp))
       allocate (q(npath*size(scene%q0)), p(npath*size(scene%q0)))

@@ -17,7 +17,7 @@ module symsde_model_abstract
    private
    public :: model_type, difference_along, default_step
    ! the defaults, for models that offer an operation only sometimes
-   public :: value_missing, hessian_by_differences, hessian_vector_composed
+   public :: value_missing, hessian_by_differences, hessian_vector_composed, force_stiffness_composed
 
    !> Step of a central difference, relative to the larger of the state and one.
    real(wp), parameter :: default_step = epsilon(1.0_wp)**(1.0_wp/3)
@@ -33,6 +33,7 @@ module symsde_model_abstract
       procedure :: hessian_vector => hessian_vector_composed
       procedure :: gradient_hessian => gradient_hessian_composed
       procedure :: hessian_banded => hessian_banded_by_differences
+      procedure :: force_stiffness => force_stiffness_composed
       procedure :: failure_code => never_failed
       procedure :: clear_failure => nothing_to_clear
    end type model_type
@@ -173,6 +174,22 @@ contains
          end if
       end do
    end subroutine hessian_banded_by_differences
+
+   !> Gradient in q and upper bands of the qq block: hqq(:,d,i) = d2/(dq_i dq_{i+d}), 0 <= d <= b; entries
+   !> outside the matrix are not defined. Default: one after the other; chains override it by one pass.
+   subroutine force_stiffness_composed(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      integer, intent(in) :: b   !! bandwidth, traits%bandwidth
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
+      real(wp), allocatable :: bands(:, :, :)
+
+      allocate (bands(nlane, -b:b, ndof))
+      call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq=hq)
+      call self%hessian_banded(nlane, ndof, nnoise, b, t, w, q, p, hqq=bands)
+      hqq = bands(:, 0:b, :)
+   end subroutine force_stiffness_composed
 
    !> Nonzero after a user callback has refused: its own return code. Built-in models never refuse.
    integer function never_failed(self) result(code)

@@ -60,24 +60,29 @@ module symsde_solve_newton
       procedure :: update
       procedure :: update_scalar
       procedure :: judge
+      procedure :: fail
    end type newton_type
 
 contains
 
    !> Room for n unknowns a lane; kl >= 0 makes the matrix banded with kl sub- and ku superdiagonals.
-   subroutine new_newton(self, nlane, n, options, affine, kl, ku)
+   subroutine new_newton(self, nlane, n, options, affine, kl, ku, judge_only)
       type(newton_type), intent(out) :: self
       integer, intent(in) :: nlane, n
       type(newton_options), intent(in) :: options
       logical, intent(in) :: affine
       integer, intent(in) :: kl, ku  !! both -1 for dense matrices
+      logical, intent(in), optional :: judge_only  !! no matrix, no update: the stepper solves and corrects
 
       self%nlane = nlane
       self%n = n
       self%options = options
       self%affine = affine .and. options%fixed_point == 0 .and. .not. options%damped
-      allocate (self%r(nlane, n), self%last(nlane), self%step(nlane), self%size(nlane))
-      allocate (self%active(nlane), self%verdict(nlane))
+      allocate (self%last(nlane), self%step(nlane), self%size(nlane))
+      if (present(judge_only)) then
+         if (judge_only) return
+      end if
+      allocate (self%r(nlane, n), self%active(nlane), self%verdict(nlane))
       if (options%damped) call new_damping(self%damping, nlane, n)
       if (options%fixed_point > 0) return
       if (kl < 0) then
@@ -148,6 +153,19 @@ contains
       call test_lanes(self%nlane, test_level(self), self%step, self%size, self%last, nrunning, nfailed)
       call conclude(self, nrunning, nfailed, status, counters)
    end subroutine judge
+
+   !> Freeze a lane whose system could not be solved.
+   subroutine fail(self, lane, code, status, counters)
+      class(newton_type), intent(inout) :: self
+      integer, intent(in) :: lane
+      integer(i8), intent(in) :: code                          !! its status
+      integer(i8), intent(inout) :: status(self%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      status(lane) = code
+      self%last(lane) = failed
+      counters%failures = counters%failures + 1
+   end subroutine fail
 
    !> Count the iteration, give lanes that failed their status, and end at the bound of iterations.
    subroutine conclude(self, nrunning, nfailed, status, counters)

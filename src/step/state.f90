@@ -113,14 +113,15 @@ contains
       integer, intent(out) :: nbad
       integer :: lane, i
 
-      do lane = 1, nlane
-         bad(lane) = merge(0.0_wp, 1.0_wp, status(lane) == 0)
-      end do
+      ! 0*x is 0 where x is finite and NaN where it is not, and NaN stays: no comparison for each value
+      bad = 0
       do i = 1, ndof
          do lane = 1, nlane
-            bad(lane) = merge(bad(lane), 1.0_wp, abs(q(lane, i) + dq(lane, i)) <= huge(1.0_wp) .and. &
-                              abs(p(lane, i) + dp(lane, i)) <= huge(1.0_wp))
+            bad(lane) = bad(lane) + (0*(q(lane, i) + dq(lane, i)) + 0*(p(lane, i) + dp(lane, i)))
          end do
+      end do
+      do lane = 1, nlane
+         bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
       end do
       nbad = nint(sum(bad))
    end subroutine find_bad
