@@ -14,6 +14,7 @@ from .systems import noisy_spring, squeeze
 
 TRUNCATED = {0.01: 4.29, 0.1: 3.03, 10.0: 3.03}  #: step: cut c = sqrt(4 |ln h|), at which runs are allowed
 REFUSED = (0.2, 0.5, 0.9, 0.99, 1.0, 1.5)  #: steps at which c < 3
+STILL = 0.0  #: the increments of S15
 TINY = (1e-300, 1e-160, 1e-17)
 
 
@@ -115,7 +116,7 @@ def no_noise(quick: bool) -> Scenario:
     result = Scenario("S15", "sigma = 0")
     steps = 50
     options = {"q0": 1.0, "p0": 0.5, "step": 0.1, "steps": steps, "paths": 9, "threads": 1}
-    zeros = np.zeros((steps, 1))
+    zeros = np.full((steps, 1), STILL)
     tried, different, drawn, distances = 0, [], [], [0.0]
     for name in ss.schemes.names():
         info = ss.schemes.get(name).info

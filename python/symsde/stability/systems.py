@@ -12,26 +12,6 @@ import numpy as np
 import symsde as ss
 
 
-def in_potential(force, stiffness, potential, *, clocked: bool = False, **traits) -> ss.Model:
-    """H = p^2/2 + U(q) with U, U' (force) and U'' (stiffness) given; one degree of freedom."""
-    k = int(clocked)
-
-    def gradient(t, w, q, p):
-        return w[k] * force(q), w[k] * p
-
-    def hessian(t, w, q, p):
-        zero = np.zeros((1, 1, q.shape[1]))
-        return (w[k] * stiffness(q))[None], zero, zero + w[k]
-
-    def value(t, w, q, p):
-        return w[k] * (p[0] ** 2 / 2 + potential(q)[0])
-
-    more = {"separable": True, **traits}
-    if not clocked:
-        more |= {"identity_mass": True, "additive": True, "position_noise": True}
-    return ss.Model(ndof=1, nnoise=k, gradient=gradient, hessian=hessian, value=value, **more)
-
-
 def _quiet(function):
     """Overflow is what is looked at, not warned of."""
 
@@ -42,10 +22,32 @@ def _quiet(function):
     return quiet
 
 
+def in_potential(force, stiffness, potential, *, clocked: bool = False, **traits) -> ss.Model:
+    """H = p^2/2 + U(q) with U, U' (force) and U'' (stiffness) given; one degree of freedom."""
+    k = int(clocked)
+
+    @_quiet
+    def gradient(t, w, q, p):
+        return w[k] * force(q), w[k] * p
+
+    @_quiet
+    def hessian(t, w, q, p):
+        zero = np.zeros((1, 1, q.shape[1]))
+        return (w[k] * stiffness(q))[None], zero, zero + w[k]
+
+    @_quiet
+    def value(t, w, q, p):
+        return w[k] * (p[0] ** 2 / 2 + potential(q)[0])
+
+    more = {"separable": True, **traits}
+    if not clocked:
+        more |= {"identity_mass": True, "additive": True, "position_noise": True}
+    return ss.Model(ndof=1, nnoise=k, gradient=gradient, hessian=hessian, value=value, **more)
+
+
 def quartic(clocked: bool = False) -> ss.Model:
     """U = q^4/4."""
-    forces = (lambda q: q**3, lambda q: 3 * q**2, lambda q: q**4 / 4)
-    return in_potential(*(_quiet(function) for function in forces), clocked=clocked)
+    return in_potential(lambda q: q**3, lambda q: 3 * q**2, lambda q: q**4 / 4, clocked=clocked)
 
 
 def double_well() -> ss.Model:

@@ -36,7 +36,7 @@ def save(path: Path, study) -> None:
         left, right = page.subplots(1, 2, sharey=True)
         draw(study, left, right)
         page.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-        _files.replace(path, lambda part: page.savefig(part, dpi=160))
+        _files.replace(path, lambda part: page.savefig(part, dpi=120))
 
 
 def draw(study, left, right) -> None:
@@ -47,13 +47,17 @@ def draw(study, left, right) -> None:
         size = 7.5 - 4 * i / len(study.schemes)
         style = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "markersize": size}
         order = study.orders[name]
-        label = f"{name}, order {order.value:.2f}" if order.points > 1 else name
+        label = f"{name}, slope {order.value:.2f}" if order.points > 1 else name
         _curve(left, rows, "seconds", style, label)
         _curve(right, rows, "h", style, None)
     _front(left, study.rows)
     _floor(left, right, study.rows)
     left.set(xscale="log", yscale="log", xlabel="run time of a path [s]", ylabel="strong error (rms)")
     right.set(xscale="log", yscale="log", xlabel="step $h$")
+    ticker = importlib.import_module("matplotlib.ticker")
+    for axis in (left.xaxis, right.xaxis, left.yaxis):
+        axis.set_minor_formatter(ticker.NullFormatter())
+        axis.set_major_locator(ticker.LogLocator(base=10, numticks=12))
     left.set_title("error against run time", loc="left", fontsize=9)
     right.set_title("error against step", loc="left", fontsize=9)
 

@@ -44,7 +44,7 @@ def _same_errors(studies) -> str:
         if len(rows) > 1 and max(errors) <= SAME * min(errors):
             seconds = [row["seconds"] for row in rows]
             cheap = min(rows, key=lambda row: row["seconds"])["scheme"]
-            same.append(f"{study.name} ({cheap} is {max(seconds) / min(seconds):.0f} times cheaper than the dearest)")
+            same.append(f"{study.name} ({cheap} costs {max(seconds) / min(seconds):.2g} times less than the dearest)")
     if not same:
         return ""
     return (
@@ -62,7 +62,8 @@ def _integrals(studies) -> str:
             others = [row for row in study.rows if row["status"] == "ok" and not _beyond(row["scheme"])]
             if not others:
                 continue
-            best = min(others, key=lambda row: row["err_strong"])
+            least = min(row["err_strong"] for row in others)
+            best = min((row for row in others if row["err_strong"] <= SAME * least), key=lambda row: row["seconds"])
             mine = cheapest([r for r in study.rows if r["status"] == "ok" and r["scheme"] == name], best["err_strong"])
             if mine:
                 gain = best["seconds"] / mine[0]["seconds"]
@@ -93,7 +94,8 @@ def _against(studies) -> list[str]:
         here, there = cheapest(mine, target), cheapest(rest, target)
         factor = here[0]["seconds"] / there[0]["seconds"]
         text = f"{study.name} ({max(factor, 1 / factor):.1f} times, error {target:.0e})"
-        (losses if factor > 1 else wins).append(text)
+        if max(factor, 1 / factor) > SAME:
+            (losses if factor > 1 else wins).append(text)
     lines = []
     if losses:
         lines.append(

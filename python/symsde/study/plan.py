@@ -222,6 +222,8 @@ def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Re
             f"reference = 'exact' does not fit {scheme.name}: the exact solution of {plan.model.name} draws its own "
             "integrals given the increments, not those of the scheme; give reference = 'auto'"
         )
+    if wanted == "exact" and not _has_exact(plan):
+        raise InvalidArgumentError(f"reference = 'exact': {plan.model.name} has no exact solution, give 'auto'")
     if wanted == "exact" or (wanted == "auto" and only_increments and _has_exact(plan)):
         if steps is not None and wanted == "exact":
             raise InvalidArgumentError("reference_steps is for a scheme: the exact solution needs none, leave it out")

@@ -33,10 +33,10 @@ def study(file: str | os.PathLike, **given: Any) -> WorkPrecision:
 
 
 def about(file: str | os.PathLike) -> str:
-    """The comment that a scene begins with."""
+    """The comment that a scene begins with; indented lines stay as they are."""
     lines = []
     for line in Path(file).read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):
             break
-        lines.append(line.lstrip("# ").rstrip())
-    return " ".join(lines)
+        lines.append(line[2:].replace("   ", "    ", 1) if line.startswith("#    ") else line[2:])
+    return "\n".join(lines) + "\n"

@@ -3,41 +3,51 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 from .plan import SMALL, Plan
 
 TARGET = 0.02  #: seconds of one repeat, more where one block takes longer
-MOST = 16  #: blocks of one repeat
+MOST = 1024  #: blocks of one repeat
 COUNTERS = ("normals", "gradients", "hessians", "iterations", "solves")
 
 
 def cost(plan: Plan, scheme, steps: int) -> dict:
-    """Median seconds of a path with quartiles over warm repeats on one thread, and counters of a path-step."""
+    """Median seconds of a path with quartiles over warm repeats on one thread, and counters of a path-step.
+
+    Seconds are those of the processor: on an idle machine the elapsed ones, on a busy one not its other users'.
+    """
     block = 256 if plan.model.ndof <= SMALL else 64
     block = min(block, plan.paths) if np.ndim(plan.q0) == 2 or np.ndim(plan.p0) == 2 else block
-    warm = _run(plan, scheme, steps, block)
+    _, first = _run(plan, scheme, steps, block)
     paths = block
     if np.ndim(plan.q0) < 2 and np.ndim(plan.p0) < 2:
-        paths *= int(np.clip(round(TARGET / max(_seconds(warm), 1e-6)), 1, MOST))
-    runs = [_run(plan, scheme, steps, paths) for _ in range(plan.repeats)]
-    seconds = np.array([_seconds(run) for run in runs]) / paths
-    counters = runs[-1].report.counters
+        paths *= int(np.clip(round(TARGET / max(first, 1e-6)), 1, MOST))
+    _run(plan, scheme, steps, paths)  # warm
+    seconds, elapsed = np.empty(plan.repeats), np.empty(plan.repeats)
+    for i in range(plan.repeats):
+        begin = time.perf_counter()
+        report, seconds[i] = _run(plan, scheme, steps, paths)
+        elapsed[i] = time.perf_counter() - begin
+    seconds, elapsed = seconds / paths, elapsed / paths
+    counters = report.counters
     row = {
         "seconds": float(np.median(seconds)),
         "seconds_low": float(np.quantile(seconds, 0.25)),
         "seconds_high": float(np.quantile(seconds, 0.75)),
+        "elapsed": float(np.median(elapsed)),
         "repeats": plan.repeats,
         "timing_paths": paths,
-        "threads": runs[-1].report.threads,
+        "threads": report.threads,
     }
     per = max(counters["path_steps"], 1)
     return row | {name: counters[name] / per for name in COUNTERS}
 
 
 def _run(plan: Plan, scheme, steps: int, paths: int):
-    return plan.run(scheme, steps, shared=False, paths=paths, threads=1)
-
-
-def _seconds(run) -> float:
-    return run.report.timings["run"]
+    """Report of a run and the processor's seconds that it took."""
+    begin = time.process_time()
+    report = plan.run(scheme, steps, shared=False, paths=paths, threads=1).report
+    return report, time.process_time() - begin

@@ -15,7 +15,8 @@ def paragraph(rows: list[dict], orders: dict) -> str:
     """A recommendation for a few errors, what it is worth, and where it does not hold."""
     usable = [row for row in rows if row["status"] == "ok"]
     if not usable:
-        return "No point of this study has an error that can be trusted: use smaller steps or more paths."
+        text = "No point of this study has an error that can be trusted: use smaller steps or more paths."
+        return f"{text} {_failures(rows)}".strip()
     sentences = [recommend(usable, target) for target in targets(usable)]
     sentences += [_losers(usable), _contrast(usable), _order(orders), _failures(rows), _drift(usable)]
     return " ".join(sentence for sentence in sentences if sentence)
@@ -47,7 +48,7 @@ def recommend(usable: list[dict], target: float) -> str:
     if not found:
         return ""
     best, others = found[0], found[1:]
-    text = f"For an error of {target:.0e} use {best['scheme']} at h = {best['h']:.3g}: "
+    text = f"For an error of {target:g} use {best['scheme']} at h = {best['h']:.3g}: "
     text += f"{best['seconds'] * 1e6:.3g} microseconds a path"
     equal = [row["scheme"] for row in others if row["seconds"] <= CLOSE * best["seconds"]]
     if equal:
@@ -69,7 +70,7 @@ def _losers(usable: list[dict]) -> str:
     factor = worst["seconds"] / found[0]["seconds"]
     if factor < 2:
         return ""
-    return f"{worst['scheme']} is the most expensive way to {target:.0e}, {factor:.0f} times the cheapest."
+    return f"{worst['scheme']} is the most expensive way to {target:g}, {factor:.0f} times the cheapest."
 
 
 def _contrast(usable: list[dict]) -> str:
@@ -83,9 +84,9 @@ def _contrast(usable: list[dict]) -> str:
             factor = structured[0]["seconds"] / plain[0]["seconds"]
             name = plain[0]["scheme"]
             if factor > CLOSE:
-                wins.append(f"{name} beats every symplectic scheme {factor:.1f}-fold at {target:.0e}")
+                wins.append(f"{name} beats every symplectic scheme {factor:.1f}-fold at {target:g}")
             elif factor < 1 / CLOSE:
-                losses.append(f"{1 / factor:.1f}-fold at {target:.0e}")
+                losses.append(f"{1 / factor:.1f}-fold at {target:g}")
     if wins:
         return f"Not being symplectic can pay over this horizon: {_listed(wins)}."
     if losses:
