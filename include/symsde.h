@@ -278,9 +278,10 @@ int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsd
                            const symsde_input *input, symsde_moments *moments, symsde_report *report,
                            symsde_error *error);
 
-/* the increments that drive a run with these options: dw[steps][nnoise][paths]; Gaussian, which is the law of
- * every scheme but the weak ones with two- or three-point increments */
-int symsde_increments(symsde_model model, const symsde_options *options, double *dw, symsde_error *error);
+/* the increments that drive a run of this scheme with these options: dw[steps][nnoise][paths]; scheme = NULL: of any
+ * scheme that asks for Gaussian increments alone */
+int symsde_increments(symsde_model model, symsde_scheme scheme, const symsde_options *options, double *dw,
+                      symsde_error *error);
 
 /* ---- diagnostics ------------------------------------------------------------------------------- */
 
@@ -304,6 +305,11 @@ int symsde_euler_lagrange_residual(symsde_model model, symsde_scheme scheme, con
 int symsde_stationary_path(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                            const double *q_start, const double *q_end, const double *dw, const double *guess_q,
                            const double *guess_p, double *q, double *p, int32_t *status, symsde_error *error);
+/* whether the noises commute, from brackets at points q, p [ndof][npoint]: gradients[2] = the largest relative
+ * gradients of {H_k,H_l} and of {H,H_k}; commute[2] = whether the noises, and the noises with the drift, commute
+ * there; text (size bytes, may be NULL) = which strong order to expect from which scheme */
+int symsde_commutator(symsde_model model, double t, int64_t npoint, const double *q, const double *p, double *gradients,
+                      int32_t *commute, char *text, size_t size, symsde_error *error);
 /* exact solution on the run's own Brownian path where the model has one (kubo; linear_oscillator and
  * additive_oscillator, whose increments then carry two more draws a step): q, p [ntime][ndof][paths] */
 int symsde_exact_solution(symsde_model model, const symsde_options *options, const symsde_input *input, double *q,

@@ -16,6 +16,7 @@ from . import diagnose, errors, models, schemes
 from ._callbacks import numba_signature
 from ._handles import status_text
 from ._setup import build_info
+from .commutator import Commutator, commutator
 from .convergence import Convergence, convergence
 from .errors import PathsFailedWarning, SymsdeError
 from .model import Model, Traits
@@ -29,6 +30,7 @@ from .study import WorkPrecision, work_precision
 __version__ = build_info()["version"]
 
 __all__ = [
+    "Commutator",
     "Convergence",
     "Model",
     "Moments",
@@ -41,6 +43,7 @@ __all__ = [
     "WorkPrecision",
     "__version__",
     "build_info",
+    "commutator",
     "convergence",
     "diagnose",
     "errors",

@@ -237,11 +237,12 @@ FUNCTIONS = {
     "simulate": (*_run, _input, POINTER(Paths), POINTER(Report), _error),
     "moments_init": (POINTER(Moments),),
     "compute_moments": (*_run, _input, POINTER(Moments), POINTER(Report), _error),
-    "increments": (_handle, _options, c_void_p, _error),
+    "increments": (*_run, c_void_p, _error),
     "symplecticity": (*_run, c_int64, c_void_p, c_void_p, c_void_p, c_void_p, _error),
     "discrete_action": _residual,
     "euler_lagrange_residual": _residual,
     "stationary_path": (*_run, *_arrays(8), _error),
+    "commutator": (_handle, c_double, c_int64, *_arrays(4), c_char_p, c_size_t, _error),
     "exact_solution": (_handle, _options, _input, c_void_p, c_void_p, _error),
 }
 

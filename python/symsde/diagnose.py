@@ -39,9 +39,9 @@ def symplecticity(
     points = _checks.columns(q, p, *([] if dw is None else [dw]))
     chosen = make_options(model, step=step, steps=1, paths=points, seed=seed, t0=t, **options)
     q, p = (_checks.full(_checks.state(name, x, model.ndof, points), points) for name, x in (("q", q), ("p", p)))
-    drive = of_options(model, chosen)[0] if dw is None else increments_at(model, dw, points)
-    defect = np.empty(points)
     chosen_scheme = as_scheme(scheme)
+    drive = of_options(model, chosen, chosen_scheme)[0] if dw is None else increments_at(model, dw, points)
+    defect = np.empty(points)
     model.call(
         "symplecticity",
         model._handle.pointer,
@@ -174,7 +174,7 @@ def driving_increments(run: Run) -> np.ndarray:
     """The increments that drove a run, (step, noise, path), prescribed ones summed and truncated as it did."""
     setup = run.setup
     if setup.increments is None:
-        return of_options(setup.model, setup.options)
+        return of_options(setup.model, setup.options, setup.scheme)
     dw = setup.increments
     for _ in range(setup.options.refine):
         dw = dw[0::2] + dw[1::2]  # the balanced tree of the library

@@ -12,7 +12,7 @@ from . import _checks
 from ._checks import address
 from ._setup import make_options
 from .model import Model
-from .schemes import Scheme
+from .schemes import Scheme, as_scheme
 from .simulate import simulate
 
 
@@ -66,8 +66,9 @@ def increments(
     first_path: int = 0,
     first_step: int = 0,
     truncation: tuple[float, float] | None = None,
+    scheme: str | Scheme = "midpoint",
 ) -> np.ndarray:
-    """The increments dW that drive a run with these options of `simulate`: (step, noise, path)."""
+    """The increments dW that drive a run of the scheme with these options of `simulate`: (step, noise, path)."""
     options = make_options(
         model,
         step=step,
@@ -79,13 +80,20 @@ def increments(
         first_step=first_step,
         truncation=truncation,
     )
-    return of_options(model, options)
+    return of_options(model, options, as_scheme(scheme))
 
 
-def of_options(model: Model, options) -> np.ndarray:
-    """Brownian increments of a run, (step, noise, path)."""
+def of_options(model: Model, options, scheme: Scheme) -> np.ndarray:
+    """Increments of a run of the scheme, (step, noise, path)."""
     shape = (options.steps, model.nnoise, options.paths)
     _checks.room(shape, "increments (step, noise, path)")
     dw = np.empty(shape)
-    model.call("increments", model._handle.pointer, ctypes.byref(options), address(dw))
+    model.call(
+        "increments",
+        model._handle.pointer,
+        scheme._handle.pointer,
+        ctypes.byref(options),
+        address(dw),
+        also=(scheme,),
+    )
     return dw

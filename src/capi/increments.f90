@@ -1,18 +1,20 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The increments that drive a run, asked of the same noise source that drives it.
 module symsde_capi_increments
-   use, intrinsic :: iso_c_binding, only: c_int, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_ptr
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes
    use symsde_capi_model, only: find_model
    use symsde_capi_options, only: read_options
+   use symsde_capi_scheme, only: find_scheme
    use symsde_ensemble_driver, only: new_noise
    use symsde_ensemble_increments, only: collect_increments
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
+   use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
    public :: symsde_increments
@@ -20,20 +22,29 @@ module symsde_capi_increments
 contains
 
    !> dw[steps][nnoise][paths].
-   function symsde_increments(model, options, dw, error) result(status) bind(c, name='symsde_increments')
-      type(c_ptr), intent(in), value :: model, options, dw, error
+   function symsde_increments(model, scheme, options, dw, error) result(status) bind(c, name='symsde_increments')
+      type(c_ptr), intent(in), value :: model, scheme, options, dw, error
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
+      type(scheme_type), pointer :: s
       class(noise_type), allocatable :: noise
       type(run_options) :: o
       real(wp), pointer, contiguous :: to(:, :, :)
       real(wp) :: lost
 
       call find_model(model, m, refusal)
+      nullify (s)
+      if (c_associated(scheme)) call find_scheme(scheme, s, refusal)
       call read_options(options, o, refusal)
       if (.not. allocated(refusal)) call check_sizes(o%nstep, int(m%traits%nnoise, i8), o%npath, 'dw', refusal)
-      if (.not. allocated(refusal)) call new_noise(noise, m, o, lost, refusal)
+      if (.not. allocated(refusal)) then
+         if (associated(s)) then
+            call new_noise(noise, m, o, lost, refusal, scheme=s)
+         else
+            call new_noise(noise, m, o, lost, refusal)
+         end if
+      end if
       if (.not. allocated(refusal)) then
          if (noise%nnoise > 0 .and. o%nstep > 0) call require(dw, 'dw', refusal)
          if (noise%nnoise > 0 .and. o%nstep > 0 .and. .not. allocated(refusal)) then

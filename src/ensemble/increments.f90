@@ -32,6 +32,7 @@ contains
       integer(i8), intent(in) :: first           !! paths before the block
       real(wp), intent(inout) :: dw(:, :, :)     !! (npath, nnoise, nstep)
       real(wp) :: w(default_nlane, 0:noise%nnoise, 0:1)
+      real(wp), allocatable :: z(:, :, :), area(:, :, :)  !! asked for because dW depends on them at refine < 0
       integer(i8) :: path(default_nlane), pair, n, drawn
       integer :: half, k, nreal
 
@@ -39,8 +40,14 @@ contains
       call path_of_lane(default_nlane, options%first_path + first, nreal, path)
       w = 0
       drawn = 0
+      if (noise%needs_dz .or. noise%needs_areas) &
+         allocate (z(default_nlane, noise%nz, 0:1), area(default_nlane, noise%narea, 0:1), source=0.0_wp)
       do pair = options%first_step/2, (options%first_step + options%nstep - 1)/2
-         call noise%fill(default_nlane, path, pair, w, drawn)
+         if (allocated(z)) then
+            call noise%fill_integrals(default_nlane, path, pair, w, z, area, drawn)
+         else
+            call noise%fill(default_nlane, path, pair, w, drawn)
+         end if
          do half = 0, 1
             n = 2*pair + half - options%first_step + 1
             if (n < 1 .or. n > options%nstep) cycle

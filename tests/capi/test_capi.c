@@ -304,6 +304,28 @@ static void test_schemes_from_schemes(void) {
    symsde_scheme_delete(&euler);
 }
 
+static void test_commutator(void) {
+   const double q[1][3] = {{0.3, -0.7, 1.1}}, p[1][3] = {{0.5, 0.2, -0.4}};
+   double gradients[2];
+   int32_t commute[2];
+   char text[256];
+   symsde_model kubo = NULL, mixed = NULL;
+
+   OK(symsde_model_get("kubo", 0, NULL, NULL, &kubo, &error));
+   OK(symsde_model_get("noncommutative_oscillator", 0, NULL, NULL, &mixed, &error));
+   OK(symsde_commutator(kubo, 0.0, 3, q[0], p[0], gradients, commute, text, sizeof text, &error));
+   CHECK(commute[0] == 1 && commute[1] == 1 && gradients[1] < 1e-6);
+   OK(symsde_commutator(mixed, 0.0, 3, q[0], p[0], gradients, commute, text, sizeof text, &error));
+   CHECK(commute[0] == 0 && gradients[0] > 0.1 && text[0] != 0);
+   OK(symsde_commutator(mixed, 0.0, 3, q[0], p[0], gradients, commute, NULL, 0, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "npoint = 0",
+          symsde_commutator(mixed, 0.0, 0, q[0], p[0], gradients, commute, text, sizeof text, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "gradients is NULL",
+          symsde_commutator(mixed, 0.0, 3, q[0], p[0], NULL, commute, text, sizeof text, &error));
+   symsde_model_delete(&kubo);
+   symsde_model_delete(&mixed);
+}
+
 enum { POINTS = 21, PATHS = 2 };
 
 static void test_stationary_path(void) {
@@ -325,7 +347,7 @@ static void test_stationary_path(void) {
    OK(symsde_stationary_path(model, scheme, &options, start, end, NULL, NULL, NULL, &q[0][0][0], &p[0][0][0], status,
                              &error));
    CHECK(status[0] == 0 && status[1] == 0 && q[0][0][1] == start[1] && q[POINTS - 1][0][0] == end[0]);
-   OK(symsde_increments(model, &options, &dw[0][0][0], &error));
+   OK(symsde_increments(model, NULL, &options, &dw[0][0][0], &error));
    OK(symsde_euler_lagrange_residual(model, scheme, &options, &q[0][0][0], &p[0][0][0], &dw[0][0][0], &residual[0][0],
                                      &error));
    for (int i = 0; i < 4; i++) {
@@ -396,6 +418,7 @@ int main(void) {
    test_evaluation();
    test_schemes();
    test_schemes_from_schemes();
+   test_commutator();
    test_stationary_path();
    test_handles();
    return close_report();

@@ -74,9 +74,9 @@ static void test_misuse(void) {
           symsde_simulate(model, scheme, &options, NULL, &paths, NULL, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "paths is NULL",
           symsde_simulate(model, scheme, &options, &input, NULL, NULL, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "dw is NULL", symsde_increments(model, &options, NULL, &error));
-   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_increments(NULL, &options, dw, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL", symsde_increments(model, NULL, dw, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "dw is NULL", symsde_increments(model, NULL, &options, NULL, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_increments(NULL, NULL, &options, dw, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL", symsde_increments(model, NULL, NULL, dw, &error));
    OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error)); /* and it still works */
    symsde_model_delete(&model);
    symsde_scheme_delete(&scheme);

@@ -37,7 +37,7 @@ static void test_simulate(void) {
    CHECK(memcmp(a.q, b.q, sizeof(double) * NTIME * PATHS) == 0 && memcmp(a.p, b.p, sizeof(double) * PATHS) == 0);
 
    /* the increments of the run, given back to it */
-   OK(symsde_increments(model, &options, dw, &error));
+   OK(symsde_increments(model, NULL, &options, dw, &error));
    input.increments = dw;
    input.increment_rows = STEPS;
    input.increment_noises = 1;
@@ -82,8 +82,8 @@ static void test_resume(void) {
    OK(symsde_simulate(model, scheme, &rest, &input, &parts, NULL, &error));
    CHECK(memcmp(a.q + 17 * PATHS, b.q, sizeof(double) * (STEPS - 16) * PATHS) == 0);
    CHECK(memcmp(a.low_p, b.low_p, sizeof a.low_p) == 0 && b.t[0] == a.t[17] && b.t[1] == a.t[18]);
-   OK(symsde_increments(model, &options, dw, &error));
-   OK(symsde_increments(model, &rest, odd, &error));
+   OK(symsde_increments(model, NULL, &options, dw, &error));
+   OK(symsde_increments(model, NULL, &rest, odd, &error));
    CHECK(memcmp(dw + 17 * PATHS, odd, sizeof(double) * (STEPS - 17) * PATHS) == 0);
    /* moments take low parts too: with large ones they show */
    static double t[STEPS + 1], mean[3 * (STEPS + 1)], variance[3 * (STEPS + 1)], se[3 * (STEPS + 1)];
@@ -110,13 +110,13 @@ static void test_resume(void) {
    /* every bit of the seed counts */
    rest = options;
    rest.seed = 5;
-   OK(symsde_increments(model, &rest, odd, &error));
+   OK(symsde_increments(model, NULL, &rest, odd, &error));
    CHECK(memcmp(odd, dw, sizeof dw) != 0);
    /* fewer paths, from another first one */
    rest = options;
    rest.first_path = 290;
    rest.paths = 10;
-   OK(symsde_increments(model, &rest, odd, &error));
+   OK(symsde_increments(model, NULL, &rest, odd, &error));
    CHECK(odd[0] == dw[290] && odd[9] == dw[299] && odd[10 * (STEPS - 1)] == dw[PATHS * (STEPS - 1) + 290]);
    input.q0_paths = 7;
    EXPECT(SYMSDE_WRONG_SHAPE, "7|300", symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
@@ -319,7 +319,7 @@ static void test_diagnostics(void) {
 
    options.save_every = 1;
    OK(symsde_simulate(model, midpoint, &options, &input, &paths, NULL, &error));
-   OK(symsde_increments(model, &options, dw, &error));
+   OK(symsde_increments(model, NULL, &options, dw, &error));
    OK(symsde_symplecticity(model, midpoint, &options, PATHS, a.q, a.p, dw, defect, &error));
    for (int i = 0; i < PATHS; i++) {
       worst = fmax(worst, defect[i]);
