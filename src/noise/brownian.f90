@@ -15,7 +15,7 @@ module symsde_noise_brownian
    use symsde_base_text, only: to_text
    use symsde_noise_discrete, only: discrete_pairs
    use symsde_noise_integrals, only: integral_draws, step_integrals, fill_pair
-   use symsde_noise_normal, only: normal_pairs
+   use symsde_noise_normal, only: scaled_normal_pairs
    use symsde_noise_source, only: noise_type, clip_lanes, clip_integrals
    implicit none
    private
@@ -136,15 +136,15 @@ contains
       integer :: lane
 
       if (self%law == law_gaussian) then
-         call normal_pairs(nlane, self%seed, path, pair, k, level, &
-                           merge(purpose_increment, purpose_bridge, level == 0), even, odd)
+         call scaled_normal_pairs(nlane, self%seed, path, pair, k, level, &
+                                  merge(purpose_increment, purpose_bridge, level == 0), scale, even, odd)
       else
          call discrete_pairs(nlane, self%seed, path, pair, k, self%law, even, odd)
+         do lane = 1, nlane
+            even(lane) = scale*even(lane)
+            odd(lane) = scale*odd(lane)
+         end do
       end if
-      do lane = 1, nlane
-         even(lane) = scale*even(lane)
-         odd(lane) = scale*odd(lane)
-      end do
       drawn = drawn + 2
    end subroutine draw
 

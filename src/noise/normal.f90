@@ -7,7 +7,7 @@ module symsde_noise_normal
    use symsde_noise_philox, only: philox_lanes
    implicit none
    private
-   public :: uniform_open_lanes, normal_pair_lanes, normal_pairs
+   public :: uniform_open_lanes, normal_pair_lanes, normal_pairs, scaled_normal_pairs
 
    !> Lanes done at once by `normal_pairs`: their words (32 bytes a lane) stay in the first cache.
    !> Smaller tiles pay the set-up of the generator's round keys more often.
@@ -55,15 +55,31 @@ contains
       integer(i4), intent(in) :: purpose       !! 0 .. 63
       real(wp), intent(out) :: even(nlane)     !! N(0,1)
       real(wp), intent(out) :: odd(nlane)      !! N(0,1), independent of even
+
+      call scaled_normal_pairs(nlane, seed, path, pair, noise, level, purpose, 1.0_wp, even, odd)
+   end subroutine normal_pairs
+
+   !> The same normals times a scale, to the bit as if multiplied afterwards, without a pass for it.
+   subroutine scaled_normal_pairs(nlane, seed, path, pair, noise, level, purpose, scale, even, odd)
+      integer(i4), intent(in) :: nlane         !! lanes of the block, any number
+      integer(i8), intent(in) :: seed          !! the 64-bit key
+      integer(i8), intent(in) :: path(nlane)   !! global path, 0 .. 2**48-1
+      integer(i8), intent(in) :: pair          !! pair of fine steps, 0 .. 2**48-1
+      integer(i4), intent(in) :: noise         !! 0 .. 2**20-1
+      integer(i4), intent(in) :: level         !! 0 .. 63
+      integer(i4), intent(in) :: purpose       !! 0 .. 63
+      real(wp), intent(in) :: scale            !! standard deviation
+      real(wp), intent(out) :: even(nlane)     !! N(0,scale**2)
+      real(wp), intent(out) :: odd(nlane)      !! N(0,scale**2), independent of even
       integer(i8) :: words(tile, 4)
       integer(i4) :: first, n
 
       do first = 1, nlane, tile
          n = min(tile, nlane - first + 1)
          call philox_lanes(n, seed, path(first), pair, noise, level, purpose, words)
-         call normal_pair_lanes(n, words, even(first), odd(first))
+         call scaled_pair_lanes(n, words, scale, even(first), odd(first))
       end do
-   end subroutine normal_pairs
+   end subroutine scaled_normal_pairs
 
    !> Two uniforms a lane in the open interval: (2 k + 1) / 2**53, k the first 52 of the 64 bits of
    !> words 1-2 and of words 3-4. Symmetric about 1/2; never 0 or 1; every value is exact.
@@ -89,16 +105,26 @@ contains
       integer(i8), intent(in) :: words(nlane, 4)   !! each 0 .. 2**32-1
       real(wp), intent(out) :: even(nlane)         !! N(0,1)
       real(wp), intent(out) :: odd(nlane)          !! N(0,1), independent of even
+
+      call scaled_pair_lanes(nlane, words, 1.0_wp, even, odd)
+   end subroutine normal_pair_lanes
+
+   !> VEC The kernel of normal_pair_lanes, its results times a scale.
+   subroutine scaled_pair_lanes(nlane, words, scale, even, odd)
+      integer(i4), intent(in) :: nlane
+      integer(i8), intent(in) :: words(nlane, 4)
+      real(wp), intent(in) :: scale
+      real(wp), intent(out) :: even(nlane), odd(nlane)
       real(wp) :: radius, cosine, sine
       integer(i4) :: lane
 
       do lane = 1, nlane
          radius = sqrt(-2*log_unit(open_uniform(words(lane, 1), words(lane, 2))))
          call sincos_turn(open_uniform(words(lane, 3), words(lane, 4)), cosine, sine)
-         even(lane) = radius*cosine
-         odd(lane) = radius*sine
+         even(lane) = scale*(radius*cosine)
+         odd(lane) = scale*(radius*sine)
       end do
-   end subroutine normal_pair_lanes
+   end subroutine scaled_pair_lanes
 
    !> (2 k + 1) / 2**53 from the first 52 bits k of two words: k as the fraction of a number in
    !> [1,2), less 1 - 2**-53, which is exact.

@@ -27,6 +27,7 @@ module symsde_step_explicit
    type, extends(stepper_type) :: explicit_stepper
       private
       integer :: nstage = 0
+      logical :: is_euler = .false.   !! symplectic Euler or its adjoint
       real(wp), allocatable :: c(:), alpha(:)     !! (nstage)
       real(wp), allocatable :: to_q(:, :)         !! a_ij of stage i in column i (nstage, nstage)
       real(wp), allocatable :: to_p(:, :)         !! -abar_ij of stage i in column i (nstage, nstage)
@@ -68,12 +69,27 @@ contains
       self%alpha = scheme%alpha
       self%minus_alpha = -scheme%alpha
       call find_plan(scheme, model%traits%separable, self%plan)
+      self%is_euler = is_one_stage(self)
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       associate (n => model%traits%ndof)
          allocate (self%hq(nlane, n, self%nstage), self%hp(nlane, n, self%nstage))
          allocate (self%qs(nlane, n), self%ps(nlane, n))
       end associate
    end subroutine new_explicit_stepper
+
+   !> Whether there is one stage of weight one that moves one of q and p before the other is evaluated.
+   pure logical function is_one_stage(self)
+      type(explicit_stepper), intent(in) :: self
+
+      is_one_stage = .false.
+      if (self%nstage /= 1 .or. size(self%plan) /= 2) return
+      if (abs(self%alpha(1) - 1) > 0) return
+      if (self%plan(1)%force) then
+         is_one_stage = abs(self%to_p(1, 1) + 1) <= 0 .and. abs(self%to_q(1, 1)) <= 0
+      else
+         is_one_stage = abs(self%to_q(1, 1) - 1) <= 0 .and. abs(self%to_p(1, 1)) <= 0
+      end if
+   end function is_one_stage
 
    !> The order of evaluations; not allocated where there is none.
    pure subroutine find_plan(scheme, separable, plan)
@@ -119,6 +135,10 @@ contains
       logical :: q_moves, p_moves
 
       n = size(q)
+      if (self%is_euler) then
+         call euler(self, t, w, q, p, dq, dp)
+         return
+      end if
       do k = 1, size(self%plan)
          i = self%plan(k)%stage
          q_moves = self%plan(k)%needs_q .and. any(abs(self%to_q(:, i)) > 0)
@@ -141,6 +161,66 @@ contains
       call sum_slopes(n, self%nstage, self%alpha, self%hp, dq)
       call sum_slopes(n, self%nstage, self%minus_alpha, self%hq, dp)
    end subroutine increment
+
+   !> One stage of weight one, force first or velocity first: slopes are increments, no sums are taken.
+   subroutine euler(self, t, w, q, p, dq, dp)
+      class(explicit_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer :: n
+
+      n = size(q)
+      associate (ti => t + self%c(1)*w(1, 0))
+         if (self%plan(1)%force) then
+            call self%ham%gradient(ti, w, q, p, hq=self%hq(:, :, 1))
+            call kick(n, p, self%hq, dp, self%ps)
+            call self%ham%gradient(ti, w, q, self%ps, hp=dq)
+         else
+            call self%ham%gradient(ti, w, q, p, hp=dq)
+            call drift(n, q, dq, self%qs)
+            call self%ham%gradient(ti, w, self%qs, p, hq=self%hq(:, :, 1))
+            call turn(n, self%hq, dp)
+         end if
+      end associate
+   end subroutine euler
+
+   !> VEC dp = -force, moved = p - force
+   pure subroutine kick(n, p, force, dp, moved)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: p(n), force(n)
+      real(wp), intent(out) :: dp(n), moved(n)
+      integer :: i
+
+      do i = 1, n
+         dp(i) = -force(i)
+         moved(i) = p(i) - force(i)
+      end do
+   end subroutine kick
+
+   !> VEC moved = q + dq
+   pure subroutine drift(n, q, dq, moved)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: q(n), dq(n)
+      real(wp), intent(out) :: moved(n)
+      integer :: i
+
+      do i = 1, n
+         moved(i) = q(i) + dq(i)
+      end do
+   end subroutine drift
+
+   !> VEC dp = -force
+   pure subroutine turn(n, force, dp)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: force(n)
+      real(wp), intent(out) :: dp(n)
+      integer :: i
+
+      do i = 1, n
+         dp(i) = -force(i)
+      end do
+   end subroutine turn
 
    !> One evaluation of the plan at (q, p).
    subroutine evaluate(self, what, t, w, q, p)

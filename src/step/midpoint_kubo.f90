@@ -43,22 +43,23 @@ contains
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
-      call cayley(self%ham%nlane, self%a, self%sigma, w(:, 0), w(:, 1), q, p, dq, dp)
+      call cayley(self%ham%nlane, self%a*w(1, 0), self%sigma, w(1, 1), q, p, dq, dp)
       associate (c => self%ham%counters)
          c%iterations = c%iterations + self%ham%nreal
          c%solves = c%solves + self%ham%nreal
       end associate
    end subroutine increment
 
-   pure subroutine cayley(nlane, a, sigma, h, dw, q, p, dq, dp)
+   !> VEC theta = turn + sigma dw, turn = a h
+   pure subroutine cayley(nlane, turn, sigma, dw, q, p, dq, dp)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: a, sigma, h(nlane), dw(nlane), q(nlane), p(nlane)
+      real(wp), intent(in) :: turn, sigma, dw(nlane), q(nlane), p(nlane)
       real(wp), intent(out) :: dq(nlane), dp(nlane)
       real(wp) :: theta, half, factor
       integer :: lane
 
       do lane = 1, nlane
-         theta = a*h(lane) + sigma*dw(lane)
+         theta = turn + sigma*dw(lane)
          half = 0.5_wp*theta
          factor = theta/(1 + half*half)
          dq(lane) = factor*(p(lane) - half*q(lane))
