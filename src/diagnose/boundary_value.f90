@@ -7,7 +7,8 @@
 !> and the residual is rounding. The result is the path that the scheme itself takes from (q_0, p_0) to
 !> q_N, up to rounding times the condition number of the boundary value problem. That number is finite,
 !> and the solution unique near the guess, for times below the first conjugate point (pi for an
-!> oscillator of unit frequency); at a conjugate point the status is singular.
+!> oscillator of unit frequency); at a conjugate point the status is singular. Beyond it a path may exist
+!> that Newton does not find from a straight line (not_converged): give a guess.
 module symsde_diagnose_boundary_value
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i4, i8
