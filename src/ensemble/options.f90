@@ -57,7 +57,7 @@ contains
                      to_text(o%save_every)//': the last saved point would be missed; change one of the two')
       else if (o%first_path < 0 .or. o%first_step < 0) then
          call refuse('first_path = '//to_text(o%first_path)//', first_step = '//to_text(o%first_step)// &
-                     ': both count from 0 and must not be negative')
+                     ': both count from 0, give 0 or more for each')
       else if (o%first_path > max_index - o%npath) then
          call raise(error, too_large, 'check_options', 'first_path + paths exceeds 2^47 = '// &
                     to_text(max_index)//', the range of the path counter: give fewer paths')
