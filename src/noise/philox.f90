@@ -33,7 +33,7 @@ module symsde_noise_philox
 
 contains
 
-   !> Four random words for each path of a block, by the counter map above.
+   !> VEC Four random words for each path of a block, by the counter map above.
    !> About 80 operations a lane; 8 bytes in, 32 out; no branch, no table.
    !> The ten rounds are written out so that a lane stays in registers from counter to words.
    subroutine philox_lanes(nlane, seed, path, pair, noise, level, purpose, words)

@@ -90,7 +90,7 @@ contains
       end do
    end subroutine solve_banded_strip
 
-   !> Subtract a multiple of the pivot's row so that the row's first entry vanishes; the multiplier
+   !> VEC Subtract a multiple of the pivot's row so that the row's first entry vanishes; the multiplier
    !> takes its place. Two arguments that do not overlap keep the loops free of overlap tests.
    subroutine eliminate_row(nlane, m, pivot_row, row)
       integer, intent(in) :: nlane                     !! lanes
@@ -109,7 +109,7 @@ contains
       end do
    end subroutine eliminate_row
 
-   !> y = y - sum over j of row(:,j) x(:,j)
+   !> VEC y = y - sum over j of row(:,j) x(:,j)
    subroutine subtract_products(nlane, m, row, x, y)
       integer, intent(in) :: nlane             !! lanes
       integer, intent(in) :: m                 !! entries of the row

@@ -102,7 +102,7 @@ contains
       end do
    end subroutine solve_one_unknown
 
-   !> Two unknowns: elimination written out. Near the identity its rounding error is three quarters
+   !> VEC Two unknowns: elimination written out. Near the identity its rounding error is three quarters
    !> of that of Cramer's rule (0.43 against 0.56 eps, root mean square).
    subroutine solve_two_unknowns(nlane, a11, a21, a12, a22, x1, x2, smallest)
       integer, intent(in) :: nlane                            !! lanes of the block
@@ -169,7 +169,7 @@ contains
       x(:, 1) = x(:, 1)*a(:, 1, 1)
    end subroutine back_substitute_lanes
 
-   !> Lower `smallest` by one pivot's ratio to the diagonal it came from; leave 1/pivot.
+   !> VEC Lower `smallest` by one pivot's ratio to the diagonal it came from; leave 1/pivot.
    subroutine pivot_ratio(nlane, diagonal, pivot, smallest)
       integer, intent(in) :: nlane                !! lanes
       real(wp), intent(in) :: diagonal(nlane)     !! diagonal entry of the matrix
@@ -191,7 +191,7 @@ contains
       end do
    end subroutine pivot_ratio
 
-   !> column(:,i) = column(:,i) factor
+   !> VEC column(:,i) = column(:,i) factor
    subroutine scale_column(nlane, m, factor, column)
       integer, intent(in) :: nlane                 !! lanes
       integer, intent(in) :: m                     !! entries of the column
@@ -206,7 +206,7 @@ contains
       end do
    end subroutine scale_column
 
-   !> target(:,i) = target(:,i) - factor column(:,i). A procedure of its own because distinct
+   !> VEC target(:,i) = target(:,i) - factor column(:,i). A procedure of its own because distinct
    !> arguments cannot overlap: as parts of one array they cost a test before every loop.
    subroutine subtract_multiple(nlane, m, factor, column, target)
       integer, intent(in) :: nlane                 !! lanes

@@ -250,6 +250,7 @@ contains
 
    ! ---- kernels: plain loops over lanes ----------------------------------------------------------
 
+   !> VEC
    pure subroutine start_lanes(nlane, status, last, nrunning)
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: status(nlane)
@@ -266,7 +267,7 @@ contains
       nrunning = int(running)
    end subroutine start_lanes
 
-   !> One unknown: x = x - (x + s f)/(1 + g f') in running lanes, and the test of every lane.
+   !> VEC One unknown: x = x - (x + s f)/(1 + g f') in running lanes, and the test of every lane.
    pure subroutine correct_scalar(nlane, level, s, g, f, df, last, x, nrunning, nfailed)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: level, s, g, f(nlane), df(nlane)
@@ -291,7 +292,7 @@ contains
       nfailed = int(bad)
    end subroutine correct_scalar
 
-   !> One unknown, one fixed-point iteration: x = -s f in running lanes.
+   !> VEC One unknown, one fixed-point iteration: x = -s f in running lanes.
    pure subroutine iterate_scalar(nlane, s, f, last, x, step, size)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: s, f(nlane), last(nlane)
@@ -306,7 +307,7 @@ contains
       end do
    end subroutine iterate_scalar
 
-   !> x = x - r in running lanes, with the size of correction and unknowns in each.
+   !> VEC x = x - r in running lanes, with the size of correction and unknowns in each.
    pure subroutine correct_lanes(nlane, n, r, last, x, step, size)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: r(nlane, n), last(nlane)
@@ -329,7 +330,7 @@ contains
       end do
    end subroutine correct_lanes
 
-   !> The stopping test for lanes whose correction and unknowns have these sizes.
+   !> VEC The stopping test for lanes whose correction and unknowns have these sizes.
    pure subroutine test_lanes(nlane, level, step, size, last, nrunning, nfailed)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: level, step(nlane), size(nlane)

@@ -240,7 +240,7 @@ contains
       end associate
    end subroutine evaluate
 
-   !> total = start + sum_j coefficient_j slope_j; slopes with coefficient zero are never read, so those
+   !> VEC total = start + sum_j coefficient_j slope_j; slopes with coefficient zero are never read, so those
    !> that have not been evaluated yet do no harm. At least one coefficient is not zero.
    pure subroutine add_slopes(n, nstage, coefficient, slope, start, total)
       integer, intent(in) :: n, nstage
@@ -260,7 +260,7 @@ contains
       end do
    end subroutine add_slopes
 
-   !> total = sum_j coefficient_j slope_j
+   !> VEC total = sum_j coefficient_j slope_j
    pure subroutine sum_slopes(n, nstage, coefficient, slope, total)
       integer, intent(in) :: n, nstage
       real(wp), intent(in) :: coefficient(nstage), slope(n, nstage)

@@ -114,6 +114,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
+   !> VEC
    pure subroutine free_flight(n, h, p, q, drift, base)
       integer, intent(in) :: n
       real(wp), intent(in) :: h, p(n), q(n)
@@ -126,6 +127,7 @@ contains
       end do
    end subroutine free_flight
 
+   !> VEC
    pure subroutine free_flight_with_shift(n, h, p, q, g, drift, base)
       integer, intent(in) :: n
       real(wp), intent(in) :: h, p(n), q(n), g(n)
@@ -138,7 +140,7 @@ contains
       end do
    end subroutine free_flight_with_shift
 
-   !> Q = base + h V/4
+   !> VEC Q = base + h V/4
    pure subroutine position(n, h, base, v, qs)
       integer, intent(in) :: n
       real(wp), intent(in) :: h, base(n), v(n)
@@ -150,6 +152,7 @@ contains
       end do
    end subroutine position
 
+   !> VEC
    pure subroutine residual(n, v, r)
       integer, intent(in) :: n
       real(wp), intent(in) :: v(n)
@@ -161,7 +164,7 @@ contains
       end do
    end subroutine residual
 
-   !> dq = h (p + dp/2) + g
+   !> VEC dq = h (p + dp/2) + g
    pure subroutine position_increment(n, h, drift, dp, dq)
       integer, intent(in) :: n
       real(wp), intent(in) :: h, drift(n), dp(n)

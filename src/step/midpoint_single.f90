@@ -105,6 +105,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
+   !> VEC
    pure subroutine middle(nlane, q, p, dq, dp, qs, ps)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: q(nlane), p(nlane), dq(nlane), dp(nlane)
@@ -117,7 +118,7 @@ contains
       end do
    end subroutine middle
 
-   !> (F,G) = [1-b, -c; a, 1+b]^{-1} (Hhat_p, -Hhat_q), exact for a quadratic Hamiltonian.
+   !> VEC (F,G) = [1-b, -c; a, 1+b]^{-1} (Hhat_p, -Hhat_q), exact for a quadratic Hamiltonian.
    pure subroutine solve_affine(nlane, hq, hp, hqq, hqp, hpp, dq, dp)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: hq(nlane), hp(nlane), hqq(nlane), hqp(nlane), hpp(nlane)
@@ -135,7 +136,7 @@ contains
       end do
    end subroutine solve_affine
 
-   !> Newton's correction of (F,G) in running lanes, with its size and that of the unknowns.
+   !> VEC Newton's correction of (F,G) in running lanes, with its size and that of the unknowns.
    pure subroutine correct_pair(nlane, hq, hp, hqq, hqp, hpp, last, dq, dp, step, size)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: hq(nlane), hp(nlane), hqq(nlane), hqp(nlane), hpp(nlane), last(nlane)

@@ -80,7 +80,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> One degree of freedom: check and add in one pass.
+   !> VEC One degree of freedom: check and add in one pass.
    pure subroutine advance_one(nlane, dq, dp, q, p, status, nbad)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: dq(nlane), dp(nlane)
@@ -104,7 +104,7 @@ contains
       nbad = int(count)
    end subroutine advance_one
 
-   !> bad = 1 in lanes that have failed or would not stay finite, else 0.
+   !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0.
    pure subroutine find_bad(nlane, ndof, dq, dp, q, p, status, bad, nbad)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: dq(nlane, ndof), dp(nlane, ndof), q(nlane, ndof), p(nlane, ndof)
@@ -126,6 +126,7 @@ contains
       nbad = nint(sum(bad))
    end subroutine find_bad
 
+   !> VEC
    pure subroutine add(nlane, ndof, d, bad, x)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
@@ -139,7 +140,7 @@ contains
       end do
    end subroutine add
 
-   !> Kahan's summation: what rounding took from x is kept in low and given back in the next step.
+   !> VEC Kahan's summation: what rounding took from x is kept in low and given back in the next step.
    pure subroutine add_compensated(nlane, ndof, d, bad, x, low)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: d(nlane, ndof), bad(nlane)

@@ -124,7 +124,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> (Q_i, P_i) from the slopes.
+   !> VEC (Q_i, P_i) from the slopes.
    pure subroutine stage_point(nlane, i, a, abar, q, p, x, qs, ps)
       integer, intent(in) :: nlane, i
       real(wp), intent(in) :: a(2, 2), abar(2, 2), q(nlane), p(nlane), x(nlane, 4)
@@ -137,6 +137,7 @@ contains
       end do
    end subroutine stage_point
 
+   !> VEC
    pure subroutine add_stages(nlane, alpha, x, dq, dp)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: alpha(2), x(nlane, 4)
@@ -149,7 +150,7 @@ contains
       end do
    end subroutine add_stages
 
-   !> x = x - d in running lanes, with the sizes of d and x. Apart from the solution: the branches of max
+   !> VEC x = x - d in running lanes, with the sizes of d and x. Apart from the solution: the branches of max
    !> would keep all of it from vectorising.
    pure subroutine correct_lanes(nlane, d, last, x, step, size)
       integer, intent(in) :: nlane
@@ -170,7 +171,7 @@ contains
       end do
    end subroutine correct_lanes
 
-   !> Newton's correction d of the slopes.
+   !> VEC Newton's correction d of the slopes.
    pure subroutine solve_lanes(nlane, a, abar, hq, hp, hqq, hqp, hpp, x, d)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: a(2, 2), abar(2, 2)

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""check_vectors.py COMPILER MODULES ROOT|--self-test: exit 1 where a kernel marked VEC is not vectorised.
+
+A procedure whose header comment has a line that begins with the word VEC is a kernel: the compiler must report each
+of its innermost loops as vectorised, for AVX2 and for AVX-512 machines, with the release flags and with contraction.
+MODULES holds the module files of a build. A file is compiled for the report only; no object is kept.
+"""
+
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+FLAGS = ["-O3", "-fno-trapping-math", "-fno-math-errno", "-fopenmp", "-fPIC", "-fopt-info-vec-optimized", "-S"]
+TARGETS = (
+    ["-march=x86-64-v3", "-ffp-contract=off"],
+    ["-march=x86-64-v3", "-ffp-contract=fast"],
+    ["-march=x86-64-v4", "-ffp-contract=fast"],
+)
+MARK = re.compile(r"\s*!> ?VEC\b")
+HEAD = re.compile(r"\s*(?:pure |elemental )*(?:subroutine|function) (\w+)", re.IGNORECASE)
+END = re.compile(r"\s*end (?:subroutine|function)\b", re.IGNORECASE)
+DO = re.compile(r"\s*do\b(?! while)", re.IGNORECASE)
+END_DO = re.compile(r"\s*end do\b", re.IGNORECASE)
+
+PLANTED = """\
+module planted
+   implicit none
+contains
+   !> VEC
+   pure subroutine vector(n, x)
+      integer, intent(in) :: n
+      real(8), intent(inout) :: x(n)
+      integer :: i
+      do i = 1, n
+         x(i) = 2*x(i) + 1
+      end do
+   end subroutine vector
+   !> VEC Each number waits for the one before it.
+   pure subroutine scalar(n, x)
+      integer, intent(in) :: n
+      real(8), intent(inout) :: x(n)
+      integer :: i
+      do i = 2, n
+         x(i) = 1/(x(i) + x(i - 1))
+      end do
+   end subroutine scalar
+end module planted
+"""
+
+
+def kernels(text):
+    """Name and innermost loops (first and last line) of every marked procedure."""
+    found, marked, name, stack, loops = [], False, None, [], []
+    for number, line in enumerate(text.splitlines(), 1):
+        if name is None:
+            marked = marked or bool(MARK.match(line))
+            head = HEAD.match(line)
+            if head and marked:
+                name, stack, loops = head[1], [], []
+            elif not line.lstrip().startswith("!"):
+                marked = False
+        elif END.match(line):
+            found.append((name, loops))
+            name, marked = None, False
+        elif END_DO.match(line):
+            first, innermost = stack.pop()
+            if innermost:
+                loops.append((first, number))
+        elif DO.match(line):
+            stack = [(first, False) for first, _ in stack] + [(number, True)]
+    return found
+
+
+def vectorised(compiler, target, modules, source):
+    """Lines of the source at which the compiler reports a vectorised loop."""
+    with tempfile.TemporaryDirectory() as scratch:
+        extra = ["-fwrapv"] if source.name == "philox.f90" else []  # as src/CMakeLists.txt has it
+        output = ["-I", modules, "-J", scratch, "-o", f"{scratch}/out.s"]
+        command = [compiler, *FLAGS, *target, *extra, *output, str(source)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        sys.exit(done.stderr)
+    return {int(n) for n in re.findall(r":(\d+):\d+: optimized: +loop vectorized", done.stderr)}
+
+
+def failures(compiler, modules, source):
+    """One line for every kernel loop that stayed scalar, and the number of loops looked at."""
+    marked = kernels(source.read_text(encoding="utf-8"))
+    lines, count = [], 0
+    for target in TARGETS if marked else ():
+        report = vectorised(compiler, target, modules, source)
+        for name, loops in marked:
+            if not loops:
+                lines.append(f"{source}: {name} is marked VEC and has no loop")
+            for first, last in loops:
+                count += 1
+                if not any(first <= line <= last for line in report):
+                    lines.append(f"{source}:{first}: {name} is not vectorised with {' '.join(target)}")
+    return lines, count
+
+
+def self_test(compiler, modules):
+    """The planted scalar loop must be found, three times, and nothing else."""
+    with tempfile.TemporaryDirectory() as scratch:
+        source = Path(scratch) / "planted.f90"
+        source.write_text(PLANTED, encoding="utf-8")
+        lines, count = failures(compiler, modules, source)
+    good = count == 2 * len(TARGETS) and len(lines) == len(TARGETS) and all(": scalar " in line for line in lines)
+    print("\n".join(lines))
+    return 0 if good else 1
+
+
+def main():
+    """Look at every source file."""
+    compiler, modules, where = sys.argv[1:4]
+    if where == "--self-test":
+        return self_test(compiler, modules)
+    found, total = [], 0
+    for source in sorted((Path(where) / "src").rglob("*.f90")):
+        lines, count = failures(compiler, modules, source)
+        found += lines
+        total += count
+    print("\n".join(found) or f"{total} loops are vectorised")
+    return 1 if found or total == 0 else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
