@@ -52,6 +52,7 @@ contains
       real(wp), intent(in) :: strong, weak
 
       scheme%special = special
+      if (special == special_verlet_dz) scheme%symmetric = .false.  ! its shift by dZ comes last
       scheme%order_additive = strong
       scheme%order_commutative = 0
       scheme%order_general = 0

@@ -6,7 +6,7 @@ module symsde_scheme_certificate
    use symsde_base_text, only: to_text
    use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, &
                                    symplecticity_residual, expansion_none, expansion_dz, uses_dz, uses_areas, &
-                                   uses_nested_bracket, special_none, special_drift_preserving
+                                   uses_nested_bracket, special_none, special_verlet_dz, special_drift_preserving
    use symsde_scheme_properties, only: symmetry_residual, quadratic_residual, stratonovich_sum, &
                                        conjugate_stratonovich_sum, coefficient_tolerance
    use symsde_scheme_dependency, only: is_explicit, implicit_unknowns
@@ -69,7 +69,7 @@ contains
       if (scheme%form == tableau_form) c%symplecticity_residual = symplecticity_residual(scheme)
       c%symplectic = scheme%form /= ito_form .and. c%symplecticity_residual < coefficient_tolerance
       c%symmetry_residual = symmetry_residual(scheme)
-      c%symmetric = c%symmetry_residual < coefficient_tolerance
+      c%symmetric = c%symmetry_residual < coefficient_tolerance .and. scheme%special /= special_verlet_dz
       c%quadratic_residual = quadratic_residual(scheme)
       c%keeps_quadratic = c%symplectic .and. c%quadratic_residual < coefficient_tolerance
       call judge_consistency(c, scheme)
@@ -112,8 +112,7 @@ contains
              line('reference', c%reference)// &
              line('symplectic', symplectic_text(c))// &
              line('consistency', consistency_text(c))// &
-             line('symmetric', yes_no(c%symmetric)//', distance from the adjoint '// &
-                  to_text(c%symmetry_residual))// &
+             line('symmetric', symmetric_text(c))// &
              line('quadratic invariants', quadratic_text(c))// &
              line('strong order', 'additive noise '//order_text(c%order_additive)// &
                   ', commutative '//order_text(c%order_commutative)//', general '//order_text(c%order_general)// &
@@ -224,6 +223,14 @@ contains
       if (c%symplectic .and. c%correction_needed) &
          text = text//'; corrected, and without an analytic Hessian, to the error of its differences'
    end function symplectic_text
+
+   pure function symmetric_text(c) result(text)
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: text
+
+      text = yes_no(c%symmetric)//', distance from the adjoint '//to_text(c%symmetry_residual)
+      if (c%special == special_verlet_dz) text = 'without noise only, its shift by dZ comes last'
+   end function symmetric_text
 
    pure function consistency_text(c) result(text)
       type(certificate_type), intent(in) :: c
