@@ -147,7 +147,7 @@ contains
                                   self%dq, self%dp, self%state%status)
       if (self%stepper%ham%counters%failures > failures) &
          call self%rescue%attempt(self%state%nlane, time_of(self, self%step), self%w(:, :, half), self%state%q, &
-                                  self%state%p, self%state%failed_step >= 0, self%dq, self%dp, self%state%status, &
+                                  self%state%p, self%state%failed_step, self%dq, self%dp, self%state%status, &
                                   self%stepper%ham%counters)
       call self%state%advance(self%step, self%dq, self%dp)
       self%stepper%ham%counters%steps = self%stepper%ham%counters%steps + self%nreal

@@ -62,11 +62,11 @@ contains
    end subroutine new_rescue
 
    !> Try the lanes that failed in this step; those that are saved get their increments and status ok.
-   subroutine attempt(self, nlane, t, w, q, p, failed_before, dq, dp, status, counters)
+   subroutine attempt(self, nlane, t, w, q, p, failed_step, dq, dp, status, counters)
       class(rescue_type), intent(inout) :: self
       integer, intent(in) :: nlane
       real(wp), intent(in) :: t, w(:, 0:), q(:, :), p(:, :)
-      logical, intent(in) :: failed_before(nlane)    !! lanes that had failed in earlier steps
+      integer(i8), intent(in) :: failed_step(nlane)  !! >= 0: the lane had failed in an earlier step
       real(wp), intent(inout) :: dq(:, :), dp(:, :)
       integer(i8), intent(inout) :: status(nlane)
       type(counters_type), intent(inout) :: counters
@@ -76,7 +76,7 @@ contains
       if (.not. allocated(self%stepper)) call make_stepper(self)
       n = 0
       do lane = 1, nlane
-         if (failed_before(lane) .or. .not. any(status(lane) == [not_converged, singular, nonfinite])) cycle
+         if (failed_step(lane) >= 0 .or. .not. any(status(lane) == [not_converged, singular, nonfinite])) cycle
          n = n + 1
          lanes(n) = lane
          if (n == lane_unit) then
