@@ -2,7 +2,7 @@
 !> Whether the noises of a model commute, by its brackets at sample points.
 module symsde_capi_commutator
    use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_null_ptr, c_ptr, &
-                                          c_size_t
+                                                                             c_size_t
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_base_text, only: to_text
@@ -49,8 +49,10 @@ contains
          call commutator(m, t, qs, ps, found, refusal)
       end if
       if (.not. allocated(refusal)) then
-         largest = [found%noise, found%drift]
-         flags = merge(1_c_int32_t, 0_c_int32_t, [found%commutative, found%flows_commute])
+         largest(1) = found%noise
+         largest(2) = found%drift
+         flags(1) = merge(1_c_int32_t, 0_c_int32_t, found%commutative)
+         flags(2) = merge(1_c_int32_t, 0_c_int32_t, found%flows_commute)
          call put_text(found%text, text, size, c_null_ptr)
       end if
       status = finish(refusal, error)

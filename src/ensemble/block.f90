@@ -24,7 +24,7 @@ module symsde_ensemble_block
       class(stepper_type), allocatable :: stepper
       type(rescue_type) :: rescue          !! for paths that the stepper cannot solve
       class(observer_type), allocatable :: observer
-      class(noise_type), pointer :: noise
+      class(noise_type), pointer :: noise => null()
       type(lane_state) :: state
       integer :: nreal = 0
       integer(i8) :: first = 0, step = 0   !! first global path; absolute step that comes next

@@ -323,16 +323,17 @@ contains
       if (needs_dz) what = 'dZ'
       if (needs_dz .and. needs_areas) what = 'dZ and areas'
       if (prescribed) then
-         if (options%refine < 1) call raise(error, incompatible, 'run_ensemble', 'scheme '//scheme%name//' needs '// &
-            what//' for model '//model%name//', which one prescribed increment a step does not determine: give '// &
-            'finer rows, 2^refine a step with refine >= 1, or a scheme that needs increments only, such as '// &
-            'midpoint')
+         if (options%refine >= 1) return
+         call raise(error, incompatible, 'run_ensemble', 'scheme '//scheme%name//' needs '//what//' for model '// &
+                    model%name//', which one prescribed increment a step does not determine: give finer rows, '// &
+                    '2^refine a step with refine >= 1, or a scheme that needs increments only, such as midpoint')
       else if (needs_areas) then
          rows = real(options%first_step + options%nstep, wp)*2.0_wp**max(0, options%refine)* &
                 2.0_wp**area_levels(options%step/2.0_wp**max(0, options%refine))
-         if (rows > 2.0_wp**47) call raise(error, too_large, 'run_ensemble', 'the areas of '// &
-            to_text(options%nstep)//' steps need '//to_text(rows)//' sub-increments, beyond 2^47, the range of '// &
-            'the step counter: give fewer or longer steps')
+         if (rows <= 2.0_wp**47) return
+         call raise(error, too_large, 'run_ensemble', 'the areas of '//to_text(options%nstep)//' steps need '// &
+                    to_text(rows)//' sub-increments, beyond 2^47, the range of the step counter: give fewer or '// &
+                    'longer steps')
       end if
    end subroutine check_integrals
 

@@ -28,9 +28,9 @@ module symsde_ensemble_moment_collector
 
    type, extends(observer_type) :: moment_collector
       private
-      class(model_type), pointer :: model
-      class(observables_type), pointer :: observables
-      type(moment_store), pointer :: store
+      class(model_type), pointer :: model => null()
+      class(observables_type), pointer :: observables => null()
+      type(moment_store), pointer :: store => null()
       integer, public :: nvalue = 0
       integer :: ntime = 0, nreal = 0, npiece = 0
       integer :: offset(64) = 0, level(64) = 0

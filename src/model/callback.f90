@@ -12,7 +12,7 @@
 module symsde_model_callback
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, &
-                                          c_int, c_null_ptr, c_ptr
+                                                                             c_int, c_null_ptr, c_ptr
    use symsde_base_kinds, only: wp, i4
    use symsde_base_status, only: error_type, raise, missing_operation
    use symsde_base_traits, only: model_traits

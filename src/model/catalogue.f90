@@ -29,10 +29,10 @@ module symsde_model_catalogue
    public :: model_names, parameter_names, parameter_defaults, tabulate, get_model
 
    character(len=name_length), parameter :: all_names(8) = [character(len=name_length) :: &
-                                            'kubo', 'linear_oscillator', 'synchrotron', &
-                                            'additive_oscillator', 'pendulum', &
-                                            'noncommutative_oscillator', 'henon_heiles', &
-                                            'fpu_chain']
+                                                            'kubo', 'linear_oscillator', 'synchrotron', &
+                                                            'additive_oscillator', 'pendulum', &
+                                                            'noncommutative_oscillator', 'henon_heiles', &
+                                                            'fpu_chain']
 
 contains
 
@@ -171,6 +171,7 @@ contains
       case ('noncommutative_oscillator'); allocate (noncommutative_oscillator_model :: model)
       case ('henon_heiles'); allocate (henon_heiles_model :: model)
       case ('fpu_chain'); allocate (fpu_chain_model :: model)
+      case default  ! stays unallocated: no such model
       end select
    end subroutine allocate_model
 

@@ -15,14 +15,14 @@ module symsde_scheme_catalogue
    public :: get_scheme, scheme_names, scheme_families
 
    integer, parameter :: nplain = 32  !! names without a parameter; the families follow
-   character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: &
-      'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', &
-      'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', &
-      'lobatto3_swapped', 'lobatto4', 'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', &
-      'P1N3Q4Lob', 'P2N2Q2Lob', 'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', &
-      'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'midpoint_areas', 'midpoint_weak1', &
-      'verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', &
-      'heun', 'euler_maruyama', 'dirk:', 'lambda:']
+   character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: & !&
+      'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', & !&
+      'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', & !&
+      'lobatto3_swapped', 'lobatto4', 'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', & !&
+      'P1N3Q4Lob', 'P2N2Q2Lob', 'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', & !&
+      'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'midpoint_areas', 'midpoint_weak1', & !&
+      'verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', & !&
+      'heun', 'euler_maruyama', 'dirk:', 'lambda:'] !&
 
 contains
 
@@ -232,6 +232,7 @@ contains
       case ('Otr')
          rule = 'open_trapezoid'
          known = r == 2 .and. u == 2
+      case default  ! not known
       end select
       known = known .and. min(s, r, u) > 0 .and. s <= r
       known = known .and. name(1:1)//name(3:3)//name(5:5) == 'PNQ'

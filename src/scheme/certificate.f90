@@ -124,7 +124,7 @@ contains
              line('cost per step', cost_text(c))
       if (c%form == galerkin_form) &
          text = text//line('needs', 'H_pp not singular, every H_k,p constant: '// &
-                          'nodes that see different velocities of the noise tear their momenta apart')
+                           'nodes that see different velocities of the noise tear their momenta apart')
       if (c%special /= special_none) text = text//line('needs', needs_text(c))
    end function certificate_text
 

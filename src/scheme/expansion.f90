@@ -43,6 +43,7 @@ contains
       case ('midpoint_areas'); call declare(scheme, expansion_areas, law_gaussian, 1.0_wp, 1.0_wp, 1.0_wp)
       case ('gauss2_weak2'); call declare(scheme, expansion_weak, law_three_point, 0.0_wp, 0.0_wp, 2.0_wp)
       case ('midpoint_weak1'); call declare(scheme, expansion_none, law_two_point, 0.0_wp, 0.0_wp, 1.0_wp)
+      case default  ! the base as it is
       end select
       scheme%reference = 'modified one-step Hamiltonian on '//base_of(name)//' (log-ODE; Castell 1993)'
       if (scheme%law /= law_gaussian) then

@@ -8,10 +8,10 @@ module symsde_scheme_quadrature
    private
    public :: get_quadrature, quadrature_names, exactness_degree
 
-   character(len=name_length), parameter :: all_names(16) = [character(len=name_length) :: &
-      'rectangle_left', 'rectangle_right', 'midpoint', 'trapezoid', 'open_trapezoid', &
-      'gauss1', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto3', 'lobatto4', &
-      'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3']
+   character(len=name_length), parameter :: all_names(16) = [character(len=name_length) :: & !&
+      'rectangle_left', 'rectangle_right', 'midpoint', 'trapezoid', 'open_trapezoid', & !&
+      'gauss1', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto3', 'lobatto4', & !&
+      'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3'] !&
    real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)  !! of a moment that ought to vanish
 
 contains
@@ -81,7 +81,7 @@ contains
          x = sqrt((3 + 2*w)/7)
          y = sqrt((3 - 2*w)/7)
          nodes = 0.5_wp + 0.5_wp*(x*[-1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp] + &
-                                    y*[0.0_wp, -1.0_wp, 1.0_wp, 0.0_wp])
+                                  y*[0.0_wp, -1.0_wp, 1.0_wp, 0.0_wp])
          w = sqrt(30.0_wp)
          weights = (18 + w*[-1.0_wp, 1.0_wp, 1.0_wp, -1.0_wp])/72
       case default

@@ -125,10 +125,10 @@ contains
          if (.not. any(active(first:first + width - 1))) cycle
          if (self%kl < 0) then
             call solve_strip(self%nlane, self%n, first, width, a, x, self%smallest, &
-               self%strip, self%part)
+                             self%strip, self%part)
          else
             call solve_banded_strip(self%nlane, self%n, self%kl, self%ku, first, width, a, x, &
-               self%smallest, self%strip, self%part)
+                                    self%smallest, self%strip, self%part)
          end if
       end do
    end subroutine eliminate

@@ -50,13 +50,13 @@ contains
          call solve_one_unknown(nlane, a, x, smallest)
       case (2)
          call solve_two_unknowns(nlane, a(:, 1, 1), a(:, 2, 1), a(:, 1, 2), a(:, 2, 2), &
-            x(:, 1), x(:, 2), smallest)
+                                 x(:, 1), x(:, 2), smallest)
       case default
          widest = strip_lanes(nlane, n*n)
          allocate (strip(widest, n, n), part(widest, n))
          do first = 1, nlane, widest
             call solve_strip(nlane, n, first, min(widest, nlane - first + 1), a, x, &
-               smallest, strip, part)
+                             smallest, strip, part)
          end do
       end select
    end subroutine solve_lanes

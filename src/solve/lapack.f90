@@ -5,7 +5,7 @@
 !> singular matrix info = 0 and infinities. Data and solution are therefore looked at here.
 module symsde_solve_lapack
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_procpointer, c_funptr, c_int, &
-      c_null_char, c_null_ptr, c_ptr
+                                                                             c_null_char, c_null_ptr, c_ptr
    use symsde_base_kinds, only: wp, i4
    use symsde_base_status, only: status_ok, singular, nonfinite
    implicit none
@@ -15,9 +15,9 @@ module symsde_solve_lapack
 
    !> Names under which BLAS libraries let their number of threads be read and set.
    character(*), parameter :: reader_name(2) = &
-      [character(24) :: 'openblas_get_num_threads', 'MKL_Get_Max_Threads']
+                              [character(24) :: 'openblas_get_num_threads', 'MKL_Get_Max_Threads']
    character(*), parameter :: setter_name(2) = &
-      [character(24) :: 'openblas_set_num_threads', 'MKL_Set_Num_Threads']
+                              [character(24) :: 'openblas_set_num_threads', 'MKL_Set_Num_Threads']
 
    interface
       !> LAPACK: LU factors of a general matrix.

@@ -32,7 +32,7 @@ module symsde_step_modified_hamiltonian
    real(wp), parameter :: reach = 0.5_wp  !! r
 
    type :: modified_hamiltonian
-      class(model_type), pointer :: model
+      class(model_type), pointer :: model => null()
       integer :: nlane = 0, ndof = 0, nnoise = 0
       real(wp), allocatable :: z(:, :)      !! dZ_k of this step, zero until set (nlane, nnoise)
       real(wp), allocatable :: area(:, :)   !! A_kl of this step, zero until set (nlane, nnoise(nnoise-1)/2)

@@ -26,7 +26,7 @@ module symsde_step_one_step_hamiltonian
    public :: one_step_hamiltonian, new_one_step_hamiltonian
 
    type :: one_step_hamiltonian
-      class(model_type), pointer :: model
+      class(model_type), pointer :: model => null()
       integer :: nlane = 0, ndof = 0, nnoise = 0
       integer :: nreal = 0                    !! real paths of the block, what the counters count
       integer :: correction = correction_none

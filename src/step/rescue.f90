@@ -30,7 +30,7 @@ module symsde_step_rescue
    type :: rescue_type
       private
       logical, public :: available = .false.  !! the scheme and the size of the system allow it
-      class(model_type), pointer :: model
+      class(model_type), pointer :: model => null()
       type(scheme_type) :: scheme
       integer :: correction = 0
       integer :: max_iter = 0

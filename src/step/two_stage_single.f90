@@ -219,13 +219,13 @@ contains
          c34 = m33*m44 - m43*m34
          inverse = 1/(s12*c34 - s13*c24 + s14*c23 + s23*c14 - s24*c13 + s34*c12)
          d(lane, 1) = ((m22*c34 - m23*c24 + m24*c23)*r1 - (m12*c34 - m13*c24 + m14*c23)*r2 &
-               + (m42*s34 - m43*s24 + m44*s23)*r3 - (m32*s34 - m33*s24 + m34*s23)*r4)*inverse
+                       + (m42*s34 - m43*s24 + m44*s23)*r3 - (m32*s34 - m33*s24 + m34*s23)*r4)*inverse
          d(lane, 2) = (-(m21*c34 - m23*c14 + m24*c13)*r1 + (m11*c34 - m13*c14 + m14*c13)*r2 &
-               - (m41*s34 - m43*s14 + m44*s13)*r3 + (m31*s34 - m33*s14 + m34*s13)*r4)*inverse
+                       - (m41*s34 - m43*s14 + m44*s13)*r3 + (m31*s34 - m33*s14 + m34*s13)*r4)*inverse
          d(lane, 3) = ((m21*c24 - m22*c14 + m24*c12)*r1 - (m11*c24 - m12*c14 + m14*c12)*r2 &
-               + (m41*s24 - m42*s14 + m44*s12)*r3 - (m31*s24 - m32*s14 + m34*s12)*r4)*inverse
+                       + (m41*s24 - m42*s14 + m44*s12)*r3 - (m31*s24 - m32*s14 + m34*s12)*r4)*inverse
          d(lane, 4) = (-(m21*c23 - m22*c13 + m23*c12)*r1 + (m11*c23 - m12*c13 + m13*c12)*r2 &
-               - (m41*s23 - m42*s13 + m43*s12)*r3 + (m31*s23 - m32*s13 + m33*s12)*r4)*inverse
+                       - (m41*s23 - m42*s13 + m43*s12)*r3 + (m31*s23 - m32*s13 + m33*s12)*r4)*inverse
       end do
    end subroutine solve_lanes
 
