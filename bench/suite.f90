@@ -13,23 +13,27 @@ program bench_suite
    use bench_limit_fpu_chain, only: limit_fpu_chain
    use bench_limit_gauss2, only: limit_gauss2
    use bench_limit_kubo, only: limit_kubo
+   use bench_limit_single_path, only: limit_single_path
    use bench_limit_synchrotron, only: limit_synchrotron
    use bench_limit_synchrotron_fused, only: limit_synchrotron_fused
    use bench_support, only: median, scene_type, new_scene, run_paths, integer_argument
    implicit none
-   integer(i8), parameter :: npath = 2048
+   integer(i8) :: npath
    integer(i4), parameter :: nsite = 64
    real(wp), parameter :: h = 0.02_wp
    integer(i8) :: repeats, scale
 
    repeats = integer_argument(1, 7_i8)
    scale = integer_argument(2, 100_i8)
+   npath = 2048
    call compare('kubo_midpoint', 60000_i8)
    call compare('synchrotron_midpoint', 8000_i8)
    call compare('synchrotron_midpoint_fused', 8000_i8)
    call compare('additive_euler', 30000_i8)
    call compare('synchrotron_gauss2', 3000_i8)
    call compare('fpu64_midpoint', 200_i8)
+   npath = 1
+   call compare('kubo_single_path', 4000000_i8)
 
 contains
 
@@ -75,7 +79,7 @@ contains
       integer :: i
 
       select case (name)
-      case ('kubo_midpoint')
+      case ('kubo_midpoint', 'kubo_single_path')
          call new_scene(scene, 'kubo', ['a    ', 'sigma'], [1.0_wp, 0.3_wp], 'midpoint', h)
       case ('synchrotron_midpoint', 'synchrotron_midpoint_fused')
          call new_scene(scene, 'synchrotron', ['omega '], [2.0_wp], 'midpoint', h)
@@ -101,6 +105,8 @@ contains
       select case (name)
       case ('kubo_midpoint')
          call limit_kubo(npath, nstep, 1_i8, h, 1.0_wp, 0.3_wp, q, p)
+      case ('kubo_single_path')
+         call limit_single_path(nstep, h, 1.0_wp, 0.3_wp, q(1), p(1))
       case ('synchrotron_midpoint')
          call limit_synchrotron(npath, nstep, 1_i8, h, 2.0_wp, 0.2_wp, 0.1_wp, q, p)
       case ('synchrotron_midpoint_fused')

@@ -28,11 +28,14 @@ module symsde_ensemble_block
       type(lane_state) :: state
       integer :: nreal = 0
       integer(i8) :: first = 0, step = 0   !! first global path; absolute step that comes next
-      integer(i8) :: pair = -1             !! pair of steps whose increments are in w
-      integer(i8) :: normals = 0           !! drawn for one path since begin
+      integer(i8) :: pair = -1             !! pair of steps that increments were last taken from
+      integer(i8) :: ahead = -1            !! pair of steps whose increments come first in w
+      integer :: nahead = 0, npair = 1     !! pairs in w, and the most that fit
+      integer(i8) :: normals = 0           !! used for one path since begin
+      integer(i8) :: normals_of_pair = 0   !! drawn for one path in a pair of steps
       integer(i8) :: chunk = 1             !! steps of a chunk, adapted to the clock
       integer(i8), allocatable :: path(:)  !! global path of each lane
-      real(wp), allocatable :: w(:, :, :)  !! weights (nlane, 0:nnoise, 0:1), even and odd step of the pair
+      real(wp), allocatable :: w(:, :, :)  !! weights (nlane, 0:nnoise, 0:2*npair-1), even and odd step of each pair
       real(wp), allocatable :: z(:, :, :), area(:, :, :)  !! dZ and areas, where the scheme asks for them
       real(wp), allocatable :: dq(:, :), dp(:, :)
    contains
@@ -42,6 +45,7 @@ module symsde_ensemble_block
       procedure :: is_done
    end type block_runner
 
+   integer, parameter :: few_lanes = 8, few_noises = 8, pairs_ahead = 8
    real(wp), parameter :: longest_chunk = 0.05_wp  !! seconds
 
 contains
@@ -60,8 +64,11 @@ contains
       allocate (self%observer, source=observer)
       self%noise => noise
       associate (ham => self%stepper%ham)
+         ! few paths and noises, dW alone: pairs are drawn ahead, so that padding costs nothing
+         if (nlane <= few_lanes .and. ham%nnoise <= few_noises .and. .not. (noise%needs_dz .or. noise%needs_areas)) &
+            self%npair = pairs_ahead
          call new_lane_state(self%state, nlane, ham%ndof, options%compensated)
-         allocate (self%path(nlane), self%w(nlane, 0:ham%nnoise, 0:1))
+         allocate (self%path(nlane), self%w(nlane, 0:ham%nnoise, 0:2*self%npair - 1))
          allocate (self%dq(nlane, ham%ndof), self%dp(nlane, ham%ndof))
          if (noise%needs_dz .or. noise%needs_areas) &
             allocate (self%z(nlane, noise%nz, 0:1), self%area(nlane, noise%narea, 0:1), source=0.0_wp)
@@ -82,6 +89,7 @@ contains
       self%nreal = nreal
       self%step = self%options%first_step
       self%pair = -1
+      self%nahead = 0
       self%normals = 0
       self%stepper%ham%nreal = nreal
       call path_of_lane(self%state%nlane, first, nreal, self%path)
@@ -140,9 +148,10 @@ contains
          if (self%noise%needs_dz) self%stepper%ham%extra%z = self%z(:, :, half)
          if (self%noise%needs_areas) self%stepper%ham%extra%area = self%area(:, :, half)
       else if (self%step/2 /= self%pair .and. self%noise%nnoise > 0) then
-         call self%noise%fill(self%state%nlane, self%path, self%step/2, self%w, self%normals)
+         call draw(self)
       end if
       self%pair = self%step/2
+      if (self%nahead > 0) half = half + 2*int(self%pair - self%ahead)
       call self%stepper%increment(time_of(self, self%step), self%w(:, :, half), self%state%q, self%state%p, &
                                   self%dq, self%dp, self%state%status)
       if (self%stepper%ham%counters%failures > failures) &
@@ -153,6 +162,27 @@ contains
       self%stepper%ham%counters%steps = self%stepper%ham%counters%steps + self%nreal
       self%step = self%step + 1
    end subroutine one_step
+
+   !> Increments of the pair of steps that begins, from those drawn ahead or from the source.
+   subroutine draw(self)
+      type(block_runner), intent(inout) :: self
+      integer(i8) :: pair, last, drawn
+
+      pair = self%step/2
+      if (self%nahead == 0 .or. pair >= self%ahead + self%nahead) then
+         last = (self%options%first_step + self%options%nstep - 1)/2
+         drawn = 0
+         self%ahead = pair
+         self%nahead = int(min(int(self%npair, i8), last - pair + 1))
+         if (self%npair == 1) then
+            call self%noise%fill(self%state%nlane, self%path, pair, self%w, drawn)
+         else
+            call self%noise%fill_ahead(self%state%nlane, self%nreal, self%path, pair, self%nahead, self%w, drawn)
+         end if
+         self%normals_of_pair = drawn/self%nahead
+      end if
+      self%normals = self%normals + self%normals_of_pair
+   end subroutine draw
 
    !> Whether nothing is left to do.
    pure logical function is_done(self)

@@ -10,18 +10,20 @@
 !> Increments of a discrete law are sums of discrete draws at refine > 0, and have no bridge.
 module symsde_noise_brownian
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: padded
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible
    use symsde_base_text, only: to_text
    use symsde_noise_discrete, only: discrete_pairs
    use symsde_noise_integrals, only: integral_draws, step_integrals, fill_pair
-   use symsde_noise_normal, only: scaled_normal_pairs
-   use symsde_noise_source, only: noise_type, clip_lanes, clip_integrals
+   use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_pairs_at
+   use symsde_noise_source, only: noise_type, clip_lanes, clip_integrals, fill_one_by_one
    implicit none
    private
    public :: brownian_noise, new_brownian_noise
 
    integer, parameter, public :: max_refine = 30  !! largest |refine|
+   integer, parameter, public :: most_ahead = 64  !! lanes of the generator that fill_ahead uses at most
    integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
    integer, parameter :: purpose_bridge = 1       !! counter word of the bridge's draws
 
@@ -34,6 +36,7 @@ module symsde_noise_brownian
       integer :: law = law_gaussian
    contains
       procedure :: fill => fill_brownian
+      procedure :: fill_ahead => fill_brownian_ahead
       procedure :: fill_integrals => fill_brownian_integrals
    end type brownian_noise
 
@@ -99,6 +102,48 @@ contains
          end if
       end do
    end subroutine fill_brownian
+
+   !> Several pairs of few paths: every path and pair is a lane of the generator, so that one path pays for
+   !> one path and not for its padding. The same numbers as pair by pair.
+   subroutine fill_brownian_ahead(self, nlane, nreal, path, pair, npair, w, drawn)
+      class(brownian_noise), intent(in) :: self
+      integer, intent(in) :: nlane, nreal
+      integer(i8), intent(in) :: path(nlane), pair
+      integer, intent(in) :: npair
+      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
+      integer(i8), intent(inout) :: drawn
+      integer(i8) :: paths(most_ahead), pairs(most_ahead)
+      real(wp) :: even(most_ahead), odd(most_ahead)
+      integer :: n, i, j, k, lane
+
+      n = nreal*npair
+      if (self%refine /= 0 .or. self%law /= law_gaussian .or. n > most_ahead) then
+         call fill_one_by_one(self, nlane, nreal, path, pair, npair, w, drawn)
+         return
+      end if
+      do i = 1, padded(n)  ! a full vector: the last one again and again
+         j = (min(i, n) - 1)/nreal
+         paths(i) = path(min(i, n) - j*nreal)
+         pairs(i) = pair + j
+      end do
+      do k = 1, self%nnoise
+         if (self%silent(k)) then
+            w(:, k, :) = 0
+            cycle
+         end if
+         call scaled_normal_pairs_at(padded(n), self%seed, paths, pairs, k, 0, purpose_increment, sqrt(self%h), &
+                                     even, odd)
+         call clip_lanes(n, self%bound, even)
+         call clip_lanes(n, self%bound, odd)
+         do j = 0, npair - 1
+            do lane = 1, nlane
+               w(lane, k, 2*j) = even(j*nreal + min(lane, nreal))
+               w(lane, k, 2*j + 1) = odd(j*nreal + min(lane, nreal))
+            end do
+         end do
+         drawn = drawn + 2*npair
+      end do
+   end subroutine fill_brownian_ahead
 
    !> The same draws with dZ and areas of the path they belong to.
    subroutine fill_brownian_integrals(self, nlane, path, pair, w, z, area, drawn)

@@ -4,10 +4,10 @@
 !> function, so that a lane does not depend on where in a vector it sits.
 module symsde_noise_normal
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_noise_philox, only: philox_lanes
+   use symsde_noise_philox, only: philox_lanes, philox_lanes_at
    implicit none
    private
-   public :: uniform_open_lanes, normal_pair_lanes, normal_pairs, scaled_normal_pairs
+   public :: uniform_open_lanes, normal_pair_lanes, normal_pairs, scaled_normal_pairs, scaled_normal_pairs_at
 
    !> Lanes done at once by `normal_pairs`: their words (32 bytes a lane) stay in the first cache.
    !> Smaller tiles pay the set-up of the generator's round keys more often.
@@ -80,6 +80,26 @@ contains
          call scaled_pair_lanes(n, words, scale, even(first), odd(first))
       end do
    end subroutine scaled_normal_pairs
+
+   !> The same numbers with a pair for each lane.
+   subroutine scaled_normal_pairs_at(nlane, seed, path, pair, noise, level, purpose, scale, even, odd)
+      integer(i4), intent(in) :: nlane         !! lanes, any number
+      integer(i8), intent(in) :: seed          !! the 64-bit key
+      integer(i8), intent(in) :: path(nlane)   !! global path, 0 .. 2**48-1
+      integer(i8), intent(in) :: pair(nlane)   !! pair of fine steps, 0 .. 2**48-1
+      integer(i4), intent(in) :: noise, level, purpose
+      real(wp), intent(in) :: scale            !! standard deviation
+      real(wp), intent(out) :: even(nlane)     !! N(0,scale**2)
+      real(wp), intent(out) :: odd(nlane)      !! N(0,scale**2), independent of even
+      integer(i8) :: words(tile, 4)
+      integer(i4) :: first, n
+
+      do first = 1, nlane, tile
+         n = min(tile, nlane - first + 1)
+         call philox_lanes_at(n, seed, path(first), pair(first), noise, level, purpose, words)
+         call scaled_pair_lanes(n, words, scale, even(first), odd(first))
+      end do
+   end subroutine scaled_normal_pairs_at
 
    !> Two uniforms a lane in the open interval: (2 k + 1) / 2**53, k the first 52 of the 64 bits of
    !> words 1-2 and of words 3-4. Symmetric about 1/2; never 0 or 1; every value is exact.

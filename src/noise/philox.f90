@@ -21,7 +21,7 @@ module symsde_noise_philox
    use symsde_base_kinds, only: i4, i8
    implicit none
    private
-   public :: counter_map_version, philox_lanes, philox_words
+   public :: counter_map_version, philox_lanes, philox_lanes_at, philox_words
 
    integer(i4), parameter :: counter_map_version = 1  !! written with every result
 
@@ -78,6 +78,44 @@ contains
          words(lane, 4) = c4
       end do
    end subroutine philox_lanes
+
+   !> VEC The same with a pair for each lane: a path alone fills its lanes with the pairs to come.
+   subroutine philox_lanes_at(nlane, seed, path, pair, noise, level, purpose, words)
+      integer(i4), intent(in) :: nlane           !! lanes, any number
+      integer(i8), intent(in) :: seed            !! the 64-bit key
+      integer(i8), intent(in) :: path(nlane)     !! global path, 0 .. 2**48-1
+      integer(i8), intent(in) :: pair(nlane)     !! pair of fine steps, 0 .. 2**48-1
+      integer(i4), intent(in) :: noise, level, purpose
+      integer(i8), intent(out) :: words(nlane, 4)  !! each 0 .. 2**32-1
+      integer(i8), volatile :: hidden(2)  ! as above
+      integer(i8) :: k(nround, 2), m(2), c1, c2, c3, c4, tag
+      integer(i4) :: lane
+
+      call round_keys(seed, k)
+      hidden = multiplier
+      m = hidden
+      tag = int(noise, i8) + ishft(int(level, i8), 20) + ishft(int(purpose, i8), 26)
+      do lane = 1, nlane
+         c1 = iand(path(lane), low32)
+         c2 = ior(ishft(path(lane), -32), ishft(ishft(pair(lane), -32), 16))
+         c3 = iand(pair(lane), low32)
+         c4 = tag
+         call one_round(m(1), m(2), k(1, 1), k(1, 2), c1, c2, c3, c4)
+         call one_round(m(1), m(2), k(2, 1), k(2, 2), c1, c2, c3, c4)
+         call one_round(m(1), m(2), k(3, 1), k(3, 2), c1, c2, c3, c4)
+         call one_round(m(1), m(2), k(4, 1), k(4, 2), c1, c2, c3, c4)
+         call one_round(m(1), m(2), k(5, 1), k(5, 2), c1, c2, c3, c4)
+         call one_round(m(1), m(2), k(6, 1), k(6, 2), c1, c2, c3, c4)
+         call one_round(m(1), m(2), k(7, 1), k(7, 2), c1, c2, c3, c4)
+         call one_round(m(1), m(2), k(8, 1), k(8, 2), c1, c2, c3, c4)
+         call one_round(m(1), m(2), k(9, 1), k(9, 2), c1, c2, c3, c4)
+         call one_round(m(1), m(2), k(10, 1), k(10, 2), c1, c2, c3, c4)
+         words(lane, 1) = c1
+         words(lane, 2) = c2
+         words(lane, 3) = c3
+         words(lane, 4) = c4
+      end do
+   end subroutine philox_lanes_at
 
    !> One round on one lane; -fwrapv makes the products the low 64 bits of the unsigned ones.
    pure subroutine one_round(m1, m2, k1, k2, c1, c2, c3, c4)

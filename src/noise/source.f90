@@ -12,7 +12,7 @@ module symsde_noise_source
    use symsde_base_laws, only: area_count
    implicit none
    private
-   public :: noise_type, clip_lanes, clip_integrals
+   public :: noise_type, clip_lanes, clip_integrals, fill_one_by_one
 
    type, abstract :: noise_type
       integer :: nnoise = 0                  !! m, number of noises
@@ -25,6 +25,7 @@ module symsde_noise_source
    contains
       procedure(fill_interface), deferred :: fill
       procedure(integrals_interface), deferred :: fill_integrals
+      procedure :: fill_ahead => fill_one_by_one
       procedure :: ask
    end type noise_type
 
@@ -56,6 +57,22 @@ module symsde_noise_source
    end interface
 
 contains
+
+   !> Increments of npair pairs of steps at once, for blocks of few lanes; lanes past nreal repeat lane nreal.
+   !> Default: one pair after the other.
+   subroutine fill_one_by_one(self, nlane, nreal, path, pair, npair, w, drawn)
+      class(noise_type), intent(in) :: self
+      integer, intent(in) :: nlane, nreal
+      integer(i8), intent(in) :: path(nlane), pair  !! the first pair
+      integer, intent(in) :: npair
+      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
+      integer(i8), intent(inout) :: drawn           !! for one path, in all pairs
+      integer :: j
+
+      do j = 0, npair - 1
+         call self%fill(nlane, path, pair + j, w(:, :, 2*j:2*j + 1), drawn)
+      end do
+   end subroutine fill_one_by_one
 
    !> Clip increments to [-bound, bound]; applied to the summed increment of the level in use.
    pure subroutine clip_lanes(n, bound, dw)
