@@ -18,6 +18,8 @@ module symsde_ensemble_statistics
       real(wp), allocatable :: m2(:, :)     !! sums of squared deviations (nvalue, ntime)
    end type moment_node
 
+   integer, parameter :: highest_level = 62  !! no index has more bits
+
    !> The complete nodes that have not found their sisters yet: O(threads log paths) of them.
    type :: moment_tree
       type(moment_node), allocatable :: nodes(:)
@@ -57,6 +59,7 @@ contains
 
       do while (tree%nnode > 1)
          lowest = minloc(tree%nodes(:tree%nnode)%level, dim=1)
+         if (tree%nodes(lowest)%level > highest_level) exit  ! two nodes of the same paths would never merge
          call move_node(tree%nodes(lowest), node)
          if (lowest < tree%nnode) call move_node(tree%nodes(tree%nnode), tree%nodes(lowest))
          tree%nnode = tree%nnode - 1
@@ -64,7 +67,7 @@ contains
          node%index = node%index/2
          call insert_node(tree, node)
       end do
-      if (tree%nnode == 1) call move_node(tree%nodes(1), root)
+      if (tree%nnode >= 1) call move_node(tree%nodes(1), root)
       tree%nnode = 0
    end subroutine final_node
 
