@@ -223,6 +223,15 @@ def test_page(tmp_path):
     assert (tmp_path / "figures" / "work-precision-kubo.png").is_file()
 
 
+def test_a_bad_scene_of_a_folder_is_refused_first(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(study, "measure", lambda *_: pytest.fail("a point was measured"))
+    text = (SCENES / "kubo.toml").read_text()
+    (tmp_path / "a.toml").write_text(text)
+    (tmp_path / "b.toml").write_text(text.replace("[8, 16, 32, 64, 128, 256]", "[8, 12]"))
+    assert cli.main(["study", "--all", str(tmp_path), "--out", str(tmp_path / "out")]) == cli.BAD_INPUT
+    assert "b.toml: [study]: steps: 8" in capsys.readouterr().err
+
+
 # Of a path-step: normals, gradients, Hessians, iterations, solves, LAPACK; None where Newton iterates.
 LEFT_OUT = {
     "additive_oscillator": (2, 2, 0, 0, 0, 0),

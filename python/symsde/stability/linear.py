@@ -27,14 +27,20 @@ def euler_factor(x: float) -> float:
 
 def fast_mode(quick: bool) -> Scenario:
     """S07: a fast mode without noise, h = 0.1."""
-    result = Scenario("S07", "Fast linear mode, midpoint")
+    result = Scenario("S07", "Fast linear mode, midpoint, h = 0.1")
+    result.if_failed = (
+        "The stepper that eliminates momenta forms the change of p from the force at the midpoint. For omega h >> 1 "
+        "the ends of a step nearly cancel there, and p loses digits: the change of H grows with the square of the "
+        "number of steps. The general stepper keeps them (`general=True`)."
+    )
     steps = 200 if quick else 2000
     for omega in (1e0, 1e2, 1e4, 1e6, 1e8):
         model = spring(omega)
-        run = simulate(model, q0=1.0, p0=0.0, step=0.1, steps=steps)
-        energy = model.value(run.q.reshape(1, -1), run.p.reshape(1, -1))
         name = f"omega = {omega:.0e}"
-        result.at_most(f"{name}: relative change of H", np.abs(energy / energy[0] - 1).max(), 1e-10)
+        for general, stepper in ((True, "general stepper"), (False, "stepper chosen by the traits")):
+            run = simulate(model, q0=1.0, p0=0.0, step=0.1, steps=steps, general=general)
+            energy = model.value(run.q.reshape(1, -1), run.p.reshape(1, -1))
+            result.at_most(f"{name}: change of H, {stepper}", np.abs(energy / energy[0] - 1).max(), 1e-10)
         iterations = run.report.counters["iterations"] / run.report.counters["path_steps"]
         result.add(f"{name}: Newton iterations a step", "1 (linear)", f"{iterations:.3g}", "<= 3", iterations <= 3)
         warned, wanted = says(run.report, "under-resolved"), omega * 0.1 > 1

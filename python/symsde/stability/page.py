@@ -52,5 +52,7 @@ def write(target: Path, found: list[Scenario], quick: bool) -> None:
         for check in scenario.checks:
             verdict = "ok" if check.passed else "**failed**"
             parts.append(f"| {check.name} | {check.expected} | {check.observed} | {check.criterion} | {verdict} |")
+        if scenario.if_failed and not all(check.passed for check in scenario.checks):
+            parts += ["", scenario.if_failed]
         parts.append("")
     _files.replace(target, lambda part: part.write_text("\n".join(parts).rstrip() + "\n", encoding="utf-8"))

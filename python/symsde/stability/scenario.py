@@ -35,6 +35,7 @@ class Scenario:
     title: str
     checks: list[Check] = field(default_factory=list)
     curves: dict[str, Any] = field(default_factory=dict)
+    if_failed: str = ""  #: the known cause, said where a criterion fails
 
     def add(self, name: str, expected: object, observed: object, criterion: str, passed: object) -> None:
         """Add a line."""

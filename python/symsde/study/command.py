@@ -41,6 +41,8 @@ def run(options: argparse.Namespace) -> int:
         "horizon": options.horizon,
         "progress": sys.stderr.isatty() and not options.quiet,
     }
+    for file in files:
+        scenes.check(file, **given)  # all of them before the first long run
     studies = []
     for file in files:
         base = Path(options.out or "out/study")

@@ -74,6 +74,11 @@ class Plan:
                 **options,
             )
 
+    def set_up(self, scheme: str | Scheme, steps: int, paths: int) -> None:
+        """Set a run up as `run` does, but make no step."""
+        options = {**self.options, "q0": self.q0, "p0": self.p0, "paths": paths, "threads": 1}
+        simulate(self.model, scheme=scheme, step=self.horizon / steps, steps=0, **options)
+
 
 def make_plan(
     model: Model,
@@ -205,8 +210,7 @@ def _try_out(plan: Plan) -> None:
     for scheme in plan.schemes:
         for n in plan.steps:
             try:
-                start = {"q0": plan.q0, "p0": plan.p0, "paths": plan.paths, **plan.options}
-                simulate(plan.model, scheme=scheme, step=plan.horizon / n, steps=0, **start)
+                plan.set_up(scheme, n, plan.paths)
             except SymsdeError as error:
                 error.args = (f"{scheme.name} with {n} steps: {error}",)
                 raise
@@ -251,6 +255,8 @@ def _better(model: Model, scheme: Scheme) -> str:
     """The best affordable scheme on the Brownian paths of another."""
     commutative = model.nnoise < 2 or model.traits.additive or model.traits.position_noise
     if model.ndof > SMALL:
+        if model.traits.additive and model.traits.position_noise and model.traits.identity_mass:
+            return "verlet_dz"
         return "stormer_verlet" if model.traits.separable else "midpoint"
     if commutative:
         return "gauss2_strong32"

@@ -11,23 +11,32 @@ import numpy as np
 
 from .. import scene
 from ..errors import SceneError, SymsdeError
-from . import WorkPrecision, work_precision
-from .plan import OPTIONS
+from . import SCHEMES, STEPS, WorkPrecision, work_precision
+from .plan import OPTIONS, make_plan
 
 
 def study(file: str | os.PathLike, **given: Any) -> WorkPrecision:
     """Study of a scene; arguments of `work_precision` that are given replace those of [study]."""
+    return _named(file, work_precision, given)
+
+
+def check(file: str | os.PathLike, **given: Any) -> None:
+    """Refuse what `study` would refuse, without a long run."""
+    _named(file, make_plan, {key: value for key, value in given.items() if key not in ("out", "progress")})
+
+
+def _named(file, function, given: dict):
+    """Call with the arguments of a scene; refusals name the scene."""
     chosen = scene.load(file)
     run = chosen.run
-    arguments = {"horizon": abs(run["step"]) * run["steps"], "paths": max(1000, run.get("paths", 1))}
+    arguments = {"schemes": SCHEMES, "steps": STEPS, "horizon": abs(run["step"]) * run["steps"]}
+    arguments |= {"paths": max(1000, run.get("paths", 1)), "name": Path(file).stem}
     arguments |= {key: run[key] for key in (*OPTIONS, "q0", "p0") if key in run}
     arguments |= chosen.study | {key: value for key, value in given.items() if value is not None}
     if any(np.ndim(run[key]) == 2 for key in ("q0", "p0")):
         arguments["paths"] = run.get("paths", 1)  # one column for each path of the scene
     try:
-        return work_precision(chosen.model, name=Path(file).stem, **arguments)
-    except SceneError:
-        raise
+        return function(chosen.model, **arguments)
     except SymsdeError as error:
         raise SceneError(f"{file}: [study]: {error}") from error
 

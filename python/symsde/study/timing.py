@@ -18,20 +18,22 @@ def cost(plan: Plan, scheme, steps: int) -> dict:
     """Median seconds of a path with quartiles over warm repeats on one thread, and counters of a path-step.
 
     Seconds are those of the processor: on an idle machine the elapsed ones, on a busy one not its other users'.
+    What a run without steps takes, once whatever the number of paths, is subtracted.
     """
     block = 256 if plan.model.ndof <= SMALL else 64
     block = min(block, plan.paths) if np.ndim(plan.q0) == 2 or np.ndim(plan.p0) == 2 else block
-    _, first = _run(plan, scheme, steps, block)
     paths = block
     if np.ndim(plan.q0) < 2 and np.ndim(plan.p0) < 2:
+        first = _seconds(plan, scheme, steps, block)[1] - _set_up(plan, scheme, steps, block)
         paths *= int(np.clip(round(TARGET / max(first, 1e-6)), 1, MOST))
-    _run(plan, scheme, steps, paths)  # warm
+    _seconds(plan, scheme, steps, paths)  # warm
+    set_up = _set_up(plan, scheme, steps, paths)
     seconds, elapsed = np.empty(plan.repeats), np.empty(plan.repeats)
     for i in range(plan.repeats):
         begin = time.perf_counter()
-        report, seconds[i] = _run(plan, scheme, steps, paths)
+        report, seconds[i] = _seconds(plan, scheme, steps, paths)
         elapsed[i] = time.perf_counter() - begin
-    seconds, elapsed = seconds / paths, elapsed / paths
+    seconds, elapsed = np.maximum(seconds - set_up, 1e-9) / paths, elapsed / paths
     counters = report.counters
     row = {
         "seconds": float(np.median(seconds)),
@@ -46,8 +48,18 @@ def cost(plan: Plan, scheme, steps: int) -> dict:
     return row | {name: counters[name] / per for name in COUNTERS}
 
 
-def _run(plan: Plan, scheme, steps: int, paths: int):
+def _seconds(plan: Plan, scheme, steps: int, paths: int):
     """Report of a run and the processor's seconds that it took."""
     begin = time.process_time()
     report = plan.run(scheme, steps, shared=False, paths=paths, threads=1).report
     return report, time.process_time() - begin
+
+
+def _set_up(plan: Plan, scheme, steps: int, paths: int) -> float:
+    """The processor's seconds of a run without steps, the least of three."""
+    least = np.inf
+    for _ in range(3):
+        begin = time.process_time()
+        plan.set_up(scheme, steps, paths)
+        least = min(least, time.process_time() - begin)
+    return least
