@@ -111,7 +111,7 @@ contains
       if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
       if (allocated(error)) return
       allocate (store)
-      call new_moment_collector(collector, model, choose_nlane(options, model%traits%ndof), size(result%t), &
+      call new_moment_collector(collector, model, choose_nlane(options, model), size(result%t), &
                                 store, observables)
       call by_path(q0, model%traits%ndof, q_rows)
       call by_path(p0, model%traits%ndof, p_rows)
