@@ -109,6 +109,24 @@ def measure_memory(bench: Path) -> list[dict]:
     return rows
 
 
+def measure_user_models(build: Path, repeats: int) -> list[dict]:
+    """One model written in several ways, by the Python package; nothing where NumPy is missing."""
+    library, functions = build / "libsymsde.so", build / "bench" / "libbench_user_models.so"
+    if np is None or not functions.exists():
+        return []
+    here = Path(__file__).resolve().parent
+    paths = os.pathsep.join(p for p in (str(here.parent / "python"), os.environ.get("PYTHONPATH")) if p)
+    done = subprocess.run(
+        [sys.executable, str(here / "user_models.py"), str(functions.resolve()), str(repeats)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"SYMSDE_LIBRARY": str(library.resolve()), "PYTHONPATH": paths},
+    )
+    lines = [line.split() for line in done.stdout.splitlines()]
+    return [{"name": w[1].replace("_", " "), "ns": [float(x) for x in w[2:]]} for w in lines]
+
+
 def slope(points: list[tuple[float, float]]) -> float:
     """Exponent of the least-squares power law."""
     x = [math.log(a) for a, _ in points]
@@ -258,7 +276,8 @@ def scene_section(results: dict) -> str:
         "Fraction is the limit program's time over the library's. The limit programs of\n"
         "`bench/limits/` have the same scheme, generator and arithmetic and none of the machinery\n"
         "(no status, checks, observers). `synchrotron_midpoint_fused` is the same scene beside a\n"
-        "limit program with a copy of sine and cosine in its one loop.\n\n" + table(heads, rows)
+        "limit program with a copy of sine and cosine in its one loop.\n"
+        "`kubo_single_path` is one path beside a plain scalar loop with a ziggurat generator.\n\n" + table(heads, rows)
     )
 
 
@@ -290,6 +309,17 @@ def counter_section(results: dict) -> str:
     heads = ["claim", "model", "scheme", "normals", "gradients", "Hessians"]
     heads += ["iterations", "solves", "verdict"]
     return "## What is left out\n\nCounters per path-step.\n\n" + table(heads, rows)
+
+
+def user_section(results: dict) -> str:
+    """Write the section of user models."""
+    rows = [[u["name"], spread(u["ns"])] for u in results["user_models"]]
+    return (
+        "## Models of one's own\n\nThe linear oscillator of the catalogue and the same model written by a user, 4096 "
+        "paths, one thread: ns of\nprocessor time per path-step. The loop by hand has NumPy's own generator and "
+        "arrays of the library's size.\n`numba cfunc` is absent where numba is not installed.\n\n"
+        + table(["model, scheme", "ns"], rows or [["NumPy is not installed", "skipped"]])
+    )
 
 
 def memory_section(results: dict) -> str:
@@ -337,7 +367,7 @@ def thread_section(results: dict) -> str:
 def page(results: dict) -> str:
     """Join the sections to one page."""
     machine = "\n".join(f"- {key}: {value}" for key, value in results["machine"].items())
-    sections = [scene_section, block_section, counter_section]
+    sections = [scene_section, block_section, user_section, counter_section]
     sections += [memory_section, growth_section, thread_section]
     return (
         "# Performance\n\nWritten by `./bootstrap bench --markdown docs/performance.md`; all "
@@ -372,6 +402,8 @@ def main() -> int:
     say("building blocks")
     results["blocks"] = measure_blocks(bench, repeats)
     results["generators"] = measure_other_generators(repeats)
+    say("models of one's own")
+    results["user_models"] = measure_user_models(options.build, min(repeats, 5))
     say("counters and memory")
     results["counters"] = measure_counters(bench)
     results["memory"] = measure_memory(bench)

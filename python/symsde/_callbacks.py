@@ -9,6 +9,7 @@ state, so that keeping one does no harm.
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -50,8 +51,12 @@ class Failures:
             raise error
 
 
+@functools.lru_cache(maxsize=1024)
 def view(address: int, shape: tuple[int, ...]) -> np.ndarray:
-    """The array of float64 at an address."""
+    """The array of float64 at an address.
+
+    It owns nothing. A block calls with the same few addresses in every step, hence the cache.
+    """
     count = 1
     for extent in shape:
         count *= extent

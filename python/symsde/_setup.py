@@ -17,6 +17,8 @@ from .errors import InvalidArgumentError, WrongShapeError, WrongTypeError
 from .model import Model
 from .schemes import Scheme, as_scheme
 
+_LIBRARY_LANES = 256  # of a block in the library, at most
+_PYTHON_VALUES = 2048  # numbers of an array that a Python function is given
 _COUNT = 2**47  # range of the counters of paths and steps
 
 
@@ -131,7 +133,7 @@ def make_options(
     options.general = _checks.flag("general", general)
     options.max_iter = integer("max_iter", max_iter, INT32)
     options.fixed_point = integer("fixed_point", fixed_point, INT32)
-    options.lanes = 0 if lanes is None else integer("lanes", lanes, INT32)
+    options.lanes = _lanes_for(model, options.paths) if lanes is None else integer("lanes", lanes, INT32)
     options.threads = threads_of(threads, in_python or model.in_python)
     if options.steps % options.save_every:
         raise InvalidArgumentError(
@@ -139,6 +141,12 @@ def make_options(
             "the last saved point would be missed; change one of the two"
         )
     return options
+
+
+def _lanes_for(model: Model, paths: int) -> int:
+    """Lanes of a block: the library's choice (0), but more for Python functions, whose calls cost microseconds."""
+    lanes = min(_PYTHON_VALUES // model.ndof, paths + 7) // 8 * 8
+    return lanes if model.in_python and lanes > _LIBRARY_LANES else 0
 
 
 def make_setup(
