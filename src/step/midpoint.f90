@@ -5,6 +5,13 @@
 !>
 !> ([WHSB] (82)-(83) for the synchrotron), g the constant part of Hhat_p from additive noise. The unknown
 !> is V = p_{n+1} - p_n, half as many as in general:  V + Hhat_q(q_n + (h p_n + g)/2 + h V/4) = 0.
+!>
+!> Where a frequency is fast, (h omega)^2/4 > 1, dq = h (p_n + V/2) + g would cancel and lose h omega ulps of
+!> q a step. In such lanes Newton goes on from there with dq as the unknown:
+!>
+!>    dq - (h p_n + g) + (h/2) Hhat_q(q_n + dq/2) = 0,   dp = 2 (dq - h p_n - g)/h
+!>
+!> with the same matrix. A lane is called stiff by its own first Hessian, never by its neighbours'.
 module symsde_step_midpoint
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
@@ -24,6 +31,7 @@ module symsde_step_midpoint
       real(wp), allocatable :: base(:, :)  !! q_n + (h p_n + g)/2 (nlane, ndof)
       real(wp), allocatable :: drift(:, :) !! h p_n + g (nlane, ndof)
       real(wp), allocatable :: qs(:, :)    !! Q (nlane, ndof)
+      integer(i8), allocatable :: rests(:) !! 0 in the lanes that are stiff and ok, -1 in the others (nlane)
       real(wp), allocatable :: zero(:, :)  !! p = 0, where the constant part of Hhat_p is read (nlane, ndof)
    contains
       procedure :: increment
@@ -56,6 +64,7 @@ contains
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       call new_newton(self%newton, nlane, n, options, model%traits%one_solve(b /= dense), b, b)
       allocate (self%base(nlane, n), self%drift(nlane, n), self%qs(nlane, n), self%zero(nlane, n))
+      allocate (self%rests(nlane), source=-1_i8)
       self%zero = 0
    end subroutine new_midpoint_stepper
 
@@ -66,7 +75,9 @@ contains
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       real(wp) :: h, tm
+      integer :: nstiff
 
+      nstiff = 0
       associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
          h = w(1, 0)
          tm = t + 0.5_wp*h
@@ -81,6 +92,7 @@ contains
          do while (newton%running)
             call position(nlane*n, h, self%base, dp, self%qs)
             call linearise(self, h, tm, w, p, dp)
+            if (newton%iteration == 0 .and. newton%options%fixed_point == 0) call find_stiff(self, h, nstiff)
             if (n == 1) then
                call newton%update_scalar(1.0_wp, 0.25_wp*h, dp, status, self%ham%counters)
             else
@@ -89,7 +101,59 @@ contains
          end do
          call position_increment(nlane*n, h, self%drift, dp, dq)
       end associate
+      if (nstiff > 0) call solve_stiff(self, h, tm, w, q, p, dq, dp, status)
    end subroutine increment
+
+   !> Which lanes are stiff, by the diagonal of the matrix of the first iteration.
+   subroutine find_stiff(self, h, nstiff)
+      type(midpoint_stepper), intent(inout) :: self
+      real(wp), intent(in) :: h
+      integer, intent(out) :: nstiff
+      integer :: i
+
+      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
+         self%rests = -1
+         if (n == 1) then
+            call mark_stiff(nlane, 0.0_wp, 0.25_wp*h, newton%a(:, 1, 1), self%rests)
+         else if (self%band == dense) then
+            do i = 1, n
+               call mark_stiff(nlane, 1.0_wp, 1.0_wp, newton%a(:, i, i), self%rests)
+            end do
+         else
+            do i = 1, n
+               call mark_stiff(nlane, 1.0_wp, 1.0_wp, newton%bands(:, 0, i), self%rests)
+            end do
+         end if
+         nstiff = count(self%rests == 0)
+      end associate
+   end subroutine find_stiff
+
+   !> Newton for dq in the stiff lanes, from what V gave.
+   subroutine solve_stiff(self, h, tm, w, q, p, dq, dp, status)
+      type(midpoint_stepper), intent(inout) :: self
+      real(wp), intent(in) :: h, tm, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(inout) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
+         where (status /= 0) self%rests = -1
+         call newton%start(self%rests)
+         do while (newton%running)
+            call halfway(nlane*n, q, dq, self%qs)
+            call linearise(self, h, tm, w, p, self%zero)
+            call position_residual(nlane*n, h, self%drift, newton%r)
+            if (n == 1) then
+               call newton%update_scalar(1.0_wp, 0.25_wp*h, dq, self%rests, self%ham%counters)
+            else
+               newton%r = dq + newton%r
+               call newton%update(dq, self%rests, self%ham%counters)
+            end if
+         end do
+         call take_stiff(nlane, n, h, self%rests, self%drift, dq, dp)
+         where (self%rests > 0) status = self%rests
+      end associate
+   end subroutine solve_stiff
 
    !> Residual V + Hhat_q(Q) and matrix I + (h/4) Hhat_qq(Q).
    subroutine linearise(self, h, tm, w, p, v)
@@ -175,6 +239,57 @@ contains
          dq(i) = drift(i) + 0.5_wp*h*dp(i)
       end do
    end subroutine position_increment
+
+   !> rests = 0 where offset is exceeded by scale*slope by more than one: (h omega)^2/4 > 1.
+   pure subroutine mark_stiff(nlane, offset, scale, slope, rests)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: offset, scale, slope(nlane)
+      integer(i8), intent(inout) :: rests(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         rests(lane) = merge(0_i8, rests(lane), scale*slope(lane) - offset > 1)
+      end do
+   end subroutine mark_stiff
+
+   !> Q = q + dq/2
+   pure subroutine halfway(n, q, dq, qs)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: q(n), dq(n)
+      real(wp), intent(out) :: qs(n)
+      integer :: i
+
+      do i = 1, n
+         qs(i) = q(i) + 0.5_wp*dq(i)
+      end do
+   end subroutine halfway
+
+   !> (h/2) Hhat_q - (h p + g), from Hhat_q in r.
+   pure subroutine position_residual(n, h, drift, r)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: h, drift(n)
+      real(wp), intent(inout) :: r(n)
+      integer :: i
+
+      do i = 1, n
+         r(i) = 0.5_wp*h*r(i) - drift(i)
+      end do
+   end subroutine position_residual
+
+   !> dp = 2 (dq - drift)/h in the lanes that were solved for dq.
+   pure subroutine take_stiff(nlane, n, h, rests, drift, dq, dp)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: h, drift(nlane, n), dq(nlane, n)
+      integer(i8), intent(in) :: rests(nlane)
+      real(wp), intent(inout) :: dp(nlane, n)
+      integer :: lane, i
+
+      do i = 1, n
+         do lane = 1, nlane
+            dp(lane, i) = merge(2*(dq(lane, i) - drift(lane, i))/h, dp(lane, i), rests(lane) == 0)
+         end do
+      end do
+   end subroutine take_stiff
 
    pure subroutine matrix_dense(nlane, n, h, a)
       integer, intent(in) :: nlane, n
