@@ -25,15 +25,14 @@ def euler_factor(x: float) -> float:
     return 1 / (1 - x**2 / 4)
 
 
-def fast_mode(quick: bool) -> Scenario:
+def fast_mode(quick: bool) -> Scenario:  # noqa: ARG001 - the same in quick runs: it is cheap
     """S07: a fast mode without noise, h = 0.1."""
     result = Scenario("S07", "Fast linear mode, midpoint, h = 0.1")
     result.if_failed = (
-        "The stepper that eliminates momenta forms the change of p from the force at the midpoint. For omega h >> 1 "
-        "the ends of a step nearly cancel there, and p loses digits: the change of H grows with the square of the "
-        "number of steps. The general stepper keeps them (`general=True`)."
+        "A stepper that forms the change of q or p as a difference of large numbers loses omega h ulps a step; the "
+        "change of H then grows with the square of the number of steps. The general stepper keeps them (`general=True`)."
     )
-    steps = 200 if quick else 2000
+    steps = 2000
     for omega in (1e0, 1e2, 1e4, 1e6, 1e8):
         model = spring(omega)
         name = f"omega = {omega:.0e}"
@@ -42,7 +41,7 @@ def fast_mode(quick: bool) -> Scenario:
             energy = model.value(run.q.reshape(1, -1), run.p.reshape(1, -1))
             result.at_most(f"{name}: change of H, {stepper}", np.abs(energy / energy[0] - 1).max(), 1e-10)
         iterations = run.report.counters["iterations"] / run.report.counters["path_steps"]
-        result.add(f"{name}: Newton iterations a step", "1 (linear)", f"{iterations:.3g}", "<= 3", iterations <= 3)
+        result.add(f"{name}: Newton iterations a step", "1, 2 if stiff", f"{iterations:.3g}", "<= 3", iterations <= 3)
         warned, wanted = says(run.report, "under-resolved"), omega * 0.1 > 1
         result.add(f"{name}: warned of h omega", wanted, warned, "warning iff h omega > 1", warned == wanted)
     return result
