@@ -25,12 +25,12 @@ def euler_factor(x: float) -> float:
     return 1 / (1 - x**2 / 4)
 
 
-def fast_mode(quick: bool) -> Scenario:  # noqa: ARG001 - the same in quick runs: it is cheap
+def fast_mode(quick: bool) -> Scenario:
     """S07: a fast mode without noise, h = 0.1."""
     result = Scenario("S07", "Fast linear mode, midpoint, h = 0.1")
     result.if_failed = (
         "A stepper that forms the change of q or p as a difference of large numbers loses omega h ulps a step; the "
-        "change of H then grows with the square of the number of steps. The general stepper keeps them (`general=True`)."
+        "change of H then grows with the square of the steps. The general stepper keeps them (`general=True`)."
     )
     steps = 2000
     for omega in (1e0, 1e2, 1e4, 1e6, 1e8):
