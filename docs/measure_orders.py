@@ -21,7 +21,10 @@ ROUNDING = 1e-13
 
 # class of noise: problems (model, parameters), coarsest level, reference and how many levels finer, paths
 CLASSES = {
-    "additive noise": ([("fpu_chain", {"n": 1, "beta": 1.0, "sigma": 1.0})], 3, "gauss2_strong32", 3, 1000),
+    "additive noise": (
+        [("fpu_chain", {"n": 1, "beta": 1.0, "sigma": 1.0}), ("henon_heiles", {})],
+        3, "gauss2_strong32", 3, 1000,
+    ),
     "commutative": (
         [("pendulum", {"sigma": 0.5}), ("synchrotron", {"omega": 1.0, "sigma1": 2.0, "sigma2": 1.0})],
         3, "gauss2_strong32", 3, 1000,

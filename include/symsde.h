@@ -80,6 +80,7 @@ typedef struct symsde_traits {
    int32_t has_value, has_hessian, has_hessian_vector; /* set by the library */
    double max_frequency;   /* bound of the frequencies of H [1/time]; 0 = not declared */
    double noise_lipschitz; /* Lipschitz constant of the noise [1/sqrt(time)]; 0 = not declared */
+   const double *rotation; /* [ndof] frequencies of the stiff linear part; NULL = none */
 } symsde_traits;
 
 /* Callbacks work on whole blocks: arrays [..][nlane], each lane from its own numbers alone. w[nham][nlane]
@@ -113,6 +114,7 @@ int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradi
                      symsde_hessian hessian, symsde_hessian_vector hessian_vector, void *user, symsde_model *model,
                      symsde_error *error);
 int symsde_model_delete(symsde_model *model);
+/* its traits; rotation points into the model and lives as long */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);
 /* check declared traits and Hessians at three points around q0[ndof], p0[ndof] */
 int symsde_model_probe(symsde_model model, double t, const double *q0, const double *p0, symsde_error *error);

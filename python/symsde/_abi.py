@@ -46,6 +46,7 @@ class Traits(Structure):
         *((name, c_int32) for name in ("has_value", "has_hessian", "has_hessian_vector")),
         ("max_frequency", c_double),
         ("noise_lipschitz", c_double),
+        ("rotation", POINTER(c_double)),
     )
 
 

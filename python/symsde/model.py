@@ -31,6 +31,8 @@ class Traits:
     bandwidth: int | None  #: of every block of the Hessian; None = dense
     max_frequency: float  #: bound of the frequencies of H; 0 = not declared
     noise_lipschitz: float  #: Lipschitz constant of the noise; 0 = not declared
+    #: frequencies omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q); None = not declared
+    rotation: tuple[float, ...] | None
     has_value: bool  #: the Hamiltonians can be evaluated
     has_hessian: bool  #: Hessians are analytic
     has_hessian_vector: bool  #: products of Hessian and vector are analytic
@@ -76,6 +78,7 @@ class Model:
         bandwidth: int | None = None,
         max_frequency: float = 0.0,
         noise_lipschitz: float = 0.0,
+        rotation: Any = None,
         name: str = "user",
     ):
         """Make the model; see the class."""
@@ -92,6 +95,8 @@ class Model:
         traits.bandwidth = -1 if bandwidth is None else _checks.integer("bandwidth", bandwidth, _checks.INT32)
         traits.max_frequency = _checks.number("max_frequency", max_frequency)
         traits.noise_lipschitz = _checks.number("noise_lipschitz", noise_lipschitz)
+        frequencies = _frequencies(rotation, traits.ndof)  # kept alive until the library has copied them
+        traits.rotation = frequencies
         for trait, given in declared.items():
             setattr(traits, trait, _checks.flag(trait, given))
         failures = _callbacks.Failures()
@@ -146,6 +151,7 @@ class Model:
             bandwidth=None if given.bandwidth < 0 else given.bandwidth,
             max_frequency=given.max_frequency,
             noise_lipschitz=given.noise_lipschitz,
+            rotation=tuple(given.rotation[: given.ndof]) if given.rotation else None,
             **flags,
         )
 
@@ -224,6 +230,16 @@ class Model:
                 "one weight for each Hamiltonian H_0 .. H_m"
             )
         return q, p, _checks.full(w, npath), npath
+
+
+def _frequencies(rotation, ndof: int):
+    """One frequency for each degree of freedom as a C array, or None."""
+    if rotation is None:
+        return None
+    values = _checks.real_array("rotation", rotation)
+    if values.shape != (ndof,):
+        raise WrongShapeError(f"rotation has shape {values.shape}: give ({ndof},), one frequency for each q_i")
+    return (ctypes.c_double * ndof)(*values)
 
 
 def _all_callbacks(functions: dict[str, Callable | None], failures: _callbacks.Failures):

@@ -27,6 +27,8 @@ def models_markdown() -> str:
         given = [key.replace("_", " ") for key in _TRAITS if getattr(model.traits, key)]
         if model.traits.bandwidth is not None:
             given.append(f"bandwidth {model.traits.bandwidth}")
+        if model.traits.rotation is not None:
+            given.append("rotation " + " ".join(f"{omega:g}" for omega in model.traits.rotation))
         parameters = ", ".join(f"{key} = {value:g}" for key, value in models.parameters(name).items())
         sizes = f"{model.ndof}", f"{model.nnoise}"
         rows.append([f"[`{name}`](#{name})", _equations(text), parameters, *sizes, ", ".join(given)])
@@ -164,10 +166,10 @@ _ORDERS_INTRODUCTION = """\
 Strong orders by class of noise: additive (every H_k linear), commutative (one noise, or all {H_k,H_l} constant),
 general, and flows that commute with each other and the drift's (Kubo oscillator). In front the order that is claimed,
 in parentheses the one that `docs/measure_orders.py` measured: root-mean-square errors on shared Brownian paths at seven
-steps, for fpu_chain with one mass, pendulum (synchrotron where it is refused), noncommutative_oscillator and kubo;
-nothing in parentheses: refused by these models. One-sided schemes have theirs with the correction "increments". A dash:
-does not converge path by path, or is not made for such noise. Weak orders are claims; "no noise" is the order of the
-deterministic scheme.
+steps, for fpu_chain with one mass (henon_heiles where it is refused), pendulum (synchrotron where it is refused),
+noncommutative_oscillator and kubo; nothing in parentheses: refused by these models. One-sided schemes have theirs with
+the correction "increments". A dash: does not converge path by path, or is not made for such noise. Weak orders are
+claims; "no noise" is the order of the deterministic scheme.
 """
 _STRUCTURE_INTRODUCTION = """\
 "correction": coefficient 1/2 - lambda of the drift correction that makes the scheme one of the Stratonovich equation

@@ -26,6 +26,9 @@ module symsde_base_traits
       logical :: has_hessian_vector = .false.  !! Hessian-vector products are analytic
       real(wp) :: max_frequency = 0        !! declared bound of the frequencies of H; 0 = not declared
       real(wp) :: noise_lipschitz = 0      !! declared Lipschitz constant of sum_k |grad H_k|; 0 = not declared
+      !> omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q) (ndof). A choice, not a
+      !> claim: V is what remains, so nothing is probed. Not allocated = not declared.
+      real(wp), allocatable :: rotation(:)
    contains
       procedure :: correction_vanishes
       procedure :: one_solve

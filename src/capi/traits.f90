@@ -2,10 +2,13 @@
 !> struct symsde_traits and its two conversions.
 module symsde_capi_traits
    use, intrinsic :: iso_c_binding, only: &
-      c_double, c_f_pointer, c_int, c_int32_t, c_null_ptr, c_ptr, c_size_t, c_sizeof
+      c_associated, c_double, c_f_pointer, c_int, c_int32_t, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
    use symsde_base_traits, only: model_traits
+   use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require
+   use symsde_model_parameters, only: largest_system
    implicit none
    private
    public :: c_traits, from_traits, to_traits, symsde_traits_init
@@ -19,6 +22,7 @@ module symsde_capi_traits
       integer(c_int32_t) :: has_value, has_hessian, has_hessian_vector
       real(c_double) :: max_frequency
       real(c_double) :: noise_lipschitz
+      type(c_ptr) :: rotation
    end type c_traits
 
 contains
@@ -38,9 +42,9 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_traits_init
 
-   !> The traits of a model, all members of the struct filled.
+   !> The traits of a model, all members of the struct filled; rotation points into them.
    function from_traits(traits) result(filled)
-      type(model_traits), intent(in) :: traits
+      type(model_traits), intent(in), target :: traits
       type(c_traits) :: filled
 
       filled%struct_size = c_sizeof(filled)
@@ -57,12 +61,16 @@ contains
       filled%has_hessian_vector = merge(1, 0, traits%has_hessian_vector)
       filled%max_frequency = traits%max_frequency
       filled%noise_lipschitz = traits%noise_lipschitz
+      filled%rotation = c_null_ptr
+      if (allocated(traits%rotation)) filled%rotation = c_loc(traits%rotation)
    end function from_traits
 
-   !> What the user declares; has_value and its like are set by the model itself.
+   !> What the user declares; has_value and its like are set by the model itself. Frequencies are not read
+   !> where the model is refused for its size.
    function to_traits(given) result(traits)
       type(c_traits), intent(in) :: given
       type(model_traits) :: traits
+      real(wp), pointer, contiguous :: rotation(:)
 
       traits%ndof = given%ndof
       traits%nnoise = given%nnoise
@@ -74,6 +82,10 @@ contains
       traits%bandwidth = given%bandwidth
       traits%max_frequency = given%max_frequency
       traits%noise_lipschitz = given%noise_lipschitz
+      if (c_associated(given%rotation) .and. given%ndof >= 1 .and. given%ndof <= largest_system) then
+         call view(given%rotation, int(given%ndof, i8), rotation)
+         traits%rotation = rotation
+      end if
    end function to_traits
 
 end module symsde_capi_traits

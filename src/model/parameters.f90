@@ -34,7 +34,8 @@ contains
    end function is_zero
 
    !> Refuse traits that no model can have: sizes (invalid_argument, too_large), a list of silent
-   !> noises of the wrong length (wrong_shape), bounds below zero or not finite (invalid_argument).
+   !> noises or of frequencies of the wrong length (wrong_shape), bounds and frequencies below zero or not
+   !> finite (invalid_argument).
    subroutine check_traits(place, name, traits, error)
       character(*), intent(in) :: place            !! the procedure that asks
       character(*), intent(in) :: name             !! name of the model
@@ -64,7 +65,25 @@ contains
       end if
       call check_bound(place, model//'max_frequency', traits%max_frequency, error)
       call check_bound(place, model//'noise_lipschitz', traits%noise_lipschitz, error)
+      if (allocated(traits%rotation)) call check_rotation(place, model, traits, error)
    end subroutine check_traits
+
+   subroutine check_rotation(place, model, traits, error)
+      character(*), intent(in) :: place, model
+      type(model_traits), intent(in) :: traits
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: i
+
+      if (size(traits%rotation) /= traits%ndof) &
+         call raise(error, wrong_shape, place, model//to_text(size(traits%rotation))// &
+                    ' frequencies (rotation) for '//to_text(traits%ndof)// &
+                    ' degrees of freedom; give one for each')
+      do i = 1, size(traits%rotation)
+         if (traits%rotation(i) >= 0 .and. is_finite_lane(traits%rotation(i))) cycle
+         call raise(error, invalid_argument, place, model//'rotation('//to_text(i)//') = '// &
+                    to_text(traits%rotation(i))//'; give finite frequencies >= 0')
+      end do
+   end subroutine check_rotation
 
    subroutine check_bound(place, what, bound, error)
       character(*), intent(in) :: place, what

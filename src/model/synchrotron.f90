@@ -55,6 +55,7 @@ contains
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
                     max_frequency=abs(omega), noise_lipschitz=abs(sigma1) + abs(sigma2))
       allocate (self%traits%silent(2))
+      allocate (self%traits%rotation(1), source=abs(omega))
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)
    end subroutine new_synchrotron

@@ -1,16 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Schemes for additive noise alone: a tableau for the drift, and a stepper of its own that knows what the
-!> noise does where its Hamiltonians are linear (docs/method.md).
+!> Schemes for some noise alone, additive or a function of position: a tableau for the drift, and a stepper
+!> of its own that knows what the noise does there (docs/method.md).
 !>
 !>    verlet_dz                 position Verlet with dZ: strong 2, explicit, symplectic
 !>    averaged_shift_midpoint   midpoint around the mean of the path with dZ: strong 3/2, symplectic
 !>    drift_preserving          averaged forces: E H grows exactly as it must for every h; not symplectic
+!>    exact_rotation            Verlet around the exact flow of a declared linear part: symplectic, explicit
 module symsde_scheme_additive
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
    use symsde_scheme_quadrature, only: get_quadrature
    use symsde_scheme_scheme, only: scheme_type, expansion_dz, special_verlet_dz, special_averaged_shift, &
-                                   special_drift_preserving
+                                   special_drift_preserving, special_exact_rotation
    use symsde_scheme_tableau, only: scheme_from_tableau
    implicit none
    private
@@ -18,7 +19,7 @@ module symsde_scheme_additive
 
 contains
 
-   !> One of the three, by name.
+   !> One of the four, by name.
    subroutine additive_scheme(scheme, name, error)
       type(scheme_type), intent(out) :: scheme
       character(*), intent(in) :: name
@@ -26,6 +27,7 @@ contains
       real(wp), parameter :: half(1, 1) = 0.5_wp, one(1) = 1, halves(2) = 0.5_wp, middle(2) = 0.5_wp
       real(wp), parameter :: a(2, 2) = reshape([0.5_wp, 0.5_wp, 0.0_wp, 0.0_wp], [2, 2])
       real(wp), parameter :: abar(2, 2) = reshape([0.0_wp, 0.5_wp, 0.0_wp, 0.5_wp], [2, 2])
+      real(wp), parameter :: ends(2) = [0.0_wp, 1.0_wp]
 
       select case (name)
       case ('verlet_dz')
@@ -38,6 +40,12 @@ contains
          call claim(scheme, special_averaged_shift, 1.5_wp, 1.5_wp)
          scheme%expansion = expansion_dz
          scheme%reference = 'midpoint of z = x - B (W - W_n) under a modified Hamiltonian (docs/method.md)'
+      case ('exact_rotation')
+         ! where nothing is declared stiff the rotation is a free flight: the tableau of Verlet
+         call scheme_from_tableau(scheme, abar, a, halves, name, .false., error, c=ends)
+         call claim(scheme, special_exact_rotation, 1.0_wp, 1.0_wp)
+         scheme%order_commutative = 1  ! noises that depend on position commute
+         scheme%reference = 'trigonometric; Cohen 2012'
       case default
          call averaged_forces(scheme, name, error)
          call claim(scheme, special_drift_preserving, 1.0_wp, 1.0_wp)
@@ -45,14 +53,15 @@ contains
       end select
    end subroutine additive_scheme
 
-   !> Orders hold for additive noise; for others the schemes are refused, not wrong.
+   !> Orders hold for the noise that is named; for others the schemes are refused, not wrong.
    pure subroutine claim(scheme, special, strong, weak)
       type(scheme_type), intent(inout) :: scheme
       integer, intent(in) :: special
       real(wp), intent(in) :: strong, weak
 
       scheme%special = special
-      if (special == special_verlet_dz) scheme%symmetric = .false.  ! its shift by dZ comes last
+      if (special == special_verlet_dz) scheme%symmetric = .false.       ! its shift by dZ comes last
+      if (special == special_exact_rotation) scheme%symmetric = .false.  ! its noise comes first
       scheme%order_additive = strong
       scheme%order_commutative = 0
       scheme%order_general = 0

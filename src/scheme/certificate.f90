@@ -6,7 +6,8 @@ module symsde_scheme_certificate
    use symsde_base_text, only: to_text
    use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, &
                                    symplecticity_residual, expansion_none, expansion_dz, uses_dz, uses_areas, &
-                                   uses_nested_bracket, special_none, special_verlet_dz, special_drift_preserving
+                                   uses_nested_bracket, special_none, special_verlet_dz, special_drift_preserving, &
+                                   special_exact_rotation
    use symsde_scheme_properties, only: symmetry_residual, quadratic_residual, stratonovich_sum, &
                                        conjugate_stratonovich_sum, coefficient_tolerance
    use symsde_scheme_dependency, only: is_explicit, implicit_unknowns
@@ -28,7 +29,7 @@ module symsde_scheme_certificate
       integer :: degree = 0
       integer :: expansion = expansion_none     !! brackets added to the one-step Hamiltonian
       integer :: law = law_gaussian             !! law of the increments (base/laws)
-      integer :: special = special_none         !! additive noise alone, by a stepper of its own
+      integer :: special = special_none         !! some noise alone, by a stepper of its own
       logical :: symplectic = .false.
       real(wp) :: symplecticity_residual = 0    !! largest residual of the four conditions
       real(wp) :: stratonovich_sum = 0          !! beta^T b e; 1/2 = consistent with Stratonovich
@@ -69,7 +70,8 @@ contains
       if (scheme%form == tableau_form) c%symplecticity_residual = symplecticity_residual(scheme)
       c%symplectic = scheme%form /= ito_form .and. c%symplecticity_residual < coefficient_tolerance
       c%symmetry_residual = symmetry_residual(scheme)
-      c%symmetric = c%symmetry_residual < coefficient_tolerance .and. scheme%special /= special_verlet_dz
+      c%symmetric = c%symmetry_residual < coefficient_tolerance .and. &
+                    scheme%special /= special_verlet_dz .and. scheme%special /= special_exact_rotation
       c%quadratic_residual = quadratic_residual(scheme)
       c%keeps_quadratic = c%symplectic .and. c%quadratic_residual < coefficient_tolerance
       call judge_consistency(c, scheme)
@@ -156,11 +158,16 @@ contains
          text = text//line('increments', law_text(c%law)//': for expectations, not path by path')
    end function expansion_lines
 
-   !> What a model must be for the schemes that are made for additive noise.
+   !> What a model must be for the schemes that are made for some noise alone.
    pure function needs_text(c) result(text)
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: text
 
+      if (c%special == special_exact_rotation) then
+         text = 'noise that depends on q alone, H = p.p/2 + U(q), frequencies of its linear part (trait rotation)'// &
+                '; where U is that part and the noise additive, E H is exact for every h'
+         return
+      end if
       text = 'additive noise'
       if (c%expansion /= expansion_dz .or. c%explicit_for /= never_explicit) &
          text = text//' in p alone, H = p.p/2 + U(q)'
@@ -230,6 +237,7 @@ contains
 
       text = yes_no(c%symmetric)//', distance from the adjoint '//to_text(c%symmetry_residual)
       if (c%special == special_verlet_dz) text = 'without noise only, its shift by dZ comes last'
+      if (c%special == special_exact_rotation) text = 'without noise only, its noise comes first'
    end function symmetric_text
 
    pure function consistency_text(c) result(text)

@@ -21,7 +21,8 @@ module symsde_scheme_scheme
    public :: correction_auto, correction_none, correction_mean, correction_increments
    public :: expansion_none, expansion_strong, expansion_areas, expansion_strong_areas, expansion_weak
    public :: expansion_dz
-   public :: special_none, special_verlet_dz, special_averaged_shift, special_drift_preserving
+   public :: special_none, special_verlet_dz, special_averaged_shift, special_drift_preserving, &
+             special_exact_rotation
    public :: uses_dz, uses_areas, uses_nested_bracket
    public :: symplectic_conjugate, symplecticity_residual
 
@@ -46,12 +47,13 @@ module symsde_scheme_scheme
       enumerator :: expansion_weak = 4          !! {{H,H_k},H_k} alone: weak 2, commutative
       enumerator :: expansion_dz = 5            !! no bracket; dZ for the scheme's own stepper
    end enum
-   ! schemes for additive noise alone (scheme/additive), each with a stepper of its own
+   ! schemes for additive or position noise alone (scheme/additive), each with a stepper of its own
    enum, bind(c)
       enumerator :: special_none = 0
       enumerator :: special_verlet_dz = 1
       enumerator :: special_averaged_shift = 2
       enumerator :: special_drift_preserving = 3
+      enumerator :: special_exact_rotation = 4
    end enum
 
    type :: scheme_type
@@ -68,7 +70,7 @@ module symsde_scheme_scheme
       real(wp), allocatable :: basis(:, :)    !! l_mu(c_i), Galerkin form only (nstage, 0:degree)
       real(wp), allocatable :: slope(:, :)    !! l_mu'(c_i), Galerkin form only (nstage, 0:degree)
       integer :: expansion = expansion_none   !! brackets added to the one-step Hamiltonian
-      integer :: special = special_none       !! additive noise alone, by a stepper of its own
+      integer :: special = special_none       !! some noise alone, by a stepper of its own
       integer :: law = law_gaussian           !! law of the increments that a run draws (base/laws)
       logical :: symplectic = .false.
       logical :: symmetric = .false.          !! equal to its adjoint

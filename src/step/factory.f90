@@ -8,10 +8,12 @@ module symsde_step_factory
    use symsde_model_kubo, only: kubo_model
    use symsde_scheme_scheme, only: scheme_type, galerkin_form, ito_form, correction_auto, correction_none, &
                                    correction_mean, correction_increments, special_none, special_verlet_dz, &
-                                   special_averaged_shift, special_drift_preserving
+                                   special_averaged_shift, special_drift_preserving, &
+                                   special_exact_rotation
    use symsde_solve_newton, only: newton_options
    use symsde_step_averaged_shift, only: averaged_shift_stepper, new_averaged_shift_stepper
    use symsde_step_drift_preserving, only: drift_preserving_stepper, new_drift_preserving_stepper
+   use symsde_step_exact_rotation, only: exact_rotation_stepper, new_exact_rotation_stepper
    use symsde_step_euler_maruyama, only: euler_maruyama_stepper, new_euler_maruyama_stepper
    use symsde_step_explicit, only: explicit_stepper, new_explicit_stepper, is_explicit
    use symsde_step_galerkin, only: galerkin_stepper, new_galerkin_stepper
@@ -82,7 +84,7 @@ contains
       call construct(stepper, model, scheme, correction, options, nlane)
    end subroutine new_stepper
 
-   !> Steppers for additive noise alone. The general one executes those that need no dZ.
+   !> Steppers for additive or position noise alone. The general one executes drift_preserving.
    subroutine allocate_special(stepper, scheme, options)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(scheme_type), intent(in) :: scheme
@@ -92,6 +94,8 @@ contains
          allocate (verlet_dz_stepper :: stepper)
       else if (scheme%special == special_averaged_shift) then
          allocate (averaged_shift_stepper :: stepper)
+      else if (scheme%special == special_exact_rotation) then
+         allocate (exact_rotation_stepper :: stepper)
       else if (options%general) then
          allocate (general_stepper :: stepper)
       else
@@ -146,6 +150,8 @@ contains
       select type (stepper)
       type is (verlet_dz_stepper)
          call new_verlet_dz_stepper(stepper, model, nlane)
+      type is (exact_rotation_stepper)
+         call new_exact_rotation_stepper(stepper, model, nlane)
       type is (averaged_shift_stepper)
          call new_averaged_shift_stepper(stepper, model, nlane, options%newton)
       type is (drift_preserving_stepper)
@@ -239,7 +245,10 @@ contains
       character(:), allocatable :: wanted
 
       associate (t => model%traits)
-         if (.not. (t%additive .or. t%nnoise == 0)) then
+         if (scheme%special == special_exact_rotation) then
+            call check_rotation(model, scheme, error)
+            return
+         else if (.not. (t%additive .or. t%nnoise == 0)) then
             wanted = 'additive noise (trait additive)'
          else if (scheme%special == special_averaged_shift) then
             return
@@ -254,6 +263,28 @@ contains
       call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//wanted//'; model '// &
                  model%name//' does not declare it: use gauss2_strong32 for strong order 3/2, or midpoint')
    end subroutine check_special
+
+   !> Kicks that do not move q, around the flow of a linear part that is declared.
+   subroutine check_rotation(model, scheme, error)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(error_type), allocatable, intent(inout) :: error
+      character(:), allocatable :: wanted
+
+      associate (t => model%traits)
+         if (.not. (t%position_noise .or. t%nnoise == 0)) then
+            wanted = 'noise in p alone (trait position_noise)'
+         else if (.not. t%identity_mass) then
+            wanted = 'H = p.p/2 + U(q) (trait identity_mass)'
+         else if (.not. allocated(t%rotation)) then
+            wanted = 'the frequencies of the linear part of H (trait rotation)'
+         else
+            return
+         end if
+      end associate
+      call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//wanted//'; model '// &
+                 model%name//' does not declare it: use stormer_verlet, or midpoint where it is stiff')
+   end subroutine check_rotation
 
    !> Bounds of the solver's options.
    subroutine check_newton(options, error)

@@ -151,6 +151,33 @@ static void test_own_model(void) {
    symsde_model_delete(&model);
 }
 
+/* declared frequencies: copied, given back, checked; exact_rotation needs them */
+static void test_rotation(void) {
+   double omega[] = {1.5};
+   pendulum_user user = {0.3, INFINITY, 0.0};
+   symsde_traits traits = pendulum_traits(), got;
+   symsde_model model = NULL;
+
+   CHECK(traits.rotation == NULL);
+   traits.rotation = omega;
+   OK(symsde_model_new("turning", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
+   omega[0] = 7; /* the model has its own copy */
+   symsde_traits_init(&got);
+   OK(symsde_model_traits(model, &got, &error));
+   CHECK(got.rotation != NULL && got.rotation != omega && got.rotation[0] == 1.5);
+   symsde_model_delete(&model);
+
+   omega[0] = -1;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "rotation(1)|finite frequencies >= 0",
+          symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
+   omega[0] = NAN;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "rotation(1)",
+          symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
+   traits.ndof = 2000000000; /* refused before that many frequencies are read */
+   EXPECT(SYMSDE_TOO_LARGE, "degrees of freedom",
+          symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
+}
+
 static void test_evaluation(void) {
    enum { N = 1003 }; /* several blocks and a remainder */
    static double w[2 * N], q[N], p[N], value[N], hq[N], hp[N], hqq[N], hqp[N], hpp[N];
@@ -415,6 +442,7 @@ int main(void) {
    test_inits();
    test_builtin_models();
    test_own_model();
+   test_rotation();
    test_evaluation();
    test_schemes();
    test_schemes_from_schemes();

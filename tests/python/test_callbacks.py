@@ -36,6 +36,28 @@ def test_gradient_alone_is_enough(kubo, options):
     np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
 
 
+def test_exact_rotation_of_a_user_model():
+    def gradient(t, w, q, p):
+        return w[0] * q - 0.5 * w[1], w[0] * p
+
+    facts = {"gradient": gradient, "position_noise": True, "additive": True, "identity_mass": True}
+    run = {"scheme": "exact_rotation", "q0": 0.8, "p0": -0.3, "step": 0.7, "steps": 20, "paths": 9}
+    mine = ss.Model(ndof=1, nnoise=1, rotation=[1.0], **facts)
+    gc.collect()  # the library has its own copy of the frequencies
+    assert mine.traits.rotation == (1.0,)
+    known = ss.models.linear_oscillator(sigma=0.5)
+    assert known.traits.rotation == (1.0,) and ss.models.kubo().traits.rotation is None
+    np.testing.assert_allclose(ss.simulate(mine, **run).q, ss.simulate(known, **run).q, rtol=0, atol=1e-13)
+    without = ss.Model(ndof=1, nnoise=1, **facts)
+    assert without.traits.rotation is None
+    with pytest.raises(errors.IncompatibleError, match="trait rotation"):
+        ss.simulate(without, **run)
+    with pytest.raises(errors.WrongShapeError, match="rotation"):
+        ss.Model(ndof=1, nnoise=1, rotation=[1.0, 2.0], **facts)
+    with pytest.raises(ValueError, match=r"rotation\(1\)"):
+        ss.Model(ndof=1, nnoise=1, rotation=[-1.0], **facts)
+
+
 def test_evaluation(user_kubo, kubo):
     q, p = np.array([[0.5, 1.0, 2.0]]), np.array([[0.1, 0.2, 0.3]])
     for name in ("value", "gradient", "hessian"):
