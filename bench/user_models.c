@@ -10,8 +10,7 @@ int bench_hessian(int nlane, int ndof, int nham, double t, const double *w, cons
                   double *hqq, double *hqp, double *hpp, void *user);
 
 int bench_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
-                   double *restrict hq, double *restrict hp, void *user)
-{
+                   double *restrict hq, double *restrict hp, void *user) {
    (void)ndof, (void)nham, (void)t, (void)user;
    for (int i = 0; hq != NULL && i < nlane; i++)
       hq[i] = w[i] * q[i] - w[nlane + i];
@@ -21,8 +20,7 @@ int bench_gradient(int nlane, int ndof, int nham, double t, const double *w, con
 }
 
 int bench_hessian(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
-                  double *restrict hqq, double *restrict hqp, double *restrict hpp, void *user)
-{
+                  double *restrict hqq, double *restrict hqp, double *restrict hpp, void *user) {
    (void)ndof, (void)nham, (void)t, (void)q, (void)p, (void)user;
    for (int i = 0; hqq != NULL && i < nlane; i++)
       hqq[i] = w[i];
