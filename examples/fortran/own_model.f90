@@ -2,6 +2,10 @@
 !> A model of one's own in Fortran: extend model_type and give the gradient.
 !>
 !>    H = p^2/2 + q^4/4,   H_1 = -sigma q   (a quartic oscillator driven by additive noise)
+!>
+!> Models are called from several threads at once, so compile with -frecursive (or -fopenmp):
+!>
+!>    gfortran -frecursive own_model.f90 $(pkg-config --cflags --libs symsde)
 module quartic
    use symsde
    implicit none

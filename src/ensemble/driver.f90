@@ -17,7 +17,7 @@ module symsde_ensemble_driver
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options, check_options
-   use symsde_ensemble_report, only: run_report, describe_left_out, is_explicit_stepper
+   use symsde_ensemble_report, only: run_report, describe_left_out
    use symsde_ensemble_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
    use symsde_model_probe, only: probe_model
@@ -101,7 +101,7 @@ contains
       if (.not. allocated(error)) &
          call new_runners(runners, model, scheme, options, observer, noise, report, error)
       if (allocated(error)) return
-      report%warnings = set_up_warnings(model, scheme, options, is_explicit_stepper(report%stepper), &
+      report%warnings = set_up_warnings(model, scheme, options, runners(1)%stepper%explicit, &
                                         q0(1, :), p0(1, :), report%lost_variance)
       call model%clear_failure()
       report%seconds_setup = seconds() - start
@@ -257,7 +257,7 @@ contains
          call new_block_runner(runners(i), options, report%nlane, stepper, observer, noise)
          call new_rescue(runners(i)%rescue, model, scheme, runners(i)%stepper, choice%newton)
       end do
-      report%left_out = describe_left_out(model, scheme, report%correction, report%stepper)
+      report%left_out = describe_left_out(model, scheme, report%correction, runners(1)%stepper)
    end subroutine new_runners
 
    !> The noise source of a run: prescribed increments where they are given, else Brownian.

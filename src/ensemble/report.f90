@@ -7,9 +7,10 @@ module symsde_ensemble_report
    use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_step_stepper, only: stepper_type
    implicit none
    private
-   public :: run_report, describe_left_out, is_explicit_stepper
+   public :: run_report, describe_left_out
 
    type :: run_report
       integer(i4) :: status = status_ok          !! ok, or the numerical outcome of the whole run
@@ -32,7 +33,7 @@ contains
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: correction
-      character(*), intent(in) :: stepper
+      class(stepper_type), intent(in) :: stepper  !! the one that the factory chose
       character(:), allocatable :: text
       integer :: nsilent
 
@@ -51,12 +52,12 @@ contains
             call add('correction: switched off, the scheme converges to another equation')
          end if
       end if
-      if (is_explicit_stepper(stepper)) then
+      if (stepper%explicit) then
          call add('solver: the step is explicit')
       else if (model%traits%one_solve(model%traits%bandwidth /= dense)) then
          call add('iteration: the equations are linear, one solve a step')
       end if
-      if (index(stepper, 'eliminated') > 0) call add('half of the unknowns: identity mass')
+      if (index(stepper%name, 'eliminated') > 0) call add('half of the unknowns: identity mass')
 
    contains
 
@@ -68,12 +69,5 @@ contains
       end subroutine add
 
    end function describe_left_out
-
-   !> Whether a stepper, by its name, calls no solver.
-   pure logical function is_explicit_stepper(stepper)
-      character(*), intent(in) :: stepper
-
-      is_explicit_stepper = index(stepper, 'explicit') == 1 .or. index(stepper, 'Euler-Maruyama') == 1
-   end function is_explicit_stepper
 
 end module symsde_ensemble_report

@@ -54,6 +54,7 @@ contains
       real(wp) :: x
       character(:), allocatable :: value
 
+      if (scheme%name == 'exact_rotation') return  ! its declared frequencies are integrated exactly
       x = h*bounds%frequency
       value = 'h*omega = '//to_text(x)//' (omega '//bounds%frequency_source//')'
       if (explicit .and. x >= 1.8_wp) call add(text, value//' is near or above 2, the stability limit of '// &

@@ -10,6 +10,8 @@
 !>    dp = -H_q dt - sum_k H_{k,q} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 !>
 !> (Stratonovich, everything dimensionless). Each lane must be computed from its own numbers alone.
+!> Procedures are called from several threads at once: compile models of your own with -fopenmp or
+!> -frecursive, or gfortran may make their large local arrays static.
 module symsde_model_abstract
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits

@@ -31,6 +31,7 @@ contains
       integer, intent(in) :: nlane
 
       self%name = 'Euler-Maruyama (not symplectic)'
+      self%explicit = .true.
       self%has_ito_drift = .not. model%traits%correction_vanishes()
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       associate (n => model%traits%ndof)

@@ -39,6 +39,7 @@ contains
       integer, intent(in) :: nlane
 
       self%name = 'exact rotation'
+      self%explicit = .true.
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       associate (n => model%traits%ndof, omega => model%traits%rotation)
          allocate (self%square(n))

@@ -62,6 +62,7 @@ contains
       integer, intent(in) :: nlane
 
       self%name = 'explicit'
+      self%explicit = .true.
       self%nstage = scheme%nstage
       self%c = scheme%c
       self%to_q = transpose(scheme%a)

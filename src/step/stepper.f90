@@ -12,6 +12,7 @@ module symsde_step_stepper
 
    type, abstract :: stepper_type
       character(:), allocatable :: name      !! which stepper this is, for the run report
+      logical :: explicit = .false.          !! no solver is called
       type(one_step_hamiltonian) :: ham
    contains
       procedure(increment_interface), deferred :: increment

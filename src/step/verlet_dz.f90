@@ -33,6 +33,7 @@ contains
       integer, intent(in) :: nlane
 
       self%name = 'Verlet with dZ'
+      self%explicit = .true.
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       allocate (self%ham%extra)
       call new_modified_hamiltonian(self%ham%extra, model, expansion_none, nlane)
