@@ -62,7 +62,7 @@ contains
       self%sine = omega*sin(h*omega)
       where (omega > 0)
          self%sine_over = sin(h*omega)/omega
-      elsewhere
+      else where
          self%sine_over = h
       end where
    end subroutine rotate_over
