@@ -45,7 +45,11 @@ contains
       call check_sum('alpha', alpha, error)
       if (present(beta)) call check_sum('beta', beta, error)
       if (allocated(error)) return
-      call fill(scheme, a, abar, alpha, b, bbar, beta, c)
+      call fill(scheme, a, abar, alpha)
+      if (present(c)) scheme%c = c
+      if (present(beta)) scheme%beta = beta
+      if (present(b)) scheme%b = b
+      if (present(bbar)) scheme%bbar = bbar
       scheme%name = trim(name)
       scheme%reference = 'tableau given by the user'
       residual = symplecticity_residual(scheme)
@@ -60,11 +64,10 @@ contains
       call declare_properties(scheme, tableau_order(a, abar, alpha))
    end subroutine scheme_from_tableau
 
-   !> Copy the coefficients, the noise's own ones where they are given.
-   pure subroutine fill(scheme, a, abar, alpha, b, bbar, beta, c)
+   !> Copy the coefficients; the noise has those of the drift.
+   pure subroutine fill(scheme, a, abar, alpha)
       type(scheme_type), intent(inout) :: scheme
       real(wp), intent(in) :: a(:, :), abar(:, :), alpha(:)
-      real(wp), intent(in), optional :: b(:, :), bbar(:, :), beta(:), c(:)
 
       scheme%form = tableau_form
       scheme%nstage = size(alpha)
@@ -75,10 +78,6 @@ contains
       scheme%beta = alpha
       scheme%b = a
       scheme%bbar = abar
-      if (present(c)) scheme%c = c
-      if (present(beta)) scheme%beta = beta
-      if (present(b)) scheme%b = b
-      if (present(bbar)) scheme%bbar = bbar
    end subroutine fill
 
    subroutine check_vector(what, x, nstage, error)
