@@ -51,7 +51,6 @@ contains
       integer(i8) :: row, rows
       integer :: k, half
 
-      drawn = drawn + 0
       rows = 2_i8**self%refine
       do half = 0, 1
          row = (2*pair + half - self%first_step)*rows + 1
@@ -75,7 +74,6 @@ contains
       integer(i8) :: row, rows
       integer :: half
 
-      drawn = drawn + 0
       rows = 2_i8**self%refine
       do half = 0, 1
          row = (2*pair + half - self%first_step)*rows + 1

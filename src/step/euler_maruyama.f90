@@ -62,7 +62,6 @@ contains
             self%e(:, k) = 0
          end do
       end if
-      status = status + 0
    end subroutine increment
 
    !> u = Hess H_k (H_{k,p}, -H_{k,q}) for the noise singled out by the weights e.

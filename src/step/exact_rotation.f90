@@ -91,7 +91,6 @@ contains
       do i = 1, self%ham%ndof
          dp(:, i) = dp(:, i) + (self%v(:, 0)*self%square(i)*self%x(:, i) - self%f(:, i))
       end do
-      status = status + 0
    end subroutine increment
 
 end module symsde_step_exact_rotation

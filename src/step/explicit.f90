@@ -8,6 +8,7 @@
 module symsde_step_explicit
    use symsde_base_kinds, only: wp, i8
    use symsde_model_abstract, only: model_type
+   use symsde_scheme_dependency, only: stages_follow => is_explicit
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type
@@ -45,13 +46,11 @@ contains
    logical function is_explicit(model, scheme)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
-      type(evaluation), allocatable :: plan(:)
 
       is_explicit = .false.
       if (scheme%form /= tableau_form) return
       if (.not. scheme%noise_coefficients_equal()) return
-      call find_plan(scheme, model%traits%separable, plan)
-      is_explicit = allocated(plan)
+      is_explicit = stages_follow(scheme, model%traits%separable)
    end function is_explicit
 
    !> An explicit stepper for blocks of nlane lanes; requires is_explicit(model, scheme).

@@ -19,6 +19,7 @@ module symsde_step_one_step_hamiltonian
    use symsde_base_kinds, only: wp
    use symsde_base_counters, only: counters_type
    use symsde_model_abstract, only: model_type
+   use symsde_model_algebra, only: algebra_work, new_algebra_work, correction_gradient
    use symsde_scheme_scheme, only: correction_none, correction_mean
    use symsde_step_modified_hamiltonian, only: modified_hamiltonian, new_modified_hamiltonian, expansion_active
    implicit none
@@ -35,7 +36,8 @@ module symsde_step_one_step_hamiltonian
       type(modified_hamiltonian), allocatable :: extra  !! brackets of schemes beyond order one
       real(wp), allocatable, private :: v(:, :)       !! weights of the noise alone (nlane, 0:nnoise)
       real(wp), allocatable, private :: factor(:)     !! of the product of gradients (nlane)
-      real(wp), allocatable, private :: fq(:, :), fp(:, :), uq(:, :), up(:, :)
+      type(algebra_work), private :: work
+      real(wp), allocatable, private :: uq(:, :), up(:, :)  !! gradient of the product (nlane, ndof)
       real(wp), allocatable, private :: fqq(:, :, :), fqp(:, :, :), fpp(:, :, :)  !! (nlane, ndof, ndof)
    contains
       procedure :: gradient
@@ -70,7 +72,7 @@ contains
       end if
       if (correction == correction_none) return
       allocate (self%v(nlane, 0:self%nnoise), self%factor(nlane))
-      allocate (self%fq(nlane, self%ndof), self%fp(nlane, self%ndof))
+      call new_algebra_work(self%work, nlane, self%ndof)
       allocate (self%uq(nlane, self%ndof), self%up(nlane, self%ndof))
    end subroutine new_one_step_hamiltonian
 
@@ -206,8 +208,7 @@ contains
       integer :: i
 
       associate (n => self%nlane, d => self%ndof, m => self%nnoise, c => self%counters)
-         call self%model%gradient(n, d, m, t, self%v, q, p, self%fq, self%fp)
-         call self%model%hessian_vector(n, d, m, t, self%v, q, p, self%fp, self%fq, self%uq, self%up)
+         call correction_gradient(self%model, n, d, m, t, self%v, q, p, self%uq, self%up, self%work)
          c%gradients = c%gradients + self%nreal
          c%hessian_vectors = c%hessian_vectors + self%nreal
       end associate

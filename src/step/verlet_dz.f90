@@ -56,7 +56,6 @@ contains
       call self%ham%gradient(tm, w, self%qs, p, hq=dp)
       dp = -dp
       dq = h*(p + 0.5_wp*dp)
-      status = status + 0
       if (self%ham%nnoise == 0) return
       do k = 1, self%ham%nnoise
          self%v(:, k) = self%ham%extra%z(:, k) - 0.5_wp*h*w(:, k)
