@@ -45,7 +45,8 @@ module symsde_ensemble_block
       procedure :: is_done
    end type block_runner
 
-   integer, parameter :: few_lanes = 8, few_noises = 8, pairs_ahead = 8
+   integer, parameter :: few_lanes = 8, few_noises = 8
+   integer, parameter :: most_increments = 32768  !! of a block that are drawn ahead: 256 kB
    real(wp), parameter :: longest_chunk = 0.05_wp  !! seconds
 
 contains
@@ -64,9 +65,7 @@ contains
       allocate (self%observer, source=observer)
       self%noise => noise
       associate (ham => self%stepper%ham)
-         ! few paths and noises, dW alone: pairs are drawn ahead, so that padding costs nothing
-         if (nlane <= few_lanes .and. ham%nnoise <= few_noises .and. .not. (noise%needs_dz .or. noise%needs_areas)) &
-            self%npair = pairs_ahead
+         if (.not. (noise%needs_dz .or. noise%needs_areas)) self%npair = pairs_ahead(nlane, ham%nnoise)
          call new_lane_state(self%state, nlane, ham%ndof, options%compensated)
          allocate (self%path(nlane), self%w(nlane, 0:ham%nnoise, 0:2*self%npair - 1))
          allocate (self%dq(nlane, ham%ndof), self%dp(nlane, ham%ndof))
@@ -76,6 +75,20 @@ contains
       self%w = 0
       self%w(:, 0, :) = options%step
    end subroutine new_block_runner
+
+   !> Pairs of steps whose increments are drawn at once: two make use of all words of a draw, four of the
+   !> fastest kernel, and the few paths of a small block fill the lanes of the generator with steps.
+   pure integer function pairs_ahead(nlane, nnoise)
+      integer, intent(in) :: nlane, nnoise
+
+      if (nlane <= few_lanes .and. nnoise <= few_noises) then
+         pairs_ahead = 16
+      else if (8*nlane*nnoise <= most_increments) then
+         pairs_ahead = 4
+      else
+         pairs_ahead = 2
+      end if
+   end function pairs_ahead
 
    !> Load the initial state of paths first .. first+nreal-1; lanes past the last path repeat it.
    subroutine begin(self, first, nreal, q0, p0, q0_low, p0_low)
@@ -163,7 +176,8 @@ contains
       self%step = self%step + 1
    end subroutine one_step
 
-   !> Increments of the pair of steps that begins, from those drawn ahead or from the source.
+   !> Increments of the pair of steps that begins, from those drawn ahead or from the source, which is asked
+   !> from an even pair on.
    subroutine draw(self)
       type(block_runner), intent(inout) :: self
       integer(i8) :: pair, last, drawn
@@ -172,13 +186,9 @@ contains
       if (self%nahead == 0 .or. pair >= self%ahead + self%nahead) then
          last = (self%options%first_step + self%options%nstep - 1)/2
          drawn = 0
-         self%ahead = pair
-         self%nahead = int(min(int(self%npair, i8), last - pair + 1))
-         if (self%npair == 1) then
-            call self%noise%fill(self%state%nlane, self%path, pair, self%w, drawn)
-         else
-            call self%noise%fill_ahead(self%state%nlane, self%nreal, self%path, pair, self%nahead, self%w, drawn)
-         end if
+         self%ahead = pair - mod(pair, 2_i8)
+         self%nahead = int(min(int(self%npair, i8), last - self%ahead + 1))
+         call self%noise%fill_ahead(self%state%nlane, self%nreal, self%path, self%ahead, self%nahead, self%w, drawn)
          self%normals_of_pair = drawn/self%nahead
       end if
       self%normals = self%normals + self%normals_of_pair

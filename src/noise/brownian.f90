@@ -16,14 +16,14 @@ module symsde_noise_brownian
    use symsde_base_text, only: to_text
    use symsde_noise_discrete, only: discrete_pairs
    use symsde_noise_integrals, only: integral_draws, step_integrals, fill_pair
-   use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_pairs_at
+   use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_steps, scaled_normals_at, pairs_of_steps
    use symsde_noise_source, only: noise_type, clip_lanes, clip_integrals, fill_one_by_one
    implicit none
    private
    public :: brownian_noise, new_brownian_noise
 
    integer, parameter, public :: max_refine = 30  !! largest |refine|
-   integer, parameter, public :: most_ahead = 64  !! lanes of the generator that fill_ahead uses at most
+   integer, parameter, public :: most_ahead = 64  !! lanes of the generator for few paths
    integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
    integer, parameter :: purpose_bridge = 1       !! counter word of the bridge's draws
 
@@ -103,8 +103,8 @@ contains
       end do
    end subroutine fill_brownian
 
-   !> Several pairs of few paths: every path and pair is a lane of the generator, so that one path pays for
-   !> one path and not for its padding. The same numbers as pair by pair.
+   !> Several pairs at once, the same numbers as pair by pair: no word of a draw is left over, and few paths
+   !> pay for themselves and not for their padding.
    subroutine fill_brownian_ahead(self, nlane, nreal, path, pair, npair, w, drawn)
       class(brownian_noise), intent(in) :: self
       integer, intent(in) :: nlane, nreal
@@ -112,38 +112,70 @@ contains
       integer, intent(in) :: npair
       real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
       integer(i8), intent(inout) :: drawn
-      integer(i8) :: paths(most_ahead), pairs(most_ahead)
-      real(wp) :: even(most_ahead), odd(most_ahead)
-      integer :: n, i, j, k, lane
+      integer :: k
 
-      n = nreal*npair
-      if (self%refine /= 0 .or. self%law /= law_gaussian .or. n > most_ahead) then
+      if (self%refine /= 0 .or. self%law /= law_gaussian .or. mod(pair, 2_i8) == 1) then
          call fill_one_by_one(self, nlane, nreal, path, pair, npair, w, drawn)
          return
       end if
-      do i = 1, padded(n)  ! a full vector: the last one again and again
-         j = (min(i, n) - 1)/nreal
-         paths(i) = path(min(i, n) - j*nreal)
-         pairs(i) = pair + j
-      end do
       do k = 1, self%nnoise
          if (self%silent(k)) then
             w(:, k, :) = 0
             cycle
          end if
-         call scaled_normal_pairs_at(padded(n), self%seed, paths, pairs, k, 0, purpose_increment, sqrt(self%h), &
-                                     even, odd)
-         call clip_lanes(n, self%bound, even)
-         call clip_lanes(n, self%bound, odd)
-         do j = 0, npair - 1
-            do lane = 1, nlane
-               w(lane, k, 2*j) = even(j*nreal + min(lane, nreal))
-               w(lane, k, 2*j + 1) = odd(j*nreal + min(lane, nreal))
-            end do
-         end do
+         if (nreal*((npair + 1)/2) <= most_ahead) then
+            call fill_few(self, nlane, nreal, path, pair, npair, k, w)
+         else
+            call fill_many(self, nlane, path, pair, npair, k, w)
+         end if
          drawn = drawn + 2*npair
       end do
    end subroutine fill_brownian_ahead
+
+   !> Noise k for whole blocks: the lanes of the generator are the paths.
+   subroutine fill_many(self, nlane, path, pair, npair, k, w)
+      class(brownian_noise), intent(in) :: self
+      integer, intent(in) :: nlane, npair, k
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
+      integer :: j, step
+
+      do j = 0, npair - 1, pairs_of_steps
+         call scaled_normal_steps(nlane, self%seed, path, pair + j, min(pairs_of_steps, npair - j), k, 0, &
+                                  purpose_increment, sqrt(self%h), self%nnoise, w(1, 0, 2*j))
+      end do
+      if (.not. self%bound < huge(1.0_wp)) return
+      do step = 0, 2*npair - 1
+         call clip_lanes(nlane, self%bound, w(:, k, step))
+      end do
+   end subroutine fill_many
+
+   !> Noise k for few paths: each path and draw is a lane of the generator.
+   subroutine fill_few(self, nlane, nreal, path, pair, npair, k, w)
+      class(brownian_noise), intent(in) :: self
+      integer, intent(in) :: nlane, nreal, npair, k
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
+      integer(i8) :: paths(most_ahead), draws(most_ahead)
+      real(wp) :: x(most_ahead*4)
+      integer :: n, m, i, j, lane, step
+
+      n = nreal*((npair + 1)/2)
+      m = padded(n)
+      do i = 1, m  ! a full vector: the last one again and again
+         j = (min(i, n) - 1)/nreal
+         paths(i) = path(min(i, n) - j*nreal)
+         draws(i) = pair/2 + j
+      end do
+      call scaled_normals_at(m, self%seed, paths, draws, k, 0, purpose_increment, sqrt(self%h), x)
+      call clip_lanes(4*m, self%bound, x)
+      do step = 0, 2*npair - 1
+         i = mod(step, 4)*m + (step/4)*nreal
+         do lane = 1, nlane
+            w(lane, k, step) = x(i + min(lane, nreal))
+         end do
+      end do
+   end subroutine fill_few
 
    !> The same draws with dZ and areas of the path they belong to.
    subroutine fill_brownian_integrals(self, nlane, path, pair, w, z, area, drawn)

@@ -23,7 +23,7 @@
 module symsde_noise_integrals
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: area_count, area_index
-   use symsde_noise_normal, only: normal_pairs
+   use symsde_noise_normal, only: scaled_normal_pairs
    implicit none
    private
    public :: integral_draws, step_integrals, merge_steps, area_levels, fill_pair
@@ -333,9 +333,7 @@ contains
             odd(:, k) = 0
             cycle
          end if
-         call normal_pairs(nlane, d%seed, path, pair, k, level, purpose, even(:, k), odd(:, k))
-         even(:, k) = scale*even(:, k)
-         odd(:, k) = scale*odd(:, k)
+         call scaled_normal_pairs(nlane, d%seed, path, pair, k, level, purpose, scale, even(:, k), odd(:, k))
          drawn = drawn + 2
       end do
    end subroutine draw

@@ -2,49 +2,56 @@
 !> Uniform and normal numbers from the generator's words. Only + - * / sqrt and integer bits, so
 !> that the numbers are the same on every x86-64 level when contraction is off; no library
 !> function, so that a lane does not depend on where in a vector it sits.
+!>
+!> Normals come by Box and Muller, four from one draw of the generator: words 1-2 make those of the fine
+!> steps 4j and 4j+1, words 3-4 those of 4j+2 and 4j+3. Of the two words of a pair
+!>
+!>    the first makes the radius, r = sqrt(-2 log u), u = (k + 1/2)/2**32
+!>    the second the angle: bits 1 .. 30 within a quarter turn, bits 31 and 0 the signs of the two normals
+!>
+!> A law on 2**64 points a pair; only in its tail would it be coarse, and end at 6.8. So a radius with
+!> k < 2**12, one pair in 2**20, takes 32 further bits from a draw of its own:
+!> u = (2**32 k + k' + 1/2)/2**64, up to r = 9.5. Half as many words, and half the time, as with 64 bits
+!> for each uniform.
 module symsde_noise_normal
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_noise_philox, only: philox_lanes, philox_lanes_at
+   use symsde_noise_philox, only: philox_tile, philox_lanes, philox_two_lanes, philox_lanes_at
    implicit none
    private
-   public :: uniform_open_lanes, normal_pair_lanes, normal_pairs, scaled_normal_pairs, scaled_normal_pairs_at
+   public :: uniform_open_lanes, normal_pair_lanes, normal_pairs
+   public :: scaled_normal_pairs, scaled_normal_steps, scaled_normals_at
 
-   !> Lanes done at once by `normal_pairs`: their words (32 bytes a lane) stay in the first cache.
-   !> Smaller tiles pay the set-up of the generator's round keys more often.
-   integer(i4), parameter :: tile = 256
+   integer(i4), parameter, public :: pairs_of_steps = 4  !! most pairs of scaled_normal_steps: two draws
 
    integer(i8), parameter :: one_bits = int(z'3FF0000000000000', i8)       ! 1.0
    integer(i8), parameter :: big_bits = int(z'4330000000000000', i8)       ! 2**52
    integer(i8), parameter :: root_bits = int(z'3FE6A09E667F3BCD', i8)      ! sqrt(1/2)
    integer(i8), parameter :: fraction_bits = int(z'000FFFFFFFFFFFFF', i8)
-   real(wp), parameter :: big_bias = 2.0_wp**52 + 1023
-   real(wp), parameter :: to_integer = 1.5_wp*2.0_wp**52  ! x + this - this rounds x to an integer
+   integer(i8), parameter :: inner_bits = int(z'7FFFFFFE', i8)             ! 1 .. 30
+   real(wp), parameter :: big = 2.0_wp**52
    real(wp), parameter :: one_less = 1 - 2.0_wp**(-53)
 
-   ! log(2) in two parts: 42 bits, so that an exponent times it is exact, and the rest
-   real(wp), parameter :: ln2_high = 0.6931471805598903_wp
-   real(wp), parameter :: ln2_low = 5.497923018708371e-14_wp
-   ! minimax on |s| <= 3 - sqrt(8), z = s**2, to 2**-59:
-   ! log((1+s)/(1-s)) = 2 s + s z (l1 + l2 z + ..)
-   real(wp), parameter :: l1 = 0.6666666666666734_wp, l2 = 0.39999999999414326_wp, &
-                          l3 = 0.28571428742474353_wp, l4 = 0.22222198563515919_wp, l5 = 0.18183564865997923_wp, &
-                          l6 = 0.1531403583486055_wp, l7 = 0.14796105583675156_wp
-   ! minimax on |y| <= 1/2, z = y**2, to 2**-58 and 2**-64:
-   ! sin(y pi/2) = y (s1 + s2 z + ..), cos(y pi/2) = 1 + z (c1 + c2 z + ..)
-   real(wp), parameter :: s1 = 1.5707963267948966_wp, s2 = -0.6459640975062443_wp, &
-                          s3 = 0.07969262624604302_wp, s4 = -0.004681754132341074_wp, &
-                          s5 = 0.00016044115074192262_wp, s6 = -3.598643348404505e-06_wp, &
-                          s7 = 5.633932688066633e-08_wp
-   real(wp), parameter :: c1 = -1.2337005501361697_wp, c2 = 0.2536695079010469_wp, &
-                          c3 = -0.020863480763315425_wp, c4 = 0.0009192602742247867_wp, &
-                          c5 = -2.5202036989918693e-05_wp, c6 = 4.7106156058639734e-07_wp, &
-                          c7 = -6.321885989811491e-09_wp
+   integer(i8), parameter :: tail_words = 2_i8**12     !! radius words below this ask for further bits
+   real(wp), parameter :: tail_size = sqrt(19.9_wp*0.6931471805599453094_wp)  !! below r/sqrt(2) of all of them
+   integer(i4), parameter :: tail_purpose = 32         !! added to the purpose of the draw these come from
+
+   real(wp), parameter :: ln2 = 0.6931471805599453094_wp
+   ! minimax on |s| <= 3 - sqrt(8), z = s**2, to 2**-45: log((1+s)/(1-s)) = s (2 + z (l1 + l2 z + ..))
+   real(wp), parameter :: l1 = 0.6666666667576858_wp, l2 = 0.39999995632836827_wp, l3 = 0.2857210799753787_wp, &
+                          l4 = 0.22176236895507903_wp, l5 = 0.19583462563632337_wp
+   ! minimax on |y| <= 1/2, z = y**2, to 2**-47 and 2**-43: sin(y pi/2) = y (s1 + s2 z + ..),
+   ! cos(y pi/2) = 1 + z (c1 + c2 z + ..); y in units of 2**-31, powers of two, exact
+   real(wp), parameter :: unit = 2.0_wp**(-31), unit2 = unit**2
+   real(wp), parameter :: s1 = 1.5707963267948895_wp*unit, s2 = -0.6459640975042397_wp*unit*unit2, &
+                          s3 = 0.07969262615353515_wp*unit*unit2**2, s4 = -0.004681752566780241_wp*unit*unit2**3, &
+                          s5 = 0.00016042915251895755_wp*unit*unit2**4, s6 = -3.5562065761525054e-06_wp*unit*unit2**5
+   real(wp), parameter :: c1 = -1.2337005501235707_wp*unit2, c2 = 0.2536695072116376_wp*unit2**2, &
+                          c3 = -0.0208634684012751_wp*unit2**3, c4 = 0.0009191629221169082_wp*unit2**4, &
+                          c5 = -2.4852206943562213e-05_wp*unit2**5
 
 contains
 
-   !> Two independent standard normals for each path of a block: the words of `philox_lanes` for
-   !> these arguments turned by `normal_pair_lanes`, in tiles that stay in the first cache.
-   !> Fine step 2 pair takes `even`, fine step 2 pair + 1 takes `odd`.
+   !> The two independent standard normals of the fine steps 2 pair and 2 pair + 1 for each path of a block.
    subroutine normal_pairs(nlane, seed, path, pair, noise, level, purpose, even, odd)
       integer(i4), intent(in) :: nlane         !! lanes of the block, any number
       integer(i8), intent(in) :: seed          !! the 64-bit key
@@ -52,54 +59,104 @@ contains
       integer(i8), intent(in) :: pair          !! pair of fine steps, 0 .. 2**48-1
       integer(i4), intent(in) :: noise         !! 0 .. 2**20-1
       integer(i4), intent(in) :: level         !! 0 .. 63
-      integer(i4), intent(in) :: purpose       !! 0 .. 63
+      integer(i4), intent(in) :: purpose       !! 0 .. 31
       real(wp), intent(out) :: even(nlane)     !! N(0,1)
       real(wp), intent(out) :: odd(nlane)      !! N(0,1), independent of even
 
       call scaled_normal_pairs(nlane, seed, path, pair, noise, level, purpose, 1.0_wp, even, odd)
    end subroutine normal_pairs
 
-   !> The same normals times a scale, to the bit as if multiplied afterwards, without a pass for it.
+   !> The same with standard deviation `scale`.
    subroutine scaled_normal_pairs(nlane, seed, path, pair, noise, level, purpose, scale, even, odd)
-      integer(i4), intent(in) :: nlane         !! lanes of the block, any number
-      integer(i8), intent(in) :: seed          !! the 64-bit key
-      integer(i8), intent(in) :: path(nlane)   !! global path, 0 .. 2**48-1
-      integer(i8), intent(in) :: pair          !! pair of fine steps, 0 .. 2**48-1
-      integer(i4), intent(in) :: noise         !! 0 .. 2**20-1
-      integer(i4), intent(in) :: level         !! 0 .. 63
-      integer(i4), intent(in) :: purpose       !! 0 .. 63
+      integer(i4), intent(in) :: nlane
+      integer(i8), intent(in) :: seed, path(nlane), pair
+      integer(i4), intent(in) :: noise, level, purpose
       real(wp), intent(in) :: scale            !! standard deviation
-      real(wp), intent(out) :: even(nlane)     !! N(0,scale**2)
-      real(wp), intent(out) :: odd(nlane)      !! N(0,scale**2), independent of even
-      integer(i8) :: words(tile, 4)
-      integer(i4) :: first, n
+      real(wp), intent(out) :: even(nlane), odd(nlane)
+      integer(i8) :: words(4*philox_tile)
+      integer(i4) :: first, n, word
+      logical :: tails
 
-      do first = 1, nlane, tile
-         n = min(tile, nlane - first + 1)
-         call philox_lanes(n, seed, path(first), pair, noise, level, purpose, words)
-         call scaled_pair_lanes(n, words, scale, even(first), odd(first))
+      word = 2*int(mod(pair, 2_i8))  ! words before those of this pair
+      do first = 1, nlane, philox_tile
+         n = min(philox_tile, nlane - first + 1)
+         call philox_lanes(n, seed, path(first), pair/2, noise, level, purpose, words)
+         associate (radius => words(word*n + 1:(word + 1)*n), angle => words((word + 1)*n + 1:(word + 2)*n))
+            call normal_pair_lanes(n, radius, angle, scale, even(first), odd(first), tails)
+            if (tails) call mend_tails(n, seed, path(first), spread(pair/2, 1, n), noise, level, purpose, word + 1, &
+                                       radius, angle, scale, even(first), odd(first))
+         end associate
       end do
    end subroutine scaled_normal_pairs
 
-   !> The same numbers with a pair for each lane.
-   subroutine scaled_normal_pairs_at(nlane, seed, path, pair, noise, level, purpose, scale, even, odd)
-      integer(i4), intent(in) :: nlane         !! lanes, any number
-      integer(i8), intent(in) :: seed          !! the 64-bit key
-      integer(i8), intent(in) :: path(nlane)   !! global path, 0 .. 2**48-1
-      integer(i8), intent(in) :: pair(nlane)   !! pair of fine steps, 0 .. 2**48-1
-      integer(i4), intent(in) :: noise, level, purpose
-      real(wp), intent(in) :: scale            !! standard deviation
-      real(wp), intent(out) :: even(nlane)     !! N(0,scale**2)
-      real(wp), intent(out) :: odd(nlane)      !! N(0,scale**2), independent of even
-      integer(i8) :: words(tile, 4)
-      integer(i4) :: first, n
+   !> Standard deviation `scale`, npair pairs of fine steps from an even pair on, into column k of w: the way
+   !> of long runs, in which no word is left over.
+   subroutine scaled_normal_steps(nlane, seed, path, pair, npair, noise, level, purpose, scale, nnoise, w)
+      integer(i4), intent(in) :: nlane
+      integer(i8), intent(in) :: seed, path(nlane)
+      integer(i8), intent(in) :: pair          !! first pair of fine steps, even
+      integer(i4), intent(in) :: npair         !! 1 .. pairs_of_steps
+      integer(i4), intent(in) :: noise         !! k, 1 .. nnoise
+      integer(i4), intent(in) :: level, purpose
+      real(wp), intent(in) :: scale
+      integer(i4), intent(in) :: nnoise
+      real(wp), intent(inout) :: w(nlane, 0:nnoise, 0:2*npair - 1)  !! N(0,scale**2) in w(:,k,:)
+      integer(i8) :: words(philox_tile, 2, 0:3)
+      integer(i4) :: first, n, j
+      logical :: tails
 
-      do first = 1, nlane, tile
-         n = min(tile, nlane - first + 1)
-         call philox_lanes_at(n, seed, path(first), pair(first), noise, level, purpose, words)
-         call scaled_pair_lanes(n, words, scale, even(first), odd(first))
+      do first = 1, nlane, philox_tile
+         n = min(philox_tile, nlane - first + 1)
+         call philox_two_lanes(n, seed, path(first), pair/2, noise, level, purpose, words)
+         do j = 0, npair - 1
+            call normal_pair_lanes(n, words(1, 1, j), words(1, 2, j), scale, w(first, noise, 2*j), &
+                                   w(first, noise, 2*j + 1), tails)
+            if (tails) call mend_tails(n, seed, path(first), spread((pair + j)/2, 1, n), noise, level, purpose, &
+                                       1 + 2*mod(j, 2), words(1, 1, j), words(1, 2, j), scale, &
+                                       w(first, noise, 2*j), w(first, noise, 2*j + 1))
+         end do
       end do
-   end subroutine scaled_normal_pairs_at
+   end subroutine scaled_normal_steps
+
+   !> Standard deviation `scale`, a draw for each lane: the normals of the fine steps 4 draw .. 4 draw + 3.
+   subroutine scaled_normals_at(nlane, seed, path, draw, noise, level, purpose, scale, x)
+      integer(i4), intent(in) :: nlane         !! lanes, any number
+      integer(i8), intent(in) :: seed, path(nlane), draw(nlane)
+      integer(i4), intent(in) :: noise, level, purpose
+      real(wp), intent(in) :: scale
+      real(wp), intent(out) :: x(nlane, 0:3)   !! N(0,scale**2)
+      integer(i8) :: words(nlane, 4)
+      integer(i4) :: j
+      logical :: tails
+
+      call philox_lanes_at(nlane, seed, path, draw, noise, level, purpose, words)
+      do j = 0, 2, 2
+         call normal_pair_lanes(nlane, words(1, j + 1), words(1, j + 2), scale, x(1, j), x(1, j + 1), tails)
+         if (tails) call mend_tails(nlane, seed, path, draw, noise, level, purpose, j + 1, words(1, j + 1), &
+                                    words(1, j + 2), scale, x(1, j), x(1, j + 1))
+      end do
+   end subroutine scaled_normals_at
+
+   !> The pairs whose radius lies in the tail once more, with the further bits of their draw.
+   subroutine mend_tails(nlane, seed, path, draw, noise, level, purpose, word, radius, angle, scale, even, odd)
+      integer(i4), intent(in) :: nlane
+      integer(i8), intent(in) :: seed, path(nlane), draw(nlane)
+      integer(i4), intent(in) :: noise, level, purpose
+      integer(i4), intent(in) :: word          !! which word of the further bits, that of the radius
+      integer(i8), intent(in) :: radius(nlane), angle(nlane)
+      real(wp), intent(in) :: scale
+      real(wp), intent(inout) :: even(nlane), odd(nlane)
+      integer(i8) :: words(1, 4)
+      real(wp) :: size
+      integer(i4) :: lane
+
+      do lane = 1, nlane
+         if (radius(lane) >= tail_words) cycle
+         call philox_lanes(1, seed, path(lane), draw(lane), noise, level, purpose + tail_purpose, words)
+         call normal_pair(real(ishft(radius(lane), 32) + words(1, word), wp) + 0.5_wp, 64, angle(lane), scale, &
+                          even(lane), odd(lane), size)
+      end do
+   end subroutine mend_tails
 
    !> Two uniforms a lane in the open interval: (2 k + 1) / 2**53, k the first 52 of the 64 bits of
    !> words 1-2 and of words 3-4. Symmetric about 1/2; never 0 or 1; every value is exact.
@@ -115,36 +172,71 @@ contains
       end do
    end subroutine uniform_open_lanes
 
-   !> Two independent standard normals a lane by Box and Muller: with the uniforms u1, u2 of
-   !> `uniform_open_lanes`, even = r cos(2 pi u2), odd = r sin(2 pi u2), r = sqrt(-2 log u1).
-   !> Both are at most sqrt(106 log 2) = 8.58 in size, and within 3 ulp (measured: logarithm 0.80,
-   !> sine and cosine 1.47, the normals 2.92). About 90 operations a lane, one division and
-   !> one root among them; 32 bytes in, 16 out.
-   subroutine normal_pair_lanes(nlane, words, even, odd)
+   !> VEC Two independent normals a lane by Box and Muller, tails not mended. Within 6.4e-14 of the radius of the
+   !> exact function of the words. About 50 operations a lane, one division and one root among them; 16 bytes
+   !> in, 16 out.
+   subroutine normal_pair_lanes(nlane, radius, angle, scale, even, odd, tails)
       integer(i4), intent(in) :: nlane
-      integer(i8), intent(in) :: words(nlane, 4)   !! each 0 .. 2**32-1
-      real(wp), intent(out) :: even(nlane)         !! N(0,1)
-      real(wp), intent(out) :: odd(nlane)          !! N(0,1), independent of even
-
-      call scaled_pair_lanes(nlane, words, 1.0_wp, even, odd)
-   end subroutine normal_pair_lanes
-
-   !> VEC The kernel of normal_pair_lanes, its results times a scale.
-   subroutine scaled_pair_lanes(nlane, words, scale, even, odd)
-      integer(i4), intent(in) :: nlane
-      integer(i8), intent(in) :: words(nlane, 4)
+      integer(i8), intent(in) :: radius(nlane), angle(nlane)   !! words, each 0 .. 2**32-1
       real(wp), intent(in) :: scale
-      real(wp), intent(out) :: even(nlane), odd(nlane)
-      real(wp) :: radius, cosine, sine
+      real(wp), intent(out) :: even(nlane), odd(nlane)         !! N(0,scale**2)
+      logical, intent(out) :: tails                            !! some radius may lie in the tail
+      real(wp) :: size, largest
       integer(i4) :: lane
 
+      largest = 0
       do lane = 1, nlane
-         radius = sqrt(-2*log_unit(open_uniform(words(lane, 1), words(lane, 2))))
-         call sincos_turn(open_uniform(words(lane, 3), words(lane, 4)), cosine, sine)
-         even(lane) = scale*(radius*cosine)
-         odd(lane) = scale*(radius*sine)
+         call normal_pair(transfer(ior(radius(lane), big_bits), 0.0_wp) - (big - 0.5_wp), 32, angle(lane), scale, &
+                          even(lane), odd(lane), size)
+         largest = max(largest, size)
       end do
-   end subroutine scaled_pair_lanes
+      tails = largest > scale*tail_size
+   end subroutine normal_pair_lanes
+
+   !> Two normals of a lane from u = x/2**bits and the word of the angle. The angle is pi/4 + phi in the first
+   !> quarter turn, and cos, sin of it are (cos phi -+ sin phi)/sqrt(2); two more bits make the signs.
+   pure subroutine normal_pair(x, bits, angle, scale, even, odd, size)
+      real(wp), intent(in) :: x                !! k + 1/2
+      integer, intent(in) :: bits
+      integer(i8), intent(in) :: angle
+      real(wp), intent(in) :: scale
+      real(wp), intent(out) :: even, odd
+      real(wp), intent(out) :: size            !! scale r/sqrt(2)
+      real(wp) :: y, z, cosine, sine
+
+      size = scale*sqrt(minus_log(x, bits))
+      y = transfer(ior(iand(angle, inner_bits), big_bits + 1), 0.0_wp) - (big + 2.0_wp**30)
+      z = y*y
+      sine = y*(s1 + z*(s2 + z*(s3 + z*(s4 + z*(s5 + z*s6)))))
+      cosine = 1 + z*(c1 + z*(c2 + z*(c3 + z*(c4 + z*c5))))
+      even = with_sign(size*(cosine - sine), ishft(angle, 32))
+      odd = with_sign(size*(cosine + sine), ishft(angle, 63))
+   end subroutine normal_pair
+
+   !> -log(x/2**bits) for 1/2 <= x < 2**bits: x = 2**e m with m in [sqrt(1/2), sqrt(2)), f = m - 1, s = f/(2+f),
+   !> log(m) = log((1+s)/(1-s)). Relative
+   !> error 3e-14: no digits are lost next to u = 1, where e = bits.
+   pure real(wp) function minus_log(x, bits)
+      real(wp), intent(in) :: x
+      integer, intent(in) :: bits
+      real(wp) :: e, f, s, z
+      integer(i8) :: pattern
+
+      pattern = transfer(x, 0_i8) + (one_bits - root_bits)  ! its exponent field is e + 1023
+      e = transfer(ior(ishft(pattern, -52), big_bits), 0.0_wp) - (big + 1023 + bits)
+      f = transfer(iand(pattern, fraction_bits) + root_bits, 0.0_wp) - 1
+      s = f/(2 + f)
+      z = s*s
+      minus_log = -ln2*e - s*(2 + z*(l1 + z*(l2 + z*(l3 + z*(l4 + z*l5)))))
+   end function minus_log
+
+   !> x >= 0 with the sign bit of a pattern.
+   pure real(wp) function with_sign(x, pattern)
+      real(wp), intent(in) :: x
+      integer(i8), intent(in) :: pattern
+
+      with_sign = transfer(ior(transfer(x, 0_i8), iand(pattern, not(huge(0_i8)))), 0.0_wp)
+   end function with_sign
 
    !> (2 k + 1) / 2**53 from the first 52 bits k of two words: k as the fraction of a number in
    !> [1,2), less 1 - 2**-53, which is exact.
@@ -154,53 +246,5 @@ contains
 
       u = transfer(ior(ior(ishft(high, 20), ishft(low, -12)), one_bits), 0.0_wp) - one_less
    end function open_uniform
-
-   !> log(u) for normal numbers u > 0: u = 2**e m with m in [sqrt(1/2), sqrt(2)), f = m - 1,
-   !> s = f/(2+f), log(m) = f - f**2/2 + s (f**2/2 + z (l1 + l2 z + ..)), z = s**2.
-   pure function log_unit(u) result(y)
-      real(wp), intent(in) :: u
-      real(wp) :: y
-      real(wp) :: e, f, half, s, z, series
-      integer(i8) :: bits
-
-      bits = transfer(u, 0_i8) + (one_bits - root_bits)  ! its exponent field is e + 1023
-      e = transfer(ior(ishft(bits, -52), big_bits), 0.0_wp) - big_bias
-      f = transfer(iand(bits, fraction_bits) + root_bits, 0.0_wp) - 1
-      s = f/(2 + f)
-      z = s*s
-      series = z*(l1 + z*(l2 + z*(l3 + z*(l4 + z*(l5 + z*(l6 + z*l7))))))
-      half = 0.5_wp*f*f
-      y = e*ln2_high - ((half - (s*(half + series) + e*ln2_low)) - f)
-   end function log_unit
-
-   !> cos and sin of 2 pi u for 0 <= u <= 1: 4 u = q + y with q an integer and |y| <= 1/2, both
-   !> exact; the quarter turns q swap the two and set their signs. On bits, not by merge: the
-   !> oldest level has no comparison of 64-bit integers, and the loop would not vectorise there.
-   pure subroutine sincos_turn(u, cosine, sine)
-      real(wp), intent(in) :: u
-      real(wp), intent(out) :: cosine, sine
-      real(wp) :: shifted, y, z, a, b
-      integer(i8) :: q, a_bits, b_bits, swap
-
-      shifted = 4*u + to_integer
-      q = transfer(shifted, 0_i8)                 ! its last bits are those of the integer
-      y = 4*u - (shifted - to_integer)
-      z = y*y
-      a = y*(s1 + z*(s2 + z*(s3 + z*(s4 + z*(s5 + z*(s6 + z*s7))))))
-      b = 1 + z*(c1 + z*(c2 + z*(c3 + z*(c4 + z*(c5 + z*(c6 + z*c7))))))
-      a_bits = transfer(a, 0_i8)
-      b_bits = transfer(b, 0_i8)
-      swap = iand(ieor(a_bits, b_bits), -iand(q, 1_i8))
-      sine = transfer(ieor(ieor(a_bits, swap), sign_bit(q)), 0.0_wp)
-      cosine = transfer(ieor(ieor(b_bits, swap), sign_bit(ieor(q, ishft(q, 1)))), 0.0_wp)
-   end subroutine sincos_turn
-
-   !> Bit 1 of q at the place of the sign.
-   pure function sign_bit(q) result(bits)
-      integer(i8), intent(in) :: q
-      integer(i8) :: bits
-
-      bits = ishft(iand(q, 2_i8), 62)
-   end function sign_bit
 
 end module symsde_noise_normal
