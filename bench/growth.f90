@@ -1,10 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How time grows: bench_growth AXIS [REPEATS]; AXIS is paths, steps, ndof, setup (by ndof), noises,
-!> saved, threads, or `load THREADS`, a steady run whose speed is compared between threads and
-!> processes.
+!> saved, or threads.
 !>
-!> Lines: growth AXIS X and seconds of a run (median, least, largest). For load: load THREADS and
-!> path-steps per second.
+!> Lines: growth AXIS X and seconds of a run (median, least, largest).
 program bench_growth
    use symsde_base_kinds, only: wp, i8
    use symsde_ensemble_report, only: run_report
@@ -32,10 +30,8 @@ program bench_growth
       call grow([(10_i8**i, i=0, 4)])
    case ('threads')
       call grow([1_i8, 2_i8])
-   case ('load')
-      call load()
    case default
-      print '(a)', 'give one of paths, steps, ndof, setup, noises, saved, threads, load'
+      print '(a)', 'give one of paths, steps, ndof, setup, noises, saved, threads'
       error stop 2
    end select
 
@@ -114,20 +110,5 @@ contains
          if (axis == 'threads') scene%options%nthread = int(x)
       end select
    end subroutine choose
-
-   !> About a second of synchrotron midpoint steps.
-   subroutine load()
-      type(scene_type) :: scene
-      type(paths_type) :: run
-      integer(i8), parameter :: npath = 20480, nstep = 4000
-      real(wp) :: start
-
-      call new_scene(scene, 'synchrotron', ['omega'], [2.0_wp], 'midpoint', 0.02_wp)
-      scene%options%nthread = int(integer_argument(2, 1_i8))
-      start = seconds()
-      call run_paths(scene, npath, nstep, 0_i8, run)
-      print '(a, 1x, i0, 1x, es12.5)', 'load', run%report%nthread, &
-         real(npath*nstep, wp)/(seconds() - start)
-   end subroutine load
 
 end program bench_growth

@@ -2,7 +2,8 @@
 """Run the benchmark programs, print their tables, and write them down.
 
 Called by `./bootstrap bench`, with its arguments:
-    run.py --build BUILD [--quick] [--repeats N] [--markdown docs/performance.md] [--json FILE]
+    run.py --build BUILD [--avx2-build BUILD] [--quick] [--only SECTION ...]
+           [--repeats N] [--markdown docs/performance.md] [--json FILE]
 Only the standard library is needed; what else is compared with (NumPy, numba, MKL) is skipped where it is not
 installed. Each module of topics/ measures and writes one section.
 """
@@ -12,14 +13,16 @@ import json
 import sys
 from pathlib import Path
 
-from topics import blocks, counters, generators, growth, machine, memory, models, scenes, threads
+from topics import avx2, blocks, counters, generators, growth, machine, memory, models, python_calls, scenes, threads
 from topics.tools import Setting
 
 TOPICS = {
     "scenes": scenes,
     "blocks": blocks,
     "generators": generators,
+    "avx2": avx2,
     "models": models,
+    "python": python_calls,
     "counters": counters,
     "memory": memory,
     "growth": growth,
@@ -43,6 +46,7 @@ def parse() -> argparse.Namespace:
     """Read the arguments of the command."""
     parser = argparse.ArgumentParser(description="Run symsde's benchmarks and print their tables.")
     parser.add_argument("--build", type=Path, required=True, help="the CMake build directory")
+    parser.add_argument("--avx2-build", type=Path, help="a second one, compiled for x86-64-v3")
     parser.add_argument("--quick", action="store_true", help="shorter runs: rougher numbers")
     parser.add_argument("--repeats", type=int, default=7, help="repeats of each measurement")
     parser.add_argument("--only", nargs="+", choices=TOPICS, default=list(TOPICS), help="these sections alone")
@@ -54,7 +58,7 @@ def parse() -> argparse.Namespace:
 def main() -> int:
     """Run everything and return the status for the shell."""
     options = parse()
-    setting = Setting(options.build, None, max(1, options.repeats), options.quick)
+    setting = Setting(options.build, options.avx2_build, max(1, options.repeats), options.quick)
     if not (setting.bench / "bench_suite").exists():
         sys.exit(f"{setting.bench} has no benchmark programs: configure with -DSYMSDE_BUILD_BENCH=ON")
     results: dict = {"machine": machine.describe(setting)}

@@ -1,67 +1,104 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Normals of other libraries."""
+"""Normals of this library beside those of NumPy and Intel MKL."""
 
 import ctypes
 import glob
 import sys
 import time
 
-from .tools import Setting, spread, summary, table
+from .tools import ABSENT, Setting, lines_of, spread, summary, table
 
 try:
     import numpy as np
 except ImportError:
     np = None
 
-COUNT = 10**6
+COUNT, BLOCKS = 10**6, (10**4, 10**6)
+_UNIT = 1 << 20  # mkl_vsl_defines.h: generators are multiples of it
+MKL_GENERATORS = {"Philox": 16 * _UNIT, "MT19937": 8 * _UNIT, "SFMT19937": 13 * _UNIT}
+MKL_METHODS = {"Box-Muller 2": 1, "ICDF": 2}
 
 
 def measure(setting: Setting) -> list[dict]:
-    """Time NumPy's and MKL's generators, where they are: ns per normal."""
-    return numpy_normals(setting.repeats) + mkl_normals(setting.repeats)
-
-
-def numpy_normals(repeats: int) -> list[dict]:
-    """Generators of NumPy."""
-    if np is None:
-        return [{"name": "NumPy", "ns": None}]
-    out, rows = np.empty(COUNT), []
-    for bits in ("PCG64", "SFC64", "Philox"):
-        generator = np.random.Generator(getattr(np.random, bits)(1))
-        times = time_calls(lambda g=generator: g.standard_normal(out=out), repeats)
-        rows.append({"name": f"NumPy {bits} ziggurat", "ns": times})
+    """Time all generators in turn: ns per normal, one thread."""
+    draws = [*numpy_draws(), *mkl_draws()]
+    for *_, draw in draws:
+        draw()
+    own, times = [], [[] for _ in draws]
+    for _ in range(max(5, setting.repeats)):
+        lines = lines_of(setting.bench / "bench_blocks", 1)
+        own += [float(words[2]) for words in lines if words[:2] == ["block", "normal"]]
+        for (*_, draw), found in zip(draws, times, strict=True):
+            start = time.process_time()
+            draw()
+            found.append((time.process_time() - start) * 1e9 / COUNT)
+    rows = [{"name": "symsde", "block": 256, "ns": summary(own)}]
+    rows += [{"name": d[0], "block": d[1], "ns": summary(t)} for d, t in zip(draws, times, strict=True)]
+    rows += [{"name": name, "block": None, "ns": None} for name in absent(draws)]
     return rows
 
 
-def mkl_normals(repeats: int) -> list[dict]:
-    """Generators of Intel MKL."""
+def absent(draws: list[tuple]) -> list[str]:
+    """The libraries of which there is no generator."""
+    return [name for name in ("NumPy", "MKL") if not any(d[0].startswith(name) for d in draws)]
+
+
+def numpy_draws() -> list[tuple]:
+    """Name, block and a call that makes COUNT normals, for the generators of NumPy."""
+    if np is None:
+        return []
+
+    def draws_of(bits: str, block: int):
+        generator, out = np.random.Generator(getattr(np.random, bits)(1)), np.empty(block)
+
+        def draw() -> None:
+            for _ in range(COUNT // block):
+                generator.standard_normal(out=out)
+
+        return draw
+
+    names = ("PCG64", "SFC64", "Philox")
+    version = np.__version__
+    return [(f"NumPy {version} {bits}, ziggurat", block, draws_of(bits, block)) for bits in names for block in BLOCKS]
+
+
+def mkl_draws() -> list[tuple]:
+    """The same for Intel MKL, where `pip install mkl` has put it."""
     names = glob.glob(f"{sys.prefix}/lib/libmkl_rt.so*")
     if not names:
-        return [{"name": "MKL (pip install mkl)", "ns": None}]
+        return []
     mkl = ctypes.CDLL(names[0])
-    stream, numbers = ctypes.c_void_p(), (ctypes.c_double * 4096)()
-    philox, box_muller2 = 0x100000 * 16, 1
-    mkl.vslNewStream(ctypes.byref(stream), philox, 1)
+    mkl.MKL_Set_Threading_Layer(1)  # sequential
+    text = ctypes.create_string_buffer(200)
+    mkl.MKL_Get_Version_String(text, len(text))
+    version = text.value.decode().partition("Version ")[2].split("-")[0]
     zero, one = ctypes.c_double(0), ctypes.c_double(1)
 
-    def draw() -> None:
-        for _ in range(COUNT // 4096):
-            mkl.vdRngGaussian(box_muller2, stream, 4096, numbers, zero, one)
+    def draws_of(generator: int, method: int, block: int):
+        stream, out = ctypes.c_void_p(), (ctypes.c_double * block)()
+        if mkl.vslNewStream(ctypes.byref(stream), generator, 1) != 0:
+            sys.exit("MKL has no such generator")
 
-    return [{"name": "MKL Philox Box-Muller", "ns": time_calls(draw, repeats)}]
+        def draw() -> None:
+            for _ in range(COUNT // block):
+                if mkl.vdRngGaussian(method, stream, block, out, zero, one) != 0:
+                    sys.exit("MKL made no normals")
 
+        return draw
 
-def time_calls(call, repeats: int) -> list[float]:
-    """Times of a call that makes COUNT normals, ns each."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        call()
-        times.append((time.perf_counter() - start) * 1e9 / COUNT)
-    return summary(times)
+    return [
+        (f"MKL {version} {generator}, {method}", block, draws_of(number, rule, block))
+        for generator, number in MKL_GENERATORS.items()
+        for method, rule in MKL_METHODS.items()
+        for block in BLOCKS
+    ]
 
 
 def section(found: list[dict]) -> str:
     """Write the section."""
-    rows = [[g["name"], spread(g["ns"])] for g in found]
-    return "## Normals of other libraries\n\nns each, one thread.\n\n" + table(["generator", "ns"], rows)
+    rows = [[g["name"], str(g["block"] or ""), spread(g["ns"])] for g in found]
+    note = f"\n\nMKL comes by `pip install mkl`: {ABSENT}." if any(g["name"] == "MKL" for g in found) else ""
+    return (
+        "## Normals beside other libraries\n\nns of processor time each, one thread, all in turn; a block is what one call "
+        "fills.\n\n" + table(["generator", "block", "ns"], rows) + note
+    )

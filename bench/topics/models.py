@@ -3,24 +3,80 @@
 
 import importlib.util
 
-from .tools import ABSENT, Setting, lines_of_python, spread, table
+from .tools import ABSENT, Setting, at_most, lines_of, lines_of_python, spread, table
+
+NAMES = {
+    "built-in": "built-in",
+    "Fortran": "Fortran type",
+    "Fortran_joint": "Fortran type, gradient_hessian",
+    "C": "C functions",
+    "numba": "numba cfunc",
+    "NumPy": "NumPy functions",
+    "hand": "NumPy loop by hand",
+}
+# Largest ratio to the built-in model; for NumPy functions to the loop by hand.
+TARGETS = {"Fortran": 1.2, "Fortran_joint": 1.2, "C": 1.2, "numba": 1.5, "NumPy": 1.5}
 
 
-def measure(setting: Setting) -> list[dict]:
-    """One model written in several ways, by the Python package; nothing where NumPy is missing."""
-    functions = setting.bench / "libbench_user_models.so"
-    if importlib.util.find_spec("numpy") is None or not functions.exists():
-        return []
-    lines = lines_of_python("user_models.py", setting.build, functions.resolve(), min(setting.repeats, 5))
-    return [{"name": w[1].replace("_", " "), "ns": [float(x) for x in w[2:]]} for w in lines]
+def measure(setting: Setting) -> dict:
+    """Models in Fortran and C, then those in Python; nothing of these where NumPy is missing."""
+    repeats = max(5, setting.repeats)
+    found = {"Fortran": rows_of(lines_of(setting.bench / "bench_models", repeats)), "Python": []}
+    if importlib.util.find_spec("numpy"):
+        found["Python"] = rows_of(lines_of_python("user_models.py", setting.build, repeats))
+        found["numba"] = importlib.util.find_spec("numba") is not None
+    return found
 
 
-def section(found: list[dict]) -> str:
+def rows_of(lines: list[list[str]]) -> list[dict]:
+    """Numbers of the printed lines."""
+    return [
+        {
+            "model": words[1].replace("_", " "),
+            "scheme": words[2].replace("_", " "),
+            "kind": words[3],
+            "ns": [float(x) for x in words[4:7]],
+            "ratio": float(words[7]),
+        }
+        for words in lines
+    ]
+
+
+def section(found: dict) -> str:
     """Write the section."""
-    rows = [[u["name"], spread(u["ns"])] for u in found]
     return (
-        "## Models of one's own\n\nThe linear oscillator of the catalogue and the same model written by a user, 4096 "
-        "paths, one thread: ns of\nprocessor time per path-step. The loop by hand has NumPy's own generator and "
-        "arrays of the library's size.\n`numba cfunc` is absent where numba is not installed.\n\n"
-        + table(["model, scheme", "ns"], rows or [["NumPy is not installed", ABSENT]])
+        "## Models of one's own\n\n"
+        "Models of the catalogue and the same ones written by a user, 4096 paths, one thread, ns of processor time\n"
+        "per path-step, all of one model in turn. The ratio is to the built-in model in the same program; for NumPy\n"
+        "functions to the same loop of NumPy by hand, with arrays of the library's size.\n\n"
+        + table_of(found["Fortran"])
+        + "\n\n"
+        "`bench/user_models.f90` and `bench/user_models.c` are compiled with -O3 -march=native, without -ffast-math.\n"
+        "Sine and cosine of one argument in one statement become a scalar `sincos` for each lane. In statements of\n"
+        "their own gfortran takes the vector versions of the C library; gcc does so with -ffast-math, or after\n"
+        '`double sin(double) __attribute__((simd("notinbranch")));` and the same for `cos`. An implicit scheme wants\n'
+        "gradient and Hessian at one point in every iteration: where they share work a Fortran type overrides\n"
+        "`gradient_hessian`, while C functions compute it twice.\n\n"
+        + (table_of(found["Python"]) if found["Python"] else f"NumPy: {ABSENT}.")
+        + ("\n\nnumba calls the scalar sine and cosine of the C library." if found.get("numba") else "")
+        + ("" if found.get("numba") else f"\n\nnumba: {ABSENT}.")
+    )
+
+
+def table_of(rows: list[dict]) -> str:
+    """All kinds of all models."""
+    heads = ["model", "scheme", "written as", "ns", "ratio", "target", ""]
+    return table(
+        heads,
+        [
+            [
+                r["model"],
+                r["scheme"],
+                NAMES[r["kind"]],
+                spread(r["ns"]),
+                f"{r['ratio']:.2f}",
+                *at_most(r["ratio"], TARGETS.get(r["kind"])),
+            ]
+            for r in rows
+        ],
     )

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the Python package adds to a call."""
+
+import importlib.util
+
+from .tools import ABSENT, Setting, at_most, lines_of_python, spread, table
+
+ADDED = 1.0  # ms of a call
+GROWN = 1.05  # peak memory over the size of the results
+
+
+def measure(setting: Setting) -> list[list[str]]:
+    """Time calls and look at the memory; nothing where NumPy is missing."""
+    if importlib.util.find_spec("numpy") is None:
+        return []
+    return lines_of_python("python_calls.py", setting.build, max(5, setting.repeats))
+
+
+def section(found: list[list[str]]) -> str:
+    """Write the section."""
+    if not found:
+        return f"## Calls from Python\n\nNumPy: {ABSENT}."
+    calls, memory = [], []
+    for words in found:
+        numbers = [float(word) for word in words[2:]]
+        if words[0] == "call":
+            added = [f"{numbers[0]:.3f}", *at_most(numbers[0], ADDED)]
+            calls.append([words[1], spread(numbers[1:4]), spread(numbers[4:7]), *added])
+        else:
+            ratio = [f"{numbers[1]:.3f}", *at_most(numbers[1], GROWN)]
+            memory.append([words[1].replace("_", " "), f"{numbers[0]:.0f}", *ratio])
+    return (
+        "## Calls from Python\n\n"
+        "ms of processor time of a run of one path and one step, in turn with a call of the C interface "
+        "prepared beforehand.\n\n"
+        + table(["function", "from Python [ms]", "C interface [ms]", "added [ms]", "target", ""], calls)
+        + "\n\n"
+        "By how much the peak memory of the process grows in a large run, over the size of the arrays it returns:\n"
+        "1 means that nothing large is copied, neither what comes in nor what goes out.\n\n"
+        + table(["run", "returned [MB]", "growth of peak / returned", "target", ""], memory)
+    )
