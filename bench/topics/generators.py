@@ -99,6 +99,6 @@ def section(found: list[dict]) -> str:
     rows = [[g["name"], str(g["block"] or ""), spread(g["ns"])] for g in found]
     note = f"\n\nMKL comes by `pip install mkl`: {ABSENT}." if any(g["name"] == "MKL" for g in found) else ""
     return (
-        "## Normals beside other libraries\n\nns of processor time each, one thread, all in turn; a block is what one call "
-        "fills.\n\n" + table(["generator", "block", "ns"], rows) + note
+        "## Normals beside other libraries\n\nns of processor time each, one thread, all in turn; a block is what one "
+        "call fills.\n\n" + table(["generator", "block", "ns"], rows) + note
     )
