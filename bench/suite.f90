@@ -14,6 +14,7 @@ program bench_suite
    use bench_limit_gauss2, only: limit_gauss2
    use bench_limit_kubo, only: limit_kubo
    use bench_limit_single_path, only: limit_single_path
+   use bench_limit_single_path_synchrotron, only: limit_single_path_synchrotron
    use bench_limit_synchrotron, only: limit_synchrotron
    use bench_limit_synchrotron_fused, only: limit_synchrotron_fused
    use bench_support, only: median, scene_type, new_scene, run_paths, integer_argument
@@ -34,6 +35,7 @@ program bench_suite
    call compare('fpu64_midpoint', 200_i8)
    npath = 1
    call compare('kubo_single_path', 4000000_i8)
+   call compare('synchrotron_single_path', 1000000_i8)
 
 contains
 
@@ -81,7 +83,7 @@ contains
       select case (name)
       case ('kubo_midpoint', 'kubo_single_path')
          call new_scene(scene, 'kubo', ['a    ', 'sigma'], [1.0_wp, 0.3_wp], 'midpoint', h)
-      case ('synchrotron_midpoint', 'synchrotron_midpoint_fused')
+      case ('synchrotron_midpoint', 'synchrotron_midpoint_fused', 'synchrotron_single_path')
          call new_scene(scene, 'synchrotron', ['omega '], [2.0_wp], 'midpoint', h)
       case ('synchrotron_gauss2')
          call new_scene(scene, 'synchrotron', ['omega '], [2.0_wp], 'gauss2', h)
@@ -107,6 +109,8 @@ contains
          call limit_kubo(npath, nstep, 1_i8, h, 1.0_wp, 0.3_wp, q, p)
       case ('kubo_single_path')
          call limit_single_path(nstep, h, 1.0_wp, 0.3_wp, q(1), p(1))
+      case ('synchrotron_single_path')
+         call limit_single_path_synchrotron(nstep, h, 2.0_wp, 0.2_wp, 0.1_wp, q(1), p(1))
       case ('synchrotron_midpoint')
          call limit_synchrotron(npath, nstep, 1_i8, h, 2.0_wp, 0.2_wp, 0.1_wp, q, p)
       case ('synchrotron_midpoint_fused')
