@@ -11,6 +11,7 @@ module symsde_ensemble_block
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
    use symsde_noise_source, only: noise_type
+   use symsde_step_fused, only: fused_stepper_type, group
    use symsde_step_rescue, only: rescue_type
    use symsde_step_state, only: lane_state, new_lane_state
    use symsde_step_stepper, only: stepper_type
@@ -37,7 +38,8 @@ module symsde_ensemble_block
       integer(i8), allocatable :: path(:)  !! global path of each lane
       real(wp), allocatable :: w(:, :, :)  !! weights (nlane, 0:nnoise, 0:2*npair-1), even and odd step of each pair
       real(wp), allocatable :: z(:, :, :), area(:, :, :)  !! dZ and areas, where the scheme asks for them
-      real(wp), allocatable :: dq(:, :), dp(:, :)
+      real(wp), allocatable :: dq(:, :), dp(:, :)  !! increments of a step, or the state after fused steps
+      logical :: fused = .false.                   !! the stepper takes several steps at once
    contains
       procedure :: begin
       procedure :: run_chunk
@@ -72,6 +74,10 @@ contains
          if (noise%needs_dz .or. noise%needs_areas) &
             allocate (self%z(nlane, noise%nz, 0:1), self%area(nlane, noise%narea, 0:1), source=0.0_wp)
       end associate
+      select type (stepper => self%stepper)
+      class is (fused_stepper_type)
+         self%fused = .not. options%compensated  ! low parts are kept step by step
+      end select
       self%w = 0
       self%w(:, 0, :) = options%step
    end subroutine new_block_runner
@@ -82,7 +88,7 @@ contains
       integer, intent(in) :: nlane, nnoise
 
       if (nlane <= few_lanes .and. nnoise <= few_noises) then
-         pairs_ahead = 16
+         pairs_ahead = 64
       else if (8*nlane*nnoise <= most_increments) then
          pairs_ahead = 4
       else
@@ -128,15 +134,14 @@ contains
    !> Steps until the chunk or the run is over, or all paths of the block have failed.
    subroutine run_chunk(self)
       class(block_runner), intent(inout) :: self
-      integer(i8) :: n, last, ticks, ticks_end, rate
+      integer(i8) :: last, ticks, ticks_end, rate
       real(wp) :: seconds
 
       call system_clock(ticks, rate)
-      last = self%options%first_step + self%options%nstep
-      do n = 1, min(self%chunk, last - self%step)
-         if (self%state%nfailed == self%state%nlane) exit
-         call one_step(self)
-         if (mod(self%step - self%options%first_step, self%options%save_every) == 0) call save_point(self)
+      last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
+      do while (self%step < last .and. self%state%nfailed < self%state%nlane)
+         call one_step_or_groups(self, min(last - self%step, steps_to_save(self)))
+         if (steps_to_save(self) == self%options%save_every) call save_point(self)
       end do
       call system_clock(ticks_end)
       seconds = real(ticks_end - ticks, wp)/real(rate, wp)
@@ -147,34 +152,82 @@ contains
       end if
    end subroutine run_chunk
 
+   !> Steps from here to the next saved point; save_every at a saved point.
+   pure integer(i8) function steps_to_save(self)
+      type(block_runner), intent(in) :: self
+
+      steps_to_save = self%options%save_every - mod(self%step - self%options%first_step, self%options%save_every)
+   end function steps_to_save
+
+   !> One step, or groups of fused ones where as many are left and have their increments.
+   subroutine one_step_or_groups(self, left)
+      type(block_runner), intent(inout) :: self
+      integer(i8), intent(in) :: left  !! steps that may be taken
+      integer :: n, fit
+
+      if (.not. allocated(self%z) .and. self%step/2 /= self%pair .and. self%noise%nnoise > 0) call draw(self)
+      n = 1
+      if (self%fused) then
+         fit = int(min(left, 2*(self%ahead + self%nahead) - self%step))
+         if (fit >= group) n = fit - mod(fit, group)
+      end if
+      call enter(self, n)
+      if (self%fused) then
+         call fused_steps(self, n)
+      else
+         call one_step(self)
+      end if
+      self%stepper%ham%counters%steps = self%stepper%ham%counters%steps + n*self%nreal
+   end subroutine one_step_or_groups
+
    !> One step of the block.
    subroutine one_step(self)
       type(block_runner), intent(inout) :: self
       integer(i8) :: failures
-      integer :: half
+      integer :: i
 
-      half = int(mod(self%step, 2_i8))
+      i = place(self)
       failures = self%stepper%ham%counters%failures
-      if (allocated(self%z)) then
-         if (self%step/2 /= self%pair) call self%noise%fill_integrals( &
-            self%state%nlane, self%path, self%step/2, self%w, self%z, self%area, self%normals)
-         if (self%noise%needs_dz) self%stepper%ham%extra%z = self%z(:, :, half)
-         if (self%noise%needs_areas) self%stepper%ham%extra%area = self%area(:, :, half)
-      else if (self%step/2 /= self%pair .and. self%noise%nnoise > 0) then
-         call draw(self)
-      end if
-      self%pair = self%step/2
-      if (self%nahead > 0) half = half + 2*int(self%pair - self%ahead)
-      call self%stepper%increment(time_of(self, self%step), self%w(:, :, half), self%state%q, self%state%p, &
+      if (allocated(self%z)) call take_integrals(self, i)
+      call self%stepper%increment(time_of(self, self%step), self%w(:, :, i), self%state%q, self%state%p, &
                                   self%dq, self%dp, self%state%status)
       if (self%stepper%ham%counters%failures > failures) &
-         call self%rescue%attempt(self%state%nlane, time_of(self, self%step), self%w(:, :, half), self%state%q, &
+         call self%rescue%attempt(self%state%nlane, time_of(self, self%step), self%w(:, :, i), self%state%q, &
                                   self%state%p, self%state%failed_step, self%dq, self%dp, self%state%status, &
                                   self%stepper%ham%counters)
       call self%state%advance(self%step, self%dq, self%dp)
-      self%stepper%ham%counters%steps = self%stepper%ham%counters%steps + self%nreal
       self%step = self%step + 1
    end subroutine one_step
+
+   !> One fused step or groups of them; where a lane fails they are taken again step by step, to say in which.
+   recursive subroutine fused_steps(self, n)
+      type(block_runner), intent(inout) :: self
+      integer, intent(in) :: n
+      logical :: taken
+      integer :: i
+
+      i = place(self)
+      select type (stepper => self%stepper)
+      class is (fused_stepper_type)
+         call stepper%several(n, self%w(:, :, i:i + n - 1), self%state%q, self%state%p, self%dq, self%dp)
+      end select
+      call self%state%take(n, self%step, self%dq, self%dp, taken)
+      if (taken) then
+         self%step = self%step + n
+      else
+         do i = 1, n
+            call fused_steps(self, 1)
+         end do
+      end if
+   end subroutine fused_steps
+
+   !> Where in w the increments of the next step stand.
+   pure integer function place(self)
+      type(block_runner), intent(in) :: self
+
+      place = int(mod(self%step, 2_i8))
+      if (self%nahead > 0) place = int(self%step - 2*self%ahead)
+   end function place
 
    !> Increments of the pair of steps that begins, from those drawn ahead or from the source, which is asked
    !> from an even pair on.
@@ -183,16 +236,38 @@ contains
       integer(i8) :: pair, last, drawn
 
       pair = self%step/2
-      if (self%nahead == 0 .or. pair >= self%ahead + self%nahead) then
-         last = (self%options%first_step + self%options%nstep - 1)/2
-         drawn = 0
-         self%ahead = pair - mod(pair, 2_i8)
-         self%nahead = int(min(int(self%npair, i8), last - self%ahead + 1))
-         call self%noise%fill_ahead(self%state%nlane, self%nreal, self%path, self%ahead, self%nahead, self%w, drawn)
-         self%normals_of_pair = drawn/self%nahead
-      end if
-      self%normals = self%normals + self%normals_of_pair
+      if (self%nahead > 0 .and. pair < self%ahead + self%nahead) return
+      last = (self%options%first_step + self%options%nstep - 1)/2
+      drawn = 0
+      self%ahead = pair - mod(pair, 2_i8)
+      self%nahead = int(min(int(self%npair, i8), last - self%ahead + 1))
+      call self%noise%fill_ahead(self%state%nlane, self%nreal, self%path, self%ahead, self%nahead, self%w, drawn)
+      self%normals_of_pair = drawn/self%nahead
    end subroutine draw
+
+   !> Account for the pairs that the next n steps begin.
+   pure subroutine enter(self, n)
+      type(block_runner), intent(inout) :: self
+      integer, intent(in) :: n
+      integer(i8) :: last
+
+      if (allocated(self%z)) return  ! take_integrals does
+      last = (self%step + n - 1)/2
+      self%normals = self%normals + self%normals_of_pair*(last - max(self%pair, self%step/2 - 1))
+      self%pair = last
+   end subroutine enter
+
+   !> Increments, dZ and areas of the pair of steps that begins, and those of the step for the scheme.
+   subroutine take_integrals(self, half)
+      type(block_runner), intent(inout) :: self
+      integer, intent(in) :: half
+
+      if (self%step/2 /= self%pair) call self%noise%fill_integrals( &
+         self%state%nlane, self%path, self%step/2, self%w, self%z, self%area, self%normals)
+      self%pair = self%step/2
+      if (self%noise%needs_dz) self%stepper%ham%extra%z = self%z(:, :, half)
+      if (self%noise%needs_areas) self%stepper%ham%extra%area = self%area(:, :, half)
+   end subroutine take_integrals
 
    !> Whether nothing is left to do.
    pure logical function is_done(self)

@@ -21,7 +21,6 @@ module symsde_model_additive_oscillator
    real(wp), parameter :: additive_oscillator_defaults(2) = [0.0_wp, 1.0_wp]
 
    type, extends(separable_model) :: additive_oscillator_model
-      private
       real(wp) :: sigma = 0    !! noise of the position
       real(wp) :: gamma = 0    !! noise of the momentum
    contains

@@ -18,7 +18,6 @@ module symsde_model_linear_oscillator
    real(wp), parameter :: linear_oscillator_defaults(1) = [1.0_wp]
 
    type, extends(separable_model) :: linear_oscillator_model
-      private
       real(wp) :: sigma = 0    !! intensity of the force [1/sqrt(time)]
    contains
       procedure :: value => weighted_value

@@ -10,7 +10,7 @@
 !> Increments of a discrete law are sums of discrete draws at refine > 0, and have no bridge.
 module symsde_noise_brownian
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: padded
+   use symsde_base_lanes, only: lane_unit, padded
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible
    use symsde_base_text, only: to_text
@@ -158,7 +158,7 @@ contains
       real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
       integer(i8) :: paths(most_ahead), draws(most_ahead)
       real(wp) :: x(most_ahead*4)
-      integer :: n, m, i, j, lane, step
+      integer :: n, m, i, j, step
 
       n = nreal*((npair + 1)/2)
       m = padded(n)
@@ -168,14 +168,31 @@ contains
          draws(i) = pair/2 + j
       end do
       call scaled_normals_at(m, self%seed, paths, draws, k, 0, purpose_increment, sqrt(self%h), x)
-      call clip_lanes(4*m, self%bound, x)
-      do step = 0, 2*npair - 1
-         i = mod(step, 4)*m + (step/4)*nreal
-         do lane = 1, nlane
-            w(lane, k, step) = x(i + min(lane, nreal))
+      if (self%bound < huge(1.0_wp)) call clip_lanes(4*m, self%bound, x)
+      if (nreal == 1 .and. nlane == lane_unit .and. mod(npair, 2) == 0) then
+         call spread_one(self%nnoise, k, npair/2, m, x, w)
+      else
+         do step = 0, 2*npair - 1
+            i = mod(step, 4)*m + (step/4)*nreal
+            w(:nreal, k, step) = x(i + 1:i + nreal)
+            w(nreal + 1:, k, step) = x(i + nreal)
+         end do
+      end if
+   end subroutine fill_few
+
+   !> One path in all lanes of the smallest block: x holds the steps 4j + i of draw j in column i.
+   pure subroutine spread_one(nnoise, k, ndraw, room, x, w)
+      integer, intent(in) :: nnoise, k, ndraw, room
+      real(wp), intent(in) :: x(0:room - 1, 0:3)
+      real(wp), intent(inout) :: w(lane_unit, 0:nnoise, 0:3, 0:ndraw - 1)
+      integer :: j, i
+
+      do j = 0, ndraw - 1
+         do i = 0, 3
+            w(:, k, i, j) = x(j, i)
          end do
       end do
-   end subroutine fill_few
+   end subroutine spread_one
 
    !> The same draws with dZ and areas of the path they belong to.
    subroutine fill_brownian_integrals(self, nlane, path, pair, w, z, area, drawn)

@@ -15,6 +15,7 @@ module symsde_step_factory
    use symsde_step_drift_preserving, only: drift_preserving_stepper, new_drift_preserving_stepper
    use symsde_step_exact_rotation, only: exact_rotation_stepper, new_exact_rotation_stepper
    use symsde_step_euler_maruyama, only: euler_maruyama_stepper, new_euler_maruyama_stepper
+   use symsde_step_euler_oscillator, only: euler_oscillator_stepper, new_euler_oscillator_stepper, fits_euler_oscillator
    use symsde_step_explicit, only: explicit_stepper, new_explicit_stepper, is_explicit
    use symsde_step_galerkin, only: galerkin_stepper, new_galerkin_stepper
    use symsde_step_modified_hamiltonian, only: expansion_active
@@ -70,6 +71,8 @@ contains
          allocate (general_stepper :: stepper)
       else if (expansion_active(scheme%expansion, model%traits)) then
          call allocate_expanded(stepper, model, scheme, options)
+      else if (correction == correction_none .and. fits_euler_oscillator(model, scheme)) then
+         allocate (euler_oscillator_stepper :: stepper)
       else if (correction == correction_none .and. is_explicit(model, scheme)) then
          allocate (explicit_stepper :: stepper)
       else if (is_midpoint(scheme)) then
@@ -158,6 +161,8 @@ contains
          call new_drift_preserving_stepper(stepper, model, scheme, nlane, options%newton)
       type is (euler_maruyama_stepper)
          call new_euler_maruyama_stepper(stepper, model, nlane)
+      type is (euler_oscillator_stepper)
+         call new_euler_oscillator_stepper(stepper, model, scheme, nlane)
       type is (explicit_stepper)
          call new_explicit_stepper(stepper, model, scheme, nlane)
       type is (midpoint_stepper)

@@ -3,23 +3,24 @@
 !>
 !>    dq = theta (p - theta q/2)/(1 + theta^2/4),  dp = -theta (q + theta p/2)/(1 + theta^2/4)
 !>
-!> [WHSB] (71)-(72) solved for the new state. The plainer midpoint_single passes gradient and Hessian
-!> through memory; this kernel takes half its time (bench/). Agrees with it to a few ulps.
+!> [WHSB] (71)-(72) solved for the new state. The plainer midpoint_single passes gradient and Hessian through
+!> memory and the state once a step; agrees with it to a few ulps (tests/verification/test_steppers.pf).
 module symsde_step_midpoint_kubo
    use symsde_base_kinds, only: wp, i8
    use symsde_model_kubo, only: kubo_model
    use symsde_scheme_scheme, only: correction_none
+   use symsde_step_fused, only: fused_stepper_type, group
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
    implicit none
    private
    public :: midpoint_kubo_stepper, new_midpoint_kubo_stepper
 
-   type, extends(stepper_type) :: midpoint_kubo_stepper
+   type, extends(fused_stepper_type) :: midpoint_kubo_stepper
       private
       real(wp) :: a = 0, sigma = 0
    contains
       procedure :: increment
+      procedure :: pass
    end type midpoint_kubo_stepper
 
 contains
@@ -31,6 +32,7 @@ contains
       integer, intent(in) :: nlane
 
       self%name = 'midpoint, fused for kubo'
+      self%takes_all_alone = .true.
       self%a = model%a
       self%sigma = model%sigma
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
@@ -43,28 +45,135 @@ contains
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
-      call cayley(self%ham%nlane, self%a*w(1, 0), self%sigma, w(1, 1), q, p, dq, dp)
-      associate (c => self%ham%counters)
-         c%iterations = c%iterations + self%ham%nreal
-         c%solves = c%solves + self%ham%nreal
-      end associate
+      call turn_by_increment(self%ham%nlane, self%a*w(1, 0), self%sigma, w(1, 1), q, p, dq, dp)
+      call count_steps(self, 1)
    end subroutine increment
 
+   subroutine pass(self, nstep, w, q, p, qn, pn)
+      class(midpoint_kubo_stepper), intent(inout) :: self
+      integer, intent(in) :: nstep
+      real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise, nstep)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: qn(self%ham%nlane, self%ham%ndof), pn(self%ham%nlane, self%ham%ndof)
+
+      associate (nlane => self%ham%nlane, turn => self%a*w(1, 0, 1))
+         if (nstep > 1 .and. self%ham%nreal == 1) then
+            call turn_one_lane(nlane, nstep, turn, self%sigma, w, q, p, qn, pn)
+         else if (nstep == group) then
+            call turn_group(nlane, turn, self%sigma, w, q, p, qn, pn)
+         else
+            call turn_once(nlane, turn, self%sigma, w(1, 1, 1), q, p, qn, pn)
+         end if
+      end associate
+      call count_steps(self, nstep)
+   end subroutine pass
+
+   !> One solve a step and path.
+   subroutine count_steps(self, nstep)
+      type(midpoint_kubo_stepper), intent(inout) :: self
+      integer, intent(in) :: nstep
+
+      associate (c => self%ham%counters)
+         c%iterations = c%iterations + nstep*self%ham%nreal
+         c%solves = c%solves + nstep*self%ham%nreal
+      end associate
+   end subroutine count_steps
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
    !> VEC theta = turn + sigma dw, turn = a h
-   pure subroutine cayley(nlane, turn, sigma, dw, q, p, dq, dp)
+   pure subroutine turn_by_increment(nlane, turn, sigma, dw, q, p, dq, dp)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: turn, sigma, dw(nlane), q(nlane), p(nlane)
       real(wp), intent(out) :: dq(nlane), dp(nlane)
-      real(wp) :: theta, half, factor
+      real(wp) :: half, factor
       integer :: lane
 
       do lane = 1, nlane
-         theta = turn + sigma*dw(lane)
-         half = 0.5_wp*theta
-         factor = theta/(1 + half*half)
+         call find_factor(turn + sigma*dw(lane), half, factor)
          dq(lane) = factor*(p(lane) - half*q(lane))
          dp(lane) = -factor*(q(lane) + half*p(lane))
       end do
-   end subroutine cayley
+   end subroutine turn_by_increment
+
+   !> VEC One step.
+   pure subroutine turn_once(nlane, turn, sigma, dw, q, p, qn, pn)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: turn, sigma, dw(nlane), q(nlane), p(nlane)
+      real(wp), intent(out) :: qn(nlane), pn(nlane)
+      real(wp) :: half, factor, x, y
+      integer :: lane
+
+      do lane = 1, nlane
+         x = q(lane)
+         y = p(lane)
+         call find_factor(turn + sigma*dw(lane), half, factor)
+         call rotate(half, factor, x, y)
+         qn(lane) = x
+         pn(lane) = y
+      end do
+   end subroutine turn_once
+
+   !> VEC A group of steps.
+   pure subroutine turn_group(nlane, turn, sigma, w, q, p, qn, pn)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: turn, sigma, w(nlane, 0:1, group), q(nlane), p(nlane)
+      real(wp), intent(out) :: qn(nlane), pn(nlane)
+      real(wp) :: half, factor, x, y
+      integer :: lane, step
+
+      do lane = 1, nlane
+         x = q(lane)
+         y = p(lane)
+         !GCC$ unroll 8
+         do step = 1, group
+            call find_factor(turn + sigma*w(lane, 1, step), half, factor)
+            call rotate(half, factor, x, y)
+         end do
+         qn(lane) = x
+         pn(lane) = y
+      end do
+   end subroutine turn_group
+
+   !> Steps of the one path of a block: angles and factors of all steps at once, then the path alone.
+   pure subroutine turn_one_lane(nlane, nstep, turn, sigma, w, q, p, qn, pn)
+      integer, intent(in) :: nlane, nstep
+      real(wp), intent(in) :: turn, sigma, w(nlane, 0:1, nstep), q(nlane), p(nlane)
+      real(wp), intent(out) :: qn(nlane), pn(nlane)
+      real(wp) :: half(nstep), factor(nstep), x, y
+      integer :: step
+
+      do step = 1, nstep
+         call find_factor(turn + sigma*w(1, 1, step), half(step), factor(step))
+      end do
+      x = q(1)
+      y = p(1)
+      do step = 1, nstep
+         call rotate(half(step), factor(step), x, y)
+      end do
+      qn = x
+      pn = y
+   end subroutine turn_one_lane
+
+   !> theta/2 and theta/(1 + theta^2/4)
+   pure subroutine find_factor(theta, half, factor)
+      real(wp), intent(in) :: theta
+      real(wp), intent(out) :: half, factor
+
+      half = 0.5_wp*theta
+      factor = theta/(1 + half*half)
+   end subroutine find_factor
+
+   !> The rotation in place.
+   pure subroutine rotate(half, factor, q, p)
+      real(wp), intent(in) :: half, factor
+      real(wp), intent(inout) :: q, p
+      real(wp) :: dq, dp
+
+      dq = factor*(p - half*q)
+      dp = -factor*(q + half*p)
+      q = q + dq
+      p = p + dp
+   end subroutine rotate
 
 end module symsde_step_midpoint_kubo

@@ -18,6 +18,7 @@ module symsde_step_state
       real(wp), allocatable, private :: bad(:)
    contains
       procedure :: advance
+      procedure :: take
    end type lane_state
 
 contains
@@ -58,6 +59,38 @@ contains
       end if
       if (nbad > self%nfailed) call record(self, step, dq, dp)
    end subroutine advance
+
+   !> The state after nstep fused steps, in exchange for the arrays of this one. A lane that would not stay
+   !> finite fails in its last step; of several steps nothing is taken then, for it is not known in which.
+   subroutine take(self, nstep, step, q, p, taken)
+      class(lane_state), intent(inout) :: self
+      integer, intent(in) :: nstep
+      integer(i8), intent(in) :: step                       !! absolute step, for the record of a failure
+      real(wp), allocatable, intent(inout) :: q(:, :), p(:, :)
+      logical, intent(out) :: taken
+      integer :: nbad
+
+      call settle(self%nlane, self%ndof, self%q, self%p, self%status, q, p, self%bad, nbad)
+      taken = nstep == 1 .or. nbad == self%nfailed
+      if (.not. taken) return
+      call exchange(self%q, q)
+      call exchange(self%p, p)
+      if (nbad == self%nfailed) return
+      where (self%bad > 0 .and. self%status == 0)
+         self%status = nonfinite
+         self%failed_step = step
+      end where
+      self%nfailed = nbad
+   end subroutine take
+
+   subroutine exchange(x, y)
+      real(wp), allocatable, intent(inout) :: x(:, :), y(:, :)
+      real(wp), allocatable :: z(:, :)
+
+      call move_alloc(x, z)
+      call move_alloc(y, x)
+      call move_alloc(z, y)
+   end subroutine exchange
 
    !> Give the lanes that failed in this step their status and step.
    subroutine record(self, step, dq, dp)
@@ -103,6 +136,42 @@ contains
       end do
       nbad = int(count)
    end subroutine advance_one
+
+   !> VEC New states are the old ones in lanes that have failed or would not stay finite: bad = 1.
+   pure subroutine settle(nlane, ndof, q, p, status, qn, pn, bad, nbad)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(inout) :: qn(nlane, ndof), pn(nlane, ndof)
+      real(wp), intent(out) :: bad(nlane)
+      integer, intent(out) :: nbad
+      integer(i8) :: count
+      logical :: ok
+      integer :: lane, i
+
+      do lane = 1, nlane
+         bad(lane) = 0*qn(lane, 1) + 0*pn(lane, 1)  ! NaN where one of the two is not finite
+      end do
+      do i = 2, ndof
+         do lane = 1, nlane
+            bad(lane) = bad(lane) + (0*qn(lane, i) + 0*pn(lane, i))
+         end do
+      end do
+      count = 0
+      do lane = 1, nlane
+         ok = abs(bad(lane)) <= 0 .and. status(lane) == 0
+         bad(lane) = merge(0.0_wp, 1.0_wp, ok)
+         count = count + merge(0_i8, 1_i8, ok)
+      end do
+      nbad = int(count)
+      if (nbad == 0) return
+      do i = 1, ndof
+         do lane = 1, nlane
+            qn(lane, i) = merge(q(lane, i), qn(lane, i), bad(lane) > 0)
+            pn(lane, i) = merge(p(lane, i), pn(lane, i), bad(lane) > 0)
+         end do
+      end do
+   end subroutine settle
 
    !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0.
    pure subroutine find_bad(nlane, ndof, dq, dp, q, p, status, bad, nbad)
