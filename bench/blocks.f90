@@ -11,23 +11,23 @@ program bench_blocks
    use symsde_model_abstract, only: model_type
    use symsde_model_catalogue, only: get_model, model_names
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
-   use symsde_noise_normal, only: normal_pair_lanes, normal_pairs
-   use symsde_noise_philox, only: philox_lanes
+   use symsde_noise_normal, only: normal_pair_lanes, scaled_normal_steps
+   use symsde_noise_philox, only: philox_two_lanes, philox_tile
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use bench_support, only: seconds, print_times, integer_argument, stop_on
    implicit none
    integer(i4), parameter :: nlane = 256
    integer(i8), parameter :: ncall = 4000
-   integer(i8) :: path(nlane), words(nlane, 4), repeats
+   integer(i8) :: path(nlane), repeats
    real(wp) :: x(nlane), y(nlane), z(nlane)
    integer(i4) :: lane
 
    repeats = integer_argument(1, 7_i8)
    path = [(int(lane, i8), lane=0, nlane - 1)]
    x = [(0.01_wp*lane, lane=1, nlane)]
-   call time_block('philox_word', 4.0_wp)
+   call time_block('philox_word', 8.0_wp)
    call time_block('box_muller_normal', 2.0_wp)
-   call time_block('normal', 2.0_wp)
+   call time_block('normal', 8.0_wp)
    call time_block('sincos', 1.0_wp)
    call time_increments()
    call time_newton()
@@ -41,20 +41,21 @@ contains
    subroutine time_block(name, items)
       character(*), intent(in) :: name
       real(wp), intent(in) :: items
-      real(wp) :: times(repeats), start
-      integer(i8) :: repeat, call
+      real(wp) :: times(repeats), start, w(nlane, 0:1, 0:7)
+      integer(i8) :: repeat, call, words(philox_tile, 4, 0:1)
+      logical :: tails
 
-      call philox_lanes(nlane, 1_i8, path, 0_i8, 1, 0, 0, words)
+      call philox_two_lanes(nlane, 1_i8, path, 0_i8, 1, 0, 0, words)
       do repeat = 1, repeats
          start = seconds()
          do call = 1, ncall
             select case (name)
             case ('philox_word')
-               call philox_lanes(nlane, 1_i8, path, call, 1, 0, 0, words)
+               call philox_two_lanes(nlane, 1_i8, path, call, 1, 0, 0, words)
             case ('box_muller_normal')
-               call normal_pair_lanes(nlane, words, y, z)
+               call normal_pair_lanes(nlane, words(1, 1, 0), words(1, 2, 0), 1.0_wp, y, z, tails)
             case ('normal')
-               call normal_pairs(nlane, 1_i8, path, call, 1, 0, 0, y, z)
+               call scaled_normal_steps(nlane, 1_i8, path, 4*call, 4, 1, 0, 0, 1.0_wp, 1, w)
             case default  ! sincos
                call sincos_lanes(nlane, x, y, z)
             end select
@@ -64,11 +65,11 @@ contains
       call print_times('block', name, times)
    end subroutine time_block
 
-   !> The library's source of noise: two increments a lane and call.
+   !> The library's source of noise: eight increments a lane and call.
    subroutine time_increments()
       type(brownian_noise) :: noise
       type(error_type), allocatable :: error
-      real(wp) :: times(repeats), start, w(nlane, 0:1, 0:1)
+      real(wp) :: times(repeats), start, w(nlane, 0:1, 0:7)
       integer(i8) :: repeat, call, drawn
 
       call new_brownian_noise(noise, 1, 1_i8, 0.02_wp, 0, [.false.], error)
@@ -77,9 +78,9 @@ contains
       do repeat = 1, repeats
          start = seconds()
          do call = 1, ncall
-            call noise%fill(nlane, path, call, w, drawn)
+            call noise%fill_ahead(nlane, nlane, path, 4*call, 4, w, drawn)
          end do
-         times(repeat) = (seconds() - start)*1e9_wp/(ncall*nlane*2)
+         times(repeat) = (seconds() - start)*1e9_wp/(ncall*nlane*8)
       end do
       call print_times('block', 'increment', times)
    end subroutine time_increments

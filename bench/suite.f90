@@ -54,7 +54,7 @@ contains
       if (only /= '' .and. only /= name) return
       call choose(name, scene)
       scene%options%nlane = int(integer_argument(4, 0_i8))
-      nstep = max(2_i8, usual*scale/200*2)
+      nstep = max(8_i8, usual*scale/800*8)
       unit = 1e9_wp/(real(npath, wp)*real(nstep, wp))
       allocate (q(npath*size(scene%q0)), p(npath*size(scene%q0)))
       call run_paths(scene, npath, 2_i8, 0_i8, run)

@@ -8,7 +8,7 @@
 module bench_limit_gauss2
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_sincos, only: sincos_lanes
-   use symsde_noise_normal, only: normal_pairs
+   use symsde_noise_normal, only: scaled_normal_steps
    implicit none
    private
    public :: limit_gauss2
@@ -21,26 +21,26 @@ module bench_limit_gauss2
 
 contains
 
-   !> nstep (even) steps of npath (a multiple of 256) paths from (1, 0); final states on return.
+   !> nstep (a multiple of 8) steps of npath (a multiple of 256) paths from (1, 0); final states on return.
    subroutine limit_gauss2(npath, nstep, seed, h, omega, sigma1, sigma2, q, p)
       integer(i8), intent(in) :: npath, nstep, seed
       real(wp), intent(in) :: h, omega, sigma1, sigma2
       real(wp), intent(out) :: q(npath), p(npath)
-      real(wp) :: dw1(nlane, 0:1), dw2(nlane, 0:1)
+      real(wp) :: dw(nlane, 0:2, 0:7)
       integer(i8) :: path(nlane), first, step
-      integer(i4) :: lane, half
+      integer(i4) :: lane, j
 
       q = 1
       p = 0
       do first = 0, npath - 1, nlane
          path = [(first + lane, lane=0, nlane - 1)]
          do step = 0, nstep - 1
-            half = int(mod(step, 2_i8))
-            if (half == 0) then
-               call normal_pairs(nlane, seed, path, step/2, 1, 0, 0, dw1(:, 0), dw1(:, 1))
-               call normal_pairs(nlane, seed, path, step/2, 2, 0, 0, dw2(:, 0), dw2(:, 1))
+            j = int(mod(step, 8_i8))
+            if (j == 0) then
+               call scaled_normal_steps(nlane, seed, path, step/2, 4, 1, 0, 0, 1.0_wp, 2, dw)
+               call scaled_normal_steps(nlane, seed, path, step/2, 4, 2, 0, 0, 1.0_wp, 2, dw)
             end if
-            call one_step(h, omega**2, sigma1*sqrt(h), sigma2*sqrt(h), dw1(:, half), dw2(:, half), &
+            call one_step(h, omega**2, sigma1*sqrt(h), sigma2*sqrt(h), dw(:, 1, j), dw(:, 2, j), &
                           q(first + 1), p(first + 1))
          end do
       end do

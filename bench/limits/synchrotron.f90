@@ -6,7 +6,7 @@
 module bench_limit_synchrotron
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_sincos, only: sincos_lanes
-   use symsde_noise_normal, only: normal_pairs
+   use symsde_noise_normal, only: scaled_normal_steps
    implicit none
    private
    public :: limit_synchrotron
@@ -15,26 +15,26 @@ module bench_limit_synchrotron
 
 contains
 
-   !> nstep (even) steps of npath (a multiple of 256) paths from (1, 0); final states on return.
+   !> nstep (a multiple of 8) steps of npath (a multiple of 256) paths from (1, 0); final states on return.
    subroutine limit_synchrotron(npath, nstep, seed, h, omega, sigma1, sigma2, q, p)
       integer(i8), intent(in) :: npath, nstep, seed
       real(wp), intent(in) :: h, omega, sigma1, sigma2
       real(wp), intent(out) :: q(npath), p(npath)
-      real(wp) :: dw1(nlane, 0:1), dw2(nlane, 0:1)
+      real(wp) :: dw(nlane, 0:2, 0:7)
       integer(i8) :: path(nlane), first, step
-      integer(i4) :: lane, half
+      integer(i4) :: lane, j
 
       q = 1
       p = 0
       do first = 0, npath - 1, nlane
          path = [(first + lane, lane=0, nlane - 1)]
          do step = 0, nstep - 1
-            half = int(mod(step, 2_i8))
-            if (half == 0) then
-               call normal_pairs(nlane, seed, path, step/2, 1, 0, 0, dw1(:, 0), dw1(:, 1))
-               call normal_pairs(nlane, seed, path, step/2, 2, 0, 0, dw2(:, 0), dw2(:, 1))
+            j = int(mod(step, 8_i8))
+            if (j == 0) then
+               call scaled_normal_steps(nlane, seed, path, step/2, 4, 1, 0, 0, 1.0_wp, 2, dw)
+               call scaled_normal_steps(nlane, seed, path, step/2, 4, 2, 0, 0, 1.0_wp, 2, dw)
             end if
-            call one_step(h, omega**2, sigma1*sqrt(h), sigma2*sqrt(h), dw1(:, half), dw2(:, half), &
+            call one_step(h, omega**2, sigma1*sqrt(h), sigma2*sqrt(h), dw(:, 1, j), dw(:, 2, j), &
                           q(first + 1), p(first + 1))
          end do
       end do
@@ -49,10 +49,9 @@ contains
 
       do lane = 1, nlane
          x(lane) = q(lane) + 0.5_wp*h*p(lane)
-         v(lane) = 0
-         last(lane) = huge(1.0_wp)
       end do
-      nrunning = nlane
+      call sincos_lanes(nlane, x, sine, cosine)
+      call first(h, omega2, sigma1, sigma2, dw1, dw2, sine, cosine, x, v, last, nrunning)
       do while (nrunning > 0)
          call sincos_lanes(nlane, x, sine, cosine)
          call iterate(h, omega2, sigma1, sigma2, dw1, dw2, q, p, sine, cosine, x, v, last, nrunning)
@@ -62,6 +61,29 @@ contains
          p(lane) = p(lane) + v(lane)
       end do
    end subroutine one_step
+
+   !> The first iteration, from v = 0.
+   pure subroutine first(h, omega2, sigma1, sigma2, dw1, dw2, sine, cosine, x, v, last, nrunning)
+      real(wp), intent(in) :: h, omega2, sigma1, sigma2, dw1(nlane), dw2(nlane)
+      real(wp), intent(in) :: sine(nlane), cosine(nlane)
+      real(wp), intent(inout) :: x(nlane)
+      real(wp), intent(out) :: v(nlane), last(nlane)
+      integer(i8), intent(out) :: nrunning
+      real(wp) :: a, b, next
+      integer(i4) :: lane
+
+      nrunning = 0
+      do lane = 1, nlane
+         a = omega2*h + sigma2*dw2(lane)
+         b = sigma1*dw1(lane)
+         next = -(a*sine(lane) + b*cosine(lane))/(1 + 0.25_wp*h*(a*cosine(lane) - b*sine(lane)))
+         v(lane) = next
+         x(lane) = x(lane) + 0.25_wp*h*next
+         next = merge(-1.0_wp, abs(next), abs(next) <= 0)
+         last(lane) = next
+         nrunning = nrunning + runs(next)
+      end do
+   end subroutine first
 
    pure subroutine iterate(h, omega2, sigma1, sigma2, dw1, dw2, q, p, &
                            sine, cosine, x, v, last, nrunning)
@@ -88,15 +110,12 @@ contains
    end subroutine iterate
 
    !> Size of the correction where the lane goes on, negative where it is done: the library's test
-   !> of stagnation, without that of failures.
+   !> of stagnation for exact matrices, without that of failures.
    pure function next_size(d, size, last) result(next)
       real(wp), intent(in) :: d, size, last
-      real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)
       real(wp) :: next, bound
 
-      bound = merge(2.0_wp**13, 1.0_wp, d <= 2.0_wp**(-13)*last)
-      bound = rounding*size*merge(2.0_wp**26, bound, d <= 2.0_wp**(-26)*last)
-      bound = merge(1e-10_wp*size, bound, d >= last)
+      bound = size*merge(2.0_wp**(-20), 2.0_wp**(-33), d <= 2.0_wp**(-20)*last)
       next = merge(-1.0_wp, d, d <= bound)
       next = merge(next, last, last >= 0)
    end function next_size

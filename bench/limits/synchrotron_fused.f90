@@ -6,7 +6,7 @@
 !> that has converged is frozen.
 module bench_limit_synchrotron_fused
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_noise_normal, only: normal_pairs
+   use symsde_noise_normal, only: scaled_normal_steps
    implicit none
    private
    public :: limit_synchrotron_fused
@@ -30,28 +30,28 @@ module bench_limit_synchrotron_fused
 
 contains
 
-   !> nstep (even) steps of npath (a multiple of 256) paths from (1, 0); final states on return.
+   !> nstep (a multiple of 8) steps of npath (a multiple of 256) paths from (1, 0); final states on return.
    subroutine limit_synchrotron_fused(npath, nstep, seed, h, omega, sigma1, sigma2, q, p)
       integer(i8), intent(in) :: npath, nstep, seed
       real(wp), intent(in) :: h, omega, sigma1, sigma2
       real(wp), intent(out) :: q(npath), p(npath)
-      real(wp) :: dw1(nlane, 0:1), dw2(nlane, 0:1)
+      real(wp) :: dw(nlane, 0:2, 0:7)
       integer(i8) :: path(nlane), first, step
-      integer(i4) :: lane, half
+      integer(i4) :: lane, j
 
       q = 1
       p = 0
       do first = 0, npath - 1, nlane
          path = [(first + lane, lane=0, nlane - 1)]
          do step = 0, nstep - 1
-            half = int(mod(step, 2_i8))
-            if (half == 0) then
-               call normal_pairs(nlane, seed, path, step/2, 1, 0, 0, dw1(:, 0), dw1(:, 1))
-               call normal_pairs(nlane, seed, path, step/2, 2, 0, 0, dw2(:, 0), dw2(:, 1))
+            j = int(mod(step, 8_i8))
+            if (j == 0) then
+               call scaled_normal_steps(nlane, seed, path, step/2, 4, 1, 0, 0, 1.0_wp, 2, dw)
+               call scaled_normal_steps(nlane, seed, path, step/2, 4, 2, 0, 0, 1.0_wp, 2, dw)
             end if
             do lane = 1, nlane, nstrip
-               call strip_step(h, omega**2, sigma1*sqrt(h), sigma2*sqrt(h), dw1(lane, half), &
-                               dw2(lane, half), q(first + lane), p(first + lane))
+               call strip_step(h, omega**2, sigma1*sqrt(h), sigma2*sqrt(h), dw(lane, 1, j), &
+                               dw(lane, 2, j), q(first + lane), p(first + lane))
             end do
          end do
       end do
@@ -69,7 +69,7 @@ contains
          b(lane) = sigma1*dw1(lane)
          x(lane) = q(lane) + 0.5_wp*h*p(lane)
          v(lane) = 0
-         last(lane) = huge(1.0_wp)
+         last(lane) = 0
       end do
       nrunning = nstrip
       do while (nrunning > 0)
@@ -92,15 +92,12 @@ contains
    end subroutine strip_step
 
    !> Size of the correction where the lane goes on, negative where it is done: the library's test
-   !> of stagnation, without that of failures.
+   !> of stagnation for exact matrices, without that of failures.
    pure function next_size(d, size, last) result(next)
       real(wp), intent(in) :: d, size, last
-      real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)
       real(wp) :: next, bound
 
-      bound = merge(2.0_wp**13, 1.0_wp, d <= 2.0_wp**(-13)*last)
-      bound = rounding*size*merge(2.0_wp**26, bound, d <= 2.0_wp**(-26)*last)
-      bound = merge(1e-10_wp*size, bound, d >= last)
+      bound = size*merge(2.0_wp**(-20), 2.0_wp**(-33), d <= 2.0_wp**(-20)*last)
       next = merge(-1.0_wp, d, d <= bound)
       next = merge(next, last, last >= 0)
    end function next_size
