@@ -79,12 +79,14 @@ contains
       integer(i4), intent(in) :: noise, level, purpose
       integer(i8), intent(out) :: words(philox_tile, 4, 0:1)  !! of the lanes 1 .. nlane
       integer(i8) :: k(nround, 2), m(2), c1, c2, c3, c4, d1, d2, d3, d4, high(0:1), low(0:1), tag
-      integer(i4) :: lane, round
+      integer(i4) :: lane, round, i
 
       call round_keys(seed, k)
       call multipliers(m)
-      high = ishft(ishft([draw, draw + 1], -32), 16)
-      low = iand([draw, draw + 1], low32)
+      do i = 0, 1
+         high(i) = ishft(ishft(draw + i, -32), 16)
+         low(i) = iand(draw + i, low32)
+      end do
       tag = tag_of(noise, level, purpose)
       do lane = 1, nlane
          c1 = iand(path(lane), low32)
