@@ -80,68 +80,76 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
-      real(wp) :: sine(nlane), cosine(nlane)
 
-      if (present(hq) .or. present(hqq)) call sincos_lanes(nlane, q(:, 1), sine, cosine)
-      if (present(hqq)) then
-         if (present(hq)) then
-            call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, cosine, &
-                                 hq, hqq)
-         else
-            call slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, cosine, hqq)
-         end if
+      if (present(hq) .and. present(hqq)) then
+         call sincos_lanes(nlane, q, hq, hqq)  ! in their places, without further arrays
+         call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, hq, hqq)
       else if (present(hq)) then
-         call force(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, cosine, hq)
+         call force_alone(self, nlane, w, q, hq)
+      else if (present(hqq)) then
+         call slope_alone(self, nlane, w, q, hqq)
       end if
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate
 
+   !> Gradient in q by itself.
+   subroutine force_alone(self, nlane, w, q, hq)
+      class(synchrotron_model), intent(in) :: self
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: w(nlane, 0:2), q(nlane)
+      real(wp), intent(out) :: hq(nlane)
+      real(wp) :: cosine(nlane)
+
+      call sincos_lanes(nlane, q, hq, cosine)
+      call force(nlane, self%omega2, self%sigma1, self%sigma2, w, cosine, hq)
+   end subroutine force_alone
+
+   !> Hessian in q by itself.
+   subroutine slope_alone(self, nlane, w, q, hqq)
+      class(synchrotron_model), intent(in) :: self
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: w(nlane, 0:2), q(nlane)
+      real(wp), intent(out) :: hqq(nlane)
+      real(wp) :: sine(nlane)
+
+      call sincos_lanes(nlane, q, sine, hqq)
+      call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, hqq)
+   end subroutine slope_alone
+
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> hq = (omega^2 w_0 + sigma2 w_2) sin q + sigma1 w_1 cos q
-   pure subroutine force(nlane, omega2, sigma1, sigma2, w, sine, cosine, hq)
+   !> hq = (omega^2 w_0 + sigma2 w_2) sin q + sigma1 w_1 cos q; hq is sin q on entry.
+   pure subroutine force(nlane, omega2, sigma1, sigma2, w, cosine, hq)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: omega2, sigma1, sigma2, w(nlane, 0:2), sine(nlane), cosine(nlane)
-      real(wp), intent(out) :: hq(nlane)
+      real(wp), intent(in) :: omega2, sigma1, sigma2, w(nlane, 0:2), cosine(nlane)
+      real(wp), intent(inout) :: hq(nlane)
       real(wp) :: a, b
       integer :: lane
 
       do lane = 1, nlane
          a = omega2*w(lane, 0) + sigma2*w(lane, 2)
          b = sigma1*w(lane, 1)
-         hq(lane) = a*sine(lane) + b*cosine(lane)
+         hq(lane) = a*hq(lane) + b*cosine(lane)
       end do
    end subroutine force
 
-   !> hqq = (omega^2 w_0 + sigma2 w_2) cos q - sigma1 w_1 sin q
-   pure subroutine slope(nlane, omega2, sigma1, sigma2, w, sine, cosine, hqq)
+   !> The same and hqq = (omega^2 w_0 + sigma2 w_2) cos q - sigma1 w_1 sin q in one pass, for Newton's
+   !> iteration; hq is sin q and hqq is cos q on entry.
+   pure subroutine force_and_slope(nlane, omega2, sigma1, sigma2, w, hq, hqq)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: omega2, sigma1, sigma2, w(nlane, 0:2), sine(nlane), cosine(nlane)
-      real(wp), intent(out) :: hqq(nlane)
-      real(wp) :: a, b
+      real(wp), intent(in) :: omega2, sigma1, sigma2, w(nlane, 0:2)
+      real(wp), intent(inout) :: hq(nlane), hqq(nlane)
+      real(wp) :: a, b, sine, cosine
       integer :: lane
 
       do lane = 1, nlane
          a = omega2*w(lane, 0) + sigma2*w(lane, 2)
          b = sigma1*w(lane, 1)
-         hqq(lane) = a*cosine(lane) - b*sine(lane)
-      end do
-   end subroutine slope
-
-   !> Both in one pass, for Newton's iteration: what they share is loaded once.
-   pure subroutine force_and_slope(nlane, omega2, sigma1, sigma2, w, sine, cosine, hq, hqq)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: omega2, sigma1, sigma2, w(nlane, 0:2), sine(nlane), cosine(nlane)
-      real(wp), intent(out) :: hq(nlane), hqq(nlane)
-      real(wp) :: a, b
-      integer :: lane
-
-      do lane = 1, nlane
-         a = omega2*w(lane, 0) + sigma2*w(lane, 2)
-         b = sigma1*w(lane, 1)
-         hq(lane) = a*sine(lane) + b*cosine(lane)
-         hqq(lane) = a*cosine(lane) - b*sine(lane)
+         sine = hq(lane)
+         cosine = hqq(lane)
+         hq(lane) = a*sine + b*cosine
+         hqq(lane) = a*cosine - b*sine
       end do
    end subroutine force_and_slope
 

@@ -10,27 +10,25 @@
 !>    end do
 !>
 !> One unknown in the form x + s f(x) = 0, as all steppers have it, goes through update_scalar: one pass
-!> over the lanes instead of five. A stepper that solves and corrects by itself calls only judge.
+!> over the lanes instead of five; a step that begins at x = 0 does its first iteration by first_scalar,
+!> instead of start. A stepper that solves and corrects by itself calls only judge.
 !>
-!> A lane is done when its next correction would vanish in rounding: with d_k the size of its k-th
-!> correction, when d_k itself is at most eps |x|/4, or the next one would be at the rate d_k/d_{k-1}
-!> seen, or it has stopped shrinking within 1e-10 |x|. Tolerances looser than that make invariants
-!> drift linearly. A lane that is done or failed is frozen: a path never depends on its
-!> neighbours. Loops are bounded by max_iter.
+!> When a lane is done: module symsde_solve_stagnation. Steppers whose matrix is the derivative of their
+!> residual to rounding say so (`exact`), which spares most lanes their last iteration.
+!>
+!> A lane that is done or failed is frozen: a path never depends on its neighbours. Loops are bounded by
+!> max_iter.
 module symsde_solve_newton
    use symsde_base_kinds, only: wp, i8
    use symsde_base_counters, only: counters_type
    use symsde_base_status, only: not_converged, nonfinite, singular
    use symsde_solve_blocks, only: block_solver, new_block_solver
+   use symsde_solve_stagnation, only: stopping_test, linear, quadratic, done_at_once, never_done, failed, start_lanes, &
+      correct_first, correct_exact, fail_nonfinite, correct_scalar, iterate_scalar, correct_lanes, test_lanes
    use symsde_solve_damping, only: damping_type, new_damping, start_damping, reject, accept
    implicit none
    private
    public :: newton_type, newton_options, new_newton
-
-   real(wp), parameter :: done = -1      !! value of `last` for a lane that has converged
-   real(wp), parameter :: failed = -2    !! value of `last` for a lane that has failed
-   real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)
-   real(wp), parameter :: stagnation = 1e-10_wp
 
    type :: newton_options
       integer :: max_iter = 100         !! bound of the iterations of one step, 1..1000
@@ -51,6 +49,8 @@ module symsde_solve_newton
       real(wp), allocatable :: last(:)  !! size of the last correction, or done, or failed; >= 0 runs (nlane)
       real(wp), allocatable :: step(:)  !! size of this correction (nlane)
       real(wp), allocatable :: size(:)  !! size of the unknowns (nlane)
+      logical, private :: exact = .false.    !! matrix and residual belong together, to rounding
+      type(stopping_test), private :: test = linear
       logical, allocatable, private :: active(:)
       integer(i8), allocatable, private :: verdict(:)
       type(block_solver), private :: solver
@@ -58,6 +58,7 @@ module symsde_solve_newton
    contains
       procedure :: start
       procedure :: update
+      procedure :: first_scalar
       procedure :: update_scalar
       procedure :: judge
       procedure :: fail
@@ -66,18 +67,23 @@ module symsde_solve_newton
 contains
 
    !> Room for n unknowns a lane; kl >= 0 makes the matrix banded with kl sub- and ku superdiagonals.
-   subroutine new_newton(self, nlane, n, options, affine, kl, ku, judge_only)
+   subroutine new_newton(self, nlane, n, options, affine, kl, ku, judge_only, exact)
       type(newton_type), intent(out) :: self
       integer, intent(in) :: nlane, n
       type(newton_options), intent(in) :: options
       logical, intent(in) :: affine
       integer, intent(in) :: kl, ku  !! both -1 for dense matrices
       logical, intent(in), optional :: judge_only  !! no matrix, no update: the stepper solves and corrects
+      logical, intent(in), optional :: exact  !! the matrix is the derivative of the residual, to rounding
 
       self%nlane = nlane
       self%n = n
       self%options = options
       self%affine = affine .and. options%fixed_point == 0 .and. .not. options%damped
+      if (present(exact)) self%exact = exact .and. options%fixed_point == 0 .and. .not. options%damped
+      if (self%exact) self%test = quadratic
+      if (self%affine) self%test = done_at_once
+      if (options%fixed_point > 0) self%test = never_done
       allocate (self%last(nlane), self%step(nlane), self%size(nlane))
       if (present(judge_only)) then
          if (judge_only) return
@@ -122,6 +128,30 @@ contains
       call self%judge(status, counters)
    end subroutine update
 
+   !> Begin a step with one unknown, x + f(base + g x) = 0, and do its first iteration from x = 0 in the same
+   !> pass: f(base) in r, f' in a. Neither start nor the passes that clear x and set its point are needed.
+   subroutine first_scalar(self, g, base, x, point, steep, status, counters)
+      class(newton_type), intent(inout) :: self
+      real(wp), intent(in) :: g, base(self%nlane)
+      real(wp), intent(out) :: x(self%nlane)
+      real(wp), intent(out) :: point(self%nlane)  !! base + g x
+      logical, intent(out) :: steep               !! g f' > 1 in some lane
+      integer(i8), intent(inout) :: status(self%nlane)
+      type(counters_type), intent(inout) :: counters
+      integer :: nrunning
+      logical :: failures
+
+      call correct_first(self%nlane, self%test%stagnation, g, self%r, self%a, base, status, &
+                         x, point, self%last, nrunning, failures, steep)
+      self%iteration = 0
+      self%nrunning = self%nlane
+      if (failures) then
+         self%nrunning = count(status == 0)
+         call fail_nonfinite(self%nlane, x, status, self%last, nrunning)
+      end if
+      call conclude(self, nrunning, failures, status, counters)
+   end subroutine first_scalar
+
    !> The same for one unknown, x + sign*f(x) = 0 with derivative 1 + slope*f': f in r, f' in a.
    subroutine update_scalar(self, sign, slope, x, status, counters)
       class(newton_type), intent(inout) :: self
@@ -131,16 +161,21 @@ contains
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
 
-      integer :: nrunning, nfailed
+      integer :: nrunning
+      logical :: failures
 
       if (self%options%fixed_point > 0) then
          call iterate_scalar(self%nlane, sign, self%r, self%last, x, self%step, self%size)
          call self%judge(status, counters)
-      else
-         call correct_scalar(self%nlane, test_level(self), sign, slope, self%r, self%a, self%last, x, &
-                             nrunning, nfailed)
-         call conclude(self, nrunning, nfailed, status, counters)
+         return
       end if
+      if (self%exact) then
+         call correct_exact(self%nlane, self%test, sign, slope, self%r, self%a, self%last, x, nrunning, failures)
+         if (failures) call fail_nonfinite(self%nlane, x, status, self%last, nrunning)
+      else
+         call correct_scalar(self%nlane, self%test, sign, slope, self%r, self%a, self%last, x, nrunning, failures)
+      end if
+      call conclude(self, nrunning, failures, status, counters)
    end subroutine update_scalar
 
    !> Test every lane by the sizes of its correction and unknowns, and give lanes that fail their status.
@@ -148,10 +183,11 @@ contains
       class(newton_type), intent(inout) :: self
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
-      integer :: nrunning, nfailed
+      integer :: nrunning
+      logical :: failures
 
-      call test_lanes(self%nlane, test_level(self), self%step, self%size, self%last, nrunning, nfailed)
-      call conclude(self, nrunning, nfailed, status, counters)
+      call test_lanes(self%nlane, self%test, self%step, self%size, self%last, nrunning, failures)
+      call conclude(self, nrunning, failures, status, counters)
    end subroutine judge
 
    !> Freeze a lane whose system could not be solved.
@@ -168,9 +204,10 @@ contains
    end subroutine fail
 
    !> Count the iteration, give lanes that failed their status, and end at the bound of iterations.
-   subroutine conclude(self, nrunning, nfailed, status, counters)
+   subroutine conclude(self, nrunning, failures, status, counters)
       class(newton_type), intent(inout) :: self
-      integer, intent(in) :: nrunning, nfailed    !! lanes that go on, and lanes that have ever failed
+      integer, intent(in) :: nrunning             !! lanes that go on
+      logical, intent(in) :: failures             !! some lane has ever failed
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
 
@@ -178,7 +215,7 @@ contains
       counters%iterations = counters%iterations + self%nrunning
       if (self%options%fixed_point == 0) counters%solves = counters%solves + self%nrunning
       self%nrunning = nrunning
-      if (nfailed > 0) call mark(self, status, counters)
+      if (failures) call mark(self, status, counters)
       if (self%iteration >= limit(self) .and. self%nrunning > 0) then
          if (self%options%fixed_point == 0) then
             counters%failures = counters%failures + count(self%last >= 0 .and. status == 0)
@@ -188,16 +225,6 @@ contains
       end if
       self%running = self%nrunning > 0
    end subroutine conclude
-
-   !> Rounding level of the stopping test: affine systems are done after one solve, fixed-point runs
-   !> after their fixed number of iterations.
-   pure real(wp) function test_level(self)
-      type(newton_type), intent(in) :: self
-
-      test_level = rounding
-      if (self%affine) test_level = huge(1.0_wp)
-      if (self%options%fixed_point > 0) test_level = -1
-   end function test_level
 
    pure integer function limit(self)
       type(newton_type), intent(in) :: self
@@ -247,141 +274,5 @@ contains
          end if
       end do
    end subroutine mark
-
-   ! ---- kernels: plain loops over lanes ----------------------------------------------------------
-
-   !> VEC
-   pure subroutine start_lanes(nlane, status, last, nrunning)
-      integer, intent(in) :: nlane
-      integer(i8), intent(in) :: status(nlane)
-      real(wp), intent(out) :: last(nlane)
-      integer, intent(out) :: nrunning
-      integer(i8) :: running
-      integer :: lane
-
-      running = 0
-      do lane = 1, nlane
-         last(lane) = merge(huge(1.0_wp), failed, status(lane) == 0)
-         running = running + merge(1_i8, 0_i8, status(lane) == 0)
-      end do
-      nrunning = int(running)
-   end subroutine start_lanes
-
-   !> VEC One unknown: x = x - (x + s f)/(1 + g f') in running lanes, and the test of every lane.
-   pure subroutine correct_scalar(nlane, level, s, g, f, df, last, x, nrunning, nfailed)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: level, s, g, f(nlane), df(nlane)
-      real(wp), intent(inout) :: last(nlane), x(nlane)
-      integer, intent(out) :: nrunning, nfailed
-      real(wp) :: d, new
-      integer(i8) :: running, bad
-      integer :: lane
-
-      running = 0
-      bad = 0
-      do lane = 1, nlane
-         d = (x(lane) + s*f(lane))/(1 + g*df(lane))
-         new = merge(x(lane) - d, x(lane), last(lane) >= 0)
-         x(lane) = new
-         new = verdict_of(level, abs(d), abs(new), last(lane))
-         last(lane) = new
-         running = running + runs(new)
-         bad = bad + has_failed(new)
-      end do
-      nrunning = int(running)
-      nfailed = int(bad)
-   end subroutine correct_scalar
-
-   !> VEC One unknown, one fixed-point iteration: x = -s f in running lanes.
-   pure subroutine iterate_scalar(nlane, s, f, last, x, step, size)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: s, f(nlane), last(nlane)
-      real(wp), intent(inout) :: x(nlane)
-      real(wp), intent(out) :: step(nlane), size(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         step(lane) = abs(x(lane) + s*f(lane))
-         x(lane) = merge(-s*f(lane), x(lane), last(lane) >= 0)
-         size(lane) = abs(x(lane))
-      end do
-   end subroutine iterate_scalar
-
-   !> VEC x = x - r in running lanes, with the size of correction and unknowns in each.
-   pure subroutine correct_lanes(nlane, n, r, last, x, step, size)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: r(nlane, n), last(nlane)
-      real(wp), intent(inout) :: x(nlane, n)
-      real(wp), intent(out) :: step(nlane), size(nlane)
-      integer :: lane, i
-
-      do lane = 1, nlane
-         x(lane, 1) = merge(x(lane, 1) - r(lane, 1), x(lane, 1), last(lane) >= 0)
-         step(lane) = abs(r(lane, 1))
-         size(lane) = abs(x(lane, 1))
-      end do
-      do i = 2, n
-         do lane = 1, nlane
-            x(lane, i) = merge(x(lane, i) - r(lane, i), x(lane, i), last(lane) >= 0)
-            ! 0*r keeps a NaN, which max would drop
-            step(lane) = max(step(lane), abs(r(lane, i))) + 0*r(lane, i)
-            size(lane) = max(size(lane), abs(x(lane, i)))
-         end do
-      end do
-   end subroutine correct_lanes
-
-   !> VEC The stopping test for lanes whose correction and unknowns have these sizes.
-   pure subroutine test_lanes(nlane, level, step, size, last, nrunning, nfailed)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: level, step(nlane), size(nlane)
-      real(wp), intent(inout) :: last(nlane)
-      integer, intent(out) :: nrunning, nfailed
-      real(wp) :: next
-      integer(i8) :: running, bad
-      integer :: lane
-
-      running = 0
-      bad = 0
-      do lane = 1, nlane
-         next = verdict_of(level, step(lane), size(lane), last(lane))
-         last(lane) = next
-         running = running + runs(next)
-         bad = bad + has_failed(next)
-      end do
-      nrunning = int(running)
-      nfailed = int(bad)
-   end subroutine test_lanes
-
-   !> The stopping test of the module's header for one lane: at rate 2^-k the next correction is 2^-k
-   !> times this one. The size of the correction, or done, or failed. One bound is put together and
-   !> compared with, because comparisons are what this costs.
-   pure function verdict_of(level, d, size, last) result(next)
-      real(wp), intent(in) :: level, d, size, last
-      real(wp), parameter :: slow = 2.0_wp**(-13), fast = 2.0_wp**(-26)
-      real(wp) :: next, bound
-
-      bound = merge(1/slow, 1.0_wp, d <= slow*last)
-      bound = level*size*merge(1/fast, bound, d <= fast*last)
-      bound = merge(max(level, merge(stagnation, level, level > 0))*size, bound, d >= last)
-      next = merge(done, d, d <= bound)
-      next = merge(next, failed, d + size <= huge(d))
-      next = merge(next, last, last >= 0)
-   end function verdict_of
-
-   !> 1 where the verdict is that the lane goes on, else 0: its sign bit, without a comparison.
-   pure integer(i8) function runs(next)
-      real(wp), intent(in) :: next
-
-      runs = 1 - ishft(transfer(next, 0_i8), -63)
-   end function runs
-
-   !> 1 for `failed`, else 0: failed = -2 has the two highest bits set, done = -1 only the sign.
-   pure integer(i8) function has_failed(next)
-      real(wp), intent(in) :: next
-      integer(i8) :: bits
-
-      bits = transfer(next, 0_i8)
-      has_failed = ishft(iand(bits, ishft(bits, 1)), -63)
-   end function has_failed
 
 end module symsde_solve_newton

@@ -62,7 +62,8 @@ contains
       self%name = 'midpoint, momenta eliminated'
       self%band = b
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, n, options, model%traits%one_solve(b /= dense), b, b)
+      call new_newton(self%newton, nlane, n, options, model%traits%one_solve(b /= dense), b, b, &
+                      exact=model%traits%has_hessian_vector .or. (model%traits%has_hessian .and. b == dense))
       allocate (self%base(nlane, n), self%drift(nlane, n), self%qs(nlane, n), self%zero(nlane, n))
       allocate (self%rests(nlane), source=-1_i8)
       self%zero = 0
@@ -76,33 +77,80 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       real(wp) :: h, tm
       integer :: nstiff
+      logical :: shifted
 
-      nstiff = 0
       associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
          h = w(1, 0)
          tm = t + 0.5_wp*h
-         if (self%ham%model%traits%position_noise .or. self%ham%nnoise == 0) then
-            call free_flight(nlane*n, h, p, q, self%drift, self%base)
-         else
+         shifted = .not. self%ham%model%traits%position_noise .and. self%ham%nnoise > 0
+         if (shifted) then
             call self%ham%gradient(tm, w, q, self%zero, hp=dp)
             call free_flight_with_shift(nlane*n, h, p, q, dp, self%drift, self%base)
+         else
+            call free_flight(nlane*n, h, p, q, self%base)
          end if
-         dp = 0
+         if (n == 1 .and. newton%options%fixed_point == 0) then
+            call solve_one(self, h, tm, w, p, dp, nstiff, status)
+         else
+            call solve_many(self, h, tm, w, p, dp, nstiff, status)
+         end if
+         if (shifted) then
+            call position_increment_with_shift(nlane*n, h, self%drift, dp, dq)
+         else
+            call position_increment(nlane*n, h, p, dp, dq)
+         end if
+      end associate
+      if (nstiff == 0) return
+      if (.not. shifted) self%drift = h*p
+      call solve_stiff(self, h, tm, w, q, p, dq, dp, status)
+   end subroutine increment
+
+   !> Newton for V, one degree of freedom.
+   subroutine solve_one(self, h, tm, w, p, v, nstiff, status)
+      type(midpoint_stepper), intent(inout) :: self
+      real(wp), intent(in) :: h, tm, w(self%ham%nlane, 0:self%ham%nnoise), p(self%ham%nlane, 1)
+      real(wp), intent(out) :: v(self%ham%nlane, 1)
+      integer, intent(out) :: nstiff
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      logical :: steep
+
+      nstiff = 0
+      associate (newton => self%newton)
+         call self%ham%gradient_hessian(tm, w, self%base, p, hq=newton%r, hqq=newton%a)
+         call newton%first_scalar(0.25_wp*h, self%base, v, self%qs, steep, status, self%ham%counters)
+         if (steep) call find_stiff(self, h, nstiff)
+         do while (newton%running)
+            if (newton%iteration > 1) call position(self%ham%nlane, h, self%base, v, self%qs)
+            call self%ham%gradient_hessian(tm, w, self%qs, p, hq=newton%r, hqq=newton%a)
+            call newton%update_scalar(1.0_wp, 0.25_wp*h, v, status, self%ham%counters)
+         end do
+      end associate
+   end subroutine solve_one
+
+   !> Newton for V, or a fixed number of iterations.
+   subroutine solve_many(self, h, tm, w, p, v, nstiff, status)
+      type(midpoint_stepper), intent(inout) :: self
+      real(wp), intent(in) :: h, tm, w(self%ham%nlane, 0:self%ham%nnoise), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: v(self%ham%nlane, self%ham%ndof)
+      integer, intent(out) :: nstiff
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      nstiff = 0
+      v = 0
+      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
          call newton%start(status)
          do while (newton%running)
-            call position(nlane*n, h, self%base, dp, self%qs)
-            call linearise(self, h, tm, w, p, dp)
+            call position(nlane*n, h, self%base, v, self%qs)
+            call linearise(self, h, tm, w, p, v)
             if (newton%iteration == 0 .and. newton%options%fixed_point == 0) call find_stiff(self, h, nstiff)
             if (n == 1) then
-               call newton%update_scalar(1.0_wp, 0.25_wp*h, dp, status, self%ham%counters)
+               call newton%update_scalar(1.0_wp, 0.25_wp*h, v, status, self%ham%counters)
             else
-               call newton%update(dp, status, self%ham%counters)
+               call newton%update(v, status, self%ham%counters)
             end if
          end do
-         call position_increment(nlane*n, h, self%drift, dp, dq)
       end associate
-      if (nstiff > 0) call solve_stiff(self, h, tm, w, q, p, dq, dp, status)
-   end subroutine increment
+   end subroutine solve_many
 
    !> Which lanes are stiff, by the diagonal of the matrix of the first iteration.
    subroutine find_stiff(self, h, nstiff)
@@ -179,15 +227,14 @@ contains
    ! ---- kernels ----------------------------------------------------------------------------------
 
    !> VEC
-   pure subroutine free_flight(n, h, p, q, drift, base)
+   pure subroutine free_flight(n, h, p, q, base)
       integer, intent(in) :: n
       real(wp), intent(in) :: h, p(n), q(n)
-      real(wp), intent(out) :: drift(n), base(n)
+      real(wp), intent(out) :: base(n)
       integer :: i
 
       do i = 1, n
-         drift(i) = h*p(i)
-         base(i) = q(i) + 0.5_wp*drift(i)
+         base(i) = q(i) + 0.5_wp*(h*p(i))
       end do
    end subroutine free_flight
 
@@ -228,8 +275,20 @@ contains
       end do
    end subroutine residual
 
+   !> VEC dq = h (p + dp/2)
+   pure subroutine position_increment(n, h, p, dp, dq)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: h, p(n), dp(n)
+      real(wp), intent(out) :: dq(n)
+      integer :: i
+
+      do i = 1, n
+         dq(i) = h*(p(i) + 0.5_wp*dp(i))
+      end do
+   end subroutine position_increment
+
    !> VEC dq = h (p + dp/2) + g
-   pure subroutine position_increment(n, h, drift, dp, dq)
+   pure subroutine position_increment_with_shift(n, h, drift, dp, dq)
       integer, intent(in) :: n
       real(wp), intent(in) :: h, drift(n), dp(n)
       real(wp), intent(out) :: dq(n)
@@ -238,7 +297,7 @@ contains
       do i = 1, n
          dq(i) = drift(i) + 0.5_wp*h*dp(i)
       end do
-   end subroutine position_increment
+   end subroutine position_increment_with_shift
 
    !> rests = 0 where offset is exceeded by scale*slope by more than one: (h omega)^2/4 > 1.
    pure subroutine mark_stiff(nlane, offset, scale, slope, rests)

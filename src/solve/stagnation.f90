@@ -1,0 +1,277 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> When Newton's iteration has stagnated in a lane, and the passes over lanes that correct and test.
+!>
+!> A lane is done when its next correction would vanish in rounding. With d_k the size of its k-th correction
+!> and |x| that of its unknowns,
+!>
+!>    linear       d_k <= eps |x|/4, or d_k r <= eps |x|/4 with the rate r = d_k/d_{k-1} seen (two classes of it),
+!>                 or d_k has stopped shrinking within 2^-33 |x|. It assumes nothing of the matrix: differences,
+!>                 or a Hessian without third derivatives, converge at a rate that stays.
+!>    quadratic    d_k <= 2^-33 |x|, or d_k <= 2^-20 |x| at a rate r <= 2^-20. For steppers whose matrix is the
+!>                 derivative of their residual to rounding, so that d_{k+1} = C d_k^2. In the first case
+!>                 d_{k+1} <= C |x| 2^-66 |x|, and C |x| is of the order of one at most where the iteration
+!>                 converges from x = 0. In the second C = d_k/d_{k-1}^2 and d_{k+1} = r^2 d_k <= 2^-60 |x|.
+!>                 Should d_k be that small by accident although c = C d_{k-1} is not, c 2^-40 |x| remains at
+!>                 most, in one step of 2^20 c, without a preferred sign: sqrt(c/5) 2^-50 |x| in the mean square.
+!>
+!> Bounds looser than these make invariants drift linearly.
+module symsde_solve_stagnation
+   use symsde_base_kinds, only: wp, i8
+   implicit none
+   private
+   public :: stopping_test, linear, quadratic, done_at_once, never_done, failed
+   public :: start_lanes, correct_first, correct_exact, fail_nonfinite, correct_scalar, iterate_scalar
+   public :: correct_lanes, test_lanes
+
+   real(wp), parameter :: done = -1      !! value of `last` for a lane that has converged
+   real(wp), parameter :: failed = -2    !! value of `last` for a lane that has failed
+   real(wp), parameter :: near = 2.0_wp**(-33)
+   integer(i8), parameter :: huge_bits = transfer(huge(1.0_wp), 0_i8)
+
+   !> A correction not larger than `level` times the unknowns ends a lane, and so does one larger by at_slow
+   !> (at_fast) that is the part `slow` (`fast`) of the one before or less, and one within `stagnation` that
+   !> is not smaller than the one before.
+   type :: stopping_test
+      real(wp) :: level = 0.25_wp*epsilon(1.0_wp)
+      real(wp) :: slow = 2.0_wp**(-13), at_slow = 2.0_wp**13
+      real(wp) :: fast = 2.0_wp**(-26), at_fast = 2.0_wp**26
+      real(wp) :: stagnation = near
+   end type stopping_test
+
+   type(stopping_test), parameter :: linear = stopping_test()
+   type(stopping_test), parameter :: quadratic = stopping_test(level=near, slow=2.0_wp**(-20), at_slow=2.0_wp**13, &
+                                                               fast=2.0_wp**(-20), at_fast=2.0_wp**13)
+   !> Affine systems, after one solve.
+   type(stopping_test), parameter :: done_at_once = stopping_test(level=huge(1.0_wp), at_slow=1, at_fast=1, &
+                                                                  stagnation=huge(1.0_wp))
+   !> Fixed-point runs, which end after their number of iterations.
+   type(stopping_test), parameter :: never_done = stopping_test(level=-1, at_slow=1, at_fast=1, stagnation=-1)
+
+contains
+
+   !> VEC
+   pure subroutine start_lanes(nlane, status, last, nrunning)
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(out) :: last(nlane)
+      integer, intent(out) :: nrunning
+      integer(i8) :: running
+      integer :: lane
+
+      running = 0
+      do lane = 1, nlane
+         last(lane) = merge(0.0_wp, failed, status(lane) == 0)
+         running = running + merge(1_i8, 0_i8, status(lane) == 0)
+      end do
+      nrunning = int(running)
+   end subroutine start_lanes
+
+   !> VEC One unknown, from x = 0: x = -f/(1 + g f') in lanes without a status, and the test of every lane.
+   !> Where something is not finite, fail_nonfinite must follow.
+   pure subroutine correct_first(nlane, stagnation, g, f, df, base, status, x, point, last, nrunning, failures, steep)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: stagnation, g, f(nlane), df(nlane), base(nlane)
+      integer(i8), intent(in) :: status(nlane)  !! >= 0
+      real(wp), intent(out) :: x(nlane), point(nlane), last(nlane)
+      integer, intent(out) :: nrunning
+      logical, intent(out) :: failures  !! some lane has a status, or something is not finite
+      logical, intent(out) :: steep     !! g f' > 1 in some lane
+      real(wp) :: slope, new, next
+      integer(i8) :: stopped, bad, gentle
+      integer :: lane
+
+      stopped = 0
+      bad = 0
+      gentle = 0
+      do lane = 1, nlane
+         slope = g*df(lane)
+         new = merge(-f(lane)/(1 + slope), 0.0_wp, status(lane) == 0)
+         x(lane) = new
+         point(lane) = base(lane) + g*new
+         new = abs(new)
+         next = merge(done, new, new <= stagnation*new)
+         last(lane) = next
+         stopped = stopped + stops(next)
+         bad = ior(bad, ior(huge_bits - transfer(new, 0_i8), -status(lane)))
+         gentle = ior(gentle, transfer(1 - slope, 0_i8))
+      end do
+      nrunning = nlane - int(stopped)
+      failures = bad < 0
+      steep = gentle < 0
+   end subroutine correct_first
+
+   !> VEC One unknown and the quadratic test: x = x - (x + s f)/(1 + g f') in running lanes, and the test of
+   !> every lane. Where something is not finite, fail_nonfinite must follow: it costs less to notice than to
+   !> sort out in every lane.
+   pure subroutine correct_exact(nlane, test, s, g, f, df, last, x, nrunning, failures)
+      integer, intent(in) :: nlane
+      type(stopping_test), intent(in) :: test
+      real(wp), intent(in) :: s, g, f(nlane), df(nlane)
+      real(wp), intent(inout) :: last(nlane), x(nlane)
+      integer, intent(out) :: nrunning
+      logical, intent(out) :: failures
+      real(wp) :: d, new, next, level, at_fast, fast
+      integer(i8) :: stopped, bad
+      integer :: lane
+
+      level = test%level
+      at_fast = test%level*test%at_fast
+      fast = test%fast
+      stopped = 0
+      bad = 0
+      do lane = 1, nlane
+         d = (x(lane) + s*f(lane))/(1 + g*df(lane))
+         new = merge(x(lane) - d, x(lane), last(lane) >= 0)
+         x(lane) = new
+         d = abs(d)
+         new = abs(new)
+         next = merge(done, d, d <= new*merge(at_fast, level, d <= fast*last(lane)))
+         next = merge(next, last(lane), last(lane) >= 0)
+         last(lane) = next
+         stopped = stopped + stops(next)
+         bad = ior(bad, huge_bits - transfer(new, 0_i8))
+      end do
+      nrunning = nlane - int(stopped)
+      failures = bad < 0
+   end subroutine correct_exact
+
+   !> Lanes with a status, and those whose unknown is not finite, have failed.
+   pure subroutine fail_nonfinite(nlane, x, status, last, nrunning)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: x(nlane)
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(inout) :: last(nlane)
+      integer, intent(out) :: nrunning
+      integer :: lane
+
+      do lane = 1, nlane
+         if (status(lane) /= 0 .or. .not. abs(x(lane)) <= huge(x)) last(lane) = failed
+      end do
+      nrunning = count(last >= 0)
+   end subroutine fail_nonfinite
+
+   !> VEC One unknown: x = x - (x + s f)/(1 + g f') in running lanes, and the test of every lane.
+   pure subroutine correct_scalar(nlane, test, s, g, f, df, last, x, nrunning, failures)
+      integer, intent(in) :: nlane
+      type(stopping_test), intent(in) :: test
+      real(wp), intent(in) :: s, g, f(nlane), df(nlane)
+      real(wp), intent(inout) :: last(nlane), x(nlane)
+      integer, intent(out) :: nrunning
+      logical, intent(out) :: failures
+      type(stopping_test) :: rule  ! a copy stays in registers
+      real(wp) :: d, new
+      integer(i8) :: stopped, bad
+      integer :: lane
+
+      rule = test
+      stopped = 0
+      bad = 0
+      do lane = 1, nlane
+         d = (x(lane) + s*f(lane))/(1 + g*df(lane))
+         new = merge(x(lane) - d, x(lane), last(lane) >= 0)
+         x(lane) = new
+         new = verdict_of(rule, abs(d), abs(new), last(lane))
+         last(lane) = new
+         stopped = stopped + stops(new)
+         bad = ior(bad, failure(new))
+      end do
+      nrunning = nlane - int(stopped)
+      failures = bad < 0
+   end subroutine correct_scalar
+
+   !> VEC One unknown, one fixed-point iteration: x = -s f in running lanes.
+   pure subroutine iterate_scalar(nlane, s, f, last, x, step, size)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: s, f(nlane), last(nlane)
+      real(wp), intent(inout) :: x(nlane)
+      real(wp), intent(out) :: step(nlane), size(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         step(lane) = abs(x(lane) + s*f(lane))
+         x(lane) = merge(-s*f(lane), x(lane), last(lane) >= 0)
+         size(lane) = abs(x(lane))
+      end do
+   end subroutine iterate_scalar
+
+   !> VEC x = x - r in running lanes, with the size of correction and unknowns in each.
+   pure subroutine correct_lanes(nlane, n, r, last, x, step, size)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: r(nlane, n), last(nlane)
+      real(wp), intent(inout) :: x(nlane, n)
+      real(wp), intent(out) :: step(nlane), size(nlane)
+      integer :: lane, i
+
+      do lane = 1, nlane
+         x(lane, 1) = merge(x(lane, 1) - r(lane, 1), x(lane, 1), last(lane) >= 0)
+         step(lane) = abs(r(lane, 1))
+         size(lane) = abs(x(lane, 1))
+      end do
+      do i = 2, n
+         do lane = 1, nlane
+            x(lane, i) = merge(x(lane, i) - r(lane, i), x(lane, i), last(lane) >= 0)
+            ! 0*r keeps a NaN, which max would drop
+            step(lane) = max(step(lane), abs(r(lane, i))) + 0*r(lane, i)
+            size(lane) = max(size(lane), abs(x(lane, i)))
+         end do
+      end do
+   end subroutine correct_lanes
+
+   !> VEC The stopping test for lanes whose correction and unknowns have these sizes.
+   pure subroutine test_lanes(nlane, test, step, size, last, nrunning, failures)
+      integer, intent(in) :: nlane
+      type(stopping_test), intent(in) :: test
+      real(wp), intent(in) :: step(nlane), size(nlane)
+      real(wp), intent(inout) :: last(nlane)
+      integer, intent(out) :: nrunning
+      logical, intent(out) :: failures
+      type(stopping_test) :: rule  ! a copy stays in registers
+      real(wp) :: next
+      integer(i8) :: stopped, bad
+      integer :: lane
+
+      rule = test
+      stopped = 0
+      bad = 0
+      do lane = 1, nlane
+         next = verdict_of(rule, step(lane), size(lane), last(lane))
+         last(lane) = next
+         stopped = stopped + stops(next)
+         bad = ior(bad, failure(next))
+      end do
+      nrunning = nlane - int(stopped)
+      failures = bad < 0
+   end subroutine test_lanes
+
+   !> The stopping test of one lane: the size of the correction, or done, or failed.
+   !> One bound is put together and compared with, because comparisons are what this costs.
+   pure function verdict_of(test, d, size, last) result(next)
+      type(stopping_test), intent(in) :: test
+      real(wp), intent(in) :: d, size, last
+      real(wp) :: next, bound
+
+      bound = merge(test%at_slow, 1.0_wp, d <= test%slow*last)
+      bound = test%level*size*merge(test%at_fast, bound, d <= test%fast*last)
+      bound = merge(test%stagnation*size, bound, d >= last)
+      next = merge(done, d, d <= bound)
+      next = merge(next, failed, d + size <= huge(d))
+      next = merge(next, last, last >= 0)
+   end function verdict_of
+
+   !> 1 where the verdict is done or failed, else 0: its sign bit, without a comparison.
+   pure integer(i8) function stops(next)
+      real(wp), intent(in) :: next
+
+      stops = ishft(transfer(next, 0_i8), -63)
+   end function stops
+
+   !> Negative for `failed` only: failed = -2 has the two highest bits set, done = -1 only the sign.
+   pure integer(i8) function failure(next)
+      real(wp), intent(in) :: next
+      integer(i8) :: bits
+
+      bits = transfer(next, 0_i8)
+      failure = iand(bits, ishft(bits, 1))
+   end function failure
+
+end module symsde_solve_stagnation
