@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The building blocks of a step, each alone, in blocks of 256 lanes, and what the machine can do.
 !>
-!> bench_blocks [REPEATS]. Lines: block NAME and ns per word, number, lane or element (median,
+!> bench_blocks [REPEATS]. Lines: block NAME and ns of processor time per word, number, lane or element (median,
 !> least, largest); machine NAME and GB/s or Gflop/s (the same).
 program bench_blocks
    use symsde_base_counters, only: counters_type
@@ -14,7 +14,7 @@ program bench_blocks
    use symsde_noise_normal, only: normal_pair_lanes, scaled_normal_steps
    use symsde_noise_philox, only: philox_two_lanes, philox_tile
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use bench_support, only: seconds, print_times, integer_argument, stop_on
+   use bench_support, only: seconds => processor_seconds, print_times, integer_argument, stop_on
    implicit none
    integer(i4), parameter :: nlane = 256
    integer(i8), parameter :: ncall = 4000

@@ -37,7 +37,7 @@ def page(results: dict) -> str:
     return (
         "# Performance\n\nWritten by `./bootstrap bench --markdown docs/performance.md`; all "
         "numbers are of one run on one\nmachine. Compare ratios, not nanoseconds, between "
-        "machines. Scenes are timed by processor time, all the\nrest by the clock: with a load "
+        "machines. What is not said to be processor time is\ntimed by the clock: with a load "
         f"near or above the number of cores, other work disturbed it.\n\n{described}\n\n" + "\n\n".join(sections) + "\n"
     )
 

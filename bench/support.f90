@@ -12,7 +12,7 @@ module bench_support
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: seconds, median, scene_type, new_scene, run_paths, run_moments, integer_argument
+   public :: seconds, processor_seconds, median, scene_type, new_scene, run_paths, run_moments, integer_argument
    public :: stop_on, print_times
 
    !> A model, a scheme and an initial state for all paths.
@@ -31,6 +31,11 @@ contains
       call system_clock(ticks, rate)
       seconds = real(ticks, wp)/real(rate, wp)
    end function seconds
+
+   !> Processor time of this process: what else runs on the machine disturbs it little.
+   real(wp) function processor_seconds()
+      call cpu_time(processor_seconds)
+   end function processor_seconds
 
    pure real(wp) function median(x)
       real(wp), intent(in) :: x(:)

@@ -17,7 +17,7 @@ def section(found: list[dict]) -> str:
     blocks = [[b["name"], spread(b["values"])] for b in found if b["kind"] == "block"]
     rates = [[b["name"], spread(b["values"])] for b in found if b["kind"] == "machine"]
     return (
-        "## Building blocks\n\nBlocks of 256 lanes, one thread, ns each.\n\n"
+        "## Building blocks\n\nBlocks of 256 lanes, one thread, ns of processor time each.\n\n"
         + table(["block", "ns"], blocks)
         + "\n\nThe machine, one thread:\n\n"
         + table(["machine", "rate"], rates)
