@@ -73,7 +73,7 @@ contains
       integer(i4), intent(in) :: noise, level, purpose
       real(wp), intent(in) :: scale            !! standard deviation
       real(wp), intent(out) :: even(nlane), odd(nlane)
-      integer(i8) :: words(4*philox_tile)
+      integer(i8) :: words(4*philox_tile), draw(philox_tile)
       integer(i4) :: first, n, word
       logical :: tails
 
@@ -83,8 +83,10 @@ contains
          call philox_lanes(n, seed, path(first), pair/2, noise, level, purpose, words)
          associate (radius => words(word*n + 1:(word + 1)*n), angle => words((word + 1)*n + 1:(word + 2)*n))
             call normal_pair_lanes(n, radius, angle, scale, even(first), odd(first), tails)
-            if (tails) call mend_tails(n, seed, path(first), spread(pair/2, 1, n), noise, level, purpose, word + 1, &
-                                       radius, angle, scale, even(first), odd(first))
+            if (.not. tails) cycle
+            draw = pair/2
+            call mend_tails(n, seed, path(first), draw, noise, level, purpose, word + 1, &
+                            radius, angle, scale, even(first), odd(first))
          end associate
       end do
    end subroutine scaled_normal_pairs
@@ -101,7 +103,7 @@ contains
       real(wp), intent(in) :: scale
       integer(i4), intent(in) :: nnoise
       real(wp), intent(inout) :: w(nlane, 0:nnoise, 0:2*npair - 1)  !! N(0,scale**2) in w(:,k,:)
-      integer(i8) :: words(philox_tile, 2, 0:3)
+      integer(i8) :: words(philox_tile, 2, 0:3), draw(philox_tile)
       integer(i4) :: first, n, j
       logical :: tails
 
@@ -111,9 +113,10 @@ contains
          do j = 0, npair - 1
             call normal_pair_lanes(n, words(1, 1, j), words(1, 2, j), scale, w(first, noise, 2*j), &
                                    w(first, noise, 2*j + 1), tails)
-            if (tails) call mend_tails(n, seed, path(first), spread((pair + j)/2, 1, n), noise, level, purpose, &
-                                       1 + 2*mod(j, 2), words(1, 1, j), words(1, 2, j), scale, &
-                                       w(first, noise, 2*j), w(first, noise, 2*j + 1))
+            if (.not. tails) cycle
+            draw = (pair + j)/2
+            call mend_tails(n, seed, path(first), draw, noise, level, purpose, 1 + 2*mod(j, 2), &
+                            words(1, 1, j), words(1, 2, j), scale, w(first, noise, 2*j), w(first, noise, 2*j + 1))
          end do
       end do
    end subroutine scaled_normal_steps

@@ -78,23 +78,23 @@ contains
       integer(i8), intent(in) :: seed, path(nlane), draw
       integer(i4), intent(in) :: noise, level, purpose
       integer(i8), intent(out) :: words(philox_tile, 4, 0:1)  !! of the lanes 1 .. nlane
-      integer(i8) :: k(nround, 2), m(2), c1, c2, c3, c4, d1, d2, d3, d4, high(0:1), low(0:1), tag
-      integer(i4) :: lane, round, i
+      integer(i8) :: k(nround, 2), m(2), c1, c2, c3, c4, d1, d2, d3, d4, c_high, d_high, c_low, d_low, tag
+      integer(i4) :: lane, round
 
       call round_keys(seed, k)
       call multipliers(m)
-      do i = 0, 1
-         high(i) = ishft(ishft(draw + i, -32), 16)
-         low(i) = iand(draw + i, low32)
-      end do
+      c_high = ishft(ishft(draw, -32), 16)
+      d_high = ishft(ishft(draw + 1, -32), 16)
+      c_low = iand(draw, low32)
+      d_low = iand(draw + 1, low32)
       tag = tag_of(noise, level, purpose)
       do lane = 1, nlane
          c1 = iand(path(lane), low32)
          d1 = c1
-         c2 = ior(ishft(path(lane), -32), high(0))
-         d2 = ior(ishft(path(lane), -32), high(1))
-         c3 = low(0)
-         d3 = low(1)
+         c2 = ior(ishft(path(lane), -32), c_high)
+         d2 = ior(ishft(path(lane), -32), d_high)
+         c3 = c_low
+         d3 = d_low
          c4 = tag
          d4 = tag
          !GCC$ unroll 10

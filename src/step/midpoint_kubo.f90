@@ -108,7 +108,7 @@ contains
          x = q(lane)
          y = p(lane)
          call find_factor(turn + sigma*dw(lane), half, factor)
-         call rotate(half, factor, x, y)
+         call cayley(half, factor, x, y)
          qn(lane) = x
          pn(lane) = y
       end do
@@ -128,7 +128,7 @@ contains
          !GCC$ unroll 8
          do step = 1, group
             call find_factor(turn + sigma*w(lane, 1, step), half, factor)
-            call rotate(half, factor, x, y)
+            call cayley(half, factor, x, y)
          end do
          qn(lane) = x
          pn(lane) = y
@@ -149,7 +149,7 @@ contains
       x = q(1)
       y = p(1)
       do step = 1, nstep
-         call rotate(half(step), factor(step), x, y)
+         call cayley(half(step), factor(step), x, y)
       end do
       qn = x
       pn = y
@@ -164,8 +164,8 @@ contains
       factor = theta/(1 + half*half)
    end subroutine find_factor
 
-   !> The rotation in place.
-   pure subroutine rotate(half, factor, q, p)
+   !> The Cayley rotation in place.
+   pure subroutine cayley(half, factor, q, p)
       real(wp), intent(in) :: half, factor
       real(wp), intent(inout) :: q, p
       real(wp) :: dq, dp
@@ -174,6 +174,6 @@ contains
       dp = -factor*(q + half*p)
       q = q + dq
       p = p + dp
-   end subroutine rotate
+   end subroutine cayley
 
 end module symsde_step_midpoint_kubo
