@@ -25,6 +25,8 @@ module symsde_step_factory
                                                fits_midpoint_tridiagonal
    use symsde_step_midpoint_kubo, only: midpoint_kubo_stepper, new_midpoint_kubo_stepper
    use symsde_step_midpoint_single, only: midpoint_single_stepper, new_midpoint_single_stepper
+   use symsde_step_midpoint_matrix_free, only: midpoint_matrix_free_stepper, new_midpoint_matrix_free_stepper, &
+                                               fits_midpoint_matrix_free
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_one_sided, only: one_sided_stepper, new_one_sided_stepper, is_one_sided
    use symsde_step_stepper, only: stepper_type
@@ -120,7 +122,8 @@ contains
       end if
    end subroutine allocate_expanded
 
-   !> The midpoint rule, from the most to the least special: fused, momenta eliminated, closed form, full.
+   !> The midpoint rule, from the most to the least special: fused, tridiagonal, without matrices, momenta
+   !> eliminated, closed form, full.
    subroutine allocate_midpoint(stepper, model, options)
       class(stepper_type), allocatable, intent(out) :: stepper
       class(model_type), intent(in) :: model
@@ -133,6 +136,8 @@ contains
       if (allocated(stepper)) return
       if (fits_midpoint_tridiagonal(model, options%newton)) then
          allocate (midpoint_tridiagonal_stepper :: stepper)
+      else if (fits_midpoint_matrix_free(model, options%newton)) then
+         allocate (midpoint_matrix_free_stepper :: stepper)
       else if (fits_midpoint_stepper(model)) then
          allocate (midpoint_stepper :: stepper)
       else if (model%traits%ndof == 1) then
@@ -169,6 +174,8 @@ contains
          call new_midpoint_stepper(stepper, model, nlane, options%newton)
       type is (midpoint_tridiagonal_stepper)
          call new_midpoint_tridiagonal_stepper(stepper, model, nlane, options%newton)
+      type is (midpoint_matrix_free_stepper)
+         call new_midpoint_matrix_free_stepper(stepper, model, nlane, options%newton)
       type is (galerkin_stepper)
          call new_galerkin_stepper(stepper, model, scheme, nlane, options%newton)
       type is (midpoint_kubo_stepper)

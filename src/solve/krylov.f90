@@ -1,0 +1,315 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Linear systems A x = b of a block, one a lane, from products with A alone: GMRES.
+!>
+!> The caller multiplies, as it alone knows its matrices:
+!>
+!>    call krylov%start(b, last)          norm = |b|; lanes with last >= 0 are to be solved
+!>    call krylov%seek(goal)              until |b - A x| <= goal
+!>    do while (krylov%running)
+!>       ... krylov%v(:, :, krylov%k + 1) = A krylov%v(:, :, krylov%k) ...
+!>       call krylov%advance()
+!>    end do
+!>    ... krylov%x, and krylov%unsolved where the goal was not reached ...
+!>
+!> A may be any regular matrix: symmetric where momenta are eliminated, not so elsewhere. Arnoldi's
+!> vectors by modified Gram-Schmidt, least squares by rotations, no restart: Saad & Schultz, SIAM J. Sci.
+!> Stat. Comput. 7 (1986) 856. Sizes are Euclidean. The solution of a lane is made of the vectors up to
+!> the one that reached its goal, whatever its neighbours still need.
+module symsde_solve_krylov
+   use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: lane_unit
+   implicit none
+   private
+   public :: krylov_type, new_krylov, most_vectors
+
+   integer, parameter :: most_vectors = 60  !! bound of the products of a solve
+
+   type :: krylov_type
+      integer :: nlane = 0, n = 0          !! lanes, unknowns of a lane
+      integer :: k = 0                     !! vector to multiply next
+      integer :: nrunning = 0              !! lanes that have not reached their goal
+      logical :: running = .false.
+      real(wp), allocatable :: v(:, :, :)  !! Arnoldi's vectors (nlane, n, most+1)
+      real(wp), allocatable :: x(:, :)     !! solutions; zero in lanes that were not to be solved (nlane, n)
+      real(wp), allocatable :: norm(:)     !! |b - A x| (nlane)
+      real(wp), allocatable :: largest(:)  !! the largest |A v| of all vectors of size one so far (nlane)
+      logical, allocatable :: unsolved(:)  !! was to be solved, and the goal is not reached (nlane)
+      integer, private :: most = 0
+      real(wp), allocatable, private :: goal(:)     !! (nlane)
+      integer, allocatable, private :: length(:)    !! vectors of a lane's solution; -1: it has none (nlane)
+      real(wp), allocatable, private :: h(:, :, :)  !! Hessenberg matrix, then its triangle (nlane, most+1, most)
+      real(wp), allocatable, private :: c(:, :), s(:, :)  !! rotations (nlane, most)
+      real(wp), allocatable, private :: g(:, :)     !! right-hand side of the triangle (nlane, most+1)
+   contains
+      procedure :: start
+      procedure :: seek
+      procedure :: advance
+   end type krylov_type
+
+contains
+
+   !> Room for n unknowns a lane.
+   subroutine new_krylov(self, nlane, n)
+      type(krylov_type), intent(out) :: self
+      integer, intent(in) :: nlane  !! lanes of the block, a multiple of 8
+      integer, intent(in) :: n      !! unknowns of a system
+
+      self%nlane = nlane
+      self%n = n
+      self%most = min(n, most_vectors)
+      associate (m => self%most)
+         allocate (self%v(nlane, n, m + 1), self%x(nlane, n))
+         allocate (self%norm(nlane), self%largest(nlane), self%goal(nlane))
+         allocate (self%unsolved(nlane), self%length(nlane))
+         allocate (self%h(nlane, m + 1, m), self%c(nlane, m), self%s(nlane, m), self%g(nlane, m + 1))
+      end associate
+   end subroutine new_krylov
+
+   !> Take in right-hand sides, and tell their sizes in norm.
+   subroutine start(self, b, last)
+      class(krylov_type), intent(inout) :: self
+      real(wp), intent(in) :: b(self%nlane, self%n)
+      real(wp), intent(in) :: last(self%nlane)  !! negative: the lane is not to be solved
+
+      self%v(:, :, 1) = b
+      call largest_of(self%nlane, self%n, b, self%largest)  ! squares of what is not divided by it may overflow
+      call scale_by(self%nlane, self%n, self%largest, self%v(:, :, 1))
+      call product_of(self%nlane, self%n, self%v(:, :, 1), self%v(:, :, 1), self%norm)
+      self%norm = sqrt(self%norm)
+      call scale_by(self%nlane, self%n, self%norm, self%v(:, :, 1))
+      self%norm = self%largest*self%norm + 0*self%largest
+      self%unsolved = last >= 0
+   end subroutine start
+
+   !> Begin with x = 0. Lanes whose b is not above the goal are solved by it; lanes whose b is not finite
+   !> stay unsolved, whatever their goal.
+   subroutine seek(self, goal)
+      class(krylov_type), intent(inout) :: self
+      real(wp), intent(in) :: goal(self%nlane)  !! sizes of the residual to reach
+      logical :: ready(self%nlane)
+
+      self%goal = goal
+      self%unsolved = self%unsolved .and. .not. (self%norm <= goal .and. self%norm <= huge(1.0_wp))
+      ready = self%unsolved .and. self%norm <= huge(1.0_wp)
+      self%length = merge(0, -1, ready)
+      self%g(:, 1) = merge(self%norm, 0.0_wp, ready)
+      self%x = 0
+      self%largest = 0
+      self%k = 1
+      self%nrunning = count(ready)
+      self%running = self%nrunning > 0
+   end subroutine seek
+
+   !> Take in the product of vector k, and go on to the next one, or end with the solutions.
+   subroutine advance(self)
+      class(krylov_type), intent(inout) :: self
+
+      call orthogonalise(self, self%k)
+      call rotate(self%nlane, self%most, self%k, self%h, self%c, self%s, self%g, self%largest)
+      call judge_lanes(self%nlane, self%k, self%h(:, self%k, self%k), self%g(:, self%k + 1), self%goal, &
+                       self%norm, self%length, self%unsolved, self%nrunning)
+      self%running = self%nrunning > 0 .and. self%k < self%most
+      if (self%running) then
+         self%k = self%k + 1
+      else
+         call add_up(self)
+      end if
+   end subroutine advance
+
+   !> Column k of the Hessenberg matrix, and vector k+1 of size one.
+   subroutine orthogonalise(self, k)
+      type(krylov_type), intent(inout) :: self
+      integer, intent(in) :: k
+      integer :: i
+
+      associate (nlane => self%nlane, n => self%n, v => self%v, h => self%h)
+         call product_of(nlane, n, v(:, :, 1), v(:, :, k + 1), h(:, 1, k))
+         do i = 1, k - 1
+            call remove_and_multiply(nlane, n, h(:, i, k), v(:, :, i), v(:, :, i + 1), v(:, :, k + 1), h(:, i + 1, k))
+         end do
+         call remove_and_square(nlane, n, h(:, k, k), v(:, :, k), v(:, :, k + 1), h(:, k + 1, k))
+         h(:, k + 1, k) = sqrt(h(:, k + 1, k))
+         call scale_by(nlane, n, h(:, k + 1, k), v(:, :, k + 1))
+      end associate
+   end subroutine orthogonalise
+
+   !> x = sum_i y_i v_i over the vectors of each lane, with y from its triangle.
+   subroutine add_up(self)
+      type(krylov_type), intent(inout) :: self
+      integer :: i, j
+
+      associate (y => self%g, h => self%h, length => self%length)
+         do i = maxval(length), 1, -1
+            do j = i + 1, maxval(length)
+               y(:, i) = y(:, i) - merge(h(:, i, j)*y(:, j), 0.0_wp, j <= length)
+            end do
+            y(:, i) = merge(y(:, i)/merge(h(:, i, i), 1.0_wp, i <= length), 0.0_wp, i <= length)
+            call add_multiple(self%nlane, self%n, y(:, i), self%v(:, :, i), self%x)
+         end do
+      end associate
+   end subroutine add_up
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+   ! Where sums are formed, eight lanes at a time: these loops unroll to whole vectors, and sums stay in registers.
+
+   !> dot = a.b
+   pure subroutine product_of(nlane, n, a, b, dot)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: a(nlane, n), b(nlane, n)
+      real(wp), intent(out) :: dot(nlane)
+      real(wp) :: total(lane_unit)
+      integer :: first, i, l
+
+      do first = 0, nlane - lane_unit, lane_unit
+         total = 0
+         do i = 1, n
+            do l = 1, lane_unit
+               total(l) = total(l) + a(first + l, i)*b(first + l, i)
+            end do
+         end do
+         dot(first + 1:first + lane_unit) = total
+      end do
+   end subroutine product_of
+
+   !> VEC The largest component; not finite where any component is not.
+   pure subroutine largest_of(nlane, n, a, largest)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: a(nlane, n)
+      real(wp), intent(out) :: largest(nlane)
+      integer :: i, lane
+
+      largest = 0
+      do i = 1, n
+         do lane = 1, nlane
+            largest(lane) = max(largest(lane), abs(a(lane, i))) + 0*a(lane, i)
+         end do
+      end do
+   end subroutine largest_of
+
+   !> u = u - c a, and dot = b.u of the result.
+   pure subroutine remove_and_multiply(nlane, n, c, a, b, u, dot)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: c(nlane), a(nlane, n), b(nlane, n)
+      real(wp), intent(inout) :: u(nlane, n)
+      real(wp), intent(out) :: dot(nlane)
+      real(wp) :: total(lane_unit), factor(lane_unit)
+      integer :: first, i, l
+
+      do first = 0, nlane - lane_unit, lane_unit
+         total = 0
+         factor = c(first + 1:first + lane_unit)
+         do i = 1, n
+            do l = 1, lane_unit
+               u(first + l, i) = u(first + l, i) - factor(l)*a(first + l, i)
+               total(l) = total(l) + b(first + l, i)*u(first + l, i)
+            end do
+         end do
+         dot(first + 1:first + lane_unit) = total
+      end do
+   end subroutine remove_and_multiply
+
+   !> u = u - c a, and dot = u.u of the result.
+   pure subroutine remove_and_square(nlane, n, c, a, u, dot)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: c(nlane), a(nlane, n)
+      real(wp), intent(inout) :: u(nlane, n)
+      real(wp), intent(out) :: dot(nlane)
+      real(wp) :: total(lane_unit), factor(lane_unit)
+      integer :: first, i, l
+
+      do first = 0, nlane - lane_unit, lane_unit
+         total = 0
+         factor = c(first + 1:first + lane_unit)
+         do i = 1, n
+            do l = 1, lane_unit
+               u(first + l, i) = u(first + l, i) - factor(l)*a(first + l, i)
+               total(l) = total(l) + u(first + l, i)*u(first + l, i)
+            end do
+         end do
+         dot(first + 1:first + lane_unit) = total
+      end do
+   end subroutine remove_and_square
+
+   !> VEC u = u + c a
+   pure subroutine add_multiple(nlane, n, c, a, u)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: c(nlane), a(nlane, n)
+      real(wp), intent(inout) :: u(nlane, n)
+      integer :: i, lane
+
+      do i = 1, n
+         do lane = 1, nlane
+            u(lane, i) = u(lane, i) + c(lane)*a(lane, i)
+         end do
+      end do
+   end subroutine add_multiple
+
+   !> VEC u = u/size, or 0 where that size is zero (or has no inverse) or not finite.
+   pure subroutine scale_by(nlane, n, size, u)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: size(nlane)
+      real(wp), intent(inout) :: u(nlane, n)
+      real(wp) :: factor(nlane)
+      integer :: i, lane
+
+      do lane = 1, nlane
+         factor(lane) = 1/size(lane)
+         factor(lane) = merge(factor(lane), 0.0_wp, size(lane) >= tiny(1.0_wp))
+      end do
+      do i = 1, n
+         do lane = 1, nlane
+            u(lane, i) = merge(factor(lane)*u(lane, i), 0.0_wp, factor(lane) > 0)
+         end do
+      end do
+   end subroutine scale_by
+
+   !> Apply the earlier rotations to column k, and rotate its last entry away.
+   pure subroutine rotate(nlane, most, k, h, c, s, g, largest)
+      integer, intent(in) :: nlane, most, k
+      real(wp), intent(inout) :: h(nlane, most + 1, most), c(nlane, most), s(nlane, most)
+      real(wp), intent(inout) :: g(nlane, most + 1), largest(nlane)
+      real(wp) :: total(nlane), a(nlane), d(nlane)
+      integer :: i
+
+      total = h(:, k + 1, k)**2
+      do i = 1, k
+         total = total + h(:, i, k)**2
+      end do
+      largest = max(largest, sqrt(total))
+      do i = 1, k - 1
+         a = c(:, i)*h(:, i, k) + s(:, i)*h(:, i + 1, k)
+         h(:, i + 1, k) = c(:, i)*h(:, i + 1, k) - s(:, i)*h(:, i, k)
+         h(:, i, k) = a
+      end do
+      d = sqrt(h(:, k, k)**2 + h(:, k + 1, k)**2)
+      c(:, k) = merge(h(:, k, k)/merge(d, 1.0_wp, d > 0), 1.0_wp, d > 0)
+      s(:, k) = merge(h(:, k + 1, k)/merge(d, 1.0_wp, d > 0), 0.0_wp, d > 0)
+      h(:, k, k) = d
+      g(:, k + 1) = -s(:, k)*g(:, k)
+      g(:, k) = c(:, k)*g(:, k)
+   end subroutine rotate
+
+   !> Which lanes vector k has brought to their goal. A lane whose column k has nothing left, a singular or
+   !> not finite matrix, keeps what it had.
+   pure subroutine judge_lanes(nlane, k, diagonal, rest, goal, norm, length, unsolved, nrunning)
+      integer, intent(in) :: nlane, k
+      real(wp), intent(in) :: diagonal(nlane), rest(nlane), goal(nlane)
+      real(wp), intent(inout) :: norm(nlane)
+      integer, intent(inout) :: length(nlane)
+      logical, intent(inout) :: unsolved(nlane)
+      integer, intent(out) :: nrunning
+      logical :: takes
+      integer :: lane
+
+      nrunning = 0
+      do lane = 1, nlane
+         takes = unsolved(lane) .and. length(lane) == k - 1 .and. diagonal(lane) > 0
+         takes = takes .and. abs(rest(lane)) <= huge(1.0_wp)
+         length(lane) = merge(k, length(lane), takes)
+         norm(lane) = merge(abs(rest(lane)), norm(lane), takes)
+         unsolved(lane) = unsolved(lane) .and. .not. (takes .and. norm(lane) <= goal(lane))
+         nrunning = nrunning + merge(1, 0, takes .and. unsolved(lane))
+      end do
+   end subroutine judge_lanes
+
+end module symsde_solve_krylov
