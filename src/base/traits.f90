@@ -6,9 +6,14 @@ module symsde_base_traits
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: model_traits, dense
+   public :: model_traits, dense, strip_lanes
 
    integer, parameter :: dense = -1  !! bandwidth of a Hessian without declared bands
+
+   !> Lanes that are taken through a chain together, row after row, by loops whose length the compiler knows:
+   !> what a row hands to the next one stays in registers. Two AVX-512 vectors, so that one divides while
+   !> the other waits.
+   integer, parameter :: strip_lanes = 16
 
    !> H_0 = H is the drift Hamiltonian, H_1 .. H_m are those of the noises.
    type :: model_traits
@@ -24,6 +29,7 @@ module symsde_base_traits
       logical :: has_value = .false.       !! the Hamiltonians themselves can be evaluated
       logical :: has_hessian = .false.     !! Hessians are analytic, not differences of gradients
       logical :: has_hessian_vector = .false.  !! Hessian-vector products are analytic
+      logical :: has_chain_rows = .false.  !! force and stiffness come by rows: chain_rows of the model
       real(wp) :: max_frequency = 0        !! declared bound of the frequencies of H; 0 = not declared
       real(wp) :: noise_lipschitz = 0      !! declared Lipschitz constant of sum_k |grad H_k|; 0 = not declared
       !> omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q) (ndof). A choice, not a

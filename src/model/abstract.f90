@@ -14,7 +14,7 @@
 !> -frecursive, or gfortran may make their large local arrays static.
 module symsde_model_abstract
    use symsde_base_kinds, only: wp
-   use symsde_base_traits, only: model_traits
+   use symsde_base_traits, only: model_traits, strip_lanes
    implicit none
    private
    public :: model_type, difference_along, default_step
@@ -36,6 +36,7 @@ module symsde_model_abstract
       procedure :: gradient_hessian => gradient_hessian_composed
       procedure :: hessian_banded => hessian_banded_by_differences
       procedure :: force_stiffness => force_stiffness_composed
+      procedure :: chain_rows => chain_rows_missing
       procedure :: failure_code => never_failed
       procedure :: clear_failure => nothing_to_clear
    end type model_type
@@ -192,6 +193,21 @@ contains
       call self%hessian_banded(nlane, ndof, nnoise, b, t, w, q, p, hqq=bands)
       hqq = bands(:, 0:b, :)
    end subroutine force_stiffness_composed
+
+   !> Rows first..last of what force_stiffness gives with b = 1, in a strip of lanes, for Hamiltonians p.p/2 + U(q)
+   !> with noise in position; the stiffness is the derivative of the force to rounding. This default serves
+   !> models without it: traits%has_chain_rows is false.
+   subroutine chain_rows_missing(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: ndof, nnoise, first, last
+      real(wp), intent(in) :: t, w(strip_lanes, 0:nnoise)
+      real(wp), intent(in) :: q(strip_lanes, first - 1:last + 1)  !! rows 0 and ndof + 1 are zero
+      real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
+
+      hq = ieee_value(1.0_wp, ieee_quiet_nan)
+      hqq = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine chain_rows_missing
 
    !> Nonzero after a user callback has refused: its own return code. Built-in models never refuse.
    integer function never_failed(self) result(code)

@@ -11,8 +11,8 @@ module symsde_model_fpu_chain
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_base_text, only: name_length, to_text
-   use symsde_base_traits, only: model_traits
-   use symsde_model_abstract, only: model_type, force_stiffness_composed
+   use symsde_base_traits, only: model_traits, strip_lanes
+   use symsde_model_abstract, only: model_type
    use symsde_model_parameters, only: require_finite, is_zero, largest_system
    implicit none
    private
@@ -31,7 +31,7 @@ module symsde_model_fpu_chain
       procedure :: gradient
       procedure :: hessian
       procedure :: hessian_banded
-      procedure :: force_stiffness
+      procedure :: chain_rows
       procedure :: hessian_vector
    end type fpu_chain_model
 
@@ -59,7 +59,7 @@ contains
       self%traits = model_traits( &
                     ndof=n, nnoise=n, separable=.true., additive=.true., position_noise=.true., &
                     quadratic=is_zero(beta), identity_mass=.true., bandwidth=min(1, n - 1), &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_chain_rows=.true., &
                     max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
       allocate (self%traits%silent(n), source=is_zero(sigma))
    end subroutine new_fpu_chain
@@ -177,27 +177,39 @@ contains
       end if
    end subroutine hessian_banded
 
-   !> Gradient in q and upper bands of the qq block, both from one reading of the stretches.
-   subroutine force_stiffness(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
+   !> VEC Rows of gradient and bands for a strip of lanes; every spring is evaluated once.
+   subroutine chain_rows(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
       class(fpu_chain_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      integer, intent(in) :: b  !! bandwidth, at least that of the traits
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
-      integer :: i
+      integer, intent(in) :: ndof, nnoise, first, last
+      real(wp), intent(in) :: t, w(strip_lanes, 0:nnoise), q(strip_lanes, first - 1:last + 1)
+      real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
+      real(wp), dimension(strip_lanes) :: weight, force, k  !! of H_0; of the spring before the row
+      real(wp) :: beta, sigma, r, s, next_force, next_k
+      integer :: i, lane
 
-      if (b /= 1 .or. ndof < 2) then
-         call force_stiffness_composed(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
-         return
-      end if
-      call first_mass(nlane, self%beta, self%sigma, w, w(1, 1), q, q(1, 2), hq, hq(1, 2), hqq, hqq(1, 1, 1))
-      do i = 2, ndof - 1
-         call next_mass(nlane, self%beta, self%sigma, w, w(1, i), q(1, i), q(1, i + 1), hqq(1, 1, i - 1), hq(1, i), &
-                        hq(1, i + 1), hqq(1, 0, i), hqq(1, 1, i))
+      beta = self%beta
+      sigma = self%sigma
+      do lane = 1, strip_lanes
+         weight(lane) = w(lane, 0)
+         r = q(lane, first) - q(lane, first - 1)
+         s = beta*r**2
+         force(lane) = r + s*r
+         k(lane) = weight(lane)*(1 + 3*s)
       end do
-      call last_mass(nlane, self%beta, self%sigma, w, w(1, ndof), q(1, ndof), hqq(1, 1, ndof - 1), hq(1, ndof), &
-                     hqq(1, 0, ndof))
-   end subroutine force_stiffness
+      do i = first, last
+         do lane = 1, strip_lanes
+            r = q(lane, i + 1) - q(lane, i)
+            s = beta*r**2
+            next_force = r + s*r
+            next_k = weight(lane)*(1 + 3*s)
+            hq(lane, i) = weight(lane)*(force(lane) - next_force) - sigma*w(lane, i)
+            hqq(lane, 0, i) = k(lane) + next_k
+            hqq(lane, 1, i) = -next_k
+            force(lane) = next_force
+            k(lane) = next_k
+         end do
+      end do
+   end subroutine chain_rows
 
    !> Hessian of sum_j w_j H_j times (vq, vp).
    subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
@@ -246,65 +258,5 @@ contains
       call stretch(nlane, ndof, i, q, k)
       k = w*(1 + 3*beta*k**2)
    end subroutine stiffness
-
-   ! ---- one mass: distinct arguments cannot overlap; w is the weight of H_0, dw that of the mass's noise ---
-
-   !> VEC The first mass; the force of the spring to the second is left in its hq.
-   pure subroutine first_mass(nlane, beta, sigma, w, dw, q, q_next, hq, hq_next, diagonal, upper)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: beta, sigma, w(nlane), dw(nlane), q(nlane), q_next(nlane)
-      real(wp), intent(out) :: hq(nlane), hq_next(nlane), diagonal(nlane), upper(nlane)
-      real(wp) :: r, before, force, k
-      integer :: lane
-
-      do lane = 1, nlane
-         r = q(lane)
-         before = r + beta*r**3
-         diagonal(lane) = w(lane)*(1 + 3*beta*r**2)
-         r = q_next(lane) - q(lane)
-         force = r + beta*r**3
-         k = w(lane)*(1 + 3*beta*r**2)
-         hq(lane) = w(lane)*(before - force) - sigma*dw(lane)
-         hq_next(lane) = force
-         diagonal(lane) = diagonal(lane) + k
-         upper(lane) = -k
-      end do
-   end subroutine first_mass
-
-   !> VEC A mass between others; hq holds the force of the spring before it.
-   pure subroutine next_mass(nlane, beta, sigma, w, dw, q, q_next, upper_above, hq, hq_next, diagonal, upper)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: beta, sigma, w(nlane), dw(nlane), q(nlane), q_next(nlane), upper_above(nlane)
-      real(wp), intent(inout) :: hq(nlane)
-      real(wp), intent(out) :: hq_next(nlane), diagonal(nlane), upper(nlane)
-      real(wp) :: r, force, k
-      integer :: lane
-
-      do lane = 1, nlane
-         r = q_next(lane) - q(lane)
-         force = r + beta*r**3
-         k = w(lane)*(1 + 3*beta*r**2)
-         hq(lane) = w(lane)*(hq(lane) - force) - sigma*dw(lane)
-         hq_next(lane) = force
-         diagonal(lane) = k - upper_above(lane)
-         upper(lane) = -k
-      end do
-   end subroutine next_mass
-
-   !> VEC The last mass, beside the wall.
-   pure subroutine last_mass(nlane, beta, sigma, w, dw, q, upper_above, hq, diagonal)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: beta, sigma, w(nlane), dw(nlane), q(nlane), upper_above(nlane)
-      real(wp), intent(inout) :: hq(nlane)
-      real(wp), intent(out) :: diagonal(nlane)
-      real(wp) :: r
-      integer :: lane
-
-      do lane = 1, nlane
-         r = -q(lane)
-         hq(lane) = w(lane)*(hq(lane) - (r + beta*r**3)) - sigma*dw(lane)
-         diagonal(lane) = w(lane)*(1 + 3*beta*r**2) - upper_above(lane)
-      end do
-   end subroutine last_mass
 
 end module symsde_model_fpu_chain
