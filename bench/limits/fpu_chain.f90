@@ -57,7 +57,7 @@ contains
             v(lane, i) = 0
          end do
       end do
-      last = huge(1.0_wp)
+      last = 0
       nrunning = nlane
       do while (nrunning > 0)
          call forward(n, h, beta, sigma, dw, x, v, upper, rhs)
@@ -131,17 +131,13 @@ contains
       end do
    end subroutine backward
 
-   !> Size of the correction where the lane goes on, negative where it is done: the library's test
-   !> of stagnation, without that of failures.
+   !> Size of the correction where the lane goes on, negative where it is done: the library's quadratic
+   !> test, without that of failures.
    pure function next_size(d, size, last) result(next)
       real(wp), intent(in) :: d, size, last
-      real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)
-      real(wp) :: next, bound
+      real(wp) :: next
 
-      bound = merge(2.0_wp**13, 1.0_wp, d <= 2.0_wp**(-13)*last)
-      bound = rounding*size*merge(2.0_wp**26, bound, d <= 2.0_wp**(-26)*last)
-      bound = merge(1e-10_wp*size, bound, d >= last)
-      next = merge(-1.0_wp, d, d <= bound)
+      next = merge(-1.0_wp, d, d <= size*merge(2.0_wp**(-20), 2.0_wp**(-33), d <= 2.0_wp**(-20)*last))
       next = merge(next, last, last >= 0)
    end function next_size
 
