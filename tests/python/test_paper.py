@@ -161,7 +161,7 @@ def test_invariant_in_the_long_run(results):
     assert table["Lobatto 3"]["max_deviation"] < 2e-3
     assert table["Stoermer-Verlet"]["max_deviation"] < 0.3
     assert abs(table["sympl. Euler, increments"]["mean_final"] - 1) < 0.3
-    assert table["sympl. Euler, none"]["mean_final"] > 1.5
+    assert table["sympl. Euler, none"]["mean_final"] > 1.1  # 2.22 +- 0.48 over seeds: false alarms 1e-3
     assert table["Heun"]["mean_final"] > 1.2
     assert table["Euler-Maruyama"]["mean_final"] > 20
     assert table["midpoint, 3 iterations"]["mean_final"] < 0.9

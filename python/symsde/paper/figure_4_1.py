@@ -96,23 +96,20 @@ def _judge(experiment, rows):
         experiment.report("Figure 4.1", f"max|dq|, {text}", summary, f"least, median, most of {len(rows)}")
     close = columns["midpoint_fine"] <= SHOWN
     experiment.report("Figure 4.1", f"seeds with max|dq| <= {SHOWN}", f"{close.sum()} of {close.size}")
-    medians = {key: np.median(columns[key]) for key in ("midpoint_fine", "midpoint_eighth_fine")}
-    experiment.between("Figure 4.1", "median of max|dq|, midpoint - fine", medians["midpoint_fine"], 0.001, SHOWN)
-    # between order 1 of the noise (8) and order 2 of the oscillation (64)
-    gain = medians["midpoint_fine"] / medians["midpoint_eighth_fine"]
-    experiment.between("(82)-(83)", "gain of a step 8 times smaller, in the median", gain, 4, 64)
-    experiment.numbers |= {"seeds_within_bound": int(close.sum()), "bound": SHOWN, "gain_of_an_eighth": gain}
+    median = np.median(columns["midpoint_fine"])
+    experiment.between("Figure 4.1", "median of max|dq|, midpoint - fine", median, 0.001, SHOWN)
+    experiment.numbers |= {"seeds_within_bound": int(close.sum()), "bound": SHOWN}
 
 
 def _many_paths(experiment, model, paths):
     """How often two computations of one path part; those that do are of large amplitude, where phases drift."""
     every = 5
-    coarse, fine = (
+    coarse, smaller, fine = (
         ss.simulate(
             model, q0=0.0, p0=0.0, step=STEP / 2**finer, steps=STEPS * 2**finer, save_every=every * 2**finer,
             scheme="midpoint", seed=1000, refine=LEVELS - finer, paths=paths,
         ).q[:, 0]
-        for finer in (0, LEVELS)
+        for finer in (0, 3, LEVELS)
     )  # fmt: skip
     differences = np.abs(coarse - fine).max(axis=0)
     quantiles = np.quantile(differences, (0.5, 0.9, 0.99))
@@ -122,8 +119,11 @@ def _many_paths(experiment, model, paths):
     text = ", ".join(f"{100 * share:.1f} %" for share in apart.values())
     experiment.report("Figure 4.1", f"paths with max|dq| > 0.1, {SHOWN}, 1", text, "not all are small")
     experiment.between("Figure 4.1", f"share of paths with max|dq| <= {SHOWN}", 1 - apart[f"above_{SHOWN}"], 0.5, 1)
+    # order 1 of the noise makes it 8; over seeds the median of 64 paths is 8.0 +- 0.9
+    gain = np.median(differences / np.abs(smaller - fine).max(axis=0))
+    experiment.between("(82)-(83)", "gain of a step 8 times smaller, in the median", gain, 4, 16)
     experiment.curves["differences"] = np.sort(differences)
-    experiment.numbers["many_paths"] = {"paths": paths, "quantiles_50_90_99": quantiles, **apart}
+    experiment.numbers["many_paths"] = {"paths": paths, "gain_of_an_eighth": gain, "quantiles_50_90_99": quantiles, **apart}
 
 
 def _reference_formula(experiment, model):
