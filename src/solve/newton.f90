@@ -23,8 +23,9 @@ module symsde_solve_newton
    use symsde_base_counters, only: counters_type
    use symsde_base_status, only: not_converged, nonfinite, singular
    use symsde_solve_blocks, only: block_solver, new_block_solver
-   use symsde_solve_stagnation, only: stopping_test, linear, quadratic, done_at_once, never_done, failed, start_lanes, &
-      correct_first, correct_exact, fail_nonfinite, correct_scalar, iterate_scalar, correct_lanes, test_lanes
+   use symsde_solve_stagnation, only: stopping_test, linear, quadratic, done_at_once, never_done, failed
+   use symsde_solve_stagnation, only: start_lanes, correct_first, correct_exact, fail_nonfinite
+   use symsde_solve_stagnation, only: correct_scalar, iterate_scalar, correct_lanes, test_lanes
    use symsde_solve_damping, only: damping_type, new_damping, start_damping, reject, accept
    implicit none
    private
