@@ -22,6 +22,7 @@ module symsde_model_probe
    real(wp), parameter :: vanishing = 1.0e-6_wp  !! entries below this part of the rest are zero
    real(wp), parameter :: matching = 1.0e-4_wp   !! relative mismatch of derivatives
    integer, parameter :: largest_dense = 64      !! ndof up to which dense blocks are probed
+   integer, parameter :: dense_alone = 16        !! .. of every sum; above it of H and of one sum of all
 
    !> Which of the model's second derivatives is compared with differences.
    integer, parameter :: by_product = 1, by_blocks = 2, by_bands = 3
@@ -56,8 +57,11 @@ contains
       if (model%traits%bandwidth >= 0) call probe_bandwidth(points, error)
       do k = 0, points%last_sum()
          call points%take_sum(k)
-         call probe_derivatives(points, model%traits, error)
+         call probe_derivatives(points, model%traits, k, error)
       end do
+      call points%take_all()
+      if (model%traits%has_hessian .and. points%ndof > dense_alone .and. points%ndof <= largest_dense) &
+         call probe_second(points, by_blocks, error)
       call model%clear_failure()  ! a user's function may refuse a displaced point
    end subroutine probe_model
 
@@ -78,15 +82,16 @@ contains
    end subroutine probe_traits
 
    !> What is offered beside the gradient. The bands have been found to hold all entries by now.
-   subroutine probe_derivatives(points, traits, error)
+   subroutine probe_derivatives(points, traits, k, error)
       type(probe_points), intent(in) :: points
       type(model_traits), intent(in) :: traits
+      integer, intent(in) :: k  !! number of the sum; 0 is H
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
       if (traits%has_value) call probe_value(points, error)
       if (traits%has_hessian_vector) call probe_second(points, by_product, error)
-      if (traits%has_hessian .and. traits%ndof <= largest_dense) &
+      if (traits%has_hessian .and. traits%ndof <= merge(largest_dense, dense_alone, k == 0)) &
          call probe_second(points, by_blocks, error)
       if (traits%bandwidth >= 0) call probe_second(points, by_bands, error)
    end subroutine probe_derivatives

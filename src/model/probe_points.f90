@@ -27,6 +27,7 @@ module symsde_model_probe_points
       real(wp), allocatable :: w(:, :)             !! weights of the sum probed (nlane, 0:nnoise)
       real(wp), allocatable :: vq(:, :), vp(:, :)  !! a direction without zeros (nlane, ndof)
       real(wp), allocatable :: zero(:, :)          !! no direction
+      real(wp) :: slope(nlane) = 0                 !! largest component of the gradient of the sum
       character(:), allocatable :: sum_name        !! the sum that is probed, for messages
    contains
       procedure :: last_sum
@@ -113,6 +114,7 @@ contains
       else
          call mix(self, k)
       end if
+      call find_slope(self)
    end subroutine take_sum
 
    !> Probe one sum of all Hamiltonians from now on.
@@ -121,7 +123,16 @@ contains
 
       self%w = 0
       call mix(self, 0)
+      call find_slope(self)
    end subroutine take_all
+
+   !> Size of the gradient of the sum, which every product is compared with.
+   subroutine find_slope(self)
+      type(probe_points), intent(inout) :: self
+      real(wp), allocatable :: hq(:, :), hp(:, :)
+
+      call self%gradient(hq, hp, self%slope)
+   end subroutine find_slope
 
    subroutine mix(self, first)
       type(probe_points), intent(inout) :: self
@@ -156,9 +167,8 @@ contains
       real(wp), intent(out) :: scale(nlane)  !! what an entry of the product is to be compared with
       real(wp), parameter :: agreement = 1.0e-5_wp
       real(wp), allocatable :: xq(:, :), xp(:, :)
-      real(wp), dimension(nlane) :: apart, state, slope, step
+      real(wp), dimension(nlane) :: apart, state, step
 
-      call self%gradient(xq, xp, slope)
       call largest(self%ndof, self%q, self%p, state)
       step = default_step*max(1.0_wp, state)
       call difference(self, step, vq, vp, uq, up)
@@ -168,7 +178,7 @@ contains
       xq = uq - xq
       xp = up - xp
       call largest(self%ndof, xq, xp, apart)
-      scale = max(scale, slope/max(1.0_wp, state)) + 0*(scale + slope)
+      scale = max(scale, self%slope/max(1.0_wp, state)) + 0*(scale + self%slope)
       where (.not. (apart <= agreement*scale .and. state <= too_far)) scale = not_a_number()
    end subroutine product
 
