@@ -259,6 +259,38 @@ static void test_failed_paths(void) {
    symsde_scheme_delete(&scheme);
 }
 
+#ifdef __linux__
+/* user: how often it was called, and the bits of all addresses of full blocks */
+static int address_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                            double *hq, double *hp, void *user) {
+   uintptr_t *seen = user;
+   if (nlane == 256) {
+      seen[0]++;
+      seen[1] |= (uintptr_t)w | (uintptr_t)q | (uintptr_t)p | (uintptr_t)hq | (uintptr_t)hp;
+   }
+   return cliff_gradient(nlane, ndof, nham, t, w, q, p, hq, hp, NULL);
+}
+
+/* the columns of a block begin where vector registers and cache lines do */
+static void test_alignment(void) {
+   symsde_traits traits = pendulum_traits();
+   symsde_model model = NULL;
+   symsde_scheme scheme = new_scheme("symplectic_euler");
+   symsde_options options = some_options();
+   symsde_input input = some_input(&zero, &zero);
+   symsde_paths paths = paths_in(&a, 1);
+   uintptr_t seen[2] = {0, 0};
+
+   traits.additive = 1;
+   OK(symsde_model_new("addresses", &traits, address_gradient, NULL, NULL, NULL, seen, &model, &error));
+   EXPECT(SYMSDE_PATHS_FAILED, "paths failed",
+          symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(seen[0] > 0 && seen[1] % 64 == 0);
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+#endif
+
 typedef struct progress_user {
    int calls, stop;
    int64_t done, total;
@@ -375,6 +407,9 @@ int main(void) {
    test_resume();
    test_moments();
    test_failed_paths();
+#ifdef __linux__
+   test_alignment();
+#endif
    test_stop_and_refusing_callback();
    test_diagnostics();
    return close_report();
