@@ -28,6 +28,8 @@ module symsde_step_midpoint_strip
       private
       type(newton_type) :: newton
       real(wp), allocatable :: store(:)        !! the arrays of one_strip, one after the other
+      real(wp), allocatable :: w(:, :)         !! of fill_strip, where it is needed (strip_lanes, 0:nnoise)
+      real(wp), allocatable :: q(:, :), p(:, :), dq(:, :), dp(:, :)  !! the same (strip_lanes, ndof)
    contains
       procedure :: increment
    end type midpoint_strip
@@ -42,16 +44,20 @@ contains
                             (model%traits%position_noise .or. model%traits%nnoise == 0)
    end function fits_midpoint_strip
 
-   !> Room for one strip; requires fits_midpoint_strip(model).
-   subroutine new_midpoint_strip(self, model, options)
+   !> Room for one strip of a block of nlane lanes; requires fits_midpoint_strip(model).
+   subroutine new_midpoint_strip(self, model, nlane, options)
       type(midpoint_strip), intent(out) :: self
       class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
 
       associate (n => model%traits%ndof, m => model%traits%nnoise)
          call new_newton(self%newton, strip_lanes, n, options, model%traits%quadratic, -1, -1, judge_only=.true., &
                          exact=.true.)
          allocate (self%store(strip_lanes*((n + 2) + 3*n + (m + 1) + (panel + 2) + 3*panel) + alignment/bytes))
+         if (modulo(nlane, strip_lanes) == 0) return
+         allocate (self%w(strip_lanes, 0:m), self%q(strip_lanes, n), self%p(strip_lanes, n))
+         allocate (self%dq(strip_lanes, n), self%dp(strip_lanes, n))
       end associate
    end subroutine new_midpoint_strip
 
@@ -67,44 +73,53 @@ contains
       associate (nlane => ham%nlane, n => ham%ndof, m => ham%nnoise)
          width = modulo(nlane, strip_lanes)
          do before = 0, nlane - width - 1, strip_lanes
-            call place_arrays(self, ham, nlane, n, m, before, strip_lanes, t, w, q, p, dq, dp, status)
+            call place_arrays(self%newton, size(self%store), self%store, ham, nlane, n, m, before, strip_lanes, &
+                              t, w, q, p, dq, dp, status)
          end do
-         if (width > 0) call fill_strip(self, ham, nlane, n, m, width, t, w, q, p, dq, dp, status)
+         if (width > 0) call fill_strip(self%newton, self%store, ham, nlane, n, m, width, t, w, q, p, dq, dp, status, &
+                                        self%w, self%q, self%p, self%dq, self%dp)
       end associate
    end subroutine increment
 
    !> The last lanes of a block that do not fill a strip: the very last one fills it, in copies that rest.
-   subroutine fill_strip(self, ham, nlane, n, m, width, t, w, q, p, dq, dp, status)
-      type(midpoint_strip), intent(inout) :: self
+   subroutine fill_strip(newton, store, ham, nlane, n, m, width, t, w, q, p, dq, dp, status, wf, qf, pf, dqf, dpf)
+      type(newton_type), intent(inout) :: newton
+      real(wp), intent(inout), contiguous :: store(:)
       type(one_step_hamiltonian), intent(inout) :: ham
       integer, intent(in) :: nlane, n, m, width
       real(wp), intent(in) :: t, w(nlane, 0:m), q(nlane, n), p(nlane, n)
       real(wp), intent(inout) :: dq(nlane, n), dp(nlane, n)
       integer(i8), intent(inout) :: status(nlane)
-      real(wp), allocatable :: wf(:, :), qf(:, :), pf(:, :), dqf(:, :), dpf(:, :)
+      real(wp), intent(inout) :: wf(strip_lanes, 0:m), qf(strip_lanes, n), pf(strip_lanes, n)  !! the strip's own
+      real(wp), intent(inout) :: dqf(strip_lanes, n), dpf(strip_lanes, n)
       integer(i8) :: full_status(strip_lanes)
-      integer :: lane, before
+      integer :: i, before
 
       before = nlane - width
       full_status = padding_rests
       full_status(:width) = status(before + 1:)
-      allocate (wf(strip_lanes, 0:m), qf(strip_lanes, n), pf(strip_lanes, n))
-      allocate (dqf(strip_lanes, n), dpf(strip_lanes, n))
-      do lane = 1, strip_lanes
-         wf(lane, :) = w(before + min(lane, width), :)
-         qf(lane, :) = q(before + min(lane, width), :)
-         pf(lane, :) = p(before + min(lane, width), :)
+      do i = 0, m
+         wf(:width, i) = w(before + 1:, i)
+         wf(width + 1:, i) = w(nlane, i)
       end do
-      call place_arrays(self, ham, strip_lanes, n, m, 0, max(0, min(width, ham%nreal - before)), t, &
-                        wf, qf, pf, dqf, dpf, full_status)
+      do i = 1, n
+         qf(:width, i) = q(before + 1:, i)
+         qf(width + 1:, i) = q(nlane, i)
+         pf(:width, i) = p(before + 1:, i)
+         pf(width + 1:, i) = p(nlane, i)
+      end do
+      call place_arrays(newton, size(store), store, ham, strip_lanes, n, m, 0, &
+                        max(0, min(width, ham%nreal - before)), t, wf, qf, pf, dqf, dpf, full_status)
       dq(before + 1:, :) = dqf(:width, :)
       dp(before + 1:, :) = dpf(:width, :)
       status(before + 1:) = full_status(:width)
    end subroutine fill_strip
 
    !> One step of a strip, in arrays that begin at multiples of the alignment.
-   subroutine place_arrays(self, ham, nlane, n, m, before, width, t, w, q, p, dq, dp, status)
-      type(midpoint_strip), intent(inout), target :: self
+   subroutine place_arrays(newton, nstore, x, ham, nlane, n, m, before, width, t, w, q, p, dq, dp, status)
+      type(newton_type), intent(inout) :: newton
+      integer, intent(in) :: nstore
+      real(wp), intent(inout), target :: x(nstore)
       type(one_step_hamiltonian), intent(inout) :: ham
       integer, intent(in) :: nlane, n, m
       integer, intent(in) :: before  !! lanes of the block before the strip
@@ -114,7 +129,7 @@ contains
       integer(i8), intent(inout) :: status(nlane)
       integer :: at(8)
 
-      at(1) = 1 + int(modulo(-transfer(c_loc(self%store), 0_c_intptr_t), int(alignment, c_intptr_t)))/bytes
+      at(1) = 1 + int(modulo(-transfer(c_loc(x), 0_c_intptr_t), int(alignment, c_intptr_t)))/bytes
       at(2) = at(1) + strip_lanes*(n + 2)
       at(3) = at(2) + strip_lanes*n
       at(4) = at(3) + strip_lanes*n
@@ -122,11 +137,9 @@ contains
       at(6) = at(5) + strip_lanes*(m + 1)
       at(7) = at(6) + strip_lanes*(panel + 2)
       at(8) = at(7) + strip_lanes*panel
-      associate (x => self%store)
-         call one_strip(self%newton, ham, nlane, n, m, before, max(0, min(width, ham%nreal - before)), t, w, q, p, &
-                        dq, dp, status(before + 1), x(at(1)), x(at(2)), x(at(3)), x(at(4)), x(at(5)), &
-                        x(at(6)), x(at(7)), x(at(8)))
-      end associate
+      call one_strip(newton, ham, nlane, n, m, before, max(0, min(width, ham%nreal - before)), t, w, q, p, &
+                     dq, dp, status(before + 1), x(at(1)), x(at(2)), x(at(3)), x(at(4)), x(at(5)), &
+                     x(at(6)), x(at(7)), x(at(8)))
    end subroutine place_arrays
 
    !> One step of lanes before+1 .. before+strip_lanes of a block.

@@ -64,7 +64,7 @@ contains
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       if (fits_midpoint_strip(model)) then
          allocate (self%strip)
-         call new_midpoint_strip(self%strip, model, options)
+         call new_midpoint_strip(self%strip, model, nlane, options)
          return
       end if
       call new_newton(self%newton, nlane, n, options, model%traits%quadratic, -1, -1, judge_only=.true.)
