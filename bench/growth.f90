@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How time grows: bench_growth AXIS [REPEATS]; AXIS is paths, steps, ndof, setup (by ndof), noises,
-!> saved, or threads.
+!> How time grows: bench_growth AXIS [REPEATS]; AXIS is paths, steps, ndof, setup (by ndof), dense
+!> (by ndof), matrices (the same by the general stepper), noises, saved, or threads.
 !>
 !> Lines: growth AXIS X and seconds of a run (median, least, largest).
 program bench_growth
@@ -8,6 +8,7 @@ program bench_growth
    use symsde_ensemble_report, only: run_report
    use symsde_ensemble_simulate, only: paths_type
    use bench_noisy_oscillator, only: noisy_oscillator_model, new_noisy_oscillator
+   use mean_field_model, only: mean_field_type, new_mean_field
    use bench_support, only: seconds, median, scene_type, new_scene, run_paths, run_moments, &
                             integer_argument
    implicit none
@@ -24,6 +25,10 @@ program bench_growth
       call grow([(10_i8**i, i=2, 7)])
    case ('ndof', 'setup')
       call grow([(4_i8**i, i=0, 6)])
+   case ('dense')
+      call grow([(4_i8**i, i=2, 6)])
+   case ('matrices')
+      call grow([(2_i8**i, i=3, 7)])
    case ('noises')
       call grow([(2_i8**i, i=0, 6)])
    case ('saved')
@@ -31,7 +36,7 @@ program bench_growth
    case ('threads')
       call grow([1_i8, 2_i8])
    case default
-      print '(a)', 'give one of paths, steps, ndof, setup, noises, saved, threads'
+      print '(a)', 'give one of paths, steps, ndof, setup, dense, matrices, noises, saved, threads'
       error stop 2
    end select
 
@@ -73,6 +78,9 @@ contains
       case ('ndof', 'setup')
          nstep = max(20_i8, 2000_i8/x)
          call run_paths(scene, 64_i8, nstep, 0_i8, run)
+      case ('dense', 'matrices')
+         nstep = merge(20_i8, 4_i8, axis == 'dense')
+         call run_paths(scene, 64_i8, nstep, 0_i8, run)
       case ('noises')
          call run_paths(scene, 1024_i8, 500_i8, 0_i8, run)
       case ('saved')
@@ -81,15 +89,17 @@ contains
          call run_paths(scene, 20480_i8, 500_i8, 0_i8, run)
       end select
       time = seconds() - start
+      if (axis == 'dense' .or. axis == 'matrices') time = run%report%seconds_run/(64*real(nstep, wp))
       if (axis == 'ndof') time = run%report%seconds_run*20/real(nstep, wp)  ! of 20 steps
       if (axis == 'setup') time = run%report%seconds_setup
    end subroutine run_point
 
-   !> The scene of a point: Kubo midpoint, chains of x sites, oscillators with x noises.
+   !> The scene of a point: Kubo midpoint, chains of x sites, x rotators in their mean field, oscillators with x noises.
    subroutine choose(x, scene)
       integer(i8), intent(in) :: x
       type(scene_type), intent(out) :: scene
       type(noisy_oscillator_model) :: model
+      type(mean_field_type) :: rotators
       real(wp), parameter :: h = 0.02_wp
       real(wp) :: angle
       integer :: k
@@ -100,6 +110,14 @@ contains
                         [real(x, wp), 1.0_wp, 0.1_wp], 'midpoint', h)
          angle = acos(-1.0_wp)/real(x + 1, wp)
          scene%q0 = [(sin(k*angle), k=1, int(x))]
+      case ('dense', 'matrices')
+         call new_scene(scene, 'kubo', ['a    '], [1.0_wp], 'midpoint', 0.1_wp)
+         deallocate (scene%model)
+         call new_mean_field(rotators, int(x), 0.0_wp, 1.0_wp)
+         allocate (scene%model, source=rotators)
+         scene%options%general = axis == 'matrices'
+         scene%q0 = [(sin(0.7_wp*k), k=1, int(x))]
+         scene%p0 = [(cos(1.3_wp*k), k=1, int(x))]
       case ('noises')
          call new_scene(scene, 'kubo', ['a    '], [1.0_wp], 'stormer_verlet', h)
          deallocate (scene%model)

@@ -12,6 +12,8 @@ AXES = {
     "steps": (1.0, 10000, "Kubo midpoint, 8 paths, moments"),
     "ndof": (1.0, 16, "FPU chain, midpoint, 64 paths, 20 steps, without set-up"),
     "setup": (1.0, 256, "set-up of the same runs: probing the model's derivatives"),
+    "dense": (1.0, 64, "rotators in their mean field, midpoint, 64 paths: seconds of a path-step without set-up"),
+    "matrices": (3.0, 32, "the same by the general stepper, which forms and factorises its matrices"),
     "noises": (1.0, 4, "oscillator with n additive noises, Stormer-Verlet, 1024 paths, 500 steps"),
     "saved": (None, 100, "Kubo midpoint, 256 paths, 20000 steps, n of them saved"),
     "threads": (-1.0, 1, "Kubo midpoint, 20480 paths, 500 steps"),

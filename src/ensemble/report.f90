@@ -54,6 +54,8 @@ contains
       end if
       if (stepper%explicit) then
          call add('solver: the step is explicit')
+      else if (index(stepper%name, 'matrix-free') > 0) then
+         call add('matrices: products with the Hessian take their place')
       else if (model%traits%one_solve(model%traits%bandwidth /= dense)) then
          call add('iteration: the equations are linear, one solve a step')
       end if

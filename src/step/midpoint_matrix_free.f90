@@ -66,12 +66,15 @@ contains
       type(newton_options), intent(in) :: options
 
       integer :: unknowns, least
+      logical :: full
 
+      fits_midpoint_matrix_free = .false.
+      if (options%fixed_point > 0 .or. options%damped) return
       associate (t => model%traits)
+         full = t%bandwidth == dense .or. 2*t%bandwidth + 1 >= t%ndof
          unknowns = merge(t%ndof, 2*t%ndof, fits_midpoint_stepper(model))
          least = merge(least_analytic, least_differenced, t%has_hessian .or. t%has_hessian_vector)
-         fits_midpoint_matrix_free = t%bandwidth == dense .and. unknowns >= least .and. options%fixed_point == 0 .and. &
-                                     .not. options%damped
+         fits_midpoint_matrix_free = full .and. unknowns >= least
       end associate
    end function fits_midpoint_matrix_free
 
