@@ -22,7 +22,7 @@ module symsde_model_callback
    implicit none
    private
    public :: callback_model, new_callback_model
-   public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback
+   public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback, gradient_hessian_callback
 
    type, extends(model_type) :: callback_model
       private
@@ -30,6 +30,7 @@ module symsde_model_callback
       procedure(value_callback), pointer, nopass :: on_value => null()
       procedure(hessian_callback), pointer, nopass :: on_hessian => null()
       procedure(hessian_vector_callback), pointer, nopass :: on_hessian_vector => null()
+      procedure(gradient_hessian_callback), pointer, nopass :: on_gradient_hessian => null()
       type(c_ptr) :: user = c_null_ptr           !! handed to every function as it is
       integer(i4), pointer :: failure => null()  !! first nonzero return; a model is intent(in)
    contains
@@ -37,6 +38,8 @@ module symsde_model_callback
       procedure :: value => weighted_value
       procedure :: hessian
       procedure :: hessian_vector
+      procedure :: gradient_hessian
+      procedure :: set_gradient_hessian
       procedure :: failure_code
       procedure :: clear_failure
       procedure, private :: copy
@@ -92,6 +95,20 @@ module symsde_model_callback
          type(c_ptr), value :: user
          integer(c_int) :: code
       end function hessian_vector_callback
+
+      !> Gradient and blocks of the Hessian at one point, for functions that share work between them.
+      function gradient_hessian_callback(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user) &
+         bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+         real(c_double), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+         real(c_double), intent(out), optional :: hpp(nlane, ndof, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function gradient_hessian_callback
    end interface
 
 contains
@@ -130,6 +147,17 @@ contains
       allocate (self%failure, source=0_i4)
    end subroutine new_callback_model
 
+   !> One more function, before the model is used: gradient and Hessian together, for schemes that want both at
+   !> one point. It also stands in for a Hessian that is not given. c_null_funptr: the separate ones again.
+   subroutine set_gradient_hessian(self, gradient_hessian)
+      class(callback_model), intent(inout) :: self
+      type(c_funptr), intent(in) :: gradient_hessian  !! a gradient_hessian_callback, or c_null_funptr
+
+      nullify (self%on_gradient_hessian)
+      if (c_associated(gradient_hessian)) call c_f_procpointer(gradient_hessian, self%on_gradient_hessian)
+      self%traits%has_hessian = associated(self%on_hessian) .or. associated(self%on_gradient_hessian)
+   end subroutine set_gradient_hessian
+
    !> Gradient of sum_j w_j H_j.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(callback_model), intent(in) :: self
@@ -163,7 +191,8 @@ contains
       call spoil(nlane, 1, value)
    end subroutine weighted_value
 
-   !> Blocks of the Hessian of sum_j w_j H_j; by products or differences where the user offers none.
+   !> Blocks of the Hessian of sum_j w_j H_j; from the joint function, by products or differences where the
+   !> user offers none.
    subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -173,6 +202,10 @@ contains
       integer(i4) :: code
 
       if (.not. associated(self%on_hessian)) then
+         if (associated(self%on_gradient_hessian)) then
+            call self%gradient_hessian(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hqp=hqp, hpp=hpp)
+            return
+         end if
          call hessian_by_differences(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
          return
       end if
@@ -204,6 +237,31 @@ contains
       call spoil(nlane, ndof, uq)
       call spoil(nlane, ndof, up)
    end subroutine hessian_vector
+
+   !> Gradient and Hessian at one point; one after the other where the user offers no joint function.
+   subroutine gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      integer(i4) :: code
+
+      if (.not. associated(self%on_gradient_hessian)) then
+         call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
+         call self%hessian(nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+         return
+      end if
+      code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, hqq, hqp, hpp, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, ndof, hq)
+      call spoil(nlane, ndof, hp)
+      call spoil(nlane, ndof*ndof, hqq)
+      call spoil(nlane, ndof*ndof, hqp)
+      call spoil(nlane, ndof*ndof, hpp)
+   end subroutine gradient_hessian
 
    !> The first nonzero code that a function returned since clear_failure; 0 = none.
    integer function failure_code(self) result(code)
@@ -253,6 +311,7 @@ contains
       left%on_value => right%on_value
       left%on_hessian => right%on_hessian
       left%on_hessian_vector => right%on_hessian_vector
+      left%on_gradient_hessian => right%on_gradient_hessian
       left%user = right%user
       if (.not. associated(left%failure)) allocate (left%failure)
       left%failure = 0
