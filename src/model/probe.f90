@@ -25,7 +25,7 @@ module symsde_model_probe
    integer, parameter :: dense_alone = 16        !! .. of every sum; above it of H and of one sum of all
 
    !> Which of the model's second derivatives is compared with differences.
-   integer, parameter :: by_product = 1, by_blocks = 2, by_bands = 3
+   integer, parameter :: by_product = 1, by_blocks = 2, by_bands = 3, by_joint = 4
 
 contains
 
@@ -93,6 +93,8 @@ contains
       if (traits%has_hessian_vector) call probe_second(points, by_product, error)
       if (traits%has_hessian .and. traits%ndof <= merge(largest_dense, dense_alone, k == 0)) &
          call probe_second(points, by_blocks, error)
+      if (traits%has_hessian .and. traits%ndof <= largest_dense) &
+         call probe_joint(points, error)
       if (traits%bandwidth >= 0) call probe_second(points, by_bands, error)
    end subroutine probe_derivatives
 
@@ -311,14 +313,44 @@ contains
       end do
    end subroutine probe_value
 
-   !> has_hessian_vector, has_hessian, hessian_banded: what is offered fits differences of the
-   !> gradient.
+   !> gradient_hessian: its gradient is the gradient, its Hessian fits differences.
+   subroutine probe_joint(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: hq(:, :), hp(:, :), gq(:, :), gp(:, :)
+      real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: bad
+
+      call probe_second(points, by_joint, error)
+      if (allocated(error)) return
+      call points%gradient(hq, hp, scale)
+      allocate (gq, gp, mold=points%zero)
+      associate (n => points%ndof, x => points)
+         allocate (hqq(nlane, n, n), hqp(nlane, n, n), hpp(nlane, n, n))
+         call x%model%gradient_hessian(nlane, n, x%nnoise, x%t, x%w, x%q, x%p, gq, gp, hqq, hqp, hpp)
+      end associate
+      hqq(:, :, 1) = gq - hq
+      hpp(:, :, 1) = gp - hp
+      call worst(hqq(:, :, 1), hpp(:, :, 1), scale, vanishing, bad)
+      if (bad%lane == 0) return
+      if (bad%half == 2) hq = hp
+      if (bad%half == 2) gq = gp
+      call raise(error, false_trait, here, 'model '''//points%model%name//''' offers gradient_hessian, but d'// &
+                 points%sum_name//merge('/dq_', '/dp_', bad%half == 1)//to_text(bad%i)//' is '// &
+                 to_text(gq(bad%lane, bad%i))//' by it and '//to_text(hq(bad%lane, bad%i))// &
+                 ' by the gradient at '//points%place(bad%lane, bad%i, bad%i)// &
+                 '; correct one of them, or do not offer it')
+   end subroutine probe_joint
+
+   !> has_hessian_vector, has_hessian, hessian_banded, gradient_hessian: what is offered fits differences
+   !> of the gradient.
    subroutine probe_second(points, which, error)
       type(probe_points), intent(in) :: points
-      integer, intent(in) :: which  !! by_product, by_blocks or by_bands
+      integer, intent(in) :: which  !! by_product, by_blocks, by_bands or by_joint
       type(error_type), allocatable, intent(inout) :: error
-      character(*), parameter :: names(3) = ['has_hessian_vector', 'has_hessian       ', &
-                                             'hessian_banded    ']
+      character(*), parameter :: names(4) = ['has_hessian_vector', 'has_hessian       ', &
+                                             'hessian_banded    ', 'gradient_hessian  ']
       real(wp), allocatable :: vq(:, :), vp(:, :), uq(:, :), up(:, :), aq(:, :), ap(:, :)
       real(wp) :: scale(nlane)
       type(finding) :: bad
@@ -366,7 +398,9 @@ contains
             call x%model%hessian_banded(nlane, n, m, b, x%t, x%w, x%q, x%p, hqq, hqp, hpp)
          else
             allocate (hqq(nlane, n, n), hqp(nlane, n, n), hpp(nlane, n, n))
-            call x%model%hessian(nlane, n, m, x%t, x%w, x%q, x%p, hqq, hqp, hpp)
+            if (which == by_blocks) call x%model%hessian(nlane, n, m, x%t, x%w, x%q, x%p, hqq, hqp, hpp)
+            if (which == by_joint) &  ! uq and up take the gradient for the moment
+               call x%model%gradient_hessian(nlane, n, m, x%t, x%w, x%q, x%p, uq, up, hqq, hqp, hpp)
          end if
          uq = 0
          up = 0
