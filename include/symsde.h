@@ -101,6 +101,11 @@ typedef int (*symsde_hessian_vector)(int nlane, int ndof, int nham, double t, co
                                      const double *p, const double *vq, const double *vp, double *uq, double *up,
                                      void *user);
 
+/* gradient and Hessian at one point, for models where they share work (sine and cosine of one argument) */
+typedef int (*symsde_gradient_hessian)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
+                                       const double *p, double *hq, double *hp, double *hqq, double *hqp, double *hpp,
+                                       void *user);
+
 int symsde_traits_init(symsde_traits *traits);
 /* names of the built-in models, one a line */
 int symsde_model_names(char *buffer, size_t size, size_t *needed);
@@ -113,6 +118,10 @@ int symsde_model_get(const char *name, int nparameter, const char *const *keys, 
 int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradient gradient, symsde_value value,
                      symsde_hessian hessian, symsde_hessian_vector hessian_vector, void *user, symsde_model *model,
                      symsde_error *error);
+/* give a model of symsde_model_new one more function, called wherever a scheme wants gradient and Hessian at one point;
+ * it also stands in for hessian where that is NULL. Same user pointer; NULL = the separate functions again */
+int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian gradient_hessian,
+                                      symsde_error *error);
 int symsde_model_delete(symsde_model *model);
 /* its traits; rotation points into the model and lives as long */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);
@@ -125,6 +134,13 @@ int symsde_model_gradient(symsde_model model, int64_t npath, double t, const dou
                           const double *p, double *hq, double *hp, symsde_error *error);
 int symsde_model_hessian(symsde_model model, int64_t npath, double t, const double *w, const double *q, const double *p,
                          double *hqq, double *hqp, double *hpp, symsde_error *error);
+
+/* sine[n] and cosine[n] of x[n] radians, for callbacks: several times as fast as the C library lane by lane. Within
+ * 1 ulp for |x| <= 1e5, with the same bits on every x86-64 processor where the library is built without contraction;
+ * beyond, those of the C library. A lane depends on its own x alone. The arrays must not overlap. It takes no
+ * symsde_error, since a callback has nowhere to show a sentence: SYMSDE_INVALID_ARGUMENT where an array is NULL or
+ * n < 0. Any thread may call it at any time */
+int symsde_sincos(int n, const double *x, double *sine, double *cosine);
 
 /* ---- schemes ----------------------------------------------------------------------------------- */
 

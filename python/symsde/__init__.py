@@ -13,7 +13,7 @@ paper "Dynamics and variational integrators of stochastic Hamiltonian systems" w
 """
 
 from . import diagnose, errors, models, schemes
-from ._callbacks import numba_signature
+from ._callbacks import numba_signature, numba_sincos
 from ._handles import status_text
 from ._setup import build_info
 from .commutator import Commutator, commutator
@@ -51,6 +51,7 @@ __all__ = [
     "models",
     "moments",
     "numba_signature",
+    "numba_sincos",
     "schemes",
     "simulate",
     "status_text",

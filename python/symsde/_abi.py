@@ -159,6 +159,7 @@ CALLBACKS = {
     "value": CFUNCTYPE(*_block, c_void_p, c_void_p),
     "hessian": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p),
     "hessian_vector": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
+    "gradient_hessian": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
 }
 Observables = CFUNCTYPE(c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p, c_void_p)
 
@@ -213,12 +214,14 @@ FUNCTIONS = {
         _handle_out,
         _error,
     ),
+    "model_set_gradient_hessian": (_handle, CALLBACKS["gradient_hessian"], _error),
     "model_delete": (_handle_out,),
     "model_traits": (_handle, POINTER(Traits), _error),
     "model_probe": (_handle, c_double, c_void_p, c_void_p, _error),
     "model_value": (*_points, c_void_p, _error),
     "model_gradient": (*_points, c_void_p, c_void_p, _error),
     "model_hessian": (*_points, c_void_p, c_void_p, c_void_p, _error),
+    "sincos": (c_int, *_arrays(3)),
     "scheme_info_init": (POINTER(SchemeInfo),),
     "scheme_names": _text,
     "scheme_get": (c_char_p, _handle_out, _error),

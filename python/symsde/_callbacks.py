@@ -16,6 +16,7 @@ import numpy as np
 
 from . import _abi
 from ._files import optional
+from ._library import library
 from .errors import WrongShapeError, WrongTypeError
 
 Call = tuple[int, int, int, float]  # nlane, ndof, nham, t
@@ -27,9 +28,10 @@ RETURNS = {
     "value": ("value",),
     "hessian": ("hqq", "hqp", "hpp"),
     "hessian_vector": ("uq", "up"),
+    "gradient_hessian": ("hq", "hp", "hqq", "hqp", "hpp"),
 }
 # kind -> number of vectors (dof, lane) among the inputs after w
-_VECTORS = {"gradient": 2, "value": 2, "hessian": 2, "hessian_vector": 4}
+_VECTORS = {"gradient": 2, "value": 2, "hessian": 2, "hessian_vector": 4, "gradient_hessian": 2}
 
 
 class Failures:
@@ -76,9 +78,11 @@ def store_result(where: str, value: object, target: int | None, shape: tuple[int
     view(target, shape)[...] = array
 
 
-def _shapes(kind: str, nlane: int, ndof: int) -> tuple[int, ...]:
-    """Shape of each result of a callback."""
-    return {"value": (nlane,), "hessian": (ndof, ndof, nlane)}.get(kind, (ndof, nlane))
+def _shape(name: str, nlane: int, ndof: int) -> tuple[int, ...]:
+    """Shape of a result of a callback."""
+    if name in RETURNS["hessian"]:
+        return (ndof, ndof, nlane)
+    return (nlane,) if name == "value" else (ndof, nlane)
 
 
 def from_python(kind: str, function: Callable, failures: Failures) -> ctypes._CFuncPtr:
@@ -90,9 +94,8 @@ def from_python(kind: str, function: Callable, failures: Failures) -> ctypes._CF
             vectors = [view(a, (ndof, nlane)).copy() for a in addresses[:nvector]]
             result = function(t, view(w, (nham, nlane)).copy(), *vectors)
             results = (result,) if len(names) == 1 else _unpacked(kind, names, result)
-            shape = _shapes(kind, nlane, ndof)
             for name, value, target in zip(names, results, addresses[nvector:-1], strict=True):
-                store_result(f"{name} of {kind}()", value, target, shape)
+                store_result(f"{name} of {kind}()", value, target, _shape(name, nlane, ndof))
         except BaseException as error:  # raised again by raise_stored
             return failures.store(error)
         return 0
@@ -159,7 +162,7 @@ def _capsule_pointer(capsule: object) -> int | None:
 
 
 def numba_signature(kind: str):
-    """Signature of a callback (gradient, value, hessian, hessian_vector) for numba.cfunc.
+    """Signature of a callback (gradient, value, hessian, hessian_vector, gradient_hessian) for numba.cfunc.
 
     Outputs that are not wanted are NULL, and writing there ends the process. Inside the function:
 
@@ -170,6 +173,16 @@ def numba_signature(kind: str):
     types = optional("numba", "fast").types
     arrays = (types.CPointer(types.double),) * (len(_abi.CALLBACKS[kind]._argtypes_) - 5)
     return types.intc(types.intc, types.intc, types.intc, types.double, *arrays, types.voidptr)
+
+
+def numba_sincos():
+    """The library's sine and cosine as a function that numba.cfunc can call, several times as fast as math.sin.
+
+    sincos = symsde.numba_sincos()           # outside the cfunc; inside it, with n real numbers each:
+    sincos(n, x, sine, cosine)               # pointers, or array.ctypes; an int, 0 = ok
+    """
+    array = ctypes.POINTER(ctypes.c_double)
+    return ctypes.cast(library.symsde_sincos, ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, array, array, array))
 
 
 def observables(functions: dict[str, Callable], failures: Failures) -> ctypes._CFuncPtr:

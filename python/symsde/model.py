@@ -50,6 +50,8 @@ class Model:
     - ``value(t, w, q, p) -> S``, shape (lane,)
     - ``hessian(t, w, q, p) -> (S_qq, S_qp, S_pp)``, shapes (dof, dof, lane), S_qp[j, i] = d2S/dq_i dp_j
     - ``hessian_vector(t, w, q, p, vq, vp) -> (S_qq vq + S_qp vp, S_pq vq + S_pp vp)``
+    - ``gradient_hessian(t, w, q, p) -> (S_q, S_p, S_qq, S_qp, S_pp)``, where the two share work; it is called where
+      a scheme wants both at one point, and stands in for a ``hessian`` that is not given
 
     with w of shape (nnoise + 1, lane), q, p, vq, vp and gradients of shape (dof, lane). A lane fails by NaN.
     They are Python functions on NumPy arrays (then runs use one thread unless told otherwise), or compiled
@@ -70,6 +72,7 @@ class Model:
         value: Any = None,
         hessian: Any = None,
         hessian_vector: Any = None,
+        gradient_hessian: Any = None,
         separable: bool = False,
         additive: bool = False,
         position_noise: bool = False,
@@ -100,8 +103,14 @@ class Model:
         for trait, given in declared.items():
             setattr(traits, trait, _checks.flag(trait, given))
         failures = _callbacks.Failures()
-        functions = {"gradient": gradient, "value": value, "hessian": hessian, "hessian_vector": hessian_vector}
-        callbacks, user, in_python = _all_callbacks(functions, failures)
+        functions = {
+            "gradient": gradient,
+            "value": value,
+            "hessian": hessian,
+            "hessian_vector": hessian_vector,
+            "gradient_hessian": gradient_hessian,
+        }
+        (*callbacks, joint), user, in_python = _all_callbacks(functions, failures)
         pointer = ctypes.c_void_p()
         _handles.call(
             "model_new",
@@ -111,7 +120,9 @@ class Model:
             user,
             ctypes.byref(pointer),
         )
-        keep = (callbacks, tuple(functions.values()))
+        keep = (callbacks, joint, tuple(functions.values()))
+        if joint:
+            _handles.call("model_set_gradient_hessian", pointer, joint)
         self._adopt(pointer, name=name, keep=keep, failures=failures, in_python=in_python)
 
     @classmethod

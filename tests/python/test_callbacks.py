@@ -80,6 +80,32 @@ def test_hessian_vector_is_used(options):
     np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
 
 
+def test_gradient_hessian_is_used(user_kubo, options):
+    called = []
+
+    def gradient_hessian(t, w, q, p):
+        called.append(q.shape)
+        rate = w[0] + 0.3 * w[1]
+        return rate * q, rate * p, rate, np.zeros_like(rate), rate + error
+
+    def gradient(t, w, q, p):
+        return rotation_gradient(t, w, q, p)
+
+    error = 0.0
+    model = ss.Model(ndof=1, nnoise=1, gradient=gradient, gradient_hessian=gradient_hessian)
+    assert model.traits.has_hessian and model.in_python
+    mine, known = (ss.simulate(m, scheme="gauss2", **options) for m in (model, user_kubo))
+    np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-14)
+    assert len(called) > options["steps"]
+    np.testing.assert_array_equal(model.hessian(0.5, 0.2), user_kubo.hessian(0.5, 0.2))
+    error = 0.01
+    with pytest.raises(errors.FalseTraitError, match="has_hessian"):
+        model.probe()
+    with pytest.raises(ValueError, match=r"5 values|\(hq, hp, hqq, hqp, hpp\)"):
+        bad = ss.Model(ndof=1, nnoise=1, gradient=gradient, gradient_hessian=gradient)
+        ss.simulate(bad, scheme="gauss2", **options)
+
+
 def test_more_threads_if_asked(user_kubo, options):
     options |= {"paths": 600}
     two, one = (ss.simulate(user_kubo, threads=n, lanes=64, **options) for n in (2, 1))
@@ -195,6 +221,52 @@ def test_numba(scheme, kubo, options):
     mine, known = (ss.moments(m, scheme=scheme, **options) for m in (model, kubo))
     np.testing.assert_allclose(mine.mean_q, known.mean_q, rtol=0, atol=1e-11)
     np.testing.assert_allclose(mine.mean_energy, known.mean_energy, rtol=0, atol=1e-11)
+
+
+def test_numba_gradient_hessian_and_sincos():
+    numba = pytest.importorskip("numba")
+    sincos = ss.numba_sincos()
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        force, velocity = numba.carray(hq, nlane), numba.carray(hp, nlane)
+        sine, cosine = np.empty(nlane), np.empty(nlane)
+        sincos(nlane, q, sine.ctypes, cosine.ctypes)
+        for i in range(nlane):
+            if force.ctypes.data != 0:
+                force[i] = (4.0 * w[i] + 0.1 * w[2 * nlane + i]) * sine[i] + 0.2 * w[nlane + i] * cosine[i]
+            if velocity.ctypes.data != 0:
+                velocity[i] = w[i] * p[i]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("gradient_hessian"))
+    def gradient_hessian(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):
+        force, velocity, stiffness = numba.carray(hq, nlane), numba.carray(hp, nlane), numba.carray(hqq, nlane)
+        mixed, mass = numba.carray(hqp, nlane), numba.carray(hpp, nlane)
+        sine, cosine = np.empty(nlane), np.empty(nlane)
+        sincos(nlane, q, sine.ctypes, cosine.ctypes)
+        for i in range(nlane):
+            a, b = 4.0 * w[i] + 0.1 * w[2 * nlane + i], 0.2 * w[nlane + i]
+            if force.ctypes.data != 0:
+                force[i] = a * sine[i] + b * cosine[i]
+            if velocity.ctypes.data != 0:
+                velocity[i] = w[i] * p[i]
+            if stiffness.ctypes.data != 0:
+                stiffness[i] = a * cosine[i] - b * sine[i]
+            if mixed.ctypes.data != 0:
+                mixed[i] = 0.0
+            if mass.ctypes.data != 0:
+                mass[i] = w[i]
+        return 0
+
+    declared = {"separable": True, "position_noise": True, "identity_mass": True}
+    model = ss.Model(ndof=1, nnoise=2, gradient=gradient, gradient_hessian=gradient_hessian, **declared)
+    run = {"q0": 1.0, "p0": 0.0, "step": 0.05, "steps": 40, "paths": 30, "seed": 7}
+    for scheme in ("midpoint", "gauss2"):
+        mine, known = (ss.simulate(m, scheme=scheme, **run) for m in (model, ss.models.synchrotron()))
+        np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
+    with pytest.raises(errors.WrongTypeError, match="gradient_hessian takes 10 arguments and not 13"):
+        ss.Model(ndof=1, nnoise=2, gradient=gradient, gradient_hessian=gradient)
 
 
 def c_gradient():

@@ -1,0 +1,176 @@
+/* SPDX-License-Identifier: BSD-3-Clause
+ *
+ * What spares a user's model its second sine and cosine: symsde_model_set_gradient_hessian, symsde_sincos.
+ */
+#include "run.h"
+
+/* the pendulum's functions with counters in front of them; the model is used on one thread */
+typedef struct counted_user {
+   pendulum_user pendulum;
+   double wrong_gradient;            /* added by the joint function */
+   int gradients, hessians, joints;  /* calls */
+} counted_user;
+
+static int gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                    double *hq, double *hp, void *user) {
+   ((counted_user *)user)->gradients++;
+   return pendulum_gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user);
+}
+
+static int hessian(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                   double *hqq, double *hqp, double *hpp, void *user) {
+   counted_user *u = user;
+   pendulum_user right = u->pendulum;
+   right.wrong = 0; /* only the joint function may be wrong */
+   u->hessians++;
+   return pendulum_hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, &right);
+}
+
+static int joint(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p, double *hq,
+                 double *hp, double *hqq, double *hqp, double *hpp, void *user) {
+   counted_user *u = user;
+   u->joints++;
+   if (pendulum_gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user) != 0) {
+      return 19;
+   }
+   for (int i = 0; hq != NULL && i < nlane; i++) {
+      hq[i] += u->wrong_gradient;
+   }
+   return pendulum_hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user);
+}
+
+static symsde_model new_counted(counted_user *user, symsde_hessian separate) {
+   symsde_model model = NULL;
+   const symsde_traits traits = pendulum_traits();
+   OK(symsde_model_new("counted", &traits, gradient, NULL, separate, NULL, user, &model, &error));
+   return model;
+}
+
+/* run on one thread, and the calls that it made beside those of the probe */
+static void run(symsde_model model, counted_user *user, const char *name, arrays *results) {
+   symsde_scheme scheme = new_scheme(name);
+   symsde_options options = some_options();
+   const symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(results, 0);
+   symsde_report report;
+
+   symsde_report_init(&report);
+   options.threads = 1;
+   OK(symsde_model_probe(model, 2.0, &one, &zero, &error));
+   user->gradients = -user->gradients; /* what the probe in the run makes once more */
+   user->hessians = -user->hessians;
+   user->joints = -user->joints;
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   symsde_scheme_delete(&scheme);
+}
+
+static void forget(counted_user *user) {
+   user->gradients = user->hessians = user->joints = 0;
+}
+
+/* equal bits, and the separate functions are not called by a scheme that always wants both; warnings before a run
+ * look at the Hessian alone */
+static void test_joint_is_called(void) {
+   static arrays separate, together, alone;
+   const char *schemes[] = {"midpoint", "gauss2", "symplectic_euler"};
+   counted_user user = {{0.3, INFINITY, 0.0}, 0.0, 0, 0, 0};
+   symsde_model model = new_counted(&user, hessian), without = new_counted(&user, NULL);
+   symsde_traits traits;
+   int gradients;
+
+   symsde_traits_init(&traits);
+   OK(symsde_model_traits(without, &traits, &error));
+   CHECK(traits.has_hessian == 0);
+   for (int i = 0; i < 3; i++) {
+      forget(&user);
+      run(model, &user, schemes[i], &separate);
+      gradients = user.gradients;
+      CHECK(user.joints == 0 && user.gradients > 0 && (i == 2 || user.hessians > 0));
+      OK(symsde_model_set_gradient_hessian(model, joint, &error));
+      OK(symsde_model_set_gradient_hessian(without, joint, &error));
+      forget(&user);
+      run(model, &user, schemes[i], &together);
+      CHECK(i == 2 ? user.joints <= 0 && user.gradients > 0 : user.joints > 0);
+      CHECK(i == 2 || (user.hessians < 10 && user.gradients < gradients / 10));
+      run(without, &user, schemes[i], &alone);
+      CHECK(memcmp(separate.q, together.q, sizeof separate.q) == 0);
+      CHECK(memcmp(separate.p, together.p, sizeof separate.p) == 0);
+      CHECK(memcmp(separate.q, alone.q, sizeof separate.q) == 0);
+      OK(symsde_model_traits(without, &traits, &error));
+      CHECK(traits.has_hessian == 1);
+      OK(symsde_model_set_gradient_hessian(model, NULL, &error)); /* the separate ones again */
+      OK(symsde_model_set_gradient_hessian(without, NULL, &error));
+   }
+   OK(symsde_model_traits(without, &traits, &error));
+   CHECK(traits.has_hessian == 0);
+   symsde_model_delete(&model);
+   symsde_model_delete(&without);
+}
+
+static void test_joint_fails(void) {
+   counted_user user = {{0.3, 3.0, 0.0}, 0.0, 0, 0, 0};
+   symsde_model model = new_counted(&user, hessian), kubo = new_kubo();
+   symsde_scheme scheme = new_scheme("midpoint");
+   const symsde_options options = some_options();
+   const symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_report report;
+
+   symsde_report_init(&report);
+   OK(symsde_model_set_gradient_hessian(model, joint, &error));
+   EXPECT(SYMSDE_CALLBACK_FAILED, "19", symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   CHECK(isnan(a.q[(NTIME - 1) * PATHS]) && a.q[0] == 1);
+   user.pendulum.refuse_after = INFINITY;
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error)); /* forgotten */
+   user.pendulum.wrong = 1;
+   EXPECT(SYMSDE_FALSE_TRAIT, "counted|offers gradient_hessian, but by it d2H_0",
+          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   user.pendulum.wrong = 0;
+   user.wrong_gradient = 0.01;
+   EXPECT(SYMSDE_FALSE_TRAIT, "counted|offers gradient_hessian, but dH_0/dq_1",
+          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   OK(symsde_model_set_gradient_hessian(model, NULL, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error)); /* not called, not probed */
+
+   EXPECT(SYMSDE_INCOMPATIBLE, "kubo|symsde_model_new", symsde_model_set_gradient_hessian(kubo, joint, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model is NULL", symsde_model_set_gradient_hessian(NULL, joint, &error));
+   symsde_model_delete(&model);
+   symsde_model_delete(&kubo);
+   symsde_scheme_delete(&scheme);
+}
+
+static void test_sincos(void) {
+   enum { N = 1003 };
+   static double x[N], sine[N + 1], cosine[N + 1];
+   double single[2], worst = 0;
+
+   for (int i = 0; i < N; i++) {
+      x[i] = 0.37 * (i - 500);
+   }
+   x[7] = 1e9; /* beyond the fast range */
+   x[8] = NAN;
+   sine[N] = cosine[N] = 3;
+   CHECK(symsde_sincos(N, x, sine, cosine) == SYMSDE_OK);
+   CHECK(isnan(sine[8]) && isnan(cosine[8]) && sine[N] == 3 && cosine[N] == 3);
+   sine[8] = cosine[8] = x[8] = 0;
+   cosine[8] = 1;
+   for (int i = 0; i < N; i++) {
+      worst = fmax(worst, fmax(fabs(sine[i] - sin(x[i])), fabs(cosine[i] - cos(x[i]))));
+      CHECK(symsde_sincos(1, x + i, single, single + 1) == SYMSDE_OK);
+      CHECK(single[0] == sine[i] && single[1] == cosine[i]); /* whatever its neighbours */
+   }
+   CHECK(worst < 3e-16);
+   CHECK(symsde_sincos(0, x, sine, cosine) == SYMSDE_OK);
+   CHECK(symsde_sincos(-1, x, sine, cosine) == SYMSDE_INVALID_ARGUMENT);
+   CHECK(symsde_sincos(N, NULL, sine, cosine) == SYMSDE_INVALID_ARGUMENT);
+   CHECK(symsde_sincos(N, x, NULL, cosine) == SYMSDE_INVALID_ARGUMENT);
+   CHECK(symsde_sincos(N, x, sine, NULL) == SYMSDE_INVALID_ARGUMENT);
+}
+
+int main(void) {
+   (void)dw; /* run.h has it for others */
+   test_joint_is_called();
+   test_joint_fails();
+   test_sincos();
+   return close_report();
+}
