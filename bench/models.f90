@@ -5,22 +5,25 @@
 !> Lines: model NAME SCHEME LANGUAGE, ns per path-step (median, least, largest), and the median of the ratios to the
 !> built-in model, with which positions after 100 steps must agree.
 program bench_models
-   use, intrinsic :: iso_c_binding, only: c_funloc, c_null_funptr, c_null_ptr
+   use, intrinsic :: iso_c_binding, only: c_funloc, c_funptr, c_null_funptr, c_null_ptr
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
    use symsde_base_traits, only: model_traits
    use symsde_ensemble_simulate, only: paths_type
-   use symsde_model_callback, only: callback_model, new_callback_model, gradient_callback, hessian_callback
+   use symsde_model_callback, only: callback_model, new_callback_model, gradient_callback, hessian_callback, &
+                                    gradient_hessian_callback
    use bench_support, only: median, scene_type, new_scene, run_paths, integer_argument, stop_on
-   use bench_user_models, only: user_oscillator, user_synchrotron, user_joint_synchrotron
+   use bench_user_models, only: user_oscillator, user_synchrotron, plain_synchrotron
    implicit none
    procedure(gradient_callback), bind(c, name='bench_oscillator_gradient') :: oscillator_gradient
    procedure(hessian_callback), bind(c, name='bench_oscillator_hessian') :: oscillator_hessian
    procedure(gradient_callback), bind(c, name='bench_synchrotron_gradient') :: synchrotron_gradient
-   procedure(hessian_callback), bind(c, name='bench_synchrotron_hessian') :: synchrotron_hessian
+   procedure(gradient_hessian_callback), bind(c, name='bench_synchrotron_both') :: synchrotron_both
+   procedure(gradient_callback), bind(c, name='bench_plain_gradient') :: plain_gradient
+   procedure(hessian_callback), bind(c, name='bench_plain_hessian') :: plain_hessian
    integer(i8), parameter :: npath = 4096
    real(wp), parameter :: h = 0.02_wp
-   character(*), parameter :: languages(4) = [character(len=16) :: 'built-in', 'Fortran', 'Fortran_joint', 'C']
+   character(*), parameter :: languages(5) = [character(len=16) :: 'built-in', 'Fortran', 'C', 'Fortran_plain', 'C_plain']
    integer(i8) :: repeats
 
    repeats = integer_argument(1, 7_i8)
@@ -44,7 +47,7 @@ contains
 
       do repeat = 0, repeats
          do i = 1, size(languages)
-            if (skipped(name, scheme, languages(i))) cycle
+            if (skipped(name, languages(i))) cycle
             call choose(name, scheme, languages(i), scene)
             call cpu_time(start)
             call run_paths(scene, npath, merge(nstep, 100_i8, repeat > 0), 0_i8, run)
@@ -55,7 +58,7 @@ contains
          end do
       end do
       do i = 1, size(languages)
-         if (skipped(name, scheme, languages(i))) cycle
+         if (skipped(name, languages(i))) cycle
          print '(a, 3(1x, a), 4(1x, es12.5))', 'model', name, scheme, trim(languages(i)), median(times(1:, i)), &
             minval(times(1:, i)), maxval(times(1:, i)), median(times(1:, i)/times(1:, 1))
       end do
@@ -70,11 +73,11 @@ contains
       error stop 2
    end subroutine check
 
-   !> Gradient and Hessian have something to share where sine and cosine are taken, in Newton's iteration.
-   pure logical function skipped(name, scheme, language)
-      character(*), intent(in) :: name, scheme, language
+   !> The library has something to offer where sine and cosine are taken.
+   pure logical function skipped(name, language)
+      character(*), intent(in) :: name, language
 
-      skipped = language == 'Fortran_joint' .and. .not. (name == 'synchrotron' .and. scheme == 'midpoint')
+      skipped = index(language, '_plain') > 0 .and. name /= 'synchrotron'
    end function skipped
 
    !> The scene of a model in one language.
@@ -85,18 +88,14 @@ contains
       call new_scene(scene, name, [character(1) ::], [real(wp) ::], scheme, h)
       if (language == 'built-in') return
       deallocate (scene%model)
-      if (name == 'linear_oscillator') then
-         if (language == 'Fortran') then
-            allocate (user_oscillator :: scene%model)
-         else
-            call from_c(scene, name, oscillator_gradient, oscillator_hessian)
-         end if
+      if (language == 'Fortran' .and. name == 'linear_oscillator') then
+         allocate (user_oscillator :: scene%model)
       else if (language == 'Fortran') then
          allocate (user_synchrotron :: scene%model)
-      else if (language == 'Fortran_joint') then
-         allocate (user_joint_synchrotron :: scene%model)
+      else if (language == 'Fortran_plain') then
+         allocate (plain_synchrotron :: scene%model)
       else
-         call from_c(scene, name, synchrotron_gradient, synchrotron_hessian)
+         call from_c(scene, name, language == 'C_plain')
       end if
       scene%model%name = 'own '//name
       scene%model%traits = traits_of(name)
@@ -113,19 +112,32 @@ contains
                             additive=linear, quadratic=linear, identity_mass=.true., has_hessian=.true.)
    end function traits_of
 
-   !> A model from C functions.
-   subroutine from_c(scene, name, gradient, hessian)
+   !> A model from C functions, with help of the library or plain.
+   subroutine from_c(scene, name, plain)
       type(scene_type), intent(inout) :: scene
       character(*), intent(in) :: name
-      procedure(gradient_callback) :: gradient
-      procedure(hessian_callback) :: hessian
+      logical, intent(in) :: plain
       type(callback_model), allocatable :: model
       type(error_type), allocatable :: error
+      type(c_funptr) :: gradient, hessian, both
 
+      both = c_null_funptr
+      hessian = c_null_funptr
+      if (name == 'linear_oscillator') then
+         gradient = c_funloc(oscillator_gradient)
+         hessian = c_funloc(oscillator_hessian)
+      else if (plain) then
+         gradient = c_funloc(plain_gradient)
+         hessian = c_funloc(plain_hessian)
+      else
+         gradient = c_funloc(synchrotron_gradient)
+         both = c_funloc(synchrotron_both)
+      end if
       allocate (model)
-      call new_callback_model(model, name, traits_of(name), c_funloc(gradient), c_null_funptr, c_funloc(hessian), &
-                              c_null_funptr, c_null_ptr, error)
+      call new_callback_model(model, name, traits_of(name), gradient, c_null_funptr, hessian, c_null_funptr, &
+                              c_null_ptr, error)
       call stop_on(error)
+      call model%set_gradient_hessian(both)
       call move_alloc(model, scene%model)
    end subroutine from_c
 

@@ -67,6 +67,53 @@ def in_numpy(name):
 
 def in_numba(name):
     """The model as numba.cfunc."""
+    if name == "synchrotron":
+        return joint_in_numba(name)
+    return plain_in_numba(name)
+
+
+def joint_in_numba(name):
+    """The synchrotron by the library's sine and cosine, gradient and Hessian together."""
+    sincos = ss.numba_sincos()
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917
+        if numba.carray(hq, nlane).ctypes.data != 0:
+            sine, cosine = np.empty(nlane), np.empty(nlane)
+            sincos(nlane, q, sine.ctypes, cosine.ctypes)
+            for i in range(nlane):
+                hq[i] = (4.0 * w[i] + 0.1 * w[2 * nlane + i]) * sine[i] + 0.2 * w[nlane + i] * cosine[i]
+        if numba.carray(hp, nlane).ctypes.data != 0:
+            for i in range(nlane):
+                hp[i] = w[i] * p[i]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("gradient_hessian"))
+    def gradient_hessian(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):  # noqa: PLR0917
+        sine, cosine = np.empty(nlane), np.empty(nlane)
+        sincos(nlane, q, sine.ctypes, cosine.ctypes)
+        if numba.carray(hq, nlane).ctypes.data != 0:
+            for i in range(nlane):
+                hq[i] = (4.0 * w[i] + 0.1 * w[2 * nlane + i]) * sine[i] + 0.2 * w[nlane + i] * cosine[i]
+        if numba.carray(hqq, nlane).ctypes.data != 0:
+            for i in range(nlane):
+                hqq[i] = (4.0 * w[i] + 0.1 * w[2 * nlane + i]) * cosine[i] - 0.2 * w[nlane + i] * sine[i]
+        if numba.carray(hp, nlane).ctypes.data != 0:
+            for i in range(nlane):
+                hp[i] = w[i] * p[i]
+        if numba.carray(hqp, nlane).ctypes.data != 0:
+            for i in range(nlane):
+                hqp[i] = 0.0
+        if numba.carray(hpp, nlane).ctypes.data != 0:
+            for i in range(nlane):
+                hpp[i] = w[i]
+        return 0
+
+    return ss.Model(gradient=gradient, gradient_hessian=gradient_hessian, **traits(name))
+
+
+def plain_in_numba(name):
+    """The model by the sine and cosine of Python, gradient and Hessian apart."""
     linear = name == "linear_oscillator"
 
     @numba.cfunc(ss.numba_signature("gradient"))
@@ -147,6 +194,8 @@ def candidates(name, scheme):
     yield "built-in", 5000, runner(ss.Model.builtin(name, {}), scheme)
     if numba:
         yield "numba", 2000, runner(in_numba(name), scheme)
+        if name == "synchrotron":
+            yield "numba_plain", 2000, runner(plain_in_numba(name), scheme)
     yield "NumPy", 100, runner(in_numpy(name), scheme)
     yield "hand", 100, lambda steps: by_hand(name, scheme, steps)
 

@@ -8,14 +8,16 @@ from .tools import ABSENT, Setting, at_most, lines_of, lines_of_python, spread, 
 NAMES = {
     "built-in": "built-in",
     "Fortran": "Fortran type",
-    "Fortran_joint": "Fortran type, gradient_hessian",
+    "Fortran_plain": "Fortran type, plain",
     "C": "C functions",
+    "C_plain": "C functions, plain",
     "numba": "numba cfunc",
+    "numba_plain": "numba cfunc, plain",
     "NumPy": "NumPy functions",
     "hand": "NumPy loop by hand",
 }
 # Largest ratio to the built-in model; for NumPy functions to the loop by hand.
-TARGETS = {"Fortran": 1.2, "Fortran_joint": 1.2, "C": 1.2, "numba": 1.5, "NumPy": 1.5}
+TARGETS = {"Fortran": 1.2, "C": 1.2, "numba": 1.5, "NumPy": 1.5}
 
 
 def measure(setting: Setting) -> dict:
@@ -52,13 +54,13 @@ def section(found: dict) -> str:
         + table_of(found["Fortran"])
         + "\n\n"
         "`bench/user_models.f90` and `bench/user_models.c` are compiled with -O3 -march=native, without -ffast-math.\n"
-        "Sine and cosine of one argument in one statement become a scalar `sincos` for each lane. In statements of\n"
-        "their own gfortran takes the vector versions of the C library; gcc does so with -ffast-math, or after\n"
-        '`double sin(double) __attribute__((simd("notinbranch")));` and the same for `cos`. An implicit scheme wants\n'
-        "gradient and Hessian at one point in every iteration: where they share work a Fortran type overrides\n"
-        "`gradient_hessian`, while C functions compute it twice.\n\n"
+        "The synchrotron takes sine and cosine from the library (`sincos_lanes`, `symsde_sincos`, `numba_sincos`) and\n"
+        "gives gradient and Hessian in one function, which an implicit scheme calls in every iteration; the plain one\n"
+        "has two functions and the sine and cosine of its compiler. Those in one statement become a scalar `sincos` a\n"
+        "lane. In statements of their own, as here, gfortran takes the vector versions of the C library; gcc does so\n"
+        'with -ffast-math, or after `double sin(double) __attribute__((simd("notinbranch")));` and the same for\n'
+        "`cos`; numba calls the scalar ones.\n\n"
         + (table_of(found["Python"]) if found["Python"] else f"NumPy: {ABSENT}.")
-        + ("\n\nnumba calls the scalar sine and cosine of the C library." if found.get("numba") else "")
         + ("" if found.get("numba") else f"\n\nnumba: {ABSENT}.")
     )
 
