@@ -4,7 +4,8 @@
 !>
 !>    F_i = Hhat_p(Q_i,P_i),  G_i = -Hhat_q(Q_i,P_i),  Q_i = q_n + sum_j a_ij F_j,  P_i = p_n + sum_j abar_ij G_j
 !>
-!> Newton's matrix of four rows is inverted by its minors of two, which needs no pivots. The first guess
+!> Newton's matrix of four rows is inverted by its minors of two, which needs no pivots; for separable
+!> Hamiltonians the F are eliminated first, and two rows remain. The first guess
 !> is one Newton correction from (q_n, p_n), with a single evaluation in the middle of the step for both
 !> stages. Agrees with the general stepper to a few ulps (tests/verification/test_beyond_one.pf).
 module symsde_step_two_stage_single
@@ -21,6 +22,7 @@ module symsde_step_two_stage_single
    type, extends(stepper_type) :: two_stage_single_stepper
       private
       type(newton_type) :: newton
+      logical :: separable = .false.
       real(wp) :: a(2, 2) = 0, abar(2, 2) = 0, alpha(2) = 0, c(2) = 0
       real(wp), allocatable :: x(:, :)             !! slopes F_1, F_2, G_1, G_2 (nlane, 4)
       real(wp), allocatable :: qs(:, :), ps(:, :)  !! one stage (nlane, 1)
@@ -58,10 +60,14 @@ contains
       self%c = scheme%c
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%expansion)
       call new_newton(self%newton, nlane, 4, options, &
-                      model%traits%one_solve(.false.) .and. .not. allocated(self%ham%extra), -1, -1)
+                      model%traits%one_solve(.false.) .and. .not. allocated(self%ham%extra), -1, -1, &
+                      exact=model%traits%has_hessian .and. .not. allocated(self%ham%extra))
       allocate (self%x(nlane, 4), self%qs(nlane, 1), self%ps(nlane, 1))
       allocate (self%hq(nlane, 1, 2), self%hp(nlane, 1, 2))
-      allocate (self%hqq(nlane, 1, 1, 2), self%hqp(nlane, 1, 1, 2), self%hpp(nlane, 1, 1, 2))
+      ! where one solve must do, the elimination of the F would lose digits at h omega = 1000
+      self%separable = model%traits%separable .and. .not. allocated(self%ham%extra) .and. .not. self%newton%affine
+      allocate (self%hqq(nlane, 1, 1, 2), self%hpp(nlane, 1, 1, 2))
+      if (.not. self%separable) allocate (self%hqp(nlane, 1, 1, 2))
    end subroutine new_two_stage_single_stepper
 
    subroutine increment(self, t, w, q, p, dq, dp, status)
@@ -80,7 +86,7 @@ contains
             call stage_point(self%ham%nlane, i, self%a, self%abar, q, p, self%x, self%qs, self%ps)
             call evaluate(self, i, t + self%c(i)*w(1, 0), w, self%qs, self%ps)
          end do
-         call correct(self)
+         call correct(self, 2)
          call self%newton%judge(status, self%ham%counters)
       end do
       call add_stages(self%ham%nlane, self%alpha, self%x, dq, dp)
@@ -93,12 +99,7 @@ contains
       real(wp), intent(in) :: q(self%ham%nlane, 1), p(self%ham%nlane, 1)
 
       call evaluate(self, 1, t + 0.5_wp*w(1, 0), w, q, p)
-      self%hq(:, :, 2) = self%hq(:, :, 1)
-      self%hp(:, :, 2) = self%hp(:, :, 1)
-      self%hqq(:, :, :, 2) = self%hqq(:, :, :, 1)
-      self%hqp(:, :, :, 2) = self%hqp(:, :, :, 1)
-      self%hpp(:, :, :, 2) = self%hpp(:, :, :, 1)
-      call correct(self)
+      call correct(self, 1)
    end subroutine predict
 
    !> Gradient and Hessian of stage i.
@@ -108,16 +109,31 @@ contains
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
       real(wp), intent(in) :: q(self%ham%nlane, 1), p(self%ham%nlane, 1)
 
-      call self%ham%gradient_hessian(t, w, q, p, self%hq(:, :, i), self%hp(:, :, i), self%hqq(:, :, :, i), &
-                                     self%hqp(:, :, :, i), self%hpp(:, :, :, i))
+      if (self%separable) then
+         call self%ham%gradient_hessian(t, w, q, p, self%hq(:, :, i), self%hp(:, :, i), hqq=self%hqq(:, :, :, i), &
+                                        hpp=self%hpp(:, :, :, i))
+      else
+         call self%ham%gradient_hessian(t, w, q, p, self%hq(:, :, i), self%hp(:, :, i), self%hqq(:, :, :, i), &
+                                        self%hqp(:, :, :, i), self%hpp(:, :, :, i))
+      end if
    end subroutine evaluate
 
-   subroutine correct(self)
+   !> One correction of the slopes, with the gradient and Hessian of stage 1 and those of stage `second`.
+   subroutine correct(self, second)
       type(two_stage_single_stepper), intent(inout) :: self
+      integer, intent(in) :: second
 
       associate (n => self%newton)
-         call solve_lanes(self%ham%nlane, self%a, self%abar, self%hq, self%hp, self%hqq, self%hqp, self%hpp, &
-                          self%x, n%r)
+         if (self%separable) then
+            call solve_separable(self%ham%nlane, self%a, self%abar, self%hq(:, 1, 1), self%hq(:, 1, second), &
+                                 self%hp(:, 1, 1), self%hp(:, 1, second), self%hqq(:, 1, 1, 1), &
+                                 self%hqq(:, 1, 1, second), self%hpp(:, 1, 1, 1), self%hpp(:, 1, 1, second), self%x, n%r)
+         else
+            call solve_lanes(self%ham%nlane, self%a, self%abar, self%hq(:, 1, 1), self%hq(:, 1, second), &
+                             self%hp(:, 1, 1), self%hp(:, 1, second), self%hqq(:, 1, 1, 1), &
+                             self%hqq(:, 1, 1, second), self%hqp(:, 1, 1, 1), self%hqp(:, 1, 1, second), &
+                             self%hpp(:, 1, 1, 1), self%hpp(:, 1, 1, second), self%x, n%r)
+         end if
          call correct_lanes(self%ham%nlane, n%r, n%last, self%x, n%step, n%size)
       end associate
    end subroutine correct
@@ -171,11 +187,45 @@ contains
       end do
    end subroutine correct_lanes
 
-   !> VEC Newton's correction d of the slopes.
-   pure subroutine solve_lanes(nlane, a, abar, hq, hp, hqq, hqp, hpp, x, d)
+   !> VEC Newton's correction d of the slopes where Hhat_qp = 0:
+   !>    (I + diag(Hqq) a diag(Hpp) abar) dG = r_G - diag(Hqq) a r_F,   dF = r_F + diag(Hpp) abar dG
+   pure subroutine solve_separable(nlane, a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, x, d)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: a(2, 2), abar(2, 2)
-      real(wp), intent(in) :: hq(nlane, 2), hp(nlane, 2), hqq(nlane, 2), hqp(nlane, 2), hpp(nlane, 2)
+      real(wp), intent(in), dimension(nlane) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2
+      real(wp), intent(in) :: x(nlane, 4)
+      real(wp), intent(out) :: d(nlane, 4)
+      real(wp) :: e11, e12, e21, e22, m11, m12, m21, m22, r1, r2, s1, s2, g1, g2, inverse
+      integer :: lane
+
+      do lane = 1, nlane
+         e11 = a(1, 1)*hpp1(lane)
+         e12 = a(1, 2)*hpp2(lane)
+         e21 = a(2, 1)*hpp1(lane)
+         e22 = a(2, 2)*hpp2(lane)
+         m11 = 1 + hqq1(lane)*(e11*abar(1, 1) + e12*abar(2, 1))
+         m12 = hqq1(lane)*(e11*abar(1, 2) + e12*abar(2, 2))
+         m21 = hqq2(lane)*(e21*abar(1, 1) + e22*abar(2, 1))
+         m22 = 1 + hqq2(lane)*(e21*abar(1, 2) + e22*abar(2, 2))
+         r1 = x(lane, 1) - hp1(lane)
+         r2 = x(lane, 2) - hp2(lane)
+         s1 = x(lane, 3) + hq1(lane) - hqq1(lane)*(a(1, 1)*r1 + a(1, 2)*r2)
+         s2 = x(lane, 4) + hq2(lane) - hqq2(lane)*(a(2, 1)*r1 + a(2, 2)*r2)
+         inverse = 1/(m11*m22 - m12*m21)
+         g1 = (m22*s1 - m12*s2)*inverse
+         g2 = (m11*s2 - m21*s1)*inverse
+         d(lane, 1) = r1 + hpp1(lane)*(abar(1, 1)*g1 + abar(1, 2)*g2)
+         d(lane, 2) = r2 + hpp2(lane)*(abar(2, 1)*g1 + abar(2, 2)*g2)
+         d(lane, 3) = g1
+         d(lane, 4) = g2
+      end do
+   end subroutine solve_separable
+
+   !> VEC Newton's correction d of the slopes.
+   pure subroutine solve_lanes(nlane, a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hqp1, hqp2, hpp1, hpp2, x, d)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: a(2, 2), abar(2, 2)
+      real(wp), intent(in), dimension(nlane) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hqp1, hqp2, hpp1, hpp2
       real(wp), intent(in) :: x(nlane, 4)
       real(wp), intent(out) :: d(nlane, 4)
       real(wp) :: m11, m12, m13, m14, m21, m22, m23, m24, m31, m32, m33, m34, m41, m42, m43, m44
@@ -184,26 +234,26 @@ contains
       integer :: lane
 
       do lane = 1, nlane
-         m11 = 1 - a(1, 1)*hqp(lane, 1)
-         m12 = -a(1, 2)*hqp(lane, 1)
-         m13 = -abar(1, 1)*hpp(lane, 1)
-         m14 = -abar(1, 2)*hpp(lane, 1)
-         m21 = -a(2, 1)*hqp(lane, 2)
-         m22 = 1 - a(2, 2)*hqp(lane, 2)
-         m23 = -abar(2, 1)*hpp(lane, 2)
-         m24 = -abar(2, 2)*hpp(lane, 2)
-         m31 = a(1, 1)*hqq(lane, 1)
-         m32 = a(1, 2)*hqq(lane, 1)
-         m33 = 1 + abar(1, 1)*hqp(lane, 1)
-         m34 = abar(1, 2)*hqp(lane, 1)
-         m41 = a(2, 1)*hqq(lane, 2)
-         m42 = a(2, 2)*hqq(lane, 2)
-         m43 = abar(2, 1)*hqp(lane, 2)
-         m44 = 1 + abar(2, 2)*hqp(lane, 2)
-         r1 = x(lane, 1) - hp(lane, 1)
-         r2 = x(lane, 2) - hp(lane, 2)
-         r3 = x(lane, 3) + hq(lane, 1)
-         r4 = x(lane, 4) + hq(lane, 2)
+         m11 = 1 - a(1, 1)*hqp1(lane)
+         m12 = -a(1, 2)*hqp1(lane)
+         m13 = -abar(1, 1)*hpp1(lane)
+         m14 = -abar(1, 2)*hpp1(lane)
+         m21 = -a(2, 1)*hqp2(lane)
+         m22 = 1 - a(2, 2)*hqp2(lane)
+         m23 = -abar(2, 1)*hpp2(lane)
+         m24 = -abar(2, 2)*hpp2(lane)
+         m31 = a(1, 1)*hqq1(lane)
+         m32 = a(1, 2)*hqq1(lane)
+         m33 = 1 + abar(1, 1)*hqp1(lane)
+         m34 = abar(1, 2)*hqp1(lane)
+         m41 = a(2, 1)*hqq2(lane)
+         m42 = a(2, 2)*hqq2(lane)
+         m43 = abar(2, 1)*hqp2(lane)
+         m44 = 1 + abar(2, 2)*hqp2(lane)
+         r1 = x(lane, 1) - hp1(lane)
+         r2 = x(lane, 2) - hp2(lane)
+         r3 = x(lane, 3) + hq1(lane)
+         r4 = x(lane, 4) + hq2(lane)
          ! minors of the first two rows and of the last two
          s12 = m11*m22 - m21*m12
          s13 = m11*m23 - m21*m13
