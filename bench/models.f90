@@ -23,7 +23,8 @@ program bench_models
    procedure(hessian_callback), bind(c, name='bench_plain_hessian') :: plain_hessian
    integer(i8), parameter :: npath = 4096
    real(wp), parameter :: h = 0.02_wp
-   character(*), parameter :: languages(5) = [character(len=16) :: 'built-in', 'Fortran', 'C', 'Fortran_plain', 'C_plain']
+   character(*), parameter :: languages(5) = &
+                              [character(len=16) :: 'built-in', 'Fortran', 'C', 'Fortran_plain', 'C_plain']
    integer(i8) :: repeats
 
    repeats = integer_argument(1, 7_i8)
