@@ -60,8 +60,7 @@ contains
          call probe_derivatives(points, model%traits, k, error)
       end do
       call points%take_all()
-      if (model%traits%has_hessian .and. points%ndof > dense_alone .and. points%ndof <= largest_dense) &
-         call probe_second(points, by_blocks, error)
+      if (points%ndof > dense_alone) call probe_dense(points, largest_dense, error)
       call model%clear_failure()  ! a user's function may refuse a displaced point
    end subroutine probe_model
 
@@ -91,10 +90,7 @@ contains
       if (allocated(error)) return
       if (traits%has_value) call probe_value(points, error)
       if (traits%has_hessian_vector) call probe_second(points, by_product, error)
-      if (traits%has_hessian .and. traits%ndof <= merge(largest_dense, dense_alone, k == 0)) &
-         call probe_second(points, by_blocks, error)
-      if (traits%has_hessian .and. traits%ndof <= largest_dense) &
-         call probe_joint(points, error)
+      call probe_dense(points, merge(largest_dense, dense_alone, k == 0), error)
       if (traits%bandwidth >= 0) call probe_second(points, by_bands, error)
    end subroutine probe_derivatives
 
@@ -312,6 +308,17 @@ contains
          return
       end do
    end subroutine probe_value
+
+   !> The Hessian in dense blocks, by itself and together with the gradient, up to some ndof.
+   subroutine probe_dense(points, largest, error)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: largest
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error) .or. .not. points%model%traits%has_hessian .or. points%ndof > largest) return
+      call probe_second(points, by_blocks, error)
+      if (.not. allocated(error)) call probe_joint(points, error)
+   end subroutine probe_dense
 
    !> gradient_hessian: its gradient is the gradient, its Hessian fits differences.
    subroutine probe_joint(points, error)
