@@ -17,7 +17,6 @@
 !> the one that reached its goal, whatever its neighbours still need.
 module symsde_solve_krylov
    use symsde_base_kinds, only: wp
-   use symsde_base_lanes, only: lane_unit
    implicit none
    private
    public :: krylov_type, new_krylov, most_vectors
@@ -150,24 +149,19 @@ contains
    end subroutine add_up
 
    ! ---- kernels ----------------------------------------------------------------------------------
-   ! Where sums are formed, eight lanes at a time: these loops unroll to whole vectors, and sums stay in registers.
 
-   !> dot = a.b
+   !> VEC dot = a.b
    pure subroutine product_of(nlane, n, a, b, dot)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: a(nlane, n), b(nlane, n)
       real(wp), intent(out) :: dot(nlane)
-      real(wp) :: total(lane_unit)
-      integer :: first, i, l
+      integer :: i, lane
 
-      do first = 0, nlane - lane_unit, lane_unit
-         total = 0
-         do i = 1, n
-            do l = 1, lane_unit
-               total(l) = total(l) + a(first + l, i)*b(first + l, i)
-            end do
+      dot = 0
+      do i = 1, n
+         do lane = 1, nlane
+            dot(lane) = dot(lane) + a(lane, i)*b(lane, i)
          end do
-         dot(first + 1:first + lane_unit) = total
       end do
    end subroutine product_of
 
@@ -186,47 +180,37 @@ contains
       end do
    end subroutine largest_of
 
-   !> u = u - c a, and dot = b.u of the result.
+   !> VEC u = u - c a, and dot = b.u of the result.
    pure subroutine remove_and_multiply(nlane, n, c, a, b, u, dot)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: c(nlane), a(nlane, n), b(nlane, n)
       real(wp), intent(inout) :: u(nlane, n)
       real(wp), intent(out) :: dot(nlane)
-      real(wp) :: total(lane_unit), factor(lane_unit)
-      integer :: first, i, l
+      integer :: i, lane
 
-      do first = 0, nlane - lane_unit, lane_unit
-         total = 0
-         factor = c(first + 1:first + lane_unit)
-         do i = 1, n
-            do l = 1, lane_unit
-               u(first + l, i) = u(first + l, i) - factor(l)*a(first + l, i)
-               total(l) = total(l) + b(first + l, i)*u(first + l, i)
-            end do
+      dot = 0
+      do i = 1, n
+         do lane = 1, nlane
+            u(lane, i) = u(lane, i) - c(lane)*a(lane, i)
+            dot(lane) = dot(lane) + b(lane, i)*u(lane, i)
          end do
-         dot(first + 1:first + lane_unit) = total
       end do
    end subroutine remove_and_multiply
 
-   !> u = u - c a, and dot = u.u of the result.
+   !> VEC u = u - c a, and dot = u.u of the result.
    pure subroutine remove_and_square(nlane, n, c, a, u, dot)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: c(nlane), a(nlane, n)
       real(wp), intent(inout) :: u(nlane, n)
       real(wp), intent(out) :: dot(nlane)
-      real(wp) :: total(lane_unit), factor(lane_unit)
-      integer :: first, i, l
+      integer :: i, lane
 
-      do first = 0, nlane - lane_unit, lane_unit
-         total = 0
-         factor = c(first + 1:first + lane_unit)
-         do i = 1, n
-            do l = 1, lane_unit
-               u(first + l, i) = u(first + l, i) - factor(l)*a(first + l, i)
-               total(l) = total(l) + u(first + l, i)*u(first + l, i)
-            end do
+      dot = 0
+      do i = 1, n
+         do lane = 1, nlane
+            u(lane, i) = u(lane, i) - c(lane)*a(lane, i)
+            dot(lane) = dot(lane) + u(lane, i)*u(lane, i)
          end do
-         dot(first + 1:first + lane_unit) = total
       end do
    end subroutine remove_and_square
 
