@@ -127,7 +127,8 @@ contains
          if (self%separable) then
             call solve_separable(self%ham%nlane, self%a, self%abar, self%hq(:, 1, 1), self%hq(:, 1, second), &
                                  self%hp(:, 1, 1), self%hp(:, 1, second), self%hqq(:, 1, 1, 1), &
-                                 self%hqq(:, 1, 1, second), self%hpp(:, 1, 1, 1), self%hpp(:, 1, 1, second), self%x, n%r)
+                                 self%hqq(:, 1, 1, second), self%hpp(:, 1, 1, 1), self%hpp(:, 1, 1, second), &
+                                 self%x, n%r)
          else
             call solve_lanes(self%ham%nlane, self%a, self%abar, self%hq(:, 1, 1), self%hq(:, 1, second), &
                              self%hp(:, 1, 1), self%hp(:, 1, second), self%hqq(:, 1, 1, 1), &

@@ -283,8 +283,7 @@ static void test_alignment(void) {
 
    traits.additive = 1;
    OK(symsde_model_new("addresses", &traits, address_gradient, NULL, NULL, NULL, seen, &model, &error));
-   EXPECT(SYMSDE_PATHS_FAILED, "paths failed",
-          symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_PATHS_FAILED, "paths failed", symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
    CHECK(seen[0] > 0 && seen[1] % 64 == 0);
    symsde_model_delete(&model);
    symsde_scheme_delete(&scheme);

@@ -123,7 +123,12 @@ def _many_paths(experiment, model, paths):
     gain = np.median(differences / np.abs(smaller - fine).max(axis=0))
     experiment.between("(82)-(83)", "gain of a step 8 times smaller, in the median", gain, 4, 16)
     experiment.curves["differences"] = np.sort(differences)
-    experiment.numbers["many_paths"] = {"paths": paths, "gain_of_an_eighth": gain, "quantiles_50_90_99": quantiles, **apart}
+    experiment.numbers["many_paths"] = {
+        "paths": paths,
+        "gain_of_an_eighth": gain,
+        "quantiles_50_90_99": quantiles,
+        **apart,
+    }
 
 
 def _reference_formula(experiment, model):
