@@ -80,7 +80,9 @@ def round_trip(quick: bool) -> Scenario:
     """S22: forward, then back with -h and the increments reversed in sign and order."""
     result = Scenario("S22", "Round trips of symmetric schemes")
     steps, paths = 1000 if quick else 10**4, 16
-    for name, model in (("kubo", ss.models.kubo()), ("synchrotron", ss.models.synchrotron())):
+    # noise so small that no path nears the unstable point, where rounding grows as exp(omega t)
+    calm = ss.models.synchrotron(sigma1=0.05, sigma2=0.05)
+    for name, model in (("kubo", ss.models.kubo()), ("synchrotron", calm)):
         drive = ss.increments(model, step=0.01, steps=steps, paths=paths, seed=22)
         for scheme in ("midpoint", "stormer_verlet", "gauss2"):
             common = {"scheme": scheme, "steps": steps, "paths": paths, "save_every": steps}
