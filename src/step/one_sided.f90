@@ -34,9 +34,9 @@ contains
 
       is_one_sided = .false.
       if (scheme%form /= tableau_form .or. scheme%nstage /= 1) return
-      if (.not. scheme%noise_coefficients_equal()) return
-      is_one_sided = (scheme%a(1, 1) <= 0 .and. scheme%abar(1, 1) >= 1) .or. &
-                     (scheme%a(1, 1) >= 1 .and. scheme%abar(1, 1) <= 0)
+      if (.not. scheme%noise_coefficients_equal() .or. abs(scheme%alpha(1) - 1) > 0) return
+      is_one_sided = (abs(scheme%a(1, 1)) <= 0 .and. abs(scheme%abar(1, 1) - 1) <= 0) .or. &
+                     (abs(scheme%a(1, 1) - 1) <= 0 .and. abs(scheme%abar(1, 1)) <= 0)
    end function is_one_sided
 
    !> A stepper for blocks of nlane lanes; requires is_one_sided(scheme).
