@@ -89,7 +89,7 @@ contains
 
       if (nlane <= few_lanes .and. nnoise <= few_noises) then
          pairs_ahead = 64
-      else if (8*nlane*nnoise <= most_increments) then
+      else if (8_i8*nlane*nnoise <= most_increments) then
          pairs_ahead = 4
       else
          pairs_ahead = 2
@@ -168,16 +168,14 @@ contains
       if (.not. allocated(self%z) .and. self%step/2 /= self%pair .and. self%noise%nnoise > 0) call draw(self)
       n = 1
       if (self%fused) then
-         fit = int(min(left, 2*(self%ahead + self%nahead) - self%step))
+         fit = int(max(0_i8, min(left, 2*(self%ahead + self%nahead) - self%step)))
          if (fit >= group) n = fit - mod(fit, group)
       end if
-      call enter(self, n)
       if (self%fused) then
          call fused_steps(self, n)
       else
          call one_step(self)
       end if
-      self%stepper%ham%counters%steps = self%stepper%ham%counters%steps + n*self%nreal
    end subroutine one_step_or_groups
 
    !> One step of the block.
@@ -196,7 +194,7 @@ contains
                                   self%state%p, self%state%failed_step, self%dq, self%dp, self%state%status, &
                                   self%stepper%ham%counters)
       call self%state%advance(self%step, self%dq, self%dp)
-      self%step = self%step + 1
+      call account(self, 1)
    end subroutine one_step
 
    !> One fused step or groups of them; where a lane fails they are taken again step by step, to say in which.
@@ -210,15 +208,17 @@ contains
       select type (stepper => self%stepper)
       class is (fused_stepper_type)
          call stepper%several(n, self%w(:, :, i:i + n - 1), self%state%q, self%state%p, self%dq, self%dp)
+         call self%state%take(n, self%step, self%dq, self%dp, taken)
+         if (taken) call stepper%count_steps(n)
       end select
-      call self%state%take(n, self%step, self%dq, self%dp, taken)
       if (taken) then
-         self%step = self%step + n
-      else
-         do i = 1, n
-            call fused_steps(self, 1)
-         end do
+         call account(self, n)
+         return
       end if
+      do i = 1, n
+         if (self%state%nfailed == self%state%nlane) exit
+         call fused_steps(self, 1)
+      end do
    end subroutine fused_steps
 
    !> Where in w the increments of the next step stand.
@@ -245,17 +245,20 @@ contains
       self%normals_of_pair = drawn/self%nahead
    end subroutine draw
 
-   !> Account for the pairs that the next n steps begin.
-   pure subroutine enter(self, n)
+   !> n steps were taken: count them and the normals of the pairs that they began.
+   pure subroutine account(self, n)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: n
       integer(i8) :: last
 
-      if (allocated(self%z)) return  ! take_integrals does
-      last = (self%step + n - 1)/2
-      self%normals = self%normals + self%normals_of_pair*(last - max(self%pair, self%step/2 - 1))
-      self%pair = last
-   end subroutine enter
+      self%stepper%ham%counters%steps = self%stepper%ham%counters%steps + n*self%nreal
+      if (.not. allocated(self%z)) then  ! else take_integrals counts
+         last = (self%step + n - 1)/2
+         self%normals = self%normals + self%normals_of_pair*(last - max(self%pair, self%step/2 - 1))
+         self%pair = last
+      end if
+      self%step = self%step + n
+   end subroutine account
 
    !> Increments, dZ and areas of the pair of steps that begins, and those of the step for the scheme.
    subroutine take_integrals(self, half)

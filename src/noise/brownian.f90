@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Brownian increments from the counter-based generator: every draw is a function of (seed, path, step).
 !>
-!> refine = 0   dW = sqrt(h) xi, one draw a step
-!> refine = l   the sum of 2^l draws at step h/2^l, added as a balanced binary tree: the increments at
+!> refine = 0   dW = sqrt(h) xi, one normal a step
+!> refine = l   the sum of 2^l normals at step h/2^l, added as a balanced binary tree: the increments at
 !>              refine = l equal, bit for bit, the sums of two at step h/2 and refine = l-1
 !> refine = -l  the increments at step 2^l h, halved l times by the Brownian bridge, so that a run can be
 !>              repeated at half its step on the same path: W_1 = W/2 + sqrt(H)/2 xi, W_2 = W - W_1
@@ -23,7 +23,7 @@ module symsde_noise_brownian
    public :: brownian_noise, new_brownian_noise
 
    integer, parameter, public :: max_refine = 30  !! largest |refine|
-   integer, parameter, public :: most_ahead = 64  !! lanes of the generator for few paths
+   integer, parameter :: most_ahead = 64  !! lanes of the generator for few paths
    integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
    integer, parameter :: purpose_bridge = 1       !! counter word of the bridge's draws
 
@@ -256,7 +256,7 @@ contains
 
       allocate (partial(nlane, self%refine))
       scale = sqrt(self%h/2.0_wp**self%refine)
-      first = step*2_i8**(self%refine - 1)  ! pairs of draws
+      first = step*2_i8**(self%refine - 1)  ! pairs of fine steps
       do i = 0, 2_i8**(self%refine - 1) - 1
          call draw(self, nlane, path, first + i, k, 0, scale, even, odd, drawn)
          dw = even + odd

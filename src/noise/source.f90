@@ -2,8 +2,9 @@
 !> The abstract noise source: it answers which increments drive these paths in this step.
 !>
 !> The answer is written into the weights of the one-step Hamiltonian: w(:,0) is the step size and
-!> belongs to the caller, w(:,k) = dW_k is filled here. Steps come in pairs 2j, 2j+1, because one call of
-!> the generator makes the normals of both; a source fills the weights of the two steps at once.
+!> belongs to the caller, w(:,k) = dW_k is filled here. Steps come in pairs 2j, 2j+1, because two words of
+!> the generator make the normals of both; a source fills the weights of the two steps at once, and of several
+!> pairs at once where it can do better that way.
 !>
 !> Schemes beyond strong order one ask for more than increments (needs_dz, needs_areas); they call
 !> fill_integrals, which gives the same path's dZ and areas beside its increments.
@@ -58,7 +59,7 @@ module symsde_noise_source
 
 contains
 
-   !> Increments of npair pairs of steps at once, for blocks of few lanes; lanes past nreal repeat lane nreal.
+   !> Increments of npair pairs of steps at once; lanes past nreal repeat lane nreal.
    !> Default: one pair after the other.
    subroutine fill_one_by_one(self, nlane, nreal, path, pair, npair, w, drawn)
       class(noise_type), intent(in) :: self

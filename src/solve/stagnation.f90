@@ -5,8 +5,9 @@
 !> and |x| that of its unknowns,
 !>
 !>    linear       d_k <= eps |x|/4, or d_k r <= eps |x|/4 with the rate r = d_k/d_{k-1} seen (two classes of it),
-!>                 or d_k has stopped shrinking within 2^-33 |x|. It assumes nothing of the matrix: differences,
-!>                 or a Hessian without third derivatives, converge at a rate that stays.
+!>                 or d_k is not smaller than the one before (the first has none) and within 2^-33 |x|. It assumes
+!>                 nothing of the matrix: differences, or a Hessian without third derivatives, converge at a rate
+!>                 that stays.
 !>    quadratic    d_k <= 2^-33 |x| at a rate r <= 1/8, or d_k <= 2^-20 |x| at a rate r <= 2^-20, or d_k <= eps |x|/4.
 !>                 For steppers whose matrix is the derivative of their residual to rounding, so that
 !>                 d_{k+1} = C d_k^2 (from far away the rate is 2/3 and such, and says so). In the first case

@@ -27,6 +27,7 @@ module symsde_step_euler_oscillator
    contains
       procedure :: increment
       procedure :: pass
+      procedure :: count_steps
    end type euler_oscillator_stepper
 
 contains
@@ -81,7 +82,7 @@ contains
             call find_increments(nlane, m, h, self%gamma, self%sigma, j, i, w, q, p, dq, dp)
          end if
       end associate
-      call count_steps(self, 1)
+      call self%count_steps(1)
    end subroutine increment
 
    subroutine pass(self, nstep, w, q, p, qn, pn)
@@ -103,12 +104,11 @@ contains
             call step_once(nlane, m, h, self%gamma, self%sigma, j, i, w, q, p, qn, pn)
          end if
       end associate
-      call count_steps(self, nstep)
    end subroutine pass
 
    !> Two gradients a step and path.
    subroutine count_steps(self, nstep)
-      type(euler_oscillator_stepper), intent(inout) :: self
+      class(euler_oscillator_stepper), intent(inout) :: self
       integer, intent(in) :: nstep
 
       self%ham%counters%gradients = self%ham%counters%gradients + 2*nstep*self%ham%nreal

@@ -19,6 +19,7 @@ module symsde_step_fused
    contains
       procedure :: several
       procedure(pass_interface), deferred :: pass
+      procedure(count_interface), deferred :: count_steps
    end type fused_stepper_type
 
    abstract interface
@@ -33,6 +34,13 @@ module symsde_step_fused
          real(wp), intent(out) :: qn(self%ham%nlane, self%ham%ndof)
          real(wp), intent(out) :: pn(self%ham%nlane, self%ham%ndof)
       end subroutine pass_interface
+
+      !> Account for nstep steps that were taken.
+      subroutine count_interface(self, nstep)
+         import :: fused_stepper_type
+         class(fused_stepper_type), intent(inout) :: self
+         integer, intent(in) :: nstep
+      end subroutine count_interface
    end interface
 
 contains
@@ -45,25 +53,30 @@ contains
       real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise, nstep)
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: qn(self%ham%nlane, self%ham%ndof), pn(self%ham%nlane, self%ham%ndof)
+      real(wp), allocatable :: x(:, :), y(:, :)
       integer :: first
 
       if (nstep <= group .or. (self%takes_all_alone .and. self%ham%nreal == 1)) then
          call self%pass(nstep, w, q, p, qn, pn)
          return
       end if
-      if (.not. allocated(self%x)) allocate (self%x, self%y, mold=q)
+      call move_alloc(self%x, x)
+      call move_alloc(self%y, y)
+      if (.not. allocated(x)) allocate (x, y, mold=q)
       if (mod(nstep/group, 2) == 1) then
          call self%pass(group, w, q, p, qn, pn)
          first = group + 1
       else
-         call self%pass(group, w, q, p, self%x, self%y)
-         call self%pass(group, w(1, 0, group + 1), self%x, self%y, qn, pn)
+         call self%pass(group, w, q, p, x, y)
+         call self%pass(group, w(1, 0, group + 1), x, y, qn, pn)
          first = 2*group + 1
       end if
       do first = first, nstep, 2*group
-         call self%pass(group, w(1, 0, first), qn, pn, self%x, self%y)
-         call self%pass(group, w(1, 0, first + group), self%x, self%y, qn, pn)
+         call self%pass(group, w(1, 0, first), qn, pn, x, y)
+         call self%pass(group, w(1, 0, first + group), x, y, qn, pn)
       end do
+      call move_alloc(x, self%x)
+      call move_alloc(y, self%y)
    end subroutine several
 
 end module symsde_step_fused

@@ -21,6 +21,7 @@ module symsde_step_midpoint_kubo
    contains
       procedure :: increment
       procedure :: pass
+      procedure :: count_steps
    end type midpoint_kubo_stepper
 
 contains
@@ -46,7 +47,7 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
       call turn_by_increment(self%ham%nlane, self%a*w(1, 0), self%sigma, w(1, 1), q, p, dq, dp)
-      call count_steps(self, 1)
+      call self%count_steps(1)
    end subroutine increment
 
    subroutine pass(self, nstep, w, q, p, qn, pn)
@@ -65,12 +66,11 @@ contains
             call turn_once(nlane, turn, self%sigma, w(1, 1, 1), q, p, qn, pn)
          end if
       end associate
-      call count_steps(self, nstep)
    end subroutine pass
 
    !> One solve a step and path.
    subroutine count_steps(self, nstep)
-      type(midpoint_kubo_stepper), intent(inout) :: self
+      class(midpoint_kubo_stepper), intent(inout) :: self
       integer, intent(in) :: nstep
 
       associate (c => self%ham%counters)
