@@ -45,13 +45,13 @@ contains
       integer(i8) :: repeat, call, words(philox_tile, 4, 0:1)
       logical :: tails
 
-      call philox_two_lanes(nlane, 1_i8, path, 0_i8, 1, 0, 0, words)
+      call philox_two_lanes(nlane, 1_i8, path, 0_i8, 0_i8, 1, 0, 0, words)
       do repeat = 1, repeats
          start = seconds()
          do call = 1, ncall
             select case (name)
             case ('philox_word')
-               call philox_two_lanes(nlane, 1_i8, path, call, 1, 0, 0, words)
+               call philox_two_lanes(nlane, 1_i8, path, 0_i8, call, 1, 0, 0, words)
             case ('box_muller_normal')
                call normal_pair_lanes(nlane, words(1, 1, 0), words(1, 2, 0), 1.0_wp, y, z, tails)
             case ('normal')

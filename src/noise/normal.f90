@@ -107,9 +107,10 @@ contains
       integer(i4) :: first, n, j
       logical :: tails
 
-      do first = 1, nlane, philox_tile
-         n = min(philox_tile, nlane - first + 1)
-         call philox_two_lanes(n, seed, path(first), pair/2, noise, level, purpose, words)
+      first = 1
+      do while (first <= nlane)
+         n = neighbours(min(philox_tile, nlane - first + 1), path(first))
+         call philox_two_lanes(n, seed, path(first), ishft(path(first), -32), pair/2, noise, level, purpose, words)
          do j = 0, npair - 1
             call normal_pair_lanes(n, words(1, 1, j), words(1, 2, j), scale, w(first, noise, 2*j), &
                                    w(first, noise, 2*j + 1), tails)
@@ -118,8 +119,30 @@ contains
             call mend_tails(n, seed, path(first), draw, noise, level, purpose, 1 + 2*mod(j, 2), &
                             words(1, 1, j), words(1, 2, j), scale, w(first, noise, 2*j), w(first, noise, 2*j + 1))
          end do
+         first = first + n
       end do
    end subroutine scaled_normal_steps
+
+   !> How many of these lanes, from the first one on, have paths that differ in their low 32 bits alone: all of
+   !> them, but in one block of 2**24.
+   pure integer(i4) function neighbours(nlane, path)
+      integer(i4), intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane)
+      integer(i8) :: upper, differing
+      integer(i4) :: lane
+
+      upper = ishft(path(1), -32)
+      differing = 0
+      do lane = 1, nlane
+         differing = ior(differing, ieor(ishft(path(lane), -32), upper))
+      end do
+      neighbours = nlane
+      if (differing == 0) return
+      neighbours = 1
+      do while (ishft(path(neighbours + 1), -32) == upper)
+         neighbours = neighbours + 1
+      end do
+   end function neighbours
 
    !> Standard deviation `scale`, a draw for each lane: the normals of the fine steps 4 draw .. 4 draw + 3.
    subroutine scaled_normals_at(nlane, seed, path, draw, noise, level, purpose, scale, x)

@@ -71,11 +71,14 @@ contains
       end do
    end subroutine philox_lanes
 
-   !> VEC The same for two draws, `draw` and `draw` + 1. Two chains of rounds a lane hide the latency of the
-   !> products, and the first rounds, which see the path alone, are done once: 0.8 of the time a word.
-   subroutine philox_two_lanes(nlane, seed, path, draw, noise, level, purpose, words)
+   !> VEC The same for two draws, `draw` and `draw` + 1, of paths that differ in their low 32 bits alone. Two chains
+   !> of rounds a lane hide the latency of the products, and what the first rounds share is done once: 0.8 of
+   !> the time a word.
+   subroutine philox_two_lanes(nlane, seed, path, upper, draw, noise, level, purpose, words)
       integer(i4), intent(in) :: nlane           !! 1 .. philox_tile
-      integer(i8), intent(in) :: seed, path(nlane), draw
+      integer(i8), intent(in) :: seed, path(nlane)
+      integer(i8), intent(in) :: upper           !! path/2**32 of all of them
+      integer(i8), intent(in) :: draw
       integer(i4), intent(in) :: noise, level, purpose
       integer(i8), intent(out) :: words(philox_tile, 4, 0:1)  !! of the lanes 1 .. nlane
       integer(i8) :: k(nround, 2), m(2), c1, c2, c3, c4, d1, d2, d3, d4, c_high, d_high, c_low, d_low, tag
@@ -83,16 +86,16 @@ contains
 
       call round_keys(seed, k)
       call multipliers(m)
-      c_high = ishft(ishft(draw, -32), 16)
-      d_high = ishft(ishft(draw + 1, -32), 16)
+      c_high = ior(upper, ishft(ishft(draw, -32), 16))
+      d_high = ior(upper, ishft(ishft(draw + 1, -32), 16))
       c_low = iand(draw, low32)
       d_low = iand(draw + 1, low32)
       tag = tag_of(noise, level, purpose)
       do lane = 1, nlane
          c1 = iand(path(lane), low32)
          d1 = c1
-         c2 = ior(ishft(path(lane), -32), c_high)
-         d2 = ior(ishft(path(lane), -32), d_high)
+         c2 = c_high
+         d2 = d_high
          c3 = c_low
          d3 = d_low
          c4 = tag
