@@ -6,7 +6,7 @@
 !> The lanes of a strip iterate together; a lane that has converged is frozen.
 module bench_limit_fpu_chain
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_noise_normal, only: normal_pairs
+   use symsde_noise_normal, only: scaled_normal_steps
    implicit none
    private
    public :: limit_fpu_chain
@@ -15,7 +15,7 @@ module bench_limit_fpu_chain
 
 contains
 
-   !> nstep (even) steps of npath (a multiple of 32) paths of n sites from (q0, 0).
+   !> nstep (a multiple of 8) steps of npath (a multiple of 32) paths of n sites from (q0, 0).
    subroutine limit_fpu_chain(npath, nstep, n, seed, h, beta, sigma, q0, q, p)
       integer(i8), intent(in) :: npath, nstep, seed
       integer(i4), intent(in) :: n
@@ -25,18 +25,18 @@ contains
       integer(i8) :: path(nlane), block, step
       integer(i4) :: lane, i
 
-      allocate (dw(nlane, n, 0:1))
+      allocate (dw(nlane, 0:n, 0:7))
       do block = 1, npath/nlane
          path = [((block - 1)*nlane + lane, lane=0, nlane - 1)]
          q(:, :, block) = spread(q0, 1, nlane)
          p(:, :, block) = 0
          do step = 0, nstep - 1
-            if (mod(step, 2_i8) == 0) then
+            if (mod(step, 8_i8) == 0) then
                do i = 1, n
-                  call normal_pairs(nlane, seed, path, step/2, i, 0, 0, dw(:, i, 0), dw(:, i, 1))
+                  call scaled_normal_steps(nlane, seed, path, step/2, 4, i, 0, 0, 1.0_wp, n, dw)
                end do
             end if
-            call one_step(n, h, beta, sigma*sqrt(h), dw(:, :, mod(step, 2_i8)), &
+            call one_step(n, h, beta, sigma*sqrt(h), dw(:, 1:, mod(step, 8_i8)), &
                           q(:, :, block), p(:, :, block))
          end do
       end do
