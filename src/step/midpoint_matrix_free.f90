@@ -25,6 +25,7 @@ module symsde_step_midpoint_matrix_free
    use symsde_solve_krylov, only: krylov_type, new_krylov
    use symsde_solve_lapack, only: solve_dense_lapack
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_solve_stagnation, only: correct_lanes
    use symsde_step_midpoint, only: fits_midpoint_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type
@@ -180,7 +181,7 @@ contains
             if (any(krylov%unsolved)) call solve_unsolved(self, tm, w, status)
             if (newton%iteration == 0 .and. unknowns == for_dp) &
                self%rests = merge(0_i8, -1_i8, krylov%largest > stiff)
-            call correct(nlane, krylov%n, krylov%x, newton%last, self%x, newton%step, newton%size)
+            call correct_lanes(nlane, krylov%n, krylov%x, newton%last, self%x, newton%step, newton%size)
             call newton%judge(status, self%ham%counters)
          end do
       end associate
@@ -346,25 +347,5 @@ contains
          before(lane) = norm(lane)
       end do
    end subroutine set_goals
-
-   !> VEC x = x - d in running lanes, with the size of correction and unknowns in each.
-   pure subroutine correct(nlane, n, d, last, x, step, size)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: d(nlane, n), last(nlane)
-      real(wp), intent(inout) :: x(nlane, n)
-      real(wp), intent(out) :: step(nlane), size(nlane)
-      integer :: lane, i
-
-      step = 0
-      size = 0
-      do i = 1, n
-         do lane = 1, nlane
-            x(lane, i) = merge(x(lane, i) - d(lane, i), x(lane, i), last(lane) >= 0)
-            ! 0*d keeps a NaN, which max would drop
-            step(lane) = max(step(lane), abs(d(lane, i))) + 0*d(lane, i)
-            size(lane) = max(size(lane), abs(x(lane, i)))
-         end do
-      end do
-   end subroutine correct
 
 end module symsde_step_midpoint_matrix_free

@@ -13,6 +13,7 @@ module symsde_step_two_stage_single
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_solve_stagnation, only: correct_lanes
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -135,7 +136,7 @@ contains
                              self%hqq(:, 1, 1, second), self%hqp(:, 1, 1, 1), self%hqp(:, 1, 1, second), &
                              self%hpp(:, 1, 1, 1), self%hpp(:, 1, 1, second), self%x, n%r)
          end if
-         call correct_lanes(self%ham%nlane, n%r, n%last, self%x, n%step, n%size)
+         call correct_lanes(self%ham%nlane, 4, n%r, n%last, self%x, n%step, n%size)
       end associate
    end subroutine correct
 
@@ -166,27 +167,6 @@ contains
          dp(lane) = alpha(1)*x(lane, 3) + alpha(2)*x(lane, 4)
       end do
    end subroutine add_stages
-
-   !> VEC x = x - d in running lanes, with the sizes of d and x. Apart from the solution: the branches of max
-   !> would keep all of it from vectorising.
-   pure subroutine correct_lanes(nlane, d, last, x, step, size)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: d(nlane, 4), last(nlane)
-      real(wp), intent(inout) :: x(nlane, 4)
-      real(wp), intent(out) :: step(nlane), size(nlane)
-      integer :: lane, i
-
-      step = 0
-      size = 0
-      do i = 1, 4
-         do lane = 1, nlane
-            x(lane, i) = merge(x(lane, i) - d(lane, i), x(lane, i), last(lane) >= 0)
-            ! 0*d keeps a NaN, which max would drop
-            step(lane) = max(step(lane), abs(d(lane, i))) + 0*d(lane, i)
-            size(lane) = max(size(lane), abs(x(lane, i)))
-         end do
-      end do
-   end subroutine correct_lanes
 
    !> VEC Newton's correction d of the slopes where Hhat_qp = 0:
    !>    (I + diag(Hqq) a diag(Hpp) abar) dG = r_G - diag(Hqq) a r_F,   dF = r_F + diag(Hpp) abar dG
