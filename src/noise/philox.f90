@@ -72,7 +72,7 @@ contains
    end subroutine philox_lanes
 
    !> VEC The same for two draws, `draw` and `draw` + 1, of paths that differ in their low 32 bits alone. Two chains
-   !> of rounds a lane hide the latency of the products, and what the first rounds share is done once: 0.8 of
+   !> of rounds a lane hide the latency of the products, and what the first rounds share is done once: 0.85 of
    !> the time a word.
    subroutine philox_two_lanes(nlane, seed, path, upper, draw, noise, level, purpose, words)
       integer(i4), intent(in) :: nlane           !! 1 .. philox_tile
