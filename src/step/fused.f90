@@ -27,7 +27,7 @@ module symsde_step_fused
       subroutine pass_interface(self, nstep, w, q, p, qn, pn)
          import :: fused_stepper_type, wp
          class(fused_stepper_type), intent(inout) :: self
-         integer, intent(in) :: nstep                                             !! 1 or group; any multiple if takes_all_alone
+         integer, intent(in) :: nstep  !! 1 or group; any multiple of it if takes_all_alone
          real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise, nstep)      !! h, dW_1 .. dW_m of each step
          real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof)
          real(wp), intent(in) :: p(self%ham%nlane, self%ham%ndof)
