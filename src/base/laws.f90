@@ -32,13 +32,19 @@ contains
    !> A law in words.
    pure function law_text(law) result(text)
       integer, intent(in) :: law  !! one of the three
-      character(:), allocatable :: text
+      character(len=len_trim(padded_text(law))) :: text
+
+      text = padded_text(law)
+   end function law_text
+
+   pure character(len=16) function padded_text(law)
+      integer, intent(in) :: law
 
       select case (law)
-      case (law_three_point); text = 'three-point'
-      case (law_two_point); text = 'two-point'
-      case default; text = 'Gaussian'
+      case (law_three_point); padded_text = 'three-point'
+      case (law_two_point); padded_text = 'two-point'
+      case default; padded_text = 'Gaussian'
       end select
-   end function law_text
+   end function padded_text
 
 end module symsde_base_laws

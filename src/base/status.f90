@@ -57,7 +57,13 @@ contains
    !> The text of a status code.
    pure function status_text(code) result(text)
       integer(i4), intent(in) :: code
-      character(:), allocatable :: text
+      character(len=len_trim(padded_text(code))) :: text
+
+      text = padded_text(code)
+   end function status_text
+
+   pure character(len=64) function padded_text(code) result(text)
+      integer(i4), intent(in) :: code
 
       select case (code)
       case (status_ok); text = 'ok'
@@ -78,6 +84,6 @@ contains
       case (paths_failed); text = 'some paths failed'
       case default; text = 'unknown status code'
       end select
-   end function status_text
+   end function padded_text
 
 end module symsde_base_status

@@ -1,5 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Numbers and names as text, for the sentences of error messages.
+!>
+!> The length of every result is an expression of the arguments. No function of the library returns text of
+!> deferred length: gfortran 12 keeps the length of such a result in static storage, where threads race for it.
+!> Longer sentences are written by subroutines into an allocatable argument.
 module symsde_base_text
    use symsde_base_kinds, only: wp, i8
    implicit none
@@ -17,44 +21,65 @@ contains
 
    pure function integer_text(n) result(text)
       integer, intent(in) :: n
-      character(:), allocatable :: text
+      character(len=long_length(int(n, i8))) :: text
 
       text = long_text(int(n, i8))
    end function integer_text
 
    pure function long_text(n) result(text)
       integer(i8), intent(in) :: n
-      character(:), allocatable :: text
-      character(len=24) :: buffer
+      character(len=long_length(n)) :: text
 
-      write (buffer, '(i0)') n
-      text = trim(buffer)
+      text = padded_long(n)
    end function long_text
+
+   pure integer function long_length(n)
+      integer(i8), intent(in) :: n
+
+      long_length = len_trim(padded_long(n))
+   end function long_length
+
+   pure character(len=24) function padded_long(n)
+      integer(i8), intent(in) :: n
+
+      write (padded_long, '(i0)') n
+   end function padded_long
 
    pure function real_text(x) result(text)
       real(wp), intent(in) :: x
-      character(:), allocatable :: text
-      character(len=32) :: buffer
+      character(len=real_length(x)) :: text
 
-      write (buffer, '(1pg14.6e3)') x
-      text = trim(adjustl(buffer))
+      text = padded_real(x)
    end function real_text
+
+   pure integer function real_length(x)
+      real(wp), intent(in) :: x
+
+      real_length = len_trim(padded_real(x))
+   end function real_length
+
+   pure character(len=24) function padded_real(x)
+      real(wp), intent(in) :: x
+
+      write (padded_real, '(1pg14.6e3)') x
+      padded_real = adjustl(padded_real)
+   end function padded_real
 
    !> The names of a list, those most like the given one first, joined by commas.
    pure function nearest_names(given, names) result(text)
       character(*), intent(in) :: given     !! what the user wrote
-      character(*), intent(in) :: names(:)  !! what is allowed
-      character(:), allocatable :: text
-      integer :: distance(size(names)), i, best
+      character(*), intent(in) :: names(:)  !! what is allowed, at least one name
+      character(len=sum(len_trim(names)) + 2*(size(names) - 1)) :: text
+      integer :: distance(size(names)), i, best, last
 
       do i = 1, size(names)
          distance(i) = edit_distance(trim(given), trim(names(i)))
       end do
-      text = ''
+      last = 0
       do i = 1, size(names)
          best = minloc(distance, dim=1)
-         if (i > 1) text = text//', '
-         text = text//trim(names(best))
+         text(last + 1:) = trim(names(best))//','
+         last = last + len_trim(names(best)) + 2
          distance(best) = huge(0)
       end do
    end function nearest_names
