@@ -268,14 +268,20 @@ contains
    !> The first three of a list of names.
    pure function few(names) result(text)
       character(*), intent(in) :: names
-      character(:), allocatable :: text
-      integer :: i, last
+      character(len=length_of_three(names)) :: text
+
+      text = names
+   end function few
+
+   pure integer function length_of_three(names) result(last)
+      character(*), intent(in) :: names  !! at least four, separated by commas
+      integer :: i
 
       last = 0
       do i = 1, 3
          last = last + index(names(last + 1:), ',')
       end do
-      text = names(:last - 1)
-   end function few
+      last = last - 1
+   end function length_of_three
 
 end module symsde_scheme_catalogue

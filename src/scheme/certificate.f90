@@ -105,189 +105,219 @@ contains
                             abs(c%stratonovich_sum + conjugate - 1) < coefficient_tolerance
    end subroutine judge_consistency
 
-   !> The certificate as readable lines, separated by new-line characters.
+   !> The certificate as readable lines, each ended by a new-line character.
    pure function certificate_text(c) result(text)
       type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
+      character(len=text_length(c)) :: text
+      character(:), allocatable :: lines
 
-      text = line('scheme', c%name//' ('//form_text(c)//')')// &
-             line('reference', c%reference)// &
-             line('symplectic', symplectic_text(c))// &
-             line('consistency', consistency_text(c))// &
-             line('symmetric', symmetric_text(c))// &
-             line('quadratic invariants', quadratic_text(c))// &
-             line('strong order', 'additive noise '//order_text(c%order_additive)// &
-                  ', commutative '//order_text(c%order_commutative)//', general '//order_text(c%order_general)// &
-                  ', commuting flows '//order_text(c%order_commuting))// &
-             line('weak order', weak_text(c))// &
-             expansion_lines(c)// &
-             line('order without noise', to_text(c%order_noise_free))// &
-             line('explicit', explicit_text(c))// &
-             line('cost per step', cost_text(c))
-      if (c%form == galerkin_form) &
-         text = text//line('needs', 'H_pp not singular, every H_k,p constant: '// &
-                           'nodes that see different velocities of the noise tear their momenta apart')
-      if (c%special /= special_none) text = text//line('needs', needs_text(c))
+      call write_certificate(c, lines)
+      text = lines
    end function certificate_text
 
-   !> Weak order two takes the noises to commute.
-   pure function weak_text(c) result(text)
+   pure integer function text_length(c)
       type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
+      character(:), allocatable :: lines
 
-      text = order_text(c%order_weak)
-      if (uses_nested_bracket(c%expansion)) text = text//' for commutative noises, 1.0 for the others'
-   end function weak_text
+      call write_certificate(c, lines)
+      text_length = len(lines)
+   end function text_length
 
-   !> What is added to the Hamiltonian of a step, and what is asked of the noise; nothing for plain schemes.
-   pure function expansion_lines(c) result(text)
+   pure subroutine write_certificate(c, text)
       type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
 
       text = ''
-      if (c%expansion == expansion_dz) then
-         text = line('increments', 'dZ beside dW')
-      else if (c%expansion /= expansion_none) then
-         if (uses_dz(c%expansion)) text = text//', {H_k,H} with dZ'
-         if (uses_areas(c%expansion)) text = text//', {H_l,H_k} with areas'
-         if (uses_nested_bracket(c%expansion)) text = text//', {{H,H_k},H_k} by differences of values'
-         text = line('brackets added', text(3:)//'; without an analytic Hessian symplectic to the error of '// &
-                     'its differences')
-      end if
-      if (c%law /= law_gaussian) &
-         text = text//line('increments', law_text(c%law)//': for expectations, not path by path')
-   end function expansion_lines
+      call add_form(text, c)
+      call add(text, 'reference', c%reference)
+      call add_symplecticity(text, c)
+      call add_consistency(text, c)
+      call add_symmetry(text, c)
+      call add(text, 'quadratic invariants', trim(merge('preserved exactly', 'not preserved    ', c%keeps_quadratic)))
+      call add_orders(text, c)
+      call add_expansion(text, c)
+      call add(text, 'order without noise', to_text(c%order_noise_free))
+      call add_explicit(text, c)
+      call add_cost(text, c)
+      call add_needs(text, c)
+   end subroutine write_certificate
 
-   !> What a model must be for the schemes that are made for some noise alone.
-   pure function needs_text(c) result(text)
-      type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
-
-      if (c%special == special_exact_rotation) then
-         text = 'noise that depends on q alone, H = p.p/2 + U(q), frequencies of its linear part (trait rotation)'// &
-                '; where U is that part and the noise additive, E H is exact for every h'
-         return
-      end if
-      text = 'additive noise'
-      if (c%expansion /= expansion_dz .or. c%explicit_for /= never_explicit) &
-         text = text//' in p alone, H = p.p/2 + U(q)'
-      if (c%special == special_drift_preserving) &
-         text = text//'; E H is exact for polynomials U up to degree eight'
-   end function needs_text
-
-   pure function line(what, value) result(text)
+   !> One line more: what is told, and its value.
+   pure subroutine add(text, what, value)
+      character(:), allocatable, intent(inout) :: text
       character(*), intent(in) :: what, value
-      character(:), allocatable :: text
       character(len=22) :: label
 
       label = what
-      text = label//value//new_line('a')
-   end function line
+      text = text//label//value//new_line('a')
+   end subroutine add
+
+   pure subroutine add_form(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: form
+
+      select case (c%form)
+      case (tableau_form); form = 'tableau, '
+      case (galerkin_form); form = 'Galerkin, degree '//to_text(c%degree)//', '
+      case default; form = 'Ito form, '
+      end select
+      form = form//to_text(c%nstage)//trim(merge(' nodes ', ' stages', c%form == galerkin_form))
+      call add(text, 'scheme', c%name//' ('//form//')')
+   end subroutine add_form
+
+   pure subroutine add_symplecticity(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: value
+
+      if (c%form == galerkin_form) then
+         value = 'yes, as a discrete Lagrangian'
+      else if (c%form == ito_form) then
+         value = 'no, it steps the Ito form'
+      else
+         value = yes_no(c%symplectic)//', residual of the conditions '//to_text(c%symplecticity_residual)
+      end if
+      if (c%symplectic .and. c%correction_needed) &
+         value = value//'; corrected, and without an analytic Hessian, to the error of its differences'
+      call add(text, 'symplectic', value)
+   end subroutine add_symplecticity
+
+   pure subroutine add_consistency(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: value
+
+      if (c%form == ito_form) then
+         value = 'Ito form, the drift is converted'
+      else if (.not. c%correction_needed) then
+         value = 'Stratonovich, no correction'
+      else if (c%correction_exists) then
+         value = 'beta^T b e = '//to_text(c%stratonovich_sum)// &
+                 ': Stratonovich only with the correction of coefficient '//to_text(c%correction_coefficient)// &
+                 ', unless H_k,p . H_k,q is constant for every noise'
+      else
+         value = 'beta^T b e = '//to_text(c%stratonovich_sum)// &
+                 ': not the Stratonovich equation, and no correction exists'
+      end if
+      call add(text, 'consistency', value)
+   end subroutine add_consistency
+
+   pure subroutine add_symmetry(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: value
+
+      value = yes_no(c%symmetric)//', distance from the adjoint '//to_text(c%symmetry_residual)
+      if (c%special == special_verlet_dz) value = 'without noise only, its shift by dZ comes last'
+      if (c%special == special_exact_rotation) value = 'without noise only, its noise comes first'
+      call add(text, 'symmetric', value)
+   end subroutine add_symmetry
+
+   !> Weak order two takes the noises to commute.
+   pure subroutine add_orders(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: weak
+
+      call add(text, 'strong order', 'additive noise '//order_text(c%order_additive)// &
+               ', commutative '//order_text(c%order_commutative)//', general '//order_text(c%order_general)// &
+               ', commuting flows '//order_text(c%order_commuting))
+      weak = order_text(c%order_weak)
+      if (uses_nested_bracket(c%expansion)) weak = weak//' for commutative noises, 1.0 for the others'
+      call add(text, 'weak order', weak)
+   end subroutine add_orders
+
+   !> What is added to the Hamiltonian of a step, and what is asked of the noise; nothing for plain schemes.
+   pure subroutine add_expansion(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: brackets
+
+      if (c%expansion == expansion_dz) then
+         call add(text, 'increments', 'dZ beside dW')
+      else if (c%expansion /= expansion_none) then
+         brackets = ''
+         if (uses_dz(c%expansion)) brackets = brackets//', {H_k,H} with dZ'
+         if (uses_areas(c%expansion)) brackets = brackets//', {H_l,H_k} with areas'
+         if (uses_nested_bracket(c%expansion)) brackets = brackets//', {{H,H_k},H_k} by differences of values'
+         call add(text, 'brackets added', brackets(3:)//'; without an analytic Hessian symplectic to the error '// &
+                  'of its differences')
+      end if
+      if (c%law /= law_gaussian) &
+         call add(text, 'increments', law_text(c%law)//': for expectations, not path by path')
+   end subroutine add_expansion
+
+   pure subroutine add_explicit(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: value
+
+      select case (c%explicit_for)
+      case (always_explicit); value = 'for every model'
+      case (explicit_if_separable); value = 'for separable models'
+      case default; value = 'never'
+      end select
+      if (c%explicit_for /= never_explicit .and. c%correction_exists) value = value//', without correction'
+      call add(text, 'explicit', value)
+   end subroutine add_explicit
+
+   pure subroutine add_cost(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: value
+
+      value = to_text(c%gradients_per_step)//' gradients'
+      if (c%explicit_for /= always_explicit) &
+         value = value//' for each iteration of '//to_text(c%unknowns)//' unknowns per degree of freedom ('// &
+                 to_text(c%unknowns_if_separable)//' where separable)'
+      call add(text, 'cost per step', value)
+   end subroutine add_cost
+
+   !> What a model must be, for the schemes that not every model can have.
+   pure subroutine add_needs(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: value
+
+      if (c%form == galerkin_form) &
+         call add(text, 'needs', 'H_pp not singular, every H_k,p constant: '// &
+                  'nodes that see different velocities of the noise tear their momenta apart')
+      if (c%special == special_none) return
+      if (c%special == special_exact_rotation) then
+         value = 'noise that depends on q alone, H = p.p/2 + U(q), frequencies of its linear part (trait rotation)'// &
+                 '; where U is that part and the noise additive, E H is exact for every h'
+      else
+         value = 'additive noise'
+         if (c%expansion /= expansion_dz .or. c%explicit_for /= never_explicit) &
+            value = value//' in p alone, H = p.p/2 + U(q)'
+      end if
+      if (c%special == special_drift_preserving) value = value//'; E H is exact for polynomials U up to degree eight'
+      call add(text, 'needs', value)
+   end subroutine add_needs
 
    pure function yes_no(truth) result(text)
       logical, intent(in) :: truth
-      character(:), allocatable :: text
+      character(len=merge(3, 2, truth)) :: text
 
-      text = trim(merge('yes', 'no ', truth))
+      text = merge('yes', 'no ', truth)
    end function yes_no
 
    !> Zero says that the scheme does not converge to the Stratonovich equation.
    pure function order_text(order) result(text)
       real(wp), intent(in) :: order
-      character(:), allocatable :: text
+      character(len=len_trim(padded_order(order))) :: text
 
-      character(len=8) :: digits
-
-      text = 'none'
-      write (digits, '(f8.1)') order
-      if (order > 0) text = trim(adjustl(digits))
+      text = padded_order(order)
    end function order_text
 
-   pure function form_text(c) result(text)
-      type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
+   pure character(len=8) function padded_order(order)
+      real(wp), intent(in) :: order
 
-      select case (c%form)
-      case (tableau_form); text = 'tableau, '//to_text(c%nstage)//' stages'
-      case (galerkin_form)
-         text = 'Galerkin, degree '//to_text(c%degree)//', '//to_text(c%nstage)//' nodes'
-      case default; text = 'Ito form, '//to_text(c%nstage)//' stages'
-      end select
-   end function form_text
-
-   pure function symplectic_text(c) result(text)
-      type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
-
-      if (c%form == galerkin_form) then
-         text = 'yes, as a discrete Lagrangian'
-      else if (c%form == ito_form) then
-         text = 'no, it steps the Ito form'
-      else
-         text = yes_no(c%symplectic)//', residual of the conditions '// &
-                to_text(c%symplecticity_residual)
-      end if
-      if (c%symplectic .and. c%correction_needed) &
-         text = text//'; corrected, and without an analytic Hessian, to the error of its differences'
-   end function symplectic_text
-
-   pure function symmetric_text(c) result(text)
-      type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
-
-      text = yes_no(c%symmetric)//', distance from the adjoint '//to_text(c%symmetry_residual)
-      if (c%special == special_verlet_dz) text = 'without noise only, its shift by dZ comes last'
-      if (c%special == special_exact_rotation) text = 'without noise only, its noise comes first'
-   end function symmetric_text
-
-   pure function consistency_text(c) result(text)
-      type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
-
-      if (c%form == ito_form) then
-         text = 'Ito form, the drift is converted'
-      else if (.not. c%correction_needed) then
-         text = 'Stratonovich, no correction'
-      else if (c%correction_exists) then
-         text = 'beta^T b e = '//to_text(c%stratonovich_sum)// &
-                ': Stratonovich only with the correction of coefficient '// &
-                to_text(c%correction_coefficient)// &
-                ', unless H_k,p . H_k,q is constant for every noise'
-      else
-         text = 'beta^T b e = '//to_text(c%stratonovich_sum)// &
-                ': not the Stratonovich equation, and no correction exists'
-      end if
-   end function consistency_text
-
-   pure function quadratic_text(c) result(text)
-      type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
-
-      text = 'not preserved'
-      if (c%keeps_quadratic) text = 'preserved exactly'
-   end function quadratic_text
-
-   pure function explicit_text(c) result(text)
-      type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
-
-      select case (c%explicit_for)
-      case (always_explicit); text = 'for every model'
-      case (explicit_if_separable); text = 'for separable models'
-      case default; text = 'never'
-      end select
-      if (c%explicit_for /= never_explicit .and. c%correction_exists) &
-         text = text//', without correction'
-   end function explicit_text
-
-   pure function cost_text(c) result(text)
-      type(certificate_type), intent(in) :: c
-      character(:), allocatable :: text
-
-      text = to_text(c%gradients_per_step)//' gradients'
-      if (c%explicit_for /= always_explicit) &
-         text = text//' for each iteration of '//to_text(c%unknowns)//' unknowns per degree of freedom ('// &
-                to_text(c%unknowns_if_separable)//' where separable)'
-   end function cost_text
+      padded_order = 'none'
+      if (.not. order > 0) return
+      write (padded_order, '(f8.1)') order
+      padded_order = adjustl(padded_order)
+   end function padded_order
 
 end module symsde_scheme_certificate

@@ -21,9 +21,9 @@ contains
    !> The plain scheme under an expanded name: gauss2 or midpoint.
    pure function base_of(name) result(base)
       character(*), intent(in) :: name   !! one of the five
-      character(:), allocatable :: base
+      character(len=index(name, '_') - 1) :: base
 
-      base = name(:index(name, '_') - 1)
+      base = name
    end function base_of
 
    !> Make the plain scheme of the name, gauss2 or midpoint, the expanded one: brackets, law, orders.
