@@ -305,33 +305,44 @@ contains
    end subroutine slope_with
 
    !> A second derivative of the sum, such as d2H_1/dq_1dp_2; column 0 stands for the whole row.
-   function entry_name(self, row, column) result(text)
+   pure function entry_name(self, row, column) result(text)
       class(probe_points), intent(in) :: self
       type(finding), intent(in) :: row, column
-      character(:), allocatable :: text
+      character(len=len_trim(padded_entry(self%sum_name, row, column))) :: text
 
-      text = 'd2'//self%sum_name//'/d'//variable(row%half)//'_'//to_text(row%i)// &
-             'd'//variable(column%half)
-      if (column%i > 0) text = text//'_'//to_text(column%i)
+      text = padded_entry(self%sum_name, row, column)
    end function entry_name
 
+   pure character(len=128) function padded_entry(sum_name, row, column) result(text)
+      character(*), intent(in) :: sum_name
+      type(finding), intent(in) :: row, column
+
+      text = 'd2'//sum_name//'/d'//variable(row%half)//'_'//to_text(row%i)//'d'//variable(column%half)
+      if (column%i > 0) text = trim(text)//'_'//to_text(column%i)
+   end function padded_entry
+
    !> Where a point lies, in the degrees of freedom of a row and a column.
-   function place(self, lane, i, j) result(text)
+   pure function place(self, lane, i, j) result(text)
       class(probe_points), intent(in) :: self
       integer, intent(in) :: lane, i, j
-      character(:), allocatable :: text
+      character(len=len_trim(padded_place(self, lane, i, j))) :: text
 
-      text = coordinates(self, lane, i)
-      if (j /= i) text = text//', '//coordinates(self, lane, j)
+      text = padded_place(self, lane, i, j)
    end function place
 
-   function coordinates(self, lane, i) result(text)
-      type(probe_points), intent(in) :: self
-      integer, intent(in) :: lane, i
-      character(:), allocatable :: text
+   pure character(len=192) function padded_place(self, lane, i, j) result(text)
+      class(probe_points), intent(in) :: self
+      integer, intent(in) :: lane, i, j
 
-      text = 'q_'//to_text(i)//' = '//to_text(self%q(lane, i))//', p_'//to_text(i)//' = '// &
-             to_text(self%p(lane, i))
+      text = coordinates(i, self%q(lane, i), self%p(lane, i))
+      if (j /= i) text = trim(text)//', '//coordinates(j, self%q(lane, j), self%p(lane, j))
+   end function padded_place
+
+   pure character(len=80) function coordinates(i, q, p) result(text)
+      integer, intent(in) :: i
+      real(wp), intent(in) :: q, p
+
+      text = 'q_'//to_text(i)//' = '//to_text(q)//', p_'//to_text(i)//' = '//to_text(p)
    end function coordinates
 
    pure character(len=1) function variable(half)
