@@ -63,7 +63,7 @@ contains
       end do
       result%commutative = result%noise <= vanishing
       result%flows_commute = result%commutative .and. result%drift <= vanishing
-      result%text = expectation(model%traits%nnoise, result)
+      call expect_orders(model%traits%nnoise, result)
    end subroutine commutator
 
    !> Largest over the points of |Hess F V_G - Hess G V_F| / (|Hess F V_G| + |Hess G V_F|) for F = H_j, G = H_k.
@@ -98,22 +98,21 @@ contains
    end function relative_gradient
 
    !> Orders in words.
-   pure function expectation(nnoise, c) result(text)
+   pure subroutine expect_orders(nnoise, c)
       integer, intent(in) :: nnoise
-      type(commutator_type), intent(in) :: c
-      character(:), allocatable :: text
+      type(commutator_type), intent(inout) :: c
 
       if (nnoise == 0) then
-         text = 'no noise: the order without noise of the scheme'
+         c%text = 'no noise: the order without noise of the scheme'
       else if (c%flows_commute) then
-         text = 'all flows commute: strong order 1 from midpoint, 2 from gauss2, 3 from gauss3, with increments alone'
+         c%text = 'all flows commute: strong order 1 from midpoint, 2 from gauss2, 3 from gauss3, with increments alone'
       else if (c%commutative) then
-         text = 'the noises commute: strong order 1 from every consistent scheme with increments alone, 3/2 from '// &
-                'gauss2_strong32 with dZ; weak order 2 from gauss2_weak2'
+         c%text = 'the noises commute: strong order 1 from every consistent scheme with increments alone, 3/2 from '// &
+                  'gauss2_strong32 with dZ; weak order 2 from gauss2_weak2'
       else
-         text = 'the noises '//to_text(c%k)//' and '//to_text(c%l)//' do not commute: strong order 1/2 with '// &
-                'increments alone, 1 from midpoint_areas with areas; weak order 1'
+         c%text = 'the noises '//to_text(c%k)//' and '//to_text(c%l)//' do not commute: strong order 1/2 with '// &
+                  'increments alone, 1 from midpoint_areas with areas; weak order 1'
       end if
-   end function expectation
+   end subroutine expect_orders
 
 end module symsde_diagnose_commutator

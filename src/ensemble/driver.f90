@@ -101,8 +101,8 @@ contains
       if (.not. allocated(error)) &
          call new_runners(runners, model, scheme, options, observer, noise, report, error)
       if (allocated(error)) return
-      report%warnings = set_up_warnings(model, scheme, options, runners(1)%stepper%explicit, &
-                                        q0(1, :), p0(1, :), report%lost_variance)
+      call set_up_warnings(model, scheme, options, runners(1)%stepper%explicit, q0(1, :), p0(1, :), &
+                           report%lost_variance, report%warnings)
       call model%clear_failure()
       report%seconds_setup = seconds() - start
 
@@ -257,7 +257,7 @@ contains
          call new_block_runner(runners(i), options, report%nlane, stepper, observer, noise)
          call new_rescue(runners(i)%rescue, model, scheme, runners(i)%stepper, choice%newton)
       end do
-      report%left_out = describe_left_out(model, scheme, report%correction, runners(1)%stepper)
+      call describe_left_out(model, scheme, report%correction, runners(1)%stepper, report%left_out)
    end subroutine new_runners
 
    !> The noise source of a run: prescribed increments where they are given, else Brownian.

@@ -29,12 +29,12 @@ module symsde_ensemble_report
 contains
 
    !> What traits made superfluous, joined by semicolons.
-   function describe_left_out(model, scheme, correction, stepper) result(text)
+   subroutine describe_left_out(model, scheme, correction, stepper, text)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: correction
       class(stepper_type), intent(in) :: stepper  !! the one that the factory chose
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
       integer :: nsilent
 
       text = ''
@@ -70,6 +70,6 @@ contains
          text = text//sentence
       end subroutine add
 
-   end function describe_left_out
+   end subroutine describe_left_out
 
 end module symsde_ensemble_report

@@ -25,14 +25,14 @@ module symsde_ensemble_warnings
 contains
 
    !> Warnings, one a line; empty where there is nothing to say.
-   function set_up_warnings(model, scheme, options, explicit, q0, p0, lost_variance) result(text)
+   subroutine set_up_warnings(model, scheme, options, explicit, q0, p0, lost_variance, text)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
       logical, intent(in) :: explicit            !! the step calls no solver
       real(wp), intent(in) :: q0(:), p0(:)       !! initial state of the first path (ndof)
       real(wp), intent(in) :: lost_variance      !! of a normal, by truncation
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
       type(bounds_type) :: bounds
 
       text = ''
@@ -42,7 +42,7 @@ contains
       if (lost_variance > 1e-3_wp) call add(text, 'truncation loses '//to_text(100*lost_variance)// &
                                             ' % of the variance of every increment')
       if (.not. options%compensated) call warn_of_rounding(text, model, options, q0, p0)
-   end function set_up_warnings
+   end subroutine set_up_warnings
 
    !> Stability limit, resolution and uniqueness, by h omega.
    subroutine warn_of_frequency(text, scheme, quadratic, h, explicit, bounds)
@@ -52,29 +52,22 @@ contains
       real(wp), intent(in) :: h
       type(bounds_type), intent(in) :: bounds
       real(wp) :: x
-      character(:), allocatable :: value
+      character(:), allocatable :: value, factor
 
       if (scheme%name == 'exact_rotation') return  ! its declared frequencies are integrated exactly
       x = h*bounds%frequency
       value = 'h*omega = '//to_text(x)//' (omega '//bounds%frequency_source//')'
       if (explicit .and. x >= 1.8_wp) call add(text, value//' is near or above 2, the stability limit of '// &
                                                'explicit symplectic steps: take a smaller step or midpoint')
+      factor = ''  ! of the midpoint's energy input, exact for linear oscillators with additive noise
+      if (scheme%name == 'midpoint') &
+         factor = ' (by the factor 1/(1+(h*omega)^2/4) = '//to_text(1/(1 + 0.25_wp*x**2))//')'
       if (x > 1) call add(text, value//' exceeds 1: the fastest oscillations are under-resolved, their phases '// &
-                          'and the energy that noise puts into them are wrong'//midpoint_factor(scheme, x))
+                          'and the energy that noise puts into them are wrong'//factor)
       if (.not. explicit .and. .not. quadratic .and. 0.25_wp*x**2 >= 1) &
          call add(text, '(h*omega)^2/4 = '//to_text(0.25_wp*x**2)//' is at least 1: the implicit equations '// &
                   'may have several solutions, and Newton finds one of them')
    end subroutine warn_of_frequency
-
-   !> The factor of the midpoint's energy input, exact for linear oscillators with additive noise.
-   function midpoint_factor(scheme, x) result(text)
-      type(scheme_type), intent(in) :: scheme
-      real(wp), intent(in) :: x
-      character(:), allocatable :: text
-
-      text = ''
-      if (scheme%name == 'midpoint') text = ' (by the factor 1/(1+(h*omega)^2/4) = '//to_text(1/(1 + 0.25_wp*x**2))//')'
-   end function midpoint_factor
 
    !> Solvability is certain while L |dW|/2 < 1.
    subroutine warn_of_noise(text, options, bounds)
