@@ -11,11 +11,11 @@ module symsde_capi_certificate
 contains
 
    !> What is proved about a scheme, as readable lines.
-   pure function describe_scheme(scheme) result(text)
+   pure subroutine describe_scheme(scheme, text)
       type(scheme_type), intent(in) :: scheme
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
 
       text = certificate_text(certificate(scheme))
-   end function describe_scheme
+   end subroutine describe_scheme
 
 end module symsde_capi_certificate

@@ -40,21 +40,23 @@ contains
       type(c_ptr), intent(in), value :: buffer, needed
       integer(c_size_t), intent(in), value :: size
       integer(c_int) :: status
-      character(:), allocatable :: openmp
+      character(:), allocatable :: openmp, options
 
+      call drop_folders(compiler_options(), options)
       openmp = trim(merge('yes', 'no ', index(compiler_options(), '-fopenmp') > 0))
       call put_text('version: '//library_version//new_line('a')// &
                     'compiler: '//compiler_version()//new_line('a')// &
-                    'compile options: '//without_folders(compiler_options())//new_line('a')// &
+                    'compile options: '//options//new_line('a')// &
                     'counter map of the noise: '//to_text(counter_map_version)//new_line('a')// &
                     'openmp: '//openmp//new_line('a'), buffer, size, needed)
       status = status_ok
    end function symsde_build_info
 
    !> Compile options without those that name folders of the machine that built the library.
-   pure function without_folders(options) result(kept)
+   pure subroutine drop_folders(options, kept)
       character(*), intent(in) :: options
-      character(:), allocatable :: kept, word
+      character(:), allocatable, intent(out) :: kept
+      character(:), allocatable :: word
       logical :: folder_follows
       integer :: first, last
 
@@ -74,6 +76,6 @@ contains
          end if
       end do
       kept = trim(adjustl(kept))
-   end function without_folders
+   end subroutine drop_folders
 
 end module symsde_capi_info

@@ -58,8 +58,10 @@ contains
       type(c_ptr), intent(in), value :: buffer, needed
       integer(c_size_t), intent(in), value :: size
       integer(c_int) :: status
+      character(len=name_length), allocatable :: names(:)
 
-      call put_text(all_models(), buffer, size, needed)
+      names = model_names()
+      call put_text(lines(names), buffer, size, needed)
       status = status_ok
    end function symsde_model_names
 
@@ -70,14 +72,17 @@ contains
       integer(c_size_t), intent(in), value :: size
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
-      character(:), allocatable :: text
+      character(:), allocatable :: text, parameters
       class(model_type), allocatable :: model
       character(len=1) :: no_keys(0)
       real(wp) :: no_values(0)
 
       call read_text(name, 'name', text, refusal)
       call get_model(model, text, no_keys, no_values, refusal)  ! refuses unknown names
-      if (.not. allocated(refusal)) call put_text(parameter_lines(text), buffer, size, needed)
+      if (.not. allocated(refusal)) then
+         call parameter_lines(text, parameters)
+         call put_text(parameters, buffer, size, needed)
+      end if
       status = finish(refusal, error)
    end function symsde_model_parameters
 
@@ -263,19 +268,10 @@ contains
       end do
    end subroutine read_keys
 
-   !> Names of the built-in models, one a line.
-   function all_models() result(text)
-      character(:), allocatable :: text
-      character(len=name_length), allocatable :: names(:)
-
-      names = model_names()
-      text = lines(names)
-   end function all_models
-
    !> Lines 'key = default' of a known model; every digit of the default.
-   function parameter_lines(name) result(text)
+   subroutine parameter_lines(name, text)
       character(*), intent(in) :: name
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
       character(len=name_length), allocatable :: keys(:)
       real(wp), allocatable :: defaults(:)
       character(len=32) :: digits
@@ -287,6 +283,6 @@ contains
          write (digits, '(g0.17)') defaults(i)
          text = text//trim(keys(i))//' = '//trim(adjustl(digits))//new_line('a')
       end do
-   end function parameter_lines
+   end subroutine parameter_lines
 
 end module symsde_capi_model

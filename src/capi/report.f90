@@ -65,12 +65,14 @@ contains
       type(c_ptr), intent(in) :: given         !! symsde_report, may be NULL
       type(c_ptr), intent(in) :: error         !! symsde_error, may be NULL
       integer(c_int) :: status
+      character(:), allocatable :: sentence
 
       if (allocated(refusal)) then
          status = finish(refusal, error)
       else
          call give_report(report, given)
-         status = finish(refusal, error, report%status, outcome_sentence(report, code))
+         call outcome_sentence(report, code, sentence)
+         status = finish(refusal, error, report%status, sentence)
       end if
    end function end_run
 
@@ -121,10 +123,10 @@ contains
    end subroutine fill_report
 
    !> What the outcome of a run means, and where to look.
-   pure function outcome_sentence(report, code) result(text)
+   pure subroutine outcome_sentence(report, code, text)
       type(run_report), intent(in) :: report
       integer, intent(in) :: code              !! what a failed callback returned
-      character(:), allocatable :: text
+      character(:), allocatable, intent(out) :: text
 
       select case (report%status)
       case (status_ok)
@@ -140,6 +142,6 @@ contains
       case default
          text = status_text(report%status)
       end select
-   end function outcome_sentence
+   end subroutine outcome_sentence
 
 end module symsde_capi_report

@@ -234,9 +234,13 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       type(scheme_type), pointer :: known
+      character(:), allocatable :: text
 
       call find_scheme(scheme, known, refusal)
-      if (.not. allocated(refusal)) call put_text(describe_scheme(known), buffer, size, needed)
+      if (.not. allocated(refusal)) then
+         call describe_scheme(known, text)
+         call put_text(text, buffer, size, needed)
+      end if
       status = finish(refusal, error)
    end function symsde_scheme_certificate
 

@@ -74,12 +74,13 @@ contains
    !> Names, one a line.
    pure function lines(names) result(text)
       character(*), intent(in) :: names(:)
-      character(:), allocatable :: text
-      integer :: i
+      character(len=sum(len_trim(names)) + size(names)) :: text
+      integer :: i, last
 
-      text = ''
+      last = 0
       do i = 1, size(names)
-         text = text//trim(names(i))//new_line('a')
+         text(last + 1:) = trim(names(i))//new_line('a')
+         last = last + len_trim(names(i)) + 1
       end do
    end function lines
 
