@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""check_static.py LIST: exit 1 where an object named in the file LIST holds storage that threads would share.
+
+Handles are independent only as long as nothing outlives a call but what hangs on them: no saved variable, no module
+variable, no COMMON. gfortran 12 makes such storage unasked for the length of a function result of deferred length
+(slen.N), and for local arrays that are too large for the stack where -frecursive is missing.
+"""
+
+import re
+import struct
+import sys
+from pathlib import Path
+
+OBJECT, COMMON = 1, 0xFFF2
+# What nobody writes to after the program is loaded: tables of types, their initial values, the names of locks.
+CONSTANT = re.compile(r"___vtab_|___def_init_|^\.gomp_critical_user_")
+
+
+def sections(data):
+    """(name, type, offset, size, link) of every section of a 64-bit little-endian ELF file."""
+    if data[:6] != b"\x7fELF\x02\x01":
+        raise SystemExit("not a 64-bit little-endian ELF file")
+    (offset,) = struct.unpack_from("<Q", data, 40)
+    size, count, names = struct.unpack_from("<HHH", data, 58)
+    headers = [struct.unpack_from("<IIQQQQI", data, offset + index * size) for index in range(count)]
+    start = headers[names][4]
+    return [(text(data, start + h[0]), h[1], h[4], h[5], h[6]) for h in headers]
+
+
+def text(data, start):
+    """The string that begins there."""
+    return data[start : data.index(b"\0", start)].decode()
+
+
+def variables(data):
+    """Names of the variables of an object in sections that can be written to."""
+    parts = sections(data)
+    for _, kind, offset, size, link in parts:
+        if kind != 2:  # the table of symbols
+            continue
+        for entry in range(offset, offset + size, 24):
+            name, info, _, part = struct.unpack_from("<IBBH", data, entry)
+            inside = parts[part][0] if 0 < part < len(parts) else ""
+            shared = inside.startswith((".bss", ".data")) and not inside.startswith(".data.rel.ro")
+            if info & 15 == OBJECT and (shared or part == COMMON):
+                yield text(data, parts[link][2] + name)
+
+
+def main():
+    """Report every variable that is not known to be constant."""
+    files = [Path(line) for line in Path(sys.argv[1]).read_text().split("\n") if line]
+    found = [
+        f"{file.name}: {name} is static storage, which threads share"
+        for file in files
+        for name in variables(file.read_bytes())
+        if not CONSTANT.search(name)
+    ]
+    print("\n".join(found) or f"{len(files)} objects hold no static storage")
+    return 1 if found or not files else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
