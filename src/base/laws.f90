@@ -29,14 +29,6 @@ contains
       area_index = area_count(l - 1) + k
    end function area_index
 
-   !> A law in words.
-   pure function law_text(law) result(text)
-      integer, intent(in) :: law  !! one of the three
-      character(len=len_trim(padded_text(law))) :: text
-
-      text = padded_text(law)
-   end function law_text
-
    pure character(len=16) function padded_text(law)
       integer, intent(in) :: law
 
@@ -46,5 +38,13 @@ contains
       case default; padded_text = 'Gaussian'
       end select
    end function padded_text
+
+   !> A law in words.
+   pure function law_text(law) result(text)
+      integer, intent(in) :: law  !! one of the three
+      character(len=len_trim(padded_text(law))) :: text
+
+      text = padded_text(law)
+   end function law_text
 
 end module symsde_base_laws

@@ -54,14 +54,6 @@ contains
       error%message = message
    end subroutine raise
 
-   !> The text of a status code.
-   pure function status_text(code) result(text)
-      integer(i4), intent(in) :: code
-      character(len=len_trim(padded_text(code))) :: text
-
-      text = padded_text(code)
-   end function status_text
-
    pure character(len=64) function padded_text(code) result(text)
       integer(i4), intent(in) :: code
 
@@ -85,5 +77,13 @@ contains
       case default; text = 'unknown status code'
       end select
    end function padded_text
+
+   !> The text of a status code.
+   pure function status_text(code) result(text)
+      integer(i4), intent(in) :: code
+      character(len=len_trim(padded_text(code))) :: text
+
+      text = padded_text(code)
+   end function status_text
 
 end module symsde_base_status

@@ -3,7 +3,8 @@
 !>
 !> The length of every result is an expression of the arguments. No function of the library returns text of
 !> deferred length: gfortran 12 keeps the length of such a result in static storage, where threads race for it.
-!> Longer sentences are written by subroutines into an allocatable argument.
+!> Longer sentences are written by subroutines into an allocatable argument. Functions of lengths stand above
+!> those that use them, since gfortran warns of an implicit interface otherwise.
 module symsde_base_text
    use symsde_base_kinds, only: wp, i8
    implicit none
@@ -19,6 +20,31 @@ module symsde_base_text
 
 contains
 
+   pure character(len=24) function padded_long(n)
+      integer(i8), intent(in) :: n
+
+      write (padded_long, '(i0)') n
+   end function padded_long
+
+   pure integer function long_length(n)
+      integer(i8), intent(in) :: n
+
+      long_length = len_trim(padded_long(n))
+   end function long_length
+
+   pure character(len=24) function padded_real(x)
+      real(wp), intent(in) :: x
+
+      write (padded_real, '(1pg14.6e3)') x
+      padded_real = adjustl(padded_real)
+   end function padded_real
+
+   pure integer function real_length(x)
+      real(wp), intent(in) :: x
+
+      real_length = len_trim(padded_real(x))
+   end function real_length
+
    pure function integer_text(n) result(text)
       integer, intent(in) :: n
       character(len=long_length(int(n, i8))) :: text
@@ -33,37 +59,12 @@ contains
       text = padded_long(n)
    end function long_text
 
-   pure integer function long_length(n)
-      integer(i8), intent(in) :: n
-
-      long_length = len_trim(padded_long(n))
-   end function long_length
-
-   pure character(len=24) function padded_long(n)
-      integer(i8), intent(in) :: n
-
-      write (padded_long, '(i0)') n
-   end function padded_long
-
    pure function real_text(x) result(text)
       real(wp), intent(in) :: x
       character(len=real_length(x)) :: text
 
       text = padded_real(x)
    end function real_text
-
-   pure integer function real_length(x)
-      real(wp), intent(in) :: x
-
-      real_length = len_trim(padded_real(x))
-   end function real_length
-
-   pure character(len=24) function padded_real(x)
-      real(wp), intent(in) :: x
-
-      write (padded_real, '(1pg14.6e3)') x
-      padded_real = adjustl(padded_real)
-   end function padded_real
 
    !> The names of a list, those most like the given one first, joined by commas.
    pure function nearest_names(given, names) result(text)

@@ -60,6 +60,7 @@ contains
       integer(c_int) :: status
       character(len=name_length), allocatable :: names(:)
 
+      allocate (names(0))
       names = model_names()
       call put_text(lines(names), buffer, size, needed)
       status = status_ok

@@ -304,31 +304,12 @@ contains
       values = max(abs(values), abs(lower))
    end subroutine slope_with
 
-   !> A second derivative of the sum, such as d2H_1/dq_1dp_2; column 0 stands for the whole row.
-   pure function entry_name(self, row, column) result(text)
-      class(probe_points), intent(in) :: self
-      type(finding), intent(in) :: row, column
-      character(len=len_trim(padded_entry(self%sum_name, row, column))) :: text
+   pure character(len=80) function coordinates(i, q, p) result(text)
+      integer, intent(in) :: i
+      real(wp), intent(in) :: q, p
 
-      text = padded_entry(self%sum_name, row, column)
-   end function entry_name
-
-   pure character(len=128) function padded_entry(sum_name, row, column) result(text)
-      character(*), intent(in) :: sum_name
-      type(finding), intent(in) :: row, column
-
-      text = 'd2'//sum_name//'/d'//variable(row%half)//'_'//to_text(row%i)//'d'//variable(column%half)
-      if (column%i > 0) text = trim(text)//'_'//to_text(column%i)
-   end function padded_entry
-
-   !> Where a point lies, in the degrees of freedom of a row and a column.
-   pure function place(self, lane, i, j) result(text)
-      class(probe_points), intent(in) :: self
-      integer, intent(in) :: lane, i, j
-      character(len=len_trim(padded_place(self, lane, i, j))) :: text
-
-      text = padded_place(self, lane, i, j)
-   end function place
+      text = 'q_'//to_text(i)//' = '//to_text(q)//', p_'//to_text(i)//' = '//to_text(p)
+   end function coordinates
 
    pure character(len=192) function padded_place(self, lane, i, j) result(text)
       class(probe_points), intent(in) :: self
@@ -338,12 +319,31 @@ contains
       if (j /= i) text = trim(text)//', '//coordinates(j, self%q(lane, j), self%p(lane, j))
    end function padded_place
 
-   pure character(len=80) function coordinates(i, q, p) result(text)
-      integer, intent(in) :: i
-      real(wp), intent(in) :: q, p
+   pure character(len=128) function padded_entry(sum_name, row, column) result(text)
+      character(*), intent(in) :: sum_name
+      type(finding), intent(in) :: row, column
 
-      text = 'q_'//to_text(i)//' = '//to_text(q)//', p_'//to_text(i)//' = '//to_text(p)
-   end function coordinates
+      text = 'd2'//sum_name//'/d'//variable(row%half)//'_'//to_text(row%i)//'d'//variable(column%half)
+      if (column%i > 0) text = trim(text)//'_'//to_text(column%i)
+   end function padded_entry
+
+   !> A second derivative of the sum, such as d2H_1/dq_1dp_2; column 0 stands for the whole row.
+   pure function entry_name(self, row, column) result(text)
+      class(probe_points), intent(in) :: self
+      type(finding), intent(in) :: row, column
+      character(len=len_trim(padded_entry(self%sum_name, row, column))) :: text
+
+      text = padded_entry(self%sum_name, row, column)
+   end function entry_name
+
+   !> Where a point lies, in the degrees of freedom of a row and a column.
+   pure function place(self, lane, i, j) result(text)
+      class(probe_points), intent(in) :: self
+      integer, intent(in) :: lane, i, j
+      character(len=len_trim(padded_place(self, lane, i, j))) :: text
+
+      text = padded_place(self, lane, i, j)
+   end function place
 
    pure character(len=1) function variable(half)
       integer, intent(in) :: half

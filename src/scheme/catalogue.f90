@@ -265,14 +265,6 @@ contains
                  "the parameter of '"//trim(name)//"' must satisfy "//allowed)
    end subroutine refuse_parameter
 
-   !> The first three of a list of names.
-   pure function few(names) result(text)
-      character(*), intent(in) :: names
-      character(len=length_of_three(names)) :: text
-
-      text = names
-   end function few
-
    pure integer function length_of_three(names) result(last)
       character(*), intent(in) :: names  !! at least four, separated by commas
       integer :: i
@@ -283,5 +275,13 @@ contains
       end do
       last = last - 1
    end function length_of_three
+
+   !> The first three of a list of names.
+   pure function few(names) result(text)
+      character(*), intent(in) :: names
+      character(len=length_of_three(names)) :: text
+
+      text = names
+   end function few
 
 end module symsde_scheme_catalogue

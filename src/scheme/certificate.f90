@@ -105,42 +105,29 @@ contains
                             abs(c%stratonovich_sum + conjugate - 1) < coefficient_tolerance
    end subroutine judge_consistency
 
-   !> The certificate as readable lines, each ended by a new-line character.
-   pure function certificate_text(c) result(text)
-      type(certificate_type), intent(in) :: c
-      character(len=text_length(c)) :: text
-      character(:), allocatable :: lines
+   pure character(len=8) function padded_order(order)
+      real(wp), intent(in) :: order
 
-      call write_certificate(c, lines)
-      text = lines
-   end function certificate_text
+      padded_order = 'none'
+      if (.not. order > 0) return
+      write (padded_order, '(f8.1)') order
+      padded_order = adjustl(padded_order)
+   end function padded_order
 
-   pure integer function text_length(c)
-      type(certificate_type), intent(in) :: c
-      character(:), allocatable :: lines
+   !> Zero says that the scheme does not converge to the Stratonovich equation.
+   pure function order_text(order) result(text)
+      real(wp), intent(in) :: order
+      character(len=len_trim(padded_order(order))) :: text
 
-      call write_certificate(c, lines)
-      text_length = len(lines)
-   end function text_length
+      text = padded_order(order)
+   end function order_text
 
-   pure subroutine write_certificate(c, text)
-      type(certificate_type), intent(in) :: c
-      character(:), allocatable, intent(out) :: text
+   pure function yes_no(truth) result(text)
+      logical, intent(in) :: truth
+      character(len=merge(3, 2, truth)) :: text
 
-      text = ''
-      call add_form(text, c)
-      call add(text, 'reference', c%reference)
-      call add_symplecticity(text, c)
-      call add_consistency(text, c)
-      call add_symmetry(text, c)
-      call add(text, 'quadratic invariants', trim(merge('preserved exactly', 'not preserved    ', c%keeps_quadratic)))
-      call add_orders(text, c)
-      call add_expansion(text, c)
-      call add(text, 'order without noise', to_text(c%order_noise_free))
-      call add_explicit(text, c)
-      call add_cost(text, c)
-      call add_needs(text, c)
-   end subroutine write_certificate
+      text = merge('yes', 'no ', truth)
+   end function yes_no
 
    !> One line more: what is told, and its value.
    pure subroutine add(text, what, value)
@@ -296,28 +283,41 @@ contains
       call add(text, 'needs', value)
    end subroutine add_needs
 
-   pure function yes_no(truth) result(text)
-      logical, intent(in) :: truth
-      character(len=merge(3, 2, truth)) :: text
+   pure subroutine write_certificate(c, text)
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable, intent(out) :: text
 
-      text = merge('yes', 'no ', truth)
-   end function yes_no
+      text = ''
+      call add_form(text, c)
+      call add(text, 'reference', c%reference)
+      call add_symplecticity(text, c)
+      call add_consistency(text, c)
+      call add_symmetry(text, c)
+      call add(text, 'quadratic invariants', trim(merge('preserved exactly', 'not preserved    ', c%keeps_quadratic)))
+      call add_orders(text, c)
+      call add_expansion(text, c)
+      call add(text, 'order without noise', to_text(c%order_noise_free))
+      call add_explicit(text, c)
+      call add_cost(text, c)
+      call add_needs(text, c)
+   end subroutine write_certificate
 
-   !> Zero says that the scheme does not converge to the Stratonovich equation.
-   pure function order_text(order) result(text)
-      real(wp), intent(in) :: order
-      character(len=len_trim(padded_order(order))) :: text
+   pure integer function text_length(c)
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: lines
 
-      text = padded_order(order)
-   end function order_text
+      call write_certificate(c, lines)
+      text_length = len(lines)
+   end function text_length
 
-   pure character(len=8) function padded_order(order)
-      real(wp), intent(in) :: order
+   !> The certificate as readable lines, each ended by a new-line character.
+   pure function certificate_text(c) result(text)
+      type(certificate_type), intent(in) :: c
+      character(len=text_length(c)) :: text
+      character(:), allocatable :: lines
 
-      padded_order = 'none'
-      if (.not. order > 0) return
-      write (padded_order, '(f8.1)') order
-      padded_order = adjustl(padded_order)
-   end function padded_order
+      call write_certificate(c, lines)
+      text = lines
+   end function certificate_text
 
 end module symsde_scheme_certificate
