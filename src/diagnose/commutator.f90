@@ -2,25 +2,32 @@
 !> Do the noises of a model commute, and which order is to be expected then? By brackets at sample points.
 !>
 !>    {H_k,H_l} constant for all k, l    commutative noises: increments alone reach strong order 1, dZ 3/2
-!>    {H,H_k} constant for all k         the drift commutes too: the flow is that of H t + sum_k H_k W_k
+!>    {H,H_k} constant for all k, and    the drift commutes too: the flow is that of H t + sum_k H_k W_k
+!>    no H_k changes in time
 !>
-!> A bracket is constant where its gradient vanishes; that is what is measured, against the products
-!> Hess F (field of G) of which it is the difference. Numbers below 1e-6 are rounding, or the error of
-!> differences where the model has no analytic Hessian. Points can refute, not prove.
+!> A bracket is constant where its gradient Hess F V_G - Hess G V_F vanishes (V: the Hamiltonian field). It is measured
+!> against |Hess F| |V_G| + |Hess G| |V_F|, the largest one among the points, and not against the two products: these
+!> may vanish each by itself, up to rounding, as for sin(q+p) and cos(q+p). The norms are those of products with the
+!> field under changes of sign, which do not cancel all at once. Numbers below 1e-6 are rounding, or the error of
+!> differences where the model has no analytic Hessian. Noise that changes in time, H_k = sigma(t) I, does not
+!> commute with the drift: in the phase space with time the bracket is {H,H_k} - H_{k,t}. Points can refute, not prove.
 module symsde_diagnose_commutator
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, wrong_shape
    use symsde_base_text, only: to_text
-   use symsde_model_abstract, only: model_type
+   use symsde_model_abstract, only: model_type, default_step
    implicit none
    private
    public :: commutator_type, commutator
 
    real(wp), parameter :: vanishing = 1e-6_wp  !! relative size of a gradient that is taken for zero
+   real(wp), parameter :: later(3) = [0.0137_wp, 0.61_wp, 1.93_wp]  !! after t, where H_k may have changed [time]
+   integer, parameter :: npattern = 8          !! changes of sign
 
    type :: commutator_type
       real(wp) :: noise = 0             !! largest relative |grad {H_k,H_l}|
-      real(wp) :: drift = 0             !! largest relative |grad {H,H_k}|
+      real(wp) :: drift = 0             !! largest relative |grad {H,H_k}|, or change of grad H_k in time
       integer :: k = 0, l = 0           !! the noises where the first is found
       logical :: commutative = .true.   !! the noises commute at all points
       logical :: flows_commute = .true. !! and with the drift
@@ -60,42 +67,117 @@ contains
                result%l = k
             end if
          end do
+         result%drift = max(result%drift, change_in_time(model, size(q, 1), k, t, qs, ps))
       end do
       result%commutative = result%noise <= vanishing
       result%flows_commute = result%commutative .and. result%drift <= vanishing
       call expect_orders(model%traits%nnoise, result)
    end subroutine commutator
 
-   !> Largest over the points of |Hess F V_G - Hess G V_F| / (|Hess F V_G| + |Hess G V_F|) for F = H_j, G = H_k.
-   real(wp) function relative_gradient(model, n, j, k, t, q, p) result(largest)
+   !> Largest |Hess F V_G - Hess G V_F| over the points for F = H_j, G = H_k, relative to the largest
+   !> |Hess F| |V_G| + |Hess G| |V_F|.
+   real(wp) function relative_gradient(model, n, j, k, t, q, p) result(relative)
       class(model_type), intent(in) :: model
       integer, intent(in) :: n, j, k              !! points, Hamiltonians
       real(wp), intent(in) :: t, q(n, model%traits%ndof), p(n, model%traits%ndof)
       real(wp), dimension(n, model%traits%ndof) :: fq, fp, gq, gp, aq, ap, bq, bp
-      real(wp) :: f(n, 0:model%traits%nnoise), g(n, 0:model%traits%nnoise)
-      real(wp) :: difference, total
+      real(wp) :: difference, scale
+      integer :: pattern
+
+      call field(model, n, j, t, q, p, fq, fp)
+      call field(model, n, k, t, q, p, gq, gp)
+      scale = floor_of_differences(model, q, p, fq, fp)*largest(gq, gp) &
+              + floor_of_differences(model, q, p, gq, gp)*largest(fq, fp)
+      difference = 0
+      do pattern = 1, npattern
+         call product_with(model, n, j, t, q, p, gq, gp, pattern, aq, ap)
+         call product_with(model, n, k, t, q, p, fq, fp, pattern, bq, bp)
+         if (pattern == 1) difference = largest(aq - bq, ap - bp)
+         scale = max(scale, largest(aq, ap) + largest(bq, bp))
+      end do
+      relative = 0
+      if (scale > 0) relative = difference/scale
+      if (.not. difference + scale <= huge(scale)) relative = huge(relative)
+   end function relative_gradient
+
+   !> The field V = (H_p, -H_q) of H_j.
+   subroutine field(model, n, j, t, q, p, vq, vp)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: n, j
+      real(wp), intent(in) :: t, q(n, model%traits%ndof), p(n, model%traits%ndof)
+      real(wp), intent(out) :: vq(n, model%traits%ndof), vp(n, model%traits%ndof)
+      real(wp) :: w(n, 0:model%traits%nnoise)
+
+      w = 0
+      w(:, j) = 1
+      call model%gradient(n, model%traits%ndof, model%traits%nnoise, t, w, q, p, vp, vq)
+      vp = -vp
+   end subroutine field
+
+   !> The Hessian of H_j times (vq, vp), under a change of sign of its components; the first pattern changes none,
+   !> the second the momenta.
+   subroutine product_with(model, n, j, t, q, p, vq, vp, pattern, uq, up)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: n, j, pattern
+      real(wp), intent(in) :: t, q(n, model%traits%ndof), p(n, model%traits%ndof)
+      real(wp), intent(in) :: vq(n, model%traits%ndof), vp(n, model%traits%ndof)
+      real(wp), intent(out) :: uq(n, model%traits%ndof), up(n, model%traits%ndof)
+      real(wp) :: w(n, 0:model%traits%nnoise), sq(n, model%traits%ndof), sp(n, model%traits%ndof)
       integer :: i
 
-      f = 0
-      g = 0
-      f(:, j) = 1
-      g(:, k) = 1
-      associate (d => model%traits%ndof, m => model%traits%nnoise)
-         call model%gradient(n, d, m, t, f, q, p, fq, fp)
-         call model%gradient(n, d, m, t, g, q, p, gq, gp)
-         fq = -fq
-         gq = -gq
-         call model%hessian_vector(n, d, m, t, f, q, p, gp, gq, aq, ap)
-         call model%hessian_vector(n, d, m, t, g, q, p, fp, fq, bq, bp)
-      end associate
-      largest = 0
-      do i = 1, n
-         difference = max(maxval(abs(aq(i, :) - bq(i, :))), maxval(abs(ap(i, :) - bp(i, :))))
-         total = max(maxval(abs(aq(i, :)) + abs(bq(i, :))), maxval(abs(ap(i, :)) + abs(bp(i, :))))
-         if (total > 0) largest = max(largest, difference/total)
-         if (.not. total <= huge(total)) largest = huge(largest)
+      w = 0
+      w(:, j) = 1
+      sq = vq
+      sp = vp
+      if (pattern == 2) sp = -vp
+      if (pattern > 2) then
+         do i = 1, model%traits%ndof
+            sq(:, i) = sign(1.0_wp, sin(real(i*(2*pattern - 1), wp)))*vq(:, i)
+            sp(:, i) = sign(1.0_wp, cos(real(i*(3*pattern - 2), wp)))*vp(:, i)
+         end do
+      end if
+      call model%hessian_vector(n, model%traits%ndof, model%traits%nnoise, t, w, q, p, sq, sp, uq, up)
+   end subroutine product_with
+
+   !> What rounding of the gradient (fq, fp) can do to a product by differences, for a vector of size one: of this
+   !> size a bracket must be, times 1e6, to be told from rounding. Nothing where products are analytic.
+   pure real(wp) function floor_of_differences(model, q, p, fq, fp) result(size_at_least)
+      class(model_type), intent(in) :: model
+      real(wp), dimension(:, :), intent(in) :: q, p, fq, fp   !! (npoint, ndof)
+
+      size_at_least = 0
+      if (model%traits%has_hessian .or. model%traits%has_hessian_vector) return
+      size_at_least = epsilon(1.0_wp)*largest(fq, fp)/(default_step*max(1.0_wp, largest(q, p))*vanishing)
+   end function floor_of_differences
+
+   !> Largest change of grad H_k from t to some later times, relative to its size; times at which the model cannot be
+   !> asked are passed over.
+   real(wp) function change_in_time(model, n, k, t, q, p) result(relative)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: n, k
+      real(wp), intent(in) :: t, q(n, model%traits%ndof), p(n, model%traits%ndof)
+      real(wp), dimension(n, model%traits%ndof) :: fq, fp, gq, gp
+      real(wp) :: change, scale
+      integer :: i
+
+      relative = 0
+      call field(model, n, k, t, q, p, fq, fp)
+      do i = 1, size(later)
+         call field(model, n, k, t + later(i), q, p, gq, gp)
+         change = largest(gq - fq, gp - fp)
+         scale = largest(fq, fp) + largest(gq, gp)
+         if (scale > 0 .and. scale <= huge(scale)) relative = max(relative, change/scale)
       end do
-   end function relative_gradient
+   end function change_in_time
+
+   !> The largest entry; infinite where one is not a number.
+   pure real(wp) function largest(xq, xp)
+      real(wp), intent(in) :: xq(:, :), xp(:, :)   !! (npoint, ndof)
+
+      largest = max(maxval(abs(xq)), maxval(abs(xp)))
+      if (.not. all(abs(xq) <= huge(largest)) .or. .not. all(abs(xp) <= huge(largest))) &
+         largest = ieee_value(largest, ieee_positive_inf)
+   end function largest
 
    !> Orders in words.
    pure subroutine expect_orders(nnoise, c)

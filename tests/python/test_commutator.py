@@ -16,6 +16,119 @@ def test_classes_of_noise():
     assert "order" in str(mixed)
 
 
+# Functions of u = q + p commute with each other however they look: both terms of the bracket vanish by themselves.
+OF_SUM = {
+    "sine and cosine": [(np.cos, lambda u: -np.sin(u)), (lambda u: -np.sin(u), lambda u: -np.cos(u))],
+    "three": [
+        (np.cos, lambda u: -np.sin(u)),
+        (lambda u: 3 * u**2, lambda u: 6 * u),
+        (lambda u: np.exp(u / 2) / 2, lambda u: np.exp(u / 2) / 4),
+    ],
+}
+
+
+def model_of_sum(noises, hessian, strength=0.0):
+    """H = (p^2 + q^2)/2, noises f_k(q + p) given by f_k', f_k''; the last with strength*q^2/2 besides."""
+    last = len(noises)
+
+    def gradient(t, w, q, p):
+        u = q + p
+        slope = sum(w[k + 1] * first(u) for k, (first, _) in enumerate(noises))
+        return w[0] * q + slope + strength * w[last] * q, w[0] * p + slope
+
+    def blocks(t, w, q, p):
+        u = q + p
+        curve = sum(w[k + 1] * second(u) for k, (_, second) in enumerate(noises))
+        return w[0] + curve + strength * w[last], curve, w[0] + curve
+
+    def dense(t, w, q, p):
+        return tuple(block[np.newaxis] for block in blocks(t, w, q, p))
+
+    def product(t, w, q, p, vq, vp):  # noqa: PLR0917 - as the library calls it
+        qq, qp, pp = blocks(t, w, q, p)
+        return qq * vq + qp * vp, qp * vq + pp * vp
+
+    given = {"by hand": {"hessian": dense}, "by products": {"hessian_vector": product}, "by differences": {}}[hessian]
+    return ss.Model(ndof=1, nnoise=last, gradient=gradient, **given)
+
+
+@pytest.mark.parametrize("hessian", ["by hand", "by differences", "by products"])
+@pytest.mark.parametrize("noises", OF_SUM.values(), ids=OF_SUM)
+def test_noises_that_are_functions_of_one_sum_commute(noises, hessian):
+    found = ss.commutator(model_of_sum(noises, hessian))
+    assert found.commutative and not found.flows_commute
+    assert found.noise < (1e-9 if hessian == "by differences" else 1e-14)
+
+
+@pytest.mark.parametrize("hessian", ["by hand", "by differences", "by products"])
+@pytest.mark.parametrize("strength", [1e-2, 1e-4])
+@pytest.mark.parametrize("noises", OF_SUM.values(), ids=OF_SUM)
+def test_noises_that_nearly_commute_do_not(noises, strength, hessian):
+    found = ss.commutator(model_of_sum(noises, hessian, strength))
+    assert not found.commutative
+    assert strength / 100 < found.noise < 10 * strength  # in proportion to what spoils it
+
+
+def test_a_large_linear_part_is_not_taken_for_a_bracket():
+    """Differences of a gradient of size 1e6 know its Hessian to 1e-5 only; that is no evidence of a bracket."""
+
+    def gradient(t, w, q, p):
+        slope = 1e6 * (w[1] + 0.5 * w[2]) + w[1] * (q + p) / 2 + w[2] * np.cos(q + p) / 3
+        return w[0] * q + slope, w[0] * p + slope
+
+    assert ss.commutator(ss.Model(ndof=1, nnoise=2, gradient=gradient)).commutative
+
+
+def test_chains_commute_by_their_traits():
+    """All noises are functions of the positions: exactly commuting, with zeros in every product."""
+    found = ss.commutator(ss.models.fpu_chain(n=8, beta=1.0, sigma=0.5))
+    assert found.commutative and found.noise == 0 and not found.flows_commute
+
+
+@pytest.mark.parametrize("hessian", ["by hand", "by differences", "by products"])
+def test_noise_that_changes_in_time_does_not_commute_with_the_drift(hessian):
+    """H_1 = sigma(t) (p^2 + q^2)/2: increments alone reach order 1, whatever the scheme."""
+    still = ss.commutator(rotation_in_time(hessian, lambda t: 0.5))
+    assert still.flows_commute and "3 from gauss3" in still.text
+    found = ss.commutator(rotation_in_time(hessian, lambda t: 0.5 + 0.4 * np.sin(4 * t)))
+    assert found.commutative and not found.flows_commute and found.drift > 0.1
+    assert "gauss3" not in found.text
+    slowly = ss.commutator(rotation_in_time(hessian, lambda t: 0.5 + 1e-4 * t))
+    assert not slowly.flows_commute and 1e-5 < slowly.drift < 1e-3
+
+
+def rotation_in_time(hessian, sigma):
+    """H = (p^2 + q^2)/2, H_1 = sigma(t) H."""
+
+    def rate(t, w):
+        return w[0] + sigma(t) * w[1]
+
+    given = {
+        "by hand": {"hessian": lambda t, w, q, p: tuple(f * rate(t, w)[None, None] for f in (1.0, 0.0, 1.0))},
+        "by products": {"hessian_vector": lambda t, w, q, p, vq, vp: (rate(t, w) * vq, rate(t, w) * vp)},
+        "by differences": {},
+    }[hessian]
+    return ss.Model(ndof=1, nnoise=1, gradient=lambda t, w, q, p: (rate(t, w) * q, rate(t, w) * p), **given)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.4])
+def test_the_order_on_noise_in_time_is_the_one_told(sigma):
+    """gauss2 against the rotation by t + int sigma dW on finer increments: 2 where told, else 1."""
+    model = rotation_in_time("by hand", lambda t: 0.5 + sigma * np.sin(4 * t))
+    paths, levels, finest = 200, (4, 5, 6), 11
+    dw = ss.increments(model, step=2.0**-finest, steps=2**finest, paths=paths, seed=3)[:, 0]
+    middle = (np.arange(2**finest) + 0.5) / 2**finest
+    angle = 1 + ((0.5 + sigma * np.sin(4 * middle))[:, None] * dw).sum(axis=0)
+    errors = []
+    for level in levels:
+        run = ss.simulate(model, q0=1.0, p0=0.0, step=2.0**-level, steps=2**level, save_every=2**level, paths=paths,
+                          seed=3, refine=finest - level, scheme="gauss2")  # fmt: skip
+        errors.append(np.sqrt(np.mean((run.q[-1, 0] - np.cos(angle)) ** 2)))
+    order = np.log2(errors[0] / errors[-1]) / (levels[-1] - levels[0])
+    told = 2.0 if ss.commutator(model).flows_commute else 1.0
+    assert abs(order - told) < 0.3, order
+
+
 def test_points_must_fit():
     with pytest.raises(ss.errors.WrongShapeError, match="q"):
         ss.commutator(ss.models.kubo(), q=np.zeros((2, 3)), p=np.zeros((2, 3)))
