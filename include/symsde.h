@@ -329,9 +329,10 @@ int symsde_stationary_path(symsde_model model, symsde_scheme scheme, const symsd
 int symsde_commutator(symsde_model model, double t, int64_t npoint, const double *q, const double *p, double *gradients,
                       int32_t *commute, char *text, size_t size, symsde_error *error);
 /* exact solution on the run's own Brownian path where the model has one (kubo; linear_oscillator and
- * additive_oscillator, whose increments then carry two more draws a step): q, p [ntime][ndof][paths] */
-int symsde_exact_solution(symsde_model model, const symsde_options *options, const symsde_input *input, double *q,
-                          double *p, symsde_error *error);
+ * additive_oscillator, from the very dW, and dZ where the scheme takes it, that drive the run, and two more draws a
+ * step): q, p [ntime][ndof][paths]. SYMSDE_INCOMPATIBLE for schemes with two- or three-point increments */
+int symsde_exact_solution(symsde_model model, symsde_scheme scheme, const symsde_options *options,
+                          const symsde_input *input, double *q, double *p, symsde_error *error);
 
 #ifdef __cplusplus
 }

@@ -149,7 +149,8 @@ def _guess(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray | Non
 def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """Exact solution q, p on the Brownian path of a run, each (time, dof, path), for the models that have one.
 
-    kubo, linear_oscillator and additive_oscillator; MissingOperationError for the others.
+    kubo, linear_oscillator and additive_oscillator; MissingOperationError for the others. It takes the very dW, and
+    dZ, that drive the run. IncompatibleError for schemes with two- or three-point increments.
     """
     return exact_of(_setup_of(run))
 
@@ -161,11 +162,11 @@ def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
     q, p = np.empty(shape), np.empty(shape)
     setup.model.call(
         "exact_solution",
-        setup.model._handle.pointer,
-        ctypes.byref(setup.options),
+        *setup.handles(),
         ctypes.byref(setup.input()),
         address(q),
         address(p),
+        also=(setup.scheme,),
     )
     return q, p
 

@@ -74,19 +74,19 @@ contains
    end function symsde_euler_lagrange_residual
 
    !> q, p [ntime][ndof][paths] of the exact solution.
-   function symsde_exact_solution(model, options, input, q, p, error) result(status) &
+   function symsde_exact_solution(model, scheme, options, input, q, p, error) result(status) &
       bind(c, name='symsde_exact_solution')
-      type(c_ptr), intent(in), value :: model, options, input, q, p, error
+      type(c_ptr), intent(in), value :: model, scheme, options, input, q, p, error
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
+      type(scheme_type), pointer :: s
       type(run_options) :: o
       type(run_input) :: from
       real(wp), pointer, contiguous :: qs(:, :, :), ps(:, :, :)
       integer(i8) :: n, ntime
 
-      call find_model(model, m, refusal)
-      call read_options(options, o, refusal)
+      call read_run(model, scheme, options, m, s, o, refusal)
       call require(q, 'q', refusal)
       call require(p, 'p', refusal)
       if (.not. allocated(refusal)) then
@@ -98,7 +98,7 @@ contains
       if (.not. allocated(refusal)) then
          call view(q, o%npath, n, ntime, qs)
          call view(p, o%npath, n, ntime, ps)
-         call exact_solution(m, o, from%q0, from%p0, qs, ps, refusal, from%dw)
+         call exact_solution(m, o, from%q0, from%p0, qs, ps, refusal, from%dw, s)
       end if
       status = finish(refusal, error)
    end function symsde_exact_solution

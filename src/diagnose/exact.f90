@@ -6,16 +6,18 @@
 !>    linear_oscillator,    Y_{k+1} = F Y_k + u_k, Y = (q,p), F = (cos h, sin h; -sin h, cos h),
 !>    additive_oscillator   u_k = sigma (C_1; -S_1) + gamma (S_2; C_2)         (after [WHSB] (92))
 !>
-!> W(t) is the sum of the run's increments. (C_k, S_k) are drawn from their law given the run's
-!> dW_k, two normals more for each step and noise (noise/oscillator_law): the solution has the
-!> exact law jointly with the increments. With refine = l > 0 the recursion runs on the finer draws,
-!> so that it is the same path for (step, l) and (step/2, l-1); not so with the bridge, refine < 0.
-!> Truncation is left out: the Brownian path itself is followed. Prescribed increments are taken as
-!> they are.
+!> W(t) is the sum of the run's increments. (C_k, S_k) are drawn from their law given what the run itself takes from
+!> the path, dW_k and H_k = dZ_k/h - dW_k/2, two normals more for each step and noise (noise/oscillator_law): the
+!> solution has the exact law jointly with the increments, and where the scheme takes dZ, with that dZ. For schemes that
+!> take dW alone H_k is the same number, dZ schemes would draw it. With refine = l > 0 the recursion runs on the finer
+!> draws, so that it is the same path for (step, l) and (step/2, l-1), and for all schemes; not so with the bridge,
+!> refine < 0. Truncation is left out: the Brownian path itself is followed. Prescribed increments are taken as they
+!> are; where the scheme takes dZ, it is that of the polygon through them, as in the run.
 module symsde_diagnose_exact
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, path_of_lane
-   use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation
+   use symsde_base_laws, only: law_gaussian, law_text
+   use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation, incompatible
    use symsde_base_text, only: to_text
    use symsde_ensemble_driver, only: new_noise
    use symsde_ensemble_options, only: run_options, check_options
@@ -24,8 +26,11 @@ module symsde_diagnose_exact
    use symsde_model_kubo, only: kubo_model
    use symsde_model_linear_oscillator, only: linear_oscillator_model
    use symsde_noise_brownian, only: max_refine
+   use symsde_noise_integrals, only: shape_draws
    use symsde_noise_oscillator_law, only: oscillator_integrals, oscillator_draws
    use symsde_noise_source, only: noise_type
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_step_modified_hamiltonian, only: integrals_needed
    implicit none
    private
    public :: exact_solution
@@ -44,15 +49,16 @@ module symsde_diagnose_exact
       integer(i8) :: first = 0                 !! first path of the block, from 0
       integer(i8), allocatable :: path(:)      !! global (nlane)
       real(wp), allocatable :: w(:, :, :)      !! weights of a pair of steps (nlane, 0:nnoise, 0:1)
+      real(wp), allocatable :: shape(:, :, :)  !! H_k of these (nlane, nnoise, 0:1)
       real(wp), allocatable, dimension(:) :: q0, p0, q, p, sum_w, low, xi1, xi2, c, s  !! (nlane)
    end type exact_block
 
 contains
 
    !> q(path, 1, n), p(path, 1, n) at the saved times of a run with these options, t0 included.
-   !> Errors: missing_operation for models without an exact solution; wrong_shape; those of
-   !> check_options and of the noise.
-   subroutine exact_solution(model, options, q0, p0, q, p, error, dw)
+   !> Errors: missing_operation for models without an exact solution; incompatible for schemes whose increments are no
+   !> Brownian ones; wrong_shape; those of check_options and of the noise.
+   subroutine exact_solution(model, options, q0, p0, q, p, error, dw, scheme)
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options
       real(wp), intent(in) :: q0(:, :), p0(:, :)        !! initial state (npath or 1, ndof)
@@ -60,6 +66,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       !> increments (npath or 1, nnoise, rows)
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      type(scheme_type), intent(in), optional :: scheme !! that the run takes; dW alone if absent
       class(noise_type), allocatable, target :: noise
       type(oscillator) :: system
       type(exact_block) :: work
@@ -74,6 +81,7 @@ contains
       if (allocated(error)) return
       fine = finest(options)
       call new_noise(noise, model, fine, lost, error, dw)
+      if (present(scheme)) call ask_for(scheme, model, noise, error)
       if (allocated(error)) return
       call new_block(work, model%traits%nnoise, fine)
       drawn = 0
@@ -82,7 +90,7 @@ contains
          call save_point(work, 1, q, p)
          do n = fine%first_step, fine%first_step + fine%nstep - 1
             if (noise%nnoise > 0 .and. (mod(n, 2_i8) == 0 .or. n == fine%first_step)) &
-               call noise%fill(work%nlane, work%path, n/2, work%w, drawn)
+               call fill(work, noise, system, fine, n/2, drawn)
             call advance(work, system, fine, n)
             done = n + 1 - fine%first_step
             if (mod(done, fine%save_every) /= 0) cycle
@@ -92,6 +100,50 @@ contains
          work%first = work%first + work%nlane
       end do
    end subroutine exact_solution
+
+   !> Let the noise give the dZ that the scheme takes.
+   subroutine ask_for(scheme, model, noise, error)
+      type(scheme_type), intent(in) :: scheme
+      class(model_type), intent(in) :: model
+      class(noise_type), allocatable, intent(inout) :: noise
+      type(error_type), allocatable, intent(inout) :: error
+      logical :: needs_dz, needs_areas
+
+      if (allocated(error)) return
+      if (scheme%law /= law_gaussian) then
+         call raise(error, incompatible, 'exact_solution', 'scheme '//scheme%name//' draws '//law_text(scheme%law)// &
+                    ' increments and follows no Brownian path, so there is no exact solution beside it: compare '// &
+                    'expectations, or take a scheme with Gaussian increments')
+         return
+      end if
+      call integrals_needed(scheme%expansion, model%traits, needs_dz, needs_areas)
+      call noise%ask(needs_dz, .false.)
+   end subroutine ask_for
+
+   !> Increments of the steps 2*pair and 2*pair+1, and for additive noise their shapes H_k.
+   subroutine fill(work, noise, system, options, pair, drawn)
+      type(exact_block), intent(inout) :: work
+      class(noise_type), intent(in) :: noise
+      type(oscillator), intent(in) :: system
+      type(run_options), intent(in) :: options
+      integer(i8), intent(in) :: pair
+      integer(i8), intent(inout) :: drawn
+      real(wp) :: none(work%nlane, 0, 0:1)
+      integer :: k
+
+      if (noise%needs_dz) then
+         call noise%fill_integrals(work%nlane, work%path, pair, work%w, work%shape, none, drawn)
+         work%shape = work%shape/options%step - 0.5_wp*work%w(:, 1:, :)
+         return
+      end if
+      call noise%fill(work%nlane, work%path, pair, work%w, drawn)
+      if (.not. system%additive) return
+      do k = 1, noise%nnoise
+         if (noise%silent(k)) cycle
+         call shape_draws(work%nlane, options%seed, work%path, pair, k, options%step, work%shape(:, k, 0), &
+                          work%shape(:, k, 1), drawn)
+      end do
+   end subroutine fill
 
    !> The model's parameters, read from its gradients at unit points and unit weights; exact.
    subroutine recognise(model, system, error)
@@ -186,10 +238,11 @@ contains
 
       nlane = lanes_for(1, options%npath)
       work%nlane = nlane
-      allocate (work%path(nlane), work%w(nlane, 0:nnoise, 0:1))
+      allocate (work%path(nlane), work%w(nlane, 0:nnoise, 0:1), work%shape(nlane, nnoise, 0:1))
       allocate (work%q0(nlane), work%p0(nlane), work%q(nlane), work%p(nlane), work%sum_w(nlane), &
                 work%low(nlane), work%xi1(nlane), work%xi2(nlane), work%c(nlane), work%s(nlane))
       work%w = 0
+      work%shape = 0
    end subroutine new_block
 
    !> Load the initial states of the block that begins at work%first.
@@ -234,7 +287,7 @@ contains
       do k = 1, size(system%to_q)
          if (abs(system%to_q(k)) <= 0 .and. abs(system%to_p(k)) <= 0) cycle
          call oscillator_draws(work%nlane, options%seed, work%path, n, k, work%xi1, work%xi2)
-         call oscillator_integrals(work%nlane, options%step, work%w(:, k, half), &
+         call oscillator_integrals(work%nlane, options%step, work%w(:, k, half), work%shape(:, k, half), &
                                    work%xi1, work%xi2, work%c, work%s)
          work%q = work%q + (system%to_q(k)*work%c + system%to_p(k)*work%s)
          work%p = work%p + (system%to_p(k)*work%c - system%to_q(k)*work%s)

@@ -26,7 +26,7 @@ module symsde_noise_integrals
    use symsde_noise_normal, only: scaled_normal_pairs
    implicit none
    private
-   public :: integral_draws, step_integrals, merge_steps, area_levels, fill_pair
+   public :: integral_draws, step_integrals, merge_steps, area_levels, fill_pair, shape_draws
 
    integer, parameter, public :: max_area_levels = 20  !! 2^20 sub-increments of a step
 
@@ -316,6 +316,18 @@ contains
       call draw(d, nlane, path, pair, level, purpose_halving, sqrt(abs(length)/16), u1, u2, drawn)
       call draw(d, nlane, path, pair, level, purpose_halves, sqrt(abs(length)/12), v1, v2, drawn)
    end subroutine draw_halving
+
+   !> H = dZ/h - dW/2 of noise k at the finest steps 2*pair and 2*pair+1, the numbers that fill_pair takes for dZ.
+   subroutine shape_draws(nlane, seed, path, pair, k, h, even, odd, drawn)
+      integer, intent(in) :: nlane, k
+      integer(i8), intent(in) :: seed, path(nlane), pair
+      real(wp), intent(in) :: h            !! length of a step, either sign [time]
+      real(wp), intent(out) :: even(nlane), odd(nlane)
+      integer(i8), intent(inout) :: drawn
+
+      call scaled_normal_pairs(nlane, seed, path, pair, k, 0, purpose_shape, sqrt(abs(h)/12), even, odd)
+      drawn = drawn + 2
+   end subroutine shape_draws
 
    !> Scaled normals of all noises for the intervals 2*pair and 2*pair+1; zero for silent noises.
    subroutine draw(d, nlane, path, pair, level, purpose, scale, even, odd, drawn)

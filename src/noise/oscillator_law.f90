@@ -4,18 +4,19 @@
 !>    dW = W(h),   C = int_0^h cos(h-s) dW(s),   S = int_0^h sin(h-s) dW(s)
 !>
 !> jointly Gaussian with Var C = h/2 + sin(2h)/4, Var S = h/2 - sin(2h)/4, Cov(C,S) = sin(h)^2/2,
-!> Cov(dW,C) = sin h, Cov(dW,S) = 1 - cos h (the u_k after [WHSB] (92)). Given dW, with two
-!> independent normals of its own,
+!> Cov(dW,C) = sin h, Cov(dW,S) = 1 - cos h (the u_k after [WHSB] (92)), given the increment dW and
+!> H = dZ/h - dW/2, which is what a scheme with dZ takes from the same path.
 !>
-!>    S = dW (1 - cos h)/h + sqrt(vs) xi_1
-!>    C = dW sin(h)/h + (cs/sqrt(vs)) xi_1 + sqrt(vp) xi_2
+!> exp(iu) on [0,h] is a sum of Legendre polynomials with spherical Bessel functions j_n for coefficients
+!> (Rayleigh's expansion), and the integrals of the polynomials are independent: dW the first, 2 H the second. So
 !>
-!>    vs = Var(S|dW)  = h^3/12 - ..    cs = Cov(C,S|dW) = -h^4/24 + ..
-!>    vp = Var(C|dW,S) = (h - sin h) g(h)/vs = h^5/720 - ..,   g = (h + sin h)/4 - (1 - cos h)/h
+!>    C + i S = exp(i a) (R + i I),   a = h/2
+!>    R = j_0(a) dW + sqrt(h sum_{n=2,4,..} (2n+1) j_n(a)^2) xi_1
+!>    I = 6 j_1(a) H + sqrt(h sum_{n=3,5,..} (2n+1) j_n(a)^2) xi_2
 !>
-!> As differences of closed forms these lose all digits at small h (vp below h = 5e-4), so
-!> they are summed as power series up to |h| = 2. Relative error of the coefficients, measured
-!> against real128: 6e-16 up to there, 4e-15 beyond. A step h < 0 leaves C and turns S around.
+!> with two independent normals of its own. The sums have positive terms and are taken as they stand up to |h| = 8,
+!> where the closed forms (1 + sin(h)/h)/2 - j_0^2 and (1 - sin(h)/h)/2 - 3 j_1^2 lose no digits any more; below they
+!> lose all of them. A step h < 0 leaves C and turns S around.
 module symsde_noise_oscillator_law
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_noise_normal, only: normal_pairs
@@ -24,56 +25,90 @@ module symsde_noise_oscillator_law
    public :: oscillator_coefficients, oscillator_law, oscillator_integrals, oscillator_draws
 
    integer(i4), parameter :: purpose_oscillator = 2  !! counter word of these draws
-   real(wp), parameter :: series_bound = 2           !! largest |h| for which series are summed
-   integer, parameter :: nterm = 24                  !! terms: 16**24/48! < 1e-32
+   real(wp), parameter :: series_bound = 8           !! largest |h| for which series are summed
+   integer, parameter :: nterm = 30                  !! terms of a Bessel function: 8^30/(30! 65!!/5!!) < 1e-40
+   integer, parameter :: norder = 30                 !! largest n: (4^30/61!!)^2 < 1e-42
 
-   !> C and S as linear forms of dW, xi_1 and xi_2.
+   !> R and I as linear forms of dW, H, xi_1 and xi_2, and the turn that makes (C, S) of them.
    type :: oscillator_coefficients
-      real(wp) :: s_w = 0    !! of dW in S
-      real(wp) :: s_1 = 0    !! of xi_1 in S
-      real(wp) :: c_w = 0    !! of dW in C
-      real(wp) :: c_1 = 0    !! of xi_1 in C
-      real(wp) :: c_2 = 0    !! of xi_2 in C
+      real(wp) :: cosine = 1  !! of h/2
+      real(wp) :: sine = 0
+      real(wp) :: r_w = 1     !! of dW in R
+      real(wp) :: r_1 = 0     !! of xi_1 in R
+      real(wp) :: i_h = 0     !! of H in I
+      real(wp) :: i_2 = 0     !! of xi_2 in I
    end type oscillator_coefficients
 
 contains
 
-   !> The coefficients for steps of length h; all zero but c_w = 1 for h = 0.
+   !> The coefficients for steps of length |h|; C = dW and S = 0 for h = 0.
    pure function oscillator_law(h) result(law)
       real(wp), intent(in) :: h   !! step, either sign [radians]
       type(oscillator_coefficients) :: law
-      real(wp) :: x, vs, cs, vp
+      real(wp) :: a
 
-      law%c_w = 1
-      x = abs(h)
-      if (.not. x > 0) return
-      law%c_w = sin(x)/x
-      law%s_w = 2*sin(0.5_wp*x)**2/h
-      if (x <= series_bound) then
-         call conditional_series(x, vs, cs, vp)
+      a = 0.5_wp*abs(h)
+      if (.not. a > 0) return
+      law%cosine = cos(a)
+      law%sine = sin(a)
+      law%r_w = law%sine/a
+      if (2*a <= series_bound) then
+         law%i_h = 6*a*bessel(1, a)
+         law%r_1 = sqrt(2*a)*a**2*sqrt(tail(2, a))
+         law%i_2 = sqrt(2*a)*a**3*sqrt(tail(3, a))
       else
-         call conditional_closed(x, vs, cs, vp)
+         law%i_h = 6*(law%r_w - law%cosine)/a
+         law%r_1 = sqrt(2*a*(0.5_wp*(1 + law%r_w*law%cosine) - law%r_w**2))
+         law%i_2 = sqrt(2*a*(0.5_wp*(1 - law%r_w*law%cosine) - law%i_h**2/12))
       end if
-      law%s_1 = sign(x*sqrt(x*vs), h)
-      law%c_1 = x*x*sqrt(x/vs)*cs
-      law%c_2 = x*x*sqrt(x*vp)
    end function oscillator_law
 
-   !> C and S of one step for each path of a block, from dW and two normals that belong to it.
-   pure subroutine oscillator_integrals(nlane, h, dw, xi1, xi2, c, s)
+   !> sum over n = first, first + 2, .. of (2n+1) j_n(a)^2, over a^(2 first), so that it does not underflow.
+   pure real(wp) function tail(first, a)
+      integer, intent(in) :: first
+      real(wp), intent(in) :: a    !! 0 < a <= 4
+      integer :: n
+
+      tail = 0
+      do n = norder + first, first, -2
+         tail = a**4*tail + (2*n + 1)*bessel(n, a)**2
+      end do
+   end function tail
+
+   !> j_n(a)/a^n = sum_k (-a^2/2)^k/(k! (2n+2k+1)!!) by Horner's rule.
+   pure real(wp) function bessel(n, a)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: a    !! 0 < a <= 4
+      integer :: k
+
+      bessel = 1
+      do k = nterm, 1, -1
+         bessel = 1 - 0.5_wp*a**2/(k*(2*n + 2*k + 1.0_wp))*bessel
+      end do
+      do k = 1, n
+         bessel = bessel/(2*k + 1)
+      end do
+   end function bessel
+
+   !> C and S of one step for each path of a block, from dW, H and two normals that belong to it.
+   pure subroutine oscillator_integrals(nlane, h, dw, shape, xi1, xi2, c, s)
       integer(i4), intent(in) :: nlane
       real(wp), intent(in) :: h                       !! step, either sign [radians]
       real(wp), intent(in) :: dw(nlane)               !! increment, variance |h|
-      real(wp), intent(in) :: xi1(nlane), xi2(nlane)  !! N(0,1), independent of dw and of each other
+      real(wp), intent(in) :: shape(nlane)            !! H = dZ/h - dW/2, variance |h|/12, independent of dW
+      real(wp), intent(in) :: xi1(nlane), xi2(nlane)  !! N(0,1), independent of all others
       real(wp), intent(out) :: c(nlane)               !! int cos(h-s) dW(s)
       real(wp), intent(out) :: s(nlane)               !! int sin(h-s) dW(s)
       type(oscillator_coefficients) :: law
+      real(wp) :: r, i
       integer(i4) :: lane
 
       law = oscillator_law(h)
       do lane = 1, nlane
-         c(lane) = law%c_w*dw(lane) + law%c_1*xi1(lane) + law%c_2*xi2(lane)
-         s(lane) = law%s_w*dw(lane) + law%s_1*xi1(lane)
+         r = law%r_w*dw(lane) + law%r_1*xi1(lane)
+         i = law%i_h*shape(lane) + law%i_2*xi2(lane)
+         c(lane) = law%cosine*r - law%sine*i
+         s(lane) = sign(1.0_wp, h)*(law%sine*r + law%cosine*i)
       end do
    end subroutine oscillator_integrals
 
@@ -89,50 +124,5 @@ contains
 
       call normal_pairs(nlane, seed, path, step, noise, 0_i4, purpose_oscillator, xi1, xi2)
    end subroutine oscillator_draws
-
-   !> Power series by Horner's rule, as multiples of their leading powers (no underflow):
-   !>    vs = sum_{k>=1} (-1)^{k+1} (4^k (k-1) + 2)/(2k+2)! h^{2k+1}
-   !>    cs = sum_{k>=2} (-1)^{k+1} (4^{k-1} (2k-3) + 1)/(2k+1)! h^{2k}
-   !>    h - sin h = sum_{k>=1} (-1)^{k+1} h^{2k+1}/(2k+1)!
-   !>    g  = sum_{k>=2} (-1)^k (k-1)/(2 (2k+2)!) h^{2k+1}
-   pure subroutine conditional_series(h, vs, cs, vp)
-      real(wp), intent(in) :: h                !! 0 < h <= 2
-      real(wp), intent(out) :: vs, cs, vp      !! over h^3, h^4, h^5
-      real(wp) :: inverse(2*nterm + 2), z, sign_k, four, rest, g
-      integer :: k
-
-      inverse(1) = 1   ! 1/j!
-      do k = 2, size(inverse)
-         inverse(k) = inverse(k - 1)/k
-      end do
-      z = h*h
-      vs = 0
-      cs = 0
-      rest = 0
-      g = 0
-      do k = nterm, 1, -1
-         sign_k = 1 - 2*mod(k, 2)
-         four = 4.0_wp**k
-         vs = z*vs - sign_k*(four*(k - 1) + 2)*inverse(2*k + 2)
-         rest = z*rest - sign_k*inverse(2*k + 1)
-         if (k == 1) exit
-         cs = z*cs - sign_k*(0.25_wp*four*(2*k - 3) + 1)*inverse(2*k + 1)
-         g = z*g + sign_k*0.5_wp*(k - 1)*inverse(2*k + 2)
-      end do
-      vp = rest*g/vs
-   end subroutine conditional_series
-
-   !> The closed forms, for h where they lose few digits; over h^3, h^4, h^5 as the series.
-   pure subroutine conditional_closed(h, vs, cs, vp)
-      real(wp), intent(in) :: h
-      real(wp), intent(out) :: vs, cs, vp
-      real(wp) :: sine, versine
-
-      sine = sin(h)
-      versine = 2*sin(0.5_wp*h)**2
-      vs = (0.5_wp*h - 0.25_wp*sin(2*h) - versine**2/h)/h**3
-      cs = (0.5_wp*sine**2 - sine*versine/h)/h**4
-      vp = (h - sine)*(0.25_wp*(h + sine) - versine/h)/h**8/vs
-   end subroutine conditional_closed
 
 end module symsde_noise_oscillator_law

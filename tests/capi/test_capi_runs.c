@@ -374,7 +374,7 @@ static void test_diagnostics(void) {
    CHECK(largest < 1e-12);
 
    /* kubo turns by a t + sigma W */
-   OK(symsde_exact_solution(model, &options, &input, q, p, &error));
+   OK(symsde_exact_solution(model, midpoint, &options, &input, q, p, &error));
    double w = 0;
    worst = 0;
    for (int n = 0; n < STEPS; n++) {
@@ -385,7 +385,7 @@ static void test_diagnostics(void) {
    CHECK(worst < 1e-13);
 
    OK(symsde_model_get("pendulum", 0, NULL, NULL, &pendulum, &error));
-   CHECK(symsde_exact_solution(pendulum, &options, &input, q, p, &error) < 0 && error.message[0] != 0);
+   CHECK(symsde_exact_solution(pendulum, midpoint, &options, &input, q, p, &error) < 0 && error.message[0] != 0);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "defect is NULL",
           symsde_symplecticity(model, midpoint, &options, PATHS, a.q, a.p, dw, NULL, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "npoint = 0",
@@ -394,7 +394,8 @@ static void test_diagnostics(void) {
           symsde_discrete_action(model, midpoint, &options, a.q, a.p, NULL, action, &error));
    EXPECT(SYMSDE_NULL_HANDLE, "scheme",
           symsde_euler_lagrange_residual(model, NULL, &options, a.q, a.p, dw, residual, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "p is NULL", symsde_exact_solution(model, &options, &input, q, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "p is NULL",
+          symsde_exact_solution(model, midpoint, &options, &input, q, NULL, &error));
    symsde_model_delete(&model);
    symsde_model_delete(&pendulum);
    symsde_scheme_delete(&midpoint);
