@@ -18,7 +18,7 @@ from ._handles import status_text
 from ._setup import build_info
 from .commutator import Commutator, commutator
 from .convergence import Convergence, convergence
-from .errors import PathsFailedWarning, SymsdeError
+from .errors import PathsFailedWarning, ReferenceWarning, SymsdeError
 from .model import Model, Traits
 from .moments import Moments, moments
 from .report import Report
@@ -35,6 +35,7 @@ __all__ = [
     "Model",
     "Moments",
     "PathsFailedWarning",
+    "ReferenceWarning",
     "Report",
     "Run",
     "Scheme",

@@ -3,22 +3,22 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from . import _checks, _files
-from ._setup import make_setup
-from .diagnose import exact_of
-from .errors import InvalidArgumentError, MissingOperationError, NumericalError
+from . import _files
+from .errors import NumericalError, ReferenceWarning
 from .model import Model
-from .schemes import Scheme, as_scheme
-from .simulate import simulate
+from .schemes import Scheme
+from .study import orders
+from .study.errors import References, end, squares, strong_error
+from .study.plan import BATCHES, Plan, make_plan
 
-_BATCHES = 20
-_QUANTILE = 2.093  # of Student's t with 19 degrees of freedom, 95 %
+_MARKS = {"reference": "at the floor", "rounding": "rounding", "saturated": "saturated", "diverged": "diverged"}
 
 
 @dataclass(frozen=True)
@@ -28,34 +28,48 @@ class Convergence:
     scheme: str
     model: str
     reference: str  #: what the paths are compared with
+    reference_error: float  #: its own rms error, the floor of what can be seen; 0 = exact
     steps: np.ndarray  #: (level,), number of steps
     step: np.ndarray  #: (level,), h
     error: np.ndarray  #: (level,)
     low: np.ndarray  #: (level,), ends of the intervals
     high: np.ndarray
-    order: float  #: fitted slope of log error over log h
+    status: tuple[str, ...]  #: (level,), ok; reference: at the floor; rounding, saturated, diverged: not counted
+    order: float  #: fitted slope of log error over log h of the points that count; NaN where there are fewer than two
     order_low: float
     order_high: float
     paths: int  #: paths that count
 
     def __str__(self) -> str:
         """Table of the errors."""
-        rows = zip(self.steps, self.step, self.error, self.low, self.high, strict=True)
+        floor = f", whose own error is {self.reference_error:.1e}" if self.reference_error else ""
+        rows = zip(self.steps, self.step, self.error, self.low, self.high, self.status, strict=True)
+        counted = self.status.count("ok")
+        order = f"order {self.order:.3f}, {self.order_low:.3f} .. {self.order_high:.3f}"
+        if counted < len(self.status):
+            order = f"{order if counted > 1 else 'no order'}, {counted} of {len(self.status)} steps counted"
         return "\n".join(
             [
-                f"{self.scheme} on {self.model}, {self.paths} paths, against {self.reference}",
+                f"{self.scheme} on {self.model}, {self.paths} paths, against {self.reference}{floor}",
                 f"{'steps':>8s} {'h':>12s} {'error':>11s}   95 % interval",
-                *(f"{n:8d} {h:12.5g} {e:11.4e}   {lo:.3e} .. {up:.3e}" for n, h, e, lo, up in rows),
-                f"order {self.order:.3f}, {self.order_low:.3f} .. {self.order_high:.3f}",
+                *(
+                    f"{n:8d} {h:12.5g} {e:11.4e}   {lo:.3e} .. {up:.3e}  {_MARKS.get(state, '')}".rstrip()
+                    for n, h, e, lo, up, state in rows
+                ),
+                order,
             ]
         )
 
     def plot(self, axes=None):
-        """Draw errors over h with matplotlib; returns the axes."""
+        """Draw errors over h with matplotlib, hollow where they do not count; returns the axes."""
         if axes is None:
             axes = _files.optional("matplotlib.pyplot", "plot").subplots(layout="constrained")[1]
         bars = np.abs(np.stack([self.low, self.high]) - self.error)
-        axes.errorbar(self.step, self.error, yerr=bars, fmt="o-", label=f"{self.scheme}: order {self.order:.2f}")
+        line = axes.errorbar(self.step, self.error, yerr=bars, fmt="o-", label=f"{self.scheme}: order {self.order:.2f}")
+        hollow = np.array(self.status) != "ok"
+        axes.plot(self.step[hollow], self.error[hollow], "o", mfc="white", mec=line[0].get_color(), zorder=5)
+        if self.reference_error:
+            axes.axhline(self.reference_error, ls=":", color="#888888", lw=0.9, label="error of the reference")
         axes.set(xscale="log", yscale="log", xlabel="step $h$", ylabel="strong error (rms)")
         axes.legend()
         return axes
@@ -70,97 +84,77 @@ def convergence(
     time: float = 1.0,
     steps: Sequence[int] = (16, 32, 64, 128, 256),
     paths: int = 1000,
-    halvings: int = 5,
+    reference: str = "auto",
+    reference_steps: int | None = None,
     **options: Any,
 ) -> Convergence:
     """Strong errors at `time` for several numbers of steps, all on the same Brownian paths.
 
-    steps: each is the largest one divided by a power of two. The reference is the exact solution where the
-    model has one, else gauss2 with steps `halvings` times halved from the finest. Further options are those
-    of `simulate` (seed, correction, threads, ...). Paths that fail anywhere are left out and not counted.
+    steps: each is the largest one divided by a power of two. reference: "exact", the name of a scheme, or "auto":
+    the exact solution where the model has one, else a better scheme with `reference_steps` steps (a power of two
+    times the largest), whose own error is estimated and shown. Steps whose error is not four times that are marked,
+    never counted, and warned of (ReferenceWarning). Further options are t0, seed, correction, truncation,
+    compensated and threads of `simulate`. Paths that fail anywhere are left out and not counted.
     """
-    steps = _check_steps(steps)
-    paths = _checks.integer("paths", paths, (2 * _BATCHES, 2**47))
-    scheme = as_scheme(scheme)
-    common = {"q0": q0, "p0": p0, "paths": paths, **options}
-    end, extra, reference = _reference(model, time, steps[-1], halvings, common)
-    squares = np.empty((len(steps), paths))
-    for i, n in enumerate(steps):
-        refine = _halvings(steps[-1], n) + extra
-        found = _end(simulate(model, scheme=scheme, step=time / n, steps=n, save_every=n, refine=refine, **common))
-        squares[i] = np.square(found - end).sum(axis=(0, 1))
-    ok = np.isfinite(squares).all(axis=0)
-    if ok.sum() < 2 * _BATCHES:
-        raise NumericalError(f"only {ok.sum()} of {paths} paths are ok at every step size: use smaller steps")
-    return _table(model=model, scheme=scheme, time=time, steps=steps, squares=squares[:, ok], reference=reference)
+    plan = make_plan(
+        model,
+        q0=q0,
+        p0=p0,
+        schemes=[scheme],
+        steps=steps,
+        horizon=time,
+        paths=paths,
+        reference=reference,
+        reference_steps=reference_steps,
+        **options,
+    )
+    rows = _rows(plan)
+    if any(row["status"] == "reference" for row in rows):
+        warnings.warn(
+            f"the error of {plan.schemes[0].name} is not above that of its reference "
+            f"({plan.references[plan.schemes[0].name]}: {rows[0]['ref_error']:.1e}) at some steps, which were not "
+            "counted: give more reference_steps, or longer steps",
+            ReferenceWarning,
+            stacklevel=2,
+        )
+    return _table(plan, rows)
 
 
-def _check_steps(steps: Sequence[int]) -> list[int]:
-    counts = sorted(_checks.integer("steps", n, (1, 2**40)) for n in steps)
-    if len(set(counts)) < 2:
-        raise InvalidArgumentError(f"steps = {_checks.shown(steps)} has one level: give at least two")
-    for n in counts:
-        if counts[-1] % n or (counts[-1] // n).bit_count() != 1:
-            raise InvalidArgumentError(
-                f"steps: {n} is not {counts[-1]} divided by a power of two, so the paths cannot be shared: "
-                "give numbers such as 16, 32, 64"
-            )
-    return counts
+def _rows(plan: Plan) -> list[dict]:
+    """Errors of the one scheme at every step, over the paths that are ok at all of them."""
+    scheme = plan.schemes[0]
+    fine, own_error = References(plan).get(plan.references[scheme.name])
+    runs = [plan.run(scheme, steps, shared=True) for steps in plan.steps]
+    square = np.stack([squares(end(run), fine) for run in runs])
+    ok = np.isfinite(square).all(axis=0) & np.all([run.status == 0 for run in runs], axis=0)
+    if ok.sum() < 2 * BATCHES:
+        raise NumericalError(f"only {ok.sum()} of {plan.paths} paths are ok at every step size: use smaller steps")
+    rows = []
+    for steps, row in zip(plan.steps, square[:, ok], strict=True):
+        known = {"h": plan.horizon / steps, "ref_error": own_error, "failed": 0, "counted": int(ok.sum())}
+        rows.append(known | strong_error(row, fine[:, :, ok]))
+        rows[-1]["status"] = orders.judge(rows[-1])
+    return rows
 
 
-def _halvings(fine: int, coarse: int) -> int:
-    return (fine // coarse).bit_length() - 1
-
-
-def _end(run) -> np.ndarray:
-    """Final state (2, dof, path)."""
-    return np.stack([run.q[-1], run.p[-1]])
-
-
-def _reference(model, time, finest, halvings, common) -> tuple[np.ndarray, int, str]:
-    """Final state, further halvings it needs, and what it is."""
-    grid = {"step": time / finest, "steps": finest, "save_every": finest}
-    physical = {key: value for key, value in common.items() if key not in ("correction", "progress")}
-    try:
-        q, p = exact_of(make_setup(model, **grid, **physical))
-        return np.stack([q[-1], p[-1]]), 0, "the exact solution"
-    except MissingOperationError:
-        extra = _checks.integer("halvings", halvings, (1, 20))
-    n = finest << extra
-    run = simulate(model, scheme="gauss2", step=time / n, steps=n, save_every=n, **physical)
-    return _end(run), extra, f"gauss2 with {n} steps"
-
-
-def _table(*, model, scheme, time, steps, squares, reference) -> Convergence:
-    """Errors and order with intervals, from squared errors (level, path)."""
-    count = squares.shape[1]
-    mean = squares.mean(axis=1)
-    error = np.sqrt(mean)
-    tiny = np.finfo(float).tiny
-    half = 1.96 * squares.std(axis=1, ddof=1) / np.sqrt(count) / np.maximum(2 * error, tiny)
-    h = time / np.array(steps)
-    batches = np.array_split(squares, _BATCHES, axis=1)
-    slopes = [_slope(h, np.sqrt(batch.mean(axis=1))) for batch in batches]
-    order = _slope(h, error)
-    spread = _QUANTILE * np.std(slopes, ddof=1) / np.sqrt(_BATCHES)
+def _table(plan: Plan, rows: list[dict]) -> Convergence:
+    scheme = plan.schemes[0]
+    order = orders.fitted(rows)
     return Convergence(
         scheme=scheme.name,
-        model=repr(model),
-        reference=reference,
-        steps=np.array(steps),
-        step=h,
-        error=error,
-        low=np.maximum(error - half, 0),
-        high=error + half,
-        order=order,
-        order_low=order - spread,
-        order_high=order + spread,
-        paths=count,
+        model=repr(plan.model),
+        reference=f"the {plan.references[scheme.name]}"
+        if not rows[0]["ref_error"]
+        else str(plan.references[scheme.name]),
+        reference_error=rows[0]["ref_error"],
+        steps=np.array(plan.steps),
+        step=np.array([row["h"] for row in rows]),
+        error=np.array([row["err_strong"] for row in rows]),
+        low=np.array([row["err_strong_low"] for row in rows]),
+        high=np.array([row["err_strong_high"] for row in rows]),
+        status=tuple(row["status"] for row in rows),
+        order=order.value,
+        order_low=order.value - order.half,
+        order_high=order.value + order.half,
+        paths=rows[0]["counted"],
     )
-
-
-def _slope(h: np.ndarray, error: np.ndarray) -> float:
-    """Least-squares slope of log error over log h."""
-    x = np.log(np.abs(h))
-    y = np.log(np.maximum(error, np.finfo(float).tiny))
-    return float(np.dot(x - x.mean(), y) / np.square(x - x.mean()).sum())

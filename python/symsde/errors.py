@@ -94,6 +94,10 @@ class PathsFailedWarning(RuntimeWarning):
     """Some paths of a run failed; they are NaN from there on and left out of moments."""
 
 
+class ReferenceWarning(UserWarning):
+    """An error that was asked for is not above that of the reference it is measured against."""
+
+
 _BY_CODE = {
     kind.code: kind
     for kind in (

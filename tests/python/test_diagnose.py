@@ -107,11 +107,53 @@ def test_convergence_against_the_exact_solution(kubo):
 
 def test_convergence_against_a_finer_path():
     pendulum = ss.models.pendulum()
-    common = {"q0": 1.0, "p0": 0.0, "steps": [16, 32, 64], "paths": 1000, "halvings": 4, "seed": 1}
+    common = {"q0": 1.0, "p0": 0.0, "steps": [16, 32, 64], "paths": 1000, "reference_steps": 1024, "seed": 1}
     table = ss.convergence(pendulum, "symplectic_euler", **common)
-    assert abs(table.order - 1) < 0.15 and "gauss2" in table.reference
+    assert abs(table.order - 1) < 0.15 and table.reference == "gauss2_strong32, 1024 steps"
     wrong = ss.convergence(pendulum, "symplectic_euler", correction="none", **common)
     assert wrong.order < 0.5  # converges to another equation
+
+
+@pytest.mark.parametrize("scheme", ["gauss2_strong32", "averaged_shift_midpoint", "verlet_dz"])
+def test_convergence_of_schemes_with_dz_against_the_exact_solution(scheme):
+    """The exact solution takes the dZ of the run: 0.00 to 0.02 where it took others of its own."""
+    model = ss.models.linear_oscillator()
+    table = ss.convergence(model, scheme, q0=0.5, p0=0.2, steps=[8, 16, 32, 64], paths=1000, seed=1)
+    assert table.reference == "the exact solution" and table.reference_error == 0
+    assert abs(table.order - 2) < 0.1
+
+
+def test_convergence_against_a_reference_that_is_good_enough():
+    """1.5 for gauss2_strong32 with itself as reference, 64 times finer; gauss2 would show 0.7 to 1.1."""
+    model = ss.models.synchrotron(omega=1.0, sigma1=2.0, sigma2=1.0)
+    common = {"q0": 0.5, "p0": 0.2, "steps": [16, 32, 64], "paths": 400, "seed": 1}
+    table = ss.convergence(model, "gauss2_strong32", **common)
+    assert table.reference == "gauss2_strong32, 4096 steps" and 0 < table.reference_error < table.error[-1] / 100
+    assert abs(table.order - 1.5) < 0.15 and set(table.status) == {"ok"}
+    with pytest.warns(ss.ReferenceWarning, match="reference_steps"):
+        poor = ss.convergence(model, "gauss2_strong32", reference="gauss2", reference_steps=2048, **common)
+    assert poor.status[-1] == "reference" and poor.reference_error > poor.error[-1] / 4
+    assert "at the floor" in str(poor) and "steps counted" in str(poor)
+
+
+def test_points_at_the_floor_never_count():
+    """The slope is that of the points above it, however many lie on it."""
+    model = ss.models.synchrotron()
+    common = {"q0": 0.5, "p0": 0.2, "paths": 200, "seed": 1, "reference": "gauss2", "reference_steps": 1024}
+    with pytest.warns(ss.ReferenceWarning):
+        table = ss.convergence(model, "gauss2_strong32", steps=[2, 4, 8, 64, 128, 256], **common)
+    assert table.status[-3:] == ("reference",) * 3
+    counted = np.array(table.status) == "ok"
+    slope = np.polyfit(np.log(table.step[counted]), np.log(table.error[counted]), 1)[0]
+    assert counted.sum() > 1 and table.order == pytest.approx(slope)
+    everything = np.polyfit(np.log(table.step), np.log(table.error), 1)[0]
+    assert abs(everything - slope) > 0.2  # the planted fault shows
+
+
+def test_exact_solutions_refuse_discrete_increments():
+    run = ss.simulate(ss.models.linear_oscillator(), q0=1.0, p0=0.0, step=0.1, steps=4, scheme="gauss2_weak2")
+    with pytest.raises(ss.errors.IncompatibleError, match="no Brownian path"):
+        ss.diagnose.exact(run)
 
 
 def test_plot(kubo):

@@ -56,15 +56,23 @@ def _judge(plan: Plan, run, reference: np.ndarray, own_error: float) -> dict:
     row = {"failed": int((~ok).sum()), "ref_error": own_error, "stepper": run.report.stepper}
     if ok.sum() < 2 * BATCHES:
         return row
-    square = square[ok]
-    error = rms(square)
-    half = NORMAL * square.std(ddof=1) / np.sqrt(square.size) / max(2 * error, np.finfo(float).tiny)
-    row |= {"err_strong": error, "err_strong_low": max(error - half, 0.0), "err_strong_high": error + half}
-    row["size"] = rms(np.square(reference[:, :, ok]).sum(axis=(0, 1)))
-    row["batches"] = [float(batch.mean()) for batch in np.array_split(square, BATCHES)]
+    row |= strong_error(square[ok], reference[:, :, ok])
     row |= weak_errors(plan.model, found[:, :, ok], reference[:, :, ok])
     row["drift"] = drift(plan, found[:, :, ok], ok)
     return row
+
+
+def strong_error(square: np.ndarray, reference: np.ndarray) -> dict:
+    """Root mean square of squared errors (path,) with its interval, size of the solution, means of the groups."""
+    error = rms(square)
+    half = NORMAL * square.std(ddof=1) / np.sqrt(square.size) / max(2 * error, np.finfo(float).tiny)
+    return {
+        "err_strong": error,
+        "err_strong_low": max(error - half, 0.0),
+        "err_strong_high": error + half,
+        "size": rms(np.square(reference).sum(axis=(0, 1))),
+        "batches": [float(batch.mean()) for batch in np.array_split(square, BATCHES)],
+    }
 
 
 def weak_errors(model: Model, found: np.ndarray, reference: np.ndarray) -> dict:

@@ -17,8 +17,10 @@ from ..simulate import simulate
 
 BATCHES = 20  #: groups of paths whose scatter gives the interval of an order
 LEAST_REPEATS = 5
+NEAR = 3  #: halvings from the finest step to a reference of higher order than the scheme that it judges
+FAR = 6  #: to one that may be of the same order, or the scheme itself
 SMALL = 4  #: degrees of freedom up to which a scheme with dense Newton is an affordable reference
-OPTIONS = ("t0", "seed", "correction", "truncation", "compensated")  #: of `simulate`, common to all runs
+OPTIONS = ("t0", "seed", "correction", "truncation", "compensated", "threads")  #: of `simulate`, common to all runs
 
 
 @dataclass(frozen=True)
@@ -220,20 +222,16 @@ def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Re
     """What the paths of a scheme are compared with."""
     finest = plan.steps[-1]
     wanted = _checks.name_of("reference", wanted)
-    only_increments = plan.model.name == "kubo" or not uses_integrals(scheme)
-    if wanted == "exact" and not only_increments:
-        raise InvalidArgumentError(
-            f"reference = 'exact' does not fit {scheme.name}: the exact solution of {plan.model.name} draws its own "
-            "integrals given the increments, not those of the scheme; give reference = 'auto'"
-        )
     if wanted == "exact" and not _has_exact(plan):
         raise InvalidArgumentError(f"reference = 'exact': {plan.model.name} has no exact solution, give 'auto'")
-    if wanted == "exact" or (wanted == "auto" and only_increments and _has_exact(plan)):
+    if wanted == "exact" or (wanted == "auto" and _has_exact(plan)):
         if steps is not None and wanted == "exact":
             raise InvalidArgumentError("reference_steps is for a scheme: the exact solution needs none, leave it out")
         return Reference("exact", finest)
     name = _better(plan.model, scheme) if wanted == "auto" else as_scheme(wanted).name
-    extra = 3 if uses_integrals(as_scheme(name)) else 5
+    extra = 5
+    if uses_integrals(as_scheme(name)):
+        extra = FAR if uses_integrals(scheme) else NEAR
     count = finest << extra if steps is None else _checks.integer("reference_steps", steps, (1, 2**40))
     if count <= finest or count % finest or (count // finest).bit_count() != 1:
         raise InvalidArgumentError(
