@@ -5,7 +5,9 @@ module symsde_ensemble_options
    use symsde_base_lanes, only: lane_unit
    use symsde_base_status, only: error_type, raise, invalid_argument, too_large
    use symsde_base_text, only: to_text
+   use symsde_noise_brownian, only: max_refine
    use symsde_scheme_scheme, only: correction_auto
+   use symsde_solve_newton, only: newton_options, check_newton
    implicit none
    private
    public :: run_options, check_options, max_nlane
@@ -62,14 +64,19 @@ contains
          call raise(error, too_large, 'check_options', 'first_path + paths exceeds 2^47 = '// &
                     to_text(max_index)//', the range of the path counter: give fewer paths')
       else if (o%first_step > max_index - o%nstep .or. &
-               real(o%first_step + o%nstep, wp)*2.0_wp**max(0, o%refine) > real(max_index, wp)) then
+               (real(o%first_step, wp) + real(o%nstep, wp))*2.0_wp**max(0, o%refine) > real(max_index, wp)) then
          call raise(error, too_large, 'check_options', '(first_step + steps)*2^refine exceeds 2^47 = '// &
                     to_text(max_index)//', the range of the step counter: give fewer steps or levels')
+      else if (o%refine < -max_refine .or. o%refine > max_refine) then
+         call refuse('refine = '//to_text(o%refine)//' is out of range: give -'//to_text(max_refine)//' to '// &
+                     to_text(max_refine)//', each level doubles the number of draws')
       else if (o%nlane < 0 .or. mod(o%nlane, lane_unit) /= 0 .or. o%nlane > max_nlane) then
          call refuse('block size '//to_text(o%nlane)//' is not allowed: give a multiple of 8 up to '// &
                      to_text(max_nlane)//', or 0 to have it chosen (it never changes a result)')
       else if (o%nthread < 0 .or. o%nthread > 1024) then
          call refuse('threads = '//to_text(o%nthread)//' is out of range: give 1 to 1024, or 0 for the default')
+      else
+         call check_newton(newton_options(max_iter=o%max_iter, fixed_point=o%fixed_point), error)
       end if
 
    contains

@@ -60,7 +60,7 @@ contains
                     ': give refine >= 0, or a scheme with Gaussian increments')
          return
       end if
-      if (abs(refine) > max_refine) then
+      if (refine < -max_refine .or. refine > max_refine) then  ! the smallest integer has no absolute value
          call raise(error, invalid_argument, 'new_brownian_noise', 'refine = '//to_text(refine)// &
                     ' is out of range: give an integer between -'//to_text(max_refine)//' and '// &
                     to_text(max_refine)//', each level doubles the number of draws')

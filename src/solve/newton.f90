@@ -21,7 +21,8 @@
 module symsde_solve_newton
    use symsde_base_kinds, only: wp, i8
    use symsde_base_counters, only: counters_type
-   use symsde_base_status, only: not_converged, nonfinite, singular
+   use symsde_base_status, only: error_type, raise, invalid_argument, not_converged, nonfinite, singular
+   use symsde_base_text, only: to_text
    use symsde_solve_blocks, only: block_solver, new_block_solver
    use symsde_solve_stagnation, only: stopping_test, linear, quadratic, done_at_once, never_done, failed
    use symsde_solve_stagnation, only: start_lanes, correct_first, correct_exact, fail_nonfinite
@@ -29,7 +30,7 @@ module symsde_solve_newton
    use symsde_solve_damping, only: damping_type, new_damping, start_damping, reject, accept
    implicit none
    private
-   public :: newton_type, newton_options, new_newton
+   public :: newton_type, newton_options, new_newton, check_newton
 
    type :: newton_options
       integer :: max_iter = 100         !! bound of the iterations of one step, 1..1000
@@ -66,6 +67,20 @@ module symsde_solve_newton
    end type newton_type
 
 contains
+
+   !> Refuse numbers of iterations that no step can be meant to take.
+   subroutine check_newton(options, error)
+      type(newton_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (options%max_iter < 1 .or. options%max_iter > 1000) then
+         call raise(error, invalid_argument, 'check_newton', 'max_iter = '//to_text(options%max_iter)// &
+                    ' is out of range: give 1 to 1000 Newton iterations a step (100 by default)')
+      else if (options%fixed_point < 0 .or. options%fixed_point > 1000) then
+         call raise(error, invalid_argument, 'check_newton', 'fixed_point = '//to_text(options%fixed_point)// &
+                    ' is out of range: give 1 to 1000 fixed-point iterations, or 0 for Newton')
+      end if
+   end subroutine check_newton
 
    !> Room for n unknowns a lane; kl >= 0 makes the matrix banded with kl sub- and ku superdiagonals.
    subroutine new_newton(self, nlane, n, options, affine, kl, ku, judge_only, exact)

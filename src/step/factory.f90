@@ -10,7 +10,7 @@ module symsde_step_factory
                                    correction_mean, correction_increments, special_none, special_verlet_dz, &
                                    special_averaged_shift, special_drift_preserving, &
                                    special_exact_rotation
-   use symsde_solve_newton, only: newton_options
+   use symsde_solve_newton, only: newton_options, check_newton
    use symsde_step_averaged_shift, only: averaged_shift_stepper, new_averaged_shift_stepper
    use symsde_step_drift_preserving, only: drift_preserving_stepper, new_drift_preserving_stepper
    use symsde_step_exact_rotation, only: exact_rotation_stepper, new_exact_rotation_stepper
@@ -297,20 +297,6 @@ contains
       call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//wanted//'; model '// &
                  model%name//' does not declare it: use stormer_verlet, or midpoint where it is stiff')
    end subroutine check_rotation
-
-   !> Bounds of the solver's options.
-   subroutine check_newton(options, error)
-      type(newton_options), intent(in) :: options
-      type(error_type), allocatable, intent(inout) :: error
-
-      if (options%max_iter < 1 .or. options%max_iter > 1000) then
-         call raise(error, invalid_argument, 'new_stepper', 'max_iter = '//to_text(options%max_iter)// &
-                    ' is out of range: give 1 to 1000 Newton iterations a step (100 by default)')
-      else if (options%fixed_point < 0 .or. options%fixed_point > 1000) then
-         call raise(error, invalid_argument, 'new_stepper', 'fixed_point = '//to_text(options%fixed_point)// &
-                    ' is out of range: give 1 to 1000 fixed-point iterations, or 0 for Newton')
-      end if
-   end subroutine check_newton
 
    !> One stage at the middle of both q and p, drift and noise alike.
    pure logical function is_midpoint(scheme)
