@@ -20,11 +20,13 @@ contains
       real(wp), intent(in) :: t, q(ndof), p(ndof)
       integer, intent(out) :: code
       type(error_type), allocatable, intent(inout) :: error
-      real(wp) :: hq(1, ndof), hp(1, ndof), w(1, 0:model%traits%nnoise)
+      real(wp) :: hq(1, ndof), hp(1, ndof), w(1, 0:model%traits%nnoise), own_q(1, ndof), own_p(1, ndof)
 
       w = 1
+      own_q(1, :) = q  ! a gradient that writes into its inputs must not reach the caller's
+      own_p(1, :) = p
       call model%clear_failure()
-      call model%gradient(1, ndof, model%traits%nnoise, t, w, q, p, hq, hp)
+      call model%gradient(1, ndof, model%traits%nnoise, t, w, own_q, own_p, hq, hp)
       code = model%failure_code()
       if (code == 0) call probe_model(model, t, q, p, error)
    end subroutine probe_at

@@ -2,7 +2,7 @@
 !> The built-in models by name, with their parameters by key.
 !>
 !> Names and defaults of parameters stand in each model's own file. A new model is one line in each
-!> of model_names, tabulate, allocate_model and construct.
+!> of model_names, is_built_in, tabulate, allocate_model and construct.
 module symsde_model_catalogue
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument, unknown_name, wrong_shape
@@ -26,7 +26,7 @@ module symsde_model_catalogue
                                        synchrotron_names, synchrotron_defaults
    implicit none
    private
-   public :: model_names, parameter_names, parameter_defaults, tabulate, get_model
+   public :: model_names, parameter_names, parameter_defaults, tabulate, get_model, is_built_in
 
    character(len=name_length), parameter :: all_names(8) = [character(len=name_length) :: &
                                                             'kubo', 'linear_oscillator', 'synchrotron', &
@@ -42,6 +42,25 @@ contains
 
       names = all_names
    end function model_names
+
+   !> Whether a model is one of these, and no extension of one: the tests probe what it declares, not every run.
+   pure logical function is_built_in(model)
+      class(model_type), intent(in) :: model
+
+      is_built_in = .true.
+      select type (model)
+      type is (kubo_model)
+      type is (linear_oscillator_model)
+      type is (synchrotron_model)
+      type is (additive_oscillator_model)
+      type is (pendulum_model)
+      type is (noncommutative_oscillator_model)
+      type is (henon_heiles_model)
+      type is (fpu_chain_model)
+      class default
+         is_built_in = .false.
+      end select
+   end function is_built_in
 
    !> Names of the parameters of a model; none for an unknown model.
    pure function parameter_names(name) result(names)

@@ -12,6 +12,7 @@ module symsde_model_probe
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type
    use symsde_model_parameters, only: check_traits
+   use symsde_model_probe_gradient, only: probe_gradient
    use symsde_model_probe_points, only: probe_points, new_probe_points, nlane, npoint, finding, &
                                         worst, largest_entry
    implicit none
@@ -29,10 +30,10 @@ module symsde_model_probe
 
 contains
 
-   !> Test the declared traits and the offered derivatives of a model around an initial state.
-   !> Refuses impossible traits (check_traits), a state of the wrong shape (wrong_shape) and a
-   !> declaration that the gradients refute (false_trait). Points where the model is not finite are
-   !> passed over.
+   !> Test the gradient, the declared traits and the offered derivatives of a model around an initial state.
+   !> Refuses impossible traits (check_traits), a state of the wrong shape (wrong_shape), a gradient that is
+   !> none of a weighted sum of Hamiltonians and a declaration that the gradients refute (false_trait).
+   !> Points where the model is not finite are passed over.
    subroutine probe_model(model, t, q0, p0, error)
       class(model_type), intent(in) :: model
       real(wp), intent(in) :: t             !! initial time [1]
@@ -49,6 +50,7 @@ contains
                     ''' needs '//to_text(model%traits%ndof)//' of each')
       if (allocated(error)) return
       call new_probe_points(points, model, t, q0, p0)
+      call probe_gradient(points, error)
       do k = 0, points%last_sum()
          call points%take_sum(k)
          call probe_traits(points, model%traits, k, error)

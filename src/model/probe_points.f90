@@ -12,7 +12,8 @@ module symsde_model_probe_points
    use symsde_model_abstract, only: model_type, difference_along, default_step
    implicit none
    private
-   public :: probe_points, new_probe_points, nlane, npoint, finding, worst, largest_entry
+   public :: probe_points, new_probe_points, nlane, npoint, finding, generic, worst, largest_entry, &
+             largest_component
 
    integer, parameter :: npoint = 3          !! lanes 1 .. npoint are different points
    integer, parameter :: probed_alone = 16   !! noises probed one by one, the rest in one sum
@@ -154,7 +155,7 @@ contains
       allocate (hq(nlane, self%ndof), hp(nlane, self%ndof))
       call self%model%gradient(nlane, self%ndof, self%nnoise, self%t, self%w, self%q, self%p, &
                                hq, hp)
-      call largest(self%ndof, hq, hp, scale)
+      call largest_component(self%ndof, hq, hp, scale)
    end subroutine gradient
 
    !> Hessian of the sum times (vq, vp), by differences of gradients with two steps, one relative to
@@ -169,15 +170,15 @@ contains
       real(wp), allocatable :: xq(:, :), xp(:, :)
       real(wp), dimension(nlane) :: apart, state, step
 
-      call largest(self%ndof, self%q, self%p, state)
+      call largest_component(self%ndof, self%q, self%p, state)
       step = default_step*max(1.0_wp, state)
       call difference(self, step, vq, vp, uq, up)
       step = default_step/4
       call difference(self, step, vq, vp, xq, xp)
-      call largest(self%ndof, uq, up, scale)
+      call largest_component(self%ndof, uq, up, scale)
       xq = uq - xq
       xp = up - xp
-      call largest(self%ndof, xq, xp, apart)
+      call largest_component(self%ndof, xq, xp, apart)
       scale = max(scale, self%slope/max(1.0_wp, state)) + 0*(scale + self%slope)
       where (.not. (apart <= agreement*scale .and. state <= too_far)) scale = not_a_number()
    end subroutine product
@@ -198,7 +199,7 @@ contains
 
    !> The largest component of a pair of vectors, lane by lane; not finite where any component is
    !> not.
-   pure subroutine largest(ndof, xq, xp, size)
+   pure subroutine largest_component(ndof, xq, xp, size)
       integer, intent(in) :: ndof
       real(wp), intent(in) :: xq(nlane, ndof), xp(nlane, ndof)
       real(wp), intent(out) :: size(nlane)
@@ -212,7 +213,7 @@ contains
          poison = poison + 0*xq(:, i) + 0*xp(:, i)  ! max may pass over NaN
       end do
       size = size + poison
-   end subroutine largest
+   end subroutine largest_component
 
    !> The component of (uq, up) that is largest against its scale, if it exceeds the tolerance; what
    !> is not finite, or has a scale that is not, is passed over.
@@ -274,7 +275,7 @@ contains
       real(wp), intent(out) :: values(nlane)  !! size of the values
       real(wp), dimension(nlane) :: state, step, other
 
-      call largest(self%ndof, self%q, self%p, state)
+      call largest_component(self%ndof, self%q, self%p, state)
       step = default_step*max(1.0_wp, state)
       call slope_with(self, step, slope, values)
       step = default_step/4

@@ -96,7 +96,42 @@ static void test_misuse(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* a gradient that scales its input in place, and one that leaves an output alone */
+static int scribbling(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                      double *hq, double *hp, void *user) {
+   for (int i = 0; i < nlane; i++) {
+      hq[i] = w[i] * q[i];
+      hp[i] = w[i] * p[i];
+      ((double *)(uintptr_t)q)[i] *= 0.5;
+   }
+   return (void)ndof, (void)nham, (void)t, (void)user, 0;
+}
+
+static int lazy(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p, double *hq,
+                double *hp, void *user) {
+   for (int i = 0; i < nlane; i++) {
+      hq[i] = w[i] * q[i];
+   }
+   return (void)ndof, (void)nham, (void)t, (void)p, (void)hp, (void)user, 0;
+}
+
+static void test_wrong_gradients(void) {
+   symsde_model model;
+   symsde_traits traits;
+
+   symsde_traits_init(&traits);
+   OK(symsde_model_new("scribbling", &traits, scribbling, NULL, NULL, NULL, NULL, &model, &error));
+   EXPECT(SYMSDE_FALSE_TRAIT, "scribbling|writes into q, p or w|copies",
+          symsde_model_probe(model, 0, &one, &one, &error));
+   symsde_model_delete(&model);
+   OK(symsde_model_new("lazy", &traits, lazy, NULL, NULL, NULL, NULL, &model, &error));
+   EXPECT(SYMSDE_FALSE_TRAIT, "lazy|dS/dp_1|write all of every output",
+          symsde_model_probe(model, 0, &one, &one, &error));
+   symsde_model_delete(&model);
+}
+
 int main(void) {
+   test_wrong_gradients();
    test_misuse();
    return close_report();
 }
