@@ -6,7 +6,7 @@
 module symsde_solve_lapack
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_procpointer, c_funptr, c_int, &
                                                                              c_null_char, c_null_ptr, c_ptr
-   use symsde_base_kinds, only: wp, i4
+   use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok, singular, nonfinite
    implicit none
    private
@@ -18,6 +18,9 @@ module symsde_solve_lapack
                               [character(24) :: 'openblas_get_num_threads', 'MKL_Get_Max_Threads']
    character(*), parameter :: setter_name(2) = &
                               [character(24) :: 'openblas_set_num_threads', 'MKL_Set_Num_Threads']
+
+   integer :: users = 0          !! calls of blas_single_thread that have not been answered yet
+   integer :: hosts_threads = 0  !! threads of the BLAS before the first of them; 0 = no switch
 
    interface
       !> LAPACK: LU factors of a general matrix.
@@ -119,12 +122,12 @@ contains
       integer :: pivot(n), lapack_info
 
       info = nonfinite
-      if (.not. (all_finite(n*n, a) .and. all_finite(n*nrhs, b))) return
+      if (.not. (all_finite(size(a, kind=i8), a) .and. all_finite(size(b, kind=i8), b))) return
       info = singular
       call dgetrf(n, n, a, n, pivot, lapack_info)
       if (lapack_info /= 0) return
       call dgetrs('N', n, nrhs, a, n, pivot, b, n, lapack_info)
-      if (all_finite(n*nrhs, b)) info = status_ok
+      if (all_finite(size(b, kind=i8), b)) info = status_ok
    end subroutine solve_dense_many_lapack
 
    !> Solve one lane of a block of dense systems.
@@ -186,7 +189,7 @@ contains
 
       if (present(rcond)) rcond = 0
       info = nonfinite
-      if (.not. (all_finite(size(band), band) .and. all_finite(n, x))) return
+      if (.not. (all_finite(size(band, kind=i8), band) .and. all_finite(int(n, i8), x))) return
       info = singular
       norm = 0
       if (present(rcond)) then
@@ -203,48 +206,54 @@ contains
          if (.not. rcond > 4*epsilon(1.0_wp)) return
       end if
       call dgbtrs('N', n, kl, ku, 1, band, 2*kl + ku + 1, pivot, x, n, lapack_info)
-      if (all_finite(n, x)) info = status_ok
+      if (all_finite(int(n, i8), x)) info = status_ok
    end subroutine solve_banded_lapack
 
    !> True where no number is infinite or NaN. Counting has no early exit and so vectorises.
    pure logical function all_finite(n, x)
-      integer, intent(in) :: n      !! numbers to look at
+      integer(i8), intent(in) :: n  !! numbers to look at; more than 2^31 in a large matrix
       real(wp), intent(in) :: x(n)  !! the numbers
-      integer :: i, bad
+      integer(i8) :: i, bad
 
       bad = 0
       do i = 1, n
-         bad = bad + merge(0, 1, abs(x(i)) <= huge(1.0_wp))
+         bad = bad + merge(0_i8, 1_i8, abs(x(i)) <= huge(1.0_wp))
       end do
       all_finite = bad == 0
    end function all_finite
 
    !> Set a threaded BLAS to one thread: many small systems are solved on threads of our own, and
-   !> threads within each solve slow that down many times over. Call outside parallel regions, for
-   !> the number belongs to the whole process. Returns the number to restore, 0 where the BLAS in
-   !> use has no such switch (then nothing is done).
-   function blas_single_thread() result(previous)
-      integer :: previous
+   !> threads within each solve slow that down many times over. The number belongs to the whole process: the
+   !> first of several users that overlap (host threads with handles of their own) keeps it, the last one gives
+   !> it back. Call outside parallel regions, and blas_restore_threads once for each call. Where the BLAS in use
+   !> has no such switch nothing is done.
+   subroutine blas_single_thread()
       procedure(thread_reader), pointer :: read_threads
       type(c_funptr) :: reader
       integer :: i
 
-      previous = 0
-      do i = 1, size(reader_name)
-         reader = address_of(reader_name(i))
-         if (.not. c_associated(reader)) cycle
-         call c_f_procpointer(reader, read_threads)
-         previous = int(read_threads())
-         call set_threads(1)
-         return
-      end do
-   end function blas_single_thread
+      !$omp critical (symsde_blas_threads)
+      users = users + 1
+      if (users == 1) then
+         hosts_threads = 0
+         do i = 1, size(reader_name)
+            reader = address_of(reader_name(i))
+            if (.not. c_associated(reader)) cycle
+            call c_f_procpointer(reader, read_threads)
+            hosts_threads = int(read_threads())
+            call set_threads(1)
+            exit
+         end do
+      end if
+      !$omp end critical (symsde_blas_threads)
+   end subroutine blas_single_thread
 
-   !> Give the BLAS its threads back.
-   subroutine blas_restore_threads(previous)
-      integer, intent(in) :: previous  !! what blas_single_thread returned
-
-      if (previous > 0) call set_threads(previous)
+   !> Give the BLAS its threads back, once its last user is done.
+   subroutine blas_restore_threads()
+      !$omp critical (symsde_blas_threads)
+      users = users - 1
+      if (users == 0 .and. hosts_threads > 0) call set_threads(hosts_threads)
+      !$omp end critical (symsde_blas_threads)
    end subroutine blas_restore_threads
 
    !> Set the number of threads of the first BLAS library found.
