@@ -42,6 +42,7 @@ module symsde_ensemble_block
       logical :: fused = .false.                   !! the stepper takes several steps at once
    contains
       procedure :: begin
+      procedure :: pass_over
       procedure :: run_chunk
       procedure :: finish
       procedure :: is_done
@@ -96,13 +97,26 @@ contains
       end if
    end function pairs_ahead
 
-   !> Load the initial state of paths first .. first+nreal-1; lanes past the last path repeat it.
+   !> Load the initial state of paths first .. first+nreal-1, and show it.
    subroutine begin(self, first, nreal, q0, p0, q0_low, p0_low)
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: first        !! global index
       integer, intent(in) :: nreal
       real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! (npath or 1, ndof)
       real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)   !! low parts, to resume (npath or 1, ndof)
+
+      call take_state(self, first, nreal, q0, p0, q0_low, p0_low)
+      call self%observer%begin_block(first, nreal)
+      call self%observer%observe(0_i8, time_of(self, self%step), self%state)
+   end subroutine begin
+
+   !> The initial state of a block; lanes past the last path repeat it.
+   subroutine take_state(self, first, nreal, q0, p0, q0_low, p0_low)
+      type(block_runner), intent(inout) :: self
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: nreal
+      real(wp), intent(in) :: q0(:, :), p0(:, :)
+      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)
 
       self%first = first
       self%nreal = nreal
@@ -127,9 +141,7 @@ contains
             if (present(p0_low)) call load(p0_low, offset, nreal, s%p_low)
          end if
       end associate
-      call self%observer%begin_block(first, nreal)
-      call self%observer%observe(0_i8, time_of(self, self%step), self%state)
-   end subroutine begin
+   end subroutine take_state
 
    !> Steps until the chunk or the run is over, or all paths of the block have failed.
    subroutine run_chunk(self)
@@ -280,21 +292,38 @@ contains
                 self%state%nfailed == self%state%nlane
    end function is_done
 
+   !> A block that the run has no time for: its paths are stopped at their first state and counted nowhere.
+   subroutine pass_over(self, first, nreal, q0, p0, q0_low, p0_low)
+      class(block_runner), intent(inout) :: self
+      integer(i8), intent(in) :: first        !! global index
+      integer, intent(in) :: nreal
+      real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! as in begin
+      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)
+
+      call take_state(self, first, nreal, q0, p0, q0_low, p0_low)
+      call stop_paths(self)
+      call self%observer%begin_block(first, nreal)
+      call self%observer%skip(0_i8)
+   end subroutine pass_over
+
+   subroutine stop_paths(self)
+      type(block_runner), intent(inout) :: self
+
+      where (self%state%status == 0)
+         self%state%status = stopped
+         self%state%failed_step = self%step
+      end where
+   end subroutine stop_paths
+
    !> Account for saved times that were not reached, because all paths failed or the run was stopped.
    subroutine finish(self)
       class(block_runner), intent(inout) :: self
-      integer(i8) :: last, isave
+      integer(i8) :: reached
 
-      last = self%options%first_step + self%options%nstep
-      if (self%step < last) then
-         where (self%state%status == 0)
-            self%state%status = stopped
-            self%state%failed_step = self%step
-         end where
-         isave = (self%step - self%options%first_step)/self%options%save_every
-         do isave = isave + 1, self%options%nstep/self%options%save_every
-            call self%observer%observe(isave, time_of(self, last), self%state)
-         end do
+      if (self%step < self%options%first_step + self%options%nstep) then
+         call stop_paths(self)
+         reached = (self%step - self%options%first_step)/self%options%save_every
+         if (reached < self%options%nstep/self%options%save_every) call self%observer%skip(reached + 1)
       end if
       self%stepper%ham%counters%normals = self%stepper%ham%counters%normals + self%normals*self%nreal
    end subroutine finish

@@ -74,21 +74,27 @@ contains
       class(moment_collector), intent(inout) :: self
       integer(i8), intent(in) :: first
       integer, intent(in) :: nreal
-      integer :: i
 
       self%first = first
       self%nreal = nreal
       call dyadic_pieces(first, nreal, self%npiece, self%offset, self%level)
       if (allocated(self%pieces)) deallocate (self%pieces)
+   end subroutine begin_block
+
+   !> Room for the pieces of a block that has begun; one that a stop leaves out needs none.
+   subroutine new_pieces(self)
+      class(moment_collector), intent(inout) :: self
+      integer :: i
+
       allocate (self%pieces(self%npiece))
       do i = 1, self%npiece
          self%pieces(i)%level = self%level(i)
-         self%pieces(i)%index = (first + self%offset(i))/2_i8**self%level(i)
+         self%pieces(i)%index = (self%first + self%offset(i))/2_i8**self%level(i)
          allocate (self%pieces(i)%n(self%ntime), source=0.0_wp)
          allocate (self%pieces(i)%mean(self%nvalue, self%ntime), source=0.0_wp)
          allocate (self%pieces(i)%m2(self%nvalue, self%ntime), source=0.0_wp)
       end do
-   end subroutine begin_block
+   end subroutine new_pieces
 
    subroutine observe(self, isave, t, state)
       class(moment_collector), intent(inout) :: self
@@ -98,6 +104,7 @@ contains
       logical :: counts(state%nlane)
       integer :: i, j, a, b, it
 
+      if (.not. allocated(self%pieces)) call new_pieces(self)
       it = int(isave) + 1
       call evaluate(self, t, state)
       counts = state%status == 0
@@ -138,6 +145,7 @@ contains
       type(lane_state), intent(in) :: state
       integer :: i, lane
 
+      if (.not. allocated(self%pieces)) self%npiece = 0
       do i = 1, self%npiece
          call insert_node(self%store%tree, self%pieces(i))
       end do

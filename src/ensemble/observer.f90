@@ -15,6 +15,7 @@ module symsde_ensemble_observer
       procedure(begin_interface), deferred :: begin_block
       procedure(observe_interface), deferred :: observe
       procedure(end_interface), deferred :: end_block
+      procedure :: skip => nothing_to_skip
       procedure :: failure_code => never_failed
    end type observer_type
 
@@ -45,6 +46,14 @@ module symsde_ensemble_observer
    end interface
 
 contains
+
+   !> No lane counts from saved time number isave on: all have failed, or the run was stopped. Called once a
+   !> block at most, instead of observe for each of those times. This default serves observers that keep nothing
+   !> of such times.
+   subroutine nothing_to_skip(self, isave)
+      class(observer_type), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+   end subroutine nothing_to_skip
 
    !> Nonzero aborts the run: the return code of a user callback that the observer calls.
    integer function never_failed(self) result(code)

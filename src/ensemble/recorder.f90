@@ -24,6 +24,7 @@ module symsde_ensemble_recorder
       procedure :: begin_block
       procedure :: observe
       procedure :: end_block
+      procedure :: skip
    end type path_recorder
 
 contains
@@ -53,6 +54,18 @@ contains
          end do
       end do
    end subroutine observe
+
+   !> NaN at all times from isave on.
+   subroutine skip(self, isave)
+      class(path_recorder), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      integer(i8) :: a, b
+
+      a = self%offset + 1
+      b = self%offset + self%nreal
+      self%q(a:b, :, isave + 1:) = ieee_value(1.0_wp, ieee_quiet_nan)
+      self%p(a:b, :, isave + 1:) = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine skip
 
    subroutine end_block(self, state)
       class(path_recorder), intent(inout) :: self
