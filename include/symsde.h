@@ -195,6 +195,11 @@ enum symsde_correction {
    SYMSDE_CORRECTION_INCREMENTS = 3
 };
 
+/* Told now and then how much is done of how much - path-steps of a run, blocks of work of a diagnosis - on the calling
+ * thread, at most twenty times a second; nonzero stops the work. A stopped run (SYMSDE_STOPPED) gives what it had
+ * reached; a stopped diagnosis has no result. */
+typedef int (*symsde_progress)(int64_t done, int64_t total, void *user);
+
 typedef struct symsde_options {
    size_t struct_size;
    double step;            /* h, may be negative, never zero [time] */
@@ -215,12 +220,11 @@ typedef struct symsde_options {
    int32_t fixed_point;    /* n > 0: n fixed-point iterations instead of Newton */
    int32_t lanes;          /* lanes of a block, a multiple of 8; 0 = chosen; never changes a result */
    int32_t threads;        /* 0 = SYMSDE_NUM_THREADS, else OpenMP's default */
+   symsde_progress progress; /* of diagnoses; that of a run stands in its input. May be NULL */
+   void *progress_user;
 } symsde_options;
 
 int symsde_options_init(symsde_options *options);
-
-/* Told of progress between chunks, on the calling thread, at most twenty times a second; nonzero stops. */
-typedef int (*symsde_progress)(int64_t done, int64_t total, void *user);
 
 /* Everything that goes into a run besides model, scheme and options. */
 typedef struct symsde_input {

@@ -65,6 +65,10 @@ class SchemeInfo(Structure):
     )
 
 
+# int f(int64_t done, int64_t total, void *user)
+Progress = CFUNCTYPE(c_int, c_int64, c_int64, c_void_p)
+
+
 class Options(Structure):
     """symsde_options."""
 
@@ -83,11 +87,9 @@ class Options(Structure):
         *((name, c_int32) for name in ("compensated", "general", "max_iter", "fixed_point")),
         ("lanes", c_int32),
         ("threads", c_int32),
+        ("progress", Progress),
+        ("progress_user", c_void_p),
     )
-
-
-# int f(int64_t done, int64_t total, void *user)
-Progress = CFUNCTYPE(c_int, c_int64, c_int64, c_void_p)
 
 
 class Input(Structure):

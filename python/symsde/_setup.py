@@ -65,7 +65,8 @@ class Setup:
 
     def attributes(self) -> dict[str, str]:
         """What made the run, as text for files."""
-        names = [name for name, *_ in _abi.Options._fields_ if name not in ("struct_size", "threads", "lanes")]
+        left_out = {"struct_size", "threads", "lanes", "progress", "progress_user"}
+        names = [name for name, *_ in _abi.Options._fields_ if name not in left_out]
         chosen = {name: getattr(self.options, name) for name in names}
         chosen["correction"] = _abi.CORRECTIONS[self.options.correction]
         return {

@@ -11,6 +11,7 @@ import numpy as np
 
 from . import _abi, _checks
 from ._checks import address
+from ._progress import Monitor
 from ._setup import Setup, increments_array, make_options
 from .errors import IncompatibleError, WrongShapeError, WrongTypeError
 from .model import Model
@@ -42,15 +43,8 @@ def symplecticity(
     chosen_scheme = as_scheme(scheme)
     drive = of_options(model, chosen, chosen_scheme)[0] if dw is None else increments_at(model, dw, points)
     defect = np.empty(points)
-    model.call(
-        "symplecticity",
-        model._handle.pointer,
-        chosen_scheme._handle.pointer,
-        ctypes.byref(chosen),
-        points,
-        *(address(x) for x in (q, p, drive, defect)),
-        also=(chosen_scheme,),
-    )
+    arrays = (address(x) for x in (q, p, drive, defect))
+    _call("symplecticity", model, chosen_scheme, chosen, points, *arrays)
     return defect
 
 
@@ -113,15 +107,8 @@ def stationary_path(
     guesses = [_guess(name, x, shape) for name, x in (("guess_q", guess_q), ("guess_p", guess_p))]
     q, p, status = np.empty(shape), np.empty(shape), np.zeros(chosen.paths, dtype=np.int32)
     scheme = as_scheme(scheme)
-    model.call(
-        "stationary_path",
-        model._handle.pointer,
-        scheme._handle.pointer,
-        ctypes.byref(chosen),
-        *(address(x) for x in (*ends, dw, *guesses, q, p, status)),
-        also=(scheme,),
-        allow=(_abi.PATHS_FAILED,),
-    )
+    arrays = (address(x) for x in (*ends, dw, *guesses, q, p, status))
+    _call("stationary_path", model, scheme, chosen, *arrays, allow=(_abi.PATHS_FAILED,))
     t = chosen.t0 + (chosen.first_step + np.arange(chosen.steps + 1)) * chosen.step
     return StationaryPath(t, q, p, status)
 
@@ -210,9 +197,13 @@ def _examine(name: str, run: Run, values: np.ndarray) -> None:
         )
     shape = (setup.ntime, setup.model.ndof, setup.paths)
     arrays = (*(_states(x, shape) for x in (run.q, run.p)), driving_increments(run), values)
-    setup.model.call(
-        name,
-        *setup.handles(),
-        *(address(x) for x in arrays),
-        also=(setup.scheme,),
-    )
+    _call(name, setup.model, setup.scheme, setup.options, *(address(x) for x in arrays))
+
+
+def _call(name: str, model: Model, scheme: Scheme, options: _abi.Options, *arguments, allow: tuple[int, ...] = ()):
+    """Call a diagnostic of the library; Ctrl-C stops it as it stops a run."""
+    with Monitor(progress=False) as monitor:
+        chosen = _abi.Options.from_buffer_copy(options)
+        chosen.progress = monitor.callback
+        handles = (model._handle.pointer, scheme._handle.pointer, ctypes.byref(chosen))
+        model.call(name, *handles, *arguments, also=(scheme,), allow=(*allow, _abi.STOPPED))

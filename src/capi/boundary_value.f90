@@ -8,6 +8,7 @@ module symsde_capi_boundary_value
    use symsde_capi_arrays, only: view
    use symsde_capi_diagnose, only: read_run
    use symsde_capi_error, only: finish, require, check_sizes
+   use symsde_capi_monitor, only: callback_monitor
    use symsde_diagnose_boundary_value, only: stationary_path
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
@@ -28,12 +29,13 @@ contains
       class(model_type), pointer :: m
       type(scheme_type), pointer :: s
       type(run_options) :: o
+      type(callback_monitor) :: monitor
       real(wp), pointer, contiguous :: from(:, :), to(:, :), given(:, :, :), qs(:, :, :), ps(:, :, :)
       real(wp), pointer, contiguous :: gq(:, :, :), gp(:, :, :)
       integer(i4), pointer, contiguous :: codes(:)
       integer(i8) :: n, ntime, rows
 
-      call read_run(model, scheme, options, m, s, o, refusal)
+      call read_run(model, scheme, options, m, s, o, refusal, monitor)
       call require(q_start, 'q_start', refusal)
       call require(q_end, 'q_end', refusal)
       call require(q, 'q', refusal)
@@ -58,7 +60,7 @@ contains
          if (c_associated(guess_q)) call view(guess_q, o%npath, n, ntime, gq)
          if (c_associated(guess_p)) call view(guess_p, o%npath, n, ntime, gp)
          ! a null pointer is an absent argument
-         call stationary_path(m, s, o, from, to, qs, ps, codes, refusal, given, gq, gp)
+         call stationary_path(m, s, o, from, to, qs, ps, codes, refusal, given, gq, gp, monitor=monitor)
       end if
       if (allocated(refusal)) then
          status = finish(refusal, error)

@@ -9,6 +9,7 @@ module symsde_capi_diagnose
    use symsde_capi_error, only: finish, require, check_sizes
    use symsde_capi_input, only: run_input, read_input
    use symsde_capi_model, only: find_model
+   use symsde_capi_monitor, only: callback_monitor
    use symsde_capi_options, only: read_options
    use symsde_capi_scheme, only: find_scheme
    use symsde_diagnose_action, only: discrete_action, euler_lagrange_residual
@@ -36,10 +37,11 @@ contains
       class(model_type), pointer :: m
       type(scheme_type), pointer :: s
       type(run_options) :: o
+      type(callback_monitor) :: monitor
       real(wp), pointer, contiguous :: qs(:, :), ps(:, :), dws(:, :, :), defects(:)
       integer(i8) :: n
 
-      call read_run(model, scheme, options, m, s, o, refusal)
+      call read_run(model, scheme, options, m, s, o, refusal, monitor)
       if (npoint < 1 .or. npoint > huge(0)) &
          call raise(refusal, invalid_argument, 'symsde_symplecticity', 'npoint = '//to_text(npoint)// &
                     ' is out of range: give 1 to '//to_text(huge(0)))
@@ -50,7 +52,7 @@ contains
          call view(p, npoint, n, ps)
          call view_increments(dw, q, npoint, m%traits%nnoise, 1_i8, dws)
          call view(defect, npoint, defects)
-         call symplecticity_defect(m, s, o, qs, ps, dws(:, :, 1), defects, refusal)
+         call symplecticity_defect(m, s, o, qs, ps, dws(:, :, 1), defects, refusal, monitor=monitor)
       end if
       status = end_diagnosis(refusal, m, error)
    end function symsde_symplecticity
@@ -112,10 +114,11 @@ contains
       class(model_type), pointer :: m
       type(scheme_type), pointer :: s
       type(run_options) :: o
+      type(callback_monitor) :: monitor
       real(wp), pointer, contiguous :: qs(:, :, :), ps(:, :, :), dws(:, :, :), to(:, :)
       integer(i8) :: n
 
-      call read_run(model, scheme, options, m, s, o, refusal)
+      call read_run(model, scheme, options, m, s, o, refusal, monitor)
       call require_arrays(m, q, p, dw, output, 'the output', refusal)
       if (.not. allocated(refusal)) then
          n = m%traits%ndof
@@ -126,23 +129,24 @@ contains
          call view(p, o%npath, n, o%nstep + 1, ps)
          call view_increments(dw, q, o%npath, m%traits%nnoise, o%nstep, dws)
          call view(output, o%npath, merge(o%nstep, 4_i8, what == of_action), to)
-         if (what == of_action) call discrete_action(m, s, o, qs, ps, dws, to, refusal)
-         if (what == of_residual) call euler_lagrange_residual(m, s, o, qs, ps, dws, to, refusal)
+         if (what == of_action) call discrete_action(m, s, o, qs, ps, dws, to, refusal, monitor)
+         if (what == of_residual) call euler_lagrange_residual(m, s, o, qs, ps, dws, to, refusal, monitor)
       end if
       status = end_diagnosis(refusal, m, error)
    end function diagnose_paths
 
    !> Model, scheme and options of a diagnosis; no failure of a callback yet.
-   subroutine read_run(model, scheme, options, m, s, o, error)
+   subroutine read_run(model, scheme, options, m, s, o, error, monitor)
       type(c_ptr), intent(in) :: model, scheme, options
       class(model_type), pointer, intent(out) :: m
       type(scheme_type), pointer, intent(out) :: s
       type(run_options), intent(out) :: o
       type(error_type), allocatable, intent(inout) :: error
+      type(callback_monitor), intent(out), optional :: monitor   !! of the options
 
       call find_model(model, m, error)
       call find_scheme(scheme, s, error)
-      call read_options(options, o, error)
+      call read_options(options, o, error, monitor)
       if (associated(m)) call m%clear_failure()
    end subroutine read_run
 

@@ -2,13 +2,13 @@
 !> struct symsde_input: what goes into a run besides model, scheme and options.
 module symsde_capi_input
    use, intrinsic :: iso_c_binding, only: &
-      c_associated, c_f_pointer, c_f_procpointer, c_funptr, c_int, c_int64_t, c_loc, &
+      c_associated, c_f_pointer, c_funptr, c_int, c_int64_t, c_loc, &
       c_null_funptr, c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes, take_struct
-   use symsde_ensemble_monitor, only: monitor_type
+   use symsde_capi_monitor, only: callback_monitor, new_callback_monitor
    implicit none
    private
    public :: run_input, read_input, symsde_input_init
@@ -25,15 +25,6 @@ module symsde_capi_input
       type(c_ptr) :: progress_user
    end type c_input
 
-   !> The monitor that asks a C function.
-   type, extends(monitor_type) :: callback_monitor
-      private
-      procedure(progress_callback), pointer, nopass :: on_progress => null()
-      type(c_ptr) :: user = c_null_ptr
-   contains
-      procedure :: wants_stop => ask_callback
-   end type callback_monitor
-
    !> The caller's arrays, path first; what he left out is not associated, which makes an optional
    !> argument absent.
    type :: run_input
@@ -42,16 +33,6 @@ module symsde_capi_input
       real(wp), pointer, contiguous :: q0_low(:, :) => null(), p0_low(:, :) => null()  !! (npath, ndof)
       type(callback_monitor) :: monitor
    end type run_input
-
-   abstract interface
-      !> Told how many path-steps are done of how many; nonzero stops the run.
-      function progress_callback(done, total, user) bind(c) result(stop_now)
-         import :: c_int, c_int64_t, c_ptr
-         integer(c_int64_t), value :: done, total
-         type(c_ptr), value :: user
-         integer(c_int) :: stop_now
-      end function progress_callback
-   end interface
 
 contains
 
@@ -97,18 +78,8 @@ contains
          call view(copy%increments, copy%increment_paths, copy%increment_noises, copy%increment_rows, input%dw)
       if (c_associated(copy%q0_low)) call view(copy%q0_low, npath, n, input%q0_low)
       if (c_associated(copy%p0_low)) call view(copy%p0_low, npath, n, input%p0_low)
-      if (c_associated(copy%progress)) call c_f_procpointer(copy%progress, input%monitor%on_progress)
-      input%monitor%user = copy%progress_user
+      call new_callback_monitor(input%monitor, copy%progress, copy%progress_user)
    end subroutine read_input
-
-   !> Ask the caller's function, where there is one.
-   logical function ask_callback(self, done, total) result(wants_stop)
-      class(callback_monitor), intent(inout) :: self
-      integer(i8), intent(in) :: done, total  !! path-steps
-
-      wants_stop = .false.
-      if (associated(self%on_progress)) wants_stop = self%on_progress(done, total, self%user) /= 0
-   end function ask_callback
 
    function blank_input() result(input)
       type(c_input) :: input

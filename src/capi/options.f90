@@ -2,10 +2,11 @@
 !> struct symsde_options and its conversion; the defaults stand in run_options alone.
 module symsde_capi_options
    use, intrinsic :: iso_c_binding, only: &
-      c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, c_null_ptr, c_ptr, c_size_t, &
-      c_sizeof
+      c_double, c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, c_ptr, &
+      c_size_t, c_sizeof
    use symsde_base_status, only: error_type
    use symsde_capi_error, only: finish, require, take_struct
+   use symsde_capi_monitor, only: callback_monitor, new_callback_monitor
    use symsde_ensemble_options, only: run_options, check_options
    implicit none
    private
@@ -32,6 +33,8 @@ module symsde_capi_options
       integer(c_int32_t) :: fixed_point
       integer(c_int32_t) :: lanes
       integer(c_int32_t) :: threads
+      type(c_funptr) :: progress
+      type(c_ptr) :: progress_user
    end type c_options
 
 contains
@@ -51,17 +54,19 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_options_init
 
-   !> The caller's options, checked.
-   subroutine read_options(given, options, error)
+   !> The caller's options, checked, and the function that a diagnosis tells of its progress.
+   subroutine read_options(given, options, error, monitor)
       type(c_ptr), intent(in) :: given          !! symsde_options
       type(run_options), intent(out) :: options
       type(error_type), allocatable, intent(inout) :: error
+      type(callback_monitor), intent(out), optional :: monitor
       type(c_options), target :: copy
 
       copy = from_options(run_options())
       call take_struct(given, 'options', c_loc(copy), c_sizeof(copy), error)
       if (allocated(error)) return
       options = to_options(copy)
+      if (present(monitor)) call new_callback_monitor(monitor, copy%progress, copy%progress_user)
       call check_options(options, error)
    end subroutine read_options
 
@@ -88,6 +93,8 @@ contains
       c%fixed_point = o%fixed_point
       c%lanes = o%nlane
       c%threads = o%nthread
+      c%progress = c_null_funptr
+      c%progress_user = c_null_ptr
    end function from_options
 
    function to_options(c) result(o)

@@ -14,9 +14,11 @@ module symsde_diagnose_action
    use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation
    use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian, &
                                          count_unknowns
+   use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
+   use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    implicit none
    private
    public :: discrete_action, action_gradient, euler_lagrange_residual
@@ -36,8 +38,8 @@ contains
 
    !> action(path, n) = Lbar_h(p_{n-1}, q_{n-1}, p_n, q_n), the n-th term of (46) [action].
    !> Errors: missing_operation for models without values; incompatible for schemes without a
-   !> discrete Lagrangian; wrong_shape; those of check_options.
-   subroutine discrete_action(model, scheme, options, q, p, dw, action, error)
+   !> discrete Lagrangian; wrong_shape; those of check_options; stopped, by the monitor.
+   subroutine discrete_action(model, scheme, options, q, p, dw, action, error, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -45,6 +47,7 @@ contains
       real(wp), intent(in) :: dw(:, :, :)              !! increments (npath, nnoise, nstep)
       real(wp), intent(out) :: action(:, :)            !! (npath, nstep)
       type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
       type(discrete_lagrangian) :: lagrangian
       type(step_block) :: work
       integer :: first, n, lane
@@ -59,9 +62,12 @@ contains
       call prepare(lagrangian, work, model, scheme, options, q, p, dw, error)
       if (.not. fits2(action, size(q, 1), size(dw, 3))) call refuse_shape('action', error)
       if (allocated(error)) return
-      do first = 1, size(q, 1), work%nlane
+      call blas_single_thread()
+      blocks: do first = 1, size(q, 1), work%nlane
          work%status = 0
          do n = 1, size(dw, 3)
+            call look_up(work, first, n, dw, 'discrete_action', error, monitor)
+            if (allocated(error)) exit blocks
             call load_step(work, first, n, q, p, dw)
             call lagrangian%value(time_of(options, n), work%w, work%q0, work%p0, work%q1, work%p1, &
                                   work%action, work%status)
@@ -69,7 +75,8 @@ contains
                action(first + lane - 1, n) = nan_unless(work%status(lane) == 0, work%action(lane))
             end do
          end do
-      end do
+      end do blocks
+      call blas_restore_threads()
    end subroutine discrete_action
 
    !> Gradient of the sum (46) with respect to the interior states: the left sides of (47) and (48),
@@ -96,6 +103,7 @@ contains
             call refuse_shape('gradient_q or gradient_p', error)
       end associate
       if (allocated(error)) return
+      call blas_single_thread()
       do first = 1, size(q, 1), work%nlane
          work%status = 0
          do n = 1, size(dw, 3)
@@ -104,6 +112,7 @@ contains
             call add_ends(work, first, n - 1, gradient_q, gradient_p)
          end do
       end do
+      call blas_restore_threads()
    end subroutine action_gradient
 
    !> Add the left derivatives of a step to its first state and set its last one to the right ones;
@@ -141,7 +150,7 @@ contains
    !> Absolute numbers: round-off is at most 7e-16 times the size of the states (measured: 5000
    !> steps of 0.02, six models, seven schemes). The first two are zero for a single step. Errors as
    !> discrete_action, but values are not needed.
-   subroutine euler_lagrange_residual(model, scheme, options, q, p, dw, residual, error)
+   subroutine euler_lagrange_residual(model, scheme, options, q, p, dw, residual, error, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -149,6 +158,7 @@ contains
       real(wp), intent(in) :: dw(:, :, :)              !! increments (npath, nnoise, nstep)
       real(wp), intent(out) :: residual(:, :)          !! (npath, 4)
       type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
       type(discrete_lagrangian) :: lagrangian
       type(step_block) :: work
       real(wp), allocatable :: largest(:, :), before_q(:, :), before_p(:, :), zero(:, :)
@@ -160,10 +170,13 @@ contains
       if (allocated(error)) return
       allocate (largest(work%nlane, 4), zero(work%nlane, size(q, 2)))
       zero = 0
-      do first = 1, size(q, 1), work%nlane
+      call blas_single_thread()
+      blocks: do first = 1, size(q, 1), work%nlane
          work%status = 0
          largest = 0
          do n = 1, size(dw, 3)
+            call look_up(work, first, n, dw, 'euler_lagrange_residual', error, monitor)
+            if (allocated(error)) exit blocks
             before_q = work%right_q
             before_p = work%right_p
             call load_step(work, first, n, q, p, dw)
@@ -183,7 +196,8 @@ contains
                residual(first + lane - 1, n) = nan_unless(work%status(lane) == 0, largest(lane, n))
             end do
          end do
-      end do
+      end do blocks
+      call blas_restore_threads()
    end subroutine euler_lagrange_residual
 
    !> Check, and set up the Lagrangian and room for one block.
@@ -214,6 +228,21 @@ contains
       allocate (work%left_q(nlane, n), work%left_p(nlane, n), work%right_q(nlane, n), &
                 work%right_p(nlane, n), source=0.0_wp)
    end subroutine prepare
+
+   !> Ask the monitor before step n (from 1) of the block of paths from first (from 1).
+   subroutine look_up(work, first, n, dw, place, error, monitor)
+      type(step_block), intent(in) :: work
+      integer, intent(in) :: first, n
+      real(wp), intent(in) :: dw(:, :, :)
+      character(*), intent(in) :: place
+      type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
+      integer(i8) :: nstep, nblock
+
+      nstep = size(dw, 3)
+      nblock = (size(dw, 1) + work%nlane - 1)/work%nlane
+      call stop_if_wanted(monitor, (first - 1)/work%nlane*nstep + n - 1, nblock*nstep, place, error)
+   end subroutine look_up
 
    !> largest = max(largest, |x + y|) in every lane, NaN where that is not finite.
    pure subroutine enlarge(x, y, largest)

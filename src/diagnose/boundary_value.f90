@@ -20,11 +20,12 @@ module symsde_diagnose_boundary_value
    use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian
    use symsde_ensemble_driver, only: new_noise
    use symsde_ensemble_increments, only: collect_increments
+   use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_solve_lapack, only: solve_banded_lapack
+   use symsde_solve_lapack, only: solve_banded_lapack, blas_single_thread, blas_restore_threads
    implicit none
    private
    public :: stationary_path
@@ -50,9 +51,9 @@ contains
    !> those of a run with these options, or dw). status(path): ok; singular, at a conjugate point;
    !> not_converged; nonfinite. Paths that are not ok are NaN.
    !> Errors: those of check_options; incompatible for schemes without a discrete Lagrangian of the model's
-   !> Hamiltonians; wrong_shape, invalid_argument; out_of_memory.
+   !> Hamiltonians; wrong_shape, invalid_argument; out_of_memory; stopped, by the monitor.
    subroutine stationary_path(model, scheme, options, q_start, q_end, q, p, status, error, dw, guess_q, &
-                              guess_p, rcond)
+                              guess_p, rcond, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -64,6 +65,7 @@ contains
       real(wp), intent(in), optional :: guess_q(:, :, :)   !! default: a straight line (npath, ndof, nstep+1)
       real(wp), intent(in), optional :: guess_p(:, :, :)   !! default: its velocity, or 0 (npath, ndof, nstep+1)
       real(wp), intent(out), optional :: rcond(:)          !! 1/condition number, estimated (npath)
+      class(monitor_type), intent(inout), optional :: monitor
       type(discrete_lagrangian) :: lagrangian
       type(action_system) :: system
       type(newton_state) :: states(lane_unit)
@@ -95,27 +97,35 @@ contains
          return
       end if
       call collect_increments(noise, options, w)
+      call blas_single_thread()
       do first = 1, size(q, 1), lane_unit
          nreal = min(lane_unit, size(q, 1) - first + 1)
          call load(system, first, nreal, q_start, q_end, w)
          call start_guess(system, model, first, nreal, guess_q, guess_p)
-         call solve_block(system, options%max_iter, nreal, states)
+         call solve_block(system, options%max_iter, nreal, states, int(first - 1, i8), options%npath, error, monitor)
+         if (allocated(error)) exit
          call store(system, first, nreal, states, q, p, status)
          if (present(rcond)) rcond(first:first + nreal - 1) = states(:nreal)%rcond
       end do
+      call blas_restore_threads()
    end subroutine stationary_path
 
    !> Newton on the paths of a block; every iteration differentiates all of them at once.
-   subroutine solve_block(system, max_iter, nreal, states)
+   subroutine solve_block(system, max_iter, nreal, states, done, npath, error, monitor)
       type(action_system), intent(inout) :: system
       integer, intent(in) :: max_iter, nreal
       type(newton_state), intent(out) :: states(:)
+      integer(i8), intent(in) :: done, npath   !! paths before the block, and all, for the monitor
+      type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
       integer :: iteration, lane
 
       states(:nreal)%running = .true.
       do iteration = 0, max_iter
          call system%differentiate()
          do lane = 1, nreal
+            call stop_if_wanted(monitor, done, npath, place, error)
+            if (allocated(error)) return
             if (states(lane)%running) call iterate(system, lane, iteration == max_iter, states(lane))
          end do
          if (.not. any(states%running)) return

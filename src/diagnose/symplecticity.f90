@@ -16,9 +16,11 @@ module symsde_diagnose_symplecticity
    use symsde_base_lanes, only: lanes_for
    use symsde_base_status, only: error_type, raise, wrong_shape, invalid_argument
    use symsde_base_text, only: to_text
+   use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
+   use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: stepper_options, new_stepper
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -39,8 +41,8 @@ contains
    !> given increments; Theorem 3.2 of [WHSB] says zero. NaN where the step was not solved.
    !> Of the options step, t0, correction, general, max_iter and fixed_point are used. dZ and areas are used
    !> by the schemes that need them; they must have the shapes given.
-   !> Errors: wrong_shape, invalid_argument, those of check_options and new_stepper.
-   subroutine symplecticity_defect(model, scheme, options, q, p, dw, defect, error, spacing, dz, areas)
+   !> Errors: wrong_shape, invalid_argument, those of check_options and new_stepper; stopped, by the monitor.
+   subroutine symplecticity_defect(model, scheme, options, q, p, dw, defect, error, spacing, dz, areas, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -51,6 +53,7 @@ contains
       real(wp), intent(in), optional :: spacing      !! of the differences, default 1/32
       real(wp), intent(in), optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
       real(wp), intent(in), optional :: areas(:, :)  !! areas of the step, default 0 (npoint, nnoise(nnoise-1)/2)
+      class(monitor_type), intent(inout), optional :: monitor
       real(wp), allocatable :: d(:, :, :)
       integer :: i
 
@@ -60,7 +63,7 @@ contains
                     to_text(size(defect))//' points; '//to_text(size(q, 1))//' states were given')
          return
       end if
-      call differentiate(model, scheme, options, q, p, dw, d, error, spacing, dz, areas)
+      call differentiate(model, scheme, options, q, p, dw, d, error, spacing, dz, areas, monitor)
       if (allocated(error)) return
       do i = 1, size(defect)
          defect(i) = defect_of(model%traits%ndof, d(:, :, i))
@@ -104,7 +107,7 @@ contains
    !> d(:, :, point) = M - I: derivatives of the increments (dq, dp) with respect to (q, p).
    !> All points of all stencils are lanes, side by side: point slowest, then the variable that is
    !> moved, then its offset.
-   subroutine differentiate(model, scheme, options, q, p, dw, d, error, spacing, dz, areas)
+   subroutine differentiate(model, scheme, options, q, p, dw, d, error, spacing, dz, areas, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -112,6 +115,7 @@ contains
       real(wp), allocatable, intent(out) :: d(:, :, :)  !! (2 ndof, 2 ndof, npoint)
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), optional :: spacing, dz(:, :), areas(:, :)
+      class(monitor_type), intent(inout), optional :: monitor
       class(stepper_type), allocatable :: stepper
       type(stepper_options) :: choice
       real(wp), allocatable :: w(:, :), qs(:, :), ps(:, :), dq(:, :), dp(:, :)
@@ -137,7 +141,10 @@ contains
       allocate (w(nlane, 0:model%traits%nnoise), status(nlane))
       allocate (qs(nlane, n), ps(nlane, n), dq(nlane, n), dp(nlane, n))
       w(:, 0) = options%step
+      call blas_single_thread()
       do first = 0, total - 1, nlane
+         call stop_if_wanted(monitor, first, total, 'symplecticity_defect', error)
+         if (allocated(error)) exit
          nreal = int(min(int(nlane, i8), total - first))
          call spread_points(first, nreal, base, q, p, dw, qs, ps, w(:, 1:))
          if (allocated(stepper%ham%extra)) then
@@ -148,6 +155,7 @@ contains
          call stepper%increment(options%t0, w, qs, ps, dq, dp, status)
          call collect(first, nreal, base, q, p, dq, dp, status, d)
       end do
+      call blas_restore_threads()
    end subroutine differentiate
 
    !> Lanes first .. first+nreal-1 of all; the lanes behind them repeat the last.

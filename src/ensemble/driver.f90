@@ -6,6 +6,7 @@
 module symsde_ensemble_driver
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_max_threads, omp_get_thread_num
+   use symsde_base_clock, only: seconds
    use symsde_base_counters, only: add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, padded
@@ -20,6 +21,7 @@ module symsde_ensemble_driver
    use symsde_ensemble_report, only: run_report, describe_left_out
    use symsde_ensemble_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
+   use symsde_model_catalogue, only: is_built_in
    use symsde_model_probe, only: probe_model
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_noise_integrals, only: area_levels
@@ -44,7 +46,6 @@ module symsde_ensemble_driver
       integer(i8) :: next = 0, finished = 0       !! blocks
       integer(i8) :: done = 0, total = 0          !! path-steps
       integer(i8) :: nfailed = 0, nstopped = 0    !! paths
-      real(wp) :: last_check = 0                  !! seconds
    end type shared_state
 
    interface
@@ -91,12 +92,12 @@ contains
       type(block_runner), allocatable :: runners(:)
       type(shared_state) :: shared
       real(wp) :: start
-      integer :: blas_threads
 
       start = seconds()
       call check_options(options, error)
       if (.not. allocated(error)) call check_state(options, model%traits%ndof, q0, p0, error)
-      if (.not. allocated(error)) call probe_model(model, options%t0, q0(1, :), p0(1, :), error)
+      if (.not. (allocated(error) .or. is_built_in(model))) &
+         call probe_model(model, options%t0, q0(1, :), p0(1, :), error)
       if (.not. allocated(error)) call new_noise(noise, model, options, report%lost_variance, error, dw, scheme)
       if (.not. allocated(error)) &
          call new_runners(runners, model, scheme, options, observer, noise, report, error)
@@ -108,9 +109,9 @@ contains
 
       start = seconds()
       shared%total = options%npath*options%nstep
-      blas_threads = blas_single_thread()
+      call blas_single_thread()
       call run_blocks(runners, options, q0, p0, monitor, shared, q0_low, p0_low)
-      call blas_restore_threads(blas_threads)
+      call blas_restore_threads()
       report%seconds_run = seconds() - start
       call summarise(runners, model, shared, report)
    end subroutine run_ensemble
@@ -125,10 +126,11 @@ contains
       real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)
       integer(i8) :: iblock, nblock, nlane
       integer :: me, nreal
+      logical :: halted
 
       nlane = runners(1)%state%nlane
       nblock = (options%npath + nlane - 1)/nlane
-      !$omp parallel num_threads(size(runners)) default(none) private(me, nreal, iblock) &
+      !$omp parallel num_threads(size(runners)) default(none) private(me, nreal, iblock, halted) &
       !$omp shared(runners, options, q0, p0, q0_low, p0_low, monitor, shared, nblock, nlane)
       me = omp_get_thread_num() + 1
       do
@@ -138,8 +140,14 @@ contains
          !$omp end atomic
          if (iblock >= nblock) exit
          nreal = int(min(nlane, options%npath - iblock*nlane))
-         call runners(me)%begin(options%first_path + iblock*nlane, nreal, q0, p0, q0_low, p0_low)
-         call run_block(runners(me), me == 1, monitor, shared)
+         !$omp atomic read
+         halted = shared%halted
+         if (halted) then
+            call runners(me)%pass_over(options%first_path + iblock*nlane, nreal, q0, p0, q0_low, p0_low)
+         else
+            call runners(me)%begin(options%first_path + iblock*nlane, nreal, q0, p0, q0_low, p0_low)
+            call run_block(runners(me), me == 1, monitor, shared)
+         end if
          !$omp critical (symsde_end_block)
          call runners(me)%observer%end_block(runners(me)%state)
          shared%nstopped = shared%nstopped + count(runners(me)%state%status(:nreal) == stopped)
@@ -170,7 +178,7 @@ contains
          ignored = usleep(200_c_int)
          !$omp atomic read
          done = shared%done
-         call check_monitor(monitor, done, shared, stop_now)
+         call monitor%ask(done, shared%total, stop_now)
          if (stop_now) then
             !$omp atomic write
             shared%halted = .true.
@@ -198,7 +206,7 @@ contains
          done = shared%done
          !$omp end atomic
          stop_now = runner%stepper%ham%model%failure_code() /= 0 .or. runner%observer%failure_code() /= 0
-         if (is_caller .and. .not. stop_now) call check_monitor(monitor, done, shared, stop_now)
+         if (is_caller .and. .not. stop_now) call monitor%ask(done, shared%total, stop_now)
          if (stop_now) then
             !$omp atomic write
             shared%halted = .true.
@@ -206,21 +214,6 @@ contains
       end do
       call runner%finish()
    end subroutine run_block
-
-   !> Ask the monitor, twenty times a second at most.
-   subroutine check_monitor(monitor, done, shared, stop_now)
-      class(monitor_type), intent(inout) :: monitor
-      integer(i8), intent(in) :: done
-      type(shared_state), intent(inout) :: shared
-      logical, intent(out) :: stop_now
-      real(wp) :: now
-
-      stop_now = .false.
-      now = seconds()
-      if (now - shared%last_check < 0.05_wp) return
-      shared%last_check = now
-      stop_now = monitor%wants_stop(done, shared%total)
-   end subroutine check_monitor
 
    !> One runner for every thread; more threads than blocks would have nothing to do.
    subroutine new_runners(runners, model, scheme, options, observer, noise, report, error)
@@ -434,12 +427,5 @@ contains
          report%status = paths_failed
       end if
    end subroutine summarise
-
-   real(wp) function seconds()
-      integer(i8) :: ticks, rate
-
-      call system_clock(ticks, rate)
-      seconds = real(ticks, wp)/real(rate, wp)
-   end function seconds
 
 end module symsde_ensemble_driver

@@ -1,25 +1,59 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract monitor: it is told of progress between chunks and may stop the run.
+!> The abstract monitor: it is told of progress now and then and may stop a run or a diagnosis.
 module symsde_ensemble_monitor
-   use symsde_base_kinds, only: i8
+   use symsde_base_clock, only: seconds
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type, raise, stopped
    implicit none
    private
-   public :: monitor_type
+   public :: monitor_type, stop_if_wanted
 
-   !> This base never stops. Extensions are called on the calling thread only, ten times a second or so.
+   real(wp), parameter :: pause = 0.05_wp  !! between two questions [s]
+
+   !> This base never stops. Extensions are called on the calling thread only, twenty times a second at most.
    type :: monitor_type
+      real(wp), private :: last = -huge(1.0_wp)  !! when it was asked [s]
    contains
       procedure :: wants_stop
+      procedure, non_overridable :: ask
    end type monitor_type
 
 contains
 
-   !> Told how many path-steps are done of how many; true stops the run at the next chunk.
+   !> Told how much is done of how much (path-steps of a run, blocks of a diagnosis); true stops the work where
+   !> it can next be left.
    logical function wants_stop(self, done, total)
       class(monitor_type), intent(inout) :: self
-      integer(i8), intent(in) :: done, total  !! path-steps
+      integer(i8), intent(in) :: done, total
 
       wants_stop = .false.
    end function wants_stop
+
+   !> Tell it, unless that was done a moment ago. To be called as often as is convenient.
+   subroutine ask(self, done, total, stop_now)
+      class(monitor_type), intent(inout) :: self
+      integer(i8), intent(in) :: done, total
+      logical, intent(out) :: stop_now
+      real(wp) :: now
+
+      stop_now = .false.
+      now = seconds()
+      if (now - self%last < pause) return
+      self%last = now
+      stop_now = self%wants_stop(done, total)
+   end subroutine ask
+
+   !> Ask the monitor of a diagnosis, where there is one; a stop raises `stopped`.
+   subroutine stop_if_wanted(monitor, done, total, place, error)
+      class(monitor_type), intent(inout), optional :: monitor
+      integer(i8), intent(in) :: done, total
+      character(*), intent(in) :: place  !! the procedure that can be left
+      type(error_type), allocatable, intent(inout) :: error
+      logical :: stop_now
+
+      if (.not. present(monitor)) return
+      call monitor%ask(done, total, stop_now)
+      if (stop_now) call raise(error, stopped, place, 'the diagnosis was stopped on request: it has no result')
+   end subroutine stop_if_wanted
 
 end module symsde_ensemble_monitor

@@ -373,6 +373,22 @@ static void test_diagnostics(void) {
    }
    CHECK(largest < 1e-12);
 
+   /* a diagnosis asks the progress of its options, and can be stopped */
+   progress_user progress = {0, 1, -1, -1};
+   options.progress = on_progress;
+   options.progress_user = &progress;
+   EXPECT(SYMSDE_STOPPED, "stopped on request",
+          symsde_symplecticity(model, midpoint, &options, PATHS, a.q, a.p, dw, defect, &error));
+   EXPECT(SYMSDE_STOPPED, "stopped on request",
+          symsde_discrete_action(model, midpoint, &options, a.q, a.p, dw, action, &error));
+   EXPECT(SYMSDE_STOPPED, "stopped on request",
+          symsde_euler_lagrange_residual(model, midpoint, &options, a.q, a.p, dw, residual, &error));
+   CHECK(progress.calls == 3 && progress.done == 0 && progress.total > 0);
+   progress.stop = 0;
+   OK(symsde_euler_lagrange_residual(model, midpoint, &options, a.q, a.p, dw, residual, &error));
+   CHECK(progress.calls >= 4);
+   options.progress = NULL;
+
    /* kubo turns by a t + sigma W */
    OK(symsde_exact_solution(model, midpoint, &options, &input, q, p, &error));
    double w = 0;

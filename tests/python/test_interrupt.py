@@ -42,6 +42,16 @@ def test_ctrl_c_with_python_callbacks(user_kubo):
     timer.join()
 
 
+def test_ctrl_c_in_a_diagnosis():
+    chain = ss.models.fpu_chain(n=16)
+    timer = interrupt_soon()
+    start = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        ss.diagnose.stationary_path(chain, "gauss4", q_start=0.1, q_end=0.2, step=0.01, steps=200, paths=4000)
+    timer.join()
+    assert time.perf_counter() - start < 3
+
+
 def test_handlers_of_the_user_are_called(kubo):
     class PlantedError(Exception):
         pass

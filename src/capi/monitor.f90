@@ -1,0 +1,50 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The monitor that asks a C function.
+module symsde_capi_monitor
+   use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_int, c_int64_t, c_null_ptr, c_ptr
+   use symsde_base_kinds, only: i8
+   use symsde_ensemble_monitor, only: monitor_type
+   implicit none
+   private
+   public :: callback_monitor, new_callback_monitor
+
+   type, extends(monitor_type) :: callback_monitor
+      private
+      procedure(progress_callback), pointer, nopass :: on_progress => null()
+      type(c_ptr) :: user = c_null_ptr
+   contains
+      procedure :: wants_stop => ask_callback
+   end type callback_monitor
+
+   abstract interface
+      !> Told how much is done of how much; nonzero stops.
+      function progress_callback(done, total, user) bind(c) result(stop_now)
+         import :: c_int, c_int64_t, c_ptr
+         integer(c_int64_t), value :: done, total
+         type(c_ptr), value :: user
+         integer(c_int) :: stop_now
+      end function progress_callback
+   end interface
+
+contains
+
+   !> The caller's function, or none.
+   subroutine new_callback_monitor(self, progress, user)
+      type(callback_monitor), intent(out) :: self
+      type(c_funptr), intent(in) :: progress   !! symsde_progress, or c_null_funptr
+      type(c_ptr), intent(in) :: user          !! handed to it as it is
+
+      if (c_associated(progress)) call c_f_procpointer(progress, self%on_progress)
+      self%user = user
+   end subroutine new_callback_monitor
+
+   !> Ask the caller's function, where there is one.
+   logical function ask_callback(self, done, total) result(wants_stop)
+      class(callback_monitor), intent(inout) :: self
+      integer(i8), intent(in) :: done, total
+
+      wants_stop = .false.
+      if (associated(self%on_progress)) wants_stop = self%on_progress(done, total, self%user) /= 0
+   end function ask_callback
+
+end module symsde_capi_monitor
