@@ -418,11 +418,51 @@ static void test_diagnostics(void) {
    symsde_scheme_delete(&heun);
 }
 
+/* Steps far beyond where the solver converges from zero increments: what the report says of them adds up, each
+ * counter by itself. With many iterations damping saves paths, with few it is continuation that does. */
+static void test_counters_of_hard_steps(void) {
+   symsde_model model = NULL;
+   symsde_scheme scheme = new_scheme("midpoint");
+   symsde_options options = some_options();
+   symsde_input input = some_input(NULL, NULL);
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_report many, few;
+   static double q[PATHS], p[PATHS];
+   int64_t failed = 0;
+
+   for (int i = 0; i < PATHS; i++) {
+      q[i] = 3 * sin(0.37 * i);
+      p[i] = 2 * cos(1.1 * i);
+   }
+   input.q0 = q;
+   input.p0 = p;
+   input.q0_paths = input.p0_paths = PATHS;
+   OK(symsde_model_get("synchrotron", 0, NULL, NULL, &model, &error));
+   options.step = 1.5;
+   options.steps = options.save_every = 1;
+   symsde_report_init(&many);
+   symsde_report_init(&few);
+   symsde_simulate(model, scheme, &options, &input, &paths, &many, &error);
+   CHECK(many.failures > 0 && many.damped > 0 && many.damped != many.continued);
+   CHECK(many.failures == many.damped + many.continued + many.failed);
+   options.max_iter = 6;
+   symsde_simulate(model, scheme, &options, &input, &paths, &few, &error);
+   for (int i = 0; i < PATHS; i++) {
+      failed += a.status[i] != 0;
+   }
+   CHECK(few.continued > many.continued && few.damped != few.continued && few.failed == failed && few.stopped == 0);
+   CHECK(few.failures == few.damped + few.continued + failed);
+   CHECK(few.path_steps == PATHS && few.gradients > 0 && few.iterations > PATHS && few.solves > PATHS);
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
 int main(void) {
    test_simulate();
    test_resume();
    test_moments();
    test_failed_paths();
+   test_counters_of_hard_steps();
 #ifdef __linux__
    test_alignment();
 #endif
