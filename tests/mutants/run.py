@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Plant faults, one at a time, and see whether the suites notice.
+
+run.py BUILD [--check | --sample] [--only WORD] [--jobs N]
+
+A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it.
+The mutated file alone is compiled, with the command of the build; linked with the build's other objects it makes a
+library of its own, which the test programs are given in place of theirs. Faults of the Python package are planted
+in a copy of it. Neither the tree nor the build is touched.
+
+    --check       only look whether every entry still fits the sources
+    --sample      the entries with sample = true
+    --only WORD   the entries whose file or text holds the word
+
+The named test runs first, then, where it passes, every other suite that is not long. The exit code tells of an
+entry that does not fit, of a survivor without a reason, of a reason without a survivor, of less than 95 % caught.
+"""
+
+import argparse
+import gzip
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+LABELS = {"unit", "verification", "capi", "python"}
+LONG = {"test_order", "test_beyond_one", "check_funit"}  # too long, or not about the library
+PATIENCE = 180  # seconds; a test that hangs has noticed
+WANTED = 0.95
+
+
+class DoesNotFit(Exception):
+    """An entry that the sources, the build or the tests do not know."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One fault."""
+
+    file: str
+    old: str
+    new: str
+    test: str
+    survives: str = ""  # why no suite can catch it
+    sample: bool = False
+
+    @property
+    def label(self) -> str:
+        """The file and what becomes of its text, on one line."""
+        old, new = (" ".join(text.split()) for text in (self.old, self.new))
+        return f"{self.file}: {old} -> {new or 'nothing'}"
+
+    def apply(self) -> str:
+        """The text of the file with the fault; the old text must be there, once."""
+        source = (ROOT / self.file).read_text()
+        if (times := source.count(self.old)) != 1 or self.old == self.new:
+            raise DoesNotFit(f"{self.label}\n   the old text is there {times} times, not once")
+        return source.replace(self.old, self.new)
+
+
+@dataclass(frozen=True)
+class Test:
+    """A test as ctest runs it."""
+
+    command: list[str]
+    environment: dict[str, str]
+    folder: str
+
+    def passes(self, environment: dict[str, str]) -> bool:
+        """Whether it passes with these variables beside its own; hanging is failing."""
+        try:
+            done = subprocess.run(
+                self.command,
+                check=False,
+                capture_output=True,
+                cwd=self.folder,
+                env=os.environ | self.environment | environment,
+                timeout=PATIENCE,
+            )
+        except subprocess.TimeoutExpired:
+            return False
+        return done.returncode == 0
+
+
+class Build:
+    """The build tree: its tests, and how a file of the library is compiled and linked."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.resolve()
+        found = json.loads(self.ask("ctest", "--show-only=json-v1"))["tests"]
+        self.tests = {entry["name"]: read_test(entry) for entry in found if is_suite(entry)}
+        entries = json.loads(self.ask("ninja", "-t", "compdb"))
+        self.commands = {entry["output"]: entry["command"] for entry in entries}
+        self.library = next(name for name in self.commands if name.startswith("libsymsde.so"))
+
+    def ask(self, *command: str) -> str:
+        """What a tool says in this tree."""
+        return subprocess.run(command, check=True, capture_output=True, text=True, cwd=self.folder).stdout
+
+    def make_library(self, mutant: Mutant, text: str, scratch: Path) -> Path:
+        """A library with this text for the file."""
+        target = f"src/CMakeFiles/symsde.dir/{mutant.file.removeprefix('src/')}.o"
+        source, made = scratch / Path(mutant.file).name, scratch / "mutant.o"
+        source.write_text(text)
+        words = shlex.split(self.commands[target])
+        modules = next((word[2:] for word in words if word.startswith("-J")), "")
+        words = [f"-J{scratch}" if word.startswith("-J") else word for word in words if word != "-fpreprocessed"]
+        words[words.index("-c") + 1] = str(source)
+        words[words.index("-o") + 1] = str(made)
+        self.build(mutant, [*words, *([f"-I{modules}", "-cpp"] if modules else [])])
+        for module in scratch.glob("*.mod"):
+            if interface_of(module) != interface_of(self.folder / modules / module.name):
+                raise DoesNotFit(f"{mutant.label}\n   changes the interface of its module: others would be compiled anew")
+        library = scratch / "libsymsde.so"
+        words = [word for word in shlex.split(self.commands[self.library]) if word not in {":", "&&"}]
+        words = [str(made) if word == target else word for word in words]
+        words[words.index("-o") + 1] = str(library)
+        self.build(mutant, words)
+        return library
+
+    def build(self, mutant: Mutant, words: list[str]) -> None:
+        """Run a command of the build."""
+        done = subprocess.run(words, check=False, capture_output=True, text=True, cwd=self.folder)
+        if done.returncode != 0:
+            raise DoesNotFit(f"{mutant.label}\n   does not build:\n{done.stderr[-2000:]}")
+
+
+def properties_of(entry: dict) -> dict:
+    """Properties of a test in ctest's list."""
+    return {item["name"]: item["value"] for item in entry.get("properties", [])}
+
+
+def is_suite(entry: dict) -> bool:
+    """Whether it is one of the suites that judge faults."""
+    properties = properties_of(entry)
+    labels = LABELS & set(properties.get("LABELS", []))
+    return bool(labels) and entry["name"] not in LONG and not properties.get("WILL_FAIL")
+
+
+def read_test(entry: dict) -> Test:
+    """A test of ctest's list."""
+    properties = properties_of(entry)
+    environment = dict(item.split("=", 1) for item in properties.get("ENVIRONMENT", []))
+    return Test(entry["command"], environment, properties.get("WORKING_DIRECTORY", "."))
+
+
+def interface_of(module: Path) -> bytes:
+    """A module file without its first line, which names the source."""
+    return gzip.decompress(module.read_bytes()).split(b"\n", 1)[1]
+
+
+def read_mutants() -> list[Mutant]:
+    """All entries, file after file."""
+    entries = []
+    for name in sorted(Path(__file__).parent.glob("*.toml")):
+        entries += [Mutant(**entry) for entry in tomllib.loads(name.read_text()).get("mutant", [])]
+    return entries
+
+
+def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
+    """Make the faulty library or package; the variables that put it before the tests."""
+    text = mutant.apply()
+    if mutant.file.startswith("python/"):
+        shutil.copytree(ROOT / "python", scratch / "python", ignore=shutil.ignore_patterns("__pycache__"))
+        (scratch / mutant.file).write_text(text)
+        return {"PYTHONPATH": str(scratch / "python")}
+    library = build.make_library(mutant, text, scratch)
+    # the programs find it loaded under its own name; Python loads it by its path
+    return {"LD_PRELOAD": str(library), "SYMSDE_LIBRARY": str(library), "PYTHONPATH": str(ROOT / "python")}
+
+
+def judge(mutant: Mutant, build: Build) -> tuple[str, str]:
+    """The test that notices, or nothing; and what does not fit."""
+    with tempfile.TemporaryDirectory(prefix="mutant-") as scratch:
+        try:
+            environment = plant(mutant, build, Path(scratch))
+        except DoesNotFit as error:
+            return "", str(error)
+        for name in [mutant.test, *(other for other in build.tests if other != mutant.test)]:
+            if not build.tests[name].passes(environment):
+                return name, ""
+    return "", ""
+
+
+def check(mutants: list[Mutant], build: Build) -> int:
+    """Entries that do not fit, each with its reason."""
+    wrong = 0
+    for mutant in mutants:
+        try:
+            mutant.apply()
+            if mutant.test not in build.tests:
+                raise DoesNotFit(f"{mutant.label}\n   there is no suite {mutant.test}, or it is a long one")
+        except DoesNotFit as error:
+            wrong += 1
+            print(error)
+    print(f"{len(mutants) - wrong} entries fit, {wrong} do not")
+    return wrong
+
+
+def report(mutant: Mutant, caught_by: str, wrong: str, seconds: float) -> bool:
+    """Say how it went; whether that is as it should be."""
+    if wrong:
+        print(f"DOES NOT FIT {wrong}", flush=True)
+    elif caught_by:
+        note = "" if caught_by == mutant.test else f", not by {mutant.test}"
+        note += ", though a reason says that it cannot be" if mutant.survives else ""
+        print(f"caught ({seconds:.0f} s) by {caught_by}{note}: {mutant.label}", flush=True)
+    else:
+        print(f"SURVIVED ({seconds:.0f} s) {mutant.label}\n   {mutant.survives or 'no reason given'}", flush=True)
+    return not wrong and bool(caught_by) != bool(mutant.survives)
+
+
+def main() -> int:
+    """Judge the entries that are asked for."""
+    parser = argparse.ArgumentParser(description="Plant faults and see whether the suites notice.")
+    parser.add_argument("build", type=Path)
+    parser.add_argument("--check", action="store_true")
+    parser.add_argument("--sample", action="store_true")
+    parser.add_argument("--only", default="")
+    parser.add_argument("--jobs", type=int, default=2)
+    options = parser.parse_args()
+    build = Build(options.build)
+    mutants = read_mutants()
+    if options.sample:
+        mutants = [mutant for mutant in mutants if mutant.sample]
+    mutants = [mutant for mutant in mutants if options.only in mutant.label]
+    if check(mutants, build) > 0 or not mutants:
+        return 1
+    if options.check:
+        return 0
+    for name in {mutant.test for mutant in mutants}:
+        if not build.tests[name].passes({}):
+            print(f"{name} fails without a fault")
+            return 1
+
+    def timed(mutant: Mutant) -> tuple[str, str, float]:
+        start = time.monotonic()
+        return *judge(mutant, build), time.monotonic() - start
+
+    good, ncaught = True, 0
+    with ThreadPoolExecutor(options.jobs) as pool:
+        for mutant, result in zip(mutants, pool.map(timed, mutants), strict=True):
+            good = report(mutant, *result) and good
+            ncaught += bool(result[0])
+    print(f"{ncaught} caught, {len(mutants) - ncaught} not, of {len(mutants)}")
+    return int(not good or ncaught < WANTED * len(mutants))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
