@@ -38,7 +38,7 @@ PATIENCE = 180  # seconds; a test that hangs has noticed
 WANTED = 0.95
 
 
-class DoesNotFit(Exception):
+class MisfitError(Exception):
     """An entry that the sources, the build or the tests do not know."""
 
 
@@ -63,7 +63,7 @@ class Mutant:
         """The text of the file with the fault; the old text must be there, once."""
         source = (ROOT / self.file).read_text()
         if (times := source.count(self.old)) != 1 or self.old == self.new:
-            raise DoesNotFit(f"{self.label}\n   the old text is there {times} times, not once")
+            raise MisfitError(f"{self.label}\n   the old text is there {times} times, not once")
         return source.replace(self.old, self.new)
 
 
@@ -119,7 +119,9 @@ class Build:
         self.build(mutant, [*words, *([f"-I{modules}", "-cpp"] if modules else [])])
         for module in scratch.glob("*.mod"):
             if interface_of(module) != interface_of(self.folder / modules / module.name):
-                raise DoesNotFit(f"{mutant.label}\n   changes the interface of its module: others would be compiled anew")
+                raise MisfitError(
+                    f"{mutant.label}\n   changes what its module offers: choose one inside of a procedure"
+                )
         library = scratch / "libsymsde.so"
         words = [word for word in shlex.split(self.commands[self.library]) if word not in {":", "&&"}]
         words = [str(made) if word == target else word for word in words]
@@ -131,7 +133,7 @@ class Build:
         """Run a command of the build."""
         done = subprocess.run(words, check=False, capture_output=True, text=True, cwd=self.folder)
         if done.returncode != 0:
-            raise DoesNotFit(f"{mutant.label}\n   does not build:\n{done.stderr[-2000:]}")
+            raise MisfitError(f"{mutant.label}\n   does not build:\n{done.stderr[-2000:]}")
 
 
 def properties_of(entry: dict) -> dict:
@@ -183,7 +185,7 @@ def judge(mutant: Mutant, build: Build) -> tuple[str, str]:
     with tempfile.TemporaryDirectory(prefix="mutant-") as scratch:
         try:
             environment = plant(mutant, build, Path(scratch))
-        except DoesNotFit as error:
+        except MisfitError as error:
             return "", str(error)
         for name in [mutant.test, *(other for other in build.tests if other != mutant.test)]:
             if not build.tests[name].passes(environment):
@@ -198,8 +200,8 @@ def check(mutants: list[Mutant], build: Build) -> int:
         try:
             mutant.apply()
             if mutant.test not in build.tests:
-                raise DoesNotFit(f"{mutant.label}\n   there is no suite {mutant.test}, or it is a long one")
-        except DoesNotFit as error:
+                raise MisfitError(f"{mutant.label}\n   there is no suite {mutant.test}, or it is a long one")
+        except MisfitError as error:
             wrong += 1
             print(error)
     print(f"{len(mutants) - wrong} entries fit, {wrong} do not")

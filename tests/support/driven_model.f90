@@ -41,7 +41,8 @@ contains
       self%name = 'driven'
       self%noise = noise
       self%traits = model_traits(ndof=n, nnoise=2, bandwidth=bandwidth, identity_mass=.true., &
-                                 separable=noise /= general_noise, additive=any(noise == [linear_kick, additive_noise]), &
+                                 separable=noise /= general_noise, &
+                                 additive=any(noise == [linear_kick, additive_noise]), &
                                  position_noise=any(noise == [linear_kick, curved_kick]))
    end subroutine new_driven
 
