@@ -34,7 +34,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 LABELS = {"unit", "verification", "capi", "python"}
 LONG = {"test_order", "test_beyond_one", "check_funit"}  # too long, or not about the library
-PATIENCE = 180  # seconds; a test that hangs has noticed
+PATIENCE = 600  # seconds; a test that hangs has noticed
 WANTED = 0.95
 
 
