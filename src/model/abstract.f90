@@ -195,7 +195,7 @@ contains
    end subroutine force_stiffness_composed
 
    !> Rows first..last of what force_stiffness gives with b = 1, in a strip of lanes, for Hamiltonians p.p/2 + U(q)
-   !> with noise in position; the stiffness is the derivative of the force to rounding. This default serves
+   !> with noise in position or additive; the stiffness is the derivative of the force to rounding. This default serves
    !> models without it: traits%has_chain_rows is false.
    subroutine chain_rows_missing(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan

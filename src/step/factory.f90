@@ -21,12 +21,8 @@ module symsde_step_factory
    use symsde_step_modified_hamiltonian, only: expansion_active
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
-   use symsde_step_midpoint_tridiagonal, only: midpoint_tridiagonal_stepper, new_midpoint_tridiagonal_stepper, &
-                                               fits_midpoint_tridiagonal
    use symsde_step_midpoint_kubo, only: midpoint_kubo_stepper, new_midpoint_kubo_stepper
    use symsde_step_midpoint_single, only: midpoint_single_stepper, new_midpoint_single_stepper
-   use symsde_step_midpoint_matrix_free, only: midpoint_matrix_free_stepper, new_midpoint_matrix_free_stepper, &
-                                               fits_midpoint_matrix_free
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_one_sided, only: one_sided_stepper, new_one_sided_stepper, is_one_sided
    use symsde_step_stepper, only: stepper_type
@@ -122,8 +118,7 @@ contains
       end if
    end subroutine allocate_expanded
 
-   !> The midpoint rule, from the most to the least special: fused, tridiagonal, without matrices, momenta
-   !> eliminated, closed form, full.
+   !> The midpoint rule, from the most to the least special: fused, momenta eliminated, closed form, full.
    subroutine allocate_midpoint(stepper, model, options)
       class(stepper_type), allocatable, intent(out) :: stepper
       class(model_type), intent(in) :: model
@@ -134,11 +129,7 @@ contains
          if (options%newton%fixed_point == 0) allocate (midpoint_kubo_stepper :: stepper)
       end select
       if (allocated(stepper)) return
-      if (fits_midpoint_tridiagonal(model, options%newton)) then
-         allocate (midpoint_tridiagonal_stepper :: stepper)
-      else if (fits_midpoint_matrix_free(model, options%newton)) then
-         allocate (midpoint_matrix_free_stepper :: stepper)
-      else if (fits_midpoint_stepper(model)) then
+      if (fits_midpoint_stepper(model)) then
          allocate (midpoint_stepper :: stepper)
       else if (model%traits%ndof == 1) then
          allocate (midpoint_single_stepper :: stepper)
@@ -172,10 +163,6 @@ contains
          call new_explicit_stepper(stepper, model, scheme, nlane)
       type is (midpoint_stepper)
          call new_midpoint_stepper(stepper, model, nlane, options%newton)
-      type is (midpoint_tridiagonal_stepper)
-         call new_midpoint_tridiagonal_stepper(stepper, model, nlane, options%newton)
-      type is (midpoint_matrix_free_stepper)
-         call new_midpoint_matrix_free_stepper(stepper, model, nlane, options%newton)
       type is (galerkin_stepper)
          call new_galerkin_stepper(stepper, model, scheme, nlane, options%newton)
       type is (midpoint_kubo_stepper)

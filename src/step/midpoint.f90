@@ -12,27 +12,40 @@
 !>    dq - (h p_n + g) + (h/2) Hhat_q(q_n + dq/2) = 0,   dp = 2 (dq - h p_n - g)/h
 !>
 !> with the same matrix. A lane is called stiff by its own first Hessian, never by its neighbours'.
+!>
+!> The equations, the switch and the increments stand here, once. What solves the linear systems is a part:
+!> matrices eliminated across lanes (closed form, dense, banded), rows of a tridiagonal Hessian, or products
+!> with the Hessian alone. They find the same root.
 module symsde_step_midpoint
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_traits, only: dense
+   use symsde_base_lanes, only: lane_unit
+   use symsde_base_traits, only: dense, strip_lanes
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
-   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_midpoint_by_matrix, only: midpoint_by_matrix, new_midpoint_by_matrix
+   use symsde_step_midpoint_by_products, only: midpoint_by_products, new_midpoint_by_products
+   use symsde_step_midpoint_by_rows, only: midpoint_by_rows, new_midpoint_by_rows
+   use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
+   use symsde_step_newton_by_products, only: pays_by_products
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
    public :: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
+   public :: by_choice, by_matrix, by_rows, by_products
+
+   integer, parameter :: by_choice = 0, by_matrix = 1, by_rows = 2, by_products = 3  !! what solves
+   integer(i8), parameter :: copy_rests = 1  !! status of the copies that fill up lanes: any but 0
 
    type, extends(stepper_type) :: midpoint_stepper
       private
-      type(newton_type) :: newton
-      integer :: band = dense
-      real(wp), allocatable :: base(:, :)  !! q_n + (h p_n + g)/2 (nlane, ndof)
-      real(wp), allocatable :: drift(:, :) !! h p_n + g (nlane, ndof)
-      real(wp), allocatable :: qs(:, :)    !! Q (nlane, ndof)
-      integer(i8), allocatable :: rests(:) !! 0 in the lanes that are stiff and ok, -1 in the others (nlane)
-      real(wp), allocatable :: zero(:, :)  !! p = 0, where the constant part of Hhat_p is read (nlane, ndof)
+      class(midpoint_part), allocatable :: part
+      type(midpoint_equation) :: eq            !! of the lanes that take the step together
+      logical :: has_shift = .false.           !! additive noise moves the positions: g /= 0
+      real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
+      real(wp), allocatable :: w(:, :)         !! where not all lanes go together: their w (eq%nlane, 0:nnoise)
+      real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! where lanes are filled up (eq%nlane, ndof)
    contains
       procedure :: increment
    end type midpoint_stepper
@@ -49,25 +62,65 @@ contains
    end function fits_midpoint_stepper
 
    !> A midpoint stepper for blocks of nlane lanes.
-   subroutine new_midpoint_stepper(self, model, nlane, options)
+   subroutine new_midpoint_stepper(self, model, nlane, options, way)
       type(midpoint_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
-      integer :: n, b
+      integer, intent(in), optional :: way  !! by_choice (as if absent), by_matrix, by_rows or by_products
+      integer :: chosen, together
 
-      n = model%traits%ndof
-      b = model%traits%bandwidth
-      if (2*b + 1 >= n) b = dense
+      chosen = by_choice
+      if (present(way)) chosen = way
+      if (chosen == by_choice) chosen = choose_way(model, options)
+      together = nlane
       self%name = 'midpoint, momenta eliminated'
-      self%band = b
+      select case (chosen)
+      case (by_rows)
+         self%name = 'midpoint, momenta eliminated, tridiagonal'
+         if (model%traits%has_chain_rows .or. modulo(nlane, strip_lanes) /= 0) together = strip_lanes
+         allocate (midpoint_by_rows :: self%part)
+      case (by_products)
+         self%name = 'midpoint, momenta eliminated, matrix-free'
+         allocate (midpoint_by_products :: self%part)
+      case default
+         allocate (midpoint_by_matrix :: self%part)
+      end select
+      select type (part => self%part)
+      type is (midpoint_by_rows)
+         call new_midpoint_by_rows(part, model, together, options)
+      type is (midpoint_by_products)
+         call new_midpoint_by_products(part, model, together, options)
+      type is (midpoint_by_matrix)
+         call new_midpoint_by_matrix(part, model, together, options)
+      end select
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, n, options, model%traits%one_solve(b /= dense), b, b, &
-                      exact=model%traits%has_hessian_vector .or. (model%traits%has_hessian .and. b == dense))
-      allocate (self%base(nlane, n), self%drift(nlane, n), self%qs(nlane, n), self%zero(nlane, n))
-      allocate (self%rests(nlane), source=-1_i8)
-      self%zero = 0
+      associate (n => model%traits%ndof, m => model%traits%nnoise)
+         call new_midpoint_equation(self%eq, together, n, m)
+         self%has_shift = m > 0 .and. .not. model%traits%position_noise
+         if (self%has_shift) allocate (self%shift(together, n))
+         if (together == nlane) return
+         allocate (self%w(together, 0:m))
+         if (modulo(nlane, together) == 0) return
+         allocate (self%q(together, n), self%p(together, n), self%dq(together, n), self%dp(together, n))
+      end associate
    end subroutine new_midpoint_stepper
+
+   !> What solves the linear systems of a model fastest.
+   pure integer function choose_way(model, options) result(way)
+      class(model_type), intent(in) :: model
+      type(newton_options), intent(in) :: options
+
+      way = by_matrix
+      if (options%fixed_point > 0 .or. options%damped) return
+      associate (t => model%traits)
+         if (t%bandwidth == 1 .and. t%ndof > 3) then
+            way = by_rows
+         else if (pays_by_products(t, t%ndof)) then
+            way = by_products
+         end if
+      end associate
+   end function choose_way
 
    subroutine increment(self, t, w, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
@@ -75,300 +128,164 @@ contains
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
-      real(wp) :: h, tm
-      integer :: nstiff
-      logical :: shifted
+      integer :: before
 
-      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
-         h = w(1, 0)
-         tm = t + 0.5_wp*h
-         shifted = .not. self%ham%model%traits%position_noise .and. self%ham%nnoise > 0
-         if (shifted) then
-            call self%ham%gradient(tm, w, q, self%zero, hp=dp)
-            call free_flight_with_shift(nlane*n, h, p, q, dp, self%drift, self%base)
-         else
-            call free_flight(nlane*n, h, p, q, self%base)
+      self%eq%h = w(1, 0)
+      self%eq%t = t + 0.5_wp*w(1, 0)
+      associate (nlane => self%ham%nlane, together => self%eq%nlane)
+         if (together == nlane) then
+            self%eq%nreal = self%ham%nreal
+            call step_together(self, nlane, 0, w, q, p, dq, dp, status)
+            return
          end if
-         if (n == 1 .and. newton%options%fixed_point == 0) then
-            call solve_one(self, h, tm, w, p, dp, nstiff, status)
-         else
-            call solve_many(self, h, tm, w, p, dp, nstiff, status)
-         end if
-         if (shifted) then
-            call position_increment_with_shift(nlane*n, h, self%drift, dp, dq)
-         else
-            call position_increment(nlane*n, h, p, dp, dq)
-         end if
+         do before = 0, nlane - together, together
+            self%eq%nreal = max(0, min(together, self%ham%nreal - before))
+            call take_rows(nlane, self%ham%nnoise + 1, before, w, self%w)
+            call step_together(self, nlane, before, self%w, q, p, dq, dp, status(before + 1))
+         end do
+         if (before < nlane) call fill_up(self, before, w, q, p, dq, dp, status)
       end associate
-      if (nstiff == 0) return
-      if (.not. shifted) self%drift = h*p
-      call solve_stiff(self, h, tm, w, q, p, dq, dp, status)
    end subroutine increment
 
-   !> Newton for V, one degree of freedom.
-   subroutine solve_one(self, h, tm, w, p, v, nstiff, status)
-      type(midpoint_stepper), intent(inout) :: self
-      real(wp), intent(in) :: h, tm, w(self%ham%nlane, 0:self%ham%nnoise), p(self%ham%nlane, 1)
-      real(wp), intent(out) :: v(self%ham%nlane, 1)
-      integer, intent(out) :: nstiff
-      integer(i8), intent(inout) :: status(self%ham%nlane)
-      logical :: steep
-
-      nstiff = 0
-      associate (newton => self%newton)
-         call self%ham%gradient_hessian(tm, w, self%base, p, hq=newton%r, hqq=newton%a)
-         call newton%first_scalar(0.25_wp*h, self%base, v, self%qs, steep, status, self%ham%counters)
-         if (steep) call find_stiff(self, h, nstiff)
-         do while (newton%running)
-            if (newton%iteration > 1) call position(self%ham%nlane, h, self%base, v, self%qs)
-            call self%ham%gradient_hessian(tm, w, self%qs, p, hq=newton%r, hqq=newton%a)
-            call newton%update_scalar(1.0_wp, 0.25_wp*h, v, status, self%ham%counters)
-         end do
-      end associate
-   end subroutine solve_one
-
-   !> Newton for V, or a fixed number of iterations.
-   subroutine solve_many(self, h, tm, w, p, v, nstiff, status)
-      type(midpoint_stepper), intent(inout) :: self
-      real(wp), intent(in) :: h, tm, w(self%ham%nlane, 0:self%ham%nnoise), p(self%ham%nlane, self%ham%ndof)
-      real(wp), intent(out) :: v(self%ham%nlane, self%ham%ndof)
-      integer, intent(out) :: nstiff
-      integer(i8), intent(inout) :: status(self%ham%nlane)
-
-      nstiff = 0
-      v = 0
-      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
-         call newton%start(status)
-         do while (newton%running)
-            call position(nlane*n, h, self%base, v, self%qs)
-            call linearise(self, h, tm, w, p, v)
-            if (newton%iteration == 0 .and. newton%options%fixed_point == 0) call find_stiff(self, h, nstiff)
-            if (n == 1) then
-               call newton%update_scalar(1.0_wp, 0.25_wp*h, v, status, self%ham%counters)
-            else
-               call newton%update(v, status, self%ham%counters)
-            end if
-         end do
-      end associate
-   end subroutine solve_many
-
-   !> Which lanes are stiff, by the diagonal of the matrix of the first iteration.
-   subroutine find_stiff(self, h, nstiff)
-      type(midpoint_stepper), intent(inout) :: self
-      real(wp), intent(in) :: h
-      integer, intent(out) :: nstiff
-      integer :: i
-
-      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
-         self%rests = -1
-         if (n == 1) then
-            call mark_stiff(nlane, 0.0_wp, 0.25_wp*h, newton%a(:, 1, 1), self%rests)
-         else if (self%band == dense) then
-            do i = 1, n
-               call mark_stiff(nlane, 1.0_wp, 1.0_wp, newton%a(:, i, i), self%rests)
-            end do
-         else
-            do i = 1, n
-               call mark_stiff(nlane, 1.0_wp, 1.0_wp, newton%bands(:, 0, i), self%rests)
-            end do
-         end if
-         nstiff = count(self%rests == 0)
-      end associate
-   end subroutine find_stiff
-
-   !> Newton for dq in the stiff lanes, from what V gave.
-   subroutine solve_stiff(self, h, tm, w, q, p, dq, dp, status)
-      type(midpoint_stepper), intent(inout) :: self
-      real(wp), intent(in) :: h, tm, w(self%ham%nlane, 0:self%ham%nnoise)
+   !> The last lanes of a block, too few to go together: the very last one fills up, in copies that rest.
+   subroutine fill_up(self, before, w, q, p, dq, dp, status)
+      class(midpoint_stepper), intent(inout) :: self
+      integer, intent(in) :: before   !! lanes that are done
+      real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(inout) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer(i8) :: fate(self%eq%nlane)
+      integer :: lane, last
 
-      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
-         where (status /= 0) self%rests = -1
-         call newton%start(self%rests)
-         do while (newton%running)
-            call halfway(nlane*n, q, dq, self%qs)
-            call linearise(self, h, tm, w, p, self%zero)
-            call position_residual(nlane*n, h, self%drift, newton%r)
-            if (n == 1) then
-               call newton%update_scalar(1.0_wp, 0.25_wp*h, dq, self%rests, self%ham%counters)
-            else
-               newton%r = dq + newton%r
-               call newton%update(dq, self%rests, self%ham%counters)
-            end if
+      associate (left => self%ham%nlane - before, together => self%eq%nlane)
+         do lane = 1, together
+            last = before + min(lane, left)
+            self%w(lane, :) = w(last, :)
+            self%q(lane, :) = q(last, :)
+            self%p(lane, :) = p(last, :)
          end do
-         call take_stiff(nlane, n, h, self%rests, self%drift, dq, dp)
-         where (self%rests > 0) status = self%rests
+         fate = copy_rests
+         fate(:left) = status(before + 1:)
+         self%eq%nreal = max(0, min(left, self%ham%nreal - before))
+         call step_together(self, together, 0, self%w, self%q, self%p, self%dq, self%dp, fate)
+         dq(before + 1:, :) = self%dq(:left, :)
+         dp(before + 1:, :) = self%dp(:left, :)
+         status(before + 1:) = fate(:left)
       end associate
-   end subroutine solve_stiff
+   end subroutine fill_up
 
-   !> Residual V + Hhat_q(Q) and matrix I + (h/4) Hhat_qq(Q).
-   subroutine linearise(self, h, tm, w, p, v)
-      type(midpoint_stepper), intent(inout) :: self
-      real(wp), intent(in) :: h, tm, w(self%ham%nlane, 0:self%ham%nnoise)
-      real(wp), intent(in) :: p(self%ham%nlane, self%ham%ndof), v(self%ham%nlane, self%ham%ndof)
+   !> One step of the lanes that go together.
+   subroutine step_together(self, nlane, before, w, q, p, dq, dp, status)
+      class(midpoint_stepper), intent(inout) :: self
+      integer, intent(in) :: nlane, before  !! lanes of the block, and of them before these
+      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m), q(nlane, self%eq%n), p(nlane, self%eq%n)
+      real(wp), intent(inout) :: dq(nlane, self%eq%n), dp(nlane, self%eq%n)
+      integer(i8), intent(inout) :: status(self%eq%nlane)
 
-      associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
-         if (newton%options%fixed_point > 0) then
-            call self%ham%gradient(tm, w, self%qs, p, hq=newton%r)
-         else if (self%band == dense) then
-            call self%ham%gradient_hessian(tm, w, self%qs, p, hq=newton%r, hqq=newton%a)
-            if (n == 1) return  ! the scalar update takes force and slope as they are
-            call matrix_dense(nlane, n, h, newton%a)
-         else
-            call self%ham%gradient_hessian_banded(self%band, tm, w, self%qs, p, hq=newton%r, hqq=newton%bands)
-            call matrix_banded(nlane, n, self%band, h, newton%bands)
-         end if
-         if (n > 1) call residual(nlane*n, v, newton%r)
+      associate (eq => self%eq, n => self%eq%n, together => self%eq%nlane)
+         eq%for_dq = .false.
+         eq%steep = .false.
+         eq%c = 0.25_wp*eq%h
+         call free_flight(nlane, n, before, together, eq%h, q, p, eq%base(1, 1))
+         if (self%has_shift) call add_shift(self, w)
+         call self%part%solve(self%ham, eq, w, status)
+         call find_increments(nlane, n, before, together, eq%h, p, eq%x, dq, dp)
+         if (self%has_shift) dq(before + 1:before + together, :) = dq(before + 1:before + together, :) + self%shift
+         if (eq%steep) call step_stiff(self, nlane, before, w, q, p, dq, dp, status)
       end associate
-   end subroutine linearise
+   end subroutine step_together
 
-   ! ---- kernels ----------------------------------------------------------------------------------
+   !> Half of g to the positions; g does not depend on where it is read.
+   subroutine add_shift(self, w)
+      class(midpoint_stepper), intent(inout) :: self
+      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m)
 
-   !> VEC
-   pure subroutine free_flight(n, h, p, q, base)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: h, p(n), q(n)
-      real(wp), intent(out) :: base(n)
+      associate (eq => self%eq)
+         call self%ham%model%gradient(eq%nlane, eq%n, eq%m, eq%t, w, eq%base(1, 1), eq%still, hp=self%shift)
+         self%ham%counters%gradients = self%ham%counters%gradients + eq%nreal
+         eq%base(:, 1:eq%n) = eq%base(:, 1:eq%n) + 0.5_wp*self%shift
+      end associate
+   end subroutine add_shift
+
+   !> In the stiff lanes, dq as the unknown, from what V gave.
+   subroutine step_stiff(self, nlane, before, w, q, p, dq, dp, status)
+      class(midpoint_stepper), intent(inout) :: self
+      integer, intent(in) :: nlane, before
+      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m), q(nlane, self%eq%n), p(nlane, self%eq%n)
+      real(wp), intent(inout) :: dq(nlane, self%eq%n), dp(nlane, self%eq%n)
+      integer(i8), intent(inout) :: status(self%eq%nlane)
+      integer(i8) :: fate(self%eq%nlane)
       integer :: i
 
+      associate (eq => self%eq, n => self%eq%n, first => before + 1, last => before + self%eq%nlane)
+         fate = merge(0_i8, -1_i8, eq%steepness > 1 .and. status == 0)
+         if (all(fate < 0)) return
+         eq%for_dq = .true.
+         eq%c = 0.5_wp
+         eq%base(:, 1:n) = q(first:last, :)
+         eq%drift = eq%h*p(first:last, :)
+         if (self%has_shift) eq%drift = eq%drift + self%shift
+         eq%x = dq(first:last, :)
+         call self%part%solve(self%ham, eq, w, fate)
+         do i = 1, n
+            dq(first:last, i) = merge(eq%x(:, i), dq(first:last, i), fate == 0)
+            dp(first:last, i) = merge(2*(eq%x(:, i) - eq%drift(:, i))/eq%h, dp(first:last, i), fate == 0)
+         end do
+         where (fate > 0) status = fate
+      end associate
+   end subroutine step_stiff
+
+   ! ---- kernels: lanes before+1 .. before+together of a block, a vector at a time
+
+   !> VEC base = q + h p/2
+   pure subroutine free_flight(nlane, n, before, together, h, q, p, base)
+      integer, intent(in) :: nlane, n, before, together
+      real(wp), intent(in) :: h, q(nlane, n), p(nlane, n)
+      real(wp), intent(out) :: base(together, n)
+      integer :: i, done, lane
+
       do i = 1, n
-         base(i) = q(i) + 0.5_wp*(h*p(i))
+         do done = 0, together - lane_unit, lane_unit
+            !GCC$ unroll 8
+            do lane = done + 1, done + lane_unit
+               base(lane, i) = q(before + lane, i) + 0.5_wp*(h*p(before + lane, i))
+            end do
+         end do
       end do
    end subroutine free_flight
 
-   !> VEC
-   pure subroutine free_flight_with_shift(n, h, p, q, g, drift, base)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: h, p(n), q(n), g(n)
-      real(wp), intent(out) :: drift(n), base(n)
-      integer :: i
+   !> VEC dp = V and dq = h (p + V/2)
+   pure subroutine find_increments(nlane, n, before, together, h, p, v, dq, dp)
+      integer, intent(in) :: nlane, n, before, together
+      real(wp), intent(in) :: h, p(nlane, n), v(together, n)
+      real(wp), intent(inout) :: dq(nlane, n), dp(nlane, n)
+      integer :: i, done, lane
 
       do i = 1, n
-         drift(i) = h*p(i) + g(i)
-         base(i) = q(i) + 0.5_wp*drift(i)
-      end do
-   end subroutine free_flight_with_shift
-
-   !> VEC Q = base + h V/4
-   pure subroutine position(n, h, base, v, qs)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: h, base(n), v(n)
-      real(wp), intent(out) :: qs(n)
-      integer :: i
-
-      do i = 1, n
-         qs(i) = base(i) + 0.25_wp*h*v(i)
-      end do
-   end subroutine position
-
-   !> VEC
-   pure subroutine residual(n, v, r)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: v(n)
-      real(wp), intent(inout) :: r(n)
-      integer :: i
-
-      do i = 1, n
-         r(i) = v(i) + r(i)
-      end do
-   end subroutine residual
-
-   !> VEC dq = h (p + dp/2)
-   pure subroutine position_increment(n, h, p, dp, dq)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: h, p(n), dp(n)
-      real(wp), intent(out) :: dq(n)
-      integer :: i
-
-      do i = 1, n
-         dq(i) = h*(p(i) + 0.5_wp*dp(i))
-      end do
-   end subroutine position_increment
-
-   !> VEC dq = h (p + dp/2) + g
-   pure subroutine position_increment_with_shift(n, h, drift, dp, dq)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: h, drift(n), dp(n)
-      real(wp), intent(out) :: dq(n)
-      integer :: i
-
-      do i = 1, n
-         dq(i) = drift(i) + 0.5_wp*h*dp(i)
-      end do
-   end subroutine position_increment_with_shift
-
-   !> rests = 0 where offset is exceeded by scale*slope by more than one: (h omega)^2/4 > 1.
-   pure subroutine mark_stiff(nlane, offset, scale, slope, rests)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: offset, scale, slope(nlane)
-      integer(i8), intent(inout) :: rests(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         rests(lane) = merge(0_i8, rests(lane), scale*slope(lane) - offset > 1)
-      end do
-   end subroutine mark_stiff
-
-   !> Q = q + dq/2
-   pure subroutine halfway(n, q, dq, qs)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: q(n), dq(n)
-      real(wp), intent(out) :: qs(n)
-      integer :: i
-
-      do i = 1, n
-         qs(i) = q(i) + 0.5_wp*dq(i)
-      end do
-   end subroutine halfway
-
-   !> (h/2) Hhat_q - (h p + g), from Hhat_q in r.
-   pure subroutine position_residual(n, h, drift, r)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: h, drift(n)
-      real(wp), intent(inout) :: r(n)
-      integer :: i
-
-      do i = 1, n
-         r(i) = 0.5_wp*h*r(i) - drift(i)
-      end do
-   end subroutine position_residual
-
-   !> dp = 2 (dq - drift)/h in the lanes that were solved for dq.
-   pure subroutine take_stiff(nlane, n, h, rests, drift, dq, dp)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: h, drift(nlane, n), dq(nlane, n)
-      integer(i8), intent(in) :: rests(nlane)
-      real(wp), intent(inout) :: dp(nlane, n)
-      integer :: lane, i
-
-      do i = 1, n
-         do lane = 1, nlane
-            dp(lane, i) = merge(2*(dq(lane, i) - drift(lane, i))/h, dp(lane, i), rests(lane) == 0)
+         do done = 0, together - lane_unit, lane_unit
+            !GCC$ unroll 8
+            do lane = done + 1, done + lane_unit
+               dp(before + lane, i) = v(lane, i)
+               dq(before + lane, i) = h*(p(before + lane, i) + 0.5_wp*v(lane, i))
+            end do
          end do
       end do
-   end subroutine take_stiff
+   end subroutine find_increments
 
-   pure subroutine matrix_dense(nlane, n, h, a)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: h
-      real(wp), intent(inout) :: a(nlane, n, n)  !! Hessian in, matrix out
-      integer :: i
+   !> VEC Rows of a strip.
+   pure subroutine take_rows(nlane, nrow, before, x, y)
+      integer, intent(in) :: nlane, nrow, before
+      real(wp), intent(in) :: x(nlane, nrow)
+      real(wp), intent(out) :: y(strip_lanes, nrow)
+      integer :: i, lane
 
-      a = 0.25_wp*h*a
-      do i = 1, n
-         a(:, i, i) = a(:, i, i) + 1
+      do i = 1, nrow
+         !GCC$ unroll 16
+         do lane = 1, strip_lanes
+            y(lane, i) = x(before + lane, i)
+         end do
       end do
-   end subroutine matrix_dense
-
-   pure subroutine matrix_banded(nlane, n, b, h, bands)
-      integer, intent(in) :: nlane, n, b
-      real(wp), intent(in) :: h
-      real(wp), intent(inout) :: bands(nlane, -b:b, n)  !! Hessian in, matrix out
-
-      bands = 0.25_wp*h*bands
-      bands(:, 0, :) = bands(:, 0, :) + 1
-   end subroutine matrix_banded
+   end subroutine take_rows
 
 end module symsde_step_midpoint

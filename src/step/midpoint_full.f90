@@ -4,13 +4,15 @@
 !>    q_{n+1} = q_n + Hhat_p(Q,P),  p_{n+1} = p_n - Hhat_q(Q,P),  (Q,P) the mean of both ends   [WHSB] (71)-(72)
 !>
 !> Unknowns are the increments (F,G) = (dq,dp), interleaved degree by degree so that banded Hessians
-!> make a banded matrix.
+!> make a banded matrix. Many of them in a dense one are found without matrices, by products: there
+!> the unknowns are all of F and then all of G.
 module symsde_step_midpoint_full
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, pays_by_products
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -20,8 +22,10 @@ module symsde_step_midpoint_full
    type, extends(stepper_type) :: midpoint_full_stepper
       private
       type(newton_type) :: newton
+      type(newton_by_products), allocatable :: products  !! where no matrices are formed
       integer :: band = dense
-      real(wp), allocatable :: x(:, :)             !! F_1, G_1, F_2, G_2, .. (nlane, 2 ndof)
+      real(wp), allocatable :: x(:, :)             !! F_1, G_1, F_2, G_2, ..; by products F, then G (nlane, 2 ndof)
+      real(wp), allocatable :: r(:, :)             !! residual in that order, by products (nlane, 2 ndof)
       real(wp), allocatable :: qs(:, :), ps(:, :)  !! (Q, P) (nlane, ndof)
       real(wp), allocatable :: hq(:, :), hp(:, :)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
@@ -32,12 +36,14 @@ module symsde_step_midpoint_full
 contains
 
    !> A midpoint stepper for blocks of nlane lanes.
-   subroutine new_midpoint_full_stepper(self, model, nlane, options)
+   subroutine new_midpoint_full_stepper(self, model, nlane, options, without_matrices)
       type(midpoint_full_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
+      logical, intent(in), optional :: without_matrices  !! whether to do without; by the model, if absent
       integer :: n, b, width
+      logical :: matrices
 
       n = model%traits%ndof
       b = model%traits%bandwidth
@@ -45,9 +51,19 @@ contains
       self%name = 'midpoint'
       self%band = b
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      matrices = options%fixed_point > 0 .or. options%damped .or. .not. pays_by_products(model%traits, 2*n)
+      if (present(without_matrices)) matrices = .not. without_matrices
+      allocate (self%x(nlane, 2*n), self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
+      if (.not. matrices) then
+         self%name = 'midpoint, matrix-free'
+         allocate (self%products)
+         call new_newton(self%newton, nlane, 2*n, options, .false., dense, dense, judge_only=.true.)
+         call new_newton_by_products(self%products, nlane, model%traits, eliminated=.false.)
+         allocate (self%r(nlane, 2*n))
+         return
+      end if
       width = merge(dense, 2*b + 1, b == dense)
       call new_newton(self%newton, nlane, 2*n, options, model%traits%one_solve(b /= dense), width, width)
-      allocate (self%x(nlane, 2*n), self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
       if (b == dense) then
          allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
       else
@@ -63,10 +79,14 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       real(wp) :: tm
 
+      tm = t + 0.5_wp*w(1, 0)
+      self%x = 0
+      call self%newton%start(status)
+      if (allocated(self%products)) then
+         call solve_by_products(self, tm, w, q, p, dq, dp, status)
+         return
+      end if
       associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
-         tm = t + 0.5_wp*w(1, 0)
-         self%x = 0
-         call newton%start(status)
          do while (newton%running)
             call midpoint_of(nlane, n, q, p, self%x, self%qs, self%ps)
             call linearise(self, tm, w)
@@ -75,6 +95,28 @@ contains
          call split(nlane, n, self%x, dq, dp)
       end associate
    end subroutine increment
+
+   !> The same without matrices.
+   subroutine solve_by_products(self, tm, w, q, p, dq, dp, status)
+      type(midpoint_full_stepper), intent(inout) :: self
+      real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      associate (n => self%ham%ndof, x => self%x, r => self%r)
+         do while (self%newton%running)
+            self%qs = q + 0.5_wp*x(:, :n)
+            self%ps = p + 0.5_wp*x(:, n + 1:)
+            call self%ham%gradient(tm, w, self%qs, self%ps, self%hq, self%hp)
+            r(:, :n) = x(:, :n) - self%hp
+            r(:, n + 1:) = x(:, n + 1:) + self%hq
+            call self%products%correct(self%ham, 0.5_wp, tm, w, self%qs, self%ps, r, self%newton, x, status)
+         end do
+         dq = x(:, :n)
+         dp = x(:, n + 1:)
+      end associate
+   end subroutine solve_by_products
 
    !> Residuals F - Hhat_p, G + Hhat_q and their matrix.
    subroutine linearise(self, tm, w)

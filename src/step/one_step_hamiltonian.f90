@@ -43,7 +43,6 @@ module symsde_step_one_step_hamiltonian
       procedure :: gradient
       procedure :: gradient_hessian
       procedure :: gradient_hessian_banded
-      procedure :: force_stiffness
    end type one_step_hamiltonian
 
 contains
@@ -126,19 +125,6 @@ contains
       call self%model%hessian_banded(self%nlane, self%ndof, self%nnoise, b, t, w, q, p, hqq, hqp, hpp)
       self%counters%hessians = self%counters%hessians + self%nreal
    end subroutine gradient_hessian_banded
-
-   !> Gradient in q and upper bands of the qq block, of a step without correction and brackets.
-   subroutine force_stiffness(self, b, t, w, q, p, hq, hqq)
-      class(one_step_hamiltonian), intent(inout) :: self
-      integer, intent(in) :: b
-      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      real(wp), intent(out) :: hq(self%nlane, self%ndof), hqq(self%nlane, 0:b, self%ndof)
-
-      call self%model%force_stiffness(self%nlane, self%ndof, self%nnoise, b, t, w, q, p, hq, hqq)
-      self%counters%gradients = self%counters%gradients + self%nreal
-      self%counters%hessians = self%counters%hessians + self%nreal
-   end subroutine force_stiffness
 
    !> Add the gradient of the correction to the wanted outputs.
    subroutine add_correction(self, t, w, q, p, hq, hp)

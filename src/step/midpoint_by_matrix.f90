@@ -1,0 +1,157 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The eliminated midpoint by matrices, solved across lanes: closed form for one degree of freedom, dense, banded.
+!> Also by fixed-point iterations, without matrices.
+module symsde_step_midpoint_by_matrix
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_traits, only: dense
+   use symsde_model_abstract, only: model_type
+   use symsde_solve_newton, only: newton_options, new_newton
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position, add_unknown
+   use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
+   implicit none
+   private
+   public :: midpoint_by_matrix, new_midpoint_by_matrix
+
+   type, extends(midpoint_part) :: midpoint_by_matrix
+      private
+      integer :: band = dense
+      real(wp), allocatable :: q(:, :)  !! Q (nlane, ndof)
+   contains
+      procedure :: solve
+      procedure :: iterate
+   end type midpoint_by_matrix
+
+contains
+
+   !> Room for nlane lanes.
+   subroutine new_midpoint_by_matrix(self, model, nlane, options)
+      type(midpoint_by_matrix), intent(out) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+
+      associate (t => model%traits, n => model%traits%ndof, b => self%band)
+         b = t%bandwidth
+         if (2*b + 1 >= n) b = dense
+         call new_newton(self%newton, nlane, n, options, t%one_solve(b /= dense), b, b, &
+                         exact=t%has_hessian_vector .or. (t%has_hessian .and. b == dense))
+         allocate (self%q(nlane, n))
+      end associate
+   end subroutine new_midpoint_by_matrix
+
+   !> One degree of freedom begins by one pass over the lanes that does the first iteration from V = 0.
+   subroutine solve(self, ham, eq, w, status)
+      class(midpoint_by_matrix), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer(i8), intent(inout) :: status(eq%nlane)
+
+      associate (newton => self%newton, quarter => 0.25_wp*eq%h)
+         if (eq%n > 1 .or. eq%for_dq .or. newton%options%fixed_point > 0) then
+            call solve_by_iterations(self, ham, eq, w, status)
+            return
+         end if
+         call linearise(self, ham, eq, w, eq%base(1, 1))
+         call newton%first_scalar(quarter, eq%base(1, 1), eq%x, self%q, eq%steep, status, ham%counters)
+         if (eq%steep) call eq%note_steepness(quarter*newton%a(:, 1, 1), .true.)
+         do while (newton%running)
+            if (newton%iteration > 1) call position(eq%nlane, eq%c, eq%base(1, 1), eq%x, self%q)
+            call linearise(self, ham, eq, w, self%q)
+            call newton%update_scalar(1.0_wp, quarter, eq%x, status, ham%counters)
+         end do
+      end associate
+   end subroutine solve
+
+   subroutine iterate(self, ham, eq, w, status)
+      class(midpoint_by_matrix), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer(i8), intent(inout) :: status(eq%nlane)
+
+      associate (newton => self%newton, nlane => eq%nlane, n => eq%n)
+         if (eq%starts(newton)) then
+            call linearise(self, ham, eq, w, eq%base(1, 1))
+            call find_steepness(self, eq)
+         else
+            call position(nlane*n, eq%c, eq%base(1, 1), eq%x, self%q)
+            call linearise(self, ham, eq, w, self%q)
+         end if
+         call eq%weigh(1, n, newton%r)
+         if (n == 1) then
+            call newton%update_scalar(1.0_wp, 0.25_wp*eq%h, eq%x, status, ham%counters)
+         else
+            call add_unknown(nlane*n, eq%x, newton%r)
+            if (allocated(newton%a)) call matrix_dense(nlane, n, 0.25_wp*eq%h, newton%a)
+            if (allocated(newton%bands)) call matrix_banded(nlane, n, self%band, 0.25_wp*eq%h, newton%bands)
+            call newton%update(eq%x, status, ham%counters)
+         end if
+      end associate
+   end subroutine iterate
+
+   !> Force and stiffness at q.
+   subroutine linearise(self, ham, eq, w, q)
+      class(midpoint_by_matrix), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(in) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m), q(eq%nlane, eq%n)
+
+      associate (newton => self%newton, nlane => eq%nlane, n => eq%n, m => eq%m, c => ham%counters)
+         if (newton%options%fixed_point > 0) then
+            call ham%model%gradient(nlane, n, m, eq%t, w, q, eq%still, hq=newton%r)
+         else if (self%band == dense) then
+            call ham%model%gradient_hessian(nlane, n, m, eq%t, w, q, eq%still, hq=newton%r, hqq=newton%a)
+            c%hessians = c%hessians + eq%nreal
+         else
+            call ham%model%gradient(nlane, n, m, eq%t, w, q, eq%still, hq=newton%r)
+            call ham%model%hessian_banded(nlane, n, m, self%band, eq%t, w, q, eq%still, hqq=newton%bands)
+            c%hessians = c%hessians + eq%nreal
+         end if
+         c%gradients = c%gradients + eq%nreal
+      end associate
+   end subroutine linearise
+
+   !> By the diagonals of the Hessians: where these are positive, h omega stays below 2 sqrt(ndof) in a lane
+   !> that they call mild.
+   subroutine find_steepness(self, eq)
+      class(midpoint_by_matrix), intent(in) :: self
+      type(midpoint_equation), intent(inout) :: eq
+      integer :: i
+
+      if (self%newton%options%fixed_point > 0) return
+      do i = 1, eq%n
+         if (self%band == dense) then
+            call eq%note_steepness(0.25_wp*eq%h*self%newton%a(:, i, i), i == 1)
+         else
+            call eq%note_steepness(0.25_wp*eq%h*self%newton%bands(:, 0, i), i == 1)
+         end if
+      end do
+      eq%steep = any(eq%steepness > 1)
+   end subroutine find_steepness
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> I + c K in place of K
+   pure subroutine matrix_dense(nlane, n, c, a)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: c
+      real(wp), intent(inout) :: a(nlane, n, n)
+      integer :: i
+
+      a = c*a
+      do i = 1, n
+         a(:, i, i) = a(:, i, i) + 1
+      end do
+   end subroutine matrix_dense
+
+   pure subroutine matrix_banded(nlane, n, b, c, bands)
+      integer, intent(in) :: nlane, n, b
+      real(wp), intent(in) :: c
+      real(wp), intent(inout) :: bands(nlane, -b:b, n)
+
+      bands = c*bands
+      bands(:, 0, :) = bands(:, 0, :) + 1
+   end subroutine matrix_banded
+
+end module symsde_step_midpoint_by_matrix

@@ -1,0 +1,59 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The eliminated midpoint without matrices, for many degrees of freedom and dense Hessians.
+module symsde_step_midpoint_by_products
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_traits, only: dense
+   use symsde_model_abstract, only: model_type
+   use symsde_solve_newton, only: newton_options, new_newton
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position, add_unknown
+   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products
+   use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
+   implicit none
+   private
+   public :: midpoint_by_products, new_midpoint_by_products
+
+   type, extends(midpoint_part) :: midpoint_by_products
+      private
+      type(newton_by_products) :: corrector
+      real(wp), allocatable :: q(:, :), r(:, :)  !! Q and residual (nlane, ndof)
+   contains
+      procedure :: iterate
+   end type midpoint_by_products
+
+contains
+
+   !> Room for nlane lanes and two degrees of freedom or more.
+   subroutine new_midpoint_by_products(self, model, nlane, options)
+      type(midpoint_by_products), intent(out) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+
+      associate (n => model%traits%ndof)
+         call new_newton(self%newton, nlane, n, options, .false., dense, dense, judge_only=.true.)
+         call new_newton_by_products(self%corrector, nlane, model%traits, eliminated=.true.)
+         allocate (self%q(nlane, n), self%r(nlane, n))
+      end associate
+   end subroutine new_midpoint_by_products
+
+   subroutine iterate(self, ham, eq, w, status)
+      class(midpoint_by_products), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer(i8), intent(inout) :: status(eq%nlane)
+      logical :: first
+
+      first = eq%starts(self%newton)
+      call position(eq%nlane*eq%n, eq%c, eq%base(1, 1), eq%x, self%q)
+      call ham%model%gradient(eq%nlane, eq%n, eq%m, eq%t, w, self%q, eq%still, hq=self%r)
+      ham%counters%gradients = ham%counters%gradients + eq%nreal
+      call eq%weigh(1, eq%n, self%r)
+      call add_unknown(eq%nlane*eq%n, eq%x, self%r)
+      call self%corrector%correct(ham, 0.25_wp*eq%h, eq%t, w, self%q, eq%still, self%r, self%newton, eq%x, status)
+      if (.not. first) return
+      eq%steepness = self%corrector%krylov%largest - 1  ! the largest |A v| of vectors of size one
+      eq%steep = any(eq%steepness > 1)
+   end subroutine iterate
+
+end module symsde_step_midpoint_by_products

@@ -1,0 +1,168 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The equation of the midpoint rule whose momenta are eliminated, and what solves it.
+!>
+!> Both unknowns of step/midpoint, V = dp and dq, obey
+!>
+!>    x + f(base + c x) = 0,   f' = (h/4) Hhat_qq
+!>
+!>    x = V     base = q_n + (h p_n + g)/2   c = h/4    f = Hhat_q
+!>    x = dq    base = q_n                   c = 1/2    f = (h/2) Hhat_q - (h p_n + g)
+!>
+!> A part takes this for some lanes and finds x by Newton's iteration with matrices I + (h/4) Hhat_qq: how it
+!> solves these is all that the parts differ in (step/midpoint_by_matrix, _by_rows, _by_products).
+module symsde_step_midpoint_equation
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lane_unit
+   use symsde_solve_newton, only: newton_type
+   use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
+   implicit none
+   private
+   public :: midpoint_equation, new_midpoint_equation, midpoint_part, solve_by_iterations
+   public :: position, add_unknown
+
+   !> The equations of the lanes that are taken through a step together.
+   type :: midpoint_equation
+      integer :: nlane = 0, n = 0, m = 0         !! lanes, degrees of freedom, noises
+      integer :: nreal = 0                       !! real paths among the lanes, what the counters count
+      logical :: for_dq = .false.                !! the unknown is dq, else V
+      real(wp) :: h = 0, t = 0                   !! step, and time of the middle
+      real(wp) :: c = 0
+      real(wp), allocatable :: base(:, :)        !! rows 0 and n+1 are zero (nlane, 0:n+1)
+      real(wp), allocatable :: x(:, :)           !! the unknown (nlane, n)
+      real(wp), allocatable :: drift(:, :)       !! h p_n + g, set for dq (nlane, n)
+      real(wp), allocatable :: still(:, :)       !! zero: the momentum for which the force is asked (nlane, n)
+      logical :: steep = .false.                 !! of V: (h omega)^2/4 > 1 in some lane
+      real(wp), allocatable :: steepness(:)      !! where steep: (h omega)^2/4 of each lane, about (nlane)
+   contains
+      procedure :: starts
+      procedure :: weigh
+      procedure :: note_steepness
+   end type midpoint_equation
+
+   !> How the equation is solved.
+   type, abstract :: midpoint_part
+      type(newton_type) :: newton
+   contains
+      procedure :: solve => solve_by_iterations
+      procedure(iterate_interface), deferred :: iterate
+   end type midpoint_part
+
+   abstract interface
+      !> One of Newton's iterations; the first one for V notes the steepness.
+      subroutine iterate_interface(self, ham, eq, w, status)
+         import :: midpoint_part, midpoint_equation, one_step_hamiltonian, wp, i8
+         class(midpoint_part), intent(inout) :: self
+         type(one_step_hamiltonian), intent(inout) :: ham    !! model and counters
+         type(midpoint_equation), intent(inout) :: eq
+         real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+         integer(i8), intent(inout) :: status(eq%nlane)      !! 0, or a code that freezes the lane
+      end subroutine iterate_interface
+   end interface
+
+contains
+
+   !> Room for the equations of so many lanes.
+   subroutine new_midpoint_equation(self, nlane, n, m)
+      type(midpoint_equation), intent(out) :: self
+      integer, intent(in) :: nlane, n, m
+
+      self%nlane = nlane
+      self%n = n
+      self%m = m
+      allocate (self%base(nlane, 0:n + 1), self%still(nlane, n), self%x(nlane, n), source=0.0_wp)
+      allocate (self%drift(nlane, n), self%steepness(nlane))
+   end subroutine new_midpoint_equation
+
+   !> Newton from V = 0, or from the dq that V gave.
+   subroutine solve_by_iterations(self, ham, eq, w, status)
+      class(midpoint_part), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer(i8), intent(inout) :: status(eq%nlane)
+
+      if (.not. eq%for_dq) eq%x = 0
+      call self%newton%start(status)
+      do while (self%newton%running)
+         call self%iterate(ham, eq, w, status)
+      end do
+   end subroutine solve_by_iterations
+
+   !> Whether this is the first iteration for V, where the point is base.
+   pure logical function starts(self, newton)
+      class(midpoint_equation), intent(in) :: self
+      type(newton_type), intent(in) :: newton
+
+      starts = newton%iteration == 0 .and. .not. self%for_dq
+   end function starts
+
+   !> From the force in rows first .. last to f of this unknown.
+   subroutine weigh(self, first, last, f)
+      class(midpoint_equation), intent(in) :: self
+      integer, intent(in) :: first, last
+      real(wp), intent(inout) :: f(self%nlane, first:last)
+
+      if (self%for_dq) call weigh_force((last - first + 1)*self%nlane, 0.5_wp*self%h, self%drift(1, first), f)
+   end subroutine weigh
+
+   !> Take in a slope of f, (h/4) Hhat_ii, of every lane; the first one of a step has `first` true.
+   subroutine note_steepness(self, slope, first)
+      class(midpoint_equation), intent(inout) :: self
+      real(wp), intent(in) :: slope(self%nlane)
+      logical, intent(in) :: first
+
+      if (first) self%steepness = 0
+      call take_larger(self%nlane, slope, self%steepness)
+   end subroutine note_steepness
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC Q = base + c x
+   pure subroutine position(n, c, base, x, q)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c, base(n), x(n)
+      real(wp), intent(out) :: q(n)
+      integer :: i
+
+      do i = 1, n
+         q(i) = base(i) + c*x(i)
+      end do
+   end subroutine position
+
+   !> VEC The residual x + f in place of f.
+   pure subroutine add_unknown(n, x, f)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: x(n)
+      real(wp), intent(inout) :: f(n)
+      integer :: i
+
+      do i = 1, n
+         f(i) = x(i) + f(i)
+      end do
+   end subroutine add_unknown
+
+   !> VEC (h/2) Hhat_q - (h p + g)
+   pure subroutine weigh_force(n, half, drift, f)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: half, drift(n)
+      real(wp), intent(inout) :: f(n)
+      integer :: i
+
+      do i = 1, n
+         f(i) = half*f(i) - drift(i)
+      end do
+   end subroutine weigh_force
+
+   !> VEC
+   pure subroutine take_larger(nlane, slope, steepness)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: slope(nlane)
+      real(wp), intent(inout) :: steepness(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         steepness(lane) = merge(slope(lane), steepness(lane), slope(lane) > steepness(lane))
+      end do
+   end subroutine take_larger
+
+end module symsde_step_midpoint_equation
