@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Calls into the library: a fresh error for every call, handles that delete themselves."""
+"""Calls into the library: a fresh error for every call, handles that delete themselves, one for each call at work."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
-import threading
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
-from . import _abi
+from . import _abi, _checks
 from ._library import library
 from .errors import from_code
 
@@ -48,7 +47,7 @@ def text(name: str, *before, has_error: bool = False) -> str:
 
 def status_text(code: int) -> str:
     """Text of a status code, of a call or of a path."""
-    return text("status_text", int(code))
+    return text("status_text", _checks.integer("code", code, _checks.INT32))
 
 
 def encode(value: str) -> bytes:
@@ -61,22 +60,33 @@ def _delete(noun: str, address: int, _keep_alive) -> None:
 
 
 class Handle:
-    """An opaque handle of the library, deleted when nothing refers to it any more.
-
-    `keep_alive` (callbacks) outlives it. `lock` serves one thread at a time, as the library asks.
-    """
+    """An opaque handle of the library, deleted when nothing refers to it any more; `keep_alive` outlives it."""
 
     def __init__(self, noun: str, pointer: ctypes.c_void_p, keep_alive: object = None):
         self.pointer = pointer
-        self.lock = threading.RLock()
         finalizer = weakref.finalize(self, _delete, noun, pointer.value, keep_alive)
         finalizer.atexit = False
 
 
-@contextlib.contextmanager
-def held(*owners) -> Iterator[None]:
-    """Hold the locks of models and schemes, in this order, during a call."""
-    with contextlib.ExitStack() as stack:
-        for owner in owners:
-            stack.enter_context(owner._handle.lock)
-        yield
+class Pool:
+    """Handles of one model, one for each call that is at work: the library lets a handle serve one call at a time.
+
+    A lock would not do: a callback may ask its own model from another thread of the run, and would wait for the call
+    that waits for it.
+    """
+
+    def __init__(self, make: Callable[[], Handle]):
+        self._make = make
+        self._idle = [make()]
+
+    @contextlib.contextmanager
+    def taken(self) -> Iterator[Handle]:
+        """A handle for one call."""
+        try:
+            handle = self._idle.pop()
+        except IndexError:
+            handle = self._make()
+        try:
+            yield handle
+        finally:
+            self._idle.append(handle)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import inspect
 import json
 from dataclasses import dataclass
 
@@ -60,8 +61,8 @@ class Setup:
         return given
 
     def handles(self) -> tuple:
-        """The leading arguments of a run in the C interface."""
-        return self.model._handle.pointer, self.scheme._handle.pointer, ctypes.byref(self.options)
+        """The leading arguments of a run in the C interface, after the model."""
+        return self.scheme._handle.pointer, ctypes.byref(self.options)
 
     def attributes(self) -> dict[str, str]:
         """What made the run, as text for files."""
@@ -93,8 +94,8 @@ def _build_text() -> str:
 def make_options(
     model: Model,
     *,
-    step: float,
-    steps: int,
+    step: float | None = None,
+    steps: int | None = None,
     paths: int = 1,
     seed: int = 0,
     t0: float = 0.0,
@@ -111,8 +112,14 @@ def make_options(
     max_iter: int = 100,
     lanes: int | None = None,
     in_python: bool = False,
+    **unknown: object,
 ) -> _abi.Options:
     """Options of the C interface; types and ranges are checked here, their meaning by the library."""
+    for key in unknown:
+        raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}")
+    for key, value in (("step", step), ("steps", steps)):
+        if value is None:
+            raise WrongTypeError(f"{key} is missing: give step, the size h, and steps, their number")
     if not isinstance(model, Model):
         raise WrongTypeError(
             f"model = {_checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
@@ -142,6 +149,10 @@ def make_options(
             "the last saved point would be missed; change one of the two"
         )
     return options
+
+
+#: names of the options of a run
+OPTIONS = [name for name in inspect.signature(make_options).parameters if name not in {"model", "in_python", "unknown"}]
 
 
 def _lanes_for(model: Model, paths: int) -> int:

@@ -46,8 +46,7 @@ def commutator(model: Model, q: Any = None, p: Any = None, t: float = 0.0) -> Co
     text = ctypes.create_string_buffer(1024)
     model.call(
         "commutator",
-        model._handle.pointer,
-        float(t),
+        _checks.number("t", t),
         points,
         *(address(x) for x in (q, p, gradients, commute)),
         text,

@@ -37,6 +37,8 @@ def symplecticity(
     q, p: a number, (dof,) or (dof, point); dw: (noise,) or (noise, point), without it those of `seed`.
     Zero up to rounding for symplectic schemes.
     """
+    decided = {"steps": "it makes one", "paths": "the points are those of q, p and dw", "t0": "give t"}
+    _checks.not_given("symplecticity", options, decided)
     points = _checks.columns(q, p, *([] if dw is None else [dw]))
     chosen = make_options(model, step=step, steps=1, paths=points, seed=seed, t0=t, **options)
     q, p = (_checks.full(_checks.state(name, x, model.ndof, points), points) for name, x in (("q", q), ("p", p)))
@@ -205,5 +207,4 @@ def _call(name: str, model: Model, scheme: Scheme, options: _abi.Options, *argum
     with Monitor(progress=False) as monitor:
         chosen = _abi.Options.from_buffer_copy(options)
         chosen.progress = monitor.callback
-        handles = (model._handle.pointer, scheme._handle.pointer, ctypes.byref(chosen))
-        model.call(name, *handles, *arguments, also=(scheme,), allow=(*allow, _abi.STOPPED))
+        model.call(name, scheme._handle.pointer, ctypes.byref(chosen), *arguments, allow=(*allow, _abi.STOPPED))

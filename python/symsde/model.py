@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -36,6 +37,15 @@ class Traits:
     has_value: bool  #: the Hamiltonians can be evaluated
     has_hessian: bool  #: Hessians are analytic
     has_hessian_vector: bool  #: products of Hessian and vector are analytic
+
+
+class ModelHandle(_handles.Handle):
+    """A handle of a model, and the exceptions of the callbacks of its calls."""
+
+    def __init__(self, pointer: ctypes.c_void_p, keep_alive: object, failures: _callbacks.Failures):
+        """Own the handle that `pointer` is."""
+        super().__init__("model", pointer, keep_alive)
+        self.failures = failures
 
 
 class Model:
@@ -102,7 +112,6 @@ class Model:
         traits.rotation = frequencies
         for trait, given in declared.items():
             setattr(traits, trait, _checks.flag(trait, given))
-        failures = _callbacks.Failures()
         functions = {
             "gradient": gradient,
             "value": value,
@@ -110,51 +119,56 @@ class Model:
             "hessian_vector": hessian_vector,
             "gradient_hessian": gradient_hessian,
         }
-        (*callbacks, joint), user, in_python = _all_callbacks(functions, failures)
-        pointer = ctypes.c_void_p()
-        _handles.call(
-            "model_new",
-            _handles.encode(_checks.name_of("name", name)),
-            ctypes.byref(traits),
-            *callbacks,
-            user,
-            ctypes.byref(pointer),
-        )
-        keep = (callbacks, joint, tuple(functions.values()))
-        if joint:
-            _handles.call("model_set_gradient_hessian", pointer, joint)
-        self._adopt(pointer, name=name, keep=keep, failures=failures, in_python=in_python)
+        kinds = _kinds(functions)
+        self.in_python = "Python" in kinds  #: some callback is a Python function
+        given = {**functions, **_public(traits), "name": name}
+        self._remade = None if "compiled" in kinds else (Model._of_user, (given,))
+        make = functools.partial(_user_handle, _checks.name_of("name", name), traits, functions)
+        self._adopt(make, name, {})
 
     @classmethod
     def builtin(cls, name: str, parameters: Mapping[str, float]) -> Model:
         """A built-in model by name; `symsde.models` has one function for each."""
         values = [_checks.number(key, value) for key, value in parameters.items()]
-        keys = (ctypes.c_char_p * len(values))(*(_handles.encode(key) for key in parameters))
-        pointer = ctypes.c_void_p()
-        _handles.call(
-            "model_get",
-            _handles.encode(_checks.name_of("name", name)),
-            len(values),
-            keys,
-            (ctypes.c_double * len(values))(*values),
-            ctypes.byref(pointer),
-        )
+        known = dict(zip(parameters, values, strict=True))
         self = cls.__new__(cls)
-        self._adopt(pointer, name=name, parameters=dict(zip(parameters, values, strict=True)))
+        self.in_python = False
+        self._remade = (Model.builtin, (name, known))
+        self._adopt(functools.partial(_builtin_handle, _checks.name_of("name", name), known), name, known)
         return self
 
-    def _adopt(self, pointer, *, name, parameters=None, keep=None, failures=None, in_python=False) -> None:
-        """Own the handle that `pointer` is, and what must live as long."""
-        self._handle = _handles.Handle("model", pointer, keep)
-        self._failures = failures or _callbacks.Failures()
-        self.in_python = in_python  #: some callback is a Python function
+    @classmethod
+    def _of_user(cls, given: dict[str, Any]) -> Model:
+        """A model from the arguments that another one was made with."""
+        return cls(**given)
+
+    def _adopt(self, make: Callable[[], _handles.Handle], name: str, parameters: dict[str, float]) -> None:
+        """Own handles, made when they are needed."""
+        self._handles = _handles.Pool(make)
         self.name: str = name
-        self.parameters: dict[str, float] = parameters or {}
+        self.parameters: dict[str, float] = parameters
         self.traits: Traits = self._read_traits()
+
+    def __reduce__(self) -> tuple:
+        """For pickle: made again, in another process too, where its functions can be found by name there."""
+        if self._remade is None:
+            raise WrongTypeError(
+                f"model {self.name!r} holds compiled functions, whose addresses mean nothing in another process: "
+                "make the model where it is used"
+            )
+        return self._remade
+
+    def __copy__(self) -> Model:
+        """A model never changes: a copy is the model itself."""
+        return self
+
+    def __deepcopy__(self, _memo: dict) -> Model:
+        """A model never changes: a copy is the model itself."""
+        return self
 
     def _read_traits(self) -> Traits:
         given = _handles.new(_abi.Traits, "traits")
-        _handles.call("model_traits", self._handle.pointer, ctypes.byref(given))
+        self.call("model_traits", ctypes.byref(given))
         flags = {name: bool(getattr(given, name)) for name in (*_FLAGS, *_KNOWN)}
         return Traits(
             ndof=given.ndof,
@@ -175,16 +189,15 @@ class Model:
         what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
         return f"{self.name}({what})"
 
-    def call(self, name: str, *arguments, allow: tuple[int, ...] = (), also=()) -> int:
-        """Call the library with this model (and `also`) locked; exceptions of callbacks are raised."""
-        with _handles.held(self, *also):
-            self._failures.first = None
+    def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
+        """Call the library with a handle of this model and the arguments; exceptions of callbacks are raised."""
+        with self._handles.taken() as handle:
             refusal = None
             try:
-                status = _handles.call(name, *arguments, allow=allow)
+                status = _handles.call(name, handle.pointer, *arguments, allow=allow)
             except SymsdeError as error:
                 refusal = error
-            self._failures.raise_stored()
+            handle.failures.raise_stored()
         if refusal is not None:
             raise refusal
         return status
@@ -221,11 +234,11 @@ class Model:
         """Check declared traits and Hessians at three points around (q0, p0); FalseTraitError names a false one."""
         q, p = _checks.state("q0", q0, self.ndof, 1), _checks.state("p0", p0, self.ndof, 1)
         address = _checks.address
-        self.call("model_probe", self._handle.pointer, _checks.number("t", t), address(q), address(p))
+        self.call("model_probe", _checks.number("t", t), address(q), address(p))
 
     def _evaluate(self, what, npath, t, w, *arrays) -> None:
         addresses = [_checks.address(a) for a in (w, *arrays)]
-        self.call(f"model_{what}", self._handle.pointer, npath, _checks.number("t", t), *addresses)
+        self.call(f"model_{what}", npath, _checks.number("t", t), *addresses)
 
     def _points(self, q, p, w):
         """Points and weights with one column for each path."""
@@ -253,11 +266,60 @@ def _frequencies(rotation, ndof: int):
     return (ctypes.c_double * ndof)(*values)
 
 
-def _all_callbacks(functions: dict[str, Callable | None], failures: _callbacks.Failures):
-    """Callbacks in the order of the C interface, their user pointer, and whether one is in Python."""
+def _public(traits: _abi.Traits) -> dict[str, Any]:
+    """Declared traits as the arguments of `Model`."""
+    given = {name: bool(getattr(traits, name)) for name in _FLAGS}
+    given |= {name: getattr(traits, name) for name in ("ndof", "nnoise", "max_frequency", "noise_lipschitz")}
+    given["bandwidth"] = None if traits.bandwidth < 0 else traits.bandwidth
+    given["rotation"] = list(traits.rotation[: traits.ndof]) if traits.rotation else None
+    return given
+
+
+def _builtin_handle(name: str, parameters: Mapping[str, float]) -> ModelHandle:
+    """A handle of a built-in model."""
+    count = len(parameters)
+    keys = (ctypes.c_char_p * count)(*(_handles.encode(key) for key in parameters))
+    values = (ctypes.c_double * count)(*parameters.values())
+    pointer = ctypes.c_void_p()
+    _handles.call("model_get", _handles.encode(name), count, keys, values, ctypes.byref(pointer))
+    return ModelHandle(pointer, None, _callbacks.Failures())
+
+
+def _user_handle(name: str, traits: _abi.Traits, functions: dict[str, Any]) -> ModelHandle:
+    """A handle of a model of the user's own, with callbacks that store their exceptions for it alone."""
+    failures = _callbacks.Failures()
+    (*callbacks, joint), user = _all_callbacks(functions, failures)
+    pointer = ctypes.c_void_p()
+    _handles.call("model_new", _handles.encode(name), ctypes.byref(traits), *callbacks, user, ctypes.byref(pointer))
+    handle = ModelHandle(pointer, (callbacks, joint, tuple(functions.values())), failures)
+    if joint:
+        _handles.call("model_set_gradient_hessian", pointer, joint)
+    return handle
+
+
+def _kinds(functions: dict[str, Any]) -> set[str]:
+    """Which kinds of functions there are, Python or compiled; refuses what is neither."""
     if functions["gradient"] is None:
         raise WrongTypeError("gradient is None: give the gradient of the weighted sum of the Hamiltonians")
-    callbacks, users, in_python = [], set(), False
+    kinds = set()
+    for kind, function in functions.items():
+        if function is None:
+            continue
+        if _callbacks.compiled(kind, function) is not None:
+            kinds.add("compiled")
+        elif callable(function):
+            kinds.add("Python")
+        else:
+            raise WrongTypeError(
+                f"{kind} = {_checks.shown(function)} cannot be called: give a function, a numba cfunc, "
+                "a ctypes function pointer or a LowLevelCallable"
+            )
+    return kinds
+
+
+def _all_callbacks(functions: dict[str, Any], failures: _callbacks.Failures):
+    """Callbacks in the order of the C interface, and their user pointer."""
+    callbacks, users = [], set()
     for kind, function in functions.items():
         ready = None if function is None else _callbacks.compiled(kind, function)
         if function is None:
@@ -265,15 +327,9 @@ def _all_callbacks(functions: dict[str, Callable | None], failures: _callbacks.F
         elif ready is not None:
             callbacks.append(ready[0])
             users.add(ready[1])
-        elif callable(function):
-            callbacks.append(_callbacks.from_python(kind, function, failures))
-            in_python = True
         else:
-            raise WrongTypeError(
-                f"{kind} = {_checks.shown(function)} cannot be called: give a function, a numba cfunc, "
-                "a ctypes function pointer or a LowLevelCallable"
-            )
+            callbacks.append(_callbacks.from_python(kind, function, failures))
     users.discard(None)
     if len(users) > 1:
         raise IncompatibleError("the compiled functions have different user data: a model has room for one pointer")
-    return callbacks, (users.pop() if users else None), in_python
+    return callbacks, (users.pop() if users else None)

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from . import _abi, _checks, _handles
-from .errors import WrongShapeError
+from .errors import WrongShapeError, WrongTypeError
 
 _FORMS = {1: "tableau", 2: "Galerkin", 3: "Euler-Maruyama"}
 
@@ -37,9 +37,10 @@ class SchemeInfo:
 class Scheme:
     """A scheme as data; made by `get`, `from_quadrature` or `from_tableau`."""
 
-    def __init__(self, pointer: ctypes.c_void_p):
-        """Own the handle that `pointer` is."""
+    def __init__(self, pointer: ctypes.c_void_p, made: tuple):
+        """Own the handle that `pointer` is, `made` by a function from arguments."""
         self._handle = _handles.Handle("scheme", pointer)
+        self._made = made
         self.info: SchemeInfo = self._read_info()
 
     def _read_info(self) -> SchemeInfo:
@@ -60,8 +61,19 @@ class Scheme:
 
     def certificate(self) -> str:
         """What is proved about the scheme, as readable lines."""
-        with _handles.held(self):
-            return _handles.text("scheme_certificate", self._handle.pointer, has_error=True)
+        return _handles.text("scheme_certificate", self._handle.pointer, has_error=True)
+
+    def __reduce__(self) -> tuple:
+        """For pickle: made again."""
+        return self._made
+
+    def __copy__(self) -> Scheme:
+        """A scheme never changes: a copy is the scheme itself."""
+        return self
+
+    def __deepcopy__(self, _memo: dict) -> Scheme:
+        """A scheme never changes: a copy is the scheme itself."""
+        return self
 
     def __repr__(self) -> str:
         """One line."""
@@ -78,7 +90,7 @@ def get(name: str) -> Scheme:
     """A scheme of the catalogue; UnknownNameError lists the nearest names."""
     pointer = ctypes.c_void_p()
     _handles.call("scheme_get", _handles.encode(_checks.name_of("scheme", name)), ctypes.byref(pointer))
-    return Scheme(pointer)
+    return Scheme(pointer, (get, (name,)))
 
 
 def as_scheme(scheme: str | Scheme) -> Scheme:
@@ -109,7 +121,7 @@ def from_quadrature(nodes, weights, degree: int, name: str | None = None, noise_
         _name(name),
         ctypes.byref(pointer),
     )
-    return Scheme(pointer)
+    return Scheme(pointer, (from_quadrature, (nodes, weights, degree, name, own)))
 
 
 def from_tableau(  # noqa: PLR0917 - a tableau reads like its formula
@@ -143,22 +155,23 @@ def from_tableau(  # noqa: PLR0917 - a tableau reads like its formula
         _checks.flag("allow_nonsymplectic", allow_nonsymplectic),
         ctypes.byref(pointer),
     )
-    return Scheme(pointer)
+    arguments = (*matrices, alpha, name, allow_nonsymplectic, *own, noise_weights)
+    return Scheme(pointer, (from_tableau, arguments))
 
 
 def adjoint(scheme: str | Scheme, name: str | None = None) -> Scheme:
     """The adjoint: the inverse map of a step back in time. That of symplectic_euler is symplectic_euler_adjoint."""
-    return _derived("scheme_adjoint", scheme, name)
+    return _derived(adjoint, scheme, name)
 
 
 def symmetric_composition(scheme: str | Scheme, name: str | None = None) -> Scheme:
     """Half a step of a scheme, then half a step of its adjoint. That of symplectic_euler is stormer_verlet."""
-    return _derived("scheme_symmetric_composition", scheme, name)
+    return _derived(symmetric_composition, scheme, name)
 
 
 def triple_jump(scheme: str | Scheme, name: str | None = None) -> Scheme:
     """Three steps of a symmetric scheme, the second one back: two orders more without noise."""
-    return _derived("scheme_triple_jump", scheme, name)
+    return _derived(triple_jump, scheme, name)
 
 
 def composition(parts: Sequence[str | Scheme], fractions, name: str = "composition") -> Scheme:
@@ -166,24 +179,25 @@ def composition(parts: Sequence[str | Scheme], fractions, name: str = "compositi
 
     fractions: (part,), their sum is one.
     """
+    if isinstance(parts, str) or not isinstance(parts, Sequence):
+        raise WrongTypeError(f"parts = {_checks.shown(parts)} is not a list of schemes: give names or schemes")
     chain = [as_scheme(part) for part in parts]
     gamma = _vector("fractions", fractions)
     if len(chain) != len(gamma):
         raise WrongShapeError(f"there are {len(chain)} parts and {len(gamma)} fractions: give one for each part")
     handles = (ctypes.c_void_p * len(chain))(*(part._handle.pointer for part in chain))
     pointer = ctypes.c_void_p()
-    with _handles.held(*{id(part): part for part in sorted(chain, key=id)}.values()):
-        _handles.call("scheme_compose", len(chain), handles, _checks.address(gamma), _name(name), ctypes.byref(pointer))
-    return Scheme(pointer)
+    _handles.call("scheme_compose", len(chain), handles, _checks.address(gamma), _name(name), ctypes.byref(pointer))
+    return Scheme(pointer, (composition, (chain, gamma, name)))
 
 
-def _derived(function: str, scheme: str | Scheme, name: str | None) -> Scheme:
-    """A scheme made from another one."""
+def _derived(maker: Callable[..., Scheme], scheme: str | Scheme, name: str | None) -> Scheme:
+    """A scheme made from another one, by the function of the library that is called as the maker is."""
     base = as_scheme(scheme)
     pointer = ctypes.c_void_p()
-    with _handles.held(base):
-        _handles.call(function, base._handle.pointer, None if name is None else _name(name), ctypes.byref(pointer))
-    return Scheme(pointer)
+    own = None if name is None else _name(name)
+    _handles.call(f"scheme_{maker.__name__}", base._handle.pointer, own, ctypes.byref(pointer))
+    return Scheme(pointer, (maker, (base, name)))
 
 
 def _matrix(key: str, value: object, size: int) -> np.ndarray:

@@ -15,6 +15,9 @@ from .model import Model
 from .schemes import Scheme, as_scheme
 from .simulate import simulate
 
+_DECIDED = {"q0": "give q", "p0": "give p", "t0": "give t", "steps": "it makes one", "increments": "give dw"}
+_DECIDED |= {"paths": "the points are those of q, p and dw", "save_every": "it makes one step"}
+
 
 def step(  # noqa: PLR0917 - the step reads like its formula
     model: Model,
@@ -31,6 +34,7 @@ def step(  # noqa: PLR0917 - the step reads like its formula
     q, p: a number, (dof,) or (dof, point); dw: a number, (noise,) or (noise, point); t: time before the step.
     Options of `simulate` (correction, general, fixed_point, ...) are passed on. A point whose step fails is NaN.
     """
+    _checks.not_given("step", options, _DECIDED)
     points = _checks.columns(q, p, dw)
     drive = increments_at(model, dw, points)
     run = simulate(
@@ -90,10 +94,8 @@ def of_options(model: Model, options, scheme: Scheme) -> np.ndarray:
     dw = np.empty(shape)
     model.call(
         "increments",
-        model._handle.pointer,
         scheme._handle.pointer,
         ctypes.byref(options),
         address(dw),
-        also=(scheme,),
     )
     return dw

@@ -327,3 +327,72 @@ def test_one_model_in_two_python_threads(user_kubo, options):
     assert len(found) == 4
     for q in found:
         np.testing.assert_array_equal(q, expected)
+
+
+# What an observable may ask of its own model and scheme while two threads run; a lock would wait for ever.
+ASKS = {
+    "value": lambda model, scheme: model.value,
+    "gradient": lambda model, scheme: lambda q, p: model.gradient(q, p)[0][0],
+    "step": lambda model, scheme: lambda q, p: ss.step(model, scheme, q, p, 0.1)[0][0],
+    "run": lambda model, scheme: lambda q, p: ss.simulate(
+        model, scheme=scheme, q0=q, p0=p, step=0.1, steps=2, paths=q.shape[1], lanes=8, threads=2
+    ).q[-1, 0],
+    "moments": lambda model, scheme: lambda q, p: ss.moments(
+        model, scheme=scheme, q0=q, p0=p, step=0.1, steps=1, paths=q.shape[1], lanes=8, threads=2,
+        observables={"e": model.value},
+    ).mean["e"][-1],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("asked", ASKS)
+@pytest.mark.parametrize("own", [False, True])
+def test_observables_ask_their_own_model_from_any_thread(asked, own, kubo, user_kubo):
+    def ask(threads):
+        model, scheme = user_kubo if own else kubo, ss.schemes.get("gauss2")
+        observables = {"asked": ASKS[asked](model, scheme)}
+        run = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 2, "paths": 64, "lanes": 8, "scheme": scheme}
+        return ss.moments(model, observables=observables, threads=threads, **run).mean["asked"]
+
+    found = []
+    worker = threading.Thread(target=lambda: found.append(ask(2)), daemon=True)
+    worker.start()
+    worker.join(60)
+    assert not worker.is_alive(), "the run hangs"
+    np.testing.assert_allclose(found[0], ask(1), rtol=1e-13)
+
+
+def test_an_exception_reaches_the_call_that_caused_it(user_kubo, options):
+    """Two runs of one model at the same time: the one whose observable fails, and only that one, raises."""
+
+    def bad(q, p):
+        raise BrokenError
+
+    outcomes = {}
+
+    def work(name, **more):
+        try:
+            outcomes[name] = ss.moments(user_kubo, **more, **options).mean_q
+        except BrokenError:
+            outcomes[name] = "broken"
+
+    expected = ss.moments(user_kubo, **options).mean_q
+    workers = [
+        threading.Thread(target=work, args=(name,), kwargs={"observables": {"bad": bad}} if name % 2 else {})
+        for name in range(8)
+    ]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    for name, outcome in outcomes.items():
+        if name % 2:
+            assert isinstance(outcome, str)
+        else:
+            np.testing.assert_array_equal(outcome, expected)
+
+
+def test_handles_of_a_model_are_used_again(kubo, options):
+    """However many calls, there are no more handles than calls at one time."""
+    for _ in range(20):
+        ss.simulate(kubo, **options)
+    assert len(kubo._handles._idle) == 1
