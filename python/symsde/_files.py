@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results as xarray datasets and as files; a file appears whole or not at all."""
+"""Results as xarray datasets and as files; a file appears whole or not at all, a folder is tried before any work."""
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import json
 import os
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 
-from .errors import InvalidArgumentError, MissingPackageError
+from . import _checks
+from .errors import InvalidArgumentError, MissingPackageError, NotWrittenError
 
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
 
@@ -37,9 +40,15 @@ def dataset(variables: Variables, coordinates: Variables, attributes: Mapping[st
     return result
 
 
-def write(path: str | os.PathLike, make_dataset: Callable, variables: Variables, attributes: Mapping) -> None:
-    """Write .nc (xarray and netCDF4) or .npz (NumPy alone)."""
-    target = Path(path)
+def path_of(name: str, value: object) -> Path:
+    """A path, given as text or as such."""
+    if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
+        raise InvalidArgumentError(f"{name} = {_checks.shown(value)} is no path: give the name of a file or folder")
+    return Path(value)
+
+
+def write(target: Path, make_dataset: Callable, variables: Variables, attributes: Mapping, also: str = "") -> None:
+    """Write .nc (xarray and netCDF4) or .npz (NumPy alone); `also`: endings that the caller writes."""
     if target.suffix == ".nc":
         optional("netCDF4", "xarray")
         content = make_dataset()
@@ -49,14 +58,40 @@ def write(path: str | os.PathLike, make_dataset: Callable, variables: Variables,
         text = np.array(json.dumps(dict(attributes)))
         replace(target, lambda file: np.savez(file, **arrays, attributes=text))
     else:
-        raise InvalidArgumentError(f"{str(path)!r} has no known ending: give a name that ends in .nc or .npz")
+        raise InvalidArgumentError(f"{str(target)!r} has no known ending: give a name that ends in {also}.nc or .npz")
 
 
 def replace(target: Path, write_to: Callable[[Path], object]) -> None:
-    """Write beside the target, then put it in its place."""
+    """Write beside the target, then put it in its place; NotWrittenError says why not."""
     part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
     try:
         write_to(part)
         os.replace(part, target)
+    except (OSError, RuntimeError) as error:  # netCDF4 raises a RuntimeError where the disk is full
+        raise NotWrittenError(f"{target} cannot be written: {_reason(error)}") from error
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def folder(path: str | os.PathLike) -> Iterator[Path]:
+    """A folder for results, made where it is missing and tried before the work; not left behind empty."""
+    target = path_of("the folder of the results", path)
+    made = [part for part in (target, *target.parents) if not part.exists()]
+    try:
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=target):
+                pass
+        except OSError as error:
+            raise NotWrittenError(f"nothing can be written to {target}: {_reason(error)}: give another one") from error
+        yield target
+    finally:
+        for part in made:
+            with contextlib.suppress(OSError):  # not empty
+                part.rmdir()
+
+
+def _reason(error: Exception) -> str:
+    """What the system says, without its number and the names of files of passage."""
+    return getattr(error, "strerror", None) or str(error)

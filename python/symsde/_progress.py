@@ -2,12 +2,14 @@
 """Progress of a run, and Ctrl-C.
 
 A signal handler that raises could do so where a callback of the library begins, and the exception would be
-lost. So during a run SIGINT only leaves a note; the library asks for it between chunks, stops, and the
-handler that was there before is called then. A second Ctrl-C raises at once.
+lost. So during a run SIGINT (and SIGTERM, where Python handles it) only leaves a note; the library asks for it
+between chunks, stops, and the handler that was there before is called then. A second one is handled at once.
+What was computed until then is the attribute `partial` of the exception that ends the run.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import signal
@@ -34,9 +36,9 @@ def threads_of(threads: int | None, in_python: bool) -> int:
 
 
 class Monitor:
-    """Context of one run; `callback` is what the library calls between chunks."""
+    """Context of one run that fills `result`; `callback` is what the library calls between chunks."""
 
-    def __init__(self, progress: Progress):
+    def __init__(self, progress: Progress, result: object = None):
         if not isinstance(progress, bool) and not callable(progress):
             raise WrongTypeError(
                 f"progress = {_checks.shown(progress)} is not allowed: give True, False, or a function "
@@ -44,32 +46,41 @@ class Monitor:
             )
         self._bar = _Bar() if progress is True else None
         self._tell = progress if callable(progress) else self._bar
+        self._result = result
         self._error: BaseException | None = None
-        self._previous = None
+        self._previous: dict[int, Callable] = {}
         self._note: tuple | None = None
         self.callback = _abi.Progress(self._between_chunks)
 
     def __enter__(self) -> Monitor:
         if threading.current_thread() is threading.main_thread():
-            previous = signal.getsignal(signal.SIGINT)
-            if callable(previous):
-                self._previous = previous
-                signal.signal(signal.SIGINT, self._leave_note)
+            for number in (signal.SIGINT, signal.SIGTERM):
+                previous = signal.getsignal(number)
+                if callable(previous):
+                    self._previous[number] = previous
+                    signal.signal(number, self._leave_note)
         return self
 
     def __exit__(self, kind, error, traceback) -> None:
-        if self._previous is not None:
-            signal.signal(signal.SIGINT, self._previous)
+        for number, previous in self._previous.items():
+            signal.signal(number, previous)
         if self._bar is not None:
             self._bar.close()
-        if kind is None and self._note is not None:
-            self._previous(*self._note)
-        if kind is None and self._error is not None:
-            raise self._error
+        if kind is not None:
+            return
+        try:
+            if self._note is not None:
+                self._previous[self._note[0]](*self._note)
+            if self._error is not None:
+                raise self._error
+        except BaseException as stop:
+            with contextlib.suppress(AttributeError):
+                stop.partial = self._result
+            raise
 
     def _leave_note(self, number, frame) -> None:
         if self._note is not None:
-            self._previous(number, frame)
+            self._previous[number](number, frame)
         self._note = (number, frame)
 
     def _between_chunks(self, done: int, total: int, _user) -> int:

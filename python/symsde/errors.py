@@ -86,6 +86,10 @@ class SceneError(InvalidArgumentError):
     """A scene that cannot be run; names the file and the key."""
 
 
+class NotWrittenError(SymsdeError, OSError):
+    """A file or folder that cannot be written: no room, no permission."""
+
+
 class MissingPackageError(SymsdeError, ImportError):
     """An optional package that is not installed."""
 

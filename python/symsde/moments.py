@@ -6,7 +6,8 @@ from __future__ import annotations
 import csv
 import ctypes
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,12 @@ from . import _abi, _callbacks, _checks, _files, _handles
 from ._checks import address
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
-from .errors import WrongTypeError
+from .errors import InvalidArgumentError, WrongTypeError
 from .model import Model
 from .report import Report, make_report
 
 Observable = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_TAKEN = re.compile(r"energy|[qp](_\d+)?")
 
 
 class Moments:
@@ -35,41 +37,51 @@ class Moments:
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
     report: Report
 
-    def __init__(self, setup: Setup, observables: dict[str, Observable]):
-        """Room for the moments; `fill` computes them."""
+    def __init__(self, setup: Setup, observables: Iterable[str]):
+        """Room for the moments, of these observables too; `fill` computes them."""
         self.setup = setup
-        self._observables = observables
+        self._observables = tuple(observables)
         self._has_energy = setup.model.traits.has_value
         ndof = setup.model.ndof
-        nvalue = 2 * ndof + self._has_energy + len(observables)
+        nvalue = 2 * ndof + self._has_energy + len(self._observables)
         _checks.room((3, setup.ntime, nvalue), "the moments (mean, variance, error; time, value)")
         self.t = np.empty(setup.ntime)
         self.n_ok = np.empty(setup.ntime, np.int64)
         self._tables = {kind: np.empty((setup.ntime, nvalue)) for kind in ("mean", "var", "se_mean")}
+        self._name_columns()
+
+    def _name_columns(self) -> None:
+        """Attributes that show the columns of the tables."""
+        ndof = self.setup.model.ndof
         for kind, table in self._tables.items():
             setattr(self, f"{kind}_q", table[:, :ndof])
             setattr(self, f"{kind}_p", table[:, ndof : 2 * ndof])
             setattr(self, f"{kind}_energy", table[:, 2 * ndof] if self._has_energy else None)
             first = 2 * ndof + self._has_energy
-            setattr(self, kind, {name: table[:, first + i] for i, name in enumerate(observables)})
+            setattr(self, kind, {name: table[:, first + i] for i, name in enumerate(self._observables)})
 
-    def fill(self, progress: Progress) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """From a copy or a pickle: the columns show its own tables."""
+        self.__dict__.update(state)
+        self._name_columns()
+
+    def fill(self, observables: dict[str, Observable], progress: Progress) -> None:
         """Let the library integrate."""
         failures = _callbacks.Failures()
         moments = _handles.new(_abi.Moments, "moments")
         moments.t, moments.n_ok = address(self.t), address(self.n_ok)
         for member, kind in (("mean", "mean"), ("variance", "var"), ("se_mean", "se_mean")):
             setattr(moments, member, address(self._tables[kind]))
-        if self._observables:
-            moments.nobservable = len(self._observables)
-            moments.observables = _callbacks.observables(self._observables, failures)
+        if observables:
+            moments.nobservable = len(observables)
+            moments.observables = _callbacks.observables(observables, failures)
         report = _handles.new(_abi.Report, "report")
-        with Monitor(progress) as monitor:
+        with Monitor(progress, result=self) as monitor:
             self._integrate(moments, report, monitor, failures)
-        listed = moments.nfailed_listed
-        for name in ("failed", "failed_status", "failed_step"):
-            setattr(self, name, np.array(getattr(moments, name)[:listed], np.int64))
-        self.report = make_report(report)
+            listed = moments.nfailed_listed
+            for name in ("failed", "failed_status", "failed_step"):
+                setattr(self, name, np.array(getattr(moments, name)[:listed], np.int64))
+            self.report = make_report(report)
 
     def _integrate(self, moments, report, monitor, failures) -> None:
         setup = self.setup
@@ -81,7 +93,6 @@ class Moments:
                 *setup.handles(),
                 *(ctypes.byref(struct) for struct in (given, moments, report)),
                 allow=(_abi.STOPPED, _abi.PATHS_FAILED),
-                also=(setup.scheme,),
             )
         except Exception as error:
             refusal = error
@@ -100,7 +111,9 @@ class Moments:
         return self._tables["mean"], self._tables["se_mean"]
 
     def _variables(self) -> _files.Variables:
-        variables = {"n_ok": (("time",), self.n_ok), "failed": (("listed",), self.failed)}
+        variables = {"n_ok": (("time",), self.n_ok)}
+        for name in ("failed", "failed_status", "failed_step"):
+            variables[name] = (("listed",), getattr(self, name))
         for kind in self._tables:
             for x in "qp":
                 variables[f"{kind}_{x}"] = (("time", "dof"), getattr(self, f"{kind}_{x}"))
@@ -116,11 +129,12 @@ class Moments:
 
     def save(self, path: str | os.PathLike) -> None:
         """Write a .csv table, or a .nc (needs xarray and netCDF4) or .npz file."""
-        if Path(path).suffix == ".csv":
-            _files.replace(Path(path), self._write_csv)
+        target = _files.path_of("path", path)
+        if target.suffix == ".csv":
+            _files.replace(target, self._write_csv)
         else:
             variables = {"t": (("time",), self.t), **self._variables()}
-            _files.write(path, self.to_xarray, variables, self.setup.attributes())
+            _files.write(target, self.to_xarray, variables, self.setup.attributes(), also=".csv, ")
 
     def _write_csv(self, path: Path) -> None:
         header = [f"{kind} {name}" for kind in self._tables for name in self.columns()]
@@ -161,7 +175,7 @@ def moments(
     in_python = bool(functions)
     setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=in_python, **options)
     result = Moments(setup, functions)
-    result.fill(progress)
+    result.fill(functions, progress)
     return result
 
 
@@ -173,6 +187,21 @@ def _check_observables(given: object) -> dict[str, Observable]:
             f"observables = {_checks.shown(given)} is not allowed: give a dict of names and functions f(q, p)"
         )
     for name, function in given.items():
+        _check_name(name)
         if not callable(function):
-            raise WrongTypeError(f"observable {_checks.name_of('observable', name)!r} cannot be called: give f(q, p)")
+            raise WrongTypeError(f"observable {name!r} cannot be called: give f(q, p)")
     return dict(given)
+
+
+def _check_name(name: object) -> None:
+    """Names of observables become names of variables and columns in files, beside those of q, p and the energy."""
+    if _TAKEN.fullmatch(_checks.name_of("name of an observable", name)):
+        raise InvalidArgumentError(
+            f"observable {name!r}: this name is taken, files would hold two of it (q, p, energy, q_1, p_1, ...): "
+            f"give another one, such as {'my_' + name!r}"
+        )
+    if not name.isprintable() or "/" in name or name != name.strip() or not name:
+        raise InvalidArgumentError(
+            f"observable {name!r}: this cannot be a name in a file: give printable characters, without '/' and "
+            "without spaces around them"
+        )

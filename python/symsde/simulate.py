@@ -55,16 +55,15 @@ class Run:
             setattr(paths, name, address(getattr(self, name)))
         report = _handles.new(_abi.Report, "report")
         setup = self.setup
-        with Monitor(progress) as monitor:
+        with Monitor(progress, result=self) as monitor:
             given = setup.input(monitor)
             setup.model.call(
                 "simulate",
                 *setup.handles(),
                 *(ctypes.byref(struct) for struct in (given, paths, report)),
                 allow=(_abi.STOPPED, _abi.PATHS_FAILED),
-                also=(setup.scheme,),
             )
-        self.report = make_report(report)
+            self.report = make_report(report)
 
     @property
     def model(self) -> Model:
@@ -92,7 +91,7 @@ class Run:
     def save(self, path: str | os.PathLike) -> None:
         """Write a .nc (needs xarray and netCDF4) or .npz file."""
         variables = {"t": (("time",), self.t), "path": (("path",), self.path), **self._variables()}
-        _files.write(path, self.to_xarray, variables, self.setup.attributes())
+        _files.write(_files.path_of("path", path), self.to_xarray, variables, self.setup.attributes())
 
     def __repr__(self) -> str:
         """One line."""
@@ -153,7 +152,8 @@ def simulate(
       iterations of Newton a step; lanes: of a block, never changes a result
 
     Misuse raises a ValueError (`symsde.errors`) with a sentence, and computes nothing. Ctrl-C stops the run and
-    raises KeyboardInterrupt. Paths that fail are NaN from there on; a PathsFailedWarning tells how many.
+    raises KeyboardInterrupt, whose attribute `partial` is the Run until then, NaN where no path came. Paths that fail
+    are NaN from there on; a PathsFailedWarning tells how many.
     """
     run = Run(
         make_setup(

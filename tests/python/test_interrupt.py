@@ -95,3 +95,67 @@ if __name__ == "__main__":
 """
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert found.stdout.strip() == "same", found.stderr
+
+
+def stopping(number):
+    """A progress function that sends this process a signal when it is called for the third time."""
+    told = []
+
+    def progress(done, total):
+        told.append(done)
+        if len(told) == 3:
+            os.kill(os.getpid(), number)
+
+    return progress
+
+
+def test_a_stopped_run_is_given_back(kubo):
+    common = {"q0": 1.0, "p0": 0.0, "step": 1e-3, "seed": 4, "threads": 1}
+    with pytest.raises(KeyboardInterrupt) as caught:
+        ss.simulate(kubo, steps=10**9, save_every=10**4, paths=3, progress=stopping(signal.SIGINT), **common)
+    run = caught.value.partial
+    assert run.report.outcome == "stopped on request" and run.report.stopped == 3 and (run.status == 5).all()
+    reached = int(np.isfinite(run.q[:, 0, 0]).sum())
+    assert 1 < reached < 10**5 and np.isnan(run.q[reached:]).all()
+    known = ss.simulate(kubo, steps=10**4 * (reached - 1), save_every=10**4, paths=3, **common)
+    np.testing.assert_array_equal(run.q[:reached], known.q)
+    np.testing.assert_array_equal(run.t[:reached], known.t)
+
+
+def test_stopped_moments_are_given_back(kubo):
+    common = {"q0": 1.0, "p0": 0.0, "step": 1e-3, "paths": 8, "seed": 4, "threads": 1}
+    with pytest.raises(KeyboardInterrupt) as caught:
+        ss.moments(kubo, steps=10**9, save_every=10**5, progress=stopping(signal.SIGINT), **common)
+    found = caught.value.partial
+    reached = int((found.n_ok == 8).sum())
+    assert found.report.stopped == 8 and (found.n_ok[reached:] == 0).all() and reached >= 1
+    known = ss.moments(kubo, steps=10**5 * (reached - 1), save_every=10**5, **common)
+    np.testing.assert_array_equal(found.mean_q[:reached], known.mean_q)
+    np.testing.assert_array_equal(found.n_ok[:reached], known.n_ok)
+
+
+def test_what_progress_raises_carries_the_run(kubo):
+    def progress(done, total):
+        raise RuntimeError("planted")
+
+    with pytest.raises(RuntimeError, match="planted") as caught:
+        ss.simulate(kubo, paths=10, progress=progress, **LONG)
+    assert (caught.value.partial.q[0] == 1).all()
+
+
+def test_sigterm_is_noted_where_python_handles_it(kubo):
+    class TerminatedError(Exception):
+        pass
+
+    def handler(number, frame):
+        assert number == signal.SIGTERM
+        raise TerminatedError
+
+    before = signal.signal(signal.SIGTERM, handler)
+    try:
+        with pytest.raises(TerminatedError) as caught:
+            ss.simulate(kubo, paths=3, progress=stopping(signal.SIGTERM), **LONG)
+        assert caught.value.partial.report.stopped == 3
+        assert signal.getsignal(signal.SIGTERM) is handler
+    finally:
+        signal.signal(signal.SIGTERM, before)

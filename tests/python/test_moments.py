@@ -11,7 +11,7 @@ import symsde as ss
 def test_equal_to_those_of_saved_paths(options):
     model = ss.models.henon_heiles()
     options |= {"q0": 0.1, "paths": 600}
-    observables = {"p": lambda q, p: p[1], "r": lambda q, p: np.hypot(q[0], q[1])}
+    observables = {"last": lambda q, p: p[1], "r": lambda q, p: np.hypot(q[0], q[1])}
     found = ss.moments(model, observables=observables, **options)
     run = ss.simulate(model, **options)
     assert found.mean_q.shape == (5, 2) and found.mean_energy.shape == found.mean["r"].shape == (5,)
