@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from . import _abi
+from . import _abi, _checks
 from ._files import optional
 from ._library import library
 from .errors import WrongShapeError, WrongTypeError
@@ -170,6 +170,7 @@ def numba_signature(kind: str):
         if out.ctypes.data != 0:
             out[0] = ...
     """
+    _checks.choice("kind", kind, list(_abi.CALLBACKS))
     types = optional("numba", "fast").types
     arrays = (types.CPointer(types.double),) * (len(_abi.CALLBACKS[kind]._argtypes_) - 5)
     return types.intc(types.intc, types.intc, types.intc, types.double, *arrays, types.voidptr)

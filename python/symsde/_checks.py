@@ -84,6 +84,13 @@ def nearest(given: str, known: Iterable[str]) -> str:
     return ", ".join([*close, *(name for name in known if name not in close)])
 
 
+def not_given(function: str, options: dict, decided: dict[str, str]) -> None:
+    """Refuse options that a function decides itself; `decided`: name -> by what."""
+    for key, by in decided.items():
+        if key in options:
+            raise WrongTypeError(f"{key!r} is no option of {function}: {by}")
+
+
 def choice(name: str, value: object, known: Sequence[str]) -> int:
     """Position of a name in a list of allowed ones."""
     if name_of(name, value) not in known:
@@ -93,6 +100,10 @@ def choice(name: str, value: object, known: Sequence[str]) -> int:
 
 def real_array(name: str, value: object) -> np.ndarray:
     """Values as an array of float64; copied only where they are not one already."""
+    if np.ma.is_masked(value):
+        raise WrongTypeError(
+            f"{name} has masked values, which no array of numbers can hold: fill them or leave them out"
+        )
     try:
         array = np.asarray(value)
     except ValueError:

@@ -6,14 +6,20 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import signal
 import sys
+import threading
 import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from . import _files, models, scene, schemes, tables
+from ._output import patient_output
 from ._setup import build_info
 from .errors import PathsFailedWarning, SymsdeError
 from .moments import Moments
+from .simulate import Run
 from .stability import command as stability
 from .study import command as study
 
@@ -23,17 +29,32 @@ _EPILOG = "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed,
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; the exit code."""
-    options = _parser().parse_args(arguments)
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _terminated_as_interrupted(), patient_output():
             warnings.simplefilter("ignore", PathsFailedWarning)  # the exit code and a line say it
+            options = _parser().parse_args(arguments)
             return options.verb(options)
     except (SymsdeError, OSError) as error:
         print(f"symsde: {error}", file=sys.stderr)
         return BAD_INPUT
-    except KeyboardInterrupt:
-        print("symsde: stopped", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        kept = getattr(stop, "kept", None)
+        print(f"symsde: stopped{f'; what was computed until then is in {kept}' if kept else ''}", file=sys.stderr)
         return STOPPED
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """SIGTERM, unless somebody else handles it, is treated as Ctrl-C: what was begun is tidied up."""
+    mine = threading.current_thread() is threading.main_thread()
+    if not mine or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -70,25 +91,35 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     chosen = scene.load(options.scene)
-    directory = Path(options.out or Path(options.scene).stem)
     progress = sys.stderr.isatty() and not options.quiet
-    directory.mkdir(parents=True, exist_ok=True)
     report, failed = None, 0
-    if chosen.moments:
-        moments = chosen.compute_moments(progress)
-        moments.save(directory / "moments.csv")
-        report, failed = moments.report, moments.report.failed
-        if not options.quiet:
-            _print_moments(moments)
-    if chosen.paths:
-        run = chosen.compute_paths(progress)
-        run.save(directory / ("run.nc" if _has_netcdf() else "run.npz"))
-        report, failed = report or run.report, max(failed, int((run.status != 0).sum()))
+    with _files.folder(options.out or Path(options.scene).stem) as directory:
+        if chosen.moments:
+            moments = _saved(chosen.compute_moments, progress, directory / "moments.csv")
+            report, failed = moments.report, moments.report.failed
+            if not options.quiet:
+                _print_moments(moments)
+        if chosen.paths:
+            run = _saved(chosen.compute_paths, progress, directory / ("run.nc" if _has_netcdf() else "run.npz"))
+            report, failed = report or run.report, max(failed, int((run.status != 0).sum()))
     if not options.quiet:
         print(f"{report or ''}\nwritten to {directory}".lstrip())
     if failed:
         print(f"symsde: {failed} paths failed; moments are over the others", file=sys.stderr)
     return PATHS_FAILED if failed else OK
+
+
+def _saved(compute: Callable[[bool], Moments | Run], progress: bool, target: Path) -> Moments | Run:
+    """What was computed, in a file; after a stop what there is of it, in one whose name says so."""
+    try:
+        result = compute(progress)
+    except KeyboardInterrupt as stop:
+        if (result := getattr(stop, "partial", None)) is not None:
+            stop.kept = target.with_name(f"{target.stem}.partial{target.suffix}")
+            result.save(stop.kept)
+        raise
+    result.save(target)
+    return result
 
 
 def _has_netcdf() -> bool:

@@ -10,7 +10,7 @@ Parameters that are not finite raise InvalidArgumentError.
 
 from __future__ import annotations
 
-from . import _handles
+from . import _checks, _handles
 from .model import Model
 
 
@@ -21,7 +21,8 @@ def names() -> list[str]:
 
 def parameters(name: str) -> dict[str, float]:
     """Parameters of a built-in model with their defaults; UnknownNameError lists the nearest names."""
-    lines = _handles.text("model_parameters", _handles.encode(name), has_error=True).splitlines()
+    given = _handles.encode(_checks.name_of("model", name))
+    lines = _handles.text("model_parameters", given, has_error=True).splitlines()
     pairs = (line.split("=") for line in lines if line.strip())
     return {key.strip(): float(value) for key, value in pairs}
 

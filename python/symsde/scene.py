@@ -36,7 +36,7 @@ class Scene:
     model: Model
     run: dict[str, Any]  #: options of `simulate`
     moments: bool  #: moments are wanted
-    paths: list[int]  #: global indices of the paths to save
+    paths: list[int] | range  #: global indices of the paths to save, ascending
     study: dict[str, Any] = field(default_factory=dict)  #: options of `work_precision`
 
     def compute_moments(self, progress=False) -> Moments:
@@ -50,7 +50,12 @@ class Scene:
             here = {**self.run, "first_path": stretch[0], "paths": len(stretch)}
             for key in ("q0", "p0"):
                 here[key] = self._columns(here[key], stretch)
-            runs.append(simulate(self.model, progress=progress, **here))
+            try:
+                runs.append(simulate(self.model, progress=progress, **here))
+            except KeyboardInterrupt as stop:
+                if hasattr(stop, "partial"):
+                    stop.partial = _joined([*runs, stop.partial])
+                raise
         return _joined(runs)
 
     def _columns(self, state, stretch):
@@ -95,8 +100,13 @@ def load(path: str | os.PathLike) -> Scene:
     study = dict(tables.get("study", {}))
     _known(file, "key of [study]", study, STUDY_KEYS)
     scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [], study)
-    scene.try_out()
+    tried = scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
+    try:
+        ntime = int(run["steps"]) // int(run.get("save_every", 1)) + 1
+        _checks.room((2, ntime, tried.model.ndof, len(scene.paths)), "the saved paths (q and p; time, dof, path)")
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [output] paths: {error}") from error
     return scene
 
 
@@ -106,7 +116,9 @@ def _read(file: str) -> dict[str, Any]:
         return tomllib.loads(Path(file).read_text(encoding="utf-8"))
     except OSError as error:
         raise SceneError(f"{file} cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError as error:
+        raise SceneError(f"{file} is not a scene: its brackets are nested too deeply") from error
+    except ValueError as error:  # not TOML, not UTF-8, or an integer of thousands of digits
         raise SceneError(f"{file} is not TOML: {error}") from error
 
 
@@ -130,11 +142,11 @@ def _model(file: str, table: dict[str, Any]) -> Model:
         raise SceneError(f"{file}: [model]: {error}") from error
 
 
-def _paths(file: str, given: object, run: dict[str, Any]) -> list[int]:
+def _paths(file: str, given: object, run: dict[str, Any]) -> list[int] | range:
     """Indices of the paths to save, ascending."""
     first, count = int(run.get("first_path", 0)), int(run.get("paths", 1))
     if given == "all":
-        return list(range(first, first + count))
+        return range(first, first + count)
     if not isinstance(given, list) or not all(type(i) is int for i in given):
         raise SceneError(f'{file}: [output] paths = {given!r}: give a list of indices, or "all"')
     for i in given:
@@ -143,8 +155,10 @@ def _paths(file: str, given: object, run: dict[str, Any]) -> list[int]:
     return sorted(set(given))
 
 
-def _stretches(indices: list[int]) -> list[list[int]]:
+def _stretches(indices: list[int] | range) -> list[list[int] | range]:
     """Consecutive indices together."""
+    if isinstance(indices, range):
+        return [indices]
     result: list[list[int]] = []
     for i in indices:
         if result and result[-1][-1] == i - 1:

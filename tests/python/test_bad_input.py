@@ -72,6 +72,8 @@ RUNS = [
     ({"increments": np.full((4, 1), NAN)}, errors.InvalidArgumentError, ["increments", "finite"]),
     ({"increments": np.zeros((4, 1)), "refine": -1}, errors.IncompatibleError, ["refine", "-1"]),
     ({"q0_low": np.zeros((2, 2)), "compensated": True}, errors.WrongShapeError, ["q0_low"]),
+    ({"q0": np.ma.array([[1.0, 2.0, 3.0]], mask=[[0, 1, 0]])}, errors.WrongTypeError, ["q0", "masked", "fill"]),
+    ({"increments": np.ma.masked_less(np.zeros((4, 1)), 1)}, errors.WrongTypeError, ["increments", "masked"]),
 ]
 
 
@@ -95,7 +97,40 @@ def gradient(t, w, q, p):
     return w[0] * q, w[0] * p
 
 
+MODEL = ss.models.kubo()
+ONE = {"q0": 1.0, "p0": 0.0}
+
 OTHERS = [
+    (lambda: ss.models.parameters(3), errors.WrongTypeError, ["model = 3", "string"]),
+    (lambda: ss.models.get(None), errors.WrongTypeError, ["model = None", "string"]),
+    (lambda: ss.moments(MODEL, **GOOD, dt=0.1), errors.WrongTypeError, ["no option 'dt'", "step"]),
+    (
+        lambda: ss.step(MODEL, "midpoint", 1.0, 0.0, 0.1, steps=3),
+        errors.WrongTypeError,
+        ["'steps'", "step: it makes one"],
+    ),
+    (lambda: ss.step(MODEL, "midpoint", 1.0, 0.0, 0.1, paths=3), errors.WrongTypeError, ["'paths'", "points"]),
+    (lambda: ss.diagnose.symplecticity(MODEL, dt=0.1), errors.WrongTypeError, ["no option 'dt'"]),
+    (lambda: ss.diagnose.symplecticity(MODEL, paths=2), errors.WrongTypeError, ["'paths'", "symplecticity", "points"]),
+    (lambda: ss.diagnose.stationary_path(MODEL, q_start=1.0, q_end=0.0), errors.WrongTypeError, ["step is missing"]),
+    (
+        lambda: ss.diagnose.stationary_path(MODEL, q_start=1, q_end=0, step=1),
+        errors.WrongTypeError,
+        ["steps is missing"],
+    ),
+    (lambda: ss.convergence(MODEL, **ONE, steps=[4, 8], dt=1), errors.WrongTypeError, ["no option 'dt'"]),
+    (
+        lambda: ss.work_precision(MODEL, **ONE, invariants={"I": 1}),
+        errors.InvalidArgumentError,
+        ["invariants", "f(q, p)"],
+    ),
+    (lambda: ss.commutator(MODEL, t="x"), errors.WrongTypeError, ["t = 'x'", "number"]),
+    (lambda: ss.numba_signature("grad"), errors.UnknownNameError, ["'grad'", "gradient"]),
+    (lambda: ss.numba_signature(None), errors.WrongTypeError, ["kind = None"]),
+    (lambda: ss.schemes.composition("midpoint", [1.0]), errors.WrongTypeError, ["parts = 'midpoint'", "list"]),
+    (lambda: ss.schemes.composition(3, [1.0]), errors.WrongTypeError, ["parts = 3"]),
+    (lambda: ss.status_text(2**32), errors.InvalidArgumentError, ["code", str(2**32), "out of range"]),
+    (lambda: ss.status_text("ok"), errors.WrongTypeError, ["code = 'ok'"]),
     (lambda: ss.simulate("kubo", **GOOD), errors.WrongTypeError, ["model", "'kubo'", "symsde.models"]),
     (lambda: ss.moments(None, **GOOD), errors.WrongTypeError, ["model", "None"]),
     (lambda: ss.increments(3, step=0.1, steps=1), errors.WrongTypeError, ["model", "3"]),
@@ -176,3 +211,24 @@ def test_a_false_hessian_is_named():
 def test_unknown_keyword():
     with pytest.raises(TypeError, match="sheme"):
         ss.simulate(ss.models.kubo(), **GOOD, sheme="midpoint")
+
+
+def test_masks_that_hide_nothing_are_no_obstacle(kubo):
+    start = np.ma.array([[1.0, 2.0, 3.0]], mask=False)
+    np.testing.assert_array_equal(ss.simulate(kubo, **{**GOOD, "q0": start}).q[0], [[1.0, 2.0, 3.0]])
+
+
+def test_no_private_function_is_named_by_a_refusal(kubo):
+    """Every public function that takes options of a run, given one that does not exist."""
+    calls = {
+        ss.moments: lambda f: f(kubo, **GOOD, nonsense=1),
+        ss.step: lambda f: f(kubo, "midpoint", 1.0, 0.0, 0.1, nonsense=1),
+        ss.convergence: lambda f: f(kubo, q0=1.0, p0=0.0, steps=[4, 8], nonsense=1),
+        ss.work_precision: lambda f: f(kubo, q0=1.0, p0=0.0, nonsense=1),
+        ss.diagnose.symplecticity: lambda f: f(kubo, nonsense=1),
+        ss.diagnose.stationary_path: lambda f: f(kubo, q_start=1.0, q_end=0.0, step=0.1, steps=2, nonsense=1),
+    }
+    for function, call in calls.items():
+        with pytest.raises((TypeError, ValueError), match="nonsense") as caught:
+            call(function)
+        assert "make_" not in str(caught.value) and "_setup" not in str(caught.value)

@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Scenes and the command line."""
 
+import contextlib
 import os
+import pty
+import random
 import signal
 import subprocess
 import sys
-import time
+import termios
 
 import numpy as np
 import pytest
 import symsde as ss
 from symsde import cli, scene
 from symsde.errors import SceneError
+from symsde.study import scenes
 
 SCENE = """
 [model]
@@ -108,6 +112,71 @@ def test_bad_scenes(replacements, words, file, capsys):
     assert str(caught.value) in capsys.readouterr().err
 
 
+HOSTILE = [
+    "-inf",
+    "nan",
+    "[]",
+    "{}",
+    "true",
+    '""',
+    "1e400",
+    "1979-05-27",
+    "'a\\b'",
+    "-1",
+    "0",
+    "2.5",
+    "{a = 1}",
+    '"all"',
+]
+HOSTILE += ["9" * 5000, "[" * 500 + "]" * 500, "[[1, 2], [3]]", "9223372036854775808", "[1e9]", "10000000000"]
+
+
+def test_whatever_a_scene_holds_there_is_a_sentence(file, capsys):
+    """Every key with every hostile value: a scene, or a refusal that names the file; never another exception."""
+    keys = [line.split(" =")[0] for line in SCENE.splitlines() if " = " in line]
+    more = [("[run]", key) for key in scene.RUN_KEYS if key not in keys] + [
+        ("[study]", key) for key in scene.STUDY_KEYS
+    ]
+    cases = [(None, key, value) for key in keys for value in HOSTILE]
+    cases += [(table, key, value) for table, key in more for value in HOSTILE]
+    refused = 0
+    for table, key, value in cases:
+        text = SCENE + "[study]\n"
+        if table is None:
+            text = "\n".join(f"{key} = {value}" if line.startswith(f"{key} =") else line for line in text.splitlines())
+        else:
+            text = text.replace(table, f"{table}\n{key} = {value}")
+        path = file(text=text)
+        try:
+            scene.load(path)
+            if table == "[study]":
+                scenes.check(path)
+        except SceneError as error:
+            assert "scene.toml" in str(error)
+            refused += 1
+    assert refused > 0.7 * len(cases)
+
+
+def test_bytes_that_are_no_scene(tmp_path):
+    """Random bytes, halves of scenes, and scenes with a few wrong letters; the seed is fixed."""
+    chance = random.Random(1)
+    path = tmp_path / "scene.toml"
+    for _ in range(200):
+        text = bytearray(SCENE.encode())
+        for _ in range(chance.choice([1, 3, 10])):
+            text[chance.randrange(len(text))] = chance.randrange(256)
+        path.write_bytes(text[: chance.choice([len(text), len(text) // 2])])
+        with contextlib.suppress(SceneError):
+            scene.load(path)
+
+
+def test_all_paths_are_not_listed_before_their_size_is_known(file):
+    with pytest.raises(SceneError, match=r"\[output\] paths.*GB"):
+        scene.load(file(("paths = 1000", "paths = 1000000000000"), ("[0, 1, 7]", '"all"')))
+    loaded = scene.load(file(("[0, 1, 7]", '"all"')))
+    np.testing.assert_array_equal(loaded.compute_paths().path, np.arange(1000))
+
+
 def test_missing_file(tmp_path, capsys):
     assert cli.main(["run", str(tmp_path / "none.toml")]) == 2
     assert "none.toml" in capsys.readouterr().err
@@ -135,16 +204,133 @@ def test_failed_paths(file, tmp_path, capsys):
     assert "2 paths failed" in capsys.readouterr().err
 
 
-def test_stopped(file, tmp_path):
-    path = file(("steps = 500", "steps = 1000000000"), ("save_every = 50", "save_every = 100000000"))
-    command = [sys.executable, "-m", "symsde", "run", str(path), "--out", str(tmp_path / "out")]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    time.sleep(1.5)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=10)
-    assert process.returncode == 4 and "stopped" in errors
-    assert "Traceback" not in errors
-    assert os.listdir(tmp_path / "out") == []
+LONG = ("steps = 500", "steps = 1000000000"), ("save_every = 50", "save_every = 100000000")
+
+
+def stopped_by(number, command, folder):
+    """Exit code and what a terminal shows of a command that gets a signal as soon as its progress shows."""
+    terminal, theirs = pty.openpty()
+    termios.tcsetwinsize(theirs, (24, 80))
+    process = subprocess.Popen([sys.executable, "-m", "symsde", *command], stderr=theirs, cwd=folder)
+    os.close(theirs)
+    shown = b""
+    with contextlib.suppress(OSError):  # raised at the end of a terminal
+        while data := os.read(terminal, 1000):
+            shown += data
+            if number and b"%" in shown:
+                process.send_signal(number)
+                number = None
+    os.close(terminal)
+    return process.wait(30), shown.decode()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("moments", ["true", "false"])
+def test_a_stopped_run_keeps_what_it_has(number, moments, file, tmp_path):
+    path = file(*LONG, ("moments = true", f"moments = {moments}"))
+    code, shown = stopped_by(number, ["run", str(path), "--out", "out"], tmp_path)
+    name = "moments.partial.csv" if moments == "true" else "run.partial.nc"
+    assert code == cli.STOPPED and f"stopped; what was computed until then is in out/{name}" in shown
+    assert "Traceback" not in shown
+    assert os.listdir(tmp_path / "out") == [name]
+    if moments == "true":
+        first, *others = (tmp_path / "out" / name).read_text().splitlines()[1:]
+        assert first.split(",")[0] == "0.0" and float(first.split(",")[2]) == 0.0
+        assert int(first.split(",")[1]) > 0
+        assert all(line.split(",")[1] == "0" for line in others)
+    else:
+        xarray = pytest.importorskip("xarray")
+        with xarray.open_dataset(tmp_path / "out" / name) as data:
+            assert (data.q[0] == 0).all() and data.path.to_numpy().tolist() == [0, 1]
+            assert data.q[1:].isnull().all() and (data.status == 5).all()
+
+
+def test_a_stop_in_a_later_stretch_of_paths_keeps_the_earlier_ones(file, monkeypatch):
+    loaded = scene.load(file())
+    whole = loaded.compute_paths()
+    real, made = scene.simulate, []
+
+    def stop_at_second(*arguments, **options):
+        made.append(real(*arguments, **options))
+        if len(made) == 2:
+            stop = KeyboardInterrupt()
+            stop.partial = made[-1]
+            raise stop
+        return made[-1]
+
+    monkeypatch.setattr(scene, "simulate", stop_at_second)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        loaded.compute_paths()
+    np.testing.assert_array_equal(caught.value.partial.path, [0, 1, 7])
+    np.testing.assert_array_equal(caught.value.partial.q, whole.q)
+
+
+def test_a_run_stopped_before_it_began_leaves_no_folder(file, tmp_path, monkeypatch, capsys):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(scene.Scene, "compute_moments", stop)
+    assert cli.main(["run", str(file()), "--out", str(tmp_path / "a" / "b")]) == cli.STOPPED
+    assert capsys.readouterr().err == "symsde: stopped\n"
+    assert not (tmp_path / "a").exists()
+
+
+def test_signals_are_left_as_they_were(file, tmp_path):
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    assert cli.main(["run", str(file()), "--quiet", "--out", str(tmp_path / "out")]) == 0
+    assert {number: signal.getsignal(number) for number in before} == before
+
+
+FOLDERS = ["/proc/self", "/proc/self/deeper", "scene.toml"]
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+@pytest.mark.parametrize("verb", ["run", "study", "stability", "paper"])
+def test_a_folder_that_cannot_be_written_is_found_before_the_work(verb, folder, file, capsys, monkeypatch):
+    """Folders of /proc take no files, not even those of root."""
+    pytest.importorskip("matplotlib")
+    from symsde import paper, stability, study
+
+    def work(*_):
+        pytest.fail("the work began")
+
+    monkeypatch.chdir(file().parent)
+    for module, name in ((scene.Scene, "compute_moments"), (study, "measure")):
+        monkeypatch.setattr(module, name, work)
+    monkeypatch.setattr(stability, "SCENARIOS", (work,))
+    monkeypatch.setattr(paper.kubo, "run", work)
+    scenes = ["scene.toml"] if verb in {"run", "study"} else []
+    assert cli.main([verb, *scenes, "--out", folder]) == cli.BAD_INPUT
+    assert f"nothing can be written to {folder}" in capsys.readouterr().err
+
+
+def piped(arguments, lines):
+    """Exit code, standard error and the first lines of a command whose reader leaves then."""
+    command = [sys.executable, "-m", "symsde", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        read = [process.stdout.readline() for _ in range(lines)]
+        process.stdout.close()
+        errors = process.stderr.read().decode()
+    return process.returncode, errors, read
+
+
+@pytest.mark.parametrize("command", [["list"], ["list", "--markdown"], ["--help"], ["info"], ["template", "kubo"]])
+@pytest.mark.parametrize("lines", [0, 1])
+def test_a_reader_may_leave(command, lines):
+    assert piped(command, lines)[:2] == (0, "")
+
+
+def test_a_reader_who_leaves_does_not_stop_the_run(file, tmp_path):
+    assert piped(["run", str(file()), "--out", str(tmp_path / "out")], 0)[:2] == (0, "")
+    assert sorted(os.listdir(tmp_path / "out")) == ["moments.csv", "run.nc"]
+
+
+def test_a_full_device_is_said_once():
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "symsde", "list"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == cli.BAD_INPUT
+    assert "No space left" in done.stderr and len(done.stderr.splitlines()) == 1
 
 
 def test_other_verbs(capsys):

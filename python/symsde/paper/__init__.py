@@ -7,11 +7,11 @@ interface of symsde only, so that each can be read as an example.
 """
 
 import json
-from pathlib import Path
 from time import perf_counter
 
 import symsde as ss
 
+from .. import _files
 from . import euler_lagrange, figure_4_1, figure_4_2, kubo, linear_oscillator, symplecticity
 from .experiment import plain
 from .table import print_block, print_summary
@@ -21,8 +21,11 @@ EXPERIMENTS = (kubo, linear_oscillator, figure_4_1, figure_4_2, symplecticity, e
 
 def run(out, quick=False):
     """Run all experiments, write into the directory `out`, print the table; 0, or 1 if an expectation failed."""
-    directory = Path(out)
-    directory.mkdir(parents=True, exist_ok=True)
+    with _files.folder(out) as directory:
+        return _run(directory, quick)
+
+
+def _run(directory, quick):
     build = _build()
     print(f"symsde {build['version']}, {build['compiler']}: the experiments of [WHSB]{' (quick)' if quick else ''}")
     begin = perf_counter()
@@ -34,8 +37,8 @@ def run(out, quick=False):
         print_block(experiment, perf_counter() - start)
         experiments.append(experiment)
     results = {experiment.name: _record(experiment, build, quick) for experiment in experiments}
-    text = json.dumps(plain(results), indent=1, allow_nan=False)
-    (directory / "results.json").write_text(text + "\n", encoding="utf-8")
+    text = json.dumps(plain(results), indent=1, allow_nan=False) + "\n"
+    _files.replace(directory / "results.json", lambda part: part.write_text(text, encoding="utf-8"))
     print_summary(experiments, directory, perf_counter() - begin)
     return int(any(check.passed is False for experiment in experiments for check in experiment.checks))
 

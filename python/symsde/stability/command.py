@@ -26,8 +26,12 @@ def run(options: argparse.Namespace) -> int:
     _files.optional("matplotlib", "plot")
     stability = importlib.import_module("symsde.stability")
     page = importlib.import_module("symsde.stability.page")
-    directory = Path(options.out)
-    directory.mkdir(parents=True, exist_ok=True)
+    with _files.folder(options.out) as directory:
+        return _scenarios(stability, page, directory, options)
+
+
+def _scenarios(stability, page, directory: Path, options: argparse.Namespace) -> int:
+    """Every scenario, into a folder that is there."""
     found = []
     for function in stability.SCENARIOS:
         begin = perf_counter()

@@ -50,14 +50,13 @@ class WorkPrecision:
 
     def save(self, directory: str | os.PathLike) -> None:
         """Write work-precision.csv, and work-precision.png where matplotlib is installed."""
-        target = Path(directory)
-        target.mkdir(parents=True, exist_ok=True)
-        table.write_csv(target / "work-precision.csv", self.rows)
-        self.plot(target / "work-precision.png")
+        with _files.folder(directory) as target:
+            table.write_csv(target / "work-precision.csv", self.rows)
+            self.plot(target / "work-precision.png")
 
     def plot(self, path: str | os.PathLike) -> None:
         """Draw error against run time and against the step; write a PNG."""
-        figure.save(Path(path), self)
+        figure.save(_files.path_of("path", path), self)
 
 
 def work_precision(
@@ -109,10 +108,15 @@ def work_precision(
         name=name,
         **options,
     )
-    directory = None if out is None else Path(out)
-    if directory is not None:
-        _files.optional("matplotlib", "plot")  # better refused now than after an hour
-        directory.mkdir(parents=True, exist_ok=True)
+    if out is None:
+        return _measured(plan, None, progress)
+    _files.optional("matplotlib", "plot")  # better refused now than after an hour
+    with _files.folder(out) as directory:
+        return _measured(plan, directory, progress)
+
+
+def _measured(plan: Plan, directory: Path | None, progress: bool) -> WorkPrecision:
+    """Every point; what is finished is saved, however this ends."""
     rows: list[dict] = []
     resumed = 0
     try:

@@ -127,13 +127,24 @@ def make_plan(
         repeats=repeats,
         interval=interval,
         name=name or getattr(model, "name", "model"),
-        invariants=dict(invariants or {}),
+        invariants=_invariants(invariants),
     )
     _try_out(plan)
     for scheme in chosen:
         plan.references[scheme.name] = _reference(plan, scheme, reference, reference_steps)
     plan.draws = max([counts[-1], *(r.steps for r in plan.references.values())])
     return plan
+
+
+def _invariants(given: object) -> dict[str, Any]:
+    """Functions f(q, p) by name."""
+    if given is None:
+        return {}
+    if not isinstance(given, dict) or not all(callable(function) for function in given.values()):
+        raise InvalidArgumentError(
+            f"invariants = {_checks.shown(given)} is not allowed: give a dict of names and functions f(q, p)"
+        )
+    return dict(given)
 
 
 def check_steps(steps: Sequence[int]) -> list[int]:
@@ -190,7 +201,7 @@ def uses_integrals(scheme: Scheme) -> bool:
 
 
 def _schemes(schemes: Sequence[str | Scheme]) -> list[Scheme]:
-    if isinstance(schemes, str) or not schemes:
+    if isinstance(schemes, str) or not isinstance(schemes, Sequence) or not schemes:
         raise InvalidArgumentError(
             f"schemes = {_checks.shown(schemes)} is not a list of schemes: give names such as ['midpoint', 'gauss2']"
         )

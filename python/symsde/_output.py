@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Output of the command line to readers who leave, as in `symsde run SCENE.toml | head -1`."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from typing import TextIO
+
+
+class _Patient:
+    """A stream that goes on quietly where nobody reads any more: the work has results in files, too."""
+
+    def __init__(self, stream: TextIO):
+        self._stream = stream
+
+    def __getattr__(self, name: str):
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write, if anybody reads."""
+        with self._while_read():
+            return self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Hand on what was written."""
+        with self._while_read():
+            self._stream.flush()
+
+    @contextlib.contextmanager
+    def _while_read(self) -> Iterator[None]:
+        try:
+            yield
+        except BrokenPipeError:
+            self.forget()
+
+    def forget(self) -> None:
+        """What is still to be written goes nowhere, so that Python does not complain of it when it ends."""
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
+
+
+@contextlib.contextmanager
+def patient_output() -> Iterator[None]:
+    """Print as always, but do not stop where the reader of standard output has gone."""
+    if sys.stdout is None:  # closed
+        yield
+        return
+    stream = _Patient(sys.stdout)
+    try:
+        with contextlib.redirect_stdout(stream):
+            try:
+                yield
+            finally:
+                stream.flush()
+    except OSError:  # no room, say
+        with contextlib.suppress(OSError, ValueError):
+            stream.forget()
+        raise
