@@ -139,6 +139,7 @@ contains
                               c_null_ptr, error)
       call stop_on(error)
       call model%set_gradient_hessian(both)
+      call model%accept_null()
       call move_alloc(model, scene%model)
    end subroutine from_c
 

@@ -109,7 +109,7 @@ def joint_in_numba(name):
                 hpp[i] = w[i]
         return 0
 
-    return ss.Model(gradient=gradient, gradient_hessian=gradient_hessian, **traits(name))
+    return ss.Model(gradient=gradient, gradient_hessian=gradient_hessian, accepts_null=True, **traits(name))
 
 
 def plain_in_numba(name):
@@ -157,7 +157,7 @@ def plain_in_numba(name):
                 out[0, i] = w[0, i]
         return 0
 
-    return ss.Model(gradient=gradient, hessian=hessian, **traits(name))
+    return ss.Model(gradient=gradient, hessian=hessian, accepts_null=True, **traits(name))
 
 
 def by_hand(name, scheme, steps):

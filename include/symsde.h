@@ -85,8 +85,8 @@ typedef struct symsde_traits {
 
 /* Callbacks work on whole blocks: arrays [..][nlane], each lane from its own numbers alone. w[nham][nlane]
  * are the weights of H_0 .. H_m (nham = nnoise + 1). They return 0; nonzero aborts the run
- * (SYMSDE_CALLBACK_FAILED); one lane fails by NaN. Outputs may be NULL: not wanted. They are called from
- * several threads at once, unless one thread is chosen. */
+ * (SYMSDE_CALLBACK_FAILED); one lane fails by NaN. Outputs are never NULL, unless symsde_model_accept_null says that
+ * the functions look. They are called from several threads at once, unless one thread is chosen. */
 /* gradient of sum_j w[j] H_j: hq[ndof][nlane], hp[ndof][nlane] */
 typedef int (*symsde_gradient)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                const double *p, double *hq, double *hp, void *user);
@@ -122,6 +122,9 @@ int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradi
  * it also stands in for hessian where that is NULL. Same user pointer; NULL = the separate functions again */
 int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian gradient_hessian,
                                       symsde_error *error);
+/* the functions of a model of symsde_model_new look whether an output is NULL: from now on those that are not wanted
+ * are, and are not computed. Without this they are room that is thrown away */
+int symsde_model_accept_null(symsde_model model, symsde_error *error);
 int symsde_model_delete(symsde_model *model);
 /* its traits; rotation points into the model and lives as long */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);

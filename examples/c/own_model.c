@@ -19,9 +19,9 @@ static int gradient(int nlane, int ndof, int nham, double t, const double *w, co
    const double sigma = *(const double *)user;
    const double *h = w, *dw = w + nlane;
    (void)ndof, (void)nham, (void)t;
-   for (int i = 0; hq && i < nlane; i++)
+   for (int i = 0; i < nlane; i++)
       hq[i] = h[i] * (q[i] + q[i] * q[i] * q[i]) + dw[i] * sigma * q[i];
-   for (int i = 0; hp && i < nlane; i++)
+   for (int i = 0; i < nlane; i++)
       hp[i] = h[i] * p[i];
    return 0; /* nonzero would abort the run */
 }

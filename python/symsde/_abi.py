@@ -217,6 +217,7 @@ FUNCTIONS = {
         _error,
     ),
     "model_set_gradient_hessian": (_handle, CALLBACKS["gradient_hessian"], _error),
+    "model_accept_null": (_handle, _error),
     "model_delete": (_handle_out,),
     "model_traits": (_handle, POINTER(Traits), _error),
     "model_probe": (_handle, c_double, c_void_p, c_void_p, _error),

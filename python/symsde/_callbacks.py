@@ -124,20 +124,49 @@ def compiled(kind: str, function: object) -> tuple[ctypes._CFuncPtr, int | None]
         function = ctypes.c_void_p(function.address)
     if type(function).__name__ == "PyCapsule":
         function = ctypes.c_void_p(_capsule_pointer(function))
+    if isinstance(function, ctypes._CFuncPtr):
+        _check_ctypes(kind, function)
     if not isinstance(function, _PRECOMPILED):
         return None
     return ctypes.cast(function, _abi.CALLBACKS[kind]), user
 
 
 def _check_numba(kind: str, function: object) -> None:
-    """A numba cfunc tells its signature: a wrong number of arguments would crash the process."""
-    given = len(getattr(getattr(function, "_sig", None), "args", ()))
-    wanted = len(_abi.CALLBACKS[kind]._argtypes_)
-    if given and given != wanted:
+    """A numba cfunc tells its signature: a wrong one would compute nonsense, or end the process."""
+    given = getattr(function, "_sig", None)
+    if given is None:
+        return
+    wanted, doing = numba_signature(kind), f"declare it with numba.cfunc(symsde.numba_signature('{kind}'))"
+    if len(given.args) != len(wanted.args):
         raise WrongTypeError(
-            f"the compiled {kind} takes {given} arguments and not {wanted}: "
-            f"declare it with numba.cfunc(symsde.numba_signature('{kind}'))"
+            f"the compiled {kind} takes {len(given.args)} arguments and not {len(wanted.args)}: {doing}"
         )
+    if given.return_type != wanted.return_type:
+        raise WrongTypeError(f"the compiled {kind} returns {given.return_type} and not {wanted.return_type}: {doing}")
+    for i, (mine, theirs) in enumerate(zip(given.args[:-1], wanted.args[:-1], strict=True)):
+        if mine != theirs:  # the last one, user data, is any pointer
+            raise WrongTypeError(f"argument {i + 1} of the compiled {kind} is {mine} and not {theirs}: {doing}")
+
+
+def _check_ctypes(kind: str, function: object) -> None:
+    """A ctypes function pointer tells its types too: integers, numbers and pointers must be where they belong."""
+    wanted = _abi.CALLBACKS[kind]
+    given = function.argtypes or ()
+    if given and [_sort(x) for x in given] != [_sort(x) for x in wanted._argtypes_]:
+        names = ", ".join(getattr(x, "__name__", str(x)) for x in given)
+        raise WrongTypeError(
+            f"the compiled {kind} takes ({names}), which is not its C signature in symsde.h: declare it so"
+        )
+    if function.restype is not ctypes.c_int:
+        raise WrongTypeError(
+            f"the compiled {kind} returns {function.restype} and not c_int: return 0, or a code to stop"
+        )
+
+
+def _sort(kind: type) -> object:
+    """A number's type of ctypes; all pointers are alike."""
+    texts = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_wchar_p)
+    return kind if issubclass(kind, ctypes._SimpleCData) and kind not in texts else ctypes.c_void_p
 
 
 def _address_of(value: object, what: str) -> int | None:
@@ -164,11 +193,13 @@ def _capsule_pointer(capsule: object) -> int | None:
 def numba_signature(kind: str):
     """Signature of a callback (gradient, value, hessian, hessian_vector, gradient_hessian) for numba.cfunc.
 
-    Outputs that are not wanted are NULL, and writing there ends the process. Inside the function:
+    Inside the function, with the shapes of `Model`:
 
-        out = numba.carray(hq, (ndof, nlane))
-        if out.ctypes.data != 0:
-            out[0] = ...
+        x, out = numba.carray(q, (ndof, nlane)), numba.carray(hq, (ndof, nlane))
+        out[0] = ...
+
+    Every output is to be written. A model that is made with accepts_null=True is given NULL for those that are not
+    wanted: `if out.ctypes.data != 0`; without this test writing there ends the process.
     """
     _checks.choice("kind", kind, list(_abi.CALLBACKS))
     types = optional("numba", "fast").types

@@ -66,7 +66,8 @@ class Model:
     with w of shape (nnoise + 1, lane), q, p, vq, vp and gradients of shape (dof, lane). A lane fails by NaN.
     They are Python functions on NumPy arrays (then runs use one thread unless told otherwise), or compiled
     functions of the C signature in symsde.h: a ``numba.cfunc`` (see `numba_signature`), a ctypes function
-    pointer, or a ``scipy.LowLevelCallable``.
+    pointer, or a ``scipy.LowLevelCallable``. Compiled functions write all their outputs, or, with ``accepts_null``,
+    those whose pointer is not NULL: what is not wanted need not be computed then.
 
     The other arguments declare traits, see `Traits`; runs probe them, and refuse a false one by name
     (`FalseTraitError`). Without a Hessian it is formed by differences of gradients. An exception raised in
@@ -92,6 +93,7 @@ class Model:
         max_frequency: float = 0.0,
         noise_lipschitz: float = 0.0,
         rotation: Any = None,
+        accepts_null: bool = False,
         name: str = "user",
     ):
         """Make the model; see the class."""
@@ -123,7 +125,8 @@ class Model:
         self.in_python = "Python" in kinds  #: some callback is a Python function
         given = {**functions, **_public(traits), "name": name}
         self._remade = None if "compiled" in kinds else (Model._of_user, (given,))
-        make = functools.partial(_user_handle, _checks.name_of("name", name), traits, functions)
+        accepts_null = _checks.flag("accepts_null", accepts_null) or "compiled" not in kinds
+        make = functools.partial(_user_handle, _checks.name_of("name", name), traits, functions, accepts_null)
         self._adopt(make, name, {})
 
     @classmethod
@@ -285,7 +288,7 @@ def _builtin_handle(name: str, parameters: Mapping[str, float]) -> ModelHandle:
     return ModelHandle(pointer, None, _callbacks.Failures())
 
 
-def _user_handle(name: str, traits: _abi.Traits, functions: dict[str, Any]) -> ModelHandle:
+def _user_handle(name: str, traits: _abi.Traits, functions: dict[str, Any], accepts_null: bool) -> ModelHandle:
     """A handle of a model of the user's own, with callbacks that store their exceptions for it alone."""
     failures = _callbacks.Failures()
     (*callbacks, joint), user = _all_callbacks(functions, failures)
@@ -294,6 +297,8 @@ def _user_handle(name: str, traits: _abi.Traits, functions: dict[str, Any]) -> M
     handle = ModelHandle(pointer, (callbacks, joint, tuple(functions.values())), failures)
     if joint:
         _handles.call("model_set_gradient_hessian", pointer, joint)
+    if accepts_null:
+        _handles.call("model_accept_null", pointer)
     return handle
 
 

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Gradient and Hessian of a user's model in one function of C.
+!> What a user's model offers beside its functions: one for gradient and Hessian together, and that they accept NULL.
 module symsde_capi_joint
    use, intrinsic :: iso_c_binding, only: c_funptr, c_int, c_ptr
    use symsde_base_status, only: error_type, raise, incompatible
@@ -9,7 +9,7 @@ module symsde_capi_joint
    use symsde_model_callback, only: callback_model
    implicit none
    private
-   public :: symsde_model_set_gradient_hessian
+   public :: symsde_model_set_gradient_hessian, symsde_model_accept_null
 
 contains
 
@@ -21,19 +21,43 @@ contains
       type(c_funptr), intent(in), value :: gradient_hessian
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
-      class(model_type), pointer :: known
+      type(callback_model), pointer :: known
 
-      call find_model(model, known, refusal)
-      if (.not. allocated(refusal)) then
-         select type (known)
-         type is (callback_model)
-            call known%set_gradient_hessian(gradient_hessian)
-         class default
-            call raise(refusal, incompatible, 'symsde_model_set_gradient_hessian', "model '"//known%name// &
-                       "' is built in and has all it needs: give functions to models of symsde_model_new")
-         end select
-      end if
+      call find_callback_model(model, known, 'symsde_model_set_gradient_hessian', refusal)
+      if (.not. allocated(refusal)) call known%set_gradient_hessian(gradient_hessian)
       status = finish(refusal, error)
    end function symsde_model_set_gradient_hessian
+
+   !> From now on an output that is not wanted is NULL. Refuses built-in models (incompatible).
+   function symsde_model_accept_null(model, error) result(status) bind(c, name='symsde_model_accept_null')
+      type(c_ptr), intent(in), value :: model, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+
+      call find_callback_model(model, known, 'symsde_model_accept_null', refusal)
+      if (.not. allocated(refusal)) call known%accept_null()
+      status = finish(refusal, error)
+   end function symsde_model_accept_null
+
+   !> The user's model of a handle; built-in ones are refused.
+   subroutine find_callback_model(handle, model, place, error)
+      type(c_ptr), intent(in) :: handle
+      type(callback_model), pointer, intent(out) :: model
+      character(*), intent(in) :: place
+      type(error_type), allocatable, intent(inout) :: error
+      class(model_type), pointer :: known
+
+      nullify (model)
+      call find_model(handle, known, error)
+      if (allocated(error)) return
+      select type (known)
+      type is (callback_model)
+         model => known
+      class default
+         call raise(error, incompatible, place, "model '"//known%name//"' is built in and has all it needs: give "// &
+                    'functions to models of symsde_model_new')
+      end select
+   end subroutine find_callback_model
 
 end module symsde_capi_joint

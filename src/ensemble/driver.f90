@@ -227,11 +227,12 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       class(stepper_type), allocatable :: stepper
       type(stepper_options) :: choice
-      integer :: i, info
+      integer :: i, info, nthread
 
+      call choose_nthread(options, nthread, error)
+      if (allocated(error)) return
       report%nlane = choose_nlane(options, model)
-      report%nthread = int(min(int(choose_nthread(options), i8), &
-                               (options%npath + report%nlane - 1)/report%nlane))
+      report%nthread = int(min(int(nthread, i8), (options%npath + report%nlane - 1)/report%nlane))
       choice%correction = options%correction
       choice%general = options%general
       choice%newton%max_iter = options%max_iter
@@ -390,21 +391,29 @@ contains
 
    end subroutine check_state
 
-   !> Threads: the option, else SYMSDE_NUM_THREADS, else what OpenMP would take.
-   integer function choose_nthread(options)
+   !> Threads: the option, else SYMSDE_NUM_THREADS, else what OpenMP would take. A variable that is set to
+   !> something else than a number of threads is refused: who sets it would be surprised otherwise.
+   subroutine choose_nthread(options, nthread, error)
       type(run_options), intent(in) :: options
-      character(len=16) :: text
-      integer :: info, n
+      integer, intent(out) :: nthread
+      type(error_type), allocatable, intent(inout) :: error
+      integer, parameter :: most = 1024
+      character(len=32) :: text
+      integer :: info
 
-      choose_nthread = options%nthread
-      if (choose_nthread > 0) return
+      nthread = options%nthread
+      if (nthread > 0) return
       call get_environment_variable('SYMSDE_NUM_THREADS', text, status=info)
-      if (info == 0) then
-         read (text, *, iostat=info) n
-         if (info == 0) choose_nthread = max(0, min(n, 1024))
+      if (info > 0 .or. text == '') then  ! not set, or empty
+         nthread = max(1, omp_get_max_threads())
+         return
       end if
-      if (choose_nthread == 0) choose_nthread = max(1, omp_get_max_threads())
-   end function choose_nthread
+      text = adjustl(text)
+      if (info == 0 .and. len_trim(text) <= 4 .and. verify(trim(text), '0123456789') == 0) read (text, '(i4)') nthread
+      if (nthread < 1 .or. nthread > most) &
+         call raise(error, invalid_argument, 'run_ensemble', 'the environment variable SYMSDE_NUM_THREADS is "'// &
+                    trim(text)//'": give a whole number from 1 to '//to_text(most)//', or unset it')
+   end subroutine choose_nthread
 
    !> Sum the counters of the threads and name the outcome.
    subroutine summarise(runners, model, shared, report)

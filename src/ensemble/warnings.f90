@@ -19,6 +19,7 @@ module symsde_ensemble_warnings
    type :: bounds_type
       real(wp) :: frequency = 0   !! of H [1/time]
       real(wp) :: lipschitz = 0   !! of the noise [1/sqrt(time)]
+      integer :: nnoise = 0       !! noises whose Hessians do not vanish
       character(:), allocatable :: frequency_source, lipschitz_source
    end type bounds_type
 
@@ -79,7 +80,7 @@ contains
       if (.not. bounds%lipschitz > 0) return
       cut = 2/(bounds%lipschitz*sqrt(abs(options%step)))  ! of the standard normal
       probability = erfc(cut/sqrt(2.0_wp))
-      expected = probability*real(options%npath, wp)*real(options%nstep, wp)
+      expected = probability*real(bounds%nnoise, wp)*real(options%npath, wp)*real(options%nstep, wp)
       if (options%truncation > 0) then
          if (sqrt(2*options%truncation*abs(log(abs(options%step)/options%truncation_time))) < cut) return
       end if
@@ -111,12 +112,13 @@ contains
                   to_text(epsilon(1.0_wp)*state)//': ask for compensated summation')
    end subroutine warn_of_rounding
 
-   !> Declared bounds, else row sums of Hessians at the initial state.
+   !> Declared bounds, else row sums of Hessians at the initial state: of the noises, sums over all of them in one
+   !> row, since noises on different sites of a lattice do not add up.
    subroutine find_bounds(model, t, q0, p0, bounds)
       class(model_type), intent(in) :: model
       real(wp), intent(in) :: t, q0(:), p0(:)
       type(bounds_type), intent(out) :: bounds
-      real(wp) :: hqq, hqp, hpp, total
+      real(wp), dimension(size(q0)) :: hqq, hqp, hpp, row_of_q, row_of_p
       integer :: k
       logical :: looked
 
@@ -124,31 +126,36 @@ contains
       bounds%lipschitz = model%traits%noise_lipschitz
       bounds%frequency_source = 'declared'
       bounds%lipschitz_source = 'declared'
+      bounds%nnoise = model%traits%nnoise
       if (.not. bounds%frequency > 0) then
          bounds%frequency_source = 'estimated at the initial state'
-         call hessian_norms(model, t, 0, q0, p0, hqq, hqp, hpp, looked)
-         if (looked) bounds%frequency = hqp + sqrt(hqq)*sqrt(hpp)
+         call row_sums(model, t, 0, q0, p0, hqq, hqp, hpp, looked)
+         if (looked) bounds%frequency = maxval(hqp) + sqrt(maxval(hqq))*sqrt(maxval(hpp))
       end if
       if (bounds%lipschitz > 0 .or. model%traits%additive) return
       bounds%lipschitz_source = 'estimated at the initial state'
-      total = 0
+      bounds%nnoise = 0
+      row_of_q = 0
+      row_of_p = 0
       do k = 1, model%traits%nnoise
-         call hessian_norms(model, t, k, q0, p0, hqq, hqp, hpp, looked)
+         call row_sums(model, t, k, q0, p0, hqq, hqp, hpp, looked)
          if (.not. looked) return
-         total = total + max(hqq + hqp, hqp + hpp)
+         if (max(maxval(hqq), maxval(hqp), maxval(hpp)) > 0) bounds%nnoise = bounds%nnoise + 1
+         row_of_q = row_of_q + hqq + hqp
+         row_of_p = row_of_p + hqp + hpp
       end do
-      bounds%lipschitz = total
+      bounds%lipschitz = max(maxval(row_of_q), maxval(row_of_p))
    end subroutine find_bounds
 
-   !> Largest row sums of the Hessian blocks of H_k.
-   subroutine hessian_norms(model, t, k, q0, p0, hqq, hqp, hpp, looked)
+   !> Row sums of the Hessian blocks of H_k; of the mixed one the larger of row and column.
+   subroutine row_sums(model, t, k, q0, p0, hqq, hqp, hpp, looked)
       class(model_type), intent(in) :: model
       real(wp), intent(in) :: t, q0(:), p0(:)
       integer, intent(in) :: k
-      real(wp), intent(out) :: hqq, hqp, hpp
+      real(wp), intent(out), dimension(:) :: hqq, hqp, hpp   !! (ndof)
       logical, intent(out) :: looked   !! false where the Hessian is too large to look at
-      real(wp), allocatable :: w(:, :), q(:, :), p(:, :), aqq(:, :, :), aqp(:, :, :), app(:, :, :)
-      integer :: n, b
+      real(wp), allocatable :: w(:, :), q(:, :), p(:, :), aqq(:, :, :), aqp(:, :, :), app(:, :, :), column(:)
+      integer :: n, b, i
 
       hqq = 0
       hqp = 0
@@ -164,17 +171,22 @@ contains
       if (b == dense) then
          allocate (aqq(8, n, n), aqp(8, n, n), app(8, n, n))
          call model%hessian(8, n, model%traits%nnoise, t, w, q, p, aqq, aqp, app)
-         hqq = maxval(sum(abs(aqq(1, :, :)), dim=2))
-         hqp = maxval(sum(abs(aqp(1, :, :)), dim=2))
-         hpp = maxval(sum(abs(app(1, :, :)), dim=2))
+         hqq = sum(abs(aqq(1, :, :)), dim=2)
+         hqp = max(sum(abs(aqp(1, :, :)), dim=1), sum(abs(aqp(1, :, :)), dim=2))
+         hpp = sum(abs(app(1, :, :)), dim=2)
       else
          allocate (aqq(8, -b:b, n), aqp(8, -b:b, n), app(8, -b:b, n))
          call model%hessian_banded(8, n, model%traits%nnoise, b, t, w, q, p, aqq, aqp, app)
-         hqq = maxval(sum(abs(aqq(1, :, :)), dim=1))
-         hqp = maxval(sum(abs(aqp(1, :, :)), dim=1))
-         hpp = maxval(sum(abs(app(1, :, :)), dim=1))
+         hqq = sum(abs(aqq(1, :, :)), dim=1)
+         hqp = sum(abs(aqp(1, :, :)), dim=1)
+         hpp = sum(abs(app(1, :, :)), dim=1)
+         allocate (column(1 - b:n + b), source=0.0_wp)
+         do i = 1, n
+            column(i - b:i + b) = column(i - b:i + b) + abs(aqp(1, :, i))
+         end do
+         hqp = max(hqp, column(1:n))
       end if
-   end subroutine hessian_norms
+   end subroutine row_sums
 
    subroutine add(text, sentence)
       character(:), allocatable, intent(inout) :: text

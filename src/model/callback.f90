@@ -3,9 +3,10 @@
 !>
 !> Arrays have the lane fastest: Fortran q(nlane, ndof) is C q[ndof][nlane], w(nlane, 0:nnoise) is
 !> w[nham][nlane] with nham = nnoise + 1, and hqp(nlane, i, j) = d2/(dq_i dp_j) is hqp[j][i][nlane].
-!> An output that is not wanted is NULL. The functions are called from several threads at once, must
-!> compute every lane by itself, and mark a lane that fails by NaN. A nonzero return aborts the run:
-!> the outputs of that call become NaN and failure_code() tells the first such code.
+!> An output that is not wanted is room that is thrown away, or NULL for functions that accept it: one that
+!> writes to NULL ends the process, and nothing that is probed would say so before. The functions are called
+!> from several threads at once, must compute every lane by itself, and mark a lane that fails by NaN. A nonzero
+!> return aborts the run: the outputs of that call become NaN and failure_code() tells the first such code.
 !>
 !> Do not copy with allocate(source=): two models would own one record of failure. Assignment is
 !> safe.
@@ -14,7 +15,7 @@ module symsde_model_callback
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, &
                                                                              c_int, c_null_ptr, c_ptr
    use symsde_base_kinds, only: wp, i4
-   use symsde_base_status, only: error_type, raise, missing_operation
+   use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, &
                                     hessian_vector_composed
@@ -31,6 +32,7 @@ module symsde_model_callback
       procedure(hessian_callback), pointer, nopass :: on_hessian => null()
       procedure(hessian_vector_callback), pointer, nopass :: on_hessian_vector => null()
       procedure(gradient_hessian_callback), pointer, nopass :: on_gradient_hessian => null()
+      logical :: null_accepted = .false.         !! outputs that are not wanted are NULL
       type(c_ptr) :: user = c_null_ptr           !! handed to every function as it is
       integer(i4), pointer :: failure => null()  !! first nonzero return; a model is intent(in)
    contains
@@ -40,6 +42,7 @@ module symsde_model_callback
       procedure :: hessian_vector
       procedure :: gradient_hessian
       procedure :: set_gradient_hessian
+      procedure :: accept_null
       procedure :: failure_code
       procedure :: clear_failure
       procedure, private :: copy
@@ -158,15 +161,35 @@ contains
       self%traits%has_hessian = associated(self%on_hessian) .or. associated(self%on_gradient_hessian)
    end subroutine set_gradient_hessian
 
+   !> The functions look whether an output is NULL, before the model is used: what is not wanted is not computed.
+   subroutine accept_null(self)
+      class(callback_model), intent(inout) :: self
+
+      self%null_accepted = .true.
+   end subroutine accept_null
+
    !> Gradient of sum_j w_j H_j.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), allocatable :: unwanted(:, :)
       integer(i4) :: code
+      integer :: info
 
-      code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, self%user)
+      info = 0
+      if (.not. (self%null_accepted .or. (present(hq) .and. present(hp)))) &
+         allocate (unwanted(nlane, ndof), stat=info)
+      if (info /= 0) then
+         code = out_of_memory
+      else if (.not. allocated(unwanted)) then
+         code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, self%user)
+      else if (present(hq)) then
+         code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, unwanted, self%user)
+      else
+         code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, unwanted, hp, self%user)
+      end if
       if (code == 0) return
       call note(self, code)
       call spoil(nlane, ndof, hq)
@@ -209,7 +232,11 @@ contains
          call hessian_by_differences(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
          return
       end if
-      code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hqq, hqp, hpp, self%user)
+      if (self%null_accepted .or. (present(hqq) .and. present(hqp) .and. present(hpp))) then
+         code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hqq, hqp, hpp, self%user)
+      else
+         call whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)
+      end if
       if (code == 0) return
       call note(self, code)
       call spoil(nlane, ndof*ndof, hqq)
@@ -253,7 +280,12 @@ contains
          call self%hessian(nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
          return
       end if
-      code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, hqq, hqp, hpp, self%user)
+      if (self%null_accepted .or. (present(hq) .and. present(hp) .and. present(hqq) .and. present(hqp) .and. &
+                                   present(hpp))) then
+         code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, hqq, hqp, hpp, self%user)
+      else
+         call whole_gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hq, hp, hqq, hqp, hpp)
+      end if
       if (code == 0) return
       call note(self, code)
       call spoil(nlane, ndof, hq)
@@ -262,6 +294,51 @@ contains
       call spoil(nlane, ndof*ndof, hqp)
       call spoil(nlane, ndof*ndof, hpp)
    end subroutine gradient_hessian
+
+   !> All blocks of the Hessian by a function that does not accept NULL; those that are wanted are kept.
+   subroutine whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)
+      type(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      integer(i4), intent(out) :: code
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), allocatable :: blocks(:, :, :, :)
+      integer :: info
+
+      code = out_of_memory
+      allocate (blocks(nlane, ndof, ndof, 3), stat=info)
+      if (info /= 0) return
+      code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, blocks(:, :, :, 1), blocks(:, :, :, 2), &
+                             blocks(:, :, :, 3), self%user)
+      if (present(hqq)) hqq = blocks(:, :, :, 1)
+      if (present(hqp)) hqp = blocks(:, :, :, 2)
+      if (present(hpp)) hpp = blocks(:, :, :, 3)
+   end subroutine whole_hessian
+
+   !> The same of the joint function.
+   subroutine whole_gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hq, hp, hqq, hqp, hpp)
+      type(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      integer(i4), intent(out) :: code
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), allocatable :: slopes(:, :, :), blocks(:, :, :, :)
+      integer :: info
+
+      code = out_of_memory
+      allocate (slopes(nlane, ndof, 2), blocks(nlane, ndof, ndof, 3), stat=info)
+      if (info /= 0) return
+      code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, slopes(:, :, 1), slopes(:, :, 2), &
+                                      blocks(:, :, :, 1), blocks(:, :, :, 2), blocks(:, :, :, 3), self%user)
+      if (present(hq)) hq = slopes(:, :, 1)
+      if (present(hp)) hp = slopes(:, :, 2)
+      if (present(hqq)) hqq = blocks(:, :, :, 1)
+      if (present(hqp)) hqp = blocks(:, :, :, 2)
+      if (present(hpp)) hpp = blocks(:, :, :, 3)
+   end subroutine whole_gradient_hessian
 
    !> The first nonzero code that a function returned since clear_failure; 0 = none.
    integer function failure_code(self) result(code)
@@ -312,6 +389,7 @@ contains
       left%on_hessian => right%on_hessian
       left%on_hessian_vector => right%on_hessian_vector
       left%on_gradient_hessian => right%on_gradient_hessian
+      left%null_accepted = right%null_accepted
       left%user = right%user
       if (.not. associated(left%failure)) allocate (left%failure)
       left%failure = 0

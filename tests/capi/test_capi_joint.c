@@ -139,6 +139,76 @@ static void test_joint_fails(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* calls with an output that is NULL, and with all of them */
+static int with_null, whole;
+
+static void count(int nlane, double *outputs[], int n) {
+   int missing = 0;
+   for (int i = 0; i < n; i++) {
+      missing += outputs[i] == NULL;
+      for (int lane = 0; outputs[i] != NULL && lane < nlane; lane++) {
+         outputs[i][lane] = 0;
+      }
+   }
+   *(missing > 0 ? &with_null : &whole) += 1;
+}
+
+static int count_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                          double *hq, double *hp, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)w, (void)q, (void)p, (void)user;
+   count(nlane, (double *[]){hq, hp}, 2);
+   return 0;
+}
+
+static int count_hessian(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                         double *hqq, double *hqp, double *hpp, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)w, (void)q, (void)p, (void)user;
+   count(nlane, (double *[]){hqq, hqp, hpp}, 3);
+   return 0;
+}
+
+static int count_joint(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                       double *hq, double *hp, double *hqq, double *hqp, double *hpp, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)w, (void)q, (void)p, (void)user;
+   count(nlane, (double *[]){hq, hp, hqq, hqp, hpp}, 5);
+   return 0;
+}
+
+/* ask for one output of each kind of a model whose H is zero */
+static void ask_for_parts(symsde_model model) {
+   const double w = 1;
+   double hq = 7, hqq = 7, hqp = 7, hpp = 7;
+   with_null = whole = 0;
+   OK(symsde_model_gradient(model, 1, 0.0, &w, &one, &zero, &hq, NULL, &error));
+   OK(symsde_model_gradient(model, 1, 0.0, &w, &one, &zero, NULL, &hq, &error));
+   OK(symsde_model_hessian(model, 1, 0.0, &w, &one, &zero, &hqq, NULL, NULL, &error));
+   OK(symsde_model_hessian(model, 1, 0.0, &w, &one, &zero, NULL, &hqp, NULL, &error));
+   OK(symsde_model_hessian(model, 1, 0.0, &w, &one, &zero, NULL, NULL, &hpp, &error));
+   CHECK(hq == 0 && hqq == 0 && hqp == 0 && hpp == 0);
+}
+
+/* NULL is handed out only to functions that accept it: others would write there */
+static void test_null_is_not_handed_out(void) {
+   symsde_model model = NULL, kubo = new_kubo();
+   symsde_traits traits;
+   symsde_traits_init(&traits);
+   traits.ndof = 1;
+   for (int alone = 0; alone < 2; alone++) {
+      OK(symsde_model_new("zero", &traits, count_gradient, NULL, alone ? NULL : count_hessian, NULL, NULL, &model,
+                          &error));
+      OK(symsde_model_set_gradient_hessian(model, count_joint, &error));
+      ask_for_parts(model);
+      CHECK(with_null == 0 && whole == 5);
+      OK(symsde_model_accept_null(model, &error));
+      ask_for_parts(model);
+      CHECK(with_null == 5 && whole == 0);
+      symsde_model_delete(&model);
+   }
+   EXPECT(SYMSDE_INCOMPATIBLE, "kubo|symsde_model_new", symsde_model_accept_null(kubo, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model is NULL", symsde_model_accept_null(NULL, &error));
+   symsde_model_delete(&kubo);
+}
+
 static void test_sincos(void) {
    enum { N = 1003 };
    static double x[N], sine[N + 1], cosine[N + 1];
@@ -171,6 +241,7 @@ int main(void) {
    (void)dw; /* run.h has it for others */
    test_joint_is_called();
    test_joint_fails();
+   test_null_is_not_handed_out();
    test_sincos();
    return close_report();
 }

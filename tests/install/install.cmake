@@ -18,6 +18,14 @@ run(${CMAKE_COMMAND} --build ${WORK}/build)
 run(${WORK}/build/consumer_fortran)
 run(${WORK}/build/consumer_c)
 
+# embedded, in a Debug build: the library's own strictness is not its users'
+run(${CMAKE_COMMAND} -S ${CONSUMER}/../embedding -B ${WORK}/embedding -D CMAKE_BUILD_TYPE=Debug
+   -D CMAKE_EXPORT_COMPILE_COMMANDS=ON -D CMAKE_Fortran_COMPILER=${FORTRAN} -D CMAKE_C_COMPILER=${CC} -G Ninja)
+file(READ ${WORK}/embedding/compile_commands.json commands)
+if(NOT commands MATCHES "midpoint[.]f90" OR commands MATCHES "-Werror")
+   message(FATAL_ERROR "a project that embeds symsde in a Debug build compiles it with -Werror, or not at all")
+endif()
+
 # pkg-config
 set(ENV{PKG_CONFIG_PATH} ${WORK}/prefix/${LIBDIR}/pkgconfig)
 set(ENV{LD_LIBRARY_PATH} ${WORK}/prefix/${LIBDIR})

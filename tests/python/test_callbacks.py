@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# ruff: noqa: PLR0917 - callbacks of C take what they take
-"""Models of the user: NumPy functions, compiled functions, and what goes wrong in them."""
+"""Models of the user in NumPy functions, what goes wrong in them, and threads that ask one model."""
 
-import ctypes
 import gc
 import threading
 import traceback
@@ -192,111 +190,6 @@ def test_kept_state_is_a_copy(options):
     ss.simulate(ss.Model(ndof=1, nnoise=1, gradient=gradient), **options)
     gc.collect()
     assert kept and all(q.flags.owndata for q in kept)
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_numba(scheme, kubo, options):
-    numba = pytest.importorskip("numba")
-    carray = numba.carray
-
-    @numba.cfunc(ss.numba_signature("gradient"))
-    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
-        weights = carray(w, (nham, nlane))
-        for state, out in ((q, hq), (p, hp)):
-            x, slope = carray(state, (ndof, nlane)), carray(out, (ndof, nlane))
-            if slope.ctypes.data != 0:  # wanted
-                slope[0] = (weights[0] + 0.3 * weights[1]) * x[0]
-        return 0
-
-    @numba.cfunc(ss.numba_signature("value"))
-    def value(nlane, ndof, nham, t, w, q, p, value, user):
-        for i in range(nlane):
-            value[i] = (w[i] + 0.3 * w[nlane + i]) * (q[i] ** 2 + p[i] ** 2) / 2
-        return 0
-
-    model = ss.Model(ndof=1, nnoise=1, gradient=gradient, value=value, separable=True)
-    assert not model.in_python
-    with pytest.raises(errors.WrongTypeError, match="gradient takes 9 arguments and not 10"):
-        ss.Model(ndof=1, nnoise=1, gradient=value)
-    mine, known = (ss.moments(m, scheme=scheme, **options) for m in (model, kubo))
-    np.testing.assert_allclose(mine.mean_q, known.mean_q, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(mine.mean_energy, known.mean_energy, rtol=0, atol=1e-11)
-
-
-def test_numba_gradient_hessian_and_sincos():
-    numba = pytest.importorskip("numba")
-    sincos = ss.numba_sincos()
-
-    @numba.cfunc(ss.numba_signature("gradient"))
-    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
-        force, velocity = numba.carray(hq, nlane), numba.carray(hp, nlane)
-        sine, cosine = np.empty(nlane), np.empty(nlane)
-        sincos(nlane, q, sine.ctypes, cosine.ctypes)
-        for i in range(nlane):
-            if force.ctypes.data != 0:
-                force[i] = (4.0 * w[i] + 0.1 * w[2 * nlane + i]) * sine[i] + 0.2 * w[nlane + i] * cosine[i]
-            if velocity.ctypes.data != 0:
-                velocity[i] = w[i] * p[i]
-        return 0
-
-    @numba.cfunc(ss.numba_signature("gradient_hessian"))
-    def gradient_hessian(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):
-        force, velocity, stiffness = numba.carray(hq, nlane), numba.carray(hp, nlane), numba.carray(hqq, nlane)
-        mixed, mass = numba.carray(hqp, nlane), numba.carray(hpp, nlane)
-        sine, cosine = np.empty(nlane), np.empty(nlane)
-        sincos(nlane, q, sine.ctypes, cosine.ctypes)
-        for i in range(nlane):
-            a, b = 4.0 * w[i] + 0.1 * w[2 * nlane + i], 0.2 * w[nlane + i]
-            if force.ctypes.data != 0:
-                force[i] = a * sine[i] + b * cosine[i]
-            if velocity.ctypes.data != 0:
-                velocity[i] = w[i] * p[i]
-            if stiffness.ctypes.data != 0:
-                stiffness[i] = a * cosine[i] - b * sine[i]
-            if mixed.ctypes.data != 0:
-                mixed[i] = 0.0
-            if mass.ctypes.data != 0:
-                mass[i] = w[i]
-        return 0
-
-    declared = {"separable": True, "position_noise": True, "identity_mass": True}
-    model = ss.Model(ndof=1, nnoise=2, gradient=gradient, gradient_hessian=gradient_hessian, **declared)
-    run = {"q0": 1.0, "p0": 0.0, "step": 0.05, "steps": 40, "paths": 30, "seed": 7}
-    for scheme in ("midpoint", "gauss2"):
-        mine, known = (ss.simulate(m, scheme=scheme, **run) for m in (model, ss.models.synchrotron()))
-        np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
-    with pytest.raises(errors.WrongTypeError, match="gradient_hessian takes 10 arguments and not 13"):
-        ss.Model(ndof=1, nnoise=2, gradient=gradient, gradient_hessian=gradient)
-
-
-def c_gradient():
-    from symsde._abi import CALLBACKS
-
-    def function(nlane, ndof, nham, t, w, q, p, hq, hp, user):
-        arrays = [np.ctypeslib.as_array((ctypes.c_double * nlane).from_address(a)) for a in (w, q, p)]
-        rate = arrays[0]
-        for source, target in ((arrays[1], hq), (arrays[2], hp)):
-            if target is not None:
-                np.ctypeslib.as_array((ctypes.c_double * nlane).from_address(target))[:] = rate * source
-        return 7 if user == 7 else 0
-
-    return CALLBACKS["gradient"](function)
-
-
-def test_ctypes_pointer():
-    pointer = c_gradient()
-    model = ss.Model(ndof=1, nnoise=0, gradient=pointer)
-    run = ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=10, threads=1)
-    np.testing.assert_allclose(run.q, ss.simulate(ss.models.kubo(sigma=0.0), q0=1.0, p0=0.0, step=0.1, steps=10).q)
-
-
-def test_low_level_callable_and_its_failure():
-    scipy = pytest.importorskip("scipy")
-    pointer = c_gradient()
-    callable_ = scipy.LowLevelCallable(pointer, ctypes.c_void_p(7))
-    model = ss.Model(ndof=1, nnoise=0, gradient=callable_)
-    with pytest.raises(errors.CallbackError, match="7"):
-        ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=10, threads=1)
 
 
 def test_models_are_freed_with_their_functions():

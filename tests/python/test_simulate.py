@@ -2,6 +2,11 @@
 """Shapes, states, reports, failures and files of runs; steps and increments."""
 
 import json
+import math
+import os
+import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -174,3 +179,68 @@ def test_npz(kubo, options, tmp_path):
         assert json.loads(str(read["attributes"]))["scheme"] == "midpoint"
     with pytest.raises(ValueError, match=r"run\.xls.*\.nc or \.npz"):
         run.save(tmp_path / "run.xls")
+
+
+def lattice(sites, sigma, noises_at=None, **declared):
+    """Oscillators, each noise in the stiffness of the site that it acts on."""
+    at = list(range(sites)) if noises_at is None else noises_at
+
+    def stiffness(w):
+        k = np.repeat(w[:1], sites, axis=0)
+        for j, site in enumerate(at):
+            k[site] += sigma * w[1 + j]
+        return k
+
+    def hessian(t, w, q, p):
+        eye = np.eye(sites)[:, :, None]
+        return eye * stiffness(w), np.zeros_like(eye * w[0]), eye * w[0]
+
+    def gradient(t, w, q, p):
+        return stiffness(w) * q, w[0] * p
+
+    return ss.Model(ndof=sites, nnoise=len(at), gradient=gradient, hessian=hessian, **declared)
+
+
+@pytest.mark.parametrize("bandwidth", [None, 0, 1])
+def test_noises_on_different_sites_do_not_add_up(bandwidth):
+    """Solvable for certain while sigma |dW|/2 < 1: normals below 2/(sigma sqrt h) = 6.3 here, whatever the sites."""
+    run = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 10, "paths": 3}
+
+    def alarms(*given):
+        report = ss.simulate(lattice(*given, separable=True, bandwidth=bandwidth), **run).report
+        return [text for text in report.warnings if "too strong for certain solvability" in text]
+
+    assert alarms(20, 1.0) == []
+    (said,) = alarms(20, 2.0)  # 20 noises, 3 paths, 10 steps: 600 erfc(3.162/sqrt 2) = 0.94
+    assert "normals above 3.162" in said
+    assert float(re.search(r"expected ([\d.]+)", said)[1]) == pytest.approx(600 * math.erfc(math.sqrt(5)), rel=1e-3)
+    (said,) = alarms(20, 1.0, [4] * 20)  # all on one site: these do add up
+    assert "normals above 0.316" in said
+
+
+THREADS = """
+import symsde as ss
+run = ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=1, paths=64, lanes=8%s)
+print(run.report.threads)
+"""
+
+
+def with_threads(value, more=""):
+    """Threads of a run in a process with this SYMSDE_NUM_THREADS, or what it says on standard error."""
+    environment = {**os.environ, "SYMSDE_NUM_THREADS": value, "OMP_NUM_THREADS": "2"}
+    code = THREADS % more
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    return int(done.stdout) if done.returncode == 0 else done.stderr.splitlines()[-1]
+
+
+def test_threads_by_the_environment():
+    assert with_threads("3") == 3 and with_threads(" 4 ") == 4 and with_threads("1024") == 8  # one a block
+    assert with_threads("3", ", threads=2") == 2  # the option wins
+    assert with_threads("") == 2  # OpenMP's
+
+
+@pytest.mark.parametrize("value", ["abc", "0", "-2", "1025", "2.5", "3,5", "4x", "1e3", "9" * 40, "2*3", "3 4"])
+def test_an_environment_that_names_no_threads_is_refused(value):
+    said = with_threads(value)
+    assert isinstance(said, str) and said.startswith("symsde.errors.InvalidArgumentError"), said
+    assert f'SYMSDE_NUM_THREADS is "{value[:32]}"' in said and "from 1 to 1024" in said

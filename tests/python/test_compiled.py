@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# ruff: noqa: PLR0917 - callbacks of C take what they take
+"""Models of compiled functions: numba, ctypes, LowLevelCallable; wrong signatures, outputs that are not wanted."""
+
+import ctypes
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import errors
+
+SCHEMES = ["midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "heun", "euler_maruyama"]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_numba(scheme, kubo, options):
+    numba = pytest.importorskip("numba")
+    carray = numba.carray
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        weights = carray(w, (nham, nlane))
+        for state, out in ((q, hq), (p, hp)):
+            x, slope = carray(state, (ndof, nlane)), carray(out, (ndof, nlane))
+            slope[0] = (weights[0] + 0.3 * weights[1]) * x[0]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("value"))
+    def value(nlane, ndof, nham, t, w, q, p, value, user):
+        for i in range(nlane):
+            value[i] = (w[i] + 0.3 * w[nlane + i]) * (q[i] ** 2 + p[i] ** 2) / 2
+        return 0
+
+    model = ss.Model(ndof=1, nnoise=1, gradient=gradient, value=value, separable=True)
+    assert not model.in_python
+    with pytest.raises(errors.WrongTypeError, match="gradient takes 9 arguments and not 10"):
+        ss.Model(ndof=1, nnoise=1, gradient=value)
+    mine, known = (ss.moments(m, scheme=scheme, **options) for m in (model, kubo))
+    np.testing.assert_allclose(mine.mean_q, known.mean_q, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(mine.mean_energy, known.mean_energy, rtol=0, atol=1e-11)
+
+
+def test_numba_gradient_hessian_and_sincos():
+    numba = pytest.importorskip("numba")
+    sincos = ss.numba_sincos()
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        force, velocity = numba.carray(hq, nlane), numba.carray(hp, nlane)
+        sine, cosine = np.empty(nlane), np.empty(nlane)
+        sincos(nlane, q, sine.ctypes, cosine.ctypes)
+        for i in range(nlane):
+            if force.ctypes.data != 0:
+                force[i] = (4.0 * w[i] + 0.1 * w[2 * nlane + i]) * sine[i] + 0.2 * w[nlane + i] * cosine[i]
+            if velocity.ctypes.data != 0:
+                velocity[i] = w[i] * p[i]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("gradient_hessian"))
+    def gradient_hessian(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):
+        force, velocity, stiffness = numba.carray(hq, nlane), numba.carray(hp, nlane), numba.carray(hqq, nlane)
+        mixed, mass = numba.carray(hqp, nlane), numba.carray(hpp, nlane)
+        sine, cosine = np.empty(nlane), np.empty(nlane)
+        sincos(nlane, q, sine.ctypes, cosine.ctypes)
+        for i in range(nlane):
+            a, b = 4.0 * w[i] + 0.1 * w[2 * nlane + i], 0.2 * w[nlane + i]
+            if force.ctypes.data != 0:
+                force[i] = a * sine[i] + b * cosine[i]
+            if velocity.ctypes.data != 0:
+                velocity[i] = w[i] * p[i]
+            if stiffness.ctypes.data != 0:
+                stiffness[i] = a * cosine[i] - b * sine[i]
+            if mixed.ctypes.data != 0:
+                mixed[i] = 0.0
+            if mass.ctypes.data != 0:
+                mass[i] = w[i]
+        return 0
+
+    declared = {"separable": True, "position_noise": True, "identity_mass": True}
+    model = ss.Model(
+        ndof=1, nnoise=2, gradient=gradient, gradient_hessian=gradient_hessian, accepts_null=True, **declared
+    )
+    run = {"q0": 1.0, "p0": 0.0, "step": 0.05, "steps": 40, "paths": 30, "seed": 7}
+    for scheme in ("midpoint", "gauss2"):
+        mine, known = (ss.simulate(m, scheme=scheme, **run) for m in (model, ss.models.synchrotron()))
+        np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
+    with pytest.raises(errors.WrongTypeError, match="gradient_hessian takes 10 arguments and not 13"):
+        ss.Model(ndof=1, nnoise=2, gradient=gradient, gradient_hessian=gradient)
+
+
+def numba_functions(types, returned="int32"):
+    """A gradient whose arrays are of these types."""
+    numba = pytest.importorskip("numba")
+    pointers = ", ".join(f"CPointer({name})" for name in types)
+    lines = ", ".join("abcdefgh"[: len(types)])
+    function = eval(f"lambda nlane, ndof, nham, t, {lines}, user: 0")
+    return numba.cfunc(f"{returned}(int32, int32, int32, float64, {pointers}, voidptr)")(function)
+
+
+@pytest.mark.parametrize(
+    ("types", "returned", "words"),
+    [
+        (["float64"] * 5, "float64", "gradient returns float64 and not int32"),
+        (["float64"] * 5, "int64", "gradient returns int64 and not int32"),
+        (
+            ["float64", "float32", "float64", "float64", "float64"],
+            "int32",
+            r"argument 6 .* is float32\* and not float64\*",
+        ),
+        (["float64", "float64", "float64", "float64", "int64"], "int32", r"argument 9 .* is int64\* and not float64\*"),
+        (["float64"] * 4, "int32", "takes 9 arguments and not 10"),
+    ],
+)
+def test_numba_signatures_are_compared(types, returned, words):
+    with pytest.raises(errors.WrongTypeError, match=rf"{words}.*numba_signature\('gradient'\)"):
+        ss.Model(ndof=1, nnoise=0, gradient=numba_functions(types, returned))
+
+
+def test_swapped_arguments_of_numba_are_refused():
+    numba = pytest.importorskip("numba")
+    arrays = ", ".join(["CPointer(float64)"] * 5)
+    swapped = numba.cfunc(f"int32(float64, int32, int32, int32, {arrays}, voidptr)")(
+        lambda t, nlane, ndof, nham, w, q, p, hq, hp, user: 0
+    )
+    with pytest.raises(errors.WrongTypeError, match="argument 1 of the compiled gradient is float64 and not int32"):
+        ss.Model(ndof=1, nnoise=0, gradient=swapped)
+
+
+@pytest.mark.parametrize(
+    ("result", "arguments", "words"),
+    [
+        (ctypes.c_double, (ctypes.c_int,) * 3 + (ctypes.c_double,) + (ctypes.c_void_p,) * 6, "returns .*c_double"),
+        (ctypes.c_int, (ctypes.c_double,) + (ctypes.c_int,) * 3 + (ctypes.c_void_p,) * 6, r"takes \(c_double, c_int"),
+        (ctypes.c_int, (ctypes.c_int,) * 3 + (ctypes.c_float,) + (ctypes.c_void_p,) * 6, r"c_float, c_void_p"),
+        (ctypes.c_int, (ctypes.c_int,) * 3 + (ctypes.c_double,) + (ctypes.c_void_p,) * 5, "takes"),
+    ],
+)
+def test_ctypes_signatures_are_compared(result, arguments, words):
+    pointer = ctypes.CFUNCTYPE(result, *arguments)(lambda *_: 0)
+    with pytest.raises(errors.WrongTypeError, match=words):
+        ss.Model(ndof=1, nnoise=0, gradient=pointer)
+
+
+def test_ctypes_pointers_to_numbers_are_addresses_too():
+    array = ctypes.POINTER(ctypes.c_double)
+    kind = ctypes.CFUNCTYPE(
+        ctypes.c_int, *(ctypes.c_int,) * 3, ctypes.c_double, *(array,) * 5, ctypes.POINTER(ctypes.c_int)
+    )
+    model = ss.Model(ndof=1, nnoise=0, gradient=kind(lambda *_: 0))
+    np.testing.assert_array_equal(ss.simulate(model, q0=1.0, p0=0.5, step=0.1, steps=2, threads=1).q, 1.0)
+
+
+def all_schemes():
+    """Every scheme that takes one noise of any kind, and every way to solve."""
+    found = [(name, {}) for name in ss.schemes.names() if ss.schemes.get(name).info.order_commutative > 0]
+    return [*found, ("midpoint", {"general": True}), ("midpoint", {"fixed_point": 5}), ("gauss2", {"general": True})]
+
+
+@pytest.fixture(scope="module")
+def careless():
+    """Kubo's oscillator in numba, whose functions write every output without a look whether there is one."""
+    numba = pytest.importorskip("numba")
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        for i in range(nlane):
+            rate = w[i] + 0.3 * w[nlane + i]
+            hq[i], hp[i] = rate * q[i], rate * p[i]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("hessian"))
+    def hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user):
+        for i in range(nlane):
+            rate = w[i] + 0.3 * w[nlane + i]
+            hqq[i], hqp[i], hpp[i] = rate, 0.0, rate
+        return 0
+
+    @numba.cfunc(ss.numba_signature("gradient_hessian"))
+    def joint(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):
+        for i in range(nlane):
+            rate = w[i] + 0.3 * w[nlane + i]
+            hq[i], hp[i], hqq[i], hqp[i], hpp[i] = rate * q[i], rate * p[i], rate, 0.0, rate
+        return 0
+
+    common = {"ndof": 1, "nnoise": 1, "gradient": gradient, "separable": True}
+    return {
+        "gradient": ss.Model(**common),
+        "hessian": ss.Model(hessian=hessian, **common),
+        "joint": ss.Model(hessian=hessian, gradient_hessian=joint, **common),
+        "joint alone": ss.Model(gradient_hessian=joint, **common),
+    }
+
+
+@pytest.mark.parametrize("offer", ["gradient", "hessian", "joint", "joint alone"])
+def test_careless_compiled_functions_are_safe(offer, careless, kubo, options):
+    """With NULL for an unwanted output the first of these would end the process."""
+    for scheme, more in all_schemes():
+        try:
+            known = ss.simulate(kubo, scheme=scheme, **more, **options)
+        except errors.IncompatibleError:
+            continue  # a quadrature that multiplicative noise does not allow
+        mine = ss.simulate(careless[offer], scheme=scheme, **more, **options)
+        np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-9, err_msg=f"{scheme} {more}")
+    for name in ("gradient", "hessian"):
+        mine, known = (getattr(model, name)(0.3, 0.4, [1.0, 2.0]) for model in (careless[offer], kubo))
+        np.testing.assert_allclose(mine, known, rtol=1e-6, atol=1e-7)
+
+
+def counting(wanted):
+    """A gradient in ctypes that counts calls with and without NULL."""
+    from symsde._abi import CALLBACKS
+
+    def function(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        wanted["NULL" if hq is None or hp is None else "whole"] += 1
+        arrays = [np.ctypeslib.as_array((ctypes.c_double * nlane).from_address(a)) for a in (w, q, p)]
+        for source, target in ((arrays[1], hq), (arrays[2], hp)):
+            if target is not None:
+                np.ctypeslib.as_array((ctypes.c_double * nlane).from_address(target))[:] = arrays[0] * source
+        return 0
+
+    return CALLBACKS["gradient"](function)
+
+
+@pytest.mark.parametrize("accepts", [False, True])
+def test_null_only_where_it_is_accepted(accepts):
+    wanted = {"NULL": 0, "whole": 0}
+    model = ss.Model(ndof=1, nnoise=0, gradient=counting(wanted), separable=True, accepts_null=accepts)
+    ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=10, threads=1, scheme="stormer_verlet")
+    assert (wanted["NULL"] == 0) != accepts
+    assert wanted["whole"] > (0 if accepts else 20)
+
+
+def c_gradient():
+    from symsde._abi import CALLBACKS
+
+    def function(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        arrays = [np.ctypeslib.as_array((ctypes.c_double * nlane).from_address(a)) for a in (w, q, p)]
+        rate = arrays[0]
+        for source, target in ((arrays[1], hq), (arrays[2], hp)):
+            if target is not None:
+                np.ctypeslib.as_array((ctypes.c_double * nlane).from_address(target))[:] = rate * source
+        return 7 if user == 7 else 0
+
+    return CALLBACKS["gradient"](function)
+
+
+def test_ctypes_pointer():
+    pointer = c_gradient()
+    model = ss.Model(ndof=1, nnoise=0, gradient=pointer)
+    run = ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=10, threads=1)
+    np.testing.assert_allclose(run.q, ss.simulate(ss.models.kubo(sigma=0.0), q0=1.0, p0=0.0, step=0.1, steps=10).q)
+
+
+def test_low_level_callable_and_its_failure():
+    scipy = pytest.importorskip("scipy")
+    pointer = c_gradient()
+    callable_ = scipy.LowLevelCallable(pointer, ctypes.c_void_p(7))
+    model = ss.Model(ndof=1, nnoise=0, gradient=callable_)
+    with pytest.raises(errors.CallbackError, match="7"):
+        ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=10, threads=1)
