@@ -91,6 +91,16 @@ class Options(Structure):
         ("progress_user", c_void_p),
     )
 
+    def __reduce__(self) -> tuple:
+        """For pickle and copies: the numbers; who is told of progress stays where it is."""
+        numbers = [name for name, *_ in self._fields_ if not name.startswith("progress")]
+        return _made, (Options, {name: getattr(self, name) for name in numbers})
+
+
+def _made(struct: type[Structure], members: dict) -> Structure:
+    """A struct with these members."""
+    return struct(**members)
+
 
 class Input(Structure):
     """symsde_input."""

@@ -117,13 +117,13 @@ def make_options(
     """Options of the C interface; types and ranges are checked here, their meaning by the library."""
     for key in unknown:
         raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}")
-    for key, value in (("step", step), ("steps", steps)):
-        if value is None:
-            raise WrongTypeError(f"{key} is missing: give step, the size h, and steps, their number")
     if not isinstance(model, Model):
         raise WrongTypeError(
             f"model = {_checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
         )
+    for key, value in (("step", step), ("steps", steps)):
+        if value is None:
+            raise WrongTypeError(f"{key} is missing: give step, the size h, and steps, their number")
     integer = _checks.integer
     options = _handles.new(_abi.Options, "options")
     options.step = _checks.number("step", step)

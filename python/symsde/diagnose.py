@@ -155,7 +155,6 @@ def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
         ctypes.byref(setup.input()),
         address(q),
         address(p),
-        also=(setup.scheme,),
     )
     return q, p
 

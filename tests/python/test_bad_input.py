@@ -118,7 +118,7 @@ OTHERS = [
         errors.WrongTypeError,
         ["steps is missing"],
     ),
-    (lambda: ss.convergence(MODEL, **ONE, steps=[4, 8], dt=1), errors.WrongTypeError, ["no option 'dt'"]),
+    (lambda: ss.convergence(MODEL, **ONE, steps=[4, 8], dt=1), errors.InvalidArgumentError, ["'dt' is no option"]),
     (
         lambda: ss.work_precision(MODEL, **ONE, invariants={"I": 1}),
         errors.InvalidArgumentError,

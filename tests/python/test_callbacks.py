@@ -66,7 +66,7 @@ def test_evaluation(user_kubo, kubo):
 def test_hessian_vector_is_used(options):
     called = []
 
-    def hessian_vector(t, w, q, p, vq, vp):
+    def hessian_vector(t, w, q, p, vq, vp):  # noqa: PLR0917
         called.append(vq.shape)
         rate = w[0] + 0.3 * w[1]
         return rate * vq, rate * vp
