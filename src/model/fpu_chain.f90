@@ -95,20 +95,16 @@ contains
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
-      real(wp) :: r(nlane), force(nlane), beta, sigma
+      real(wp) :: force(nlane), wall(nlane)
       integer :: i
 
-      beta = self%beta
-      sigma = self%sigma
       if (present(hq)) then
-         call stretch(nlane, ndof, 0, q, r)
-         force = r + beta*r**3
-         do i = 1, ndof
-            hq(:, i) = force
-            call stretch(nlane, ndof, i, q, r)
-            force = r + beta*r**3
-            hq(:, i) = w(:, 0)*(hq(:, i) - force) - sigma*w(:, i)
+         wall = 0
+         force = q(:, 1)*(1 + self%beta*q(:, 1)**2)
+         do i = 1, ndof - 1
+            call gradient_row(nlane, self%beta, self%sigma, w, w(1, i), q(1, i), q(1, i + 1), force, hq(1, i))
          end do
+         call gradient_row(nlane, self%beta, self%sigma, w, w(1, ndof), q(1, ndof), wall, force, hq(1, ndof))
       end if
       if (present(hp)) then
          do i = 1, ndof
@@ -116,6 +112,24 @@ contains
          end do
       end if
    end subroutine gradient
+
+   !> VEC Row i from the force of the spring before it, which becomes that of the spring after it.
+   pure subroutine gradient_row(nlane, beta, sigma, weight, dw, q, next_q, force, hq)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: beta, sigma
+      real(wp), intent(in), dimension(nlane) :: weight, dw, q, next_q
+      real(wp), intent(inout) :: force(nlane)
+      real(wp), intent(out) :: hq(nlane)
+      real(wp) :: r, next_force
+      integer :: lane
+
+      do lane = 1, nlane
+         r = next_q(lane) - q(lane)
+         next_force = r*(1 + beta*r**2)
+         hq(lane) = weight(lane)*(force(lane) - next_force) - sigma*dw(lane)
+         force(lane) = next_force
+      end do
+   end subroutine gradient_row
 
    !> Dense blocks of the Hessian of sum_j w_j H_j, for callers that do not use the bands.
    subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)

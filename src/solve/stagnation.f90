@@ -216,8 +216,8 @@ contains
       do i = 2, n
          do lane = 1, nlane
             x(lane, i) = merge(x(lane, i) - r(lane, i), x(lane, i), last(lane) >= 0)
-            ! 0*r keeps a NaN, which max would drop
-            step(lane) = max(step(lane), abs(r(lane, i))) + 0*r(lane, i)
+            ! 0*(..) keeps a NaN of this row and of those before, which max would drop
+            step(lane) = max(step(lane), abs(r(lane, i))) + 0*(step(lane) + r(lane, i))
             size(lane) = max(size(lane), abs(x(lane, i)))
          end do
       end do

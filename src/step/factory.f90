@@ -25,6 +25,7 @@ module symsde_step_factory
    use symsde_step_midpoint_single, only: midpoint_single_stepper, new_midpoint_single_stepper
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_one_sided, only: one_sided_stepper, new_one_sided_stepper, is_one_sided
+   use symsde_step_stages, only: stages_stepper, new_stages_stepper, fits_stages
    use symsde_step_stepper, only: stepper_type
    use symsde_step_two_stage_single, only: two_stage_single_stepper, new_two_stage_single_stepper, &
                                            fits_two_stage_single
@@ -79,6 +80,8 @@ contains
          allocate (one_sided_stepper :: stepper)
       else if (correction == correction_none .and. fits_two_stage_single(model, scheme, options%newton)) then
          allocate (two_stage_single_stepper :: stepper)
+      else if (correction == correction_none .and. fits_stages(model, scheme, options%newton)) then
+         allocate (stages_stepper :: stepper)
       else
          allocate (general_stepper :: stepper)
       end if
@@ -178,6 +181,8 @@ contains
          call new_one_sided_stepper(stepper, model, scheme, correction, nlane, options%newton)
       type is (two_stage_single_stepper)
          call new_two_stage_single_stepper(stepper, model, scheme, nlane, options%newton)
+      type is (stages_stepper)
+         call new_stages_stepper(stepper, model, scheme, nlane, options%newton)
       type is (general_stepper)
          call new_general_stepper(stepper, model, scheme, correction, nlane, options%newton)
       end select

@@ -1,0 +1,89 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Sums of the slopes of stages. A slope whose coefficient is zero is never read: it may not be known yet.
+module symsde_step_slopes
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: add_slopes
+
+contains
+
+   !> total = start + factor sum_j coefficient_j slope_j
+   pure subroutine add_slopes(n, nstage, factor, coefficient, slope, start, total)
+      integer, intent(in) :: n, nstage
+      real(wp), intent(in) :: factor, coefficient(nstage), slope(n, nstage), start(n)
+      real(wp), intent(out) :: total(n)
+      real(wp) :: c(nstage)
+      integer :: used(nstage), m, j
+
+      m = 0
+      do j = 1, nstage
+         if (abs(coefficient(j)) <= 0) cycle
+         m = m + 1
+         used(m) = j
+         c(m) = factor*coefficient(j)
+      end do
+      select case (m)
+      case (0)
+         total = start
+      case (1)
+         call add_one(n, c(1), slope(1, used(1)), start, total)
+      case (2)
+         call add_two(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), start, total)
+      case default
+         call add_three(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), c(3), slope(1, used(3)), start, total)
+         do j = 4, m
+            call add_more(n, c(j), slope(1, used(j)), total)
+         end do
+      end select
+   end subroutine add_slopes
+
+   !> VEC
+   pure subroutine add_one(n, c, x, start, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c, x(n), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = start(i) + c*x(i)
+      end do
+   end subroutine add_one
+
+   !> VEC
+   pure subroutine add_two(n, a, x, b, y, start, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: a, b, x(n), y(n), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = start(i) + (a*x(i) + b*y(i))
+      end do
+   end subroutine add_two
+
+   !> VEC
+   pure subroutine add_three(n, a, x, b, y, c, z, start, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: a, b, c, x(n), y(n), z(n), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = start(i) + (a*x(i) + b*y(i) + c*z(i))
+      end do
+   end subroutine add_three
+
+   !> VEC
+   pure subroutine add_more(n, c, x, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c, x(n)
+      real(wp), intent(inout) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = total(i) + c*x(i)
+      end do
+   end subroutine add_more
+
+end module symsde_step_slopes

@@ -1,0 +1,154 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The equations of implicit stages in a few lanes: points, slopes and increments.
+!>
+!> The slopes of stage i are G_i = -Hhat_q(Q_i,P_i), and what Hhat_p is beyond the momenta of p.p/2,
+!>
+!>    C_i = Hhat_p(Q_i,P_i) - kappa P_i        kappa = h where H = p.p/2 + U(q), else 0
+!>
+!> with the points, in the words of step/stage_plan,
+!>
+!>    Q_i = q_n + r_i kappa p_n + sum_j a_ij C_j + kappa sum_k B_ik G_k
+!>    P_i = p_n + sum_k abar_ik G_k
+!>    dq  = kappa p_n + sum_j alpha_j C_j + kappa sum_k v_k G_k,   dp = sum_k alpha_k G_k
+!>
+!> For noise in position C vanishes, for additive noise it is known beforehand, so that the G alone are
+!> unknown (`eliminated`); brackets of schemes beyond order one make it small; elsewhere it is all of Hhat_p.
+module symsde_step_stage_equations
+   use symsde_base_kinds, only: wp
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
+   use symsde_step_slopes, only: add_slopes
+   use symsde_step_stage_plan, only: stage_plan, new_stage_plan
+   implicit none
+   private
+   public :: stage_equations, new_stage_equations
+
+   type :: stage_equations
+      type(stage_plan) :: plan
+      type(one_step_hamiltonian) :: ham
+      logical :: eliminated = .false.           !! the G alone are unknown
+      logical :: has_c = .false.                !! C does not vanish
+      logical, private :: identity_mass = .false.
+      real(wp) :: t = 0, h = 0, kappa = 0       !! of this step
+      real(wp), allocatable :: w(:, :)          !! (nlane, 0:nnoise)
+      real(wp), allocatable :: q(:, :), p(:, :) !! where the step begins (nlane, ndof)
+      real(wp), allocatable :: base(:, :, :)    !! what Q_i has of known slopes (nlane, ndof, nstage)
+      real(wp), allocatable :: g(:, :, :), c(:, :, :)    !! slopes (nlane, ndof, nstage)
+      real(wp), allocatable :: qs(:, :), ps(:, :)        !! the point that was placed last (nlane, ndof)
+      real(wp), allocatable :: hq(:, :), hp(:, :)        !! Hhat_q and C there (nlane, ndof)
+   contains
+      procedure :: begin
+      procedure :: place
+      procedure :: evaluate
+      procedure :: add_up
+      procedure :: time_of
+   end type stage_equations
+
+contains
+
+   !> Equations for nlane lanes.
+   subroutine new_stage_equations(self, model, scheme, nlane)
+      type(stage_equations), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: nlane
+      integer :: n, s
+
+      n = model%traits%ndof
+      s = scheme%nstage
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%expansion)
+      associate (t => model%traits)
+         self%identity_mass = t%identity_mass
+         self%eliminated = t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0) .and. &
+                           .not. allocated(self%ham%extra)
+         self%has_c = .not. (self%eliminated .and. (t%position_noise .or. t%nnoise == 0))
+      end associate
+      call new_stage_plan(self%plan, scheme, self%eliminated)
+      allocate (self%w(nlane, 0:model%traits%nnoise), self%q(nlane, n), self%p(nlane, n))
+      allocate (self%base(nlane, n, s), self%g(nlane, n, s), self%qs(nlane, n), self%hq(nlane, n))
+      if (.not. self%has_c) return
+      allocate (self%c(nlane, n, s), self%ps(nlane, n), self%hp(nlane, n))
+   end subroutine new_stage_equations
+
+   !> A step from q and p, with the weights w: all three are in place.
+   subroutine begin(self, t)
+      class(stage_equations), intent(inout) :: self
+      real(wp), intent(in) :: t  !! where the step begins [time]
+      integer :: i
+
+      self%t = t
+      self%h = self%w(1, 0)
+      self%kappa = merge(self%h, 0.0_wp, self%identity_mass)
+      associate (s => self%plan%nstage, size => size(self%q), plan => self%plan)
+         if (self%eliminated .and. self%has_c) then
+            self%ps = 0
+            do i = 1, s
+               call self%ham%gradient(self%time_of(i), self%w, self%q, self%ps, hp=self%c(:, :, i))
+            end do
+         end if
+         do i = 1, s
+            call add_slopes(size, 1, self%kappa, plan%r(i:i), self%p, self%q, self%base(:, :, i))
+            if (.not. (self%eliminated .and. self%has_c)) cycle
+            call add_slopes(size, s, 1.0_wp, plan%a(:, i), self%c, self%base(:, :, i), self%qs)
+            self%base(:, :, i) = self%qs
+         end do
+      end associate
+   end subroutine begin
+
+   !> t_i = t_n + c_i h
+   pure real(wp) function time_of(self, i) result(t)
+      class(stage_equations), intent(in) :: self
+      integer, intent(in) :: i
+
+      t = self%t + self%plan%c(i)*self%h
+   end function time_of
+
+   !> Put (Q_i, P_i) where the slopes are weighed by these coefficients.
+   subroutine place(self, i, b, a, abar)
+      class(stage_equations), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in), dimension(self%plan%nstage) :: b, a, abar
+
+      associate (s => self%plan%nstage, size => size(self%q))
+         if (self%eliminated) then
+            call add_slopes(size, s, self%kappa, b, self%g, self%base(:, :, i), self%qs)
+            return
+         end if
+         call add_slopes(size, s, self%kappa, b, self%g, self%base(:, :, i), self%ps)
+         call add_slopes(size, s, 1.0_wp, a, self%c, self%ps, self%qs)
+         call add_slopes(size, s, 1.0_wp, abar, self%g, self%p, self%ps)
+      end associate
+   end subroutine place
+
+   !> Hhat_q and C at the point that was placed for stage i.
+   subroutine evaluate(self, i)
+      class(stage_equations), intent(inout) :: self
+      integer, intent(in) :: i
+
+      if (self%eliminated) then
+         call self%ham%gradient(self%time_of(i), self%w, self%qs, self%p, hq=self%hq)
+         return
+      end if
+      call self%ham%gradient(self%time_of(i), self%w, self%qs, self%ps, hq=self%hq, hp=self%hp)
+      if (self%identity_mass) self%hp = self%hp - self%kappa*self%ps
+   end subroutine evaluate
+
+   !> Increments from the slopes.
+   subroutine add_up(self, dq, dp)
+      class(stage_equations), intent(inout) :: self
+      real(wp), intent(out), dimension(self%ham%nlane, self%ham%ndof) :: dq, dp
+
+      associate (s => self%plan%nstage, size => size(self%q), plan => self%plan)
+         self%qs = self%kappa*sum(plan%alpha)*self%p
+         call add_slopes(size, s, self%kappa, plan%v, self%g, self%qs, dq)
+         if (self%has_c) then
+            call add_slopes(size, s, 1.0_wp, plan%alpha, self%c, dq, self%qs)
+            dq = self%qs
+         end if
+         self%qs = 0
+         call add_slopes(size, s, 1.0_wp, plan%alpha, self%g, self%qs, dp)
+      end associate
+   end subroutine add_up
+
+end module symsde_step_stage_equations

@@ -1,0 +1,204 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Stiff steps: Newton's iteration for a group of stages where the momenta are eliminated.
+!>
+!> Unknown are the displacements Z_i = Q_i - q_n, because the slopes would lose digits where h omega > 1:
+!>
+!>    Z_i - d_i + h sum_k B_ik Hhat_q(q_n + Z_k) = 0        d_i: what Z_i has of p_n and of earlier groups
+!>
+!> with the matrix delta_ik I + h B_ik Hhat_qq(q_n + Z_k). From Z = 0 on, its iterates are those of the
+!> general stepper from slopes zero, so that both find the same root and fail in the same lanes. Unknowns are
+!> ordered by degree of freedom, then stage: a Hessian with b bands beside the diagonal gives a matrix with
+!> (b + 1) s - 1, for s stages. The slopes follow from h B G = Z - d.
+module symsde_step_stage_newton
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_traits, only: dense
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_step_stage_equations, only: stage_equations
+   use symsde_step_stage_plan, only: stage_group
+   implicit none
+   private
+   public :: stage_newton, new_stage_newton
+
+   type :: stage_newton
+      private
+      type(newton_type) :: newton
+      integer :: nmember = 0, band = dense      !! stages, bands of the Hessian
+      real(wp), allocatable :: z(:, :, :)       !! displacements (nlane, nmember, ndof)
+      real(wp), allocatable :: d(:, :, :)       !! what they have of known slopes (nlane, ndof, nmember)
+      real(wp), allocatable :: k(:, :, :)       !! Hessian of a stage, dense or its upper bands
+   contains
+      procedure :: solve
+   end type stage_newton
+
+contains
+
+   !> A solver for one group of stages.
+   subroutine new_stage_newton(self, equations, group, options)
+      type(stage_newton), intent(out) :: self
+      type(stage_equations), intent(in) :: equations
+      type(stage_group), intent(in) :: group
+      type(newton_options), intent(in) :: options
+      integer :: width
+
+      associate (n => equations%ham%ndof, nlane => equations%ham%nlane, t => equations%ham%model%traits)
+         self%nmember = group%nmember
+         self%band = t%bandwidth
+         width = (self%band + 1)*self%nmember - 1
+         if (self%band < 0 .or. 2*width + 1 >= n*self%nmember) then
+            self%band = dense
+            width = dense
+         end if
+         call new_newton(self%newton, nlane, n*self%nmember, options, t%one_solve(self%band /= dense), width, width, &
+                         exact=t%has_hessian_vector .or. (t%has_hessian .and. self%band == dense))
+         allocate (self%z(nlane, self%nmember, n), self%d(nlane, n, self%nmember))
+         if (self%band == dense) then
+            allocate (self%k(nlane, n, n))
+         else
+            allocate (self%k(nlane, 0:self%band, n))
+         end if
+      end associate
+   end subroutine new_stage_newton
+
+   !> The slopes of the group's stages, in lanes whose fate is 0; others rest. A lane that fails gets its code.
+   subroutine solve(self, equations, group, fate)
+      class(stage_newton), intent(inout) :: self
+      type(stage_equations), intent(inout) :: equations
+      type(stage_group), intent(in) :: group
+      integer(i8), intent(inout) :: fate(equations%ham%nlane)
+      integer :: m
+
+      self%z = 0
+      call find_known(self, equations, group)
+      call self%newton%start(fate)
+      do while (self%newton%running)
+         do m = 1, self%nmember
+            self%newton%r(:, m::self%nmember) = self%z(:, m, :) - self%d(:, :, m)
+         end do
+         if (self%band == dense) then
+            self%newton%a = 0
+         else
+            self%newton%bands = 0
+         end if
+         do m = 1, self%nmember
+            call linearise(self, equations, group, m)
+         end do
+         if (self%newton%n > 1) then
+            call self%newton%update(self%z, fate, equations%ham%counters)
+         else  ! one unknown: z + r = 0 with the derivative 1 + a
+            self%newton%r = self%newton%r - self%z(:, :, 1)
+            self%newton%a = self%newton%a - 1
+            call self%newton%update_scalar(1.0_wp, 1.0_wp, self%z, fate, equations%ham%counters)
+         end if
+      end do
+      call find_slopes(self, equations, group, fate)
+   end subroutine solve
+
+   !> d: base - q_n and the slopes of earlier groups. Those of this one are zero here.
+   subroutine find_known(self, equations, group)
+      type(stage_newton), intent(inout) :: self
+      type(stage_equations), intent(inout) :: equations
+      type(stage_group), intent(in) :: group
+      real(wp) :: row(equations%plan%nstage)
+      integer :: m, k
+
+      do m = 1, self%nmember
+         row = equations%plan%b(:, group%stage(m))
+         do k = 1, group%nmember
+            row(group%stage(k)) = 0
+         end do
+         call equations%place(group%stage(m), row, row, row)
+         self%d(:, :, m) = equations%qs - equations%q
+      end do
+   end subroutine find_known
+
+   !> What the Hessian and gradient at stage m add to all rows.
+   subroutine linearise(self, equations, group, m)
+      type(stage_newton), intent(inout) :: self
+      type(stage_equations), intent(inout) :: equations
+      type(stage_group), intent(in) :: group
+      integer, intent(in) :: m
+      real(wp) :: hb
+      integer :: row
+
+      associate (e => equations, ham => equations%ham, s => self%nmember, n => equations%ham%ndof)
+         e%qs = e%q + self%z(:, m, :)
+         if (self%band == dense) then
+            call ham%gradient_hessian(e%time_of(group%stage(m)), e%w, e%qs, e%p, hq=e%hq, hqq=self%k)
+         else
+            call ham%force_stiffness(self%band, e%time_of(group%stage(m)), e%w, e%qs, e%p, e%hq, self%k)
+         end if
+         do row = 1, s
+            hb = e%h*group%b(row, m)
+            self%newton%r(:, row::s) = self%newton%r(:, row::s) + hb*e%hq
+            if (self%band == dense) then
+               call add_dense(ham%nlane, n, s, row, m, hb, self%k, self%newton%a)
+            else
+               call add_banded(ham%nlane, n, s, self%band, row, m, hb, self%k, self%newton%bands)
+            end if
+         end do
+      end associate
+   end subroutine linearise
+
+   !> h B G = Z - d in lanes that Newton's iteration has solved; by one more evaluation where B is singular.
+   subroutine find_slopes(self, equations, group, fate)
+      type(stage_newton), intent(inout) :: self
+      type(stage_equations), intent(inout) :: equations
+      type(stage_group), intent(in) :: group
+      integer(i8), intent(in) :: fate(equations%ham%nlane)
+      integer :: m, k, i
+
+      associate (e => equations)
+         do m = 1, self%nmember
+            if (allocated(group%inverse)) then
+               e%hq = 0
+               do k = 1, self%nmember
+                  e%hq = e%hq - group%inverse(m, k)/e%h*(self%z(:, k, :) - self%d(:, :, k))
+               end do
+            else
+               e%qs = e%q + self%z(:, m, :)
+               call e%evaluate(group%stage(m))
+            end if
+            do i = 1, e%ham%ndof
+               e%g(:, i, group%stage(m)) = merge(-e%hq(:, i), e%g(:, i, group%stage(m)), fate == 0)
+            end do
+         end do
+      end associate
+   end subroutine find_slopes
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> Entries (row, column) of every pair of degrees of freedom.
+   pure subroutine add_dense(nlane, n, s, row, column, hb, k, a)
+      integer, intent(in) :: nlane, n, s, row, column
+      real(wp), intent(in) :: hb, k(nlane, n, n)
+      real(wp), intent(inout) :: a(nlane, s, n, s, n)
+      integer :: i, j
+
+      do j = 1, n
+         do i = 1, n
+            a(:, row, i, column, j) = hb*k(:, i, j)
+         end do
+         if (row == column) a(:, row, j, column, j) = a(:, row, j, column, j) + 1
+      end do
+   end subroutine add_dense
+
+   !> The same from the upper bands k(lane, d, i) = K(i, i+d) of a symmetric matrix, into bands of rows.
+   pure subroutine add_banded(nlane, n, s, b, row, column, hb, k, bands)
+      integer, intent(in) :: nlane, n, s, b, row, column
+      real(wp), intent(in) :: hb, k(nlane, 0:b, n)
+      real(wp), intent(inout) :: bands(nlane, -(b + 1)*s + 1:(b + 1)*s - 1, s, n)
+      integer :: i, d
+
+      do i = 1, n
+         do d = max(-b, 1 - i), min(b, n - i)
+            if (d < 0) then
+               bands(:, d*s + column - row, row, i) = hb*k(:, -d, i + d)
+            else
+               bands(:, d*s + column - row, row, i) = hb*k(:, d, i)
+            end if
+         end do
+         if (row == column) bands(:, 0, row, i) = bands(:, 0, row, i) + 1
+      end do
+   end subroutine add_banded
+
+end module symsde_step_stage_newton
