@@ -125,7 +125,10 @@ contains
          if (self%band == dense) then
             call ham%gradient_hessian(e%time_of(group%stage(m)), e%w, e%qs, e%p, hq=e%hq, hqq=self%k)
          else
-            call ham%force_stiffness(self%band, e%time_of(group%stage(m)), e%w, e%qs, e%p, e%hq, self%k)
+            call ham%model%force_stiffness(ham%nlane, n, ham%nnoise, self%band, e%time_of(group%stage(m)), e%w, &
+                                           e%qs, e%p, e%hq, self%k)
+            ham%counters%gradients = ham%counters%gradients + ham%nreal
+            ham%counters%hessians = ham%counters%hessians + ham%nreal
          end if
          do row = 1, s
             hb = e%h*group%b(row, m)
