@@ -41,7 +41,9 @@ contains
    subroutine time_block(name, items)
       character(*), intent(in) :: name
       real(wp), intent(in) :: items
-      real(wp) :: times(repeats), start, w(nlane, 0:1, 0:7)
+      type(step_store) :: store
+      type(step_request) :: request
+      real(wp) :: times(repeats), start
       integer(i8) :: repeat, call, words(philox_tile, 4, 0:1)
       logical :: tails
 
@@ -69,16 +71,20 @@ contains
    subroutine time_increments()
       type(brownian_noise) :: noise
       type(error_type), allocatable :: error
-      real(wp) :: times(repeats), start, w(nlane, 0:1, 0:7)
+      type(step_store) :: store
+      type(step_request) :: request
+      real(wp) :: times(repeats), start
       integer(i8) :: repeat, call, drawn
 
       call new_brownian_noise(noise, 1, 1_i8, 0.02_wp, 0, [.false.], error)
       call stop_on(error)
-      drawn = 0
+      call new_step_store(store, nlane, 1, 8, 0.02_wp, noise%asked)
+      request = step_request(nlane, nlane, path, 0_i8, 4)
       do repeat = 1, repeats
          start = seconds()
          do call = 1, ncall
-            call noise%fill_ahead(nlane, nlane, path, 4*call, 4, w, drawn)
+            request%pair = 4*call
+            call noise%fill(request, store, drawn)
          end do
          times(repeat) = (seconds() - start)*1e9_wp/(ncall*nlane*8)
       end do

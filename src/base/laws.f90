@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a scheme may ask of a noise source: the law of its increments, and the order of the areas.
+!> The laws of the increments that a scheme may ask of a noise source.
 !>
 !> The names stand here, in base, because schemes ask for them and sources answer.
 module symsde_base_laws
    implicit none
    private
-   public :: law_gaussian, law_three_point, law_two_point, area_index, area_count, law_text
+   public :: law_gaussian, law_three_point, law_two_point, law_text
 
    enum, bind(c)
       enumerator :: law_gaussian = 0     !! dW ~ N(0, h)
@@ -14,20 +14,6 @@ module symsde_base_laws
    end enum
 
 contains
-
-   !> How many areas m noises have: m(m-1)/2.
-   pure integer function area_count(nnoise)
-      integer, intent(in) :: nnoise  !! m
-
-      area_count = nnoise*(nnoise - 1)/2
-   end function area_count
-
-   !> Where the area of the noises k < l stands: (1,2), (1,3), (2,3), (1,4), ..
-   pure integer function area_index(k, l)
-      integer, intent(in) :: k, l  !! 1 <= k < l
-
-      area_index = area_count(l - 1) + k
-   end function area_index
 
    pure character(len=16) function padded_text(law)
       integer, intent(in) :: law

@@ -14,9 +14,11 @@
 !> refine < 0. Truncation is left out: the Brownian path itself is followed. Prescribed increments are taken as they
 !> are; where the scheme takes dZ, it is that of the polygon through them, as in the run.
 module symsde_diagnose_exact
+   use symsde_base_functionals, only: functionals, functional_set, path_dz
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, path_of_lane
    use symsde_base_laws, only: law_gaussian, law_text
+   use symsde_base_record, only: step_store, step_request, new_step_store
    use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation, incompatible
    use symsde_base_text, only: to_text
    use symsde_ensemble_driver, only: new_noise
@@ -30,7 +32,6 @@ module symsde_diagnose_exact
    use symsde_noise_oscillator_law, only: oscillator_integrals, oscillator_draws
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_step_modified_hamiltonian, only: integrals_needed
    implicit none
    private
    public :: exact_solution
@@ -47,8 +48,8 @@ module symsde_diagnose_exact
    type :: exact_block
       integer :: nlane = 0, nreal = 0
       integer(i8) :: first = 0                 !! first path of the block, from 0
-      integer(i8), allocatable :: path(:)      !! global (nlane)
-      real(wp), allocatable :: w(:, :, :)      !! weights of a pair of steps (nlane, 0:nnoise, 0:1)
+      type(step_request) :: request            !! of a pair of steps
+      type(step_store) :: store                !! the answer
       real(wp), allocatable :: shape(:, :, :)  !! H_k of these (nlane, nnoise, 0:1)
       real(wp), allocatable, dimension(:) :: q0, p0, q, p, sum_w, low, xi1, xi2, c, s  !! (nlane)
    end type exact_block
@@ -72,7 +73,7 @@ contains
       type(exact_block) :: work
       type(run_options) :: fine
       real(wp) :: lost
-      integer(i8) :: n, done, drawn
+      integer(i8) :: n, done
 
       if (allocated(error)) return
       call check_options(options, error)
@@ -83,14 +84,13 @@ contains
       call new_noise(noise, model, fine, lost, error, dw)
       if (present(scheme)) call ask_for(scheme, model, noise, error)
       if (allocated(error)) return
-      call new_block(work, model%traits%nnoise, fine)
-      drawn = 0
+      call new_block(work, noise, model%traits%nnoise, fine)
       do while (work%first < fine%npath)
          call begin_block(work, fine, q0, p0)
          call save_point(work, 1, q, p)
          do n = fine%first_step, fine%first_step + fine%nstep - 1
             if (noise%nnoise > 0 .and. (mod(n, 2_i8) == 0 .or. n == fine%first_step)) &
-               call fill(work, noise, system, fine, n/2, drawn)
+               call fill(work, noise, system, fine, n/2)
             call advance(work, system, fine, n)
             done = n + 1 - fine%first_step
             if (mod(done, fine%save_every) /= 0) cycle
@@ -107,7 +107,7 @@ contains
       class(model_type), intent(in) :: model
       class(noise_type), allocatable, intent(inout) :: noise
       type(error_type), allocatable, intent(inout) :: error
-      logical :: needs_dz, needs_areas
+      type(functional_set) :: dz
 
       if (allocated(error)) return
       if (scheme%law /= law_gaussian) then
@@ -116,31 +116,31 @@ contains
                     'expectations, or take a scheme with Gaussian increments')
          return
       end if
-      call integrals_needed(scheme%expansion, model%traits, needs_dz, needs_areas)
-      call noise%ask(needs_dz, .false.)
+      dz = functionals([path_dz])
+      dz%has = dz%has .and. scheme%asks%has
+      noise%asked = dz%needed_for(model%traits)
    end subroutine ask_for
 
    !> Increments of the steps 2*pair and 2*pair+1, and for additive noise their shapes H_k.
-   subroutine fill(work, noise, system, options, pair, drawn)
+   subroutine fill(work, noise, system, options, pair)
       type(exact_block), intent(inout) :: work
       class(noise_type), intent(in) :: noise
       type(oscillator), intent(in) :: system
       type(run_options), intent(in) :: options
       integer(i8), intent(in) :: pair
-      integer(i8), intent(inout) :: drawn
-      real(wp) :: none(work%nlane, 0, 0:1)
+      integer(i8) :: drawn
       integer :: k
 
-      if (noise%needs_dz) then
-         call noise%fill_integrals(work%nlane, work%path, pair, work%w, work%shape, none, drawn)
-         work%shape = work%shape/options%step - 0.5_wp*work%w(:, 1:, :)
+      work%request%pair = pair
+      call noise%fill(work%request, work%store, drawn)
+      if (noise%asked%has(path_dz)) then
+         work%shape = work%store%of(path_dz)%x/options%step - 0.5_wp*work%store%w(:, 1:, :)
          return
       end if
-      call noise%fill(work%nlane, work%path, pair, work%w, drawn)
       if (.not. system%additive) return
       do k = 1, noise%nnoise
          if (noise%silent(k)) cycle
-         call shape_draws(work%nlane, options%seed, work%path, pair, k, options%step, work%shape(:, k, 0), &
+         call shape_draws(work%nlane, options%seed, work%request%path, pair, k, options%step, work%shape(:, k, 0), &
                           work%shape(:, k, 1), drawn)
       end do
    end subroutine fill
@@ -230,18 +230,20 @@ contains
       end if
    end subroutine check_shapes
 
-   subroutine new_block(work, nnoise, options)
+   subroutine new_block(work, noise, nnoise, options)
       type(exact_block), intent(out) :: work
+      class(noise_type), intent(in) :: noise
       integer, intent(in) :: nnoise
       type(run_options), intent(in) :: options
       integer :: nlane
 
       nlane = lanes_for(1, options%npath)
       work%nlane = nlane
-      allocate (work%path(nlane), work%w(nlane, 0:nnoise, 0:1), work%shape(nlane, nnoise, 0:1))
+      call new_step_store(work%store, nlane, nnoise, 2, options%step, noise%asked)
+      work%request%nlane = nlane
+      allocate (work%request%path(nlane), work%shape(nlane, nnoise, 0:1))
       allocate (work%q0(nlane), work%p0(nlane), work%q(nlane), work%p(nlane), work%sum_w(nlane), &
                 work%low(nlane), work%xi1(nlane), work%xi2(nlane), work%c(nlane), work%s(nlane))
-      work%w = 0
       work%shape = 0
    end subroutine new_block
 
@@ -254,7 +256,8 @@ contains
       integer :: lane
 
       work%nreal = int(min(int(work%nlane, i8), options%npath - work%first))
-      call path_of_lane(work%nlane, options%first_path + work%first, work%nreal, work%path)
+      work%request%nreal = work%nreal
+      call path_of_lane(work%nlane, options%first_path + work%first, work%nreal, work%request%path)
       do lane = 1, work%nlane
          row = min(work%first + min(lane, work%nreal), size(q0, 1, i8))
          work%q0(lane) = q0(row, 1)
@@ -278,7 +281,7 @@ contains
 
       half = int(mod(n, 2_i8))
       if (.not. system%additive) then
-         call add_compensated(work%nlane, work%w(:, 1, half), work%sum_w, work%low)
+         call add_compensated(work%nlane, work%store%w(:, 1, half), work%sum_w, work%low)
          return
       end if
       versine = 2*sin(0.5_wp*options%step)**2
@@ -286,8 +289,8 @@ contains
       call turn(work%nlane, versine, sine, work%q, work%p)
       do k = 1, size(system%to_q)
          if (abs(system%to_q(k)) <= 0 .and. abs(system%to_p(k)) <= 0) cycle
-         call oscillator_draws(work%nlane, options%seed, work%path, n, k, work%xi1, work%xi2)
-         call oscillator_integrals(work%nlane, options%step, work%w(:, k, half), work%shape(:, k, half), &
+         call oscillator_draws(work%nlane, options%seed, work%request%path, n, k, work%xi1, work%xi2)
+         call oscillator_integrals(work%nlane, options%step, work%store%w(:, k, half), work%shape(:, k, half), &
                                    work%xi1, work%xi2, work%c, work%s)
          work%q = work%q + (system%to_q(k)*work%c + system%to_p(k)*work%s)
          work%p = work%p + (system%to_p(k)*work%c - system%to_q(k)*work%s)

@@ -25,7 +25,7 @@ module symsde_diagnose_lagrangian
    use symsde_base_status, only: error_type, raise, incompatible
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none, correction_mean, expansion_none
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none, correction_mean
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_factory, only: resolve_correction
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
@@ -182,7 +182,7 @@ contains
          call raise(error, incompatible, 'new_discrete_lagrangian', 'scheme '//scheme%name// &
                     ' is in Galerkin form, for which the discrete action is not offered: '// &
                     'choose a scheme with as many nodes as its degree, such as midpoint or gauss2')
-      else if (scheme%expansion /= expansion_none) then
+      else if (scheme%brackets%are_added() .or. .not. scheme%asks%is_empty()) then
          call raise(error, incompatible, 'new_discrete_lagrangian', 'scheme '//scheme%name// &
                     ' adds brackets or dZ to the increments, which the discrete action does not know: '// &
                     'take the plain scheme, such as midpoint or gauss2')

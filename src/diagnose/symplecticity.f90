@@ -12,8 +12,10 @@
 !> noise.
 module symsde_diagnose_symplecticity
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_functionals, only: path_dz, path_areas
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for
+   use symsde_base_record, only: step_record, step_store, new_step_store
    use symsde_base_status, only: error_type, raise, wrong_shape, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
@@ -118,7 +120,9 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       class(stepper_type), allocatable :: stepper
       type(stepper_options) :: choice
-      real(wp), allocatable :: w(:, :), qs(:, :), ps(:, :), dq(:, :), dp(:, :)
+      type(step_store), target :: store
+      type(step_record) :: step
+      real(wp), allocatable :: qs(:, :), ps(:, :), dq(:, :), dp(:, :)
       integer(i8), allocatable :: status(:)
       integer(i8) :: first, total
       real(wp) :: base
@@ -138,21 +142,22 @@ contains
       call new_stepper(stepper, model, scheme, choice, nlane, error)
       if (allocated(error)) return
       allocate (d(2*n, 2*n, size(q, 1)), source=0.0_wp)
-      allocate (w(nlane, 0:model%traits%nnoise), status(nlane))
+      call new_step_store(store, nlane, model%traits%nnoise, 2, options%step, scheme%asks)
+      call store%show(0, options%t0, step)
+      allocate (status(nlane))
       allocate (qs(nlane, n), ps(nlane, n), dq(nlane, n), dp(nlane, n))
-      w(:, 0) = options%step
       call blas_single_thread()
       do first = 0, total - 1, nlane
          call stop_if_wanted(monitor, first, total, 'symplecticity_defect', error)
          if (allocated(error)) exit
          nreal = int(min(int(nlane, i8), total - first))
-         call spread_points(first, nreal, base, q, p, dw, qs, ps, w(:, 1:))
-         if (allocated(stepper%ham%extra)) then
-            if (present(dz)) call spread_integrals(first, nreal, n, dz, stepper%ham%extra%z)
-            if (present(areas)) call spread_integrals(first, nreal, n, areas, stepper%ham%extra%area)
-         end if
+         call spread_points(first, nreal, base, q, p, dw, qs, ps, store%w(:, 1:, 0))
+         if (present(dz) .and. associated(step%of(path_dz)%x)) &
+            call spread_integrals(first, nreal, n, dz, step%of(path_dz)%x)
+         if (present(areas) .and. associated(step%of(path_areas)%x)) &
+            call spread_integrals(first, nreal, n, areas, step%of(path_areas)%x)
          status = 0
-         call stepper%increment(options%t0, w, qs, ps, dq, dp, status)
+         call stepper%increment(step, qs, ps, dq, dp, status)
          call collect(first, nreal, base, q, p, dq, dp, status, d)
       end do
       call blas_restore_threads()

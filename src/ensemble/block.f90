@@ -5,8 +5,10 @@
 !> the run; chunks change no bits.
 module symsde_ensemble_block
    use, intrinsic :: iso_fortran_env, only: int64
+   use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: path_of_lane
+   use symsde_base_record, only: step_record, step_store, step_request, new_step_store
    use symsde_base_status, only: stopped
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
@@ -30,14 +32,13 @@ module symsde_ensemble_block
       integer :: nreal = 0
       integer(i8) :: first = 0, step = 0   !! first global path; absolute step that comes next
       integer(i8) :: pair = -1             !! pair of steps that increments were last taken from
-      integer(i8) :: ahead = -1            !! pair of steps whose increments come first in w
-      integer :: nahead = 0, npair = 1     !! pairs in w, and the most that fit
+      type(step_store) :: store            !! steps that were drawn ahead, or are asked for one pair at a time
+      type(step_request) :: request        !! paths of the block, and the pairs of steps in the store
+      integer :: nahead = 0, npair = 1     !! pairs in the store, and the most that fit
       integer(i8) :: normals = 0           !! used for one path since begin
       integer(i8) :: normals_of_pair = 0   !! drawn for one path in a pair of steps
       integer(i8) :: chunk = 1             !! steps of a chunk, adapted to the clock
-      integer(i8), allocatable :: path(:)  !! global path of each lane
-      real(wp), allocatable :: w(:, :, :)  !! weights (nlane, 0:nnoise, 0:2*npair-1), even and odd step of each pair
-      real(wp), allocatable :: z(:, :, :), area(:, :, :)  !! dZ and areas, where the scheme asks for them
+      type(counters_type) :: counters      !! steps and normals
       real(wp), allocatable :: dq(:, :), dp(:, :)  !! increments of a step, or the state after fused steps
       logical :: fused = .false.                   !! the stepper takes several steps at once
    contains
@@ -46,6 +47,7 @@ module symsde_ensemble_block
       procedure :: run_chunk
       procedure :: finish
       procedure :: is_done
+      procedure :: tally
    end type block_runner
 
    integer, parameter :: few_lanes = 8, few_noises = 8
@@ -68,19 +70,16 @@ contains
       allocate (self%observer, source=observer)
       self%noise => noise
       associate (ham => self%stepper%ham)
-         if (.not. (noise%needs_dz .or. noise%needs_areas)) self%npair = pairs_ahead(nlane, ham%nnoise)
+         if (noise%asked%is_empty()) self%npair = pairs_ahead(nlane, ham%nnoise)
+         call new_step_store(self%store, nlane, ham%nnoise, 2*self%npair, options%step, noise%asked)
+         self%request%nlane = nlane
          call new_lane_state(self%state, nlane, ham%ndof, options%compensated)
-         allocate (self%path(nlane), self%w(nlane, 0:ham%nnoise, 0:2*self%npair - 1))
-         allocate (self%dq(nlane, ham%ndof), self%dp(nlane, ham%ndof))
-         if (noise%needs_dz .or. noise%needs_areas) &
-            allocate (self%z(nlane, noise%nz, 0:1), self%area(nlane, noise%narea, 0:1), source=0.0_wp)
+         allocate (self%request%path(nlane), self%dq(nlane, ham%ndof), self%dp(nlane, ham%ndof))
       end associate
       select type (stepper => self%stepper)
       class is (fused_stepper_type)
          self%fused = .not. options%compensated  ! low parts are kept step by step
       end select
-      self%w = 0
-      self%w(:, 0, :) = options%step
    end subroutine new_block_runner
 
    !> Pairs of steps whose increments are drawn at once: two make use of all words of a draw, four of the
@@ -125,7 +124,8 @@ contains
       self%nahead = 0
       self%normals = 0
       self%stepper%ham%nreal = nreal
-      call path_of_lane(self%state%nlane, first, nreal, self%path)
+      self%request%nreal = nreal
+      call path_of_lane(self%state%nlane, first, nreal, self%request%path)
       associate (s => self%state, offset => first - self%options%first_path)
          s%status = 0
          s%failed_step = -1
@@ -177,10 +177,10 @@ contains
       integer(i8), intent(in) :: left  !! steps that may be taken
       integer :: n, fit
 
-      if (.not. allocated(self%z) .and. self%step/2 /= self%pair .and. self%noise%nnoise > 0) call draw(self)
+      if (self%step/2 /= self%pair .and. self%noise%nnoise > 0) call draw(self)
       n = 1
       if (self%fused) then
-         fit = int(max(0_i8, min(left, 2*(self%ahead + self%nahead) - self%step)))
+         fit = int(max(0_i8, min(left, 2*(self%request%pair + self%nahead) - self%step)))
          if (fit >= group) n = fit - mod(fit, group)
       end if
       if (self%fused) then
@@ -193,19 +193,17 @@ contains
    !> One step of the block.
    subroutine one_step(self)
       type(block_runner), intent(inout) :: self
-      integer(i8) :: failures
-      integer :: i
+      type(step_record) :: step
 
-      i = place(self)
-      failures = self%stepper%ham%counters%failures
-      if (allocated(self%z)) call take_integrals(self, i)
-      call self%stepper%increment(time_of(self, self%step), self%w(:, :, i), self%state%q, self%state%p, &
-                                  self%dq, self%dp, self%state%status)
-      if (self%stepper%ham%counters%failures > failures) &
-         call self%rescue%attempt(self%state%nlane, time_of(self, self%step), self%w(:, :, i), self%state%q, &
-                                  self%state%p, self%state%failed_step, self%dq, self%dp, self%state%status, &
-                                  self%stepper%ham%counters)
-      call self%state%advance(self%step, self%dq, self%dp)
+      call self%store%show(place(self), time_of(self, self%step), step)
+      associate (s => self%state)
+         call self%stepper%increment(step, s%q, s%p, self%dq, self%dp, s%status)
+         if (self%rescue%available) then
+            if (count(s%status /= 0) > s%nfailed) &
+               call self%rescue%attempt(s%nlane, step, s%q, s%p, s%failed_step, self%dq, self%dp, s%status)
+         end if
+         call s%advance(self%step, self%dq, self%dp)
+      end associate
       call account(self, 1)
    end subroutine one_step
 
@@ -219,7 +217,7 @@ contains
       i = place(self)
       select type (stepper => self%stepper)
       class is (fused_stepper_type)
-         call stepper%several(n, self%w(:, :, i:i + n - 1), self%state%q, self%state%p, self%dq, self%dp)
+         call stepper%several(n, self%store%w(:, :, i:i + n - 1), self%state%q, self%state%p, self%dq, self%dp)
          call self%state%take(n, self%step, self%dq, self%dp, taken)
          if (taken) call stepper%count_steps(n)
       end select
@@ -233,27 +231,27 @@ contains
       end do
    end subroutine fused_steps
 
-   !> Where in w the increments of the next step stand.
+   !> Where in the store the next step stands.
    pure integer function place(self)
       type(block_runner), intent(in) :: self
 
       place = int(mod(self%step, 2_i8))
-      if (self%nahead > 0) place = int(self%step - 2*self%ahead)
+      if (self%nahead > 0) place = int(self%step - 2*self%request%pair)
    end function place
 
-   !> Increments of the pair of steps that begins, from those drawn ahead or from the source, which is asked
-   !> from an even pair on.
+   !> What drives the pair of steps that begins: drawn ahead, or asked of the source, for several pairs from an
+   !> even one on.
    subroutine draw(self)
       type(block_runner), intent(inout) :: self
       integer(i8) :: pair, last, drawn
 
       pair = self%step/2
-      if (self%nahead > 0 .and. pair < self%ahead + self%nahead) return
+      if (self%nahead > 0 .and. pair < self%request%pair + self%nahead) return
       last = (self%options%first_step + self%options%nstep - 1)/2
-      drawn = 0
-      self%ahead = pair - mod(pair, 2_i8)
-      self%nahead = int(min(int(self%npair, i8), last - self%ahead + 1))
-      call self%noise%fill_ahead(self%state%nlane, self%nreal, self%path, self%ahead, self%nahead, self%w, drawn)
+      self%request%pair = pair - mod(pair, min(2_i8, int(self%npair, i8)))
+      self%nahead = int(min(int(self%npair, i8), last - self%request%pair + 1))
+      self%request%npair = self%nahead
+      call self%noise%fill(self%request, self%store, drawn)
       self%normals_of_pair = drawn/self%nahead
    end subroutine draw
 
@@ -263,26 +261,12 @@ contains
       integer, intent(in) :: n
       integer(i8) :: last
 
-      self%stepper%ham%counters%steps = self%stepper%ham%counters%steps + n*self%nreal
-      if (.not. allocated(self%z)) then  ! else take_integrals counts
-         last = (self%step + n - 1)/2
-         self%normals = self%normals + self%normals_of_pair*(last - max(self%pair, self%step/2 - 1))
-         self%pair = last
-      end if
+      self%counters%steps = self%counters%steps + n*self%nreal
+      last = (self%step + n - 1)/2
+      self%normals = self%normals + self%normals_of_pair*(last - max(self%pair, self%step/2 - 1))
+      self%pair = last
       self%step = self%step + n
    end subroutine account
-
-   !> Increments, dZ and areas of the pair of steps that begins, and those of the step for the scheme.
-   subroutine take_integrals(self, half)
-      type(block_runner), intent(inout) :: self
-      integer, intent(in) :: half
-
-      if (self%step/2 /= self%pair) call self%noise%fill_integrals( &
-         self%state%nlane, self%path, self%step/2, self%w, self%z, self%area, self%normals)
-      self%pair = self%step/2
-      if (self%noise%needs_dz) self%stepper%ham%extra%z = self%z(:, :, half)
-      if (self%noise%needs_areas) self%stepper%ham%extra%area = self%area(:, :, half)
-   end subroutine take_integrals
 
    !> Whether nothing is left to do.
    pure logical function is_done(self)
@@ -325,8 +309,18 @@ contains
          reached = (self%step - self%options%first_step)/self%options%save_every
          if (reached < self%options%nstep/self%options%save_every) call self%observer%skip(reached + 1)
       end if
-      self%stepper%ham%counters%normals = self%stepper%ham%counters%normals + self%normals*self%nreal
+      self%counters%normals = self%counters%normals + self%normals*self%nreal
    end subroutine finish
+
+   !> Add what was counted, by this block, its stepper and its rescue.
+   subroutine tally(self, total)
+      class(block_runner), intent(in) :: self
+      type(counters_type), intent(inout) :: total
+
+      call add_counters(total, self%counters)
+      call self%stepper%tally(total)
+      call self%rescue%tally(total)
+   end subroutine tally
 
    subroutine save_point(self)
       type(block_runner), intent(inout) :: self

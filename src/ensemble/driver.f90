@@ -7,7 +7,7 @@ module symsde_ensemble_driver
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_max_threads, omp_get_thread_num
    use symsde_base_clock, only: seconds
-   use symsde_base_counters, only: add_counters
+   use symsde_base_functionals, only: functional_set, name_functionals, path_areas
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, padded
    use symsde_base_laws, only: law_gaussian
@@ -31,7 +31,6 @@ module symsde_ensemble_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: stepper_options, new_stepper, resolve_correction
-   use symsde_step_modified_hamiltonian, only: integrals_needed
    use symsde_step_rescue, only: new_rescue
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -255,7 +254,7 @@ contains
    end subroutine new_runners
 
    !> The noise source of a run: prescribed increments where they are given, else Brownian.
-   !> A scheme may ask for a law, for dZ and for areas; without one these are dW, Gaussian.
+   !> A scheme may ask for a law and for functionals of the path; without one these are dW, Gaussian.
    subroutine new_noise(noise, model, options, lost, error, dw, scheme)
       class(noise_type), allocatable, intent(out) :: noise
       class(model_type), intent(in) :: model
@@ -269,17 +268,15 @@ contains
       logical, allocatable :: silent(:)
       integer(i8) :: extent(3)
       real(wp) :: cut
-      logical :: needs_dz, needs_areas
+      type(functional_set) :: asked
       integer :: law
 
       lost = 0
-      needs_dz = .false.
-      needs_areas = .false.
       law = law_gaussian
       if (present(scheme)) then
          law = scheme%law
-         call integrals_needed(scheme%expansion, model%traits, needs_dz, needs_areas)
-         call check_integrals(model, scheme, options, needs_dz, needs_areas, present(dw), error)
+         asked = scheme%asks%needed_for(model%traits)
+         call check_functionals(model, scheme, options, asked, present(dw), error)
          if (allocated(error)) return
       end if
       if (present(dw)) then
@@ -302,7 +299,7 @@ contains
          if (allocated(error)) return
          allocate (noise, source=brownian)
       end if
-      call noise%ask(needs_dz, needs_areas)
+      noise%asked = asked
       if (.not. abs(options%truncation) <= 0) then
          call truncation_bound(options%step, options%truncation, options%truncation_time, cut, error)
          noise%bound = cut*sqrt(abs(options%step))
@@ -312,25 +309,24 @@ contains
 
    !> What a scheme asks for beyond increments must be there: in prescribed increments it comes from finer
    !> rows, and the sub-increments of areas must stay within the counters.
-   subroutine check_integrals(model, scheme, options, needs_dz, needs_areas, prescribed, error)
+   subroutine check_functionals(model, scheme, options, asked, prescribed, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
-      logical, intent(in) :: needs_dz, needs_areas, prescribed
+      type(functional_set), intent(in) :: asked
+      logical, intent(in) :: prescribed
       type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: what
       real(wp) :: rows
 
-      if (.not. (needs_dz .or. needs_areas)) return
-      what = 'areas'
-      if (needs_dz) what = 'dZ'
-      if (needs_dz .and. needs_areas) what = 'dZ and areas'
+      if (asked%is_empty()) return
+      call name_functionals(asked, what)
       if (prescribed) then
          if (options%refine >= 1) return
          call raise(error, incompatible, 'run_ensemble', 'scheme '//scheme%name//' needs '//what//' for model '// &
                     model%name//', which one prescribed increment a step does not determine: give finer rows, '// &
                     '2^refine a step with refine >= 1, or a scheme that needs increments only, such as midpoint')
-      else if (needs_areas) then
+      else if (asked%has(path_areas)) then
          rows = real(options%first_step + options%nstep, wp)*2.0_wp**max(0, options%refine)* &
                 2.0_wp**area_levels(options%step/2.0_wp**max(0, options%refine))
          if (rows <= 2.0_wp**47) return
@@ -338,7 +334,7 @@ contains
                     to_text(rows)//' sub-increments, beyond 2^47, the range of the step counter: give fewer or '// &
                     'longer steps')
       end if
-   end subroutine check_integrals
+   end subroutine check_functionals
 
    !> Prescribed increments must have one row for every (finer) step and one column for every noise.
    subroutine check_increments(options, nnoise, extent, error)
@@ -424,7 +420,7 @@ contains
       integer :: i
 
       do i = 1, size(runners)
-         call add_counters(report%counters, runners(i)%stepper%ham%counters)
+         call runners(i)%tally(report%counters)
       end do
       report%nfailed = shared%nfailed
       report%nstopped = shared%nstopped

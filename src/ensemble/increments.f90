@@ -3,6 +3,7 @@
 module symsde_ensemble_increments
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: default_nlane, path_of_lane
+   use symsde_base_record, only: step_store, step_request, new_step_store
    use symsde_ensemble_options, only: run_options
    use symsde_noise_source, only: noise_type
    implicit none
@@ -31,28 +32,25 @@ contains
       type(run_options), intent(in) :: options
       integer(i8), intent(in) :: first           !! paths before the block
       real(wp), intent(inout) :: dw(:, :, :)     !! (npath, nnoise, nstep)
-      real(wp) :: w(default_nlane, 0:noise%nnoise, 0:1)
-      real(wp), allocatable :: z(:, :, :), area(:, :, :)  !! asked for because dW depends on them at refine < 0
-      integer(i8) :: path(default_nlane), pair, n, drawn
+      type(step_store) :: store  !! with functionals, on which dW depends at refine < 0
+      type(step_request) :: request
+      integer(i8) :: pair, n, drawn
       integer :: half, k, nreal
 
       nreal = int(min(int(default_nlane, i8), options%npath - first))
-      call path_of_lane(default_nlane, options%first_path + first, nreal, path)
-      w = 0
-      drawn = 0
-      if (noise%needs_dz .or. noise%needs_areas) &
-         allocate (z(default_nlane, noise%nz, 0:1), area(default_nlane, noise%narea, 0:1), source=0.0_wp)
+      call new_step_store(store, default_nlane, noise%nnoise, 2, options%step, noise%asked)
+      request%nlane = default_nlane
+      request%nreal = nreal
+      allocate (request%path(default_nlane))
+      call path_of_lane(default_nlane, options%first_path + first, nreal, request%path)
       do pair = options%first_step/2, (options%first_step + options%nstep - 1)/2
-         if (allocated(z)) then
-            call noise%fill_integrals(default_nlane, path, pair, w, z, area, drawn)
-         else
-            call noise%fill(default_nlane, path, pair, w, drawn)
-         end if
+         request%pair = pair
+         call noise%fill(request, store, drawn)
          do half = 0, 1
             n = 2*pair + half - options%first_step + 1
             if (n < 1 .or. n > options%nstep) cycle
             do k = 1, noise%nnoise
-               dw(first + 1:first + nreal, k, n) = w(:nreal, k, half)
+               dw(first + 1:first + nreal, k, n) = store%w(:nreal, k, half)
             end do
          end do
       end do

@@ -9,15 +9,18 @@
 !>
 !> Increments of a discrete law are sums of discrete draws at refine > 0, and have no bridge.
 module symsde_noise_brownian
+   use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit, padded
    use symsde_base_laws, only: law_gaussian, law_text
+   use symsde_base_record, only: step_request, step_store
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible
    use symsde_base_text, only: to_text
    use symsde_noise_discrete, only: discrete_pairs
-   use symsde_noise_integrals, only: integral_draws, step_integrals, fill_pair
+   use symsde_noise_functionals, only: path_interval, clip_increments, clip_interval
+   use symsde_noise_integrals, only: integral_draws, fill_pair
    use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_steps, scaled_normals_at, pairs_of_steps
-   use symsde_noise_source, only: noise_type, clip_lanes, clip_integrals, fill_one_by_one
+   use symsde_noise_source, only: noise_type
    implicit none
    private
    public :: brownian_noise, new_brownian_noise
@@ -36,8 +39,6 @@ module symsde_noise_brownian
       integer :: law = law_gaussian
    contains
       procedure :: fill => fill_brownian
-      procedure :: fill_ahead => fill_brownian_ahead
-      procedure :: fill_integrals => fill_brownian_integrals
    end type brownian_noise
 
 contains
@@ -74,7 +75,29 @@ contains
       self%silent = silent
    end subroutine new_brownian_noise
 
-   subroutine fill_brownian(self, nlane, path, pair, w, drawn)
+   !> Several pairs at once are the same numbers as pair by pair: no word of a draw is left over, and few
+   !> paths pay for themselves and not for their padding.
+   subroutine fill_brownian(self, request, store, drawn)
+      class(brownian_noise), intent(in) :: self
+      type(step_request), intent(in) :: request
+      type(step_store), intent(inout) :: store
+      integer(i8), intent(out) :: drawn
+      integer :: j
+
+      drawn = 0
+      if (.not. self%asked%is_empty()) then
+         call fill_functionals(self, request, store, drawn)
+      else if (self%refine /= 0 .or. self%law /= law_gaussian .or. mod(request%pair, 2_i8) == 1) then
+         do j = 0, request%npair - 1
+            call fill_one_pair(self, request%nlane, request%path, request%pair + j, store%w(:, :, 2*j:2*j + 1), drawn)
+         end do
+      else
+         call fill_ahead(self, request%nlane, request%nreal, request%path, request%pair, request%npair, store%w, drawn)
+      end if
+   end subroutine fill_brownian
+
+   !> Increments of one pair of steps, whatever the law and the refinement.
+   subroutine fill_one_pair(self, nlane, path, pair, w, drawn)
       class(brownian_noise), intent(in) :: self
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane), pair
@@ -97,15 +120,14 @@ contains
             call bridge(self, nlane, path, 2*pair + 1, k, w(:, k, 1), drawn)
          end if
          if (self%bound < huge(1.0_wp)) then
-            call clip_lanes(nlane, self%bound, w(:, k, 0))
-            call clip_lanes(nlane, self%bound, w(:, k, 1))
+            call clip_increments(nlane, self%bound, w(:, k, 0))
+            call clip_increments(nlane, self%bound, w(:, k, 1))
          end if
       end do
-   end subroutine fill_brownian
+   end subroutine fill_one_pair
 
-   !> Several pairs at once, the same numbers as pair by pair: no word of a draw is left over, and few paths
-   !> pay for themselves and not for their padding.
-   subroutine fill_brownian_ahead(self, nlane, nreal, path, pair, npair, w, drawn)
+   !> Gaussian increments of several pairs from an even one on, one draw a step.
+   subroutine fill_ahead(self, nlane, nreal, path, pair, npair, w, drawn)
       class(brownian_noise), intent(in) :: self
       integer, intent(in) :: nlane, nreal
       integer(i8), intent(in) :: path(nlane), pair
@@ -114,10 +136,6 @@ contains
       integer(i8), intent(inout) :: drawn
       integer :: k
 
-      if (self%refine /= 0 .or. self%law /= law_gaussian .or. mod(pair, 2_i8) == 1) then
-         call fill_one_by_one(self, nlane, nreal, path, pair, npair, w, drawn)
-         return
-      end if
       do k = 1, self%nnoise
          if (self%silent(k)) then
             w(:, k, :) = 0
@@ -130,7 +148,7 @@ contains
          end if
          drawn = drawn + 2*npair
       end do
-   end subroutine fill_brownian_ahead
+   end subroutine fill_ahead
 
    !> Noise k for whole blocks: the lanes of the generator are the paths.
    subroutine fill_many(self, nlane, path, pair, npair, k, w)
@@ -146,7 +164,7 @@ contains
       end do
       if (.not. self%bound < huge(1.0_wp)) return
       do step = 0, 2*npair - 1
-         call clip_lanes(nlane, self%bound, w(:, k, step))
+         call clip_increments(nlane, self%bound, w(:, k, step))
       end do
    end subroutine fill_many
 
@@ -168,7 +186,7 @@ contains
          draws(i) = pair/2 + j
       end do
       call scaled_normals_at(m, self%seed, paths, draws, k, 0, purpose_increment, sqrt(self%h), x)
-      if (self%bound < huge(1.0_wp)) call clip_lanes(4*m, self%bound, x)
+      if (self%bound < huge(1.0_wp)) call clip_increments(4*m, self%bound, x)
       if (nreal == 1 .and. nlane == lane_unit .and. mod(npair, 2) == 0) then
          call spread_one(self%nnoise, k, npair/2, m, x, w)
       else
@@ -194,30 +212,29 @@ contains
       end do
    end subroutine spread_one
 
-   !> The same draws with dZ and areas of the path they belong to.
-   subroutine fill_brownian_integrals(self, nlane, path, pair, w, z, area, drawn)
+   !> The same draws with the functionals of the path they belong to.
+   subroutine fill_functionals(self, request, store, drawn)
       class(brownian_noise), intent(in) :: self
-      integer, intent(in) :: nlane
-      integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:1)
-      real(wp), intent(inout) :: z(nlane, self%nz, 0:1), area(nlane, self%narea, 0:1)
+      type(step_request), intent(in) :: request
+      type(step_store), intent(inout) :: store
       integer(i8), intent(inout) :: drawn
       type(integral_draws) :: draws
-      type(step_integrals) :: steps(0:1)
-      integer :: half
+      type(path_interval) :: steps(0:1)
+      integer :: i, f
 
-      draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, &
-                             self%needs_dz, self%needs_areas)
-      call fill_pair(draws, nlane, path, pair, steps(0), steps(1), drawn)
-      do half = 0, 1
-         w(:, 1:, half) = steps(half)%w
-         z(:, :, half) = steps(half)%z
-         area(:, :, half) = steps(half)%a
-         if (self%bound < huge(1.0_wp)) &
-            call clip_integrals(nlane, self%nnoise, self%nz, self%narea, self%bound, self%signed_h, &
-                                w(:, 1:, half), z(:, :, half), area(:, :, half))
+      draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%asked)
+      do i = 0, 2*request%npair - 1
+         if (mod(i, 2) == 0) &
+            call fill_pair(draws, request%nlane, request%path, request%pair + i/2, steps(0), steps(1), drawn)
+         associate (step => steps(mod(i, 2)))
+            if (self%bound < huge(1.0_wp)) call clip_interval(request%nlane, self%nnoise, self%bound, step)
+            store%w(:, 1:, i) = step%w
+            do f = 1, nfunctional
+               if (self%asked%has(f)) store%of(f)%x(:, :, i) = step%of(f)%x
+            end do
+         end associate
       end do
-   end subroutine fill_brownian_integrals
+   end subroutine fill_functionals
 
    !> Two scaled normals a lane; level 0 are the increments at the finest step, level d the bridge's.
    subroutine draw(self, nlane, path, pair, k, level, scale, even, odd, drawn)

@@ -1,32 +1,28 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Increments of a step together with its dZ and its areas, all of one and the same Brownian path.
+!> The increments of a step together with functionals of one and the same Brownian path (noise/functionals).
 !>
-!>    dZ_k = int_t^{t+h} (W_k(s) - W_k(t)) ds = h (dW_k/2 + H_k),   H_k ~ N(0, |h|/12) independent of dW_k
-!>    A_kl = 1/2 int_t^{t+h} (W_k o dW_l - W_l o dW_k),  k < l,     W from the start of the step
-!>
-!> An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, n so large
-!> that its mean-square error |h|^2/(12 2^n) is at most |h|^3 (time in units of the model). The
-!> sub-increments are halvings of (W,H):
+!> A path is known by its dW and H = dZ/h - dW/2 ~ N(0, |h|/12), independent of dW, on intervals that are
+!> halved where more of it is wanted:
 !>
 !>    W_1 = W/2 + 3/2 H + Z,    W_2 = W - W_1,          Z ~ N(0, |h|/16)
 !>    H_1 = H/4 - Z/2 + N/2,    H_2 = H/4 - Z/2 - N/2,  N ~ N(0, |h|/12)
 !>
-!> and neighbouring intervals merge by
-!>
-!>    dW = dW_1 + dW_2,  dZ = dZ_1 + dZ_2 + h_2 dW_1,  A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
+!> An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, n so large
+!> that its mean-square error |h|^2/(12 2^n) is at most |h|^3 (time in units of the model).
 !>
 !> refine = l > 0: 2^l finer steps, merged as a balanced binary tree; dW has the bits of the source that
-!> makes only dW, and dZ and areas at refine = l are, bit for bit, what those of h/2 and l-1 merge to.
+!> makes only dW, and the functionals at refine = l are, bit for bit, what those of h/2 and l-1 merge to.
 !> refine = -l: the coarse step halved l times. Its dW are those of the (W,H) halving, not of the W-only
 !> one of a source that makes only dW: a run is halved on the path of the same scheme. The halvings of a
 !> run at refine = -l are the sub-increments of the areas at refine = 0: one path.
 module symsde_noise_integrals
+   use symsde_base_functionals, only: functional_set, nfunctional, path_areas
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_laws, only: area_count, area_index
+   use symsde_noise_functionals, only: path_interval, new_path_interval, parabola_values, merge_intervals
    use symsde_noise_normal, only: scaled_normal_pairs
    implicit none
    private
-   public :: integral_draws, step_integrals, merge_steps, area_levels, fill_pair, shape_draws
+   public :: integral_draws, area_levels, fill_pair, shape_draws
 
    integer, parameter, public :: max_area_levels = 20  !! 2^20 sub-increments of a step
 
@@ -43,16 +39,8 @@ module symsde_noise_integrals
       real(wp) :: h = 0                    !! step of the run, with its sign [time]
       integer :: refine = 0
       logical, allocatable :: silent(:)    !! noises for which nothing is drawn (nnoise)
-      logical :: dz = .false., areas = .false.
+      type(functional_set) :: asked        !! functionals that are wanted
    end type integral_draws
-
-   !> One interval of the path in every lane.
-   type :: step_integrals
-      real(wp) :: length = 0               !! with its sign [time]
-      real(wp), allocatable :: w(:, :)     !! dW_k (nlane, nnoise)
-      real(wp), allocatable :: z(:, :)     !! dZ_k (nlane, nnoise), or of extent 0
-      real(wp), allocatable :: a(:, :)     !! A_kl at area_index(k,l) (nlane, nnoise(nnoise-1)/2), or 0
-   end type step_integrals
 
 contains
 
@@ -73,7 +61,7 @@ contains
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane), pair
-      type(step_integrals), intent(out) :: even, odd
+      type(path_interval), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
 
       if (d%refine == 0) then
@@ -92,9 +80,9 @@ contains
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane), step
-      type(step_integrals), intent(out) :: whole
+      type(path_interval), intent(out) :: whole
       integer(i8), intent(inout) :: drawn
-      type(step_integrals) :: partial(d%refine), even, odd, left
+      type(path_interval) :: partial(d%refine), even, odd, left
       integer(i8) :: i, first, carry
       integer :: level
       real(wp) :: fine
@@ -103,13 +91,13 @@ contains
       first = step*2_i8**(d%refine - 1)  ! pairs of draws
       do i = 0, 2_i8**(d%refine - 1) - 1
          call finest_pair(d, nlane, path, first + i, fine, even, odd, drawn)
-         call merge_steps(nlane, d%nnoise, even, odd, whole)
+         call merge_intervals(nlane, d%nnoise, even, odd, whole)
          carry = i
          level = 1
          do while (mod(carry, 2_i8) == 1)  ! two complete sums of one size make one of the next
             left = partial(level)
             odd = whole
-            call merge_steps(nlane, d%nnoise, left, odd, whole)
+            call merge_intervals(nlane, d%nnoise, left, odd, whole)
             carry = carry/2
             level = level + 1
          end do
@@ -117,61 +105,24 @@ contains
       end do
    end subroutine sum_tree
 
-   !> Two neighbouring intervals as one.
-   pure subroutine merge_steps(nlane, nnoise, left, right, whole)
-      integer, intent(in) :: nlane, nnoise
-      type(step_integrals), intent(in) :: left, right
-      type(step_integrals), intent(out) :: whole
-      integer :: k
-
-      whole%length = left%length + right%length
-      allocate (whole%w(nlane, nnoise))
-      allocate (whole%z(nlane, size(left%z, 2)), whole%a(nlane, size(left%a, 2)))
-      do k = 1, nnoise
-         whole%w(:, k) = left%w(:, k) + right%w(:, k)
-         if (size(left%z) > 0) &
-            whole%z(:, k) = (left%z(:, k) + right%z(:, k)) + right%length*left%w(:, k)
-      end do
-      if (size(left%a) > 0) &
-         call merge_areas(nlane, nnoise, left%w, right%w, left%a, right%a, whole%a)
-   end subroutine merge_steps
-
-   !> A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
-   pure subroutine merge_areas(nlane, nnoise, w1, w2, a1, a2, a)
-      integer, intent(in) :: nlane, nnoise
-      real(wp), intent(in) :: w1(nlane, nnoise), w2(nlane, nnoise)
-      real(wp), intent(in) :: a1(nlane, area_count(nnoise)), a2(nlane, area_count(nnoise))
-      real(wp), intent(out) :: a(nlane, area_count(nnoise))
-      integer :: k, l, kl, lane
-
-      do l = 2, nnoise
-         do k = 1, l - 1
-            kl = area_index(k, l)
-            do lane = 1, nlane
-               a(lane, kl) = (a1(lane, kl) + a2(lane, kl)) &
-                             + 0.5_wp*(w1(lane, k)*w2(lane, l) - w1(lane, l)*w2(lane, k))
-            end do
-         end do
-      end do
-   end subroutine merge_areas
-
    !> The finest intervals 2*pair and 2*pair+1, of the given length.
    subroutine finest_pair(d, nlane, path, pair, length, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane), pair
       real(wp), intent(in) :: length
-      type(step_integrals), intent(out) :: even, odd
+      type(path_interval), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
       real(wp), allocatable :: h1(:, :), h2(:, :), u1(:, :), u2(:, :), v1(:, :), v2(:, :)
 
-      allocate (even%w(nlane, d%nnoise), odd%w(nlane, d%nnoise))
+      call new_path_interval(even, nlane, d%nnoise, length, d%asked)
+      call new_path_interval(odd, nlane, d%nnoise, length, d%asked)
       allocate (h1(nlane, d%nnoise), h2(nlane, d%nnoise))
       call draw(d, nlane, path, pair, 0, purpose_increment, sqrt(abs(length)), even%w, odd%w, drawn)
       call draw(d, nlane, path, pair, 0, purpose_shape, sqrt(abs(length)/12), h1, h2, drawn)
-      if (d%areas) call draw_halving(d, nlane, path, pair, 1, length, u1, u2, v1, v2, drawn)
-      call complete(d, nlane, path, 0, 2*pair, length, h1, u1, v1, even, drawn)
-      call complete(d, nlane, path, 0, 2*pair + 1, length, h2, u2, v2, odd, drawn)
+      if (levels_below(d, length) > 0) call draw_halving(d, nlane, path, pair, 1, length, u1, u2, v1, v2, drawn)
+      call complete(d, nlane, path, 0, 2*pair, h1, u1, v1, even, drawn)
+      call complete(d, nlane, path, 0, 2*pair + 1, h2, u2, v2, odd, drawn)
    end subroutine finest_pair
 
    !> One step of a run at refine < 0: the coarse step that holds it, halved.
@@ -179,7 +130,7 @@ contains
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane), step
-      type(step_integrals), intent(out) :: interval
+      type(path_interval), intent(out) :: interval
       integer(i8), intent(inout) :: drawn
       real(wp), allocatable, dimension(:, :) :: w, hh, w1, w2, h1, h2, u1, u2, v1, v2
       integer(i8) :: parent
@@ -212,79 +163,95 @@ contains
          end if
          length = length/2
       end do
-      if (d%areas) call draw_halving(d, nlane, path, step/2, levels + 1, length, u1, u2, v1, v2, drawn)
-      if (d%areas .and. mod(step, 2_i8) == 1) then
-         u1 = u2
-         v1 = v2
+      if (levels_below(d, length) > 0) then
+         call draw_halving(d, nlane, path, step/2, levels + 1, length, u1, u2, v1, v2, drawn)
+         if (mod(step, 2_i8) == 1) then
+            u1 = u2
+            v1 = v2
+         end if
       end if
+      call new_path_interval(interval, nlane, d%nnoise, length, d%asked)
       interval%w = w
-      call complete(d, nlane, path, levels, step, length, hh, u1, v1, interval, drawn)
+      call complete(d, nlane, path, levels, step, hh, u1, v1, interval, drawn)
    end subroutine descend
 
-   !> dZ and areas of an interval whose dW is there.
-   subroutine complete(d, nlane, path, level, index, length, hh, u, v, interval, drawn)
+   !> Halvings below an interval of this length: as many as the most demanding functional wants.
+   pure integer function levels_below(d, length)
+      type(integral_draws), intent(in) :: d
+      real(wp), intent(in) :: length
+
+      levels_below = 0
+      if (d%asked%has(path_areas)) levels_below = area_levels(length)
+   end function levels_below
+
+   !> The functionals of an interval whose dW is there. Those that dW and H determine are not halved for.
+   subroutine complete(d, nlane, path, level, index, hh, u, v, interval, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane, level                 !! halvings that led to this interval
       integer(i8), intent(in) :: path(nlane), index       !! number of the interval among its like
-      real(wp), intent(in) :: length
       real(wp), allocatable, intent(in) :: hh(:, :), u(:, :), v(:, :)
-      type(step_integrals), intent(inout) :: interval
+      type(path_interval), intent(inout) :: interval
       integer(i8), intent(inout) :: drawn
-      integer :: last
+      type(integral_draws) :: below
+      type(path_interval) :: whole
+      integer :: f, last
 
-      interval%length = length
-      allocate (interval%z(nlane, merge(d%nnoise, 0, d%dz)))
-      allocate (interval%a(nlane, merge(area_count(d%nnoise), 0, d%areas)))
-      if (d%dz) interval%z = length*(0.5_wp*interval%w + hh)
-      if (.not. d%areas) return
-      last = level + area_levels(length)
-      if (last > level) then
-         call area_of_halves(d, nlane, path, level + 1, last, index, length, interval%w, hh, u, v, &
-                             interval%a, drawn)
-      else
-         call area_of_leaf(nlane, d%nnoise, interval%w, hh, interval%a)
-      end if
+      below = d
+      below%asked%has = .false.
+      last = level + levels_below(d, interval%length)
+      if (last > level) below%asked%has(path_areas) = d%asked%has(path_areas)
+      do f = 1, nfunctional
+         if (d%asked%has(f) .and. .not. below%asked%has(f)) &
+            call parabola_values(f, nlane, d%nnoise, interval%length, interval%w, hh, interval%of(f)%x)
+      end do
+      if (below%asked%is_empty()) return
+      call merge_halves(below, nlane, path, level + 1, last, index, interval%length, interval%w, hh, u, v, whole, drawn)
+      do f = 1, nfunctional
+         if (below%asked%has(f)) call move_alloc(whole%of(f)%x, interval%of(f)%x)
+      end do
    end subroutine complete
 
-   !> Areas of an interval from those of its halves, down to the last level.
-   recursive subroutine area_of_halves(d, nlane, path, level, last, index, length, w, hh, u, v, a, drawn)
+   !> Functionals of an interval from those of its halves, down to the last level.
+   recursive subroutine merge_halves(d, nlane, path, level, last, index, length, w, hh, u, v, whole, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
       integer, intent(in) :: level, last                  !! of this halving, of the last ones
       integer(i8), intent(in) :: path(nlane), index       !! number of the interval among its like
       real(wp), intent(in) :: length, w(nlane, d%nnoise)
       real(wp), allocatable, intent(in) :: hh(:, :), u(:, :), v(:, :)
-      real(wp), intent(out) :: a(nlane, area_count(d%nnoise))
+      type(path_interval), intent(out) :: whole
       integer(i8), intent(inout) :: drawn
-      real(wp), allocatable, dimension(:, :) :: w1, w2, h1, h2, u1, u2, v1, v2, a1, a2
+      type(path_interval) :: left, right
+      real(wp), allocatable, dimension(:, :) :: w1, w2, h1, h2, u1, u2, v1, v2
 
       allocate (w1(nlane, d%nnoise), w2(nlane, d%nnoise), h1(nlane, d%nnoise), h2(nlane, d%nnoise))
-      allocate (a1(nlane, area_count(d%nnoise)), a2(nlane, area_count(d%nnoise)))
       call halve(nlane, d%nnoise, w, hh, u, v, w1, w2, h1, h2)
       if (level == last) then
-         call area_of_leaf(nlane, d%nnoise, w1, h1, a1)
-         call area_of_leaf(nlane, d%nnoise, w2, h2, a2)
+         call finest_interval(d, nlane, length/2, w1, h1, left)
+         call finest_interval(d, nlane, length/2, w2, h2, right)
       else
          call draw_halving(d, nlane, path, index, level + 1, length/2, u1, u2, v1, v2, drawn)
-         call area_of_halves(d, nlane, path, level + 1, last, 2*index, length/2, w1, h1, u1, v1, a1, drawn)
-         call area_of_halves(d, nlane, path, level + 1, last, 2*index + 1, length/2, w2, h2, u2, v2, a2, drawn)
+         call merge_halves(d, nlane, path, level + 1, last, 2*index, length/2, w1, h1, u1, v1, left, drawn)
+         call merge_halves(d, nlane, path, level + 1, last, 2*index + 1, length/2, w2, h2, u2, v2, right, drawn)
       end if
-      call merge_areas(nlane, d%nnoise, w1, w2, a1, a2, a)
-   end subroutine area_of_halves
+      call merge_intervals(nlane, d%nnoise, left, right, whole)
+      whole%w = w  ! the sum of the halves to rounding
+   end subroutine merge_halves
 
-   !> The area of the parabola is H_k dW_l - H_l dW_k.
-   pure subroutine area_of_leaf(nlane, nnoise, w, hh, a)
-      integer, intent(in) :: nlane, nnoise
-      real(wp), intent(in) :: w(nlane, nnoise), hh(nlane, nnoise)
-      real(wp), intent(out) :: a(nlane, area_count(nnoise))
-      integer :: k, l
+   !> A parabola.
+   subroutine finest_interval(d, nlane, length, w, hh, interval)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: length, w(nlane, d%nnoise), hh(nlane, d%nnoise)
+      type(path_interval), intent(out) :: interval
+      integer :: f
 
-      do l = 2, nnoise
-         do k = 1, l - 1
-            a(:, area_index(k, l)) = hh(:, k)*w(:, l) - hh(:, l)*w(:, k)
-         end do
+      call new_path_interval(interval, nlane, d%nnoise, length, d%asked)
+      interval%w = w
+      do f = 1, nfunctional
+         if (d%asked%has(f)) call parabola_values(f, nlane, d%nnoise, length, w, hh, interval%of(f)%x)
       end do
-   end subroutine area_of_leaf
+   end subroutine finest_interval
 
    !> The two halves of an interval.
    pure subroutine halve(nlane, nnoise, w, hh, u, v, w1, w2, h1, h2)

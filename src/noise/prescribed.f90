@@ -1,13 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Increments given by the user, one row a step; with refine = l > 0, 2^l finer rows a step, added as a tree.
 !>
-!> Schemes that need dZ or areas need finer rows: the path is then the polygon through them, whose dZ
-!> and areas are exact (its mean-square error against the Brownian path is h^3/(12 4^l) in dZ and
+!> Schemes that need functionals of the path need finer rows: the path is then the polygon through them,
+!> whose functionals are exact (the mean-square error against the Brownian path is h^3/(12 4^l) in dZ and
 !> h^2/(4 2^l) in an area).
 module symsde_noise_prescribed
+   use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
-   use symsde_noise_integrals, only: step_integrals, merge_steps
-   use symsde_noise_source, only: noise_type, clip_lanes, clip_integrals
+   use symsde_base_record, only: step_request, step_store
+   use symsde_noise_functionals, only: path_interval, new_path_interval, parabola_values, merge_intervals, &
+                                       clip_increments, clip_interval
+   use symsde_noise_source, only: noise_type
    implicit none
    private
    public :: prescribed_noise, new_prescribed_noise
@@ -20,7 +23,6 @@ module symsde_noise_prescribed
       real(wp), pointer, contiguous :: dw(:, :, :)  !! (npath or 1, nnoise, nstep*2^refine), the user's array
    contains
       procedure :: fill => fill_prescribed
-      procedure :: fill_integrals => fill_prescribed_integrals
    end type prescribed_noise
 
 contains
@@ -42,73 +44,71 @@ contains
       allocate (self%silent(self%nnoise), source=.false.)
    end subroutine new_prescribed_noise
 
-   subroutine fill_prescribed(self, nlane, path, pair, w, drawn)
+   subroutine fill_prescribed(self, request, store, drawn)
       class(prescribed_noise), intent(in) :: self
-      integer, intent(in) :: nlane
-      integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:1)
-      integer(i8), intent(inout) :: drawn
+      type(step_request), intent(in) :: request
+      type(step_store), intent(inout) :: store
+      integer(i8), intent(out) :: drawn
       integer(i8) :: row, rows
-      integer :: k, half
+      integer :: i
 
+      drawn = 0
       rows = 2_i8**self%refine
-      do half = 0, 1
-         row = (2*pair + half - self%first_step)*rows + 1
+      do i = 0, 2*request%npair - 1
+         row = (2*request%pair + i - self%first_step)*rows + 1
          if (row < 1 .or. row + rows - 1 > size(self%dw, 3, i8)) cycle  ! not a step of this run
-         do k = 1, self%nnoise
-            call sum_rows(self, nlane, path, k, row, rows, w(:, k, half))
-            if (self%bound < huge(1.0_wp)) call clip_lanes(nlane, self%bound, w(:, k, half))
-         end do
+         call fill_step(self, request%nlane, request%path, row, rows, i, store)
       end do
    end subroutine fill_prescribed
 
-   !> Increments, dZ and areas of the polygon through the rows of a step.
-   subroutine fill_prescribed_integrals(self, nlane, path, pair, w, z, area, drawn)
+   !> Increments of one step, and functionals of the polygon through its rows.
+   subroutine fill_step(self, nlane, path, row, rows, i, store)
       class(prescribed_noise), intent(in) :: self
-      integer, intent(in) :: nlane
-      integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:1)
-      real(wp), intent(inout) :: z(nlane, self%nz, 0:1), area(nlane, self%narea, 0:1)
-      integer(i8), intent(inout) :: drawn
-      type(step_integrals) :: whole
-      integer(i8) :: row, rows
-      integer :: half
+      integer, intent(in) :: nlane, i
+      integer(i8), intent(in) :: path(nlane), row, rows
+      type(step_store), intent(inout) :: store
+      type(path_interval) :: whole
+      integer :: k, f
 
-      rows = 2_i8**self%refine
-      do half = 0, 1
-         row = (2*pair + half - self%first_step)*rows + 1
-         if (row < 1 .or. row + rows - 1 > size(self%dw, 3, i8)) cycle  ! not a step of this run
-         call polygon(self, nlane, path, row, rows, whole)
-         w(:, 1:, half) = whole%w
-         z(:, :, half) = whole%z
-         area(:, :, half) = whole%a
-         if (self%bound < huge(1.0_wp)) &
-            call clip_integrals(nlane, self%nnoise, self%nz, self%narea, self%bound, self%h, &
-                                w(:, 1:, half), z(:, :, half), area(:, :, half))
+      if (self%asked%is_empty()) then
+         do k = 1, self%nnoise
+            call sum_rows(self, nlane, path, k, row, rows, store%w(:, k, i))
+            if (self%bound < huge(1.0_wp)) call clip_increments(nlane, self%bound, store%w(:, k, i))
+         end do
+         return
+      end if
+      call polygon(self, nlane, path, row, rows, whole)
+      if (self%bound < huge(1.0_wp)) call clip_interval(nlane, self%nnoise, self%bound, whole)
+      store%w(:, 1:, i) = whole%w
+      do f = 1, nfunctional
+         if (self%asked%has(f)) store%of(f)%x(:, :, i) = whole%of(f)%x
       end do
-   end subroutine fill_prescribed_integrals
+   end subroutine fill_step
 
    !> Rows row .. row+rows-1 as one interval; a single row is a straight line: dZ = h dW/2, no area.
    recursive subroutine polygon(self, nlane, path, row, rows, whole)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane), row, rows
-      type(step_integrals), intent(out) :: whole
-      type(step_integrals) :: left, right
-      integer :: k
+      type(path_interval), intent(out) :: whole
+      type(path_interval) :: left, right
+      real(wp) :: straight(nlane, self%nnoise)  !! H = 0
+      integer :: k, f
 
       if (rows > 1) then
          call polygon(self, nlane, path, row, rows/2, left)
          call polygon(self, nlane, path, row + rows/2, rows/2, right)
-         call merge_steps(nlane, self%nnoise, left, right, whole)
+         call merge_intervals(nlane, self%nnoise, left, right, whole)
          return
       end if
-      whole%length = self%h/2.0_wp**self%refine
-      allocate (whole%w(nlane, self%nnoise), whole%z(nlane, self%nz))
-      allocate (whole%a(nlane, self%narea), source=0.0_wp)
+      call new_path_interval(whole, nlane, self%nnoise, self%h/2.0_wp**self%refine, self%asked)
       do k = 1, self%nnoise
          call sum_rows(self, nlane, path, k, row, 1_i8, whole%w(:, k))
-         if (self%needs_dz) whole%z(:, k) = 0.5_wp*whole%length*whole%w(:, k)
+      end do
+      straight = 0
+      do f = 1, nfunctional
+         if (self%asked%has(f)) &
+            call parabola_values(f, nlane, self%nnoise, whole%length, whole%w, straight, whole%of(f)%x)
       end do
    end subroutine polygon
 

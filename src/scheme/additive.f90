@@ -7,11 +7,12 @@
 !>    drift_preserving          averaged forces: E H grows exactly as it must for every h; not symplectic
 !>    exact_rotation            Verlet around the exact flow of a declared linear part: symplectic, explicit
 module symsde_scheme_additive
+   use symsde_base_functionals, only: functionals, path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
    use symsde_scheme_quadrature, only: get_quadrature
-   use symsde_scheme_scheme, only: scheme_type, expansion_dz, special_verlet_dz, special_averaged_shift, &
-                                   special_drift_preserving, special_exact_rotation
+   use symsde_scheme_scheme, only: scheme_type, special_verlet_dz, special_averaged_shift, special_drift_preserving, &
+                                   special_exact_rotation
    use symsde_scheme_tableau, only: scheme_from_tableau
    implicit none
    private
@@ -33,12 +34,12 @@ contains
       case ('verlet_dz')
          call scheme_from_tableau(scheme, a, abar, halves, name, .false., error, c=middle)
          call claim(scheme, special_verlet_dz, 2.0_wp, 2.0_wp)
-         scheme%expansion = expansion_dz
+         scheme%asks = functionals([path_dz])
          scheme%reference = 'position Verlet with dZ; Milstein, Repin, Tretyakov 2002 (additive noise)'
       case ('averaged_shift_midpoint')
          call scheme_from_tableau(scheme, half, half, one, name, .false., error)
          call claim(scheme, special_averaged_shift, 1.5_wp, 1.5_wp)
-         scheme%expansion = expansion_dz
+         scheme%asks = functionals([path_dz])
          scheme%reference = 'midpoint of z = x - B (W - W_n) under a modified Hamiltonian (docs/method.md)'
       case ('exact_rotation')
          ! where nothing is declared stiff the rotation is a free flight: the tableau of Verlet

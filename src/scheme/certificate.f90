@@ -1,13 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The certificate of a scheme: what its coefficients prove, measured, not declared.
 module symsde_scheme_certificate
+   use symsde_base_functionals, only: functional_set, name_functionals
    use symsde_base_kinds, only: wp
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_text, only: to_text
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, &
-                                   symplecticity_residual, expansion_none, expansion_dz, uses_dz, uses_areas, &
-                                   uses_nested_bracket, special_none, special_verlet_dz, special_drift_preserving, &
-                                   special_exact_rotation
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
+                                   symplecticity_residual, special_none, special_verlet_dz, &
+                                   special_averaged_shift, special_drift_preserving, special_exact_rotation
    use symsde_scheme_properties, only: symmetry_residual, quadratic_residual, stratonovich_sum, &
                                        conjugate_stratonovich_sum, coefficient_tolerance
    use symsde_scheme_dependency, only: is_explicit, implicit_unknowns
@@ -27,7 +27,8 @@ module symsde_scheme_certificate
       integer :: form = tableau_form
       integer :: nstage = 0
       integer :: degree = 0
-      integer :: expansion = expansion_none     !! brackets added to the one-step Hamiltonian
+      type(functional_set) :: asks              !! functionals of the path that a step needs beside dW
+      type(bracket_terms) :: brackets           !! added to the one-step Hamiltonian
       integer :: law = law_gaussian             !! law of the increments (base/laws)
       integer :: special = special_none         !! some noise alone, by a stepper of its own
       logical :: symplectic = .false.
@@ -64,7 +65,8 @@ contains
       c%form = scheme%form
       c%nstage = scheme%nstage
       c%degree = scheme%degree
-      c%expansion = scheme%expansion
+      c%asks = scheme%asks
+      c%brackets = scheme%brackets
       c%law = scheme%law
       c%special = scheme%special
       if (scheme%form == tableau_form) c%symplecticity_residual = symplecticity_residual(scheme)
@@ -211,7 +213,7 @@ contains
                ', commutative '//order_text(c%order_commutative)//', general '//order_text(c%order_general)// &
                ', commuting flows '//order_text(c%order_commuting))
       weak = order_text(c%order_weak)
-      if (uses_nested_bracket(c%expansion)) weak = weak//' for commutative noises, 1.0 for the others'
+      if (c%brackets%nested) weak = weak//' for commutative noises, 1.0 for the others'
       call add(text, 'weak order', weak)
    end subroutine add_orders
 
@@ -219,15 +221,16 @@ contains
    pure subroutine add_expansion(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
-      character(:), allocatable :: brackets
+      character(:), allocatable :: brackets, asked
 
-      if (c%expansion == expansion_dz) then
-         call add(text, 'increments', 'dZ beside dW')
-      else if (c%expansion /= expansion_none) then
+      if (.not. c%brackets%are_added() .and. .not. c%asks%is_empty()) then
+         call name_functionals(c%asks, asked)
+         call add(text, 'increments', asked//' beside dW')
+      else if (c%brackets%are_added()) then
          brackets = ''
-         if (uses_dz(c%expansion)) brackets = brackets//', {H_k,H} with dZ'
-         if (uses_areas(c%expansion)) brackets = brackets//', {H_l,H_k} with areas'
-         if (uses_nested_bracket(c%expansion)) brackets = brackets//', {{H,H_k},H_k} by differences of values'
+         if (c%brackets%single) brackets = brackets//', {H_k,H} with dZ'
+         if (c%brackets%areas) brackets = brackets//', {H_l,H_k} with areas'
+         if (c%brackets%nested) brackets = brackets//', {{H,H_k},H_k} by differences of values'
          call add(text, 'brackets added', brackets(3:)//'; without an analytic Hessian symplectic to the error '// &
                   'of its differences')
       end if
@@ -276,7 +279,7 @@ contains
                  '; where U is that part and the noise additive, E H is exact for every h'
       else
          value = 'additive noise'
-         if (c%expansion /= expansion_dz .or. c%explicit_for /= never_explicit) &
+         if (c%special /= special_averaged_shift) &
             value = value//' in p alone, H = p.p/2 + U(q)'
       end if
       if (c%special == special_drift_preserving) value = value//'; E H is exact for polynomials U up to degree eight'

@@ -11,8 +11,7 @@ module symsde_scheme_composition
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
    use symsde_base_text, only: to_text
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, &
-                                   expansion_none, special_none
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, special_none
    use symsde_scheme_properties, only: declare_properties, tableau_order
    implicit none
    private
@@ -171,7 +170,8 @@ contains
       type(scheme_type), intent(in) :: base
       type(error_type), allocatable, intent(inout) :: error
 
-      if (base%expansion /= expansion_none .or. base%special /= special_none) &
+      if (base%brackets%are_added() .or. .not. base%asks%is_empty() .or. &
+          base%special /= special_none) &
          call raise(error, incompatible, place, "'"//base%name//"' uses more of the path than its "// &
                     'increments, or a stepper of its own, and has no composition; take a plain scheme '// &
                     'such as midpoint or gauss2')

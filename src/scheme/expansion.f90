@@ -8,10 +8,10 @@
 !>    gauss2_weak2            three-point increments: weak 2 for commutative noises
 !>    midpoint_weak1          two-point increments, nothing added: weak 1
 module symsde_scheme_expansion
+   use symsde_base_functionals, only: functionals, path_dz, path_areas
    use symsde_base_kinds, only: wp
    use symsde_base_laws, only: law_gaussian, law_three_point, law_two_point
-   use symsde_scheme_scheme, only: scheme_type, expansion_none, expansion_strong, expansion_areas, &
-                                   expansion_strong_areas, expansion_weak
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms
    implicit none
    private
    public :: expand_scheme
@@ -37,12 +37,23 @@ contains
       character(*), intent(in) :: name   !! one of the five
 
       select case (name)
-      case ('gauss2_strong32'); call declare(scheme, expansion_strong, law_gaussian, 1.5_wp, 0.5_wp, 2.0_wp)
+      case ('gauss2_strong32')
+         scheme%asks = functionals([path_dz])
+         scheme%brackets = bracket_terms(single=.true., nested=.true.)
+         call declare(scheme, law_gaussian, 1.5_wp, 0.5_wp, 2.0_wp)
       case ('gauss2_strong32_areas')
-         call declare(scheme, expansion_strong_areas, law_gaussian, 1.5_wp, 1.0_wp, 2.0_wp)
-      case ('midpoint_areas'); call declare(scheme, expansion_areas, law_gaussian, 1.0_wp, 1.0_wp, 1.0_wp)
-      case ('gauss2_weak2'); call declare(scheme, expansion_weak, law_three_point, 0.0_wp, 0.0_wp, 2.0_wp)
-      case ('midpoint_weak1'); call declare(scheme, expansion_none, law_two_point, 0.0_wp, 0.0_wp, 1.0_wp)
+         scheme%asks = functionals([path_dz, path_areas])
+         scheme%brackets = bracket_terms(single=.true., areas=.true., nested=.true.)
+         call declare(scheme, law_gaussian, 1.5_wp, 1.0_wp, 2.0_wp)
+      case ('midpoint_areas')
+         scheme%asks = functionals([path_areas])
+         scheme%brackets = bracket_terms(areas=.true.)
+         call declare(scheme, law_gaussian, 1.0_wp, 1.0_wp, 1.0_wp)
+      case ('gauss2_weak2')
+         scheme%brackets = bracket_terms(nested=.true.)
+         call declare(scheme, law_three_point, 0.0_wp, 0.0_wp, 2.0_wp)
+      case ('midpoint_weak1')
+         call declare(scheme, law_two_point, 0.0_wp, 0.0_wp, 1.0_wp)
       case default  ! the base as it is
       end select
       scheme%reference = 'modified one-step Hamiltonian on '//base_of(name)//' (log-ODE; Castell 1993)'
@@ -52,13 +63,12 @@ contains
       end if
    end subroutine expand_scheme
 
-   pure subroutine declare(scheme, expansion, law, commutative, general, weak)
+   pure subroutine declare(scheme, law, commutative, general, weak)
       type(scheme_type), intent(inout) :: scheme
-      integer, intent(in) :: expansion, law
+      integer, intent(in) :: law
       real(wp), intent(in) :: commutative, general  !! strong orders
       real(wp), intent(in) :: weak                  !! weak order, commutative noises
 
-      scheme%expansion = expansion
       scheme%law = law
       scheme%order_additive = commutative
       scheme%order_commutative = commutative

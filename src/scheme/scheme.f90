@@ -13,17 +13,15 @@
 !>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
 module symsde_scheme_scheme
    use symsde_base_kinds, only: wp
+   use symsde_base_functionals, only: functional_set
    use symsde_base_laws, only: law_gaussian
    implicit none
    private
-   public :: scheme_type
+   public :: scheme_type, bracket_terms
    public :: tableau_form, galerkin_form, ito_form
    public :: correction_auto, correction_none, correction_mean, correction_increments
-   public :: expansion_none, expansion_strong, expansion_areas, expansion_strong_areas, expansion_weak
-   public :: expansion_dz
    public :: special_none, special_verlet_dz, special_averaged_shift, special_drift_preserving, &
              special_exact_rotation
-   public :: uses_dz, uses_areas, uses_nested_bracket
    public :: symplectic_conjugate, symplecticity_residual
 
    enum, bind(c)
@@ -38,15 +36,6 @@ module symsde_scheme_scheme
       enumerator :: correction_increments = 3  !! (1/2-lambda) F_p.F_q with F = sum_k dW_k H_k
    end enum
 
-   ! brackets added to the one-step Hamiltonian (step/modified_hamiltonian), for orders beyond one
-   enum, bind(c)
-      enumerator :: expansion_none = 0
-      enumerator :: expansion_strong = 1        !! {H_k,H} with dZ and {{H,H_k},H_k}: strong 3/2, commutative
-      enumerator :: expansion_areas = 2         !! {H_l,H_k} with areas: strong 1 for every noise
-      enumerator :: expansion_strong_areas = 3  !! both
-      enumerator :: expansion_weak = 4          !! {{H,H_k},H_k} alone: weak 2, commutative
-      enumerator :: expansion_dz = 5            !! no bracket; dZ for the scheme's own stepper
-   end enum
    ! schemes for additive or position noise alone (scheme/additive), each with a stepper of its own
    enum, bind(c)
       enumerator :: special_none = 0
@@ -55,6 +44,15 @@ module symsde_scheme_scheme
       enumerator :: special_drift_preserving = 3
       enumerator :: special_exact_rotation = 4
    end enum
+
+   !> Brackets added to the one-step Hamiltonian (step/modified_hamiltonian), for orders beyond one.
+   type :: bracket_terms
+      logical :: single = .false.  !! sum_k (h dW_k/2 - dZ_k) {H_k,H}
+      logical :: areas = .false.   !! sum_{k<l} A_kl {H_l,H_k}
+      logical :: nested = .false.  !! (h^2/12) sum_k {{H,H_k},H_k}
+   contains
+      procedure :: are_added
+   end type bracket_terms
 
    type :: scheme_type
       character(:), allocatable :: name       !! name in the catalogue, or the user's
@@ -69,7 +67,8 @@ module symsde_scheme_scheme
       integer :: degree = 0                   !! s: degree of the polynomial; 0 = not from a polynomial
       real(wp), allocatable :: basis(:, :)    !! l_mu(c_i), Galerkin form only (nstage, 0:degree)
       real(wp), allocatable :: slope(:, :)    !! l_mu'(c_i), Galerkin form only (nstage, 0:degree)
-      integer :: expansion = expansion_none   !! brackets added to the one-step Hamiltonian
+      type(functional_set) :: asks            !! functionals of the path that a step needs beside dW
+      type(bracket_terms) :: brackets         !! added to the one-step Hamiltonian
       integer :: special = special_none       !! some noise alone, by a stepper of its own
       integer :: law = law_gaussian           !! law of the increments that a run draws (base/laws)
       logical :: symplectic = .false.
@@ -99,25 +98,11 @@ contains
          equal = .not. (any(abs(self%a - self%b) > 0) .or. any(abs(self%abar - self%bbar) > 0))
    end function noise_coefficients_equal
 
-   !> Whether an expansion multiplies brackets by dZ_k, by areas A_kl, and has the nested brackets.
-   pure logical function uses_dz(expansion)
-      integer, intent(in) :: expansion
+   pure logical function are_added(self)
+      class(bracket_terms), intent(in) :: self
 
-      uses_dz = expansion == expansion_strong .or. expansion == expansion_strong_areas .or. &
-                expansion == expansion_dz
-   end function uses_dz
-
-   pure logical function uses_areas(expansion)
-      integer, intent(in) :: expansion
-
-      uses_areas = expansion == expansion_areas .or. expansion == expansion_strong_areas
-   end function uses_areas
-
-   pure logical function uses_nested_bracket(expansion)
-      integer, intent(in) :: expansion
-
-      uses_nested_bracket = expansion /= expansion_dz .and. (uses_dz(expansion) .or. expansion == expansion_weak)
-   end function uses_nested_bracket
+      are_added = self%single .or. self%areas .or. self%nested
+   end function are_added
 
    !> 1/2 - sum_ij beta_i b_ij: the factor of the correction that makes the scheme consistent with the
    !> Stratonovich equation. Zero for the midpoint, 1/2 - lambda for the one-sided family.

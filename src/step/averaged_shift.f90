@@ -10,12 +10,13 @@
 !> difference of H that stands for B^T Hess H B is a Hamiltonian itself (step/modified_hamiltonian).
 module symsde_step_averaged_shift
    use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: correction_none, expansion_none, expansion_weak
+   use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
-   use symsde_step_modified_hamiltonian, only: new_modified_hamiltonian
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -29,11 +30,12 @@ module symsde_step_averaged_shift
       real(wp), allocatable :: qs(:, :), ps(:, :), hq(:, :), hp(:, :)  !! (nlane, ndof)
    contains
       procedure :: increment
+      procedure :: tally
    end type averaged_shift_stepper
 
 contains
 
-   !> A stepper for blocks of nlane lanes. dZ is written into ham%extra, which adds nothing else.
+   !> A stepper for blocks of nlane lanes.
    subroutine new_averaged_shift_stepper(self, model, nlane, options)
       type(averaged_shift_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -42,39 +44,56 @@ contains
 
       self%name = 'midpoint, averaged shift'
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      allocate (self%ham%extra)
-      call new_modified_hamiltonian(self%ham%extra, model, expansion_none, nlane)
-      call new_midpoint_full_stepper(self%inner, model, nlane, options)
-      allocate (self%inner%ham%extra)
-      call new_modified_hamiltonian(self%inner%ham%extra, model, expansion_weak, nlane)
+      call new_midpoint_full_stepper(self%inner, model, nlane, options, brackets=bracket_terms(nested=.true.))
       associate (n => model%traits%ndof, m => model%traits%nnoise)
          allocate (self%v(nlane, 0:m), self%drift(nlane, 0:m), source=0.0_wp)
          allocate (self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
       end associate
    end subroutine new_averaged_shift_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(averaged_shift_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       real(wp) :: h, tm
 
-      h = w(1, 0)
-      tm = t + 0.5_wp*h
+      h = step%h
+      tm = step%t + 0.5_wp*h
       self%qs = q
       self%ps = p
-      self%v(:, 1:) = self%ham%extra%z/h
+      self%v = 0
+      if (associated(step%of(path_dz)%x)) self%v(:, 1:) = step%of(path_dz)%x/h
       call add_shift(self, tm, self%qs, self%ps)
-      self%drift(:, 0) = h
-      self%inner%ham%nreal = self%ham%nreal
-      call self%inner%increment(t, self%drift, self%qs, self%ps, dq, dp, status)
-      self%v(:, 1:) = w(:, 1:)
+      call drift_midpoint(self, step, dq, dp, status)
+      self%v(:, 1:) = step%w(:, 1:)
       call add_shift(self, tm, dq, dp)
-      call add_counters(self%ham%counters, self%inner%ham%counters)
-      self%inner%ham%counters = counters_type()
    end subroutine increment
+
+   !> The step of H* from (qs, ps), without noise.
+   subroutine drift_midpoint(self, step, dq, dp, status)
+      type(averaged_shift_stepper), intent(inout), target :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      type(step_record) :: drift
+
+      drift = step
+      self%drift(:, 0) = step%h
+      drift%w(1:, 0:) => self%drift
+      self%inner%ham%nreal = self%ham%nreal
+      call self%inner%increment(drift, self%qs, self%ps, dq, dp, status)
+   end subroutine drift_midpoint
+
+   !> What this stepper and the one within have counted.
+   subroutine tally(self, total)
+      class(averaged_shift_stepper), intent(in) :: self
+      type(counters_type), intent(inout) :: total
+
+      call add_counters(total, self%ham%counters)
+      call self%inner%tally(total)
+   end subroutine tally
 
    !> (xq, xp) + sum_k v_k B_k, read off at that very point: the fields of additive noise are constant.
    subroutine add_shift(self, t, xq, xp)

@@ -9,6 +9,7 @@
 !> degree eight. Unknown is X = Psi - p_n; then p_{n+1} - p_n = 2 X - g.
 module symsde_step_drift_preserving
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
@@ -60,19 +61,19 @@ contains
       end if
    end subroutine new_drift_preserving_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(drift_preserving_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       real(wp) :: h, tm
 
-      h = w(1, 0)
-      tm = t + 0.5_wp*h
+      h = step%h
+      tm = step%t + 0.5_wp*h
       self%kick = 0
       if (self%ham%nnoise > 0) then
-         self%v = w
+         self%v = step%w
          self%v(:, 0) = 0
          call self%ham%gradient(tm, self%v, q, p, hq=self%kick)
          self%kick = -self%kick

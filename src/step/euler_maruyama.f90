@@ -5,6 +5,7 @@
 !> DV_k V_k = (u_p, -u_q) with u = Hess H_k V_k, one Hessian-vector product for every noise.
 module symsde_step_euler_maruyama
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
@@ -40,23 +41,23 @@ contains
       end associate
    end subroutine new_euler_maruyama_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(euler_maruyama_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       real(wp) :: h
       integer :: k
 
-      h = abs(w(1, 0))  ! the variance of dW
-      call self%ham%gradient(t, w, q, p, hq=dp, hp=dq)
+      h = abs(step%h)  ! the variance of dW
+      call self%ham%gradient(step%t, step%w, q, p, hq=dp, hp=dq)
       dp = -dp
       if (self%has_ito_drift) then
          self%e = 0
          do k = 1, self%ham%nnoise
             self%e(:, k) = 1
-            call ito_drift(self, t, q, p)
+            call ito_drift(self, step%t, q, p)
             dq = dq + 0.5_wp*h*self%up
             dp = dp - 0.5_wp*h*self%uq
             self%e(:, k) = 0

@@ -8,6 +8,7 @@
 !> (tests/verification/test_steppers.pf).
 module symsde_step_euler_oscillator
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_model_additive_oscillator, only: additive_oscillator_model
    use symsde_model_linear_oscillator, only: linear_oscillator_model
@@ -68,18 +69,18 @@ contains
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
    end subroutine new_euler_oscillator_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(euler_oscillator_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
-      associate (nlane => self%ham%nlane, m => self%ham%nnoise, h => w(1, 0), i => self%i, j => self%j)
+      associate (nlane => self%ham%nlane, m => self%ham%nnoise, h => step%h, i => self%i, j => self%j)
          if (self%adjoint) then
-            call find_increments(nlane, m, -h, self%sigma, self%gamma, i, j, w, p, q, dp, dq)
+            call find_increments(nlane, m, -h, self%sigma, self%gamma, i, j, step%w, p, q, dp, dq)
          else
-            call find_increments(nlane, m, h, self%gamma, self%sigma, j, i, w, q, p, dq, dp)
+            call find_increments(nlane, m, h, self%gamma, self%sigma, j, i, step%w, q, p, dq, dp)
          end if
       end associate
       call self%count_steps(1)

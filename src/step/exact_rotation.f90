@@ -10,6 +10,7 @@
 !> keeps H. The declared omega costs no accuracy where it is wrong, V is what remains.
 module symsde_step_exact_rotation
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
@@ -67,18 +68,18 @@ contains
       end where
    end subroutine rotate_over
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(exact_rotation_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: i
 
-      if (abs(w(1, 0) - self%h) > 0) call rotate_over(self, w(1, 0), self%ham%model%traits%rotation)
-      self%v = w
-      self%v(:, 0) = 0.5_wp*w(:, 0)
-      call self%ham%gradient(t, self%v, q, p, hq=dp)
+      if (abs(step%h - self%h) > 0) call rotate_over(self, step%h, self%ham%model%traits%rotation)
+      self%v = step%w
+      self%v(:, 0) = 0.5_wp*step%w(:, 0)
+      call self%ham%gradient(step%t, self%v, q, p, hq=dp)
       do i = 1, self%ham%ndof
          dp(:, i) = self%v(:, 0)*self%square(i)*q(:, i) - dp(:, i)
          self%f(:, i) = p(:, i) + dp(:, i)
@@ -87,7 +88,7 @@ contains
       end do
       self%x = q + dq
       self%v(:, 1:) = 0
-      call self%ham%gradient(t + self%h, self%v, self%x, p, hq=self%f)
+      call self%ham%gradient(step%t + self%h, self%v, self%x, p, hq=self%f)
       do i = 1, self%ham%ndof
          dp(:, i) = dp(:, i) + (self%v(:, 0)*self%square(i)*self%x(:, i) - self%f(:, i))
       end do

@@ -7,6 +7,7 @@
 !> set-up; no solver is called.
 module symsde_step_explicit
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_dependency, only: stages_follow => is_explicit
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
@@ -125,9 +126,9 @@ contains
       if (all(has_force) .and. all(has_velocity)) plan = order(:n)
    end subroutine find_plan
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(explicit_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
@@ -136,7 +137,7 @@ contains
 
       n = size(q)
       if (self%is_euler) then
-         call euler(self, t, w, q, p, dq, dp)
+         call euler(self, step%t, step%w, q, p, dq, dp)
          return
       end if
       do k = 1, size(self%plan)
@@ -146,15 +147,15 @@ contains
          if (q_moves) call add_slopes(n, self%nstage, self%to_q(:, i), self%hp, q, self%qs)
          if (p_moves) call add_slopes(n, self%nstage, self%to_p(:, i), self%hq, p, self%ps)
          ! a point that is where the step began is not copied
-         associate (ti => t + self%c(i)*w(1, 0))
+         associate (ti => step%t + self%c(i)*step%h)
             if (q_moves .and. p_moves) then
-               call evaluate(self, self%plan(k), ti, w, self%qs, self%ps)
+               call evaluate(self, self%plan(k), ti, step%w, self%qs, self%ps)
             else if (q_moves) then
-               call evaluate(self, self%plan(k), ti, w, self%qs, p)
+               call evaluate(self, self%plan(k), ti, step%w, self%qs, p)
             else if (p_moves) then
-               call evaluate(self, self%plan(k), ti, w, q, self%ps)
+               call evaluate(self, self%plan(k), ti, step%w, q, self%ps)
             else
-               call evaluate(self, self%plan(k), ti, w, q, p)
+               call evaluate(self, self%plan(k), ti, step%w, q, p)
             end if
          end associate
       end do

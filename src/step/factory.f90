@@ -6,10 +6,10 @@ module symsde_step_factory
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
    use symsde_model_kubo, only: kubo_model
-   use symsde_scheme_scheme, only: scheme_type, galerkin_form, ito_form, correction_auto, correction_none, &
-                                   correction_mean, correction_increments, special_none, special_verlet_dz, &
-                                   special_averaged_shift, special_drift_preserving, &
-                                   special_exact_rotation
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms, galerkin_form, ito_form, &
+                                   correction_auto, correction_none, correction_mean, correction_increments, &
+                                   special_none, special_verlet_dz, special_averaged_shift, &
+                                   special_drift_preserving, special_exact_rotation
    use symsde_solve_newton, only: newton_options, check_newton
    use symsde_step_averaged_shift, only: averaged_shift_stepper, new_averaged_shift_stepper
    use symsde_step_drift_preserving, only: drift_preserving_stepper, new_drift_preserving_stepper
@@ -18,7 +18,7 @@ module symsde_step_factory
    use symsde_step_euler_oscillator, only: euler_oscillator_stepper, new_euler_oscillator_stepper, fits_euler_oscillator
    use symsde_step_explicit, only: explicit_stepper, new_explicit_stepper, is_explicit
    use symsde_step_galerkin, only: galerkin_stepper, new_galerkin_stepper
-   use symsde_step_modified_hamiltonian, only: expansion_active
+   use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
    use symsde_step_midpoint_kubo, only: midpoint_kubo_stepper, new_midpoint_kubo_stepper
@@ -50,8 +50,10 @@ contains
       type(stepper_options), intent(in) :: options
       integer, intent(in) :: nlane
       type(error_type), allocatable, intent(inout) :: error
+      type(bracket_terms) :: active
       integer :: correction
 
+      active = active_brackets(scheme%brackets, model%traits)
       call check_newton(options%newton, error)
       if (allocated(error)) return
       call resolve_correction(correction, model, scheme, options%correction, error)
@@ -68,7 +70,7 @@ contains
          allocate (galerkin_stepper :: stepper)
       else if (options%general) then
          allocate (general_stepper :: stepper)
-      else if (expansion_active(scheme%expansion, model%traits)) then
+      else if (active%are_added()) then
          call allocate_expanded(stepper, model, scheme, options)
       else if (correction == correction_none .and. fits_euler_oscillator(model, scheme)) then
          allocate (euler_oscillator_stepper :: stepper)

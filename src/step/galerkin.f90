@@ -13,6 +13,7 @@
 !> up to one, dp = -sum_i S_{i,q}. The matrix is not near the identity: LAPACK solves what it must.
 module symsde_step_galerkin
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
@@ -70,9 +71,9 @@ contains
       allocate (self%sqq(nlane, n, n), self%sqp(nlane, n, n), self%spp(nlane, n, n))
    end subroutine new_galerkin_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(galerkin_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
@@ -80,20 +81,20 @@ contains
 
       n = self%ham%ndof
       do i = 1, self%r
-         self%v(:, 0, i) = self%alpha(i)*w(:, 0)
-         self%v(:, 1:, i) = self%beta(i)*w(:, 1:)
+         self%v(:, 0, i) = self%alpha(i)*step%w(:, 0)
+         self%v(:, 1:, i) = self%beta(i)*step%w(:, 1:)
       end do
       self%x = 0
       call self%newton%start(status)
       do while (self%newton%running)
-         call linearise(self, t, w(1, 0), q, p)
+         call linearise(self, step%t, step%h, q, p)
          call self%newton%update(self%x, status, self%ham%counters)
       end do
       dq = self%x(:, (self%s - 1)*n + 1:self%s*n)
       dp = 0
       do i = 1, self%r
          call node_point(self, i, q, p)
-         call self%ham%gradient(t + self%c(i)*w(1, 0), self%v(:, :, i), self%qs, self%ps, hq=self%sq)
+         call self%ham%gradient(step%t + self%c(i)*step%h, self%v(:, :, i), self%qs, self%ps, hq=self%sq)
          dp = dp - self%sq
       end do
    end subroutine increment

@@ -9,6 +9,7 @@
 !> Where noise and drift have coefficients of their own, each of the two parts has its own slopes.
 module symsde_step_general
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
@@ -64,7 +65,7 @@ contains
          self%alpha(:, 2) = scheme%beta
       end if
       call new_one_step_hamiltonian(self%ham, model, nlane, correction, scheme%correction_coefficient(), &
-                                    scheme%expansion)
+                                    scheme%brackets)
       call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, &
                       model%traits%one_solve(.false.) .and. &
                       .not. allocated(self%ham%extra), -1, -1)
@@ -73,36 +74,35 @@ contains
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
    end subroutine new_general_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(general_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
       self%x = 0
-      call self%solve_stages(t, w(1, 0), w, q, p, status)
+      call self%solve_stages(step, q, p, status)
       call self%add_up(dq, dp)
    end subroutine increment
 
-   !> Newton for the slopes, from those in x on.
-   subroutine solve_stages(self, t, h, w, q, p, status)
+   !> Newton for the slopes, from those in x on. The nodes stand where step%h places them, whatever the
+   !> weights are.
+   subroutine solve_stages(self, step, q, p, status)
       class(general_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t
-      real(wp), intent(in) :: h    !! step that places the nodes in time [time]
-      real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: i, part
 
-      call split_weights(self, w)
+      call split_weights(self, step%w)
       call self%newton%start(status)
       do while (self%newton%running)
          if (allocated(self%newton%a)) self%newton%a = 0
          do i = 1, self%nstage
             call stage_point(self, i, q, p)
             do part = 1, self%npart
-               call linearise(self, i, part, t + self%c(i)*h)
+               call linearise(self, i, part, step)
             end do
          end do
          call self%newton%update(self%x, status, self%ham%counters)
@@ -170,22 +170,24 @@ contains
    end subroutine stage_point
 
    !> Rows of residual and matrix that belong to one stage and part.
-   subroutine linearise(self, i, part, t)
+   subroutine linearise(self, i, part, step)
       type(general_stepper), intent(inout) :: self
       integer, intent(in) :: i, part
-      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
+      real(wp) :: t
       integer :: n, at, k
 
+      t = step%t + self%c(i)*step%h
       n = self%ham%ndof
       at = first(self, i, part)
       associate (r => self%newton%r, hp => at, hq => at + n)
          if (.not. allocated(self%newton%a)) then
             call self%ham%gradient(t, self%v(:, :, part), self%qs, self%ps, &
-                                   hq=r(:, hq:hq + n - 1), hp=r(:, hp:hp + n - 1))
+                                   hq=r(:, hq:hq + n - 1), hp=r(:, hp:hp + n - 1), step=step)
          else
             call self%ham%gradient_hessian(t, self%v(:, :, part), self%qs, self%ps, &
                                            hq=r(:, hq:hq + n - 1), hp=r(:, hp:hp + n - 1), &
-                                           hqq=self%hqq, hqp=self%hqp, hpp=self%hpp)
+                                           hqq=self%hqq, hqp=self%hqp, hpp=self%hpp, step=step)
             call matrix_rows(self, i, at)
          end if
          do k = 0, n - 1

@@ -18,6 +18,7 @@
 !> with the Hessian alone. They find the same root.
 module symsde_step_midpoint
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_base_lanes, only: lane_unit
    use symsde_base_traits, only: dense, strip_lanes
    use symsde_model_abstract, only: model_type
@@ -122,28 +123,28 @@ contains
       end associate
    end function choose_way
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: before
 
-      self%eq%h = w(1, 0)
-      self%eq%t = t + 0.5_wp*w(1, 0)
+      self%eq%h = step%h
+      self%eq%t = step%t + 0.5_wp*step%h
       associate (nlane => self%ham%nlane, together => self%eq%nlane)
          if (together == nlane) then
             self%eq%nreal = self%ham%nreal
-            call step_together(self, nlane, 0, w, q, p, dq, dp, status)
+            call step_together(self, nlane, 0, step%w, q, p, dq, dp, status)
             return
          end if
          do before = 0, nlane - together, together
             self%eq%nreal = max(0, min(together, self%ham%nreal - before))
-            call take_rows(nlane, self%ham%nnoise + 1, before, w, self%w)
+            call take_rows(nlane, self%ham%nnoise + 1, before, step%w, self%w)
             call step_together(self, nlane, before, self%w, q, p, dq, dp, status(before + 1))
          end do
-         if (before < nlane) call fill_up(self, before, w, q, p, dq, dp, status)
+         if (before < nlane) call fill_up(self, before, step%w, q, p, dq, dp, status)
       end associate
    end subroutine increment
 

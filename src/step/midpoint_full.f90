@@ -8,9 +8,10 @@
 !> the unknowns are all of F and then all of G.
 module symsde_step_midpoint_full
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: correction_none
+   use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, pays_by_products
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
@@ -36,12 +37,13 @@ module symsde_step_midpoint_full
 contains
 
    !> A midpoint stepper for blocks of nlane lanes.
-   subroutine new_midpoint_full_stepper(self, model, nlane, options, without_matrices)
+   subroutine new_midpoint_full_stepper(self, model, nlane, options, without_matrices, brackets)
       type(midpoint_full_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
       logical, intent(in), optional :: without_matrices  !! whether to do without; by the model, if absent
+      type(bracket_terms), intent(in), optional :: brackets  !! to add to the one-step Hamiltonian
       integer :: n, b, width
       logical :: matrices
 
@@ -50,7 +52,7 @@ contains
       if (4*b + 3 >= 2*n) b = dense
       self%name = 'midpoint'
       self%band = b
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, brackets)
       matrices = options%fixed_point > 0 .or. options%damped .or. .not. pays_by_products(model%traits, 2*n)
       if (present(without_matrices)) matrices = .not. without_matrices
       allocate (self%x(nlane, 2*n), self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
@@ -71,25 +73,25 @@ contains
       end if
    end subroutine new_midpoint_full_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_full_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       real(wp) :: tm
 
-      tm = t + 0.5_wp*w(1, 0)
+      tm = step%t + 0.5_wp*step%h
       self%x = 0
       call self%newton%start(status)
       if (allocated(self%products)) then
-         call solve_by_products(self, tm, w, q, p, dq, dp, status)
+         call solve_by_products(self, tm, step, q, p, dq, dp, status)
          return
       end if
       associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
          do while (newton%running)
             call midpoint_of(nlane, n, q, p, self%x, self%qs, self%ps)
-            call linearise(self, tm, w)
+            call linearise(self, tm, step)
             call newton%update(self%x, status, self%ham%counters)
          end do
          call split(nlane, n, self%x, dq, dp)
@@ -97,9 +99,10 @@ contains
    end subroutine increment
 
    !> The same without matrices.
-   subroutine solve_by_products(self, tm, w, q, p, dq, dp, status)
+   subroutine solve_by_products(self, tm, step, q, p, dq, dp, status)
       type(midpoint_full_stepper), intent(inout) :: self
-      real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: tm
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
@@ -108,10 +111,10 @@ contains
          do while (self%newton%running)
             self%qs = q + 0.5_wp*x(:, :n)
             self%ps = p + 0.5_wp*x(:, n + 1:)
-            call self%ham%gradient(tm, w, self%qs, self%ps, self%hq, self%hp)
+            call self%ham%gradient(tm, step%w, self%qs, self%ps, self%hq, self%hp, step)
             r(:, :n) = x(:, :n) - self%hp
             r(:, n + 1:) = x(:, n + 1:) + self%hq
-            call self%products%correct(self%ham, 0.5_wp, tm, w, self%qs, self%ps, r, self%newton, x, status)
+            call self%products%correct(self%ham, 0.5_wp, tm, step%w, self%qs, self%ps, r, self%newton, x, status)
          end do
          dq = x(:, :n)
          dp = x(:, n + 1:)
@@ -119,20 +122,21 @@ contains
    end subroutine solve_by_products
 
    !> Residuals F - Hhat_p, G + Hhat_q and their matrix.
-   subroutine linearise(self, tm, w)
+   subroutine linearise(self, tm, step)
       type(midpoint_full_stepper), intent(inout) :: self
-      real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: tm
+      type(step_record), intent(in) :: step
 
       associate (nlane => self%ham%nlane, n => self%ham%ndof, newton => self%newton)
          if (newton%options%fixed_point > 0) then
-            call self%ham%gradient(tm, w, self%qs, self%ps, self%hq, self%hp)
+            call self%ham%gradient(tm, step%w, self%qs, self%ps, self%hq, self%hp, step)
          else if (self%band == dense) then
-            call self%ham%gradient_hessian(tm, w, self%qs, self%ps, self%hq, self%hp, &
-                                           self%hqq, self%hqp, self%hpp)
+            call self%ham%gradient_hessian(tm, step%w, self%qs, self%ps, self%hq, self%hp, &
+                                           self%hqq, self%hqp, self%hpp, step)
             call matrix_dense(nlane, n, self%hqq, self%hqp, self%hpp, newton%a)
          else
-            call self%ham%gradient_hessian_banded(self%band, tm, w, self%qs, self%ps, self%hq, self%hp, &
-                                                  self%hqq, self%hqp, self%hpp)
+            call self%ham%gradient_hessian_banded(self%band, tm, step%w, self%qs, self%ps, self%hq, &
+                                                  self%hp, self%hqq, self%hqp, self%hpp, step)
             call matrix_banded(nlane, n, self%band, self%hqq, self%hqp, self%hpp, newton%bands)
          end if
          call residual(nlane, n, self%x, self%hq, self%hp, newton%r)

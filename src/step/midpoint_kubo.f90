@@ -7,6 +7,7 @@
 !> memory and the state once a step; agrees with it to a few ulps (tests/verification/test_steppers.pf).
 module symsde_step_midpoint_kubo
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_kubo, only: kubo_model
    use symsde_scheme_scheme, only: correction_none
    use symsde_step_fused, only: fused_stepper_type, group
@@ -39,14 +40,14 @@ contains
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
    end subroutine new_midpoint_kubo_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_kubo_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
-      call turn_by_increment(self%ham%nlane, self%a*w(1, 0), self%sigma, w(1, 1), q, p, dq, dp)
+      call turn_by_increment(self%ham%nlane, self%a*step%h, self%sigma, step%w(:, 1), q, p, dq, dp)
       call self%count_steps(1)
    end subroutine increment
 

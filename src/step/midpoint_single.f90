@@ -8,6 +8,7 @@
 !> few ulps (tests/verification/test_steppers.pf).
 module symsde_step_midpoint_single
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
@@ -46,17 +47,17 @@ contains
       allocate (self%hqp(nlane, 1, 1), source=0.0_wp)
    end subroutine new_midpoint_single_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_single_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       real(wp) :: tm
 
-      tm = t + 0.5_wp*w(1, 0)
+      tm = step%t + 0.5_wp*step%h
       if (self%newton%affine) then
-         call evaluate(self, tm, w, q, p)
+         call evaluate(self, tm, step%w, q, p)
          call solve_affine(self%ham%nlane, self%hq, self%hp, self%hqq, self%hqp, self%hpp, dq, dp)
          associate (c => self%ham%counters)
             c%iterations = c%iterations + self%ham%nreal
@@ -69,7 +70,7 @@ contains
       call self%newton%start(status)
       do while (self%newton%running)
          call middle(self%ham%nlane, q, p, dq, dp, self%qs, self%ps)
-         call evaluate(self, tm, w, self%qs, self%ps)
+         call evaluate(self, tm, step%w, self%qs, self%ps)
          call correct(self, dq, dp)
          call self%newton%judge(status, self%ham%counters)
       end do

@@ -19,27 +19,27 @@
 !> H may depend on time, the noises must not: d/dt H_k would join the single bracket.
 module symsde_step_modified_hamiltonian
    use symsde_base_counters, only: counters_type
+   use symsde_base_functionals, only: functionals, functional_set, area_index, path_dz, path_areas
    use symsde_base_kinds, only: wp
-   use symsde_base_laws, only: area_count, area_index
+   use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type
    use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
-   use symsde_scheme_scheme, only: uses_dz, uses_areas, uses_nested_bracket
+   use symsde_scheme_scheme, only: bracket_terms
    implicit none
    private
-   public :: modified_hamiltonian, new_modified_hamiltonian, integrals_needed, expansion_active
+   public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets
 
    real(wp), parameter :: reach = 0.5_wp  !! r
 
    type :: modified_hamiltonian
       class(model_type), pointer :: model => null()
       integer :: nlane = 0, ndof = 0, nnoise = 0
-      real(wp), allocatable :: z(:, :)      !! dZ_k of this step, zero until set (nlane, nnoise)
-      real(wp), allocatable :: area(:, :)   !! A_kl of this step, zero until set (nlane, nnoise(nnoise-1)/2)
-      logical :: single = .false., areas = .false., nested = .false.  !! parts that are active
+      type(bracket_terms) :: active               !! parts that have an effect on this model
       logical, allocatable, private :: noisy(:)   !! noises that are not silent (nnoise)
       logical, private :: simple = .false.        !! position noise, H = p.p/2 + U(q)
       real(wp), allocatable, private :: f(:, :), g(:, :)   !! weights of two sums (nlane, 0:nnoise)
+      real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable, private :: vq(:, :), vp(:, :), bq(:, :), bp(:, :)  !! (nlane, ndof)
       real(wp), allocatable, private :: uq(:, :), up(:, :), yq(:, :), yp(:, :), sq(:, :), sp(:, :)
       real(wp), allocatable, private :: hkqq(:, :, :), mixed(:)   !! (nlane, 1, 1), (nlane)
@@ -51,36 +51,24 @@ module symsde_step_modified_hamiltonian
 
 contains
 
-   !> Which integrals of the path a scheme needs for a model with these traits. Areas multiply brackets
-   !> {H_l,H_k}, which are constant for additive noise and vanish for noise that depends on position.
-   pure subroutine integrals_needed(expansion, traits, needs_dz, needs_areas)
-      integer, intent(in) :: expansion            !! of scheme_type
+   !> The brackets that have an effect on a model with these traits: those of functionals that have one.
+   pure type(bracket_terms) function active_brackets(brackets, traits) result(active)
+      type(bracket_terms), intent(in) :: brackets   !! of scheme_type
       type(model_traits), intent(in) :: traits
-      logical, intent(out) :: needs_dz, needs_areas
-      integer :: nactive
+      type(functional_set) :: needed
 
-      nactive = traits%nnoise
-      if (allocated(traits%silent)) nactive = count(.not. traits%silent)
-      needs_dz = uses_dz(expansion) .and. nactive > 0
-      needs_areas = uses_areas(expansion) .and. nactive > 1 .and. &
-                    .not. (traits%additive .or. traits%position_noise)
-   end subroutine integrals_needed
-
-   !> Whether anything is added at all.
-   pure logical function expansion_active(expansion, traits)
-      integer, intent(in) :: expansion
-      type(model_traits), intent(in) :: traits
-      logical :: needs_dz, needs_areas
-
-      call integrals_needed(expansion, traits, needs_dz, needs_areas)
-      expansion_active = needs_dz .or. needs_areas .or. (uses_nested_bracket(expansion) .and. traits%nnoise > 0)
-   end function expansion_active
+      needed = functionals([path_dz, path_areas])
+      needed = needed%needed_for(traits)
+      active%single = brackets%single .and. needed%has(path_dz)
+      active%areas = brackets%areas .and. needed%has(path_areas)
+      active%nested = brackets%nested .and. traits%nnoise > 0
+   end function active_brackets
 
    !> Room for blocks of nlane lanes.
-   subroutine new_modified_hamiltonian(self, model, expansion, nlane)
+   subroutine new_modified_hamiltonian(self, model, brackets, nlane)
       type(modified_hamiltonian), intent(out) :: self
       class(model_type), intent(in), target :: model
-      integer, intent(in) :: expansion   !! of scheme_type
+      type(bracket_terms), intent(in) :: brackets   !! of scheme_type
       integer, intent(in) :: nlane
       integer :: n, m
 
@@ -90,13 +78,11 @@ contains
       self%nlane = nlane
       self%ndof = n
       self%nnoise = m
-      call integrals_needed(expansion, model%traits, self%single, self%areas)
-      self%nested = uses_nested_bracket(expansion)
+      self%active = active_brackets(brackets, model%traits)
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
       allocate (self%noisy(m), source=.true.)
       if (allocated(model%traits%silent)) self%noisy = .not. model%traits%silent
-      allocate (self%z(nlane, m), self%area(nlane, area_count(m)), source=0.0_wp)
-      allocate (self%f(nlane, 0:m), self%g(nlane, 0:m), source=0.0_wp)
+      allocate (self%f(nlane, 0:m), self%g(nlane, 0:m), self%c(nlane, 0:m), source=0.0_wp)
       allocate (self%vq(nlane, n), self%vp(nlane, n), self%bq(nlane, n), self%bp(nlane, n))
       allocate (self%uq(nlane, n), self%up(nlane, n), self%yq(nlane, n), self%yp(nlane, n))
       allocate (self%xq(nlane, n), self%xp(nlane, n), self%gq(nlane, n), self%gp(nlane, n))
@@ -107,9 +93,10 @@ contains
 
    !> Add the gradient of all active parts to the wanted outputs. Where it costs nothing, the mixed
    !> derivative of the single bracket is added to that of the Hessian: Newton converges faster.
-   subroutine add_gradient(self, t, w, q, p, hq, hp, counters, nreal, hqp)
+   subroutine add_gradient(self, t, step, q, p, hq, hp, counters, nreal, hqp)
       class(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)   !! h, dW_1 .. dW_m
+      real(wp), intent(in) :: t                                 !! where H and H_k are taken [time]
+      type(step_record), intent(in) :: step                     !! with the functionals of active brackets
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
@@ -119,47 +106,48 @@ contains
       self%sq = 0
       self%sp = 0
       if (self%simple .and. self%ndof == 1) then
-         call add_simple(self, t, w, q, p, counters, nreal)
+         call add_simple(self, t, step, q, p, counters, nreal)
          if (present(hqp)) hqp(:, 1, 1) = hqp(:, 1, 1) + self%mixed
       else
-         if (self%single) call add_single(self, t, w, q, p, counters, nreal)
-         if (self%areas) call add_areas(self, t, q, p, counters, nreal)
-         if (self%nested) call add_nested(self, t, w, q, p, counters, nreal)
+         if (self%active%single) call add_single(self, t, step, q, p, counters, nreal)
+         if (self%active%areas) call add_areas(self, t, step, q, p, counters, nreal)
+         if (self%active%nested) call add_nested(self, t, step%h, q, p, counters, nreal)
       end if
       if (present(hq)) hq = hq + self%sq
       if (present(hp)) hp = hp + self%sp
    end subroutine add_gradient
 
    !> The nested brackets, in the cheapest form that the traits allow.
-   subroutine add_nested(self, t, w, q, p, counters, nreal)
+   subroutine add_nested(self, t, h, q, p, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: t, h
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
 
       if (self%simple) then
-         call add_squares(self, t, w, q, p, counters, nreal)
+         call add_squares(self, t, h, q, p, counters, nreal)
       else if (self%model%traits%additive) then
-         call add_shifts(self, t, w, q, p, counters, nreal)
+         call add_shifts(self, t, h, q, p, counters, nreal)
       else
-         call add_differences(self, t, w, q, p, counters, nreal)
+         call add_differences(self, t, h, q, p, counters, nreal)
       end if
    end subroutine add_nested
 
    !> One degree of freedom, position noise and identity mass: all parts from one gradient and Hessian a
    !> noise. With c_k = h dW_k/2 - dZ_k the Hamiltonian is sum_k c_k H_k' p + (h|h|/12) sum_k H_k'^2.
-   subroutine add_simple(self, t, w, q, p, counters, nreal)
+   subroutine add_simple(self, t, step, q, p, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
-      real(wp) :: single, nested
+      real(wp) :: nested
       integer :: k
 
-      single = merge(1.0_wp, 0.0_wp, self%single)
-      nested = merge(w(1, 0)*abs(w(1, 0))/6, 0.0_wp, self%nested)
+      nested = merge(step%h*abs(step%h)/6, 0.0_wp, self%active%nested)
+      call find_single_weights(self, step)
       self%f = 0
       self%mixed = 0
       do k = 1, self%nnoise
@@ -167,48 +155,54 @@ contains
          self%f(:, k) = 1
          call self%model%gradient_hessian(self%nlane, self%ndof, self%nnoise, t, self%f, q, p, &
                                           hq=self%vq, hqq=self%hkqq)
-         call add_simple_noise(self%nlane, single, nested, w(:, 0), w(:, k), self%z(:, k), p, self%vq, &
-                               self%hkqq, self%sq, self%sp, self%mixed)
+         call add_simple_noise(self%nlane, nested, self%c(:, k), p, self%vq, self%hkqq, self%sq, self%sp, self%mixed)
          self%f(:, k) = 0
       end do
       counters%gradients = counters%gradients + nreal*count(self%noisy)
       counters%hessians = counters%hessians + nreal*count(self%noisy)
    end subroutine add_simple
 
-   pure subroutine add_simple_noise(nlane, single, nested, h, dw, z, p, hkq, hkqq, sq, sp, mixed)
+   pure subroutine add_simple_noise(nlane, nested, c, p, hkq, hkqq, sq, sp, mixed)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: single, nested  !! factors of the two parts
-      real(wp), intent(in) :: h(nlane), dw(nlane), z(nlane), p(nlane), hkq(nlane), hkqq(nlane)
+      real(wp), intent(in) :: nested  !! factor of the nested bracket
+      real(wp), intent(in) :: c(nlane), p(nlane), hkq(nlane), hkqq(nlane)
       real(wp), intent(inout) :: sq(nlane), sp(nlane), mixed(nlane)
-      real(wp) :: c
       integer :: lane
 
       do lane = 1, nlane
-         c = single*(0.5_wp*h(lane)*dw(lane) - z(lane))
-         sp(lane) = sp(lane) + c*hkq(lane)
-         sq(lane) = sq(lane) + (c*p(lane) + nested*hkq(lane))*hkqq(lane)
-         mixed(lane) = mixed(lane) + c*hkqq(lane)
+         sp(lane) = sp(lane) + c(lane)*hkq(lane)
+         sq(lane) = sq(lane) + (c(lane)*p(lane) + nested*hkq(lane))*hkqq(lane)
+         mixed(lane) = mixed(lane) + c(lane)*hkqq(lane)
       end do
    end subroutine add_simple_noise
 
-   !> {F,H} with F = sum_k (h dW_k/2 - dZ_k) H_k. For F(q) and H = p.p/2 + U(q) it is F_q . p.
-   subroutine add_single(self, t, w, q, p, counters, nreal)
+   !> c_k = h dW_k/2 - dZ_k, zero where the single bracket is not active.
+   subroutine find_single_weights(self, step)
       type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      type(step_record), intent(in) :: step
+      integer :: k
+
+      if (.not. self%active%single) return
+      do k = 1, self%nnoise
+         self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)
+      end do
+   end subroutine find_single_weights
+
+   !> {F,H} with F = sum_k (h dW_k/2 - dZ_k) H_k. For F(q) and H = p.p/2 + U(q) it is F_q . p.
+   subroutine add_single(self, t, step, q, p, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
-      integer :: k
 
-      self%f(:, 0) = 0
-      do k = 1, self%nnoise
-         self%f(:, k) = 0.5_wp*w(:, 0)*w(:, k) - self%z(:, k)
-      end do
+      call find_single_weights(self, step)
       associate (n => self%nlane, d => self%ndof, m => self%nnoise)
          if (self%simple) then
-            call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%bp)
+            call self%model%gradient(n, d, m, t, self%c, q, p, hq=self%bp)
             self%vp = 0
-            call self%model%hessian_vector(n, d, m, t, self%f, q, p, p, self%vp, self%bq, self%gp)
+            call self%model%hessian_vector(n, d, m, t, self%c, q, p, p, self%vp, self%bq, self%gp)
             counters%gradients = counters%gradients + nreal
             counters%hessian_vectors = counters%hessian_vectors + nreal
             self%sq = self%sq + self%bq
@@ -216,14 +210,15 @@ contains
          else
             self%g = 0
             self%g(:, 0) = 1
-            call add_bracket(self, t, q, p, counters, nreal)
+            call add_bracket(self, t, self%c, q, p, counters, nreal)
          end if
       end associate
    end subroutine add_single
 
    !> sum_l {H_l, sum_{k<l} A_kl H_k}
-   subroutine add_areas(self, t, q, p, counters, nreal)
+   subroutine add_areas(self, t, step, q, p, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
@@ -235,20 +230,21 @@ contains
          self%f(:, l) = 1
          self%g = 0
          do k = 1, l - 1
-            if (self%noisy(k)) self%g(:, k) = self%area(:, area_index(k, l))
+            if (self%noisy(k)) self%g(:, k) = step%of(path_areas)%x(:, area_index(k, l))
          end do
-         call add_bracket(self, t, q, p, counters, nreal)
+         call add_bracket(self, t, self%f, q, p, counters, nreal)
       end do
    end subroutine add_areas
 
    !> {F,G} for the sums with the weights f and g.
-   subroutine add_bracket(self, t, q, p, counters, nreal)
+   subroutine add_bracket(self, t, f, q, p, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: f(self%nlane, 0:self%nnoise)
       real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
 
-      call bracket_gradient(self%model, self%nlane, self%ndof, self%nnoise, t, self%f, self%g, q, p, &
+      call bracket_gradient(self%model, self%nlane, self%ndof, self%nnoise, t, f, self%g, q, p, &
                             self%bq, self%bp, self%work)
       counters%gradients = counters%gradients + 2*nreal
       counters%hessian_vectors = counters%hessian_vectors + 2*nreal
@@ -257,16 +253,16 @@ contains
    end subroutine add_bracket
 
    !> Position noise, identity mass: (h|h|/12) sum_k H_k,q . H_k,q
-   subroutine add_squares(self, t, w, q, p, counters, nreal)
+   subroutine add_squares(self, t, h, q, p, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: t, h
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
       real(wp) :: c
       integer :: k
 
-      c = w(1, 0)*abs(w(1, 0))/6
+      c = h*abs(h)/6
       self%f = 0
       self%vp = 0
       do k = 1, self%nnoise
@@ -284,17 +280,17 @@ contains
    end subroutine add_squares
 
    !> Additive noise: the fields v are constant, the second difference of H along them is all.
-   subroutine add_shifts(self, t, w, q, p, counters, nreal)
+   subroutine add_shifts(self, t, h, q, p, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: t, h
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
       real(wp) :: b, c
       integer :: k
 
-      b = reach*sqrt(abs(w(1, 0)))
-      c = w(1, 0)/(12*reach**2)
+      b = reach*sqrt(abs(h))
+      c = h/(12*reach**2)
       self%g = 0
       self%g(:, 0) = 1
       call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*count(self%noisy))
@@ -313,21 +309,19 @@ contains
    !>    - c' sum_{s,r=+-1} s r [1 + s a (Du)^T + r b (Dv)^T] G(s a, r b)          c' = (h|h|/12)/(4ab)
    !>
    !> and (Dv)^T y = Hess H_k (-y_p, y_q).
-   subroutine add_differences(self, t, w, q, p, counters, nreal)
+   subroutine add_differences(self, t, h, q, p, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: t, h
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
       real(wp) :: a, b, c, c2
       integer :: k
 
-      associate (h => w(1, 0))
-         a = reach*abs(h)
-         b = reach*sqrt(abs(h))
-         c = h/(12*reach**2)
-         c2 = h*abs(h)/(48*a*b)
-      end associate
+      a = reach*abs(h)
+      b = reach*sqrt(abs(h))
+      c = h/(12*reach**2)
+      c2 = h*abs(h)/(48*a*b)
       call field_of(self, t, 0, q, p)
       self%uq = self%vq
       self%up = self%vp

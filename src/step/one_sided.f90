@@ -7,6 +7,7 @@
 !> The unknown is dp or dq: half as many as the general stepper has.
 module symsde_step_one_sided
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
@@ -58,22 +59,22 @@ contains
       allocate (self%x(nlane, n), self%hqp(nlane, n, n))
    end subroutine new_one_sided_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(one_sided_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
       if (self%adjoint) then
-         call solve_end(self, t + w(1, 0), w, q, p, dq, status)
+         call solve_end(self, step%t + step%h, step%w, q, p, dq, status)
          self%x = q + dq
-         call self%ham%gradient(t + w(1, 0), w, self%x, p, hq=dp)
+         call self%ham%gradient(step%t + step%h, step%w, self%x, p, hq=dp)
          dp = -dp
       else
-         call solve_end(self, t, w, q, p, dp, status)
+         call solve_end(self, step%t, step%w, q, p, dp, status)
          self%x = p + dp
-         call self%ham%gradient(t, w, q, self%x, hp=dq)
+         call self%ham%gradient(step%t, step%w, q, self%x, hp=dq)
       end if
    end subroutine increment
 

@@ -18,10 +18,11 @@
 module symsde_step_one_step_hamiltonian
    use symsde_base_kinds, only: wp
    use symsde_base_counters, only: counters_type
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_model_algebra, only: algebra_work, new_algebra_work, correction_gradient
-   use symsde_scheme_scheme, only: correction_none, correction_mean
-   use symsde_step_modified_hamiltonian, only: modified_hamiltonian, new_modified_hamiltonian, expansion_active
+   use symsde_scheme_scheme, only: bracket_terms, correction_none, correction_mean
+   use symsde_step_modified_hamiltonian, only: modified_hamiltonian, new_modified_hamiltonian, active_brackets
    implicit none
    private
    public :: one_step_hamiltonian, new_one_step_hamiltonian
@@ -48,13 +49,14 @@ module symsde_step_one_step_hamiltonian
 contains
 
    !> Room for blocks of nlane lanes.
-   subroutine new_one_step_hamiltonian(self, model, nlane, correction, coefficient, expansion)
+   subroutine new_one_step_hamiltonian(self, model, nlane, correction, coefficient, brackets)
       type(one_step_hamiltonian), intent(out) :: self
       class(model_type), intent(in), target :: model
       integer, intent(in) :: nlane
       integer, intent(in) :: correction      !! correction_none, correction_mean or correction_increments
       real(wp), intent(in) :: coefficient    !! 1/2 - lambda
-      integer, intent(in), optional :: expansion !! brackets to add, of scheme_type; none if absent
+      type(bracket_terms), intent(in), optional :: brackets  !! to add, of scheme_type; none if absent
+      type(bracket_terms) :: active
 
       self%model => model
       self%nlane = nlane
@@ -63,11 +65,10 @@ contains
       self%nreal = nlane
       self%correction = correction
       self%coefficient = coefficient
-      if (present(expansion)) then
-         if (expansion_active(expansion, model%traits)) then
-            allocate (self%extra)
-            call new_modified_hamiltonian(self%extra, model, expansion, nlane)
-         end if
+      if (present(brackets)) active = active_brackets(brackets, model%traits)
+      if (active%are_added()) then
+         allocate (self%extra)
+         call new_modified_hamiltonian(self%extra, model, active, nlane)
       end if
       if (correction == correction_none) return
       allocate (self%v(nlane, 0:self%nnoise), self%factor(nlane))
@@ -75,22 +76,24 @@ contains
       allocate (self%uq(nlane, self%ndof), self%up(nlane, self%ndof))
    end subroutine new_one_step_hamiltonian
 
-   !> Gradient of Hhat; an absent output is not computed.
-   subroutine gradient(self, t, w, q, p, hq, hp)
+   !> Gradient of Hhat; an absent output is not computed. Where brackets are added the step they belong to
+   !> must be given: its functionals are their coefficients.
+   subroutine gradient(self, t, w, q, p, hq, hp, step)
       class(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      type(step_record), intent(in), optional :: step
 
       call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hq, hp)
       self%counters%gradients = self%counters%gradients + self%nreal
       if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
-      if (allocated(self%extra)) call self%extra%add_gradient(t, w, q, p, hq, hp, self%counters, self%nreal)
+      if (allocated(self%extra)) call self%extra%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
 
    !> Gradient of Hhat with correction and brackets; Hessian without brackets and third derivatives: Newton
    !> converges to the same root, linearly where these matter.
-   subroutine gradient_hessian(self, t, w, q, p, hq, hp, hqq, hqp, hpp)
+   subroutine gradient_hessian(self, t, w, q, p, hq, hp, hqq, hqp, hpp, step)
       class(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
@@ -98,6 +101,7 @@ contains
       real(wp), intent(out), optional :: hqq(self%nlane, self%ndof, self%ndof)
       real(wp), intent(out), optional :: hqp(self%nlane, self%ndof, self%ndof)
       real(wp), intent(out), optional :: hpp(self%nlane, self%ndof, self%ndof)
+      type(step_record), intent(in), optional :: step
 
       call self%model%gradient_hessian(self%nlane, self%ndof, self%nnoise, t, w, q, p, &
                                        hq, hp, hqq, hqp, hpp)
@@ -107,11 +111,11 @@ contains
          call add_correction(self, t, w, q, p, hq, hp)
          call add_correction_hessian(self, t, w, q, p, hqq, hqp, hpp)
       end if
-      if (allocated(self%extra)) call self%extra%add_gradient(t, w, q, p, hq, hp, self%counters, self%nreal, hqp)
+      if (allocated(self%extra)) call self%extra%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal, hqp)
    end subroutine gradient_hessian
 
    !> The same with the bands of the Hessian blocks, for schemes without correction.
-   subroutine gradient_hessian_banded(self, b, t, w, q, p, hq, hp, hqq, hqp, hpp)
+   subroutine gradient_hessian_banded(self, b, t, w, q, p, hq, hp, hqq, hqp, hpp, step)
       class(one_step_hamiltonian), intent(inout) :: self
       integer, intent(in) :: b
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -120,8 +124,9 @@ contains
       real(wp), intent(out), optional :: hqq(self%nlane, -b:b, self%ndof)
       real(wp), intent(out), optional :: hqp(self%nlane, -b:b, self%ndof)
       real(wp), intent(out), optional :: hpp(self%nlane, -b:b, self%ndof)
+      type(step_record), intent(in), optional :: step
 
-      call self%gradient(t, w, q, p, hq, hp)
+      call self%gradient(t, w, q, p, hq, hp, step)
       call self%model%hessian_banded(self%nlane, self%ndof, self%nnoise, b, t, w, q, p, hqq, hqp, hpp)
       self%counters%hessians = self%counters%hessians + self%nreal
    end subroutine gradient_hessian_banded

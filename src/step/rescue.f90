@@ -14,6 +14,7 @@ module symsde_step_rescue
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
+   use symsde_base_record, only: step_record
    use symsde_base_status, only: not_converged, singular, nonfinite
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form
@@ -37,8 +38,10 @@ module symsde_step_rescue
       type(general_stepper), allocatable :: stepper  !! made when the first path needs it
       real(wp), allocatable :: w(:, :), q(:, :), p(:, :), dq(:, :), dp(:, :)  !! of eight lanes
       real(wp), allocatable :: part(:, :)     !! a fraction of w
+      type(counters_type) :: counters         !! paths saved
    contains
       procedure :: attempt
+      procedure :: tally
    end type rescue_type
 
 contains
@@ -52,6 +55,7 @@ contains
       type(newton_options), intent(in) :: options
 
       if (scheme%form /= tableau_form .or. options%fixed_point > 0) return
+      if (stepper%explicit) return              ! no equations
       if (allocated(stepper%ham%extra)) return  ! its brackets have increments of their own
       if (4*model%traits%ndof*scheme%nstage > max_unknowns) return
       self%available = .true.
@@ -62,14 +66,14 @@ contains
    end subroutine new_rescue
 
    !> Try the lanes that failed in this step; those that are saved get their increments and status ok.
-   subroutine attempt(self, nlane, t, w, q, p, failed_step, dq, dp, status, counters)
+   subroutine attempt(self, nlane, step, q, p, failed_step, dq, dp, status)
       class(rescue_type), intent(inout) :: self
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: t, w(:, 0:), q(:, :), p(:, :)
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(:, :), p(:, :)
       integer(i8), intent(in) :: failed_step(nlane)  !! >= 0: the lane had failed in an earlier step
       real(wp), intent(inout) :: dq(:, :), dp(:, :)
       integer(i8), intent(inout) :: status(nlane)
-      type(counters_type), intent(inout) :: counters
       integer :: lanes(lane_unit), lane, n
 
       if (.not. self%available) return
@@ -80,11 +84,11 @@ contains
          n = n + 1
          lanes(n) = lane
          if (n == lane_unit) then
-            call rescue_lanes(self, n, lanes, t, w, q, p, dq, dp, status, counters)
+            call rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
             n = 0
          end if
       end do
-      if (n > 0) call rescue_lanes(self, n, lanes, t, w, q, p, dq, dp, status, counters)
+      if (n > 0) call rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
    end subroutine attempt
 
    subroutine make_stepper(self)
@@ -102,62 +106,83 @@ contains
    end subroutine make_stepper
 
    !> Rungs 2 and 3 for up to eight lanes.
-   subroutine rescue_lanes(self, n, lanes, t, w, q, p, dq, dp, status, counters)
-      type(rescue_type), intent(inout) :: self
+   subroutine rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
+      type(rescue_type), intent(inout), target :: self
       integer, intent(in) :: n, lanes(lane_unit)
-      real(wp), intent(in) :: t, w(:, 0:), q(:, :), p(:, :)
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(:, :), p(:, :)
       real(wp), intent(inout) :: dq(:, :), dp(:, :)
       integer(i8), intent(inout) :: status(:)
-      type(counters_type), intent(inout) :: counters
+      type(step_record) :: few
       integer(i8) :: fate(lane_unit)
-      integer :: i
+      integer :: i, saved
 
       do i = 1, lane_unit
-         self%w(i, :) = w(lanes(min(i, n)), :)
+         self%w(i, :) = step%w(lanes(min(i, n)), :)
          self%q(i, :) = q(lanes(min(i, n)), :)
          self%p(i, :) = p(lanes(min(i, n)), :)
       end do
+      few%t = step%t
+      few%h = step%h
+      few%w(1:, 0:) => self%w
       self%stepper%ham%nreal = n
       fate = nonfinite
       fate(:n) = 0
-      call self%stepper%increment(t, self%w, self%q, self%p, self%dq, self%dp, fate)
-      call keep(self, n, lanes, fate, dq, dp, status, counters%damped)
+      call self%stepper%increment(few, self%q, self%p, self%dq, self%dp, fate)
+      call keep(self, n, lanes, fate, dq, dp, status, saved)
+      self%counters%damped = self%counters%damped + saved
       if (any(fate(:n) /= 0)) then
-         call continue_increments(self, n, t, fate)
-         call keep(self, n, lanes, fate, dq, dp, status, counters%continued)
+         call continue_increments(self, n, few, fate)
+         call keep(self, n, lanes, fate, dq, dp, status, saved)
+         self%counters%continued = self%counters%continued + saved
       end if
-      self%stepper%ham%counters%failures = 0
-      call add_counters(counters, self%stepper%ham%counters)
-      self%stepper%ham%counters = counters_type()
    end subroutine rescue_lanes
 
    !> Scale (h, dW) by k/16, k = 1..16, starting from the slopes found for k-1. Lanes already solved rest.
-   subroutine continue_increments(self, n, t, fate)
-      type(rescue_type), intent(inout) :: self
+   subroutine continue_increments(self, n, step, fate)
+      type(rescue_type), intent(inout), target :: self
       integer, intent(in) :: n    !! lanes in use
-      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
       integer(i8), intent(inout) :: fate(lane_unit)
+      type(step_record) :: fraction
       integer :: k
 
+      fraction = step
+      fraction%w(1:, 0:) => self%part
       fate(:n) = merge(0_i8, int(nonfinite, i8), fate(:n) /= 0)  ! only what rung 2 left is tried
       self%stepper%x = 0
       do k = 1, parts
          if (k > 1) self%stepper%x = self%stepper%x*(real(k, wp)/(k - 1))
          self%part = self%w*(real(k, wp)/parts)
-         call self%stepper%solve_stages(t, self%w(1, 0), self%part, self%q, self%p, fate)
+         call self%stepper%solve_stages(fraction, self%q, self%p, fate)
       end do
       call self%stepper%add_up(self%dq, self%dp)
    end subroutine continue_increments
 
-   !> Hand back the lanes whose fate is ok.
+   !> Add what was counted. Lanes that fail here failed before, and are not counted as failures again.
+   subroutine tally(self, total)
+      class(rescue_type), intent(in) :: self
+      type(counters_type), intent(inout) :: total
+      type(counters_type) :: own
+
+      call add_counters(total, self%counters)
+      if (.not. allocated(self%stepper)) return
+      own = self%stepper%ham%counters
+      own%failures = 0
+      call add_counters(total, own)
+   end subroutine tally
+
+   !> Hand back the lanes whose fate is ok, and how many these are.
    subroutine keep(self, n, lanes, fate, dq, dp, status, saved)
       type(rescue_type), intent(in) :: self
       integer, intent(in) :: n, lanes(lane_unit)
       integer(i8), intent(in) :: fate(lane_unit)
       real(wp), intent(inout) :: dq(:, :), dp(:, :)
-      integer(i8), intent(inout) :: status(:), saved
+      integer(i8), intent(inout) :: status(:)
+      integer, intent(out) :: saved
       integer :: i
 
+      saved = 0
       do i = 1, n
          if (fate(i) /= 0) cycle
          dq(lanes(i), :) = self%dq(i, :)

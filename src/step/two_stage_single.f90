@@ -10,6 +10,7 @@
 !> stages. Agrees with the general stepper to a few ulps (tests/verification/test_beyond_one.pf).
 module symsde_step_two_stage_single
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
@@ -59,7 +60,7 @@ contains
       self%abar = scheme%abar
       self%alpha = scheme%alpha
       self%c = scheme%c
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%expansion)
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
       call new_newton(self%newton, nlane, 4, options, &
                       model%traits%one_solve(.false.) .and. .not. allocated(self%ham%extra), -1, -1, &
                       exact=model%traits%has_hessian .and. .not. allocated(self%ham%extra))
@@ -71,9 +72,9 @@ contains
       if (.not. self%separable) allocate (self%hqp(nlane, 1, 1, 2))
    end subroutine new_two_stage_single_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(two_stage_single_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
@@ -81,11 +82,11 @@ contains
 
       self%x = 0
       call self%newton%start(status)
-      if (.not. self%newton%affine) call predict(self, t, w, q, p)
+      if (.not. self%newton%affine) call predict(self, step, q, p)
       do while (self%newton%running)
          do i = 1, 2
             call stage_point(self%ham%nlane, i, self%a, self%abar, q, p, self%x, self%qs, self%ps)
-            call evaluate(self, i, t + self%c(i)*w(1, 0), w, self%qs, self%ps)
+            call evaluate(self, i, step%t + self%c(i)*step%h, step, self%qs, self%ps)
          end do
          call correct(self, 2)
          call self%newton%judge(status, self%ham%counters)
@@ -94,28 +95,29 @@ contains
    end subroutine increment
 
    !> The first guess. It is not judged: a gradient that vanishes here need not vanish at the stages.
-   subroutine predict(self, t, w, q, p)
+   subroutine predict(self, step, q, p)
       type(two_stage_single_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, 1), p(self%ham%nlane, 1)
 
-      call evaluate(self, 1, t + 0.5_wp*w(1, 0), w, q, p)
+      call evaluate(self, 1, step%t + 0.5_wp*step%h, step, q, p)
       call correct(self, 1)
    end subroutine predict
 
    !> Gradient and Hessian of stage i.
-   subroutine evaluate(self, i, t, w, q, p)
+   subroutine evaluate(self, i, t, step, q, p)
       type(two_stage_single_stepper), intent(inout) :: self
       integer, intent(in) :: i
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, 1), p(self%ham%nlane, 1)
 
       if (self%separable) then
-         call self%ham%gradient_hessian(t, w, q, p, self%hq(:, :, i), self%hp(:, :, i), hqq=self%hqq(:, :, :, i), &
-                                        hpp=self%hpp(:, :, :, i))
+         call self%ham%gradient_hessian(t, step%w, q, p, self%hq(:, :, i), self%hp(:, :, i), &
+                                        hqq=self%hqq(:, :, :, i), hpp=self%hpp(:, :, :, i), step=step)
       else
-         call self%ham%gradient_hessian(t, w, q, p, self%hq(:, :, i), self%hp(:, :, i), self%hqq(:, :, :, i), &
-                                        self%hqp(:, :, :, i), self%hpp(:, :, :, i))
+         call self%ham%gradient_hessian(t, step%w, q, p, self%hq(:, :, i), self%hp(:, :, i), self%hqq(:, :, :, i), &
+                                        self%hqp(:, :, :, i), self%hpp(:, :, :, i), step)
       end if
    end subroutine evaluate
 

@@ -6,10 +6,11 @@
 !> summed over the noises, g_k = -H_{k,q} constant. It is Verlet's step under h H + sum_k dW_k H_k, then a
 !> constant shift of q: symplectic for every h, dW, dZ.
 module symsde_step_verlet_dz
+   use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: correction_none, expansion_none
-   use symsde_step_modified_hamiltonian, only: new_modified_hamiltonian
+   use symsde_scheme_scheme, only: correction_none
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -26,7 +27,7 @@ module symsde_step_verlet_dz
 
 contains
 
-   !> A stepper for blocks of nlane lanes. dZ is written into ham%extra, which adds nothing else.
+   !> A stepper for blocks of nlane lanes.
    subroutine new_verlet_dz_stepper(self, model, nlane)
       type(verlet_dz_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -35,30 +36,28 @@ contains
       self%name = 'Verlet with dZ'
       self%explicit = .true.
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      allocate (self%ham%extra)
-      call new_modified_hamiltonian(self%ham%extra, model, expansion_none, nlane)
       allocate (self%v(nlane, 0:model%traits%nnoise), source=0.0_wp)
       allocate (self%qs(nlane, model%traits%ndof), self%shift(nlane, model%traits%ndof))
    end subroutine new_verlet_dz_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(verlet_dz_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       real(wp) :: h, tm
       integer :: k
 
-      h = w(1, 0)
-      tm = t + 0.5_wp*h
+      h = step%h
+      tm = step%t + 0.5_wp*h
       self%qs = q + 0.5_wp*h*p
-      call self%ham%gradient(tm, w, self%qs, p, hq=dp)
+      call self%ham%gradient(tm, step%w, self%qs, p, hq=dp)
       dp = -dp
       dq = h*(p + 0.5_wp*dp)
-      if (self%ham%nnoise == 0) return
+      if (.not. associated(step%of(path_dz)%x)) return  ! no noise, or none that moves
       do k = 1, self%ham%nnoise
-         self%v(:, k) = self%ham%extra%z(:, k) - 0.5_wp*h*w(:, k)
+         self%v(:, k) = step%of(path_dz)%x(:, k) - 0.5_wp*h*step%w(:, k)
       end do
       call self%ham%gradient(tm, self%v, self%qs, p, hq=self%shift)
       dq = dq - self%shift

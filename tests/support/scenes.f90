@@ -3,6 +3,7 @@
 !>
 !> A scene that cannot be set up ends the program: that is a mistake of the suite, not a result.
 module scenes
+   use drive, only: fill_steps
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
@@ -90,7 +91,7 @@ contains
       call require(error)
       if (nnoise == 0) return
       do pair = 0, nstep/2 - 1
-         call noise%fill(nlane, path, pair, w(:, :, 2*pair:2*pair + 1), drawn)
+         call fill_steps(noise, path, pair, w(:, :, 2*pair:2*pair + 1), drawn)
       end do
    end subroutine draw_weights
 

@@ -1,0 +1,95 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The functionals of the path over a step that a scheme may ask for beside the increments dW_k:
+!>
+!>    path_dz      dZ_k = int_t^{t+h} (W_k(s) - W_k(t)) ds                          one a noise  [time^(3/2)]
+!>    path_areas   A_kl = 1/2 int (W_k o dW_l - W_l o dW_k), k < l, at area_index   one a pair   [time]
+!>
+!> What they are called and how many columns they have stands here, in base, because schemes ask for them,
+!> sources answer and steppers read the answer; how they are drawn and merged is in noise/functionals. A new
+!> functional is a name and a count here, a law there, a scheme that asks for it and a stepper that uses it.
+module symsde_base_functionals
+   use symsde_base_traits, only: model_traits
+   implicit none
+   private
+   public :: functional_set, functionals, functional_count, area_index, name_functionals
+
+   enum, bind(c)
+      enumerator :: path_dz = 1
+      enumerator :: path_areas = 2
+   end enum
+   public :: path_dz, path_areas
+
+   integer, parameter, public :: nfunctional = 2
+
+   character(len=*), parameter :: names(nfunctional) = [character(len=5) :: 'dZ', 'areas']
+
+   !> Which functionals are asked for.
+   type :: functional_set
+      logical :: has(nfunctional) = .false.
+   contains
+      procedure :: is_empty
+      procedure :: needed_for
+   end type functional_set
+
+contains
+
+   !> The set of the functionals in a list, such as [path_dz, path_areas].
+   pure type(functional_set) function functionals(list)
+      integer, intent(in) :: list(:)
+
+      functionals%has(list) = .true.
+   end function functionals
+
+   pure logical function is_empty(self)
+      class(functional_set), intent(in) :: self
+
+      is_empty = .not. any(self%has)
+   end function is_empty
+
+   !> Those that have an effect for a model with these traits. Areas multiply brackets {H_l,H_k}, which are
+   !> constant for additive noise and vanish for noise that depends on position; a silent noise has none.
+   pure type(functional_set) function needed_for(self, traits)
+      class(functional_set), intent(in) :: self
+      type(model_traits), intent(in) :: traits
+      integer :: nactive
+
+      nactive = traits%nnoise
+      if (allocated(traits%silent)) nactive = count(.not. traits%silent)
+      needed_for%has = self%has .and. nactive > 0
+      needed_for%has(path_areas) = self%has(path_areas) .and. nactive > 1 .and. &
+                                   .not. (traits%additive .or. traits%position_noise)
+   end function needed_for
+
+   !> How many values a functional has for m noises.
+   pure integer function functional_count(functional, nnoise)
+      integer, intent(in) :: functional  !! path_dz, path_areas
+      integer, intent(in) :: nnoise      !! m
+
+      select case (functional)
+      case (path_areas); functional_count = nnoise*(nnoise - 1)/2
+      case default; functional_count = nnoise
+      end select
+   end function functional_count
+
+   !> Where the area of the noises k < l stands: (1,2), (1,3), (2,3), (1,4), ..
+   pure integer function area_index(k, l)
+      integer, intent(in) :: k, l  !! 1 <= k < l
+
+      area_index = (l - 1)*(l - 2)/2 + k
+   end function area_index
+
+   !> The set in words: "dZ and areas".
+   pure subroutine name_functionals(set, text)
+      type(functional_set), intent(in) :: set
+      character(:), allocatable, intent(out) :: text
+      integer :: i
+
+      text = ''
+      do i = 1, nfunctional
+         if (.not. set%has(i)) cycle
+         if (len(text) > 0) text = text//' and '
+         text = text//trim(names(i))
+      end do
+   end subroutine name_functionals
+
+end module symsde_base_functionals

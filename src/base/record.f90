@@ -1,0 +1,93 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What a step of a block is given, by whoever fills it: time, step, weights, and functionals of the path.
+!>
+!> A noise source fills a store of several steps at once (steps come in pairs, because two words of the
+!> generator make the normals of both). A stepper is handed one step of it: a record of pointers, so that
+!> nothing is copied.
+module symsde_base_record
+   use symsde_base_functionals, only: functional_set, functional_count, nfunctional
+   use symsde_base_kinds, only: wp, i8
+   implicit none
+   private
+   public :: step_record, step_store, step_request, new_step_store
+
+   !> The values of one functional in one step, and in all steps of a store.
+   type :: functional_values
+      real(wp), pointer, contiguous :: x(:, :) => null()  !! (nlane, functional_count)
+   end type functional_values
+
+   type :: functional_steps
+      real(wp), allocatable :: x(:, :, :)  !! (nlane, functional_count, 0:room-1)
+   end type functional_steps
+
+   !> One step. The record lives no longer than what it points to.
+   type :: step_record
+      real(wp) :: t = 0                                   !! t_n, when the step begins [time]
+      real(wp) :: h = 0                                   !! the step, with its sign [time]
+      real(wp), pointer, contiguous :: w(:, :) => null()  !! h, dW_1 .. dW_m (nlane, 0:nnoise)
+      type(functional_values) :: of(nfunctional)          !! of(path_dz)%x, ..; null where not asked for
+   end type step_record
+
+   !> Steps that follow each other.
+   type :: step_store
+      integer :: nlane = 0, nnoise = 0
+      integer :: room = 0                       !! steps that fit, an even number
+      real(wp) :: h = 0                         !! of every step [time]
+      type(functional_set) :: asked             !! the functionals that are filled in
+      real(wp), allocatable :: w(:, :, :)       !! weights h, dW_1 .. dW_m (nlane, 0:nnoise, 0:room-1)
+      type(functional_steps) :: of(nfunctional)
+   contains
+      procedure :: show
+   end type step_store
+
+   !> Which paths and steps a source is asked for.
+   type :: step_request
+      integer :: nlane = 0
+      integer :: nreal = 0                 !! lanes past it repeat it
+      integer(i8), allocatable :: path(:)  !! global path of each lane (nlane)
+      integer(i8) :: pair = 0              !! the steps 2 pair, 2 pair + 1, .. , counted from step 0
+      integer :: npair = 1                 !! pairs of steps
+   end type step_request
+
+contains
+
+   !> Room for steps of nlane lanes: zero but for h.
+   subroutine new_step_store(self, nlane, nnoise, room, h, asked)
+      type(step_store), intent(out) :: self
+      integer, intent(in) :: nlane, nnoise
+      integer, intent(in) :: room           !! steps, an even number
+      real(wp), intent(in) :: h             !! step with its sign [time]
+      type(functional_set), intent(in) :: asked
+      integer :: i
+
+      self%nlane = nlane
+      self%nnoise = nnoise
+      self%room = room
+      self%h = h
+      self%asked = asked
+      allocate (self%w(nlane, 0:nnoise, 0:room - 1), source=0.0_wp)
+      self%w(:, 0, :) = h
+      do i = 1, nfunctional
+         if (asked%has(i)) &
+            allocate (self%of(i)%x(nlane, functional_count(i, nnoise), 0:room - 1), source=0.0_wp)
+      end do
+   end subroutine new_step_store
+
+   !> Step i of the store, which begins at the time t.
+   subroutine show(self, i, t, step)
+      class(step_store), intent(in), target :: self
+      integer, intent(in) :: i                !! 0 .. room-1
+      real(wp), intent(in) :: t
+      type(step_record), intent(out) :: step
+      integer :: f
+
+      step%t = t
+      step%h = self%h
+      step%w(1:, 0:) => self%w(:, :, i)
+      if (self%asked%is_empty()) return
+      do f = 1, nfunctional
+         if (self%asked%has(f)) step%of(f)%x => self%of(f)%x(:, :, i)
+      end do
+   end subroutine show
+
+end module symsde_base_record
