@@ -118,6 +118,8 @@ contains
 
       if (fits_two_stage_single(model, scheme, options%newton)) then
          allocate (two_stage_single_stepper :: stepper)
+      else if (fits_stages(model, scheme, options%newton)) then
+         allocate (stages_stepper :: stepper)
       else
          allocate (general_stepper :: stepper)
       end if

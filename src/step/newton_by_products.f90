@@ -27,6 +27,7 @@ module symsde_step_newton_by_products
    implicit none
    private
    public :: newton_by_products, new_newton_by_products, pays_by_products
+   public :: hessian_product, set_goals  ! for matrices of other forms
 
    !> Unknowns of a lane from which no matrix is the faster way. With analytic second derivatives: where
    !> elimination across lanes ends. Without them a matrix costs two gradients for each unknown.
@@ -109,10 +110,10 @@ contains
 
       associate (krylov => self%krylov, v => self%krylov%v, k => self%krylov%k, n => self%n, nlane => self%nlane)
          if (self%eliminated) then
-            call product(ham, nlane, n, krylov%nrunning, t, w, q, p, v(:, :, k), self%zero, self%uq, self%up)
+            call hessian_product(ham, nlane, n, krylov%nrunning, t, w, q, p, v(:, :, k), self%zero, self%uq, self%up)
             v(:, :, k + 1) = v(:, :, k) + c*self%uq
          else
-            call product(ham, nlane, n, krylov%nrunning, t, w, q, p, v(:, :n, k), v(:, n + 1:, k), self%uq, self%up)
+            call hessian_product(ham, nlane, n, krylov%nrunning, t, w, q, p, v(:, :n, k), v(:, n + 1:, k), self%uq, self%up)
             v(:, :n, k + 1) = v(:, :n, k) - c*self%up
             v(:, n + 1:, k + 1) = v(:, n + 1:, k) + c*self%uq
          end if
@@ -121,7 +122,7 @@ contains
 
    !> Hessian of Hhat at (q, p) times (vq, vp). A model with a Hessian and no product would form the one for
    !> the other: then too a difference of gradients is cheaper.
-   subroutine product(ham, nlane, n, wanted, t, w, q, p, vq, vp, uq, up)
+   subroutine hessian_product(ham, nlane, n, wanted, t, w, q, p, vq, vp, uq, up)
       type(one_step_hamiltonian), intent(inout) :: ham
       integer, intent(in) :: nlane, n, wanted   !! lanes, degrees of freedom, lanes that count
       real(wp), intent(in) :: t, w(nlane, 0:ham%nnoise), q(nlane, n), p(nlane, n), vq(nlane, n), vp(nlane, n)
@@ -143,7 +144,7 @@ contains
             counters%gradients = counters%gradients + 2*wanted
          end if
       end associate
-   end subroutine product
+   end subroutine hessian_product
 
    !> The lanes that GMRES has not solved, by matrix, one by one; those that cannot be solved fail.
    subroutine solve_unsolved(self, ham, c, t, w, q, p, r, newton, status)
@@ -199,7 +200,7 @@ contains
             if (l <= n) vq(l - first + 1, l) = 1
             if (l > n) vp(l - first + 1, l - n) = 1
          end do
-         call product(ham, lane_unit, n, last - first + 1, t, w8, q8, p8, vq, vp, uq, up)
+         call hessian_product(ham, lane_unit, n, last - first + 1, t, w8, q8, p8, vq, vp, uq, up)
          do l = first, last
             associate (i => l - first + 1)
                if (self%eliminated) then

@@ -14,7 +14,9 @@
 !> For noise in position C vanishes, for additive noise it is known beforehand, so that the G alone are
 !> unknown (`eliminated`); brackets of schemes beyond order one make it small; elsewhere it is all of Hhat_p.
 module symsde_step_stage_equations
+   use symsde_base_functionals, only: functional_set, functionals, nfunctional, path_dz, path_areas
    use symsde_base_kinds, only: wp
+   use symsde_base_record, only: step_record, step_store, new_step_store
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
@@ -30,8 +32,9 @@ module symsde_step_stage_equations
       logical :: eliminated = .false.           !! the G alone are unknown
       logical :: has_c = .false.                !! C does not vanish
       logical, private :: identity_mass = .false.
-      real(wp) :: t = 0, h = 0, kappa = 0       !! of this step
-      real(wp), allocatable :: w(:, :)          !! (nlane, 0:nnoise)
+      real(wp) :: kappa = 0                     !! of this step
+      type(step_record) :: step                 !! what drives it, in the store
+      type(step_store), private :: store
       real(wp), allocatable :: q(:, :), p(:, :) !! where the step begins (nlane, ndof)
       real(wp), allocatable :: base(:, :, :)    !! what Q_i has of known slopes (nlane, ndof, nstage)
       real(wp), allocatable :: g(:, :, :), c(:, :, :)    !! slopes (nlane, ndof, nstage)
@@ -53,11 +56,12 @@ contains
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: nlane
+      type(functional_set) :: asked
       integer :: n, s
 
       n = model%traits%ndof
       s = scheme%nstage
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%expansion)
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
       associate (t => model%traits)
          self%identity_mass = t%identity_mass
          self%eliminated = t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0) .and. &
@@ -65,26 +69,40 @@ contains
          self%has_c = .not. (self%eliminated .and. (t%position_noise .or. t%nnoise == 0))
       end associate
       call new_stage_plan(self%plan, scheme, self%eliminated)
-      allocate (self%w(nlane, 0:model%traits%nnoise), self%q(nlane, n), self%p(nlane, n))
+      if (allocated(self%ham%extra)) then
+         asked = functionals([path_dz, path_areas])
+         asked = asked%needed_for(model%traits)
+      end if
+      call new_step_store(self%store, nlane, model%traits%nnoise, 2, 0.0_wp, asked)
+      allocate (self%q(nlane, n), self%p(nlane, n))
       allocate (self%base(nlane, n, s), self%g(nlane, n, s), self%qs(nlane, n), self%hq(nlane, n))
       if (.not. self%has_c) return
       allocate (self%c(nlane, n, s), self%ps(nlane, n), self%hp(nlane, n))
    end subroutine new_stage_equations
 
-   !> A step from q and p, with the weights w: all three are in place.
-   subroutine begin(self, t)
-      class(stage_equations), intent(inout) :: self
-      real(wp), intent(in) :: t  !! where the step begins [time]
-      integer :: i
+   !> Take the lanes from `first` on into a step.
+   subroutine begin(self, first, step, q, p)
+      class(stage_equations), intent(inout), target :: self
+      integer, intent(in) :: first
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(:, :), p(:, :)  !! of all lanes (.., ndof)
+      integer :: i, last, f
 
-      self%t = t
-      self%h = self%w(1, 0)
-      self%kappa = merge(self%h, 0.0_wp, self%identity_mass)
+      last = first + self%ham%nlane - 1
+      self%q = q(first:last, :)
+      self%p = p(first:last, :)
+      self%store%h = step%h
+      self%store%w(:, :, 0) = step%w(first:last, :)
+      do f = 1, nfunctional
+         if (allocated(self%store%of(f)%x)) self%store%of(f)%x(:, :, 0) = step%of(f)%x(first:last, :)
+      end do
+      call self%store%show(0, step%t, self%step)
+      self%kappa = merge(step%h, 0.0_wp, self%identity_mass)
       associate (s => self%plan%nstage, size => size(self%q), plan => self%plan)
          if (self%eliminated .and. self%has_c) then
             self%ps = 0
             do i = 1, s
-               call self%ham%gradient(self%time_of(i), self%w, self%q, self%ps, hp=self%c(:, :, i))
+               call self%ham%gradient(self%time_of(i), self%step%w, self%q, self%ps, hp=self%c(:, :, i))
             end do
          end if
          do i = 1, s
@@ -101,7 +119,7 @@ contains
       class(stage_equations), intent(in) :: self
       integer, intent(in) :: i
 
-      t = self%t + self%plan%c(i)*self%h
+      t = self%step%t + self%plan%c(i)*self%step%h
    end function time_of
 
    !> Put (Q_i, P_i) where the slopes are weighed by these coefficients.
@@ -127,10 +145,10 @@ contains
       integer, intent(in) :: i
 
       if (self%eliminated) then
-         call self%ham%gradient(self%time_of(i), self%w, self%qs, self%p, hq=self%hq)
+         call self%ham%gradient(self%time_of(i), self%step%w, self%qs, self%p, hq=self%hq)
          return
       end if
-      call self%ham%gradient(self%time_of(i), self%w, self%qs, self%ps, hq=self%hq, hp=self%hp)
+      call self%ham%gradient(self%time_of(i), self%step%w, self%qs, self%ps, hq=self%hq, hp=self%hp, step=self%step)
       if (self%identity_mass) self%hp = self%hp - self%kappa*self%ps
    end subroutine evaluate
 

@@ -13,8 +13,10 @@ module symsde_step_stage_newton
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_step_newton_by_products, only: pays_by_products
    use symsde_step_stage_equations, only: stage_equations
    use symsde_step_stage_plan, only: stage_group
+   use symsde_step_stage_products, only: stage_products, new_stage_products
    implicit none
    private
    public :: stage_newton, new_stage_newton
@@ -22,10 +24,12 @@ module symsde_step_stage_newton
    type :: stage_newton
       private
       type(newton_type) :: newton
+      type(stage_products), allocatable :: products  !! where no matrix is formed
       integer :: nmember = 0, band = dense      !! stages, bands of the Hessian
       real(wp), allocatable :: z(:, :, :)       !! displacements (nlane, nmember, ndof)
       real(wp), allocatable :: d(:, :, :)       !! what they have of known slopes (nlane, ndof, nmember)
       real(wp), allocatable :: k(:, :, :)       !! Hessian of a stage, dense or its upper bands
+      real(wp), allocatable :: r(:, :)          !! residual (nlane, nmember ndof)
    contains
       procedure :: solve
    end type stage_newton
@@ -48,9 +52,15 @@ contains
             self%band = dense
             width = dense
          end if
+         allocate (self%z(nlane, self%nmember, n), self%d(nlane, n, self%nmember))
+         if (pays_by_products(t, n*self%nmember)) then
+            allocate (self%products, self%r(nlane, n*self%nmember))
+            call new_stage_products(self%products, nlane, n, self%nmember)
+            call new_newton(self%newton, nlane, n*self%nmember, options, .false., dense, dense, judge_only=.true.)
+            return
+         end if
          call new_newton(self%newton, nlane, n*self%nmember, options, t%one_solve(self%band /= dense), width, width, &
                          exact=t%has_hessian_vector .or. (t%has_hessian .and. self%band == dense))
-         allocate (self%z(nlane, self%nmember, n), self%d(nlane, n, self%nmember))
          if (self%band == dense) then
             allocate (self%k(nlane, n, n))
          else
@@ -71,23 +81,12 @@ contains
       call find_known(self, equations, group)
       call self%newton%start(fate)
       do while (self%newton%running)
-         do m = 1, self%nmember
-            self%newton%r(:, m::self%nmember) = self%z(:, m, :) - self%d(:, :, m)
-         end do
-         if (self%band == dense) then
-            self%newton%a = 0
+         if (allocated(self%products)) then
+            call find_residual(self, equations, group)
+            call self%products%correct(equations, group, self%r, self%newton, self%z, fate)
          else
-            self%newton%bands = 0
-         end if
-         do m = 1, self%nmember
-            call linearise(self, equations, group, m)
-         end do
-         if (self%newton%n > 1) then
-            call self%newton%update(self%z, fate, equations%ham%counters)
-         else  ! one unknown: z + r = 0 with the derivative 1 + a
-            self%newton%r = self%newton%r - self%z(:, :, 1)
-            self%newton%a = self%newton%a - 1
-            call self%newton%update_scalar(1.0_wp, 1.0_wp, self%z, fate, equations%ham%counters)
+            call linearise(self, equations, group)
+            call correct(self, equations, fate)
          end if
       end do
       call find_slopes(self, equations, group, fate)
@@ -111,8 +110,49 @@ contains
       end do
    end subroutine find_known
 
+   !> The residual alone.
+   subroutine find_residual(self, equations, group)
+      type(stage_newton), intent(inout) :: self
+      type(stage_equations), intent(inout) :: equations
+      type(stage_group), intent(in) :: group
+      integer :: m, row
+
+      associate (e => equations, s => self%nmember)
+         do m = 1, s
+            self%r(:, m::s) = self%z(:, m, :) - self%d(:, :, m)
+         end do
+         do m = 1, s
+            e%qs = e%q + self%z(:, m, :)
+            call e%evaluate(group%stage(m))
+            do row = 1, s
+               self%r(:, row::s) = self%r(:, row::s) + e%step%h*group%b(row, m)*e%hq
+            end do
+         end do
+      end associate
+   end subroutine find_residual
+
+   !> Residual and matrix.
+   subroutine linearise(self, equations, group)
+      type(stage_newton), intent(inout) :: self
+      type(stage_equations), intent(inout) :: equations
+      type(stage_group), intent(in) :: group
+      integer :: m
+
+      if (self%band == dense) then
+         self%newton%a = 0
+      else
+         self%newton%bands = 0
+      end if
+      do m = 1, self%nmember
+         self%newton%r(:, m::self%nmember) = self%z(:, m, :) - self%d(:, :, m)
+      end do
+      do m = 1, self%nmember
+         call add_stage(self, equations, group, m)
+      end do
+   end subroutine linearise
+
    !> What the Hessian and gradient at stage m add to all rows.
-   subroutine linearise(self, equations, group, m)
+   subroutine add_stage(self, equations, group, m)
       type(stage_newton), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
@@ -123,15 +163,15 @@ contains
       associate (e => equations, ham => equations%ham, s => self%nmember, n => equations%ham%ndof)
          e%qs = e%q + self%z(:, m, :)
          if (self%band == dense) then
-            call ham%gradient_hessian(e%time_of(group%stage(m)), e%w, e%qs, e%p, hq=e%hq, hqq=self%k)
+            call ham%gradient_hessian(e%time_of(group%stage(m)), e%step%w, e%qs, e%p, hq=e%hq, hqq=self%k)
          else
-            call ham%model%force_stiffness(ham%nlane, n, ham%nnoise, self%band, e%time_of(group%stage(m)), e%w, &
+            call ham%model%force_stiffness(ham%nlane, n, ham%nnoise, self%band, e%time_of(group%stage(m)), e%step%w, &
                                            e%qs, e%p, e%hq, self%k)
             ham%counters%gradients = ham%counters%gradients + ham%nreal
             ham%counters%hessians = ham%counters%hessians + ham%nreal
          end if
          do row = 1, s
-            hb = e%h*group%b(row, m)
+            hb = e%step%h*group%b(row, m)
             self%newton%r(:, row::s) = self%newton%r(:, row::s) + hb*e%hq
             if (self%band == dense) then
                call add_dense(ham%nlane, n, s, row, m, hb, self%k, self%newton%a)
@@ -140,7 +180,22 @@ contains
             end if
          end do
       end associate
-   end subroutine linearise
+   end subroutine add_stage
+
+   !> Newton's correction. One unknown: z + r = 0 with the derivative 1 + a.
+   subroutine correct(self, equations, fate)
+      type(stage_newton), intent(inout) :: self
+      type(stage_equations), intent(inout) :: equations
+      integer(i8), intent(inout) :: fate(equations%ham%nlane)
+
+      if (self%newton%n > 1) then
+         call self%newton%update(self%z, fate, equations%ham%counters)
+      else
+         self%newton%r = self%newton%r - self%z(:, :, 1)
+         self%newton%a = self%newton%a - 1
+         call self%newton%update_scalar(1.0_wp, 1.0_wp, self%z, fate, equations%ham%counters)
+      end if
+   end subroutine correct
 
    !> h B G = Z - d in lanes that Newton's iteration has solved; by one more evaluation where B is singular.
    subroutine find_slopes(self, equations, group, fate)
@@ -155,7 +210,7 @@ contains
             if (allocated(group%inverse)) then
                e%hq = 0
                do k = 1, self%nmember
-                  e%hq = e%hq - group%inverse(m, k)/e%h*(self%z(:, k, :) - self%d(:, :, k))
+                  e%hq = e%hq - group%inverse(m, k)/e%step%h*(self%z(:, k, :) - self%d(:, :, k))
                end do
             else
                e%qs = e%q + self%z(:, m, :)

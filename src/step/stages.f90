@@ -1,17 +1,20 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Implicit schemes of several stages, for H = p.p/2 + U(q) and noise in position or additive.
+!> Implicit schemes of several stages.
 !>
-!> The momenta are eliminated (step/stage_plan), the slopes found group by group: by fixed-point iteration
-!> in the lanes where the step is mild (step/stage_iteration), by Newton's iteration in the others
-!> (step/stage_newton). Both find the root that the general stepper finds. Lanes are taken through the whole
-!> step in parts that stay in cache.
+!> Where H = p.p/2 + U(q) with noise in position or additive the momenta are eliminated (step/stage_plan).
+!> The slopes are found group by group: by fixed-point iteration in the lanes where the step is mild
+!> (step/stage_iteration), by Newton's iteration in the others (step/stage_newton; the general stepper's where
+!> momenta cannot be eliminated). All find the root that the general stepper finds. Lanes are taken through
+!> the whole step in parts that stay in cache.
 module symsde_step_stages
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_solve_newton, only: newton_options
+   use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stage_equations, only: stage_equations, new_stage_equations
    use symsde_step_stage_iteration, only: iterate_group
@@ -30,7 +33,9 @@ module symsde_step_stages
       type(stage_equations) :: equations                !! of the part in hand
       type(stage_newton), allocatable :: newton(:)      !! of each group, made when the first lane needs it
       logical, allocatable :: made(:)
-      real(wp), allocatable :: dq(:, :), dp(:, :)       !! of the part (width, ndof)
+      type(scheme_type) :: scheme
+      type(general_stepper), allocatable :: general     !! of lanes that are given up with their momenta
+      real(wp), allocatable, dimension(:, :) :: dq, dp, dq_left, dp_left  !! of the part (width, ndof)
    contains
       procedure :: increment
    end type stages_stepper
@@ -47,7 +52,7 @@ contains
       if (scheme%form /= tableau_form .or. options%fixed_point > 0 .or. options%damped) return
       if (.not. (scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)) return
       associate (t => model%traits)
-         fits_stages = t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0)
+         fits_stages = t%ndof > 1 .or. (t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0))
       end associate
    end function fits_stages
 
@@ -59,38 +64,39 @@ contains
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
 
-      self%name = 'stages, momenta eliminated'
       self%options = options
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      self%scheme = scheme
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
       self%width = nlane
       do while (mod(nlane, self%width) /= 0 .or. &
                 (self%width*model%traits%ndof > cached_values .and. self%width > lane_unit))
          self%width = self%width - lane_unit
       end do
       call new_stage_equations(self%equations, model, scheme, self%width)
+      self%name = 'stages'
+      if (self%equations%eliminated) self%name = 'stages, momenta eliminated'
       allocate (self%newton(self%equations%plan%ngroup))
       allocate (self%made(self%equations%plan%ngroup), source=.false.)
       allocate (self%dq(self%width, model%traits%ndof), self%dp(self%width, model%traits%ndof))
    end subroutine new_stages_stepper
 
-   subroutine increment(self, t, w, q, p, dq, dp, status)
+   subroutine increment(self, step, q, p, dq, dp, status)
       class(stages_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer(i8) :: left(self%width)
       integer :: first, last
 
       associate (e => self%equations)
          do first = 1, self%ham%nlane, self%width
             last = first + self%width - 1
             e%ham%nreal = max(0, min(self%width, self%ham%nreal - first + 1))
-            e%w = w(first:last, :)
-            e%q = q(first:last, :)
-            e%p = p(first:last, :)
-            call e%begin(t)
-            call solve_part(self, status(first:last))
+            call e%begin(first, step, q, p)
+            call solve_part(self, status(first:last), left)
             call e%add_up(self%dq, self%dp)
+            if (any(left == 0)) call solve_left(self, left, status(first:last))
             dq(first:last, :) = self%dq
             dp(first:last, :) = self%dp
          end do
@@ -99,18 +105,24 @@ contains
       end associate
    end subroutine increment
 
-   !> The slopes of all groups, in lanes without a status.
-   subroutine solve_part(self, status)
+   !> The slopes of all groups, in lanes without a status; left = 0 in those that the general stepper must take.
+   subroutine solve_part(self, status, left)
       type(stages_stepper), intent(inout) :: self
       integer(i8), intent(inout) :: status(self%width)
+      integer(i8), intent(out) :: left(self%width)
       integer(i8) :: fate(self%width)
       integer :: g
 
+      left = -1
       do g = 1, size(self%newton)
-         fate = merge(0_i8, -1_i8, status == 0)
+         fate = merge(0_i8, -1_i8, status == 0 .and. left < 0)
          associate (group => self%equations%plan%group(g))
             call iterate_group(self%equations, group, fate)
             if (.not. any(fate > 0)) cycle
+            if (.not. self%equations%eliminated) then
+               left = merge(0_i8, left, fate > 0)
+               cycle
+            end if
             if (.not. self%made(g)) call new_stage_newton(self%newton(g), self%equations, group, self%options)
             self%made(g) = .true.
             fate = merge(0_i8, -1_i8, fate > 0)
@@ -119,5 +131,29 @@ contains
          end associate
       end do
    end subroutine solve_part
+
+   !> Increments of the lanes that are left, by the general stepper.
+   subroutine solve_left(self, left, status)
+      type(stages_stepper), intent(inout) :: self
+      integer(i8), intent(inout) :: left(self%width), status(self%width)
+      integer :: i
+
+      associate (e => self%equations)
+         if (.not. allocated(self%general)) then
+            allocate (self%general)
+            allocate (self%dq_left, self%dp_left, mold=self%dq)
+            call new_general_stepper(self%general, e%ham%model, self%scheme, correction_none, self%width, self%options)
+         end if
+         self%general%ham%nreal = e%ham%nreal
+         call self%general%increment(e%step, e%q, e%p, self%dq_left, self%dp_left, left)
+         call add_counters(e%ham%counters, self%general%ham%counters)
+         self%general%ham%counters = counters_type()
+      end associate
+      do i = 1, size(self%dq, 2)
+         self%dq(:, i) = merge(self%dq_left(:, i), self%dq(:, i), left == 0)
+         self%dp(:, i) = merge(self%dp_left(:, i), self%dp(:, i), left == 0)
+      end do
+      status = merge(left, status, left > 0)
+   end subroutine solve_left
 
 end module symsde_step_stages
