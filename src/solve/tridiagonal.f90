@@ -15,11 +15,11 @@ module symsde_solve_tridiagonal
    use symsde_solve_blocks, only: pivot_floor
    implicit none
    private
-   public :: eliminate_down_strip, correct_up_strip, before_first_row, nabove
+   public :: eliminate_down_strip, correct_up_strip, largest_diagonal, before_first_row, nabove
 
    !> What a row hands to the next one: c times its entry right of the diagonal, the inverse of its pivot, its
-   !> right-hand side, whether its lane is trusted (1 or 0), and the largest diagonal entry of I + c K so far.
-   integer, parameter :: nabove = 5
+   !> right-hand side, and whether its lane is trusted (1 or 0).
+   integer, parameter :: nabove = 4
    integer :: lane_number, part_number
    real(wp), parameter :: before_first_row(strip_lanes, nabove) = &
                           reshape([((merge(1.0_wp, 0.0_wp, part_number == 4), lane_number=1, strip_lanes), &
@@ -30,16 +30,16 @@ contains
    !> VEC Rows of right-hand sides x + f and matrices I + c K of a strip, eliminated downwards after the rows
    !> before them. The pivots wait for each other, d_i = a_i - b_i^2/d_{i-1}: one product and one division a
    !> row, everything else is done meanwhile.
-   pure subroutine eliminate_down_strip(nlane, before, m, c, x, f, k, above, rows)
-      integer, intent(in) :: nlane, before                  !! lanes, and those before the strip
+   pure subroutine eliminate_down_strip(m, c, x, f, k, above, factor, rhs)
       integer, intent(in) :: m                              !! rows
       real(wp), intent(in) :: c                             !! factor of K
-      real(wp), intent(in) :: x(nlane, m)                   !! unknowns
-      real(wp), intent(in) :: f(nlane, m)                   !! residual less x
-      real(wp), intent(in) :: k(nlane, 0:1, m)              !! K
+      real(wp), intent(in) :: x(strip_lanes, m)             !! unknowns
+      real(wp), intent(in) :: f(strip_lanes, m)             !! residual less x
+      real(wp), intent(in) :: k(strip_lanes, 0:1, m)              !! K
       real(wp), intent(inout) :: above(strip_lanes, nabove)
-      real(wp), intent(out) :: rows(strip_lanes, 2, m)      !! upper band of D^{-1} U, D^{-1} L^{-1} residual
-      real(wp), dimension(strip_lanes) :: carried, inverse, r, trusted, steepest
+      real(wp), intent(out) :: factor(strip_lanes, m)       !! upper band of D^{-1} U
+      real(wp), intent(out) :: rhs(strip_lanes, m)          !! D^{-1} L^{-1} residual
+      real(wp), dimension(strip_lanes) :: carried, inverse, r, trusted
       real(wp) :: entry, ratio
       integer :: lane, i
 
@@ -47,35 +47,31 @@ contains
       inverse = above(:, 2)
       r = above(:, 3)
       trusted = above(:, 4)
-      steepest = above(:, 5)
       do i = 1, m
          do lane = 1, strip_lanes
-            entry = 1 + c*k(before + lane, 0, i)
+            entry = 1 + c*k(lane, 0, i)
             inverse(lane) = 1/(entry - carried(lane)**2*inverse(lane))
             ratio = abs(entry*inverse(lane))
             trusted(lane) = merge(trusted(lane), 0.0_wp, ratio > pivot_floor .and. ratio < 1/pivot_floor)
-            steepest(lane) = merge(entry, steepest(lane), entry > steepest(lane))
-            r(lane) = (x(before + lane, i) + f(before + lane, i) - carried(lane)*r(lane))*inverse(lane)
-            carried(lane) = c*k(before + lane, 1, i)
-            rows(lane, 1, i) = carried(lane)*inverse(lane)
-            rows(lane, 2, i) = r(lane)
+            r(lane) = (x(lane, i) + f(lane, i) - carried(lane)*r(lane))*inverse(lane)
+            carried(lane) = c*k(lane, 1, i)
+            factor(lane, i) = carried(lane)*inverse(lane)
+            rhs(lane, i) = r(lane)
          end do
       end do
       above(:, 1) = carried
       above(:, 2) = inverse
       above(:, 3) = r
       above(:, 4) = trusted
-      above(:, 5) = steepest
    end subroutine eliminate_down_strip
 
    !> VEC Solve upwards in a strip, x = x - d in running lanes, with the sizes of correction and unknowns.
-   pure subroutine correct_up_strip(nlane, before, n, rows, last, x, step, size)
-      integer, intent(in) :: nlane, before                  !! lanes, and those before the strip
+   pure subroutine correct_up_strip(n, factor, rhs, last, x, step, size)
       integer, intent(in) :: n                              !! unknowns of a system
-      real(wp), intent(in) :: rows(strip_lanes, 2, n)       !! of eliminate_down_strip
-      real(wp), intent(in) :: last(nlane)                   !! negative in lanes that rest
-      real(wp), intent(inout) :: x(nlane, n)                !! unknowns
-      real(wp), intent(inout) :: step(nlane), size(nlane)   !! set for the strip
+      real(wp), intent(in) :: factor(strip_lanes, n), rhs(strip_lanes, n)  !! of eliminate_down_strip
+      real(wp), intent(in) :: last(strip_lanes)             !! negative in lanes that rest
+      real(wp), intent(inout) :: x(strip_lanes, n)          !! unknowns
+      real(wp), intent(out) :: step(strip_lanes), size(strip_lanes)
       real(wp), dimension(strip_lanes) :: d, largest, extent, rests
       real(wp) :: new
       integer :: lane, i
@@ -83,19 +79,34 @@ contains
       d = 0
       largest = 0
       extent = 0
-      rests = last(before + 1:before + strip_lanes)
+      rests = last
       do i = n, 1, -1
          do lane = 1, strip_lanes
-            d(lane) = rows(lane, 2, i) - rows(lane, 1, i)*d(lane)
-            new = merge(x(before + lane, i) - d(lane), x(before + lane, i), rests(lane) >= 0)
-            x(before + lane, i) = new
+            d(lane) = rhs(lane, i) - factor(lane, i)*d(lane)
+            new = merge(x(lane, i) - d(lane), x(lane, i), rests(lane) >= 0)
+            x(lane, i) = new
             ! a NaN goes on from row to row in d, and this comparison takes it
             largest(lane) = merge(largest(lane), abs(d(lane)), abs(d(lane)) <= largest(lane))
             extent(lane) = merge(extent(lane), abs(new), abs(new) <= extent(lane))
          end do
       end do
-      step(before + 1:before + strip_lanes) = largest
-      size(before + 1:before + strip_lanes) = extent
+      step = largest
+      size = extent
    end subroutine correct_up_strip
+
+   !> VEC The largest diagonal entry of c K in some rows of a strip, or what it was where that is larger.
+   pure subroutine largest_diagonal(m, c, k, largest)
+      integer, intent(in) :: m
+      real(wp), intent(in) :: c
+      real(wp), intent(in) :: k(strip_lanes, 0:1, m)
+      real(wp), intent(inout) :: largest(strip_lanes)
+      integer :: lane, i
+
+      do i = 1, m
+         do lane = 1, strip_lanes
+            largest(lane) = merge(c*k(lane, 0, i), largest(lane), c*k(lane, 0, i) > largest(lane))
+         end do
+      end do
+   end subroutine largest_diagonal
 
 end module symsde_solve_tridiagonal

@@ -13,7 +13,8 @@ module symsde_step_midpoint_by_rows
    use symsde_model_abstract, only: model_type
    use symsde_solve_lapack, only: solve_banded_lane_lapack
    use symsde_solve_newton, only: newton_options, new_newton
-   use symsde_solve_tridiagonal, only: eliminate_down_strip, correct_up_strip, before_first_row, nabove
+   use symsde_solve_tridiagonal, only: eliminate_down_strip, correct_up_strip, largest_diagonal, before_first_row, &
+                                       nabove
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position, add_unknown
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
@@ -28,8 +29,10 @@ module symsde_step_midpoint_by_rows
       integer :: nrow = 0                             !! rows evaluated at once: a panel, or all
       real(wp), allocatable :: q(:, :)                !! Q of these and of the rows before and behind (nlane, nrow+2)
       real(wp), allocatable :: hq(:, :), hqq(:, :, :) !! force and stiffness (nlane, nrow), (nlane, 0:1, nrow)
-      real(wp), allocatable :: rows(:, :, :, :)       !! eliminated (strip_lanes, 2, ndof, nstrip)
-      real(wp), allocatable :: above(:, :, :)         !! of the row before (strip_lanes, nabove, nstrip)
+      real(wp), allocatable :: factor(:, :), rhs(:, :)  !! of a strip, eliminated (strip_lanes, ndof)
+      real(wp), allocatable :: x(:, :), f(:, :), k(:, :, :)  !! a strip of a block (strip_lanes, [0:1,] ndof)
+      real(wp) :: above(strip_lanes, nabove) = 0      !! of the row before
+      real(wp) :: largest(strip_lanes) = 0            !! of (h/4) Hhat_ii, where V = 0
    contains
       procedure :: iterate
    end type midpoint_by_rows
@@ -42,18 +45,17 @@ contains
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
-      integer :: nstrip
 
-      associate (t => model%traits, n => model%traits%ndof)
+      associate (t => model%traits, n => model%traits%ndof, exact => model%traits%has_chain_rows .or. &
+                                                                     model%traits%has_hessian_vector)
          self%gives_rows = t%has_chain_rows
-         self%nrow = merge(min(panel, n), n, t%has_chain_rows)
-         associate (exact => t%has_chain_rows .or. t%has_hessian_vector)
-            call new_newton(self%newton, nlane, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., &
-                            exact=exact)
-         end associate
-         nstrip = nlane/strip_lanes
+         self%nrow = merge(min(panel, n), n, self%gives_rows)
+         call new_newton(self%newton, nlane, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., &
+                         exact=exact)
          allocate (self%q(nlane, self%nrow + 2), self%hq(nlane, self%nrow), self%hqq(nlane, 0:1, self%nrow))
-         allocate (self%rows(strip_lanes, 2, n, nstrip), self%above(strip_lanes, nabove, nstrip))
+         allocate (self%factor(strip_lanes, n), self%rhs(strip_lanes, n))
+         if (self%gives_rows) return
+         allocate (self%x(strip_lanes, n), self%f(strip_lanes, n), self%k(strip_lanes, 0:1, n))
       end associate
    end subroutine new_midpoint_by_rows
 
@@ -63,55 +65,74 @@ contains
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
       integer(i8), intent(inout) :: status(eq%nlane)
-      integer :: strip, lane
-      logical :: suspect
+      integer :: first, last, before
 
-      suspect = .false.
-      associate (newton => self%newton, n => eq%n, above => self%above, c => ham%counters)
-         call eliminate(self, ham%model, eq, w)
-         c%gradients = c%gradients + eq%nreal
-         c%hessians = c%hessians + eq%nreal
-         do strip = 1, size(above, 3)
-            lane = (strip - 1)*strip_lanes + 1
-            if (eq%starts(newton)) call note_steepness(above(1, 5, strip), eq%steep, eq%steepness(lane))
-            suspect = suspect .or. has_suspects(above(1, 4, strip), newton%last(lane))
+      self%above = before_first_row
+      self%largest = 0
+      if (self%gives_rows) then
+         do first = 1, eq%n, self%nrow
+            last = min(first + self%nrow - 1, eq%n)
+            call linearise(self, ham%model, eq, w, first, last)
+            if (eq%starts(self%newton)) call largest_diagonal(last - first + 1, 0.25_wp*eq%h, self%hqq, self%largest)
+            call eliminate_down_strip(last - first + 1, 0.25_wp*eq%h, eq%x(1, first), self%hq, self%hqq, self%above, &
+                                      self%factor(1, first), self%rhs(1, first))
          end do
-         if (suspect) call solve_suspects(self, ham, eq, w, status)
-         do strip = 1, size(above, 3)
-            call correct_up_strip(eq%nlane, (strip - 1)*strip_lanes, n, self%rows(1, 1, 1, strip), newton%last, &
-                                  eq%x, newton%step, newton%size)
+         call correct(self, ham, eq, w, 0, eq%x, status)
+      else
+         call linearise(self, ham%model, eq, w, 1, eq%n)
+         do before = 0, eq%nlane - strip_lanes, strip_lanes
+            call take_strip(eq%nlane, eq%n, before, eq%x, self%hq, self%hqq, self%x, self%f, self%k)
+            self%above = before_first_row
+            self%largest = 0
+            if (eq%starts(self%newton)) call largest_diagonal(eq%n, 0.25_wp*eq%h, self%k, self%largest)
+            call eliminate_down_strip(eq%n, 0.25_wp*eq%h, self%x, self%f, self%k, self%above, self%factor, &
+                                      self%rhs)
+            call correct(self, ham, eq, w, before, self%x, status)
+            eq%x(before + 1:before + strip_lanes, :) = self%x
          end do
-         call newton%judge(status, c)
-      end associate
+      end if
+      ham%counters%gradients = ham%counters%gradients + eq%nreal
+      ham%counters%hessians = ham%counters%hessians + eq%nreal
+      call self%newton%judge(status, ham%counters)
    end subroutine iterate
 
-   !> Residual and matrix, some rows at a time, eliminated as they come.
-   subroutine eliminate(self, model, eq, w)
+   !> Force and stiffness in rows first .. last at the point of x.
+   subroutine linearise(self, model, eq, w, first, last)
       type(midpoint_by_rows), intent(inout) :: self
       class(model_type), intent(in) :: model
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
-      integer :: first, last, strip
+      integer, intent(in) :: first, last
 
-      do strip = 1, size(self%above, 3)
-         self%above(:, :, strip) = before_first_row
-      end do
-      do first = 1, eq%n, self%nrow
-         last = min(first + self%nrow - 1, eq%n)
-         if (eq%starts(self%newton)) then
-            call evaluate(model, self%gives_rows, eq, w, first, last, eq%base(1, first - 1), self%hq, self%hqq)
-         else
-            call place(eq, first, last, self%q)
-            call evaluate(model, self%gives_rows, eq, w, first, last, self%q, self%hq, self%hqq)
+      if (eq%starts(self%newton)) then
+         call evaluate(model, self%gives_rows, eq, w, first, last, eq%base(1, first - 1), self%hq, self%hqq)
+      else
+         call place(eq, first, last, self%q)
+         call evaluate(model, self%gives_rows, eq, w, first, last, self%q, self%hq, self%hqq)
+      end if
+      call eq%weigh(first, last, self%hq)
+   end subroutine linearise
+
+   !> Correct the unknowns of a strip, and tell how steep its equations are.
+   subroutine correct(self, ham, eq, w, before, x, status)
+      type(midpoint_by_rows), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer, intent(in) :: before  !! lanes before the strip
+      real(wp), intent(inout) :: x(strip_lanes, eq%n)
+      integer(i8), intent(inout) :: status(eq%nlane)
+
+      associate (newton => self%newton, trusted => self%above(:, 4), first => before + 1, last => before + strip_lanes)
+         if (eq%starts(newton)) then
+            eq%steepness(first:last) = self%largest
+            eq%steep = eq%steep .or. any(eq%steepness(first:last) > 1)
          end if
-         call eq%weigh(first, last, self%hq)
-         do strip = 1, size(self%above, 3)
-            call eliminate_down_strip(eq%nlane, (strip - 1)*strip_lanes, last - first + 1, 0.25_wp*eq%h, &
-                                      eq%x(1, first), self%hq, self%hqq, self%above(1, 1, strip), &
-                                      self%rows(1, 1, first, strip))
-         end do
-      end do
-   end subroutine eliminate
+         if (any(trusted <= 0 .and. newton%last(first:last) >= 0)) call solve_suspects(self, ham, eq, w, before, status)
+         call correct_up_strip(eq%n, self%factor, self%rhs, newton%last(first), x, newton%step(first), &
+                               newton%size(first))
+      end associate
+   end subroutine correct
 
    !> Q in rows first-1 .. last+1
    pure subroutine place(eq, first, last, q)
@@ -145,17 +166,18 @@ contains
       if (last == eq%n) hqq(:, 1, last) = 0
    end subroutine evaluate
 
-   !> Running lanes whose pivots are not trusted are solved by LAPACK from their matrix, computed once more:
-   !> their right-hand sides become the solution and their factors those of the identity.
-   subroutine solve_suspects(self, ham, eq, w, status)
+   !> Running lanes of a strip whose pivots are not trusted are solved by LAPACK from their matrix, computed once
+   !> more: their right-hand sides become the solution and their factors those of the identity.
+   subroutine solve_suspects(self, ham, eq, w, before, status)
       type(midpoint_by_rows), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer, intent(in) :: before
       integer(i8), intent(inout) :: status(eq%nlane)
       real(wp), allocatable :: q(:, :), r(:, :), hqq(:, :, :), bands(:, :, :)
       integer(i4) :: info
-      integer :: lane, strip, i
+      integer :: i, lane
 
       associate (nlane => eq%nlane, n => eq%n, c => 0.25_wp*eq%h, newton => self%newton)
          allocate (q(nlane, 0:n + 1), r(nlane, n), hqq(nlane, 0:1, n), bands(nlane, -1:1, n))
@@ -167,16 +189,15 @@ contains
          bands(:, 1, :) = c*hqq(:, 1, :)
          bands(:, -1, 2:) = bands(:, 1, :n - 1)
          bands(:, -1, 1) = 0
-         do lane = 1, nlane
-            strip = 1 + (lane - 1)/strip_lanes
-            i = lane - (strip - 1)*strip_lanes
-            if (self%above(i, 4, strip) > 0 .or. .not. newton%last(lane) >= 0) cycle
+         do i = 1, strip_lanes
+            lane = before + i
+            if (self%above(i, 4) > 0 .or. .not. newton%last(lane) >= 0) cycle
             call solve_banded_lane_lapack(nlane, n, 1, 1, lane, bands, r, info)
             ham%counters%lapack_solves = ham%counters%lapack_solves + 1
-            self%rows(i, 1, :, strip) = 0
-            self%rows(i, 2, :, strip) = r(lane, :)
+            self%factor(i, :) = 0
+            self%rhs(i, :) = r(lane, :)
             if (info == status_ok) cycle
-            self%rows(i, 2, :, strip) = 0
+            self%rhs(i, :) = 0
             call newton%fail(lane, int(info, i8), status, ham%counters)
          end do
       end associate
@@ -184,21 +205,22 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> The steepness of a strip, from the largest diagonal entries of its matrices.
-   pure subroutine note_steepness(largest, steep, steepness)
-      real(wp), intent(in) :: largest(strip_lanes)
-      logical, intent(inout) :: steep
-      real(wp), intent(out) :: steepness(strip_lanes)
+   !> VEC Unknowns, force and stiffness of a strip of a block.
+   pure subroutine take_strip(nlane, n, before, x, hq, hqq, xs, f, k)
+      integer, intent(in) :: nlane, n, before
+      real(wp), intent(in) :: x(nlane, n), hq(nlane, n), hqq(nlane, 0:1, n)
+      real(wp), intent(out) :: xs(strip_lanes, n), f(strip_lanes, n), k(strip_lanes, 0:1, n)
+      integer :: i, lane
 
-      steepness = largest - 1
-      steep = steep .or. any(steepness > 1)
-   end subroutine note_steepness
-
-   !> Whether some running lane of a strip is not trusted.
-   pure logical function has_suspects(trusted, last)
-      real(wp), intent(in) :: trusted(strip_lanes), last(strip_lanes)
-
-      has_suspects = any(trusted <= 0 .and. last >= 0)
-   end function has_suspects
+      do i = 1, n
+         !GCC$ unroll 16
+         do lane = 1, strip_lanes
+            xs(lane, i) = x(before + lane, i)
+            f(lane, i) = hq(before + lane, i)
+            k(lane, 0, i) = hqq(before + lane, 0, i)
+            k(lane, 1, i) = hqq(before + lane, 1, i)
+         end do
+      end do
+   end subroutine take_strip
 
 end module symsde_step_midpoint_by_rows
