@@ -14,7 +14,7 @@
 !> For noise in position C vanishes, for additive noise it is known beforehand, so that the G alone are
 !> unknown (`eliminated`); brackets of schemes beyond order one make it small; elsewhere it is all of Hhat_p.
 module symsde_step_stage_equations
-   use symsde_base_functionals, only: functional_set, functionals, nfunctional, path_dz, path_areas
+   use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record, step_store, new_step_store
    use symsde_model_abstract, only: model_type
@@ -70,8 +70,8 @@ contains
       end associate
       call new_stage_plan(self%plan, scheme, self%eliminated)
       if (allocated(self%ham%extra)) then
-         asked = functionals([path_dz, path_areas])
-         asked = asked%needed_for(model%traits)
+         asked%has(path_dz) = self%ham%extra%active%single
+         asked%has(path_areas) = self%ham%extra%active%areas
       end if
       call new_step_store(self%store, nlane, model%traits%nnoise, 2, 0.0_wp, asked)
       allocate (self%q(nlane, n), self%p(nlane, n))
