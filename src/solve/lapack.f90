@@ -1,26 +1,15 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The only file that knows LAPACK: one system with pivoting, and the threads of the BLAS.
+!> The only file that calls LAPACK: one system with pivoting, and the threads of the BLAS.
 !>
 !> LAPACK's info alone does not tell failure: a NaN in the matrix gives info = 0 and NaN, a nearly
 !> singular matrix info = 0 and infinities. Data and solution are therefore looked at here.
 module symsde_solve_lapack
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_procpointer, c_funptr, c_int, &
-                                                                             c_null_char, c_null_ptr, c_ptr
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok, singular, nonfinite
    implicit none
    private
    public :: solve_dense_lapack, solve_dense_many_lapack, solve_lane_lapack
    public :: solve_banded_lapack, solve_banded_lane_lapack, blas_single_thread, blas_restore_threads
-
-   !> Names under which BLAS libraries let their number of threads be read and set.
-   character(*), parameter :: reader_name(2) = &
-                              [character(24) :: 'openblas_get_num_threads', 'MKL_Get_Max_Threads']
-   character(*), parameter :: setter_name(2) = &
-                              [character(24) :: 'openblas_set_num_threads', 'MKL_Set_Num_Threads']
-
-   integer :: users = 0          !! calls of blas_single_thread that have not been answered yet
-   integer :: hosts_threads = 0  !! threads of the BLAS before the first of them; 0 = no switch
 
    interface
       !> LAPACK: LU factors of a general matrix.
@@ -77,27 +66,13 @@ module symsde_solve_lapack
          integer, intent(out) :: info
       end subroutine dgbcon
 
-      !> POSIX: the address of a symbol of the running program, null where there is none.
-      function dlsym(handle, name) bind(c, name='dlsym') result(address)
-         import :: c_ptr, c_char, c_funptr
-         type(c_ptr), value :: handle
-         character(kind=c_char), intent(in) :: name(*)
-         type(c_funptr) :: address
-      end function dlsym
-   end interface
+      !> blas_threads.c: the BLAS has one thread from now on.
+      subroutine take_threads() bind(c, name='blas_threads_take')
+      end subroutine take_threads
 
-   abstract interface
-      !> int f(void)
-      function thread_reader() bind(c) result(threads)
-         import :: c_int
-         integer(c_int) :: threads
-      end function thread_reader
-
-      !> void f(int)
-      subroutine thread_setter(threads) bind(c)
-         import :: c_int
-         integer(c_int), value :: threads
-      end subroutine thread_setter
+      !> blas_threads.c: undo one call of take_threads.
+      subroutine give_back_threads() bind(c, name='blas_threads_give_back')
+      end subroutine give_back_threads
    end interface
 
 contains
@@ -222,63 +197,16 @@ contains
       all_finite = bad == 0
    end function all_finite
 
-   !> Set a threaded BLAS to one thread: many small systems are solved on threads of our own, and
-   !> threads within each solve slow that down many times over. The number belongs to the whole process: the
-   !> first of several users that overlap (host threads with handles of their own) keeps it, the last one gives
-   !> it back. Call outside parallel regions, and blas_restore_threads once for each call. Where the BLAS in use
-   !> has no such switch nothing is done.
+   !> Set a threaded BLAS to one thread: many small systems are solved on threads of our own, and threads within each
+   !> solve slow that down many times over. Call blas_restore_threads once for each call. Where the BLAS in use has no
+   !> such switch nothing is done.
    subroutine blas_single_thread()
-      procedure(thread_reader), pointer :: read_threads
-      type(c_funptr) :: reader
-      integer :: i
-
-      !$omp critical (symsde_blas_threads)
-      users = users + 1
-      if (users == 1) then
-         hosts_threads = 0
-         do i = 1, size(reader_name)
-            reader = address_of(reader_name(i))
-            if (.not. c_associated(reader)) cycle
-            call c_f_procpointer(reader, read_threads)
-            hosts_threads = int(read_threads())
-            call set_threads(1)
-            exit
-         end do
-      end if
-      !$omp end critical (symsde_blas_threads)
+      call take_threads()
    end subroutine blas_single_thread
 
    !> Give the BLAS its threads back, once its last user is done.
    subroutine blas_restore_threads()
-      !$omp critical (symsde_blas_threads)
-      users = users - 1
-      if (users == 0 .and. hosts_threads > 0) call set_threads(hosts_threads)
-      !$omp end critical (symsde_blas_threads)
+      call give_back_threads()
    end subroutine blas_restore_threads
-
-   !> Set the number of threads of the first BLAS library found.
-   subroutine set_threads(threads)
-      integer, intent(in) :: threads  !! number of threads, >= 1
-      procedure(thread_setter), pointer :: set_number
-      type(c_funptr) :: setter
-      integer :: i
-
-      do i = 1, size(setter_name)
-         setter = address_of(setter_name(i))
-         if (.not. c_associated(setter)) cycle
-         call c_f_procpointer(setter, set_number)
-         call set_number(int(threads, c_int))
-         return
-      end do
-   end subroutine set_threads
-
-   !> Address of a C function anywhere in the process. The null handle is RTLD_DEFAULT on Linux;
-   !> elsewhere it finds nothing and the BLAS keeps its threads.
-   function address_of(name) result(address)
-      character(*), intent(in) :: name  !! its C name; trailing blanks do not count
-      type(c_funptr) :: address
-
-      address = dlsym(c_null_ptr, trim(name)//c_null_char)
-   end function address_of
 
 end module symsde_solve_lapack

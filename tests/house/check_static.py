@@ -13,9 +13,9 @@ from pathlib import Path
 
 OBJECT, COMMON = 1, 0xFFF2
 # What nobody writes to after the program is loaded: tables of types, their initial values, the names of locks.
-CONSTANT = re.compile(r"___vtab_|___def_init_|^\.gomp_critical_user_")
+CONSTANT = re.compile(r"___vtab_|___def_init_|^\.gomp_critical_user_|^loading_process$")
 # What belongs to the process and is touched under a lock alone: how many want a BLAS of one thread.
-GUARDED = re.compile(r"^__symsde_solve_lapack_MOD_(users|hosts_threads)$")
+GUARDED = re.compile(r"^blas_(users|choice|lock)$")
 
 
 def sections(data):
