@@ -54,6 +54,12 @@ module symsde_ensemble_driver
          integer(c_int), value :: microseconds
          integer(c_int) :: status
       end function usleep
+
+      !> forked.c: nonzero in a process that was forked after the library was loaded.
+      function process_is_forked() result(forked) bind(c)
+         import :: c_int
+         integer(c_int) :: forked
+      end function process_is_forked
    end interface
 
 contains
@@ -387,7 +393,7 @@ contains
 
    end subroutine check_state
 
-   !> Threads: the option, else SYMSDE_NUM_THREADS, else what OpenMP would take. A variable that is set to
+   !> Threads: one in a forked process, the option, else SYMSDE_NUM_THREADS, else what OpenMP would take. A variable that is set to
    !> something else than a number of threads is refused: who sets it would be surprised otherwise.
    subroutine choose_nthread(options, nthread, error)
       type(run_options), intent(in) :: options
@@ -398,6 +404,7 @@ contains
       integer :: info
 
       nthread = options%nthread
+      if (process_is_forked() /= 0) nthread = 1
       if (nthread > 0) return
       call get_environment_variable('SYMSDE_NUM_THREADS', text, status=info)
       if (info > 0 .or. text == '') then  ! not set, or empty
