@@ -13,7 +13,7 @@ module symsde_model_probe
    use symsde_model_abstract, only: model_type
    use symsde_model_parameters, only: check_traits
    use symsde_model_probe_gradient, only: probe_gradient
-   use symsde_model_probe_points, only: probe_points, new_probe_points, nlane, npoint, finding, &
+   use symsde_model_probe_points, only: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, &
                                         worst, largest_entry
    implicit none
    private
@@ -196,6 +196,7 @@ contains
       do from = 1, npoint - 1
          call subtract_point(points%ndof, from, uq, up, dq, dp)
          spread = max(scale, scale(from)) + 0*(scale + scale(from))
+         where (min(scale, scale(from)) < 0) spread = no_verdict
          call worst(dq, dp, spread, vanishing, row)
          if (row%lane > 0) exit
       end do

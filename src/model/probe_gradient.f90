@@ -159,8 +159,9 @@ contains
       call points%product(vq, vp, xq, xp, other)
       one_way = sum(vq*uq, dim=2) + sum(vp*up, dim=2)
       other_way = sum(points%vq*xq, dim=2) + sum(points%vp*xp, dim=2)
-      size_of = sum(abs(vq*uq), dim=2) + sum(abs(vp*up), dim=2) + 0*(scale + other)  ! NaN: no verdict
+      size_of = sum(abs(vq*uq), dim=2) + sum(abs(vp*up), dim=2) + 0*(scale + other)
       do lane = 1, npoint
+         if (min(scale(lane), other(lane)) < 0) cycle  ! no verdict
          if (.not. abs(one_way(lane) - other_way(lane)) > matching*size_of(lane)) cycle
          call blame(points, lane, one_way(lane), other_way(lane), error)
          return

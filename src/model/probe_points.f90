@@ -5,19 +5,19 @@
 !> pseudo-random amounts of order one. The other lanes repeat the last point. Nothing here is
 !> random: the same model is always probed in the same way.
 module symsde_model_probe_points
-   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: nlane => lane_unit
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type, difference_along, default_step
    implicit none
    private
-   public :: probe_points, new_probe_points, nlane, npoint, finding, generic, worst, largest_entry, &
+   public :: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, generic, worst, largest_entry, &
              largest_component
 
    integer, parameter :: npoint = 3          !! lanes 1 .. npoint are different points
    integer, parameter :: probed_alone = 16   !! noises probed one by one, the rest in one sum
    real(wp), parameter :: displacement = 0.3_wp
+   real(wp), parameter :: no_verdict = -1     !! a scale against which nothing is judged
    real(wp), parameter :: too_far = 1.0e6_wp  !! state that leaves a step of 1e-6 no digits
 
    type :: probe_points
@@ -160,7 +160,7 @@ contains
 
    !> Hessian of the sum times (vq, vp), by differences of gradients with two steps, one relative to
    !> the state and one not. Lanes in which the two disagree, or whose state is too large for the
-   !> second, get scale NaN: no verdict.
+   !> second, get the scale no_verdict.
    subroutine product(self, vq, vp, uq, up, scale)
       class(probe_points), intent(in) :: self
       real(wp), intent(in) :: vq(nlane, self%ndof), vp(nlane, self%ndof)
@@ -180,7 +180,7 @@ contains
       xp = up - xp
       call largest_component(self%ndof, xq, xp, apart)
       scale = max(scale, self%slope/max(1.0_wp, state)) + 0*(scale + self%slope)
-      where (.not. (apart <= agreement*scale .and. state <= too_far)) scale = not_a_number()
+      where (.not. (apart <= agreement*scale .and. state <= too_far)) scale = no_verdict
    end subroutine product
 
    subroutine difference(self, step, vq, vp, uq, up)
@@ -192,10 +192,6 @@ contains
       call difference_along(self%model, nlane, self%ndof, self%nnoise, step, self%t, self%w, &
                             self%q, self%p, vq, vp, uq, up)
    end subroutine difference
-
-   pure real(wp) function not_a_number()
-      not_a_number = ieee_value(1.0_wp, ieee_quiet_nan)
-   end function not_a_number
 
    !> The largest component of a pair of vectors, lane by lane; not finite where any component is
    !> not.
@@ -216,7 +212,7 @@ contains
    end subroutine largest_component
 
    !> The component of (uq, up) that is largest against its scale, if it exceeds the tolerance; what
-   !> is not finite, or has a scale that is not, is passed over.
+   !> is not finite, or has a scale that is not or is no_verdict, is passed over. Zero against zero is no division.
    pure subroutine worst(uq, up, scale, tolerance, found)
       real(wp), intent(in) :: uq(:, :), up(:, :)  !! (nlane, ndof)
       real(wp), intent(in) :: scale(nlane), tolerance
@@ -227,13 +223,14 @@ contains
       excess = tolerance
       do i = 1, size(uq, 2)
          do lane = 1, npoint
-            if (abs(uq(lane, i))/scale(lane) > excess) then
+            if (.not. scale(lane) >= 0) cycle
+            if (abs(uq(lane, i)) > excess*scale(lane)) then
                found = finding(lane, 1, i)
-               excess = abs(uq(lane, i))/scale(lane)
+               excess = abs(uq(lane, i))/max(scale(lane), tiny(excess))
             end if
-            if (abs(up(lane, i))/scale(lane) > excess) then
+            if (abs(up(lane, i)) > excess*scale(lane)) then
                found = finding(lane, 2, i)
-               excess = abs(up(lane, i))/scale(lane)
+               excess = abs(up(lane, i))/max(scale(lane), tiny(excess))
             end if
          end do
       end do
@@ -281,7 +278,7 @@ contains
       step = default_step/4
       call slope_with(self, step, other, values)
       apart = abs(slope - other)
-      where (.not. state <= too_far) apart = not_a_number()
+      where (.not. state <= too_far) apart = huge(apart)
    end subroutine slope_of_values
 
    subroutine slope_with(self, step, slope, values)

@@ -178,16 +178,17 @@ contains
       real(wp) :: ratio, low, high, origin, reached
       integer :: lane
 
-      ! min and max could drop a NaN; these comparisons hand it on to the ratio
+      ! min and max could drop a NaN; these comparisons hand it on to the ratio. A pivot of zero has the ratio zero
+      ! and no inverse: a host that traps divisions by zero does not hear of lanes that LAPACK will solve.
       do lane = 1, nlane
          origin = abs(diagonal(lane))
          reached = abs(pivot(lane))
          low = merge(reached, origin, reached <= origin)
          high = merge(origin, reached, reached <= origin)
-         ratio = low/high
+         ratio = low/merge(1.0_wp, high, high <= 0)
          ratio = merge(ratio, 0.0_wp, ratio >= 0)
          smallest(lane) = merge(ratio, smallest(lane), ratio < smallest(lane))
-         pivot(lane) = 1/pivot(lane)
+         pivot(lane) = 1/merge(1.0_wp, pivot(lane), reached <= 0)
       end do
    end subroutine pivot_ratio
 
