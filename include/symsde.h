@@ -14,7 +14,10 @@
  * - Arrays belong to the caller. Shapes are written as in C, last index fastest: the path (or the lane
  *   of a block) is always the last index.
  * - Structs begin with struct_size; fill them with their _init function before setting members.
- * - One handle is used by one thread at a time; different handles are independent.
+ * - Any function may be called by several threads at once, also on handles that they share, as long as none deletes or
+ *   alters a handle that another one uses.
+ * - A process that was forked after the library was loaded computes on one thread: those of OpenMP do not survive a fork.
+ * - Floating-point traps may be on: good input sets off none. Paths that fail (infinities, NaN) may.
  * - Quantities are dimensionless unless a comment names a unit.
  */
 #ifndef SYMSDE_H
@@ -222,7 +225,7 @@ typedef struct symsde_options {
    int32_t max_iter;       /* Newton iterations a step */
    int32_t fixed_point;    /* n > 0: n fixed-point iterations instead of Newton */
    int32_t lanes;          /* lanes of a block, a multiple of 8; 0 = chosen; never changes a result */
-   int32_t threads;        /* 0 = SYMSDE_NUM_THREADS, else OpenMP's default */
+   int32_t threads;        /* 0 = SYMSDE_NUM_THREADS, else OpenMP's default; always one in a forked process */
    symsde_progress progress; /* of diagnoses; that of a run stands in its input. May be NULL */
    void *progress_user;
 } symsde_options;

@@ -12,6 +12,7 @@ module symsde_capi_boundary_value
    use symsde_diagnose_boundary_value, only: stationary_path
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
+   use symsde_model_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -27,6 +28,7 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
+      type(callback_model), target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(callback_monitor) :: monitor
@@ -35,7 +37,7 @@ contains
       integer(i4), pointer, contiguous :: codes(:)
       integer(i8) :: n, ntime, rows
 
-      call read_run(model, scheme, options, m, s, o, refusal, monitor)
+      call read_run(model, scheme, options, own, m, s, o, refusal, monitor)
       call require(q_start, 'q_start', refusal)
       call require(q_end, 'q_end', refusal)
       call require(q, 'q', refusal)

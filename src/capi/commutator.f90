@@ -4,14 +4,15 @@ module symsde_capi_commutator
    use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_null_ptr, c_ptr, &
                                                                              c_size_t
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_status, only: error_type, raise, invalid_argument
+   use symsde_base_status, only: error_type, raise, invalid_argument, callback_failed
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require
-   use symsde_capi_model, only: find_model
+   use symsde_capi_model, only: use_model
    use symsde_capi_text, only: put_text
    use symsde_diagnose_commutator, only: commutator, commutator_type
    use symsde_model_abstract, only: model_type
+   use symsde_model_callback, only: callback_model
    implicit none
    private
    public :: symsde_commutator
@@ -30,10 +31,13 @@ contains
       type(error_type), allocatable :: refusal
       type(commutator_type) :: found
       class(model_type), pointer :: m
+      type(callback_model), target :: own
       real(wp), pointer, contiguous :: qs(:, :), ps(:, :), largest(:)
       integer(c_int32_t), pointer :: flags(:)
+      integer :: code
 
-      call find_model(model, m, refusal)
+      code = 0
+      call use_model(model, own, m, refusal)
       call require(q, 'q', refusal)
       call require(p, 'p', refusal)
       call require(gradients, 'gradients', refusal)
@@ -47,15 +51,21 @@ contains
          call view(gradients, 2_i8, largest)
          call c_f_pointer(commute, flags, [2])
          call commutator(m, t, qs, ps, found, refusal)
+         code = m%failure_code()
       end if
-      if (.not. allocated(refusal)) then
+      if (.not. allocated(refusal) .and. code == 0) then
          largest(1) = found%noise
          largest(2) = found%drift
          flags(1) = merge(1_c_int32_t, 0_c_int32_t, found%commutative)
          flags(2) = merge(1_c_int32_t, 0_c_int32_t, found%flows_commute)
          call put_text(found%text, text, size, c_null_ptr)
       end if
-      status = finish(refusal, error)
+      if (code == 0) then
+         status = finish(refusal, error)
+      else
+         status = finish(refusal, error, callback_failed, 'a callback returned '//to_text(code)// &
+                         ' at one of the points: nothing is known of the brackets')
+      end if
    end function symsde_commutator
 
 end module symsde_capi_commutator

@@ -8,7 +8,7 @@ module symsde_capi_diagnose
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes
    use symsde_capi_input, only: run_input, read_input
-   use symsde_capi_model, only: find_model
+   use symsde_capi_model, only: use_model
    use symsde_capi_monitor, only: callback_monitor
    use symsde_capi_options, only: read_options
    use symsde_capi_scheme, only: find_scheme
@@ -17,6 +17,7 @@ module symsde_capi_diagnose
    use symsde_diagnose_symplecticity, only: symplecticity_defect
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
+   use symsde_model_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -35,13 +36,14 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
+      type(callback_model), target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(callback_monitor) :: monitor
       real(wp), pointer, contiguous :: qs(:, :), ps(:, :), dws(:, :, :), defects(:)
       integer(i8) :: n
 
-      call read_run(model, scheme, options, m, s, o, refusal, monitor)
+      call read_run(model, scheme, options, own, m, s, o, refusal, monitor)
       if (npoint < 1 .or. npoint > huge(0)) &
          call raise(refusal, invalid_argument, 'symsde_symplecticity', 'npoint = '//to_text(npoint)// &
                     ' is out of range: give 1 to '//to_text(huge(0)))
@@ -82,13 +84,14 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
+      type(callback_model), target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(run_input) :: from
       real(wp), pointer, contiguous :: qs(:, :, :), ps(:, :, :)
       integer(i8) :: n, ntime
 
-      call read_run(model, scheme, options, m, s, o, refusal)
+      call read_run(model, scheme, options, own, m, s, o, refusal)
       call require(q, 'q', refusal)
       call require(p, 'p', refusal)
       if (.not. allocated(refusal)) then
@@ -112,13 +115,14 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
+      type(callback_model), target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(callback_monitor) :: monitor
       real(wp), pointer, contiguous :: qs(:, :, :), ps(:, :, :), dws(:, :, :), to(:, :)
       integer(i8) :: n
 
-      call read_run(model, scheme, options, m, s, o, refusal, monitor)
+      call read_run(model, scheme, options, own, m, s, o, refusal, monitor)
       call require_arrays(m, q, p, dw, output, 'the output', refusal)
       if (.not. allocated(refusal)) then
          n = m%traits%ndof
@@ -136,18 +140,18 @@ contains
    end function diagnose_paths
 
    !> Model, scheme and options of a diagnosis; no failure of a callback yet.
-   subroutine read_run(model, scheme, options, m, s, o, error, monitor)
+   subroutine read_run(model, scheme, options, own, m, s, o, error, monitor)
       type(c_ptr), intent(in) :: model, scheme, options
+      type(callback_model), intent(inout), target :: own   !! of use_model
       class(model_type), pointer, intent(out) :: m
       type(scheme_type), pointer, intent(out) :: s
       type(run_options), intent(out) :: o
       type(error_type), allocatable, intent(inout) :: error
       type(callback_monitor), intent(out), optional :: monitor   !! of the options
 
-      call find_model(model, m, error)
+      call use_model(model, own, m, error)
       call find_scheme(scheme, s, error)
       call read_options(options, o, error, monitor)
-      if (associated(m)) call m%clear_failure()
    end subroutine read_run
 
    !> The arrays of a diagnosis; without noise there is no dw to give.

@@ -9,8 +9,9 @@ module symsde_capi_evaluate
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes
-   use symsde_capi_model, only: find_model
+   use symsde_capi_model, only: use_model
    use symsde_model_abstract, only: model_type
+   use symsde_model_callback, only: callback_model
    implicit none
    private
    public :: symsde_model_value, symsde_model_gradient, symsde_model_hessian
@@ -22,6 +23,7 @@ module symsde_capi_evaluate
    !> not allocated.
    type :: points_type
       class(model_type), pointer :: model => null()
+      type(callback_model) :: own   !! what model points to, if it is one of callbacks
       integer(i8) :: npath = 0
       integer :: ndof = 0, nnoise = 0, nlane = 0
       real(wp), pointer, contiguous :: w(:, :) => null(), q(:, :) => null(), p(:, :) => null()
@@ -40,7 +42,7 @@ contains
       real(c_double), intent(in), value :: t
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
-      type(points_type) :: points
+      type(points_type), target :: points
 
       call read_points(points, model, npath, w, q, p, refusal)
       call require(value, 'value', refusal)
@@ -61,7 +63,7 @@ contains
       real(c_double), intent(in), value :: t
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
-      type(points_type) :: points
+      type(points_type), target :: points
 
       call read_points(points, model, npath, w, q, p, refusal)
       if (.not. (c_associated(hq) .or. c_associated(hp))) call require(hq, 'hq (and hp)', refusal)
@@ -78,7 +80,7 @@ contains
       real(c_double), intent(in), value :: t
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
-      type(points_type) :: points
+      type(points_type), target :: points
       integer :: n
 
       call read_points(points, model, npath, w, q, p, refusal)
@@ -93,12 +95,12 @@ contains
 
    !> The model and its inputs, with room for a block of them.
    subroutine read_points(points, model, npath, w, q, p, error)
-      type(points_type), intent(out) :: points
+      type(points_type), intent(out), target :: points
       type(c_ptr), intent(in) :: model, w, q, p
       integer(i8), intent(in) :: npath
       type(error_type), allocatable, intent(inout) :: error
 
-      call find_model(model, points%model, error)
+      call use_model(model, points%own, points%model, error)
       if (npath < 0) call raise(error, invalid_argument, 'read_points', 'npath = '//to_text(npath)// &
                                 ' is negative: give the number of points')
       if (allocated(error)) return

@@ -19,7 +19,7 @@ module symsde_capi_model
    use symsde_model_catalogue, only: get_model, model_names, tabulate
    implicit none
    private
-   public :: find_model
+   public :: find_model, use_model
    public :: symsde_model_names, symsde_model_parameters, symsde_model_get
    public :: symsde_model_new, symsde_model_delete, symsde_model_traits, symsde_model_probe
 
@@ -52,6 +52,23 @@ contains
       call raise(error, null_handle, 'find_model', 'model is NULL, deleted or not a model: '// &
                  'make one with symsde_model_get or symsde_model_new')
    end subroutine find_model
+
+   !> The model of a handle for one call that evaluates it. A model of callbacks is copied into own: it keeps a
+   !> record of failure, and of the threads that share a handle each shall hear of its own failures alone.
+   subroutine use_model(handle, own, model, error)
+      type(c_ptr), intent(in) :: handle
+      type(callback_model), intent(inout), target :: own  !! lives as long as model is used
+      class(model_type), pointer, intent(out) :: model
+      type(error_type), allocatable, intent(inout) :: error
+
+      call find_model(handle, model, error)
+      if (.not. associated(model)) return
+      select type (shared => model)
+      type is (callback_model)
+         own = shared
+         model => own
+      end select
+   end subroutine use_model
 
    !> Names of the built-in models, one a line.
    function symsde_model_names(buffer, size, needed) result(status) bind(c, name='symsde_model_names')
@@ -188,11 +205,12 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: known
+      type(callback_model), target :: own
       real(wp), pointer, contiguous :: q(:), p(:)
       integer :: code
 
       code = 0
-      call find_model(model, known, refusal)
+      call use_model(model, own, known, refusal)
       call require(q0, 'q0', refusal)
       call require(p0, 'p0', refusal)
       if (.not. allocated(refusal)) then

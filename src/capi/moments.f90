@@ -10,7 +10,7 @@ module symsde_capi_moments
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes, take_struct, give_struct
    use symsde_capi_input, only: run_input, read_input
-   use symsde_capi_model, only: find_model
+   use symsde_capi_model, only: use_model
    use symsde_capi_observables, only: callback_observables, new_callback_observables
    use symsde_capi_options, only: read_options
    use symsde_capi_report, only: check_report, end_run
@@ -19,6 +19,7 @@ module symsde_capi_moments
    use symsde_ensemble_options, only: run_options
    use symsde_ensemble_simulate, only: moments_type, moments
    use symsde_model_abstract, only: model_type
+   use symsde_model_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -65,6 +66,7 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
+      type(callback_model), target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(run_input) :: from
@@ -73,7 +75,7 @@ contains
       type(moments_type) :: result
       integer :: code
 
-      call find_model(model, m, refusal)
+      call use_model(model, own, m, refusal)
       call find_scheme(scheme, s, refusal)
       call read_options(options, o, refusal)
       call check_report(report, refusal)

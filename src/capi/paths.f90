@@ -9,7 +9,7 @@ module symsde_capi_paths
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes, take_struct
    use symsde_capi_input, only: run_input, read_input
-   use symsde_capi_model, only: find_model
+   use symsde_capi_model, only: use_model
    use symsde_capi_options, only: read_options
    use symsde_capi_report, only: check_report, end_run
    use symsde_capi_scheme, only: find_scheme
@@ -19,6 +19,7 @@ module symsde_capi_paths
    use symsde_ensemble_report, only: run_report
    use symsde_ensemble_simulate, only: saved_time
    use symsde_model_abstract, only: model_type
+   use symsde_model_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -64,6 +65,7 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
+      type(callback_model), target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(run_input) :: from
@@ -72,7 +74,7 @@ contains
       type(run_report) :: outcome
       integer :: code
 
-      call find_model(model, m, refusal)
+      call use_model(model, own, m, refusal)
       call find_scheme(scheme, s, refusal)
       call read_options(options, o, refusal)
       call check_report(report, refusal)

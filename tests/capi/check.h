@@ -12,14 +12,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-static int passed, failed;
+/* of each thread */
+static _Thread_local int passed, failed;
 
 #define CHECK(condition) check((condition), #condition, __FILE__, __LINE__)
 /* the status, and words that the sentence must hold, separated by '|' */
 #define EXPECT(wanted, words, call) expect((wanted), (words), (call), #call, __FILE__, __LINE__)
 #define OK(call) EXPECT(SYMSDE_OK, "", call)
 
-static symsde_error error;
+static _Thread_local symsde_error error;
 
 static inline void check(int condition, const char *text, const char *file, int line) {
    if (condition) {
@@ -31,12 +32,14 @@ static inline void check(int condition, const char *text, const char *file, int 
 }
 
 static inline int holds(const char *message, const char *words) {
-   char copy[256];
-   snprintf(copy, sizeof copy, "%s", words);
-   for (char *word = strtok(copy, "|"); word != NULL; word = strtok(NULL, "|")) {
+   while (*words != 0) {
+      char word[256];
+      const size_t size = strcspn(words, "|");
+      snprintf(word, sizeof word, "%.*s", (int)size, words);
       if (strstr(message, word) == NULL) {
          return 0;
       }
+      words += size + (words[size] == '|');
    }
    return 1;
 }

@@ -61,7 +61,5 @@ static inline symsde_model new_kubo(void) {
 }
 
 static const double one = 1, zero = 0;
-static arrays a;
-static double dw[STEPS * PATHS];
 
 #endif

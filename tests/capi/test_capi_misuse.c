@@ -4,6 +4,9 @@
  */
 #include "run.h"
 
+static arrays a;
+static double dw[STEPS * PATHS];
+
 /* every misuse of a run, each named */
 static void test_misuse(void) {
    symsde_model model = new_kubo();

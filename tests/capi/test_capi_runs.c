@@ -4,6 +4,8 @@
  */
 #include "run.h"
 
+static arrays a;
+static double dw[STEPS * PATHS];
 static arrays b;
 
 static void test_simulate(void) {
