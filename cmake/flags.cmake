@@ -2,8 +2,9 @@
 # Compile flags, in one place, on one interface target. -ffast-math is never used: the library promises
 # bits, tests for NaN and infinity, and compensated sums, all of which it breaks.
 # Only who names dev gets its -Werror: a Debug build of a project that embeds this one does not.
-set(SYMSDE_FLAGS release CACHE STRING "Set of compile flags: dev, release, native or sanitize")
-set_property(CACHE SYMSDE_FLAGS PROPERTY STRINGS dev release native sanitize)
+set(_sets dev release native sanitize sanitize-threads)
+set(SYMSDE_FLAGS release CACHE STRING "Set of compile flags: ${_sets}")
+set_property(CACHE SYMSDE_FLAGS PROPERTY STRINGS ${_sets})
 
 # Portable: no contraction, so that every x86-64 machine computes the same.
 set(_release -O3 -fno-trapping-math -fno-math-errno -ffp-contract=off)
@@ -22,11 +23,17 @@ elseif(SYMSDE_FLAGS STREQUAL "dev")
    set(_fortran ${_fortran_warnings} -fcheck=all -finit-real=snan -fbacktrace)
    set(_c ${_c_warnings})
 elseif(SYMSDE_FLAGS STREQUAL "sanitize")
-   set(_common -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=undefined)
+   set(SYMSDE_SANITIZERS -fsanitize=address,undefined)
+   set(_common -O1 -g -fno-omit-frame-pointer ${SYMSDE_SANITIZERS} -fno-sanitize-recover=undefined)
    # an absent optional array that is passed on counts as a load of a null pointer: not an error
    set(_fortran -fcheck=all -fbacktrace -fno-sanitize=null)
+elseif(SYMSDE_FLAGS STREQUAL "sanitize-threads")
+   # for programs whose threads are the host's own: those of OpenMP meet in ways that this sanitizer does not see
+   set(SYMSDE_SANITIZERS -fsanitize=thread)
+   set(_common -O1 -g -fno-omit-frame-pointer ${SYMSDE_SANITIZERS})
 else()
-   message(FATAL_ERROR "SYMSDE_FLAGS is '${SYMSDE_FLAGS}'; allowed are dev, release, native and sanitize.")
+   list(JOIN _sets ", " _sets)
+   message(FATAL_ERROR "SYMSDE_FLAGS is '${SYMSDE_FLAGS}'; allowed are ${_sets}.")
 endif()
 
 if(NOT CMAKE_Fortran_COMPILER_ID STREQUAL "GNU" OR CMAKE_Fortran_COMPILER_VERSION VERSION_LESS 12)
@@ -39,7 +46,4 @@ target_compile_options(symsde_flags INTERFACE
    $<$<COMPILE_LANGUAGE:Fortran>:${_common};${_fortran}>
    $<$<COMPILE_LANGUAGE:C>:${_common};${_c}>)
 # A stack that cannot be executed: no object may ask for another one.
-target_link_options(symsde_flags INTERFACE LINKER:-z,noexecstack)
-if(SYMSDE_FLAGS STREQUAL "sanitize")
-   target_link_options(symsde_flags INTERFACE -fsanitize=address,undefined)
-endif()
+target_link_options(symsde_flags INTERFACE LINKER:-z,noexecstack ${SYMSDE_SANITIZERS})

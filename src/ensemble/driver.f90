@@ -393,8 +393,8 @@ contains
 
    end subroutine check_state
 
-   !> Threads: one in a forked process, the option, else SYMSDE_NUM_THREADS, else what OpenMP would take. A variable that is set to
-   !> something else than a number of threads is refused: who sets it would be surprised otherwise.
+   !> Threads: the option, else SYMSDE_NUM_THREADS, else what OpenMP would take; one in a forked process. A variable
+   !> that is set to something else than a number of threads is refused: who sets it would be surprised otherwise.
    subroutine choose_nthread(options, nthread, error)
       type(run_options), intent(in) :: options
       integer, intent(out) :: nthread
