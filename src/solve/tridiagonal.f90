@@ -20,10 +20,8 @@ module symsde_solve_tridiagonal
    !> What a row hands to the next one: c times its entry right of the diagonal, the inverse of its pivot, its
    !> right-hand side, and whether its lane is trusted (1 or 0).
    integer, parameter :: nabove = 4
-   integer :: lane_number, part_number
    real(wp), parameter :: before_first_row(strip_lanes, nabove) = &
-                          reshape([((merge(1.0_wp, 0.0_wp, part_number == 4), lane_number=1, strip_lanes), &
-                                    part_number=1, nabove)], [strip_lanes, nabove])
+                          spread([0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], 1, strip_lanes)
 
 contains
 
