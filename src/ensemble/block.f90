@@ -10,6 +10,7 @@ module symsde_ensemble_block
    use symsde_base_lanes, only: path_of_lane
    use symsde_base_record, only: step_record, step_store, step_request, new_step_store
    use symsde_base_status, only: stopped
+   use symsde_ensemble_initial_state, only: initial_state
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
    use symsde_noise_source, only: noise_type
@@ -97,25 +98,23 @@ contains
    end function pairs_ahead
 
    !> Load the initial state of paths first .. first+nreal-1, and show it.
-   subroutine begin(self, first, nreal, q0, p0, q0_low, p0_low)
+   subroutine begin(self, first, nreal, start)
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: first        !! global index
       integer, intent(in) :: nreal
-      real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! (npath or 1, ndof)
-      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)   !! low parts, to resume (npath or 1, ndof)
+      type(initial_state), intent(in) :: start
 
-      call take_state(self, first, nreal, q0, p0, q0_low, p0_low)
+      call take_state(self, first, nreal, start)
       call self%observer%begin_block(first, nreal)
       call self%observer%observe(0_i8, time_of(self, self%step), self%state)
    end subroutine begin
 
    !> The initial state of a block; lanes past the last path repeat it.
-   subroutine take_state(self, first, nreal, q0, p0, q0_low, p0_low)
+   subroutine take_state(self, first, nreal, start)
       type(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: first
       integer, intent(in) :: nreal
-      real(wp), intent(in) :: q0(:, :), p0(:, :)
-      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)
+      type(initial_state), intent(in) :: start
 
       self%first = first
       self%nreal = nreal
@@ -132,13 +131,13 @@ contains
          s%status(nreal + 1:) = stopped  ! padding: nothing is solved for it, nothing counted
          s%failed_step(nreal + 1:) = self%step
          s%nfailed = s%nlane - nreal
-         call load(q0, offset, nreal, s%q)
-         call load(p0, offset, nreal, s%p)
+         call load(start%q, offset, nreal, s%q)
+         call load(start%p, offset, nreal, s%p)
          if (allocated(s%q_low)) then
             s%q_low = 0
             s%p_low = 0
-            if (present(q0_low)) call load(q0_low, offset, nreal, s%q_low)
-            if (present(p0_low)) call load(p0_low, offset, nreal, s%p_low)
+            if (associated(start%q_low)) call load(start%q_low, offset, nreal, s%q_low)
+            if (associated(start%p_low)) call load(start%p_low, offset, nreal, s%p_low)
          end if
       end associate
    end subroutine take_state
@@ -277,14 +276,13 @@ contains
    end function is_done
 
    !> A block that the run has no time for: its paths are stopped at their first state and counted nowhere.
-   subroutine pass_over(self, first, nreal, q0, p0, q0_low, p0_low)
+   subroutine pass_over(self, first, nreal, start)
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: first        !! global index
       integer, intent(in) :: nreal
-      real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! as in begin
-      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)
+      type(initial_state), intent(in) :: start
 
-      call take_state(self, first, nreal, q0, p0, q0_low, p0_low)
+      call take_state(self, first, nreal, start)
       call stop_paths(self)
       call self%observer%begin_block(first, nreal)
       call self%observer%skip(0_i8)

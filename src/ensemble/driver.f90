@@ -15,6 +15,7 @@ module symsde_ensemble_driver
                                  callback_failed, paths_failed, out_of_memory, too_large
    use symsde_base_text, only: to_text
    use symsde_ensemble_block, only: block_runner, new_block_runner
+   use symsde_ensemble_initial_state, only: initial_state, new_initial_state
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options, check_options
@@ -86,16 +87,17 @@ contains
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
+      real(wp), intent(in), target :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
       class(observer_type), intent(in) :: observer    !! for blocks of choose_nlane(options, model) lanes
       class(monitor_type), intent(inout) :: monitor
       type(run_report), intent(out) :: report
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
-      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)       !! low parts, to resume
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)       !! low parts, to resume
       class(noise_type), allocatable, target :: noise
       type(block_runner), allocatable :: runners(:)
       type(shared_state) :: shared
+      type(initial_state) :: from
       real(wp) :: start
 
       start = seconds()
@@ -115,20 +117,20 @@ contains
       start = seconds()
       shared%total = options%npath*options%nstep
       call blas_single_thread()
-      call run_blocks(runners, options, q0, p0, monitor, shared, q0_low, p0_low)
+      call new_initial_state(from, q0, p0, q0_low, p0_low)
+      call run_blocks(runners, options, from, monitor, shared)
       call blas_restore_threads()
       report%seconds_run = seconds() - start
       call summarise(runners, model, shared, report)
    end subroutine run_ensemble
 
    !> The parallel loop over blocks.
-   subroutine run_blocks(runners, options, q0, p0, monitor, shared, q0_low, p0_low)
+   subroutine run_blocks(runners, options, start, monitor, shared)
       type(block_runner), intent(inout) :: runners(:)
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q0(:, :), p0(:, :)
+      type(initial_state), intent(in) :: start
       class(monitor_type), intent(inout) :: monitor
       type(shared_state), intent(inout) :: shared
-      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)
       integer(i8) :: iblock, nblock, nlane
       integer :: me, nreal
       logical :: halted
@@ -136,7 +138,7 @@ contains
       nlane = runners(1)%state%nlane
       nblock = (options%npath + nlane - 1)/nlane
       !$omp parallel num_threads(size(runners)) default(none) private(me, nreal, iblock, halted) &
-      !$omp shared(runners, options, q0, p0, q0_low, p0_low, monitor, shared, nblock, nlane)
+      !$omp shared(runners, options, start, monitor, shared, nblock, nlane)
       me = omp_get_thread_num() + 1
       do
          !$omp atomic capture
@@ -148,9 +150,9 @@ contains
          !$omp atomic read
          halted = shared%halted
          if (halted) then
-            call runners(me)%pass_over(options%first_path + iblock*nlane, nreal, q0, p0, q0_low, p0_low)
+            call runners(me)%pass_over(options%first_path + iblock*nlane, nreal, start)
          else
-            call runners(me)%begin(options%first_path + iblock*nlane, nreal, q0, p0, q0_low, p0_low)
+            call runners(me)%begin(options%first_path + iblock*nlane, nreal, start)
             call run_block(runners(me), me == 1, monitor, shared)
          end if
          !$omp critical (symsde_end_block)

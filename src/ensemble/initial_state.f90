@@ -1,0 +1,31 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Where the paths of a run begin: the caller's arrays, as one argument for all threads.
+!>
+!> Low parts are there to resume compensated runs; where none are given they are null. An absent array is not handed to
+!> a parallel region: gfortran computes the extents of such an argument from what happens to lie in memory.
+module symsde_ensemble_initial_state
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: initial_state, new_initial_state
+
+   type :: initial_state
+      real(wp), pointer :: q(:, :) => null(), p(:, :) => null()          !! (npath or 1, ndof)
+      real(wp), pointer :: q_low(:, :) => null(), p_low(:, :) => null()  !! (npath or 1, ndof), or null
+   end type initial_state
+
+contains
+
+   !> Point to the caller's arrays, which must be targets there.
+   subroutine new_initial_state(self, q, p, q_low, p_low)
+      type(initial_state), intent(out) :: self
+      real(wp), intent(in), target :: q(:, :), p(:, :)                     !! (npath or 1, ndof)
+      real(wp), intent(in), target, optional :: q_low(:, :), p_low(:, :)   !! (npath or 1, ndof)
+
+      self%q => q
+      self%p => p
+      if (present(q_low)) self%q_low => q_low
+      if (present(p_low)) self%p_low => p_low
+   end subroutine new_initial_state
+
+end module symsde_ensemble_initial_state
