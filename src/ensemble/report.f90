@@ -4,7 +4,6 @@ module symsde_ensemble_report
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok
-   use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_stepper, only: stepper_type
@@ -52,14 +51,9 @@ contains
             call add('correction: switched off, the scheme converges to another equation')
          end if
       end if
-      if (stepper%explicit) then
-         call add('solver: the step is explicit')
-      else if (index(stepper%name, 'matrix-free') > 0) then
-         call add('matrices: products with the Hessian take their place')
-      else if (model%traits%one_solve(model%traits%bandwidth /= dense)) then
-         call add('iteration: the equations are linear, one solve a step')
-      end if
-      if (index(stepper%name, 'eliminated') > 0) call add('half of the unknowns: identity mass')
+      if (stepper%explicit) call add('solver: the step is explicit')
+      if (stepper%one_solve) call add('iteration: the equations are linear, one solve a step')
+      if (allocated(stepper%spares)) call add(stepper%spares)
 
    contains
 

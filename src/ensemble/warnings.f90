@@ -9,7 +9,7 @@ module symsde_ensemble_warnings
    use symsde_base_traits, only: dense
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type
+   use symsde_scheme_scheme, only: scheme_type, frame_rotation
    implicit none
    private
    public :: set_up_warnings
@@ -55,13 +55,13 @@ contains
       real(wp) :: x
       character(:), allocatable :: value, factor
 
-      if (scheme%name == 'exact_rotation') return  ! its declared frequencies are integrated exactly
+      if (scheme%frame == frame_rotation) return  ! its declared frequencies are integrated exactly
       x = h*bounds%frequency
       value = 'h*omega = '//to_text(x)//' (omega '//bounds%frequency_source//')'
       if (explicit .and. x >= 1.8_wp) call add(text, value//' is near or above 2, the stability limit of '// &
                                                'explicit symplectic steps: take a smaller step or midpoint')
       factor = ''  ! of the midpoint's energy input, exact for linear oscillators with additive noise
-      if (scheme%name == 'midpoint') &
+      if (scheme%is_midpoint()) &
          factor = ' (by the factor 1/(1+(h*omega)^2/4) = '//to_text(1/(1 + 0.25_wp*x**2))//')'
       if (x > 1) call add(text, value//' exceeds 1: the fastest oscillations are under-resolved, their phases '// &
                           'and the energy that noise puts into them are wrong'//factor)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Schemes for some noise alone, additive or a function of position: a tableau for the drift, and a stepper
-!> of its own that knows what the noise does there (docs/method.md).
+!> Schemes for some noise alone, additive or a function of position: a tableau, what surrounds its step, and
+!> what a model must be (docs/method.md).
 !>
 !>    verlet_dz                 position Verlet with dZ: strong 2, explicit, symplectic
 !>    averaged_shift_midpoint   midpoint around the mean of the path with dZ: strong 3/2, symplectic
@@ -11,8 +11,7 @@ module symsde_scheme_additive
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
    use symsde_scheme_quadrature, only: get_quadrature
-   use symsde_scheme_scheme, only: scheme_type, special_verlet_dz, special_averaged_shift, special_drift_preserving, &
-                                   special_exact_rotation
+   use symsde_scheme_scheme, only: scheme_type, model_needs, frame_shift, frame_mean_path, frame_rotation
    use symsde_scheme_tableau, only: scheme_from_tableau
    implicit none
    private
@@ -29,40 +28,49 @@ contains
       real(wp), parameter :: a(2, 2) = reshape([0.5_wp, 0.5_wp, 0.0_wp, 0.0_wp], [2, 2])
       real(wp), parameter :: abar(2, 2) = reshape([0.0_wp, 0.5_wp, 0.0_wp, 0.5_wp], [2, 2])
       real(wp), parameter :: ends(2) = [0.0_wp, 1.0_wp]
+      character(*), parameter :: plain = 'gauss2_strong32 for strong order 3/2, or midpoint'
 
       select case (name)
       case ('verlet_dz')
          call scheme_from_tableau(scheme, a, abar, halves, name, .false., error, c=middle)
-         call claim(scheme, special_verlet_dz, 2.0_wp, 2.0_wp)
+         call claim(scheme, 2.0_wp, 2.0_wp)
+         scheme%frame = frame_shift
+         scheme%symmetric = .false.  ! its shift by dZ comes last
+         scheme%needs = model_needs(additive=.true., position_noise=.true., identity_mass=.true., instead=plain)
          scheme%asks = functionals([path_dz])
          scheme%reference = 'position Verlet with dZ; Milstein, Repin, Tretyakov 2002 (additive noise)'
       case ('averaged_shift_midpoint')
          call scheme_from_tableau(scheme, half, half, one, name, .false., error)
-         call claim(scheme, special_averaged_shift, 1.5_wp, 1.5_wp)
+         call claim(scheme, 1.5_wp, 1.5_wp)
+         scheme%frame = frame_mean_path
+         scheme%needs = model_needs(additive=.true., instead=plain)
          scheme%asks = functionals([path_dz])
          scheme%reference = 'midpoint of z = x - B (W - W_n) under a modified Hamiltonian (docs/method.md)'
       case ('exact_rotation')
          ! where nothing is declared stiff the rotation is a free flight: the tableau of Verlet
          call scheme_from_tableau(scheme, abar, a, halves, name, .false., error, c=ends)
-         call claim(scheme, special_exact_rotation, 1.0_wp, 1.0_wp)
+         call claim(scheme, 1.0_wp, 1.0_wp)
+         scheme%frame = frame_rotation
+         scheme%symmetric = .false.  ! its noise comes first
+         scheme%needs = model_needs(position_noise=.true., identity_mass=.true., rotation=.true., &
+                                    instead='stormer_verlet, or midpoint where it is stiff')
+         scheme%remark = 'where U is that part and the noise additive, E H is exact for every h'
          scheme%order_commutative = 1  ! noises that depend on position commute
          scheme%reference = 'trigonometric; Cohen 2012'
       case default
          call averaged_forces(scheme, name, error)
-         call claim(scheme, special_drift_preserving, 1.0_wp, 1.0_wp)
+         call claim(scheme, 1.0_wp, 1.0_wp)
+         scheme%needs = model_needs(additive=.true., position_noise=.true., identity_mass=.true., instead=plain)
+         scheme%remark = 'E H is exact for polynomials U up to degree eight'
          scheme%reference = 'Chen, Cohen, D''Ambrosio, Lang 2020; not symplectic'
       end select
    end subroutine additive_scheme
 
    !> Orders hold for the noise that is named; for others the schemes are refused, not wrong.
-   pure subroutine claim(scheme, special, strong, weak)
+   pure subroutine claim(scheme, strong, weak)
       type(scheme_type), intent(inout) :: scheme
-      integer, intent(in) :: special
       real(wp), intent(in) :: strong, weak
 
-      scheme%special = special
-      if (special == special_verlet_dz) scheme%symmetric = .false.       ! its shift by dZ comes last
-      if (special == special_exact_rotation) scheme%symmetric = .false.  ! its noise comes first
       scheme%order_additive = strong
       scheme%order_commutative = 0
       scheme%order_general = 0

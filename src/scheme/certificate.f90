@@ -6,8 +6,8 @@ module symsde_scheme_certificate
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_text, only: to_text
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
-                                   symplecticity_residual, special_none, special_verlet_dz, &
-                                   special_averaged_shift, special_drift_preserving, special_exact_rotation
+                                   symplecticity_residual, model_needs, frame_none, frame_shift, &
+                                   frame_rotation
    use symsde_scheme_properties, only: symmetry_residual, quadratic_residual, stratonovich_sum, &
                                        conjugate_stratonovich_sum, coefficient_tolerance
    use symsde_scheme_dependency, only: is_explicit, implicit_unknowns
@@ -30,7 +30,9 @@ module symsde_scheme_certificate
       type(functional_set) :: asks              !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets           !! added to the one-step Hamiltonian
       integer :: law = law_gaussian             !! law of the increments (base/laws)
-      integer :: special = special_none         !! some noise alone, by a stepper of its own
+      integer :: frame = frame_none             !! what surrounds the step of the tableau
+      type(model_needs) :: needs                !! of a model
+      character(:), allocatable :: remark       !! what else is known of the scheme
       logical :: symplectic = .false.
       real(wp) :: symplecticity_residual = 0    !! largest residual of the four conditions
       real(wp) :: stratonovich_sum = 0          !! beta^T b e; 1/2 = consistent with Stratonovich
@@ -68,12 +70,14 @@ contains
       c%asks = scheme%asks
       c%brackets = scheme%brackets
       c%law = scheme%law
-      c%special = scheme%special
+      c%frame = scheme%frame
+      c%needs = scheme%needs
+      if (allocated(scheme%remark)) c%remark = scheme%remark
       if (scheme%form == tableau_form) c%symplecticity_residual = symplecticity_residual(scheme)
       c%symplectic = scheme%form /= ito_form .and. c%symplecticity_residual < coefficient_tolerance
       c%symmetry_residual = symmetry_residual(scheme)
       c%symmetric = c%symmetry_residual < coefficient_tolerance .and. &
-                    scheme%special /= special_verlet_dz .and. scheme%special /= special_exact_rotation
+                    scheme%frame /= frame_shift .and. scheme%frame /= frame_rotation
       c%quadratic_residual = quadratic_residual(scheme)
       c%keeps_quadratic = c%symplectic .and. c%quadratic_residual < coefficient_tolerance
       call judge_consistency(c, scheme)
@@ -98,7 +102,7 @@ contains
       real(wp) :: conjugate
 
       c%stratonovich_sum = stratonovich_sum(scheme)
-      if (scheme%form == ito_form .or. scheme%special /= special_none) return
+      if (scheme%form == ito_form .or. scheme%frame /= frame_none .or. scheme%needs%additive) return
       conjugate = conjugate_stratonovich_sum(scheme)
       c%correction_coefficient = scheme%correction_coefficient()
       c%correction_needed = max(abs(c%stratonovich_sum - 0.5_wp), abs(conjugate - 0.5_wp)) &
@@ -198,8 +202,8 @@ contains
       character(:), allocatable :: value
 
       value = yes_no(c%symmetric)//', distance from the adjoint '//to_text(c%symmetry_residual)
-      if (c%special == special_verlet_dz) value = 'without noise only, its shift by dZ comes last'
-      if (c%special == special_exact_rotation) value = 'without noise only, its noise comes first'
+      if (c%frame == frame_shift) value = 'without noise only, its shift by dZ comes last'
+      if (c%frame == frame_rotation) value = 'without noise only, its noise comes first'
       call add(text, 'symmetric', value)
    end subroutine add_symmetry
 
@@ -273,16 +277,19 @@ contains
       if (c%form == galerkin_form) &
          call add(text, 'needs', 'H_pp not singular, every H_k,p constant: '// &
                   'nodes that see different velocities of the noise tear their momenta apart')
-      if (c%special == special_none) return
-      if (c%special == special_exact_rotation) then
-         value = 'noise that depends on q alone, H = p.p/2 + U(q), frequencies of its linear part (trait rotation)'// &
-                 '; where U is that part and the noise additive, E H is exact for every h'
-      else
-         value = 'additive noise'
-         if (c%special /= special_averaged_shift) &
-            value = value//' in p alone, H = p.p/2 + U(q)'
-      end if
-      if (c%special == special_drift_preserving) value = value//'; E H is exact for polynomials U up to degree eight'
+      associate (needs => c%needs)
+         if (needs%additive) then
+            value = 'additive noise'
+            if (needs%position_noise) value = value//' in p alone'
+         else if (needs%position_noise .and. .not. needs%additive_will_do) then
+            value = 'noise that depends on q alone'
+         else
+            return
+         end if
+         if (needs%identity_mass) value = value//', H = p.p/2 + U(q)'
+         if (needs%rotation) value = value//', frequencies of its linear part (trait rotation)'
+      end associate
+      if (allocated(c%remark)) value = value//'; '//c%remark
       call add(text, 'needs', value)
    end subroutine add_needs
 

@@ -11,7 +11,7 @@ module symsde_scheme_composition
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
    use symsde_base_text, only: to_text
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, special_none
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, frame_none
    use symsde_scheme_properties, only: declare_properties, tableau_order
    implicit none
    private
@@ -163,7 +163,7 @@ contains
       end if
    end subroutine check_parts
 
-   !> Brackets and steppers of their own belong to a whole step: dZ and areas are not shared out in
+   !> Brackets and frames belong to a whole step: dZ and areas are not shared out in
    !> proportion to time.
    subroutine check_plain(place, base, error)
       character(*), intent(in) :: place
@@ -171,9 +171,9 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       if (base%brackets%are_added() .or. .not. base%asks%is_empty() .or. &
-          base%special /= special_none) &
+          base%frame /= frame_none .or. base%needs%additive) &
          call raise(error, incompatible, place, "'"//base%name//"' uses more of the path than its "// &
-                    'increments, or a stepper of its own, and has no composition; take a plain scheme '// &
+                    'increments, or is made for some noise alone, and has no composition; take a plain scheme '// &
                     'such as midpoint or gauss2')
    end subroutine check_plain
 

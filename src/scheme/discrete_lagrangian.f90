@@ -15,7 +15,7 @@ module symsde_scheme_discrete_lagrangian
    use symsde_base_lanes, only: is_finite_lane
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
    use symsde_base_text, only: to_text
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, symplectic_conjugate
+   use symsde_scheme_scheme, only: scheme_type, model_needs, tableau_form, galerkin_form, symplectic_conjugate
    use symsde_scheme_quadrature, only: get_quadrature, exactness_degree
    use symsde_scheme_properties, only: declare_properties
    implicit none
@@ -199,6 +199,8 @@ contains
       end do
       if (mod(s, 2) == 0) control(s/2) = 0.5_wp
       scheme%form = galerkin_form
+      scheme%needs = model_needs(position_noise=.true., additive_will_do=.true., why='it has more nodes than degrees', &
+                                 instead='a scheme with as many nodes as its degree, such as midpoint or gauss2')
       allocate (scheme%basis(scheme%nstage, 0:s), scheme%slope(scheme%nstage, 0:s))
       do mu = 0, s
          do i = 1, scheme%nstage

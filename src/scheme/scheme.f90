@@ -20,8 +20,8 @@ module symsde_scheme_scheme
    public :: scheme_type, bracket_terms
    public :: tableau_form, galerkin_form, ito_form
    public :: correction_auto, correction_none, correction_mean, correction_increments
-   public :: special_none, special_verlet_dz, special_averaged_shift, special_drift_preserving, &
-             special_exact_rotation
+   public :: frame_none, frame_shift, frame_mean_path, frame_rotation
+   public :: model_needs
    public :: symplectic_conjugate, symplecticity_residual
 
    enum, bind(c)
@@ -36,14 +36,24 @@ module symsde_scheme_scheme
       enumerator :: correction_increments = 3  !! (1/2-lambda) F_p.F_q with F = sum_k dW_k H_k
    end enum
 
-   ! schemes for additive or position noise alone (scheme/additive), each with a stepper of its own
+   ! what surrounds the step of the tableau, in schemes for some noise alone (scheme/additive)
    enum, bind(c)
-      enumerator :: special_none = 0
-      enumerator :: special_verlet_dz = 1
-      enumerator :: special_averaged_shift = 2
-      enumerator :: special_drift_preserving = 3
-      enumerator :: special_exact_rotation = 4
+      enumerator :: frame_none = 0      !! nothing: the tableau is the step
+      enumerator :: frame_shift = 1     !! a shift of q by dZ - h dW/2 comes last
+      enumerator :: frame_mean_path = 2 !! positions and momenta are seen from the mean of the path, which dZ tells
+      enumerator :: frame_rotation = 3  !! free flights are exact rotations by declared frequencies; the noise comes first
    end enum
+
+   !> What a model must declare. Each is the name of a trait.
+   type :: model_needs
+      logical :: additive = .false.
+      logical :: position_noise = .false.
+      logical :: additive_will_do = .false.   !! instead of position_noise, where drift and noise share coefficients
+      logical :: identity_mass = .false.
+      logical :: rotation = .false.           !! frequencies of the linear part of H
+      character(:), allocatable :: why        !! the scheme has such needs, for messages
+      character(:), allocatable :: instead    !! what to use where the model declares less
+   end type model_needs
 
    !> Brackets added to the one-step Hamiltonian (step/modified_hamiltonian), for orders beyond one.
    type :: bracket_terms
@@ -69,7 +79,9 @@ module symsde_scheme_scheme
       real(wp), allocatable :: slope(:, :)    !! l_mu'(c_i), Galerkin form only (nstage, 0:degree)
       type(functional_set) :: asks            !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets         !! added to the one-step Hamiltonian
-      integer :: special = special_none       !! some noise alone, by a stepper of its own
+      integer :: frame = frame_none           !! what surrounds the step of the tableau
+      type(model_needs) :: needs              !! of a model
+      character(:), allocatable :: remark     !! what else is known of it, for the certificate
       integer :: law = law_gaussian           !! law of the increments that a run draws (base/laws)
       logical :: symplectic = .false.
       logical :: symmetric = .false.          !! equal to its adjoint
@@ -84,6 +96,7 @@ module symsde_scheme_scheme
    contains
       procedure :: noise_coefficients_equal
       procedure :: correction_coefficient
+      procedure :: is_midpoint
    end type scheme_type
 
 contains
@@ -103,6 +116,17 @@ contains
 
       are_added = self%single .or. self%areas .or. self%nested
    end function are_added
+
+   !> One stage in the middle of both q and p, drift and noise alike.
+   pure logical function is_midpoint(self)
+      class(scheme_type), intent(in) :: self
+
+      is_midpoint = .false.
+      if (self%form /= tableau_form .or. self%frame /= frame_none .or. self%nstage /= 1) return
+      if (.not. self%noise_coefficients_equal()) return
+      is_midpoint = abs(self%a(1, 1) - 0.5_wp) <= 0 .and. abs(self%abar(1, 1) - 0.5_wp) <= 0 .and. &
+                    abs(self%alpha(1) - 1) <= 0
+   end function is_midpoint
 
    !> 1/2 - sum_ij beta_i b_ij: the factor of the correction that makes the scheme consistent with the
    !> Stratonovich equation. Zero for the midpoint, 1/2 - lambda for the one-sided family.

@@ -14,11 +14,11 @@ module symsde_step_averaged_shift
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: bracket_terms, correction_none
+   use symsde_scheme_scheme, only: bracket_terms, correction_none, frame_mean_path
    use symsde_solve_newton, only: newton_options
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: averaged_shift_stepper, new_averaged_shift_stepper
@@ -29,11 +29,27 @@ module symsde_step_averaged_shift
       real(wp), allocatable :: v(:, :), drift(:, :)    !! weights 0, b_k and h, 0 (nlane, 0:nnoise)
       real(wp), allocatable :: qs(:, :), ps(:, :), hq(:, :), hp(:, :)  !! (nlane, ndof)
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
       procedure :: tally
    end type averaged_shift_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(averaged_shift_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%scheme%frame == frame_mean_path
+   end function fits
+
+   subroutine make(self, task)
+      class(averaged_shift_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_averaged_shift_stepper(self, task%model, task%nlane, task%newton)
+   end subroutine make
 
    !> A stepper for blocks of nlane lanes.
    subroutine new_averaged_shift_stepper(self, model, nlane, options)

@@ -15,7 +15,7 @@ module symsde_step_drift_preserving
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: drift_preserving_stepper, new_drift_preserving_stepper
@@ -30,10 +30,48 @@ module symsde_step_drift_preserving
       real(wp), allocatable :: qs(:, :), hq(:, :)      !! (nlane, ndof)
       real(wp), allocatable :: hqq(:, :, :)            !! (nlane, ndof, ndof) or its bands
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
    end type drift_preserving_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(drift_preserving_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = .false.
+      associate (t => task%model%traits)
+         if (t%nnoise > 0 .and. .not. (t%additive .and. t%position_noise)) return
+         if (t%identity_mass .and. task%is_plain()) fits = averages_forces(task%scheme)
+      end associate
+   end function fits
+
+   !> Whether a tableau is that of averaged forces: a_ij = c_i w_j, abar_ij = w_j/2, bbar_ij = w_j.
+   pure logical function averages_forces(scheme)
+      type(scheme_type), intent(in) :: scheme
+      real(wp), parameter :: rounding = 4*epsilon(1.0_wp)
+      integer :: i
+
+      averages_forces = all(abs(scheme%alpha - scheme%beta) <= 0)
+      do i = 1, scheme%nstage
+         associate (w => scheme%alpha)
+            averages_forces = averages_forces .and. all(abs(scheme%a(i, :) - scheme%c(i)*w) <= rounding) .and. &
+                              all(abs(scheme%abar(i, :) - 0.5_wp*w) <= rounding) .and. &
+                              all(abs(scheme%bbar(i, :) - w) <= rounding)
+         end associate
+      end do
+   end function averages_forces
+
+   subroutine make(self, task)
+      class(drift_preserving_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_drift_preserving_stepper(self, task%model, task%scheme, task%nlane, task%newton)
+      self%one_solve = self%newton%affine
+      self%spares = 'half of the unknowns: identity mass'
+   end subroutine make
 
    !> A stepper for blocks of nlane lanes; nodes and weights are those of the scheme.
    subroutine new_drift_preserving_stepper(self, model, scheme, nlane, options)

@@ -7,9 +7,9 @@ module symsde_step_euler_maruyama
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: correction_none
+   use symsde_scheme_scheme, only: correction_none, ito_form
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: euler_maruyama_stepper, new_euler_maruyama_stepper
@@ -20,10 +20,33 @@ module symsde_step_euler_maruyama
       real(wp), allocatable :: e(:, :)       !! weights that single out one noise (nlane, 0:nnoise)
       real(wp), allocatable :: fq(:, :), fp(:, :), uq(:, :), up(:, :)
    contains
+      procedure :: fits
+      procedure :: make
+      procedure :: is_oracle
       procedure :: increment
    end type euler_maruyama_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(euler_maruyama_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%scheme%form == ito_form
+   end function fits
+
+   subroutine make(self, task)
+      class(euler_maruyama_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_euler_maruyama_stepper(self, task%model, task%nlane)
+   end subroutine make
+
+   pure logical function is_oracle(self)
+      class(euler_maruyama_stepper), intent(in) :: self
+
+      is_oracle = .true.
+   end function is_oracle
 
    !> A stepper for blocks of nlane lanes.
    subroutine new_euler_maruyama_stepper(self, model, nlane)

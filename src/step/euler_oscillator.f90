@@ -16,6 +16,7 @@ module symsde_step_euler_oscillator
    use symsde_step_fused, only: fused_stepper_type, group
    use symsde_step_one_sided, only: is_one_sided
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_task
    implicit none
    private
    public :: euler_oscillator_stepper, new_euler_oscillator_stepper, fits_euler_oscillator
@@ -26,12 +27,29 @@ module symsde_step_euler_oscillator
       real(wp) :: sigma = 0, gamma = 0     !! of the noises that move q and p
       integer :: i = 1, j = 1              !! which noises these are
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
       procedure :: pass
       procedure :: count_steps
    end type euler_oscillator_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(euler_oscillator_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = .false.
+      if (task%is_plain()) fits = fits_euler_oscillator(task%model, task%scheme)
+   end function fits
+
+   subroutine make(self, task)
+      class(euler_oscillator_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_euler_oscillator_stepper(self, task%model, task%scheme, task%nlane)
+   end subroutine make
 
    !> Whether this stepper serves the model and the scheme, without correction.
    logical function fits_euler_oscillator(model, scheme)

@@ -12,9 +12,9 @@ module symsde_step_exact_rotation
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: correction_none
+   use symsde_scheme_scheme, only: correction_none, frame_rotation
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: exact_rotation_stepper, new_exact_rotation_stepper
@@ -28,10 +28,26 @@ module symsde_step_exact_rotation
       real(wp), allocatable :: v(:, :)           !! weights of a kick (nlane, 0:nnoise)
       real(wp), allocatable :: x(:, :), f(:, :)  !! (nlane, ndof)
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
    end type exact_rotation_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(exact_rotation_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%scheme%frame == frame_rotation
+   end function fits
+
+   subroutine make(self, task)
+      class(exact_rotation_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_exact_rotation_stepper(self, task%model, task%nlane)
+   end subroutine make
 
    !> A stepper for blocks of nlane lanes; the model declares its frequencies, traits%rotation.
    subroutine new_exact_rotation_stepper(self, model, nlane)

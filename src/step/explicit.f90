@@ -12,7 +12,7 @@ module symsde_step_explicit
    use symsde_scheme_dependency, only: stages_follow => is_explicit
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: explicit_stepper, new_explicit_stepper, is_explicit
@@ -38,10 +38,27 @@ module symsde_step_explicit
       real(wp), allocatable :: hq(:, :, :), hp(:, :, :)  !! of each stage (nlane, ndof, nstage)
       real(wp), allocatable :: qs(:, :), ps(:, :)        !! one stage (nlane, ndof)
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
    end type explicit_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(explicit_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = .false.
+      if (task%is_plain()) fits = is_explicit(task%model, task%scheme)
+   end function fits
+
+   subroutine make(self, task)
+      class(explicit_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_explicit_stepper(self, task%model, task%scheme, task%nlane)
+   end subroutine make
 
    !> Whether this scheme without correction can be executed explicitly on this model.
    logical function is_explicit(model, scheme)

@@ -15,10 +15,10 @@ module symsde_step_galerkin
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_scheme_scheme, only: scheme_type, correction_none, galerkin_form
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: galerkin_stepper, new_galerkin_stepper
@@ -36,10 +36,34 @@ module symsde_step_galerkin
       real(wp), allocatable :: qs(:, :), ps(:, :), sq(:, :), sp(:, :)  !! one node (nlane, ndof)
       real(wp), allocatable :: sqq(:, :, :), sqp(:, :, :), spp(:, :, :)
    contains
+      procedure :: fits
+      procedure :: make
+      procedure :: is_oracle
       procedure :: increment
    end type galerkin_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(galerkin_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%scheme%form == galerkin_form
+   end function fits
+
+   subroutine make(self, task)
+      class(galerkin_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_galerkin_stepper(self, task%model, task%scheme, task%nlane, task%newton)
+      self%one_solve = self%newton%affine
+   end subroutine make
+
+   pure logical function is_oracle(self)
+      class(galerkin_stepper), intent(in) :: self
+
+      is_oracle = .true.
+   end function is_oracle
 
    !> A Galerkin stepper for blocks of nlane lanes.
    subroutine new_galerkin_stepper(self, model, scheme, nlane, options)

@@ -14,7 +14,7 @@ module symsde_step_general
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: general_stepper, new_general_stepper
@@ -31,12 +31,36 @@ module symsde_step_general
       real(wp), allocatable :: qs(:, :), ps(:, :)               !! one stage (nlane, ndof)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
    contains
+      procedure :: fits
+      procedure :: make
+      procedure :: is_oracle
       procedure :: increment
       procedure :: solve_stages
       procedure :: add_up
    end type general_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(general_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%is_tableau()
+   end function fits
+
+   subroutine make(self, task)
+      class(general_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_general_stepper(self, task%model, task%scheme, task%correction, task%nlane, task%newton)
+      self%one_solve = self%newton%affine
+   end subroutine make
+
+   pure logical function is_oracle(self)
+      class(general_stepper), intent(in) :: self
+
+      is_oracle = .true.
+   end function is_oracle
 
    !> A general stepper for blocks of nlane lanes.
    subroutine new_general_stepper(self, model, scheme, correction, nlane, options)

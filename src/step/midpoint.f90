@@ -30,7 +30,7 @@ module symsde_step_midpoint
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
    use symsde_step_newton_by_products, only: pays_by_products
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
@@ -48,10 +48,32 @@ module symsde_step_midpoint
       real(wp), allocatable :: w(:, :)         !! where not all lanes go together: their w (eq%nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! where lanes are filled up (eq%nlane, ndof)
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
    end type midpoint_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(midpoint_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%is_plain() .and. task%scheme%is_midpoint() .and. fits_midpoint_stepper(task%model)
+   end function fits
+
+   subroutine make(self, task)
+      class(midpoint_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_midpoint_stepper(self, task%model, task%nlane, task%newton)
+      self%one_solve = self%part%newton%affine
+      self%spares = 'half of the unknowns: identity mass'
+      select type (part => self%part)
+      type is (midpoint_by_products)
+         self%spares = 'matrices: products with the Hessian take their place; '//self%spares
+      end select
+   end subroutine make
 
    !> Whether the elimination of the momenta is valid for this model.
    pure logical function fits_midpoint_stepper(model)

@@ -15,7 +15,7 @@ module symsde_step_midpoint_full
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, pays_by_products
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: midpoint_full_stepper, new_midpoint_full_stepper
@@ -31,10 +31,28 @@ module symsde_step_midpoint_full
       real(wp), allocatable :: hq(:, :), hp(:, :)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
    end type midpoint_full_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(midpoint_full_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%is_plain() .and. task%scheme%is_midpoint()
+   end function fits
+
+   subroutine make(self, task)
+      class(midpoint_full_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_midpoint_full_stepper(self, task%model, task%nlane, task%newton)
+      self%one_solve = self%newton%affine
+      if (allocated(self%products)) self%spares = 'matrices: products with the Hessian take their place'
+   end subroutine make
 
    !> A midpoint stepper for blocks of nlane lanes.
    subroutine new_midpoint_full_stepper(self, model, nlane, options, without_matrices, brackets)

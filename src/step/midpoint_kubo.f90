@@ -12,6 +12,7 @@ module symsde_step_midpoint_kubo
    use symsde_scheme_scheme, only: correction_none
    use symsde_step_fused, only: fused_stepper_type, group
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_task
    implicit none
    private
    public :: midpoint_kubo_stepper, new_midpoint_kubo_stepper
@@ -20,12 +21,36 @@ module symsde_step_midpoint_kubo
       private
       real(wp) :: a = 0, sigma = 0
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
       procedure :: pass
       procedure :: count_steps
    end type midpoint_kubo_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(midpoint_kubo_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = .false.
+      select type (model => task%model)
+      type is (kubo_model)
+         fits = task%is_plain() .and. task%scheme%is_midpoint() .and. task%newton%fixed_point == 0
+      end select
+   end function fits
+
+   subroutine make(self, task)
+      class(midpoint_kubo_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      select type (model => task%model)
+      type is (kubo_model)
+         call new_midpoint_kubo_stepper(self, model, task%nlane)
+      end select
+      self%one_solve = .true.
+   end subroutine make
 
    !> A midpoint stepper for blocks of nlane lanes of Kubo oscillators.
    subroutine new_midpoint_kubo_stepper(self, model, nlane)

@@ -13,7 +13,7 @@ module symsde_step_midpoint_single
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: midpoint_single_stepper, new_midpoint_single_stepper
@@ -26,10 +26,27 @@ module symsde_step_midpoint_single
       real(wp), allocatable :: hq(:, :), hp(:, :)  !! (nlane, 1)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)  !! (nlane, 1, 1)
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
    end type midpoint_single_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(midpoint_single_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%is_plain() .and. task%scheme%is_midpoint() .and. task%model%traits%ndof == 1
+   end function fits
+
+   subroutine make(self, task)
+      class(midpoint_single_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_midpoint_single_stepper(self, task%model, task%nlane, task%newton)
+      self%one_solve = self%newton%affine
+   end subroutine make
 
    !> A midpoint stepper for blocks of nlane lanes; requires one degree of freedom.
    subroutine new_midpoint_single_stepper(self, model, nlane, options)

@@ -12,7 +12,7 @@ module symsde_step_one_sided
    use symsde_scheme_scheme, only: scheme_type, tableau_form
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: one_sided_stepper, new_one_sided_stepper, is_one_sided
@@ -24,10 +24,28 @@ module symsde_step_one_sided
       real(wp), allocatable :: x(:, :)     !! the end that is unknown, p_{n+1} or q_{n+1} (nlane, ndof)
       real(wp), allocatable :: hqp(:, :, :)
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
    end type one_sided_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(one_sided_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%is_tableau() .and. .not. task%has_brackets()
+      if (fits) fits = is_one_sided(task%scheme)
+   end function fits
+
+   subroutine make(self, task)
+      class(one_sided_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_one_sided_stepper(self, task%model, task%scheme, task%correction, task%nlane, task%newton)
+      self%one_solve = self%newton%affine
+   end subroutine make
 
    !> Whether the scheme is one of the pair: one stage, lambda = 0 or 1, drift and noise alike.
    pure logical function is_one_sided(scheme)

@@ -19,7 +19,7 @@ module symsde_step_stages
    use symsde_step_stage_equations, only: stage_equations, new_stage_equations
    use symsde_step_stage_iteration, only: iterate_group
    use symsde_step_stage_newton, only: stage_newton, new_stage_newton
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: stages_stepper, new_stages_stepper, fits_stages
@@ -37,10 +37,29 @@ module symsde_step_stages
       type(general_stepper), allocatable :: general     !! of lanes that are given up with their momenta
       real(wp), allocatable, dimension(:, :) :: dq, dp, dq_left, dp_left  !! of the part (width, ndof)
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
    end type stages_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(stages_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = .false.
+      if (task%is_tableau() .and. task%correction == correction_none) &
+         fits = fits_stages(task%model, task%scheme, task%newton)
+   end function fits
+
+   subroutine make(self, task)
+      class(stages_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_stages_stepper(self, task%model, task%scheme, task%nlane, task%newton)
+      if (self%equations%eliminated) self%spares = 'half of the unknowns: identity mass'
+   end subroutine make
 
    !> Whether this stepper serves a model, scheme and options.
    pure logical function fits_stages(model, scheme, options)

@@ -3,25 +3,64 @@
 !>
 !> Increments, not new states, so that one place adds them (with or without compensation), checks that
 !> they are finite and freezes failed paths. A stepper owns its workspace: every thread has its own.
+!>
+!> A stepper describes itself: which tasks it fits, how it is made for one, what it spares, and whether it is the
+!> oracle of its schemes. The factory only keeps them in order.
 module symsde_step_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, correction_none, frame_none
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
    private
-   public :: stepper_type
+   public :: stepper_type, stepper_task
+
+   !> What a stepper is wanted for.
+   type :: stepper_task
+      class(model_type), pointer :: model => null()
+      type(scheme_type) :: scheme
+      integer :: correction = correction_none  !! resolved: never correction_auto
+      integer :: nlane = 0                     !! lanes of a block
+      type(newton_options) :: newton
+   contains
+      procedure :: is_tableau
+      procedure :: has_brackets
+      procedure :: is_plain
+   end type stepper_task
 
    type, abstract :: stepper_type
       character(:), allocatable :: name      !! which stepper this is, for the run report
       logical :: explicit = .false.          !! no solver is called
+      logical :: one_solve = .false.         !! its equations are linear for this model: no iteration
+      character(:), allocatable :: spares    !! what else it does without, for the run report
       type(one_step_hamiltonian) :: ham
    contains
+      procedure(fits_interface), deferred :: fits
+      procedure(make_interface), deferred :: make
       procedure(increment_interface), deferred :: increment
+      procedure :: is_oracle
       procedure :: tally
    end type stepper_type
 
    abstract interface
+      !> Whether this stepper executes the task. Asked before it is made.
+      logical function fits_interface(self, task)
+         import :: stepper_type, stepper_task
+         class(stepper_type), intent(in) :: self
+         type(stepper_task), intent(in) :: task
+      end function fits_interface
+
+      !> Make it ready for a task that it fits.
+      subroutine make_interface(self, task)
+         import :: stepper_type, stepper_task
+         class(stepper_type), intent(inout) :: self
+         type(stepper_task), intent(in) :: task
+      end subroutine make_interface
+
       !> One step from (q, p). Lanes with a status are frozen: their increments are not used.
       subroutine increment_interface(self, step, q, p, dq, dp, status)
          import :: stepper_type, step_record, wp, i8
@@ -36,6 +75,37 @@ module symsde_step_stepper
    end interface
 
 contains
+
+   !> Whether it executes its schemes for every model that they allow, by their equations as they stand: what the
+   !> others are tested against, and what the option `general` asks for.
+   pure logical function is_oracle(self)
+      class(stepper_type), intent(in) :: self
+
+      is_oracle = .false.
+   end function is_oracle
+
+   !> Whether the scheme's tableau makes the step, with nothing around it.
+   pure logical function is_tableau(self)
+      class(stepper_task), intent(in) :: self
+
+      is_tableau = self%scheme%form == tableau_form .and. self%scheme%frame == frame_none
+   end function is_tableau
+
+   !> Whether brackets are added to the Hamiltonian of a step of this model.
+   pure logical function has_brackets(self)
+      class(stepper_task), intent(in) :: self
+      type(bracket_terms) :: active
+
+      active = active_brackets(self%scheme%brackets, self%model%traits)
+      has_brackets = active%are_added()
+   end function has_brackets
+
+   !> Whether the tableau makes the step of h H + sum_k dW_k H_k as it stands: neither brackets nor correction.
+   pure logical function is_plain(self)
+      class(stepper_task), intent(in) :: self
+
+      is_plain = self%is_tableau() .and. self%correction == correction_none .and. .not. self%has_brackets()
+   end function is_plain
 
    !> Add what was counted. Nothing is decided by it.
    subroutine tally(self, total)

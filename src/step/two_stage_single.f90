@@ -16,7 +16,7 @@ module symsde_step_two_stage_single
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_solve_stagnation, only: correct_lanes
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: two_stage_single_stepper, new_two_stage_single_stepper, fits_two_stage_single
@@ -31,10 +31,28 @@ module symsde_step_two_stage_single
       real(wp), allocatable :: hq(:, :, :), hp(:, :, :)           !! both stages (nlane, 1, 2)
       real(wp), allocatable :: hqq(:, :, :, :), hqp(:, :, :, :), hpp(:, :, :, :)  !! (nlane, 1, 1, 2)
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
    end type two_stage_single_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(two_stage_single_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%is_tableau() .and. task%correction == correction_none
+      if (fits) fits = fits_two_stage_single(task%model, task%scheme, task%newton)
+   end function fits
+
+   subroutine make(self, task)
+      class(two_stage_single_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_two_stage_single_stepper(self, task%model, task%scheme, task%nlane, task%newton)
+      self%one_solve = self%newton%affine
+   end subroutine make
 
    !> Two stages, drift and noise alike, one degree of freedom, solved by Newton.
    pure logical function fits_two_stage_single(model, scheme, options)

@@ -10,9 +10,9 @@ module symsde_step_verlet_dz
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: correction_none
+   use symsde_scheme_scheme, only: correction_none, frame_shift
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: verlet_dz_stepper, new_verlet_dz_stepper
@@ -22,10 +22,26 @@ module symsde_step_verlet_dz
       real(wp), allocatable :: v(:, :)                !! weights 0, dZ_k - h dW_k/2 (nlane, 0:nnoise)
       real(wp), allocatable :: qs(:, :), shift(:, :)  !! (nlane, ndof)
    contains
+      procedure :: fits
+      procedure :: make
       procedure :: increment
    end type verlet_dz_stepper
 
 contains
+
+   logical function fits(self, task)
+      class(verlet_dz_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%scheme%frame == frame_shift
+   end function fits
+
+   subroutine make(self, task)
+      class(verlet_dz_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_verlet_dz_stepper(self, task%model, task%nlane)
+   end subroutine make
 
    !> A stepper for blocks of nlane lanes.
    subroutine new_verlet_dz_stepper(self, model, nlane)

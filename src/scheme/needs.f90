@@ -1,0 +1,38 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What a scheme needs of a model, against what the model declares.
+module symsde_scheme_needs
+   use symsde_base_traits, only: model_traits
+   use symsde_scheme_scheme, only: scheme_type
+   implicit none
+   private
+   public :: find_missing
+
+contains
+
+   !> The first need that the traits do not meet, in words; not allocated where all are met. Without noise every
+   !> need of the noise is met.
+   pure subroutine find_missing(scheme, traits, missing)
+      type(scheme_type), intent(in) :: scheme
+      type(model_traits), intent(in) :: traits
+      character(:), allocatable, intent(out) :: missing
+      logical :: noisy, will_do
+
+      noisy = traits%nnoise > 0
+      associate (needs => scheme%needs)
+         will_do = .false.
+         if (needs%additive_will_do) will_do = traits%additive .and. scheme%noise_coefficients_equal()
+         if (needs%additive .and. noisy .and. .not. traits%additive) then
+            missing = 'additive noise (trait additive)'
+         else if (needs%position_noise .and. noisy .and. .not. (traits%position_noise .or. will_do)) then
+            missing = 'noise in p alone (trait position_noise)'
+            if (needs%additive_will_do) missing = missing//', or additive noise where drift and noise share their weights'
+         else if (needs%identity_mass .and. .not. traits%identity_mass) then
+            missing = 'H = p.p/2 + U(q) (trait identity_mass)'
+         else if (needs%rotation .and. .not. allocated(traits%rotation)) then
+            missing = 'the frequencies of the linear part of H (trait rotation)'
+         end if
+         if (allocated(missing) .and. allocated(needs%why)) missing = missing//', because '//needs%why
+      end associate
+   end subroutine find_missing
+
+end module symsde_scheme_needs
