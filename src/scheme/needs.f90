@@ -25,7 +25,8 @@ contains
             missing = 'additive noise (trait additive)'
          else if (needs%position_noise .and. noisy .and. .not. (traits%position_noise .or. will_do)) then
             missing = 'noise in p alone (trait position_noise)'
-            if (needs%additive_will_do) missing = missing//', or additive noise where drift and noise share their weights'
+            if (needs%additive_will_do) &
+               missing = missing//', or additive noise where drift and noise share their weights'
          else if (needs%identity_mass .and. .not. traits%identity_mass) then
             missing = 'H = p.p/2 + U(q) (trait identity_mass)'
          else if (needs%rotation .and. .not. allocated(traits%rotation)) then

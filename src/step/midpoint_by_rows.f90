@@ -46,8 +46,8 @@ contains
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
 
-      associate (t => model%traits, n => model%traits%ndof, exact => model%traits%has_chain_rows .or. &
-                                                                     model%traits%has_hessian_vector)
+      associate (t => model%traits, n => model%traits%ndof, &
+                 exact => model%traits%has_chain_rows .or. model%traits%has_hessian_vector)
          self%gives_rows = t%has_chain_rows
          self%nrow = merge(min(panel, n), n, self%gives_rows)
          call new_newton(self%newton, nlane, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., &

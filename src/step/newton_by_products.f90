@@ -113,7 +113,8 @@ contains
             call hessian_product(ham, nlane, n, krylov%nrunning, t, w, q, p, v(:, :, k), self%zero, self%uq, self%up)
             v(:, :, k + 1) = v(:, :, k) + c*self%uq
          else
-            call hessian_product(ham, nlane, n, krylov%nrunning, t, w, q, p, v(:, :n, k), v(:, n + 1:, k), self%uq, self%up)
+            call hessian_product(ham, nlane, n, krylov%nrunning, t, w, q, p, v(:, :n, k), v(:, n + 1:, k), &
+                                 self%uq, self%up)
             v(:, :n, k + 1) = v(:, :n, k) - c*self%up
             v(:, n + 1:, k + 1) = v(:, n + 1:, k) + c*self%uq
          end if
