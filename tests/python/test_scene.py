@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import termios
+import tomllib
 
 import numpy as np
 import pytest
@@ -64,6 +65,85 @@ def test_scene_is_the_run_it_says(file):
     np.testing.assert_array_equal(run.q, whole.q[:, :, [0, 1, 7]])
 
 
+# Every key of [run] with a value that is not its default, and what must differ in the run because of it.
+KEYS = {
+    "step": "0.01", "steps": "550", "q0": "0.25", "p0": "-0.5", "t0": "1.5", "scheme": '"gauss2"', "paths": "1001",
+    "seed": "12", "save_every": "25", "refine": "1", "first_path": "256", "first_step": "7", "correction": '"none"',
+    "truncation": "[4.0, 1.0]", "compensated": "true", "threads": "1", "general": "true", "fixed_point": "9",
+    "max_iter": "50", "lanes": "64",
+}  # fmt: skip
+
+
+def test_every_key_of_a_run_reaches_it(file):
+    """One scene for each key: the options, and the paths and moments, of the same call of `simulate`."""
+    assert set(KEYS) == set(scene.RUN_KEYS)
+    default = {"q0": 0.0, "p0": 0.0, "step": 0.02, "steps": 500, "seed": 1, "save_every": 50, "paths": 1000}
+    for key, text in KEYS.items():
+        value = tomllib.loads(f"x = {text}")["x"]
+        head, _, run = SCENE.partition("[output]")[0].partition("[run]\n")
+        kept = "".join(line for line in run.splitlines(True) if not line.startswith(f"{key} ="))
+        loaded = scene.load(file(text=f'{head}[run]\n{key} = {text}\n{kept}[output]\npaths = "all"'))
+        given = {**default, key: tuple(value) if isinstance(value, list) else value}
+        mine, known = loaded.compute_paths(), ss.simulate(loaded.model, **given)
+        assert mine.setup.attributes() == known.setup.attributes(), key
+        for name in ("t", "path", "q", "p", "status"):
+            np.testing.assert_array_equal(getattr(mine, name), getattr(known, name), err_msg=key)
+        for name in ("threads", "lanes"):
+            assert getattr(mine.setup.options, name) == getattr(known.setup.options, name), key
+        moments = loaded.compute_moments()
+        np.testing.assert_array_equal(moments.mean_p, ss.moments(loaded.model, **given).mean_p, err_msg=key)
+        plain = ss.simulate(loaded.model, **default)
+        if key in {"q0", "p0"}:
+            assert (getattr(mine, key[0])[0] == value).all()
+        elif key not in {"threads", "lanes"}:
+            assert mine.setup.attributes() != plain.setup.attributes(), key
+
+
+@pytest.mark.parametrize(
+    ("output", "written"),
+    [
+        ("[output]\nmoments = false\npaths = [0]", ["run.nc"]),
+        ("[output]\nmoments = true\npaths = []", ["moments.csv"]),
+        ("[output]\npaths = [3]", ["moments.csv", "run.nc"]),
+        ("[output]\nmoments = false", []),
+        ("", ["moments.csv"]),
+    ],
+)
+def test_only_what_is_wanted_is_computed(output, written, file, tmp_path, monkeypatch):
+    pytest.importorskip("netCDF4")
+    for name, wanted in (("compute_moments", "moments.csv"), ("compute_paths", "run.nc")):
+        if wanted not in written:
+            monkeypatch.setattr(scene.Scene, name, lambda *_: pytest.fail("not wanted"))
+    path = file(text=SCENE.partition("[output]")[0] + output)
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "out")]) == 0
+    assert sorted(os.listdir(tmp_path / "out") if written else []) == written
+
+
+def test_files_of_a_run_hold_the_run(file, tmp_path, capsys):
+    xarray = pytest.importorskip("xarray")
+    path = file()
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "out")]) == 0
+    loaded = scene.load(path)
+    moments, run = loaded.compute_moments(), loaded.compute_paths()
+    moments.save(tmp_path / "known.csv")
+    assert (tmp_path / "out" / "moments.csv").read_text() == (tmp_path / "known.csv").read_text()
+    with xarray.open_dataset(tmp_path / "out" / "run.nc") as data:
+        np.testing.assert_array_equal(data.q, run.q)
+        np.testing.assert_array_equal(data.path, [0, 1, 7])
+        np.testing.assert_array_equal(data.time, run.t)
+
+
+def test_check_says_what_the_run_will_do(file, capsys):
+    path = file(("steps = 500", "steps = 1000000000"), ("save_every = 50", "save_every = 1000000"))
+    assert cli.main(["check", str(path)]) == 0
+    first, *lines = capsys.readouterr().out.splitlines()
+    assert first == f"{path}: ok"
+    report = ss.simulate(ss.models.synchrotron(), q0=0.0, p0=0.0, step=0.02, steps=0, scheme="midpoint").report
+    found = {line[:11].strip(): line[11:] for line in lines}
+    assert found["model"] == "synchrotron(omega=2, sigma1=0.2, sigma2=0.1)"
+    assert found["stepper"] == report.stepper and found["left out"] == ("; ".join(report.left_out) or "nothing")
+
+
 def test_paths_with_states_of_their_own(file):
     loaded = scene.load(file(("paths = 1000", "paths = 3\nfirst_path = 256"), ("q0 = 0.0", "q0 = [[0.1, 0.2, 0.3]]"),
                              ("[0, 1, 7]", "[256, 258]")))  # fmt: skip
@@ -75,6 +155,11 @@ def test_templates_are_scenes(name, file):
     text = scene.template(name)
     loaded = scene.load(file(text=text))
     assert loaded.model.name == name and loaded.run["steps"] == 5000
+    assert loaded.model.parameters == ss.models.parameters(name)
+    assert loaded.run["step"] == 0.02 and loaded.run["save_every"] == 50 and loaded.run["scheme"] == "midpoint"
+    assert (loaded.run["q0"], loaded.run["p0"]) == (0.1 if loaded.model.ndof > 1 else 1.0, 0.0)
+    assert loaded.moments and list(loaded.paths) == [0]
+    assert loaded.run.get("paths", 1) == (1000 if loaded.model.nnoise else 1)
     assert all("#" not in line or line.index("#") == 0 or "=" in line for line in text.splitlines())
 
 
@@ -197,11 +282,24 @@ def test_run(file, tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().out == ""
 
 
-def test_failed_paths(file, tmp_path, capsys):
-    text = '[model]\nname = "henon_heiles"\n[run]\nstep = 0.1\nsteps = 100\nq0 = 20.0\np0 = 0.0\npaths = 2\n'
-    path = file(text=text + 'scheme = "stormer_verlet"\n[output]\npaths = "all"\n')
+@pytest.mark.parametrize("output", ['paths = "all"', "moments = true", 'moments = false\npaths = "all"'])
+def test_failed_paths(output, file, tmp_path, capsys):
+    text = '[model]\nname = "henon_heiles"\n[run]\nstep = 0.1\nsteps = 100\np0 = 0.0\npaths = 3\n'
+    text += 'q0 = [[20.0, 0.1, 20.0], [20.0, 0.1, 20.0]]\nscheme = "stormer_verlet"\n'
+    path = file(text=f"{text}[output]\n{output}\n")
     assert cli.main(["run", str(path), "--out", str(tmp_path / "out")]) == 3
-    assert "2 paths failed" in capsys.readouterr().err
+    assert capsys.readouterr().err == "symsde: 2 paths failed; moments are over the others\n"
+    if "moments = false" not in output:
+        last = (tmp_path / "out" / "moments.csv").read_text().splitlines()[-1]
+        assert last.split(",")[1] == "1"
+
+
+def test_failed_paths_that_are_not_saved_count_too(file, tmp_path, capsys):
+    text = '[model]\nname = "henon_heiles"\n[run]\nstep = 0.1\nsteps = 100\np0 = 0.0\npaths = 3\n'
+    text += 'q0 = [[20.0, 0.1, 20.0], [20.0, 0.1, 20.0]]\nscheme = "stormer_verlet"\n[output]\npaths = [1]\n'
+    assert cli.main(["run", str(file(text=text)), "--out", str(tmp_path / "out")]) == 3
+    good = text.replace("[output]", "[output]\nmoments = false")
+    assert cli.main(["run", str(file(text=good)), "--out", str(tmp_path / "good")]) == 0
 
 
 LONG = ("steps = 500", "steps = 1000000000"), ("save_every = 50", "save_every = 100000000")

@@ -11,6 +11,7 @@ import sys
 import numpy as np
 import pytest
 import symsde as ss
+from symsde import _progress
 
 
 def test_shapes(options):
@@ -59,7 +60,7 @@ def test_report(kubo, options):
     assert report.counters["path_steps"] == 40 * 12
     assert report.counters["normals"] >= 40 * 12
     assert report.versions["version"] == ss.__version__
-    assert report.timings["run"] >= 0 and report.failed == 0
+    assert 0 < report.timings["run"] < 60 and 0 < report.timings["setup"] < 60 and report.failed == 0
     assert "stepper" in str(report)
     quiet = ss.simulate(ss.models.kubo(sigma=0.0), **options).report
     assert quiet.counters["normals"] == 0
@@ -149,9 +150,38 @@ def test_progress_is_told_and_may_stop(user_kubo):
     assert np.isfinite(run.q[0]).all() and np.isnan(run.q[-1]).all()
 
 
-def test_progress_bar(user_kubo, capsys):
-    run = ss.simulate(user_kubo, q0=1.0, p0=0.0, step=1e-3, steps=3000, save_every=1000, progress=True)
+@pytest.mark.parametrize("tqdm", [True, False])
+def test_progress_bar(tqdm, user_kubo, capsys, monkeypatch):
+    """A bar of all path-steps that begins at nothing, ends, and leaves no line; without tqdm, percents."""
+    if tqdm:
+        pytest.importorskip("tqdm")
+    else:
+        monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    shares = []
+    real = _progress._Bar.__call__
+
+    def told(self, done, total):
+        real(self, done, total)
+        assert total == 3 * 40_000
+        shares.append(done / total)
+
+    monkeypatch.setattr(_progress._Bar, "__call__", told)
+    run = ss.simulate(user_kubo, q0=1.0, p0=0.0, step=1e-3, steps=40_000, save_every=1000, paths=3, progress=True)
     assert run.report.status == 0
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    percents = [int(x) for x in re.findall(r"(\d+) ?%", shown.err)]
+    assert percents and percents == sorted(percents) and percents[0] <= 100 * shares[0] + 0.5
+    assert set(percents) <= {0, *(math.floor(100 * x) for x in shares), *(round(100 * x) for x in shares)}
+    assert shares[0] > 0 and shares == sorted(shares) and shares[-1] <= 1
+    assert shown.err.endswith("\r") and shown.err.rstrip("\r").rpartition("\r")[2].strip() == ""
+    if tqdm:
+        assert "step/s" in shown.err and "120k" in shown.err
+
+
+def test_no_progress_no_output(user_kubo, capsys):
+    ss.simulate(user_kubo, q0=1.0, p0=0.0, step=1e-3, steps=3000, save_every=1000)
+    assert capsys.readouterr() == ("", "")
 
 
 def test_netcdf(kubo, options, tmp_path):
@@ -244,3 +274,56 @@ def test_an_environment_that_names_no_threads_is_refused(value):
     said = with_threads(value)
     assert isinstance(said, str) and said.startswith("symsde.errors.InvalidArgumentError"), said
     assert f'SYMSDE_NUM_THREADS is "{value[:32]}"' in said and "from 1 to 1024" in said
+
+
+def shaken(**more):
+    """H = p^2/2 + q sin t, H_1 = q cos t: every step knows its time."""
+    return ss.Model(
+        ndof=1,
+        nnoise=1,
+        gradient=lambda t, w, q, p: (w[0] * np.sin(t) + w[1] * np.cos(t) + 0 * q, w[0] * p),
+        value=lambda t, w, q, p: (w[0] * (p**2 / 2 + q * np.sin(t)) + w[1] * q * np.cos(t))[0],
+        separable=True,
+        **more,
+    )
+
+
+def test_one_step_begins_at_its_time():
+    """The midpoint takes H at t + h/2: p falls by h sin(t + h/2) + dw cos(t + h/2)."""
+    h, dw = 0.1, 0.3
+    for t in (0.0, 0.7, -2.0):
+        q, p = ss.step(shaken(), "midpoint", 1.0, 0.5, h, dw, t=t)
+        fall = h * math.sin(t + h / 2) + dw * math.cos(t + h / 2)
+        assert p[0, 0] == pytest.approx(0.5 - fall, rel=1e-12)
+        assert q[0, 0] == pytest.approx(1.0 + h * (0.5 - fall / 2), rel=1e-12)
+
+
+def test_runs_and_evaluations_take_place_at_their_times():
+    model = shaken()
+    run = ss.simulate(model, q0=1.0, p0=0.5, t0=0.7, step=0.1, steps=3, first_step=4, increments=np.zeros((3, 1)))
+    expected = [0.5]
+    for n in (4, 5, 6):
+        expected.append(expected[-1] - 0.1 * math.sin(0.7 + 0.1 * (n + 0.5)))
+    np.testing.assert_allclose(run.p[:, 0, 0], expected, rtol=1e-13)
+    np.testing.assert_allclose(run.t, [1.1, 1.2, 1.3, 1.4], rtol=1e-14)
+    assert model.value(2.0, 1.0, [1.0, 0.5], t=0.3)[0] == pytest.approx(0.5 + 2 * math.sin(0.3) + math.cos(0.3))
+    assert model.gradient(2.0, 1.0, [1.0, 0.5], t=0.3)[0][0, 0] == pytest.approx(math.sin(0.3) + 0.5 * math.cos(0.3))
+    for t0 in (0.0, 0.7):
+        energy = ss.moments(model, q0=1.0, p0=0.5, t0=t0, step=0.1, steps=0).mean_energy
+        assert energy[0] == pytest.approx(0.125 + math.sin(t0))
+
+
+def test_derivatives_and_probes_take_place_at_their_times():
+    def stiffness(t):
+        return 1 + t**2
+
+    model = ss.Model(
+        ndof=1,
+        nnoise=0,
+        gradient=lambda t, w, q, p: (w[0] * stiffness(t) * q, w[0] * p),
+        hessian=lambda t, w, q, p: ((w[0] * stiffness(t if t < 1 else 2 * t))[None, None], 0.0, w[0][None, None]),
+    )
+    assert model.hessian(1.0, 0.0, t=0.5)[0][0, 0, 0] == pytest.approx(1.25)
+    model.probe(t=0.5)
+    with pytest.raises(ss.errors.FalseTraitError, match=r"(?i)hessian"):
+        model.probe(t=1.5)

@@ -57,7 +57,7 @@ def _judge(plan: Plan, run, reference: np.ndarray, own_error: float) -> dict:
     if ok.sum() < 2 * BATCHES:
         return row
     row |= strong_error(square[ok], reference[:, :, ok])
-    row |= weak_errors(plan.model, found[:, :, ok], reference[:, :, ok])
+    row |= weak_errors(plan.model, found[:, :, ok], reference[:, :, ok], _times(plan)[-1])
     row["drift"] = drift(plan, found[:, :, ok], ok)
     return row
 
@@ -65,7 +65,7 @@ def _judge(plan: Plan, run, reference: np.ndarray, own_error: float) -> dict:
 def strong_error(square: np.ndarray, reference: np.ndarray) -> dict:
     """Root mean square of squared errors (path,) with its interval, size of the solution, means of the groups."""
     error = rms(square)
-    half = NORMAL * square.std(ddof=1) / np.sqrt(square.size) / max(2 * error, np.finfo(float).tiny)
+    half = float(NORMAL * square.std(ddof=1) / np.sqrt(square.size) / max(2 * error, np.finfo(float).tiny))
     return {
         "err_strong": error,
         "err_strong_low": max(error - half, 0.0),
@@ -75,11 +75,11 @@ def strong_error(square: np.ndarray, reference: np.ndarray) -> dict:
     }
 
 
-def weak_errors(model: Model, found: np.ndarray, reference: np.ndarray) -> dict:
-    """Differences of E q, E p (mean over degrees of freedom) and E H on common paths, with half widths."""
+def weak_errors(model: Model, found: np.ndarray, reference: np.ndarray, t: float) -> dict:
+    """Differences of E q, E p (mean over degrees of freedom) and E H at t on common paths, with half widths."""
     values = {"q": (found[0] - reference[0]).mean(axis=0), "p": (found[1] - reference[1]).mean(axis=0)}
     if model.traits.has_value:
-        values["H"] = model.value(*found) - model.value(*reference)
+        values["H"] = model.value(*found, t=t) - model.value(*reference, t=t)
     row = {}
     for name, difference in values.items():
         row[f"weak_{name}"] = float(difference.mean())
@@ -90,7 +90,7 @@ def weak_errors(model: Model, found: np.ndarray, reference: np.ndarray) -> dict:
 def drift(plan: Plan, found: np.ndarray, ok: np.ndarray) -> float | None:
     """Largest over invariants of the rms relative change over the paths; None without an invariant."""
     functions = dict(plan.invariants)
-    if not functions and conserves_energy(plan.model):
+    if not functions and conserves_energy(plan.model, _times(plan)):
         functions["H"] = plan.model.value
     changes = []
     for function in functions.values():
@@ -107,15 +107,27 @@ def start(state, ndof: int, ok: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(array, (ndof, ok.size))[:, ok])
 
 
-def conserves_energy(model: Model) -> bool:
-    """{H, H_k} = 0 for every k, at sixteen points: then H is an invariant of every path."""
+def _times(plan: Plan) -> list[float]:
+    """Where a Hamiltonian is looked at: the times of a study at its beginning, between, and at its end."""
+    return [plan.options.get("t0", 0.0) + part * plan.horizon for part in (0.0, 0.3, 0.7, 1.0)]
+
+
+def conserves_energy(model: Model, times: list[float]) -> bool:
+    """H does not depend on time and {H, H_k} = 0 for every k, at sixteen points: an invariant of every path."""
     if not model.traits.has_value:
         return False
     points = np.random.default_rng(1).uniform(-1, 1, (2, model.ndof, 16))
+    if any((model.value(*points, t=t) != model.value(*points, t=times[0])).any() for t in times):
+        return False
+    return all(_commutes(model, points, t) for t in times)
+
+
+def _commutes(model: Model, points: np.ndarray, t: float) -> bool:
+    """Whether every {H, H_k} vanishes at these points at t, up to rounding."""
     weights = np.eye(model.nnoise + 1)
-    hq, hp = model.gradient(*points, w=weights[0])
+    hq, hp = model.gradient(*points, w=weights[0], t=t)
     for w in weights[1:]:
-        kq, kp = model.gradient(*points, w=w)
+        kq, kp = model.gradient(*points, w=w, t=t)
         if np.abs(hq * kp - hp * kq).sum(axis=0).max() == 0:
             continue
         bracket = np.abs((hq * kp - hp * kq).sum(axis=0))

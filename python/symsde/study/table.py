@@ -63,8 +63,8 @@ def write_csv(path: Path, rows: list[dict]) -> None:
 def _cell(value):
     if isinstance(value, bool):
         return int(value)
-    if isinstance(value, float):
-        return repr(value)
+    if isinstance(value, float):  # of Python or NumPy, whose repr is not a number
+        return repr(float(value))
     return "" if value is None else value
 
 

@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is printed and reported is what was computed: tables are parsed, judges are tried on both sides of a bound."""
+
+import ctypes
+import json
+import math
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import _abi, cli, report
+from symsde.stability import page
+from symsde.stability.scenario import Scenario, says
+
+
+def test_every_member_of_a_report():
+    """A struct whose members all differ, and what Python makes of it."""
+    given = _abi.Report(status=6, correction=2, failed=11, stopped=12, threads=13, lanes=16)
+    given.lost_variance, given.seconds_setup, given.seconds_run = 0.015, 1.25, 2.5
+    given.stepper, given.left_out, given.warnings = b"a stepper", b"one; two", b"first\nsecond"
+    for i, name in enumerate(_abi.COUNTERS):
+        setattr(given, name, 100 + i)
+    with pytest.warns(ss.PathsFailedWarning, match="^11 paths failed"):
+        found = report.make_report(given)
+    expected = {"outcome": "some paths failed", "status": 6, "stepper": "a stepper", "correction": "mean"}
+    expected |= {"left_out": ("one", "two"), "warnings": ("first", "second"), "failed": 11, "stopped": 12}
+    expected |= {"threads": 13, "lanes": 16, "lost_variance": 0.015, "timings": {"setup": 1.25, "run": 2.5}}
+    names = ["path_steps", "normals", "gradients", "hessians", "hessian_vectors", "iterations", "solves"]
+    names += ["lapack_solves", "failures", "damped", "continued"]
+    expected |= {"counters": {name: 100 + i for i, name in enumerate(names)}, "versions": ss.build_info()}
+    assert vars(found) == expected
+    lines = {line[:11].strip(): line[11:] for line in str(found).splitlines()}
+    assert lines["outcome"] == "some paths failed" and lines["stepper"] == "a stepper"
+    assert lines["correction"] == "mean" and lines["left out"] == "one; two" and lines["warnings"] == "first; second"
+    assert lines["counters"] == ", ".join(f"{name.replace('_', ' ')} {100 + i}" for i, name in enumerate(names))
+    assert lines["paths"] == "11 failed, 12 stopped" and lines["threads"] == "13, 16 lanes a block"
+    assert lines["seconds"] == "1.25 to set up, 2.5 to run" and lines["version"] == ss.__version__
+
+
+def test_counters_and_times_of_a_run_that_is_known():
+    """One normal a step of a path; a run of a million of them takes longer than its set-up."""
+    given = ss.simulate(
+        ss.models.pendulum(), q0=1.0, p0=0.0, step=0.01, steps=4000, paths=256, threads=1, scheme="stormer_verlet"
+    ).report
+    assert given.counters["path_steps"] == given.counters["normals"] == 4000 * 256
+    assert given.timings["run"] > 3 * given.timings["setup"] > 0
+    assert given.status == 0 and given.threads == 1 and given.failed == given.stopped == 0
+
+
+@pytest.fixture(scope="module")
+def moments():
+    run = {"q0": [0.1, 0.2], "p0": [0.0, 0.1], "step": 0.05, "steps": 200, "save_every": 5, "paths": 300}
+    return ss.moments(
+        ss.models.henon_heiles(sigma1=0.02, sigma2=0.01), observables={"product": lambda q, p: q[0] * p[1]}, **run
+    )
+
+
+def test_the_table_of_moments(moments, capsys):
+    cli._print_moments(moments)
+    head, *lines = capsys.readouterr().out.splitlines()
+    assert head.split() == ["t", "paths", "mean", "q_1", "mean", "p_1", "mean", "energy", "mean", "product"]
+    assert len(lines) == 11
+    times = dict(zip(moments.t.tolist(), range(len(moments.t)), strict=True))
+    rows = [line.replace("+-", " ").split() for line in lines]
+    assert [float(row[0]) for row in rows] == pytest.approx(np.linspace(0, 10, 11))
+    for row in rows:
+        i = next(i for t, i in times.items() if abs(t - float(row[0])) < 1e-9)
+        expected = [moments.n_ok[i], moments.mean_q[i, 0], moments.se_mean_q[i, 0], moments.mean_p[i, 0]]
+        expected += [moments.se_mean_p[i, 0], moments.mean_energy[i], moments.se_mean_energy[i]]
+        expected += [moments.mean["product"][i], moments.se_mean["product"][i]]
+        for text, value in zip(row[1:], expected, strict=True):
+            assert float(text) == pytest.approx(value, rel=0.051, abs=1e-12), (row, text, value)
+        for text, value in zip(row[2::2], expected[1::2], strict=True):
+            assert float(text) == pytest.approx(value, rel=6e-5, abs=1e-12)
+
+
+def test_the_last_time_is_always_shown(kubo, capsys):
+    cli._print_moments(ss.moments(kubo, q0=1.0, p0=0.0, step=0.1, steps=23, paths=3))
+    lines = capsys.readouterr().out.splitlines()[1:]
+    assert len(lines) <= 12 and float(lines[-1].split()[0]) == pytest.approx(2.3)
+
+
+def test_one_line_about_a_result(moments, kubo):
+    assert repr(moments) == (
+        "<moments of henon_heiles(alpha=1, sigma1=0.02, sigma2=0.01) by midpoint: q_1, q_2, p_1, p_2, energy, product "
+        "at 41 times from 0 to 10, 300 paths, ok>"
+    )
+    run = ss.simulate(kubo, q0=1.0, p0=0.0, t0=1.0, step=0.5, steps=4, save_every=2, paths=7, scheme="gauss2")
+    assert repr(run) == (
+        "<run of kubo(a=1, sigma=0.3) by gauss2: 3 times from 1 to 3, 1 degrees of freedom, 7 paths, ok>"
+    )
+    assert repr(ss.schemes.get("heun")) == "<scheme heun: tableau, 2 stages, not symplectic>"
+
+
+def test_the_table_of_convergence(kubo):
+    found = ss.convergence(kubo, "midpoint", q0=1.0, p0=0.0, steps=[8, 16, 32], paths=100, seed=3)
+    head, names, *rows, last = str(found).splitlines()
+    assert head == "midpoint on kubo(a=1, sigma=0.3), 100 paths, against the exact solution"
+    assert names.split() == ["steps", "h", "error", "95", "%", "interval"]
+    for i, row in enumerate(rows):
+        n, h, error, low, _, high = row.split()
+        assert int(n) == found.steps[i] and float(h) == pytest.approx(found.step[i], rel=1e-4)
+        assert float(error) == pytest.approx(found.error[i], rel=1e-4)
+        assert float(low) == pytest.approx(found.low[i], rel=1e-3)
+        assert float(high) == pytest.approx(found.high[i], rel=1e-3)
+    assert last == f"order {found.order:.3f}, {found.order_low:.3f} .. {found.order_high:.3f}"
+    assert found.order_high - found.order == pytest.approx(found.order - found.order_low)
+
+
+def test_convergence_is_drawn_as_it_is(kubo):
+    pytest.importorskip("matplotlib")
+    found = ss.convergence(kubo, "midpoint", q0=1.0, p0=0.0, steps=[8, 16, 32], paths=100, seed=3)
+    (bars,) = found.plot().containers
+    np.testing.assert_array_equal(bars[0].get_xdata(), found.step)
+    np.testing.assert_array_equal(bars[0].get_ydata(), found.error)
+    ends = np.array(bars[2][0].get_segments())[:, :, 1]
+    np.testing.assert_allclose(ends, np.stack([found.low, found.high], axis=1), rtol=1e-12)
+    assert bars.get_label() == f"midpoint: order {found.order:.2f}"
+
+
+def test_lists_say_what_the_library_says(capsys):
+    assert cli.main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name in ss.models.names():
+        (line,) = [line for line in lines if line.startswith(f"  {name}(")]
+        pairs = dict(pair.split("=") for pair in line.strip()[len(name) + 1 : -1].split(", "))
+        assert {key: float(value) for key, value in pairs.items()} == ss.models.parameters(name)
+    for name in ss.schemes.names():
+        info = ss.schemes.get(name).info
+        (line,) = [line for line in lines if line.split()[:1] == [name]]
+        assert ("not symplectic" in line) == (not info.symplectic)
+        orders = re.search(r"strong order (\S+) / (\S+) / (\S+)", line).groups()
+        assert [float(x) for x in orders] == [info.order_additive, info.order_commutative, info.order_general]
+        assert line.endswith(info.reference)
+
+
+def test_info_lists_versions_and_packages(capsys):
+    assert cli.main(["info"]) == 0
+    lines = dict(line.split(": ", 1) for line in capsys.readouterr().out.splitlines())
+    for key, value in ss.build_info().items():
+        assert lines[key] == value
+    assert lines["numpy"] == "yes" and lines["python"].count(".") == 2
+
+
+JUDGED = [  # method, arguments that pass, arguments that fail, what is measured, what is expected
+    ("at_most", (1.0, 1.0), (1.001, 1.0), "1.00e+00", "<= 1e+00"),
+    ("at_most", (-5.0, 1.0), (math.nan, 1.0), "-5.00e+00", "<= 1e+00"),
+    ("at_least", (2.0, 2.0), (1.999, 2.0), "2", ">= 2"),
+    ("at_least", (3.0, 2.0), (math.nan, 2.0), "3", ">= 2"),
+    ("between", (1.0, 1.0, 2.0), (0.999, 1.0, 2.0), "1", "1 to 2"),
+    ("between", (2.0, 1.0, 2.0), (2.001, 1.0, 2.0), "2", "1 to 2"),
+    ("near", (1.09, 1.0, 0.1), (1.11, 1.0, 0.1), "1.09", "1 +- 0.1"),
+    ("near", (0.91, 1.0, 0.1), (0.89, 1.0, 0.1), "0.91", "1 +- 0.1"),
+    ("near", (1.0, 1.0, 0.0), (math.nan, 1.0, 0.1), "1", "1 +- 0"),
+    ("within_errors", ((1.49, 0.1), 1.0), ((1.51, 0.1), 1.0), "1.49 +- 0.1", "1 within 5 s.e."),
+    ("within_errors", ((0.51, 0.1), 1.0), ((0.49, 0.1), 1.0), "0.51 +- 0.1", "1 within 5 s.e."),
+    ("within_errors", ((1.29, 0.1), 1.0, 3.0), ((1.31, 0.1), 1.0, 3.0), "1.29 +- 0.1", "1 within 3 s.e."),
+    ("beyond_errors", ((1.51, 0.1), 1.0), ((1.49, 0.1), 1.0), "1.51 +- 0.1", "not 1, > 5 s.e."),
+    ("beyond_errors", ((0.49, 0.1), 1.0), ((0.51, 0.1), 1.0), "0.49 +- 0.1", "not 1, > 5 s.e."),
+    ("beyond_errors", ((1.6, 0.1), 1.0), ((math.nan, 0.1), 1.0), "1.6 +- 0.1", "not 1, > 5 s.e."),
+]
+
+
+@pytest.mark.parametrize(("method", "good", "bad", "measured", "expected"), JUDGED)
+def test_judges_of_the_paper(method, good, bad, measured, expected, capsys):  # noqa: PLR0917
+    pytest.importorskip("matplotlib")
+    from symsde.paper.experiment import Experiment
+    from symsde.paper.table import print_block, print_summary
+
+    experiment = Experiment("name", "A title", 1, {})
+    for arguments in (good, bad):
+        getattr(experiment, method)("(1)", "a quantity", *arguments)
+    assert [check.passed for check in experiment.checks] == [True, False]
+    assert (experiment.checks[0].measured, experiment.checks[0].expected) == (measured, expected)
+    experiment.report("(2)", "reported", "0.25", "0.3")
+    assert experiment.checks[2].passed is None
+    print_block(experiment, 1.25)
+    print_summary([experiment], "somewhere", 2.0)
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[1] == "A title   [1.2 s]"
+    cells = [re.split(r"\s{2,}", line.strip()) for line in shown[4:7]]
+    assert cells[0] == ["(1)", "a quantity", measured, expected, "ok"]
+    assert cells[1][-1] == "FAILED" and cells[2] == ["(2)", "reported", "0.25", "0.3", "-"]
+    assert shown[-1] == "1 expectations met, 1 failed"
+
+
+def test_plain_values_of_results():
+    pytest.importorskip("matplotlib")
+    from symsde.paper.experiment import plain
+
+    given = {"a": np.float64(1.5), 2: np.arange(3), "b": (np.bool_(True), False, None), "c": math.inf, "d": "x"}
+    expected = {"a": 1.5, "2": [0, 1, 2], "b": [True, False, None], "c": None, "d": "x"}
+    assert plain(given) == expected and json.loads(json.dumps(plain(given))) == expected
+    assert plain({"n": np.int32(3), "m": math.nan}) == {"n": 3, "m": None}
+
+
+STABLE = [
+    ("at_most", (1.0, 1.0), (1.001, 1.0), "0", "1.00e+00", "<= 1"),
+    ("at_most", (0.5, 1.0, 7), (math.nan, 1.0), "7", "5.00e-01", "<= 1"),
+    ("within", (1.48, 0.1, 1.0), (1.5, 0.1, 1.0), "1", "1.48 +- 0.1", "within 4.9 s.e."),
+    ("within", (0.52, 0.1, 1.0), (0.5, 0.1, 1.0), "1", "0.52 +- 0.1", "within 4.9 s.e."),
+    ("fraction", (574, 1000, 0.5), (580, 1000, 0.5), "0.5", "0.574 +- 0.02", "within 4.9 s.e."),
+    ("fraction", (0, 1000, 0.0), (1, 1000, 0.0), "0", "0 +- 1e-300", "within 4.9 s.e."),
+]
+
+
+@pytest.mark.parametrize(("method", "good", "bad", "expected", "observed", "criterion"), STABLE)
+def test_judges_of_stability(method, good, bad, expected, observed, criterion):  # noqa: PLR0917
+    scenario = Scenario("S00", "A title")
+    for arguments in (good, bad):
+        getattr(scenario, method)("a name", *arguments)
+    first, second = scenario.checks
+    assert first.passed and not second.passed and first.scenario == "S00" and first.name == "a name"
+    assert (first.expected, first.observed, first.criterion) == (expected, observed, criterion)
+    lines = page.block(scenario, 1.25).splitlines()
+    assert lines[0] == "S00 A title   [1.2 s]"
+    assert lines[1].split() == ["ok", "a", "name", "expected", *expected.split(), "observed", *observed.split(),
+                                *criterion.split()]  # fmt: skip
+    assert lines[2].split()[0] == "FAILED"
+
+
+def test_the_page_of_stability(tmp_path, monkeypatch):
+    monkeypatch.setattr(page.figure, "save", lambda *_: None)
+    good, bad = Scenario("S01", "Good"), Scenario("S02", "Bad", if_failed="A known cause.")
+    good.add("one", 1, 2, "x", True)
+    bad.add("two", 3, 4, "y", False)
+    page.write(tmp_path / "page.md", [good, bad], True)
+    text = (tmp_path / "page.md").read_text()
+    assert "| one | 1 | 2 | x | ok |" in text and "| two | 3 | 4 | y | **failed** |" in text
+    assert "1 of 2 criteria hold" in text and "(quick sample)" in text and f"symsde {ss.__version__}" in text
+    assert text.index("## S01: Good") < text.index("## S02: Bad") < text.index("A known cause.")
+    page.write(tmp_path / "page.md", [good], False)
+    assert "A known cause" not in (tmp_path / "page.md").read_text()
+
+
+def test_warnings_are_searched_for_words():
+    assert says(SimpleNamespace(warnings=("a noise", "b")), "noise")
+    assert not says(SimpleNamespace(warnings=("a noise",)), "drift")
+
+
+def test_status_texts():
+    texts = {code: ss.status_text(code) for code in range(-9, 7)}
+    assert len(set(texts.values())) == 16 and texts[0] == "ok" and texts[5] == "stopped on request"
+    assert "unknown" in ss.status_text(99).lower()
+    for code, kind in ss.errors._BY_CODE.items():
+        error = ss.errors.from_code(code, "a sentence")
+        assert type(error) is kind and error.code == code and str(error) == "a sentence"
+    assert type(ss.errors.from_code(3, "x")) is ss.errors.NumericalError
+
+
+def test_texts_longer_than_any_buffer():
+    """What does not fit the first buffer is asked for again."""
+    from symsde import _handles
+
+    sizes = []
+
+    class Library:
+        @staticmethod
+        def symsde_long(buffer, size, needed):
+            sizes.append(size)
+            text = b"x" * 3000
+            ctypes.memmove(buffer, text[: size - 1] + b"\0", min(size, 3001))
+            ctypes.cast(needed, ctypes.POINTER(ctypes.c_size_t))[0] = 3001
+            return 0
+
+    before = _handles.library
+    _handles.library = Library
+    try:
+        assert _handles.text("long") == "x" * 3000
+    finally:
+        _handles.library = before
+    assert sizes == [1024, 3001]

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a study costs, by a clock that is known, and when it goes on where an earlier one stopped."""
+
+from types import SimpleNamespace
+
+import pytest
+import symsde as ss
+from symsde import study
+from symsde.study import timing
+from symsde.study.plan import make_plan
+
+GIVEN = {"q0": 1.0, "p0": 0.3, "steps": [4, 8, 16], "horizon": 1.0, "paths": 120, "schemes": ["midpoint", "heun"]}
+GIVEN |= {"repeats": 5}
+
+
+class Clock:
+    """A clock that only the runs of a plan move."""
+
+    def __init__(self):
+        self.now, self.busy = 100.0, 50.0
+
+    def perf_counter(self):
+        return self.now
+
+    def process_time(self):
+        return self.busy
+
+
+def test_costs_of_a_machine_that_is_known(monkeypatch):
+    """A set-up of 3 s, then 2 ms a path and step; repeats are slower by 0, 1, 2, ... %; elapsed time is twice that."""
+    clock, runs = Clock(), []
+    plan = make_plan(ss.models.kubo(), **GIVEN)
+    monkeypatch.setattr(timing, "time", clock)
+    monkeypatch.setattr(timing, "TARGET", 2.0)
+    counters = {
+        "path_steps": 4000,
+        "normals": 4000,
+        "gradients": 8000,
+        "hessians": 2000,
+        "iterations": 6000,
+        "solves": 1000,
+    }
+
+    def run(scheme, steps, *, shared, paths, threads):
+        assert not shared and threads == 1
+        runs.append(paths)
+        slower = 1 + 0.01 * max(0, len(runs) - 3)  # the first for the number of paths, the second to warm
+        seconds = 3.0 + 2e-3 * paths * steps * slower
+        clock.busy += seconds
+        clock.now += 2 * seconds
+        return SimpleNamespace(report=SimpleNamespace(threads=1, counters=counters))
+
+    def set_up(scheme, steps, paths):
+        clock.busy += 3.0
+        clock.now += 3.0
+
+    monkeypatch.setattr(plan, "run", run)
+    monkeypatch.setattr(plan, "set_up", set_up)
+    found = timing.cost(plan, plan.schemes[0], 4)
+    paths = runs[-1]
+    assert found["timing_paths"] == paths and found["repeats"] == 5 and found["threads"] == 1
+    assert found["seconds"] == pytest.approx(8e-3 * 1.02)
+    assert found["seconds_low"] == pytest.approx(8e-3 * 1.01) and found["seconds_high"] == pytest.approx(8e-3 * 1.03)
+    assert found["elapsed"] == pytest.approx(2 * (3 / paths + 8e-3 * 1.02))
+    expected = {"normals": 1, "gradients": 2, "hessians": 0.5, "iterations": 1.5, "solves": 0.25}
+    assert {name: found[name] for name in expected} == expected
+
+
+def test_number_of_paths_of_a_timed_run(monkeypatch):
+    """Enough blocks for TARGET seconds, whole blocks, at most 1024."""
+    plan = make_plan(ss.models.kubo(), **GIVEN)
+    for block_seconds, blocks in ((1e-3, 20), (1.0, 1), (1e-9, 1024)):
+        clock = Clock()
+
+        def run(*_, paths, clock=clock, block_seconds=block_seconds, **__):
+            clock.busy += block_seconds * paths / 256
+            return SimpleNamespace(report=SimpleNamespace(threads=1, counters=dict.fromkeys(
+                ("path_steps", *timing.COUNTERS), 1)))  # fmt: skip
+
+        monkeypatch.setattr(timing, "time", clock)
+        monkeypatch.setattr(plan, "run", run)
+        monkeypatch.setattr(plan, "set_up", lambda *_: None)
+        assert timing.cost(plan, plan.schemes[0], 4)["timing_paths"] == 256 * blocks
+
+
+OTHER_STUDIES = [
+    {"seed": 6}, {"t0": 0.25}, {"truncation": (4.0, 1.0)}, {"compensated": True}, {"q0": 1.5}, {"p0": 0.1},
+    {"paths": 61}, {"horizon": 3.0}, {"repeats": 6}, {"model": ss.models.kubo(sigma=0.2)},
+    {"invariants": {"r": lambda q, p: q[0]}}, {"reference": "gauss2_strong32"},
+    {"reference": "gauss2_strong32", "reference_steps": 1024},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("changed", OTHER_STUDIES, ids=" ".join)
+def test_a_study_goes_on_only_where_it_is_the_same(changed, tmp_path, monkeypatch):
+    """A point is known again where everything that it depends on is the same."""
+    monkeypatch.setattr(study, "cost", lambda *_: {"seconds": 1.0, "seconds_low": 1.0, "seconds_high": 1.0})
+    monkeypatch.setattr(study.WorkPrecision, "save", lambda *_: None)
+    given = {"q0": 1.0, "p0": 0.0, "t0": 0.0, "steps": [4, 8], "paths": 60, "schemes": ["midpoint"], "seed": 5}
+    given |= {"model": ss.models.kubo(), "repeats": 5, "name": "mine", "out": tmp_path}
+    first = ss.work_precision(**given)
+    other = {**given, **changed}
+    assert ss.work_precision(**given).resumed == 2
+    fresh = ss.work_precision(**other)
+    assert fresh.resumed == 0
+    assert ss.work_precision(**other).resumed == 2 and ss.work_precision(**given).resumed == 2
+    alone = ss.work_precision(**{**other, "out": None})
+    assert [row["err_strong"] for row in alone.rows] == [row["err_strong"] for row in fresh.rows]
+    if not {"repeats", "invariants", "t0", "truncation"} & set(changed):  # the others change errors
+        assert [row["err_strong"] for row in first.rows] != [row["err_strong"] for row in fresh.rows]
+
+
+def test_a_file_of_state_that_cannot_be_read_costs_only_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(study, "cost", lambda *_: {"seconds": 1.0, "seconds_low": 1.0, "seconds_high": 1.0})
+    monkeypatch.setattr(study.WorkPrecision, "save", lambda *_: None)
+    given = {"q0": 1.0, "p0": 0.0, "steps": [4, 8], "paths": 60, "schemes": ["midpoint"], "out": tmp_path}
+    for text in ("", "{", "[1]", '"x"'):
+        (tmp_path / "state.json").write_text(text)
+        assert ss.work_precision(ss.models.kubo(), **given).resumed == 0
+        assert ss.work_precision(ss.models.kubo(), **given).resumed == 2
