@@ -5,10 +5,13 @@ The bounds stand here a second time, from the formulas and not from the checks o
 are five standard errors wide (a false alarm in two million), and the seeds are fixed.
 """
 
+import contextlib
+import io
 import json
 import math
 
 import pytest
+import symsde as ss
 
 pytest.importorskip("matplotlib")
 
@@ -28,7 +31,10 @@ def outcome(tmp_path_factory):
     from symsde import paper
 
     out = tmp_path_factory.mktemp("paper")
-    return out, paper.run(out, quick=True)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        code = paper.run(out, quick=True)
+    return out, code, printed.getvalue()
 
 
 @pytest.fixture(scope="module")
@@ -43,15 +49,46 @@ def test_exit_code_and_no_failed_expectation(outcome, results):
 
 
 def test_every_experiment_says_where_its_numbers_come_from(results):
-    import symsde as ss
-
     assert tuple(results) == KEYS
     for part in results.values():
         assert part["version"] == ss.__version__
         assert part["compiler"]
-        assert part["seed"] >= 0
         assert part["quick"] is True
         assert part["parameters"]
+
+
+def test_seeds_are_those_of_the_runs(results):
+    """The first normals of the paths of an experiment, from the seed in the file, give its numbers again."""
+    from symsde.paper import figure_4_1
+
+    part = results["euler_lagrange"]
+    given, case = part["parameters"], part["synchrotron, midpoint"]
+    common = {key: given[key] for key in ("step", "steps", "paths")}
+    model = ss.models.synchrotron(**given["synchrotron"])
+    run = ss.simulate(model, q0=0.0, p0=0.0, seed=part["seed"], **common)
+    assert case["largest_state"] == pytest.approx(max(abs(run.q).max(), abs(run.p).max()), rel=1e-12)
+    first = results["figure_4_1"]["seeds"][0]
+    assert first["seed"] == results["figure_4_1"]["seed"] == results["figure_4_1"]["parameters"]["seeds"][0]
+    model = ss.models.get("synchrotron", **{key: value for key, value in results["figure_4_1"]["parameters"].items()
+                                            if key in ss.models.parameters("synchrotron")})  # fmt: skip
+    fine, rough = (figure_4_1.simulate(model, first["seed"], finer=n).q[:, 0, 0] for n in (figure_4_1.LEVELS, 0))
+    assert first["midpoint_fine"] == pytest.approx(abs(fine - rough).max(), rel=1e-12)
+
+
+def test_the_printed_table_is_that_of_the_file(outcome, results):
+    """Line by line: equations, quantity, measured, expected and verdict."""
+    from symsde.paper.table import WIDTHS
+
+    verdicts = {True: "ok", False: "FAILED", None: "-"}
+    lines = iter(outcome[2].splitlines())
+    for part in results.values():
+        for check in part["checks"]:
+            expected = [check[key] for key in ("equations", "quantity", "measured", "expected")]
+            expected.append(verdicts[check["passed"]])
+            text = "  " + "  ".join(cell.ljust(width) for cell, width in zip(expected, WIDTHS, strict=True)).rstrip()
+            assert any(line == text for line in lines), text
+    met = [check["passed"] for part in results.values() for check in part["checks"]]
+    assert outcome[2].splitlines()[-1] == f"{met.count(True)} expectations met, {met.count(False)} failed"
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -187,7 +224,6 @@ def test_residuals_vanish_on_paths_and_grow_beside_them(results, case):
 
 def test_failed_expectation_gives_a_failing_exit_code(tmp_path, monkeypatch, capsys):
     """The command notices a wrong library: here a midpoint rule that does one fixed-point iteration."""
-    import symsde as ss
     from symsde import paper
 
     simulate = ss.simulate
