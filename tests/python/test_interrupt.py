@@ -26,11 +26,11 @@ def interrupt_soon():
 def test_ctrl_c(function, threads, kubo):
     before = signal.getsignal(signal.SIGINT)
     timer = interrupt_soon()
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(KeyboardInterrupt):
         function(kubo, paths=1000, threads=threads, **LONG)
     timer.join()
-    assert time.perf_counter() - start < 3
+    assert time.process_time() - start < 3
     assert signal.getsignal(signal.SIGINT) is before
     assert np.isfinite(ss.simulate(kubo, q0=1.0, p0=0.0, step=0.1, steps=10).q).all()
 
@@ -45,11 +45,11 @@ def test_ctrl_c_with_python_callbacks(user_kubo):
 def test_ctrl_c_in_a_diagnosis():
     chain = ss.models.fpu_chain(n=16)
     timer = interrupt_soon()
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(KeyboardInterrupt):
         ss.diagnose.stationary_path(chain, "gauss4", q_start=0.1, q_end=0.2, step=0.01, steps=200, paths=4000)
     timer.join()
-    assert time.perf_counter() - start < 3
+    assert time.process_time() - start < 3
 
 
 def test_handlers_of_the_user_are_called(kubo):
@@ -105,14 +105,18 @@ def stopping(number):
         told.append(done)
         if len(told) == 3:
             os.kill(os.getpid(), number)
+            told.append("after")  # the signal is noted, and handled when the run has stopped
 
+    progress.told = told
     return progress
 
 
 def test_a_stopped_run_is_given_back(kubo):
     common = {"q0": 1.0, "p0": 0.0, "step": 1e-3, "seed": 4, "threads": 1}
+    progress = stopping(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt) as caught:
-        ss.simulate(kubo, steps=10**9, save_every=10**4, paths=3, progress=stopping(signal.SIGINT), **common)
+        ss.simulate(kubo, steps=10**9, save_every=10**4, paths=3, progress=progress, **common)
+    assert progress.told[-1] == "after"
     run = caught.value.partial
     assert run.report.outcome == "stopped on request" and run.report.stopped == 3 and (run.status == 5).all()
     reached = int(np.isfinite(run.q[:, 0, 0]).sum())
@@ -153,8 +157,10 @@ def test_sigterm_is_noted_where_python_handles_it(kubo):
 
     before = signal.signal(signal.SIGTERM, handler)
     try:
+        progress = stopping(signal.SIGTERM)
         with pytest.raises(TerminatedError) as caught:
-            ss.simulate(kubo, paths=3, progress=stopping(signal.SIGTERM), **LONG)
+            ss.simulate(kubo, paths=3, progress=progress, **LONG)
+        assert progress.told[-1] == "after"
         assert caught.value.partial.report.stopped == 3
         assert signal.getsignal(signal.SIGTERM) is handler
     finally:
