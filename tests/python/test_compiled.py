@@ -146,8 +146,18 @@ def test_ctypes_pointers_to_numbers_are_addresses_too():
     kind = ctypes.CFUNCTYPE(
         ctypes.c_int, *(ctypes.c_int,) * 3, ctypes.c_double, *(array,) * 5, ctypes.POINTER(ctypes.c_int)
     )
-    model = ss.Model(ndof=1, nnoise=0, gradient=kind(lambda *_: 0))
-    np.testing.assert_array_equal(ss.simulate(model, q0=1.0, p0=0.5, step=0.1, steps=2, threads=1).q, 1.0)
+
+    @kind
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        for i in range(nlane):
+            hq[i], hp[i] = w[i] * q[i], w[i] * p[i]
+        return 0
+
+    run = {"q0": 1.0, "p0": 0.5, "step": 0.1, "steps": 2, "threads": 1}
+    mine, known = (
+        ss.simulate(m, **run) for m in (ss.Model(ndof=1, nnoise=0, gradient=gradient), ss.models.kubo(sigma=0.0))
+    )
+    np.testing.assert_allclose(mine.q, known.q, rtol=1e-12)
 
 
 def all_schemes():
