@@ -409,3 +409,9 @@ def test_lessons_give_the_numbers(monkeypatch):
     )
     assert "toy (heun, errors 8e-03 to 8e-03)" in lines or "toy (heun, errors 7e-03 to 7e-03)" in lines
     assert "largest rms change over the steps measured: toy: heun 4e-03" in lines
+
+
+def test_numbers_of_numpy_are_written_as_numbers(tmp_path):
+    table.write_csv(tmp_path / "x.csv", [{"scheme": "a", "drift": np.float64(0.25), "pareto": True, "h": 0.1}])
+    (last,) = csv.DictReader(line for line in (tmp_path / "x.csv").read_text().splitlines() if not line.startswith("#"))
+    assert (last["scheme"], last["drift"], last["pareto"], last["h"], last["weak_q"]) == ("a", "0.25", "1", "0.1", "")
