@@ -51,7 +51,8 @@ module symsde_step_modified_hamiltonian
 
 contains
 
-   !> The brackets that have an effect on a model with these traits: those of functionals that have one.
+   !> The brackets that have an effect on a model with these traits: those of functionals that have one. The
+   !> nested one of a noise that is linear in q is constant where H = p.p/2 + U(q).
    pure type(bracket_terms) function active_brackets(brackets, traits) result(active)
       type(bracket_terms), intent(in) :: brackets   !! of scheme_type
       type(model_traits), intent(in) :: traits
@@ -61,7 +62,8 @@ contains
       needed = needed%needed_for(traits)
       active%single = brackets%single .and. needed%has(path_dz)
       active%areas = brackets%areas .and. needed%has(path_areas)
-      active%nested = brackets%nested .and. traits%nnoise > 0
+      active%nested = brackets%nested .and. traits%nnoise > 0 .and. &
+                      .not. (traits%additive .and. traits%position_noise .and. traits%identity_mass)
    end function active_brackets
 
    !> Room for blocks of nlane lanes.
@@ -201,12 +203,13 @@ contains
       associate (n => self%nlane, d => self%ndof, m => self%nnoise)
          if (self%simple) then
             call self%model%gradient(n, d, m, t, self%c, q, p, hq=self%bp)
+            self%sp = self%sp + self%bp
+            counters%gradients = counters%gradients + nreal
+            if (self%model%traits%additive) return
             self%vp = 0
             call self%model%hessian_vector(n, d, m, t, self%c, q, p, p, self%vp, self%bq, self%gp)
-            counters%gradients = counters%gradients + nreal
             counters%hessian_vectors = counters%hessian_vectors + nreal
             self%sq = self%sq + self%bq
-            self%sp = self%sp + self%bp
          else
             self%g = 0
             self%g(:, 0) = 1

@@ -12,7 +12,8 @@
 !>    dq  = kappa p_n + sum_j alpha_j C_j + kappa sum_k v_k G_k,   dp = sum_k alpha_k G_k
 !>
 !> For noise in position C vanishes, for additive noise it is known beforehand, so that the G alone are
-!> unknown (`eliminated`); brackets of schemes beyond order one make it small; elsewhere it is all of Hhat_p.
+!> unknown (`eliminated`). So it is for the bracket {H_k,H} of additive noise in position. Other brackets of
+!> schemes beyond order one make C small; elsewhere it is all of Hhat_p.
 module symsde_step_stage_equations
    use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
    use symsde_base_kinds, only: wp
@@ -34,7 +35,7 @@ module symsde_step_stage_equations
       logical, private :: identity_mass = .false.
       real(wp) :: kappa = 0                     !! of this step
       type(step_record) :: step                 !! what drives it, in the store
-      type(step_store), private :: store
+      type(step_store) :: store                 !! its first step
       real(wp), allocatable :: q(:, :), p(:, :) !! where the step begins (nlane, ndof)
       real(wp), allocatable :: base(:, :, :)    !! what Q_i has of known slopes (nlane, ndof, nstage)
       real(wp), allocatable :: g(:, :, :), c(:, :, :)    !! slopes (nlane, ndof, nstage)
@@ -64,9 +65,10 @@ contains
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
       associate (t => model%traits)
          self%identity_mass = t%identity_mass
-         self%eliminated = t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0) .and. &
-                           .not. allocated(self%ham%extra)
-         self%has_c = .not. (self%eliminated .and. (t%position_noise .or. t%nnoise == 0))
+         self%eliminated = t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0)
+         if (allocated(self%ham%extra)) self%eliminated = self%eliminated .and. t%additive .and. t%position_noise
+         self%has_c = .not. self%eliminated .or. allocated(self%ham%extra) .or. &
+                      .not. (t%position_noise .or. t%nnoise == 0)
       end associate
       call new_stage_plan(self%plan, scheme, self%eliminated)
       if (allocated(self%ham%extra)) then
@@ -102,7 +104,8 @@ contains
          if (self%eliminated .and. self%has_c) then
             self%ps = 0
             do i = 1, s
-               call self%ham%gradient(self%time_of(i), self%step%w, self%q, self%ps, hp=self%c(:, :, i))
+               call self%ham%gradient(self%time_of(i), self%store%w(:, :, 0), self%q, self%ps, hp=self%c(:, :, i), &
+                                      step=self%step)
             end do
          end if
          do i = 1, s
@@ -139,16 +142,19 @@ contains
       end associate
    end subroutine place
 
-   !> Hhat_q and C at the point that was placed for stage i.
+   !> Hhat_q and C at the point that was placed for stage i. No bracket adds to Hhat_q where momenta are eliminated.
    subroutine evaluate(self, i)
       class(stage_equations), intent(inout) :: self
       integer, intent(in) :: i
 
       if (self%eliminated) then
-         call self%ham%gradient(self%time_of(i), self%step%w, self%qs, self%p, hq=self%hq)
+         call self%ham%model%gradient(self%ham%nlane, self%ham%ndof, self%ham%nnoise, self%time_of(i), &
+                                      self%store%w(:, :, 0), self%qs, self%p, hq=self%hq)
+         self%ham%counters%gradients = self%ham%counters%gradients + self%ham%nreal
          return
       end if
-      call self%ham%gradient(self%time_of(i), self%step%w, self%qs, self%ps, hq=self%hq, hp=self%hp, step=self%step)
+      call self%ham%gradient(self%time_of(i), self%store%w(:, :, 0), self%qs, self%ps, hq=self%hq, hp=self%hp, &
+                             step=self%step)
       if (self%identity_mass) self%hp = self%hp - self%kappa*self%ps
    end subroutine evaluate
 

@@ -75,7 +75,6 @@ contains
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer(i8), intent(inout) :: fate(equations%ham%nlane)
-      integer :: m
 
       self%z = 0
       call find_known(self, equations, group)
@@ -163,13 +162,14 @@ contains
       associate (e => equations, ham => equations%ham, s => self%nmember, n => equations%ham%ndof)
          e%qs = e%q + self%z(:, m, :)
          if (self%band == dense) then
-            call ham%gradient_hessian(e%time_of(group%stage(m)), e%step%w, e%qs, e%p, hq=e%hq, hqq=self%k)
+            call ham%model%gradient_hessian(ham%nlane, n, ham%nnoise, e%time_of(group%stage(m)), &
+                                            e%store%w(:, :, 0), e%qs, e%p, hq=e%hq, hqq=self%k)
          else
-            call ham%model%force_stiffness(ham%nlane, n, ham%nnoise, self%band, e%time_of(group%stage(m)), e%step%w, &
-                                           e%qs, e%p, e%hq, self%k)
-            ham%counters%gradients = ham%counters%gradients + ham%nreal
-            ham%counters%hessians = ham%counters%hessians + ham%nreal
+            call ham%model%force_stiffness(ham%nlane, n, ham%nnoise, self%band, e%time_of(group%stage(m)), &
+                                           e%store%w(:, :, 0), e%qs, e%p, e%hq, self%k)
          end if
+         ham%counters%gradients = ham%counters%gradients + ham%nreal
+         ham%counters%hessians = ham%counters%hessians + ham%nreal
          do row = 1, s
             hb = e%step%h*group%b(row, m)
             self%newton%r(:, row::s) = self%newton%r(:, row::s) + hb*e%hq

@@ -77,7 +77,7 @@ contains
             self%q = e%q + z(:, m, :)
             self%v = v(:, m::s, k)
             call hessian_product(e%ham, e%ham%nlane, e%ham%ndof, self%krylov%nrunning, e%time_of(group%stage(m)), &
-                                 e%step%w, self%q, e%p, self%v, self%zero, self%u, self%up)
+                                 e%store%w(:, :, 0), self%q, e%p, self%v, self%zero, self%u, self%up)
             do row = 1, s
                v(:, row::s, k + 1) = v(:, row::s, k + 1) + e%step%h*group%b(row, m)*self%u
             end do

@@ -24,7 +24,7 @@ module symsde_step_stages
    private
    public :: stages_stepper, new_stages_stepper, fits_stages
 
-   integer, parameter :: cached_values = 2048  !! of one array of a part
+   integer, parameter :: cached_values = 1024  !! of one array of a part
 
    type, extends(stepper_type) :: stages_stepper
       private
