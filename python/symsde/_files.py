@@ -95,3 +95,22 @@ def folder(path: str | os.PathLike) -> Iterator[Path]:
 def _reason(error: Exception) -> str:
     """What the system says, without its number and the names of files of passage."""
     return getattr(error, "strerror", None) or str(error)
+
+
+def json_text(data: object) -> str:
+    """Data of a figure as JSON: arrays as lists, numbers with seven digits, infinite ones and NaN as null."""
+    return json.dumps(_plain(data), indent=None, allow_nan=False, separators=(", ", ": ")) + "\n"
+
+
+def _plain(value):
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float):
+        return float(f"{value:.7g}") if np.isfinite(value) else None
+    return value

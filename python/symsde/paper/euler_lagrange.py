@@ -14,6 +14,7 @@ import numpy as np
 
 import symsde as ss
 
+from .. import look
 from . import figures
 from .experiment import Experiment
 
@@ -164,7 +165,7 @@ def draw(experiment, directory):
     """Growth of residual and action away from the computed paths."""
     styles = zip(
         experiment.curves.items(),
-        (figures.BLUE, figures.VERMILION, figures.GREEN, figures.PURPLE),
+        (look.BLUE, look.VERMILION, look.GREEN, look.PURPLE),
         ("o", "s", "^", "v"),
         strict=True,
     )
@@ -176,7 +177,7 @@ def draw(experiment, directory):
         figures.slope_guide(axes["residual"], EPSILONS, 4 * EPSILONS[0], 1, r"$\propto\varepsilon$")
         figures.slope_guide(axes["action"], EPSILONS[:6], 30 * EPSILONS[0] ** 2, 2, r"$\propto\varepsilon^2$")
         floor = max(experiment.numbers[label]["euler_lagrange_q"] for label in experiment.curves)
-        axes["residual"].axhline(floor, color=figures.GREY, ls=":", label=r"computed paths, $\varepsilon=0$")
+        axes["residual"].axhline(floor, color=look.GREY, ls=":", label=r"computed paths, $\varepsilon=0$")
         axes["residual"].set(xlabel=r"$\varepsilon$", ylabel="residual of (47)-(48)", ylim=(1e-17, 10))
         axes["action"].set(xlabel=r"$\varepsilon$", ylabel="change of the action (46)")
         axes["residual"].legend(loc="lower right", bbox_to_anchor=(1, 0.11), fontsize=7)

@@ -11,6 +11,7 @@ import numpy as np
 
 import symsde as ss
 
+from .. import look
 from . import figures
 from .experiment import Experiment
 
@@ -195,15 +196,15 @@ def draw(experiment, directory):
         _draw_seeds(axes["seeds"], experiment.numbers["seeds"])
         axis, differences = axes["many"], experiment.curves["differences"]
         count = differences.size
-        axis.loglog(differences, (count - np.arange(count)) / count, color=figures.BLUE)
-        axis.axvline(SHOWN, color=figures.GREY, ls="--", lw=0.9)
+        axis.loglog(differences, (count - np.arange(count)) / count, color=look.BLUE)
+        axis.axvline(SHOWN, color=look.GREY, ls="--", lw=0.9)
         axis.set(xlabel=r"$\max_t |q-q_{h/64}|$", ylabel="share of paths above", ylim=(0.8 / count, 1.3))
 
 
 def _draw_path(axis, curves):
-    axis.plot(curves["t"], curves["fine"], color=figures.BLACK, lw=2.2, alpha=0.35, label="midpoint, $h/64$")
-    axis.plot(curves["t"], curves["midpoint"], color=figures.BLUE, lw=0.9, label="midpoint (82)-(83)")
-    axis.plot(curves["t"], curves["formula"], "-.", color=figures.VERMILION, lw=0.9, label="formula after (83)")
+    axis.plot(curves["t"], curves["fine"], color=look.BLACK, lw=2.2, alpha=0.35, label="midpoint, $h/64$")
+    axis.plot(curves["t"], curves["midpoint"], color=look.BLUE, lw=0.9, label="midpoint (82)-(83)")
+    axis.plot(curves["t"], curves["formula"], "-.", color=look.VERMILION, lw=0.9, label="formula after (83)")
     top = 1.6 * np.abs(curves["fine"]).max()
     axis.set(xlabel="$t$", ylabel="$q$", xlim=(0, TIME), ylim=(-0.75 * top, top))
     axis.legend(ncols=3, loc="upper center")
@@ -212,11 +213,11 @@ def _draw_path(axis, curves):
 def _draw_seeds(axis, rows):
     seeds = [row["seed"] for row in rows]
     for key, marker, colour, text in (
-        ("midpoint_fine", "o", figures.BLUE, "midpoint"),
-        ("reference_fine", "x", figures.VERMILION, "after (83)"),
-        ("midpoint_eighth_fine", "s", figures.GREEN, "midpoint, $h/8$"),
+        ("midpoint_fine", "o", look.BLUE, "midpoint"),
+        ("reference_fine", "x", look.VERMILION, "after (83)"),
+        ("midpoint_eighth_fine", "s", look.GREEN, "midpoint, $h/8$"),
     ):
         axis.semilogy(seeds, [row[key] for row in rows], marker, color=colour, label=text)
-    axis.axhline(SHOWN, color=figures.GREY, ls="--", lw=0.9)
+    axis.axhline(SHOWN, color=look.GREY, ls="--", lw=0.9)
     axis.set(xlabel="seed", ylabel=r"$\max_t |q-q_{h/64}|$", xticks=seeds, ylim=(5e-4, 60))
     axis.legend(ncols=2, loc="upper center", columnspacing=0.8, handletextpad=0.1)

@@ -9,6 +9,7 @@ import numpy as np
 
 import symsde as ss
 
+from .. import look
 from . import figures
 from .experiment import Experiment
 from .order import fitted_order, rms
@@ -102,19 +103,21 @@ def draw(experiment, directory):
         for case, name in (("one_noise", "one_error"), ("two_noises", "two_error")):
             gamma, sigma = CASES[case]
             for scheme, colour, line in (
-                ("symplectic_euler", figures.BLUE, "-"),
-                ("symplectic_euler_adjoint", figures.VERMILION, "--"),
+                ("symplectic_euler", figures.colour("symplectic_euler"), "-"),
+                ("symplectic_euler_adjoint", figures.colour("symplectic_euler_adjoint"), "--"),
             ):
                 t, q, exact = experiment.curves[case, scheme]
                 if scheme == "symplectic_euler":
-                    axes[case].plot(t, exact, color=figures.BLACK, lw=2.2, alpha=0.35, label="exact")
+                    axes[case].plot(t, exact, color=look.BLACK, lw=2.2, alpha=0.35, label="exact")
                 axes[case].plot(t, q, line, color=colour, lw=0.7, label=SCHEMES[scheme])
                 axes[name].plot(t, q - exact, color=colour, lw=0.6, label=SCHEMES[scheme])
             top = np.abs(exact).max()
             axes[case].set(
-                title=rf"$\gamma={gamma:g},\ \sigma={sigma:g}$", xlim=(0, TIME), ylim=(-1.1 * top, 1.3 * top)
+                title=rf"$\gamma={gamma:g},\ \sigma={sigma:g}$", xlim=(0, TIME), ylim=(-1.1 * top, 1.1 * top)
             )
             axes[name].set(xlabel="$t$")
         axes["one_noise"].set(ylabel="$q$")
         axes["one_error"].set(ylabel="$q-$exact")
-        axes["one_noise"].legend(loc="upper left")
+        axes["one_noise"].figure.legend(
+            *axes["one_noise"].get_legend_handles_labels(), loc="outside lower center", ncols=3
+        )

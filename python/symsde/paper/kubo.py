@@ -8,6 +8,7 @@ import numpy as np
 
 import symsde as ss
 
+from .. import look
 from . import figures
 from .experiment import Experiment
 from .order import fitted_order, rms
@@ -110,17 +111,15 @@ def draw(experiment, directory):
     numbers, curves = experiment.numbers, experiment.curves
     with figures.figure(directory / "kubo.png", [["path", "path"], ["invariant", "order"]], height=4.0) as axes:
         axis = axes["path"]
-        axis.plot(curves["t"], curves["exact"], color=figures.BLACK, lw=2.2, alpha=0.35, label="exact rotation")
-        axis.plot(curves["t"], curves["q"], color=figures.BLUE, lw=1, label="midpoint (71)-(72)")
+        axis.plot(curves["t"], curves["exact"], color=look.BLACK, lw=2.2, alpha=0.35, label="exact rotation")
+        axis.plot(curves["t"], curves["q"], color=look.BLUE, lw=1, label="midpoint (71)-(72)")
         axis.set(xlabel="$t$", ylabel="$q$", xlim=(0, 20), ylim=(-1.1, 1.6))
         axis.legend(ncols=2, loc="upper right")
         axis = axes["invariant"]
-        axis.plot(curves["long_t"], curves["drift"] * 1e13, color=figures.BLUE)
+        axis.plot(curves["long_t"], curves["drift"] * 1e13, color=look.BLUE)
         axis.set(xlabel="$t$", ylabel=r"$10^{13}\,\max|I/I_0-1|$", xlim=(0, curves["long_t"][-1]))
         axis = axes["order"]
-        axis.loglog(
-            numbers["order_steps"], numbers["order_rms_errors"], "o", color=figures.BLUE, label="rms error, $t=1$"
-        )
+        axis.loglog(numbers["order_steps"], numbers["order_rms_errors"], "o", color=look.BLUE, label="rms error, $t=1$")
         figures.slope_guide(axis, numbers["order_steps"], numbers["order_rms_errors"][0], 1, "order 1")
         axis.set(xlabel="$h$", ylabel="error")
         axis.legend(loc="upper left")

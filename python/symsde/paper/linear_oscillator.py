@@ -10,10 +10,12 @@ import numpy as np
 
 import symsde as ss
 
+from .. import look
 from . import figures
 from .experiment import Experiment
 
 SIGMA, TIME, SEED = 1.0, 100.0, 24
+LONG_STEP = 0.1
 
 
 def run(quick):
@@ -48,6 +50,14 @@ def _growth(experiment, model, paths):
         text = f"E(p^2+q^2), midpoint, h = 0.02, t = {time:g}"
         experiment.within_errors("(24)", text, (mean[i], error[i]), 1 + SIGMA**2 * t[i])
     experiment.numbers["growth"] = {"t": t, "mean": mean, "standard_error": error, "expected": 1 + SIGMA**2 * t}
+    # for the figure at the step of Euler-Maruyama's blow-up
+    t, mean, error = second_moment(model, "midpoint", LONG_STEP, paths, 50)
+    expected = 1 + SIGMA**2 / (1 + LONG_STEP**2 / 4) * t
+    text = f"E(p^2+q^2), midpoint, h = {LONG_STEP:g}, t = {TIME:g}: 1 + sigma^2 t/(1+h^2/4)"
+    experiment.within_errors("(20)-(21), (24)", text, (mean[-1], error[-1]), expected[-1])
+    experiment.numbers["growth_at_long_step"] = {
+        "step": LONG_STEP, "t": t, "mean": mean, "standard_error": error, "expected": expected,
+    }  # fmt: skip
 
 
 def _slopes(experiment, model, paths, resolved):
@@ -66,7 +76,7 @@ def _slopes(experiment, model, paths, resolved):
 
 
 def _blow_up(experiment, model, paths):
-    step = 0.1
+    step = LONG_STEP
     t, mean, error = second_moment(model, "euler_maruyama", step, paths, 50)
     expected = (1 + step**2) ** np.arange(0, t.size * 50, 50) * (1 + SIGMA**2 / step) - SIGMA**2 / step
     text = f"Euler-Maruyama, h = {step:g}: E(p^2+q^2) at t = {TIME:g}"
@@ -79,24 +89,27 @@ def _blow_up(experiment, model, paths):
 
 def draw(experiment, directory):
     """Growth beside the blow-up; slope against the step."""
-    growth, blow_up = experiment.numbers["growth"], experiment.numbers["euler_maruyama"]
+    growth, blow_up = experiment.numbers["growth_at_long_step"], experiment.numbers["euler_maruyama"]
     with figures.figure(
         directory / "linear_oscillator.png", [["growth", "slope"]], height=2.9, width_ratios=[1.2, 1]
     ) as axes:
         axis = axes["growth"]
-        axis.plot(growth["t"], growth["expected"], color=figures.BLACK, label=r"$1+\sigma^2t$ (24)")
-        axis.plot(growth["t"], growth["mean"], "o", color=figures.BLUE, ms=3.5, label="midpoint, $h=0.02$")
-        axis.plot(blow_up["t"], blow_up["mean"], "--", color=figures.VERMILION, label="Euler-Maruyama, $h=0.1$")
+        axis.plot(growth["t"], 1 + SIGMA**2 * np.asarray(growth["t"]), color=look.BLACK, label=r"$1+\sigma^2t$ (24)")
+        every = slice(None, None, 2)
+        axis.plot(growth["t"][every], growth["mean"][every], "o", color=figures.colour("midpoint"), ms=3.5,
+                  label=f"midpoint, $h={LONG_STEP:g}$")  # fmt: skip
+        axis.plot(blow_up["t"], blow_up["mean"], "--", color=figures.colour("euler_maruyama"),
+                  label=f"Euler-Maruyama, $h={LONG_STEP:g}$")  # fmt: skip
         axis.set(xlabel="$t$", ylabel="$E(p^2+q^2)$", xlim=(0, TIME), ylim=(0, 200))
         axis.legend(loc="upper right", fontsize=7)
         axis = axes["slope"]
         rows = experiment.numbers["slopes"]
         h = np.linspace(0, 2.1, 100)
-        axis.plot(h, SIGMA**2 / (1 + h**2 / 4), color=figures.BLACK, label=r"$\sigma^2/(1+h^2/4)$")
-        axis.axhline(SIGMA**2, color=figures.GREY, ls=":", label=r"$\sigma^2$ (24)")
+        axis.plot(h, SIGMA**2 / (1 + h**2 / 4), color=look.BLACK, label=r"$\sigma^2/(1+h^2/4)$")
+        axis.axhline(SIGMA**2, color=look.GREY, ls=":", label=r"$\sigma^2$ (24)")
         axis.errorbar(
             [row["step"] for row in rows], [row["slope"] for row in rows],
-            yerr=[5 * row["standard_error"] for row in rows], fmt="o", color=figures.BLUE, capsize=2,
+            yerr=[5 * row["standard_error"] for row in rows], fmt="o", color=look.BLUE, capsize=2,
             label="midpoint, 5 s.e.",
         )  # fmt: skip
         axis.set(xlabel="$h$", ylabel="slope of $E(p^2+q^2)$", xlim=(0, 2.1), ylim=(0.4, 1.1))

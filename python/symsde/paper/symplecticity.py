@@ -12,6 +12,7 @@ import numpy as np
 
 import symsde as ss
 
+from .. import look
 from . import figures, kubo_maps
 from .experiment import Experiment
 
@@ -168,40 +169,46 @@ def _expect_agreement(experiment, table):
     experiment.at_most("(6)", "all: ss.diagnose.symplecticity - |det M - 1|", tangents, 1e-13)
 
 
-SHOWN = {  # the curves of the figures: label, colour, line, width
-    "Euler-Maruyama": ("Euler-Maruyama", figures.VERMILION, "--", 1.1),
-    "Heun": ("Heun", figures.ORANGE, "-.", 1.1),
-    "sympl. Euler, none": ("symplectic Euler, uncorrected", figures.PURPLE, ":", 1.3),
-    "sympl. Euler, increments": ("symplectic Euler, corrected", figures.SKY, "-", 1.1),
-    "midpoint": ("midpoint", figures.BLUE, "-", 2.6),
-    "Stoermer-Verlet": ("Störmer-Verlet", figures.GREEN, "--", 1.1),
+SHOWN = {  # the curves of the first figure: label, scheme, line, width
+    "Euler-Maruyama": ("Euler-Maruyama", "euler_maruyama", "--", 1.1),
+    "Heun": ("Heun", "heun", "-.", 1.1),
+    "sympl. Euler, none": ("symplectic Euler, uncorrected", "symplectic_euler", ":", 1.3),
+    "sympl. Euler, increments": ("symplectic Euler, corrected", "symplectic_euler", "-", 1.1),
+    "midpoint": ("midpoint", "midpoint", "-", 2.6),
+    "Stoermer-Verlet": ("Störmer-Verlet", "stormer_verlet", "--", 1.1),
 }
 
 
 def draw(experiment, directory):
-    """Defects of all and the long run; the second alone, as the project's first figure."""
+    """Area and invariant of all; the means over time alone, as the project's first figure."""
     table = experiment.numbers["table"]
-    with figures.figure(directory / "symplecticity.png", [["defect", "invariant"]], height=4.0) as axes:
-        axis = axes["defect"]
+    with figures.figure(directory / "symplecticity.png", [["defect", "invariant"]], height=3.6, sharey=True) as axes:
         labels = list(table)[::-1]
         for row, label in enumerate(labels):
             symplectic = table[label]["det_defect_expected"] < 1e-14
-            colour, marker = (figures.BLUE, "o") if symplectic else (figures.VERMILION, "X")
-            axis.plot(max(table[label]["det_defect"], 1e-17), row, marker, color=colour)
+            colour, marker = (look.BLUE, "o") if symplectic else (look.VERMILION, "X")
+            axes["defect"].plot(max(table[label]["det_defect"], 1e-17), row, marker, color=colour)
+            axes["invariant"].plot(table[label]["max_deviation"], row, marker, color=colour)
         names = [label.replace("Stoermer", "Störmer") for label in labels]
-        axis.set(
-            xscale="log", xlabel=r"rms $|\det M-1|$", xlim=(3e-18, 1), yticks=range(len(labels)), yticklabels=names
-        )
-        axis.tick_params(axis="y", labelsize=7)
-        _invariants(axes["invariant"], experiment)
-        axes["invariant"].figure.legend(loc="outside lower center", ncols=3)
-    with figures.figure(directory / "kubo_invariant.png", [["invariant"]], height=2.8) as axes:
-        _invariants(axes["invariant"], experiment)
-        axes["invariant"].legend(loc="upper left")
+        axes["defect"].set(xscale="log", xlabel=r"rms $|\det M-1|$", xlim=(3e-18, 1), yticks=range(len(labels)))
+        axes["defect"].set_yticklabels(names, fontsize=7)
+        axes["invariant"].set(xscale="log", xlabel=r"$\max\,|I/I_0-1|,\ I=p^2+q^2$")
+    draw_invariant(experiment.curves, directory / "kubo_invariant.png", pdf=True)
 
 
-def _invariants(axis, experiment):
-    for key, (label, colour, line, width) in SHOWN.items():
-        t, mean = experiment.curves[key]
-        axis.semilogy(t, mean, line, color=colour, lw=width, label=label)
-    axis.set(xlabel="$t$", ylabel=r"mean of $(p^2+q^2)/(p_0^2+q_0^2)$", xlim=(0, STEP * STEPS), ylim=(0.5, 300))
+def invariant_curves():
+    """The curves of the first figure, each (t, mean of (p^2+q^2)/(p0^2+q0^2)) at every tenth time."""
+    return {
+        label: [values[::10] for values in curve] for label, curve in run(quick=True).curves.items() if label in SHOWN
+    }
+
+
+def draw_invariant(curves, path, pdf=False):
+    """The mean of the invariant over time under six schemes; curves as {label of SHOWN: (t, mean)}."""
+    with figures.figure(path, [["invariant"]], height=2.8, pdf=pdf) as axes:
+        axis = axes["invariant"]
+        for key, (label, scheme, line, width) in SHOWN.items():
+            t, mean = curves[key]
+            axis.semilogy(t, mean, line, color=figures.colour(scheme), lw=width, label=label)
+        axis.set(xlabel="$t$", ylabel=r"mean of $(p^2+q^2)/(p_0^2+q_0^2)$", xlim=(0, STEP * STEPS), ylim=(0.5, 300))
+        axis.legend(loc="upper left")

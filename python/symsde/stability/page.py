@@ -40,7 +40,11 @@ def write(target: Path, found: list[Scenario], quick: bool) -> None:
     """Write the page and its figure."""
     pictures = target.parent / "figures"
     pictures.mkdir(parents=True, exist_ok=True)
-    figure.save(pictures / "stability.png", found)
+    curves = {scenario.number: scenario.curves for scenario in found if scenario.curves}
+    _files.replace(
+        pictures / "stability.json", lambda part: part.write_text(_files.json_text(curves), encoding="utf-8")
+    )
+    figure.save(pictures / "stability.png", curves)
     checks = [check for scenario in found for check in scenario.checks]
     info = build_info()
     facts = {"version": info["version"], "compiler": info["compiler"], "total": len(checks)}

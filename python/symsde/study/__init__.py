@@ -48,15 +48,19 @@ class WorkPrecision:
         references = ", ".join(dict.fromkeys(row["reference"] for row in self.rows))
         return f"{head}, against {references}\n{table.terminal(self.rows, self.orders)}"
 
+    def data(self) -> dict:
+        """What the figure shows, for a JSON file; `of_data` reads it."""
+        return {key: getattr(self, key) for key in ("name", "model", "horizon", "schemes", "rows")}
+
     def save(self, directory: str | os.PathLike) -> None:
-        """Write work-precision.csv, and work-precision.png where matplotlib is installed."""
+        """Write work-precision.csv, and work-precision.png and .pdf, for which matplotlib must be installed."""
         with _files.folder(directory) as target:
             table.write_csv(target / "work-precision.csv", self.rows)
-            self.plot(target / "work-precision.png")
+            self.plot(target / "work-precision.png", pdf=True)
 
-    def plot(self, path: str | os.PathLike) -> None:
-        """Draw error against run time and against the step; write a PNG."""
-        figure.save(_files.path_of("path", path), self)
+    def plot(self, path: str | os.PathLike, *, pdf: bool = False) -> None:
+        """Draw error against run time and against the step; write a PNG, and a PDF beside it on request."""
+        figure.save(_files.path_of("path", path), self, pdf=pdf)
 
 
 def work_precision(
@@ -160,6 +164,13 @@ def finish(plan: Plan, rows: list[dict], resumed: int) -> WorkPrecision:
     names = [scheme.name for scheme in plan.schemes]
     fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
     return WorkPrecision(plan.name, repr(plan.model), plan.horizon, names, rows, fitted, resumed)
+
+
+def of_data(data: dict) -> WorkPrecision:
+    """A study from what `data` gave."""
+    rows, names = data["rows"], data["schemes"]
+    fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
+    return WorkPrecision(data["name"], data["model"], data["horizon"], names, rows, fitted, 0)
 
 
 def _head(plan: Plan, scheme: Scheme, steps: int) -> dict:

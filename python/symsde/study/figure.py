@@ -3,40 +3,21 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 
 import numpy as np
 
-from .. import _files
+from .. import look
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#888888")  # Okabe and Ito
-MARKERS = "osD^vP*X"
 LOST = ("failed", "diverged")  #: crosses at the upper edge
-STYLE = {
-    "font.size": 9,
-    "axes.grid": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.4,
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-    "lines.linewidth": 1.0,
-    "lines.markersize": 4,
-}
 
 
-def save(path: Path, study) -> None:
-    """Write a PNG."""
-    matplotlib = _files.optional("matplotlib", "plot")
-    figures = importlib.import_module("matplotlib.figure")
-    with matplotlib.rc_context(STYLE):
-        page = figures.Figure(figsize=(9.0, 4.6), layout="constrained")
+def save(path: Path, study, *, pdf: bool = False) -> None:
+    """Write a PNG, on request a PDF too."""
+    with look.drawing(path, 9.0, 4.6, 120, pdf=pdf) as page:
         left, right = page.subplots(1, 2, sharey=True)
         draw(study, left, right)
         page.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-        _files.replace(path, lambda part: page.savefig(part, dpi=120))
 
 
 def draw(study, left, right) -> None:
@@ -45,7 +26,7 @@ def draw(study, left, right) -> None:
         rows = [row for row in study.rows if row["scheme"] == name]
         # the first are drawn largest, so that curves on top of each other all show
         size = 7.5 - 4 * i / len(study.schemes)
-        style = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "markersize": size}
+        style = {**look.of_scheme(name), "markersize": size}
         order = study.orders[name]
         label = f"{name}, slope {order.value:.2f}" if order.points > 1 else name
         _curve(left, rows, "seconds", style, label)
@@ -54,10 +35,6 @@ def draw(study, left, right) -> None:
     _floor(left, right, study.rows)
     left.set(xscale="log", yscale="log", xlabel="run time of a path [s]", ylabel="strong error (rms)")
     right.set(xscale="log", yscale="log", xlabel="step $h$")
-    ticker = importlib.import_module("matplotlib.ticker")
-    for axis in (left.xaxis, right.xaxis, left.yaxis):
-        axis.set_minor_formatter(ticker.NullFormatter())
-        axis.set_major_locator(ticker.LogLocator(base=10, numticks=12))
     left.set_title("error against run time", loc="left", fontsize=9)
     right.set_title("error against step", loc="left", fontsize=9)
 
@@ -94,10 +71,10 @@ def _front(axis, rows) -> None:
 
 
 def _floor(left, right, rows) -> None:
-    """The error of the reference itself."""
-    floor = max((row["ref_error"] for row in rows), default=0)
-    if floor:
+    """The errors of the references themselves; what is not well above them counts for nothing."""
+    floors = {row["ref_error"]: row["reference"] for row in rows if row["ref_error"]}
+    for floor, reference in floors.items():
         for axis in (left, right):
-            axis.axhline(floor, ls=":", color="#888888", lw=0.9)
-        right.annotate("error of the reference", (0.01, floor), xycoords=("axes fraction", "data"), fontsize=7,
-                       xytext=(0, 2), textcoords="offset points", color="#666666")  # fmt: skip
+            axis.axhline(floor, ls=":", color=look.GREY, lw=0.9)
+        right.annotate(f"error of the reference, {reference}", (0.01, floor), xycoords=("axes fraction", "data"),
+                       fontsize=7, xytext=(0, 2), textcoords="offset points", color="#666666")  # fmt: skip

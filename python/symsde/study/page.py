@@ -42,6 +42,8 @@ def write(file: str | os.PathLike, scenes: list[Path], studies: list[WorkPrecisi
     parts += ["", "## What each scene left out\n", *_left_out(scenes), ""]
     for scene, study in zip(scenes, studies, strict=True):
         name = f"work-precision-{study.name}.png"
+        text = _files.json_text(study.data())
+        _files.replace(pictures / f"work-precision-{study.name}.json", lambda part, text=text: part.write_text(text))
         figure.save(pictures / name, study)
         parts += [f"## {study.name}\n", about(scene), f"![{study.name}](figures/{name})\n", *_table(study), ""]
         parts += [wrapped(study.words()), ""]

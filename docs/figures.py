@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Draw every committed figure again from its data, the JSON file beside it.
+
+    .venv/bin/python docs/figures.py                     # draw all
+    .venv/bin/python docs/figures.py --measure           # compute the data of kubo_invariant first (seconds)
+
+The other data are written with their pages, which hold run times: `symsde stability --markdown docs/stability.md` and
+`symsde study --all examples/scenes --markdown docs/work-precision.md`. A test draws all figures and compares them.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from symsde import _files, study
+from symsde.paper import symplecticity
+from symsde.stability import figure as stability_figure
+
+FOLDER = Path(__file__).with_name("figures")
+
+
+def draw(data: Path, picture: Path) -> None:
+    """Draw the figure of a data file."""
+    found = json.loads(data.read_text(encoding="utf-8"))
+    if data.stem == "kubo_invariant":
+        symplecticity.draw_invariant(found, picture)
+    elif data.stem == "stability":
+        stability_figure.save(picture, found)
+    else:
+        study.of_data(found).plot(picture)
+
+
+def measure() -> None:
+    """Compute the data of the README's figure."""
+    text = _files.json_text(symplecticity.invariant_curves())
+    (FOLDER / "kubo_invariant.json").write_text(text, encoding="utf-8")
+
+
+def main() -> None:
+    """Draw everything that has data."""
+    if "--measure" in sys.argv[1:]:
+        measure()
+    for data in sorted(FOLDER.glob("*.json")):
+        draw(data, data.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()
