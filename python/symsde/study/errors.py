@@ -20,14 +20,14 @@ class References:
     def __init__(self, plan: Plan):
         """Nothing is computed yet."""
         self._plan = plan
-        self._known: dict[str, tuple[np.ndarray, float]] = {}
+        self._known: dict[Reference, tuple[np.ndarray, float]] = {}
 
     def get(self, reference: Reference) -> tuple[np.ndarray, float]:
         """Final states (2, dof, path) and their own rms error."""
-        if reference.scheme not in self._known:
+        if reference not in self._known:
             make = self._exact if reference.scheme == "exact" else self._fine
-            self._known[reference.scheme] = make(reference)
-        return self._known[reference.scheme]
+            self._known[reference] = make(reference)
+        return self._known[reference]
 
     def _exact(self, _reference: Reference) -> tuple[np.ndarray, float]:
         run = self._plan.reference_run("midpoint", self._plan.steps[0])

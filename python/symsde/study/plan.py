@@ -18,7 +18,9 @@ from ..simulate import simulate
 BATCHES = 20  #: groups of paths whose scatter gives the interval of an order
 LEAST_REPEATS = 5
 NEAR = 3  #: halvings from the finest step to a reference of higher order than the scheme that it judges
-FAR = 6  #: to one that may be of the same order, or the scheme itself
+PLAIN = 5  #: to one of order one
+FAR = 6  #: to one that may be of the same higher order, or the scheme itself
+AREAS = 4  #: the same where areas are drawn, whose cost grows fourfold with each
 SMALL = 4  #: degrees of freedom up to which a scheme with dense Newton is an affordable reference
 OPTIONS = ("t0", "seed", "correction", "truncation", "compensated", "threads")  #: of `simulate`, common to all runs
 
@@ -197,7 +199,7 @@ def halvings(fine: int, coarse: int) -> int:
 
 def uses_integrals(scheme: Scheme) -> bool:
     """The scheme is driven by more than increments: dZ or areas."""
-    return scheme.info.order_additive > 1 or scheme.info.order_general > 0.5
+    return scheme.info.uses_dz or scheme.info.uses_areas
 
 
 def _schemes(schemes: Sequence[str | Scheme]) -> list[Scheme]:
@@ -210,7 +212,7 @@ def _schemes(schemes: Sequence[str | Scheme]) -> list[Scheme]:
     for scheme in chosen:
         if names.count(scheme.name) > 1:
             raise InvalidArgumentError(f"schemes: {scheme.name} is there twice: give each scheme once")
-        if scheme.info.order_additive == 0:
+        if scheme.info.law != "Gaussian":
             raise InvalidArgumentError(
                 f"scheme {scheme.name} draws increments of a law of its own and follows no Brownian path, so it has no "
                 "strong error: leave it out of the study"
@@ -240,9 +242,7 @@ def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Re
             raise InvalidArgumentError("reference_steps is for a scheme: the exact solution needs none, leave it out")
         return Reference("exact", finest)
     name = _better(plan.model, scheme) if wanted == "auto" else as_scheme(wanted).name
-    extra = 5
-    if uses_integrals(as_scheme(name)):
-        extra = FAR if uses_integrals(scheme) else NEAR
+    extra = _halvings_of(scheme, as_scheme(name))
     count = finest << extra if steps is None else _checks.integer("reference_steps", steps, (1, 2**40))
     if count <= finest or count % finest or (count // finest).bit_count() != 1:
         raise InvalidArgumentError(
@@ -250,6 +250,15 @@ def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Re
             f"{2 * finest}, {4 * finest}, ..."
         )
     return Reference(name, count)
+
+
+def _halvings_of(scheme: Scheme, reference: Scheme) -> int:
+    """Halvings from the finest step to a reference, such that it does not judge itself."""
+    if not uses_integrals(reference):
+        return PLAIN
+    if not uses_integrals(scheme):
+        return NEAR
+    return AREAS if reference.info.uses_areas else FAR
 
 
 def _has_exact(plan: Plan) -> bool:
