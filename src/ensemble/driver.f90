@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Blocks on threads: the ensemble loop, and the only place that knows OpenMP.
+!> Blocks on threads: the ensemble loop, and the only parallel region of the library.
 !>
 !> Path i is a pure function of (seed, i, model, initial state, t0, scheme, step, refine, options, build,
 !> CPU type): never of threads, blocks, neighbours or the number of paths.

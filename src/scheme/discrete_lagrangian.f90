@@ -32,7 +32,7 @@ contains
    !> The scheme of a polynomial degree s and a quadrature of r nodes, in any order. r = s gives a
    !> tableau; with own noise weights beta its b_ij = a_ij beta_j/alpha_j and bbar_ij = beta_j -
    !> beta_j a_ji/alpha_i satisfy the four symplecticity conditions identically. r > s gives Galerkin
-   !> data, for noise with H_k = U_k(q) + b_k . p only, and U_k(q) alone with own noise weights: where
+   !> data, for noises in position, or all additive ones that share the weights of the drift: where
    !> the nodes see different velocities of the noise, P_i - P_j is of the size dW^2/h.
    !> Errors: wrong_shape, invalid_argument (numbers), incompatible (choices that give no scheme).
    subroutine scheme_from_quadrature(scheme, degree, nodes, weights, name, error, noise_weights)
