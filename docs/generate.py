@@ -1,23 +1,29 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Write docs/models.md and docs/schemes.md, as the library describes itself: .venv/bin/python docs/generate.py.
 
-Strong orders that were not measured yet are measured first (seconds a scheme).
+src/scheme/measured.f90 is written from docs/measured.json first; where it changes, build the library and run again.
+docs/measure_orders.py measures anew (a quarter of an hour).
 """
 
+import sys
 from pathlib import Path
 
-import measure_orders
+import measured_module
 from symsde import tables
 
 PAGES = {"models.md": tables.models_markdown, "schemes.md": tables.schemes_markdown}
 
 
-def main() -> None:
-    """Write both pages beside this file."""
-    measure_orders.measure_missing()
+def main() -> int:
+    """Write both pages beside this file; 1 where the library must be built first."""
+    if measured_module.TARGET.read_text(encoding="utf-8") != measured_module.module():
+        measured_module.write()
+        print(f"{measured_module.TARGET} was not current: build the library, then run this again")
+        return 1
     for name, page in PAGES.items():
         Path(__file__).with_name(name).write_text(page(), encoding="utf-8")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

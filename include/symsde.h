@@ -152,15 +152,35 @@ int symsde_sincos(int n, const double *x, double *sine, double *cosine);
 
 typedef struct symsde_scheme_handle *symsde_scheme;
 
+/* what an order, or the structure of a scheme, rests on: order conditions that the coefficients meet, or the word of an
+ * author; measurements come besides */
+enum symsde_evidence { SYMSDE_EVIDENCE_NONE = 0, SYMSDE_EVIDENCE_CLAIMED = 1, SYMSDE_EVIDENCE_DERIVED = 2 };
+
+/* orders[i]: strong order for 0 additive noise, 1 commutative noise, 2 general noise, 3 flows that commute with each
+ * other and the drift's; 4 weak order, commutative noise */
+#define SYMSDE_ORDERS 5
+
 typedef struct symsde_scheme_info {
    size_t struct_size;
    int32_t form;   /* 1 tableau, 2 Galerkin, 3 Euler-Maruyama */
    int32_t nstage; /* stages, quadrature nodes */
    int32_t degree; /* of the polynomial; 0 = not from one */
-   int32_t symplectic, symmetric, keeps_quadratic;
-   double correction_coefficient; /* 1/2 - lambda; 0 = consistent as it stands */
-   double order_additive, order_commutative, order_general; /* strong orders by noise class */
-   double order_weak;
+   int32_t symplectic, symmetric;
+   int32_t keeps_quadratic, keeps_bilinear; /* invariants exactly: quadratic ones; those of the form q^T D p */
+   int32_t structure_evidence; /* of these four: derived from the coefficients, or claimed by a special scheme */
+   double symplecticity_residual, symmetry_residual, quadratic_residual; /* of the coefficients; 0 = holds */
+   double stratonovich_sum;       /* beta^T b e; 1/2 = consistent with the Stratonovich equation */
+   double correction_coefficient; /* 1/2 - beta^T b e, 1/2 - lambda; 0 = consistent as it stands */
+   int32_t correction_needed, correction_exists;
+   double order[SYMSDE_ORDERS]; /* corrected where needed; 0 = none */
+   int32_t order_evidence[SYMSDE_ORDERS]; /* enum symsde_evidence */
+   int32_t order_noise_free;
+   double measured_order[SYMSDE_ORDERS], measured_half_width[SYMSDE_ORDERS]; /* 95 %; NaN = not measured */
+   double measured_floor[SYMSDE_ORDERS]; /* error of the reference over the smallest error that counts */
+   int32_t uses_dz, uses_areas, uses_nested_bracket;
+   int32_t law;          /* of the increments: 0 Gaussian, 1 three-point, 2 two-point */
+   int32_t explicit_for; /* 0 no model, 1 separable models, 2 every model */
+   int32_t gradients_per_step, unknowns, unknowns_if_separable; /* of an iteration; for each degree of freedom */
    char name[64];
    char reference[256];
 } symsde_scheme_info;
@@ -189,7 +209,7 @@ int symsde_scheme_compose(int npart, const symsde_scheme *parts, const double *f
                           symsde_scheme *scheme, symsde_error *error);
 int symsde_scheme_delete(symsde_scheme *scheme);
 int symsde_scheme_get_info(symsde_scheme scheme, symsde_scheme_info *info, symsde_error *error);
-/* what is proved about the scheme, as readable lines */
+/* what is proved, claimed and measured about the scheme, as readable lines */
 int symsde_scheme_certificate(symsde_scheme scheme, char *buffer, size_t size, size_t *needed, symsde_error *error);
 
 /* ---- runs -------------------------------------------------------------------------------------- */

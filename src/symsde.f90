@@ -56,6 +56,8 @@ module symsde
    use symsde_scheme_tableau, only: scheme_from_tableau
    use symsde_scheme_composition, only: adjoint_scheme, composed_scheme, symmetric_composition, triple_jump
    use symsde_scheme_certificate, only: certificate_type, certificate, certificate_text
+   use symsde_scheme_orders, only: order_type, additive_noise, commutative_noise, general_noise, commuting_flows, &
+                                   weak_order, evidence_none, evidence_claimed, evidence_derived
    ! runs
    use symsde_base_counters, only: counters_type
    use symsde_ensemble_monitor, only: monitor_type

@@ -50,16 +50,26 @@ class Traits(Structure):
     )
 
 
+ORDERS = 5  # SYMSDE_ORDERS
+
+
 class SchemeInfo(Structure):
     """symsde_scheme_info."""
 
     _fields_ = (
         ("struct_size", c_size_t),
         *((name, c_int32) for name in ("form", "nstage", "degree")),
-        *((name, c_int32) for name in ("symplectic", "symmetric", "keeps_quadratic")),
-        ("correction_coefficient", c_double),
-        *((name, c_double) for name in ("order_additive", "order_commutative", "order_general")),
-        ("order_weak", c_double),
+        *((name, c_int32) for name in ("symplectic", "symmetric", "keeps_quadratic", "keeps_bilinear")),
+        ("structure_evidence", c_int32),
+        *((name, c_double) for name in ("symplecticity_residual", "symmetry_residual", "quadratic_residual")),
+        *((name, c_double) for name in ("stratonovich_sum", "correction_coefficient")),
+        *((name, c_int32) for name in ("correction_needed", "correction_exists")),
+        ("order", c_double * ORDERS),
+        ("order_evidence", c_int32 * ORDERS),
+        ("order_noise_free", c_int32),
+        *((name, c_double * ORDERS) for name in ("measured_order", "measured_half_width", "measured_floor")),
+        *((name, c_int32) for name in ("uses_dz", "uses_areas", "uses_nested_bracket", "law")),
+        *((name, c_int32) for name in ("explicit_for", "gradients_per_step", "unknowns", "unknowns_if_separable")),
         ("name", c_char * 64),
         ("reference", c_char * 256),
     )

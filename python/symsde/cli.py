@@ -173,7 +173,8 @@ def _schemes() -> str:
     lines = ["schemes"]
     for name in schemes.names():
         info = schemes.get(name).info
-        orders = f"strong order {info.order_additive:g} / {info.order_commutative:g} / {info.order_general:g}"
+        strong = (info.orders[key].value for key in ("additive", "commutative", "general"))
+        orders = f"strong order {' / '.join(f'{value:g}' for value in strong)}"
         kind = "symplectic" if info.symplectic else "not symplectic"
         lines.append(f"  {name:26s} {kind:15s} {orders}  {info.reference}")
     lines.append("  (strong orders: additive / commutative / general noise; also dirk:C and lambda:X, as lambda:0.3)")

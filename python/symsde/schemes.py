@@ -13,11 +13,33 @@ from . import _abi, _checks, _handles
 from .errors import WrongShapeError, WrongTypeError
 
 _FORMS = {1: "tableau", 2: "Galerkin", 3: "Euler-Maruyama"}
+_EVIDENCE = ("none", "claimed", "derived")
+_LAWS = ("Gaussian", "three-point", "two-point")
+_EXPLICIT = ("never", "separable models", "every model")
+ORDERS = ("additive", "commutative", "general", "commuting", "weak")  #: keys of SchemeInfo.orders
+
+
+@dataclass(frozen=True)
+class Measured:
+    """An order as it was measured: the slope of the error over the step."""
+
+    order: float
+    half_width: float  #: of its 95 % interval; of weak orders, without sampling, what the last two slopes differ by
+    floor: float  #: error of the reference over the smallest error that counts; 0 = exact
+
+
+@dataclass(frozen=True)
+class Order:
+    """An order of convergence and what it rests on."""
+
+    value: float  #: 0 = does not converge, or is not made for such noise
+    evidence: str  #: derived: from the coefficients that are executed; claimed; none
+    measured: Measured | None  #: on a problem that the certificate names; None = was not
 
 
 @dataclass(frozen=True)
 class SchemeInfo:
-    """What is known about a scheme. Orders are strong, by class of noise; 0 = does not converge."""
+    """What is known about a scheme: derived from its coefficients, claimed, measured."""
 
     name: str
     reference: str
@@ -27,11 +49,25 @@ class SchemeInfo:
     symplectic: bool
     symmetric: bool
     keeps_quadratic: bool  #: quadratic invariants are kept exactly
+    keeps_bilinear: bool  #: invariants q^T D p, as angular momentum, are
+    structure_evidence: str  #: of these four: derived, or claimed by schemes with a stepper of their own
+    symplecticity_residual: float  #: of the coefficients; 0 = the conditions hold
+    symmetry_residual: float
+    quadratic_residual: float
+    stratonovich_sum: float  #: beta^T b e; 1/2 = consistent
     correction_coefficient: float  #: 1/2 - lambda; 0 = consistent as it stands
-    order_additive: float
-    order_commutative: float
-    order_general: float
-    order_weak: float
+    correction_needed: bool
+    correction_exists: bool
+    orders: dict[str, Order]  #: strong: additive, commutative, general, commuting (flows); weak
+    order_noise_free: int
+    uses_dz: bool
+    uses_areas: bool
+    uses_nested_bracket: bool
+    law: str  #: of the increments: Gaussian, three-point or two-point
+    explicit_for: str  #: never, separable models, every model
+    gradients_per_step: int  #: of each iteration where implicit
+    unknowns: int  #: of the solver, for each degree of freedom
+    unknowns_if_separable: int
 
 
 class Scheme:
@@ -46,12 +82,17 @@ class Scheme:
     def _read_info(self) -> SchemeInfo:
         given = _handles.new(_abi.SchemeInfo, "scheme_info")
         _handles.call("scheme_get_info", self._handle.pointer, ctypes.byref(given))
-        fields = {name: getattr(given, name) for name in SchemeInfo.__dataclass_fields__}
+        fields = {name: getattr(given, name) for name in SchemeInfo.__dataclass_fields__ if name != "orders"}
         for name in ("name", "reference"):
             fields[name] = fields[name].decode("utf-8", "replace")
-        for name in ("symplectic", "symmetric", "keeps_quadratic"):
-            fields[name] = bool(fields[name])
+        for name, kind in SchemeInfo.__annotations__.items():
+            if kind == "bool":
+                fields[name] = bool(fields[name])
         fields["form"] = _FORMS.get(fields["form"], str(fields["form"]))
+        fields["structure_evidence"] = _EVIDENCE[fields["structure_evidence"]]
+        fields["law"] = _LAWS[fields["law"]]
+        fields["explicit_for"] = _EXPLICIT[fields["explicit_for"]]
+        fields["orders"] = {key: _order(given, i) for i, key in enumerate(ORDERS)}
         return SchemeInfo(**fields)
 
     @property
@@ -60,7 +101,7 @@ class Scheme:
         return self.info.name
 
     def certificate(self) -> str:
-        """What is proved about the scheme, as readable lines."""
+        """What is proved, claimed and measured about the scheme, as readable lines; `info` has the same as values."""
         return _handles.text("scheme_certificate", self._handle.pointer, has_error=True)
 
     def __reduce__(self) -> tuple:
@@ -79,6 +120,13 @@ class Scheme:
         """One line."""
         kind = "symplectic" if self.info.symplectic else "not symplectic"
         return f"<scheme {self.name}: {self.info.form}, {self.info.nstage} stages, {kind}>"
+
+
+def _order(given: _abi.SchemeInfo, i: int) -> Order:
+    """One order of the struct of the C interface."""
+    numbers = (given.measured_order[i], given.measured_half_width[i], given.measured_floor[i])
+    measured = None if np.isnan(numbers[0]) else Measured(*numbers)
+    return Order(given.order[i], _EVIDENCE[given.order_evidence[i]], measured)
 
 
 def names() -> list[str]:

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-from pathlib import Path
 
 from . import models, schemes
 
@@ -40,13 +38,13 @@ def models_markdown() -> str:
 def schemes_markdown() -> str:
     """The catalogue of schemes: orders by class of noise, structure, cost, references."""
     found = [(name, schemes.get(name)) for name in (*schemes.names(), *FAMILIES)]
-    facts = {name: (scheme.info, certified(scheme)) for name, scheme in found}
+    facts = {name: scheme.info for name, scheme in found}
     families = "\n".join(f"- {text}" for text in FAMILIES.values())
     return "\n".join(
         [
             *(_HEAD, "# Schemes", "", _SCHEMES_INTRODUCTION, "## Orders", "", _ORDERS_INTRODUCTION),
             _orders(facts),
-            *("## Structure and cost", "", _STRUCTURE_INTRODUCTION, _structure(facts)),
+            *("## Structure and cost", "", _STRUCTURE_INTRODUCTION, _structure(found)),
             *("## Families", "", f"{families}\n"),
             *("## References", "", _references(facts)),
         ]
@@ -55,77 +53,73 @@ def schemes_markdown() -> str:
 
 def certified(scheme: schemes.Scheme) -> dict[str, str]:
     """The certificate of a scheme by its labels."""
-    return {line[:22].strip(): line[22:].strip() for line in scheme.certificate().splitlines() if line.strip()}
+    lines = (line for line in scheme.certificate().splitlines() if line.strip())
+    return {line[:24].strip(): line[24:].strip() for line in lines}
 
 
-def strong_orders(certificate: dict[str, str]) -> dict[str, float]:
-    """Claimed strong orders by class of noise, 0 = none; corrected where a correction is needed."""
-    classes = "additive noise|commutative|general|commuting flows"
-    found = re.findall(rf"({classes}) (none|[\d.]+)", certificate["strong order"])
-    return {noise: 0.0 if order == "none" else float(order) for noise, order in found}
-
-
-def measured_orders() -> dict[str, dict[str, list]]:
-    """Measured strong orders, scheme -> class of noise -> [model, order, 95 % half-width], or None: refused."""
-    return json.loads(Path(__file__).with_name("measured.json").read_text(encoding="utf-8"))
-
-
-def _orders(facts) -> str:
-    rows, measured = [], measured_orders()
-    for name, (_, certificate) in facts.items():
-        orders = []
-        for noise, order in strong_orders(certificate).items():
-            found = measured.get(name, {}).get(noise)
-            orders.append((f"{order:g}" if order else "-") + (f" ({found[1]:.2f})" if found else ""))
-        weak = re.sub(r"\.0\b", "", certificate["weak order"])
-        weak = weak.replace(" for commutative noises, 1 for the others", ", general 1")
-        rows.append([f"`{name}`", *orders, weak, certificate["order without noise"]])
+def _orders(facts: dict[str, schemes.SchemeInfo]) -> str:
+    rows = []
+    for name, info in facts.items():
+        cells = [_order(order) for order in info.orders.values()]
+        if info.uses_nested_bracket:
+            cells[-1] += ", general 1"
+        rows.append([f"`{name}`", *cells, f"{info.order_noise_free}"])
     return _table(["scheme", "additive", "commutative", "general", "flows commute", "weak", "no noise"], rows)
 
 
-def _structure(facts) -> str:
+def _order(order: schemes.Order) -> str:
+    """As '1.5* (1.52 ± 0.02)': a star where it is claimed and not derived; the measured one with its interval."""
+    if not order.value:
+        return "-"
+    star = "*" if order.evidence == "claimed" else ""
+    if order.measured is None:
+        return f"{order.value:g}{star}"
+    floor = f"; {order.measured.floor:.0e}" if order.measured.floor else ""
+    return f"{order.value:g}{star} ({order.measured.order:.2f} ± {order.measured.half_width:.2f}{floor})"
+
+
+def _structure(found: list[tuple[str, schemes.Scheme]]) -> str:
     rows = []
-    for name, (info, certificate) in facts.items():
+    for name, scheme in found:
+        info = scheme.info
+        star = "*" if info.structure_evidence == "claimed" else ""
         rows.append(
             [
                 f"`{name}`",
                 f"{info.form}, {info.nstage}",
-                _yes(info.symplectic),
-                _yes(info.symmetric),
-                _yes(info.keeps_quadratic),
+                _yes(info.symplectic) + star,
+                _yes(info.symmetric) + star,
+                ("quadratic" if info.keeps_quadratic else "bilinear" if info.keeps_bilinear else "none") + star,
                 f"{info.correction_coefficient:g}" if info.correction_coefficient else "-",
-                _extras(certificate),
-                re.split("[:;]", certificate.get("needs", "-"))[0],
-                certificate["explicit"].removeprefix("for "),
-                _cost(certificate["cost per step"]),
+                _extras(info),
+                re.split("[:;]", certified(scheme).get("needs", "-"))[0],
+                info.explicit_for
+                + (", without correction" if info.correction_exists and info.explicit_for != "never" else ""),
+                _cost(info),
             ]
         )
-    header = ["scheme", "form, stages", "symplectic", "symmetric", "keeps quadratic invariants", "correction"]
+    header = ["scheme", "form, stages", "symplectic", "symmetric", "invariants kept", "correction"]
     return _table([*header, "beside dW", "model must have", "explicit", "gradients; unknowns"], rows)
 
 
-def _extras(certificate: dict[str, str]) -> str:
+def _extras(info: schemes.SchemeInfo) -> str:
     """What a step needs beside Gaussian increments."""
-    brackets = certificate.get("brackets added", "")
-    found = [word for word, mark in (("dZ", "with dZ"), ("areas", "with areas")) if mark in brackets]
-    if "{{H,H_k},H_k}" in brackets:
-        found.append("nested bracket")
-    if "increments" in certificate:
-        law = certificate["increments"].partition(":")[0]
-        found.append(law.removesuffix(" beside dW") if "dZ" in law else f"{law} increments")
+    found = [word for word, used in (("dZ", info.uses_dz), ("areas", info.uses_areas)) if used]
+    found += ["nested bracket"] * info.uses_nested_bracket
+    found += [f"{info.law} increments"] * (info.law != "Gaussian")
     return ", ".join(found) or "-"
 
 
-def _cost(text: str) -> str:
+def _cost(info: schemes.SchemeInfo) -> str:
     """As '2; 4 (3)': gradients an iteration; unknowns a degree of freedom, and where separable."""
-    gradients, *unknowns = re.findall(r"\d+", text)
-    if not unknowns:
-        return gradients
-    return f"{gradients}; {unknowns[0]}" + (f" ({unknowns[1]})" if unknowns[1] != unknowns[0] else "")
+    if info.explicit_for == "every model":
+        return f"{info.gradients_per_step}"
+    separable = f" ({info.unknowns_if_separable})" if info.unknowns_if_separable != info.unknowns else ""
+    return f"{info.gradients_per_step}; {info.unknowns}{separable}"
 
 
-def _references(facts) -> str:
-    return _table(["scheme", "reference"], [[f"`{name}`", info.reference] for name, (info, _) in facts.items()])
+def _references(facts: dict[str, schemes.SchemeInfo]) -> str:
+    return _table(["scheme", "reference"], [[f"`{name}`", info.reference] for name, info in facts.items()])
 
 
 def _equations(text: str) -> str:
@@ -157,22 +151,27 @@ All are made by `symsde.models.<name>(...)`, by `new_<name>` in Fortran, by `sym
 [WHSB] are equation numbers of the paper; see [paper-map.md](paper-map.md). A model of your own: [python.md](python.md).
 """
 _SCHEMES_INTRODUCTION = """\
-Every row is asked of the library: the certificate of a scheme is computed from its coefficients, not declared
-(`symsde.schemes.get(name).certificate()`). The mathematics is in [method.md](method.md). Beside these names there are
-PsNrQu with Gau, Lob or Otr for other degrees s, nodes r and quadrature orders u (as `P2N4Q8Gau`), quadratures of your
-own (`from_quadrature`), and tableaux of your own (`from_tableau`).
+Every row is asked of the library (`symsde.schemes.get(name).info`, printed by `.certificate()`). What carries no star
+is derived: computed from the coefficients that the stepper executes. A star marks what is claimed, by the authors of
+a scheme or of this library, on arguments that no program here checks; tests hold it. The mathematics is in
+[method.md](method.md). Beside these names there are PsNrQu with Gau, Lob or Otr for other degrees s, nodes r and
+quadrature orders u (as `P2N4Q8Gau`), quadratures of your own (`from_quadrature`), and tableaux of your own
+(`from_tableau`).
 """
 _ORDERS_INTRODUCTION = """\
 Strong orders by class of noise: additive (every H_k linear), commutative (one noise, or all {H_k,H_l} constant),
-general, and flows that commute with each other and the drift's (Kubo oscillator). In front the order that is claimed,
-in parentheses the one that `docs/measure_orders.py` measured: root-mean-square errors on shared Brownian paths at seven
-steps, for fpu_chain with one mass (henon_heiles where it is refused), pendulum (synchrotron where it is refused),
-noncommutative_oscillator and kubo; nothing in parentheses: refused by these models. One-sided schemes have theirs with
-the correction "increments". A dash: does not converge path by path, or is not made for such noise. Weak orders are
-claims; "no noise" is the order of the deterministic scheme.
+general, and flows that commute with each other and the drift's (Kubo oscillator). In parentheses what
+`docs/measure_orders.py` measured, with the half-width of the 95 % interval and, where the reference is not exact, its
+own error over the smallest error that counted ([measured.json](measured.json) has the problems and the references).
+Additive noise was measured on a pendulum with noise in q and p, where no bracket is constant; schemes that refuse it
+on a chain of one mass. Weak orders were measured without sampling, on second moments of linear problems against exp(T
+L): an order above the claim is one of these problems (no drift of third order, one noise). One-sided schemes have
+their orders with the correction "increments". A dash: does not converge path by path, or is not made for such noise.
+Nothing in parentheses: refused by these models. "no noise" is the order of the deterministic scheme.
 """
 _STRUCTURE_INTRODUCTION = """\
-"correction": coefficient 1/2 - lambda of the drift correction that makes the scheme one of the Stratonovich equation
+"invariants kept", exactly: all quadratic ones; bilinear ones, q^T D p, as angular momentum; none. "correction":
+coefficient 1/2 - lambda of the drift correction that makes the scheme one of the Stratonovich equation
 ([method.md](method.md)). "beside dW": what a step takes beside Gaussian increments. "explicit": for which models a
 step needs no solver. "gradients; unknowns": gradients of the one-step Hamiltonian in each iteration; unknowns of the
 solver for each degree of freedom, in parentheses where the model is separable; special steppers need fewer.

@@ -8,7 +8,7 @@ module symsde_capi_scheme
    use symsde_base_status, only: error_type, raise, status_ok, null_handle, out_of_memory, wrong_shape
    use symsde_base_text, only: name_length, to_text
    use symsde_capi_arrays, only: view
-   use symsde_capi_certificate, only: describe_scheme
+   use symsde_capi_certificate, only: describe_scheme, c_scheme_info, blank_info, fill_info
    use symsde_capi_error, only: finish, require, take_struct, give_struct
    use symsde_capi_text, only: read_text, put_text, put_chars, lines
    use symsde_scheme_catalogue, only: get_scheme, scheme_names
@@ -30,18 +30,6 @@ module symsde_capi_scheme
       integer(i8) :: tag = tag_of_scheme
       type(scheme_type) :: scheme
    end type scheme_handle
-
-   !> struct symsde_scheme_info
-   type, bind(c) :: c_scheme_info
-      integer(c_size_t) :: struct_size
-      integer(c_int32_t) :: form, nstage, degree
-      integer(c_int32_t) :: symplectic, symmetric, keeps_quadratic
-      real(c_double) :: correction_coefficient
-      real(c_double) :: order_additive, order_commutative, order_general
-      real(c_double) :: order_weak
-      character(kind=c_char) :: name(64)
-      character(kind=c_char) :: reference(256)
-   end type c_scheme_info
 
 contains
 
@@ -285,37 +273,5 @@ contains
          call raise(error, wrong_shape, 'check_stages', what//' = '//to_text(n)//' is out of range: give 1 to '// &
                     to_text(most_stages))
    end subroutine check_stages
-
-   function blank_info() result(info)
-      type(c_scheme_info) :: info
-      type(scheme_type) :: none
-
-      none%name = ''
-      none%reference = ''
-      info%struct_size = c_sizeof(info)
-      call fill_info(none, info)
-      info%form = 0
-   end function blank_info
-
-   !> All members but struct_size.
-   subroutine fill_info(scheme, info)
-      type(scheme_type), intent(in) :: scheme
-      type(c_scheme_info), intent(inout) :: info
-
-      info%form = scheme%form
-      info%nstage = scheme%nstage
-      info%degree = scheme%degree
-      info%symplectic = merge(1, 0, scheme%symplectic)
-      info%symmetric = merge(1, 0, scheme%symmetric)
-      info%keeps_quadratic = merge(1, 0, scheme%keeps_quadratic)
-      info%correction_coefficient = 0
-      if (allocated(scheme%beta)) info%correction_coefficient = scheme%correction_coefficient()
-      info%order_additive = scheme%order_additive
-      info%order_commutative = scheme%order_commutative
-      info%order_general = scheme%order_general
-      info%order_weak = scheme%order_weak
-      call put_chars(scheme%name, info%name)
-      call put_chars(scheme%reference, info%reference)
-   end subroutine fill_info
 
 end module symsde_capi_scheme

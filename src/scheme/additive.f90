@@ -10,6 +10,8 @@ module symsde_scheme_additive
    use symsde_base_functionals, only: functionals, path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
+   use symsde_scheme_orders, only: order_type, set_order, evidence_claimed, additive_noise, commutative_noise, &
+                                   weak_order
    use symsde_scheme_quadrature, only: get_quadrature
    use symsde_scheme_scheme, only: scheme_type, model_needs, frame_shift, frame_mean_path, frame_rotation
    use symsde_scheme_tableau, only: scheme_from_tableau
@@ -55,7 +57,7 @@ contains
          scheme%needs = model_needs(position_noise=.true., identity_mass=.true., rotation=.true., &
                                     instead='stormer_verlet, or midpoint where it is stiff')
          scheme%remark = 'where U is that part and the noise additive, E H is exact for every h'
-         scheme%order_commutative = 1  ! noises that depend on position commute
+         call set_order(scheme%order(commutative_noise), 1.0_wp, evidence_claimed)  ! in position they commute
          scheme%reference = 'trigonometric; Cohen 2012'
       case default
          call averaged_forces(scheme, name, error)
@@ -71,11 +73,10 @@ contains
       type(scheme_type), intent(inout) :: scheme
       real(wp), intent(in) :: strong, weak
 
-      scheme%order_additive = strong
-      scheme%order_commutative = 0
-      scheme%order_general = 0
-      scheme%order_commuting = 0
-      scheme%order_weak = weak
+      scheme%structure = evidence_claimed  ! that of the tableau; the stepper does more
+      scheme%order = order_type()
+      call set_order(scheme%order(additive_noise), strong, evidence_claimed)
+      call set_order(scheme%order(weak_order), weak, evidence_claimed)
       scheme%sharp = .false.
    end subroutine claim
 

@@ -6,6 +6,9 @@ module symsde_scheme_catalogue
    use symsde_base_text, only: name_length, nearest_names
    use symsde_scheme_additive, only: additive_scheme
    use symsde_scheme_expansion, only: expand_scheme
+   use symsde_scheme_measured, only: add_measurements
+   use symsde_scheme_orders, only: set_order, evidence_claimed, additive_noise, commutative_noise, commuting_flows, &
+                                   weak_order
    use symsde_scheme_scheme, only: scheme_type, ito_form
    use symsde_scheme_quadrature, only: get_quadrature
    use symsde_scheme_discrete_lagrangian, only: scheme_from_quadrature
@@ -82,6 +85,7 @@ contains
       case default
          call parametrised(scheme, name, error)
       end select
+      if (.not. allocated(error)) call add_measurements(scheme%order, name)
    end subroutine get_scheme
 
    !> A scheme from a named quadrature.
@@ -142,6 +146,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), parameter :: one(1) = 1, none(1, 1) = 0, half(2) = 0.5_wp
       real(wp), parameter :: heun(2, 2) = reshape([0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp], [2, 2])
+      integer :: i
 
       if (name == 'heun') then
          call scheme_from_tableau(scheme, heun, heun, half, name, .true., error)
@@ -150,10 +155,11 @@ contains
          call scheme_from_tableau(scheme, none, none, one, name, .true., error)
          scheme%form = ito_form
          scheme%reference = 'Euler-Maruyama for the Ito form; Kloeden, Platen 1992; not symplectic'
-         scheme%order_commutative = 0.5_wp
-         scheme%order_general = 0.5_wp
-         scheme%order_commuting = 0.5_wp
-         scheme%order_weak = 1
+         call set_order(scheme%order(additive_noise), 1.0_wp, evidence_claimed)
+         do i = commutative_noise, commuting_flows
+            call set_order(scheme%order(i), 0.5_wp, evidence_claimed)
+         end do
+         call set_order(scheme%order(weak_order), 1.0_wp, evidence_claimed)
          scheme%sharp = .true.
       end if
    end subroutine contrast

@@ -1,5 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The certificate of a scheme: what its coefficients prove, measured, not declared.
+!> The certificate of a scheme: what its coefficients prove, what is claimed beside that, and what was measured.
+!>
+!> Residuals are computed here from the coefficients. Structure is derived where the stepper executes them, claimed
+!> where a special stepper does something else; orders say for each class of noise what they rest on (scheme/orders).
 module symsde_scheme_certificate
    use symsde_base_functionals, only: functional_set, name_functionals
    use symsde_base_kinds, only: wp
@@ -8,6 +11,8 @@ module symsde_scheme_certificate
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
                                    symplecticity_residual, model_needs, frame_none, frame_shift, &
                                    frame_rotation
+   use symsde_scheme_orders, only: order_type, norder, order_names, weak_order, evidence_claimed, evidence_derived, &
+                                   evidence_text
    use symsde_scheme_properties, only: symmetry_residual, quadratic_residual, stratonovich_sum, &
                                        conjugate_stratonovich_sum, coefficient_tolerance
    use symsde_scheme_dependency, only: is_explicit, implicit_unknowns
@@ -43,11 +48,9 @@ module symsde_scheme_certificate
       real(wp) :: symmetry_residual = 0         !! distance from the adjoint
       logical :: keeps_quadratic = .false.
       real(wp) :: quadratic_residual = 0        !! largest |a - abar|, |b - bbar|
-      real(wp) :: order_additive = 0            !! strong; corrected where needed
-      real(wp) :: order_commutative = 0
-      real(wp) :: order_general = 0
-      real(wp) :: order_commuting = 0
-      real(wp) :: order_weak = 0
+      logical :: keeps_bilinear = .false.       !! invariants q^T D p
+      integer :: structure = evidence_derived   !! what these rest on: derived, or claimed by special schemes
+      type(order_type) :: order(norder)         !! by class of noise; corrected where needed
       integer :: order_noise_free = 0
       integer :: explicit_for = never_explicit  !! one of the three enumerators
       integer :: gradients_per_step = 0         !! for each iteration of the solver where implicit
@@ -58,6 +61,10 @@ module symsde_scheme_certificate
 contains
 
    !> The certificate of a scheme of any origin.
+   !>
+   !> Invariants q^T D p belong to linear maps of q alone, under which a discrete Lagrangian does not change
+   !> (Noether); a symplectic tableau keeps them also where abar is not a (Hairer, Lubich, Wanner, Geometric
+   !> Numerical Integration, IV.2).
    pure function certificate(scheme) result(c)
       type(scheme_type), intent(in) :: scheme
       type(certificate_type) :: c
@@ -81,11 +88,9 @@ contains
       c%quadratic_residual = quadratic_residual(scheme)
       c%keeps_quadratic = c%symplectic .and. c%quadratic_residual < coefficient_tolerance
       call judge_consistency(c, scheme)
-      c%order_additive = scheme%order_additive
-      c%order_commutative = scheme%order_commutative
-      c%order_general = scheme%order_general
-      c%order_commuting = scheme%order_commuting
-      c%order_weak = scheme%order_weak
+      c%keeps_bilinear = c%symplectic
+      c%structure = scheme%structure
+      c%order = scheme%order
       c%order_noise_free = scheme%order_noise_free
       if (is_explicit(scheme, .true.)) c%explicit_for = explicit_if_separable
       if (is_explicit(scheme, .false.)) c%explicit_for = always_explicit
@@ -111,22 +116,24 @@ contains
                             abs(c%stratonovich_sum + conjugate - 1) < coefficient_tolerance
    end subroutine judge_consistency
 
-   pure character(len=8) function padded_order(order)
-      real(wp), intent(in) :: order
+   !> What an order is, what it rests on, and what was measured.
+   pure subroutine describe(order, text)
+      type(order_type), intent(in) :: order
+      character(:), allocatable, intent(out) :: text
+      character(len=60) :: numbers
 
-      padded_order = 'none'
-      if (.not. order > 0) return
-      write (padded_order, '(f8.1)') order
-      padded_order = adjustl(padded_order)
-   end function padded_order
-
-   !> Zero says that the scheme does not converge to the Stratonovich equation.
-   pure function order_text(order) result(text)
-      real(wp), intent(in) :: order
-      character(len=len_trim(padded_order(order))) :: text
-
-      text = padded_order(order)
-   end function order_text
+      text = 'none'
+      if (.not. order%value > 0) return
+      write (numbers, '(f8.1)') order%value
+      text = trim(adjustl(numbers))//' ('//evidence_text(order%evidence)
+      if (order%problem /= '') then
+         write (numbers, '(f5.3, a, f5.3)') order%measured, ' +- ', order%half_width
+         text = text//'; measured '//trim(numbers)//' on '//trim(order%problem)
+      else
+         text = text//', not measured'
+      end if
+      text = text//')'
+   end subroutine describe
 
    pure function yes_no(truth) result(text)
       logical, intent(in) :: truth
@@ -139,7 +146,7 @@ contains
    pure subroutine add(text, what, value)
       character(:), allocatable, intent(inout) :: text
       character(*), intent(in) :: what, value
-      character(len=22) :: label
+      character(len=24) :: label
 
       label = what
       text = text//label//value//new_line('a')
@@ -170,6 +177,8 @@ contains
          value = 'no, it steps the Ito form'
       else
          value = yes_no(c%symplectic)//', residual of the conditions '//to_text(c%symplecticity_residual)
+         if (c%structure == evidence_claimed) &
+            value = yes_no(c%symplectic)//', claimed: its own stepper executes more than the tableau'
       end if
       if (c%symplectic .and. c%correction_needed) &
          value = value//'; corrected, and without an analytic Hessian, to the error of its differences'
@@ -207,18 +216,40 @@ contains
       call add(text, 'symmetric', value)
    end subroutine add_symmetry
 
-   !> Weak order two takes the noises to commute.
+   pure subroutine add_invariants(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+
+      if (c%keeps_quadratic) then
+         call add(text, 'quadratic invariants', 'preserved exactly')
+      else if (c%keeps_bilinear) then
+         call add(text, 'quadratic invariants', 'not preserved; those of the form q^T D p, as angular momentum, are')
+      else
+         call add(text, 'quadratic invariants', 'not preserved')
+      end if
+   end subroutine add_invariants
+
+   pure function order_label(i) result(label)
+      integer, intent(in) :: i
+      character(len=23) :: label
+
+      label = 'strong, '//order_names(i)
+      if (i == weak_order) label = 'weak'
+   end function order_label
+
+   !> One line a class of noise. Weak order two takes the noises to commute.
    pure subroutine add_orders(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
-      character(:), allocatable :: weak
+      character(:), allocatable :: value
+      integer :: i
 
-      call add(text, 'strong order', 'additive noise '//order_text(c%order_additive)// &
-               ', commutative '//order_text(c%order_commutative)//', general '//order_text(c%order_general)// &
-               ', commuting flows '//order_text(c%order_commuting))
-      weak = order_text(c%order_weak)
-      if (c%brackets%nested) weak = weak//' for commutative noises, 1.0 for the others'
-      call add(text, 'weak order', weak)
+      do i = 1, norder
+         call describe(c%order(i), value)
+         if (i == weak_order .and. c%brackets%nested) &
+            value = value//' for commutative noises, 1.0 for the others'
+         call add(text, order_label(i), value)
+      end do
    end subroutine add_orders
 
    !> What is added to the Hamiltonian of a step, and what is asked of the noise; nothing for plain schemes.
@@ -275,7 +306,7 @@ contains
       character(:), allocatable :: value
 
       if (c%form == galerkin_form) &
-         call add(text, 'needs', 'H_pp not singular, every H_k,p constant: '// &
+         call add(text, 'needs', 'H_pp not singular, noises in position or all additive: '// &
                   'nodes that see different velocities of the noise tear their momenta apart')
       associate (needs => c%needs)
          if (needs%additive) then
@@ -303,7 +334,7 @@ contains
       call add_symplecticity(text, c)
       call add_consistency(text, c)
       call add_symmetry(text, c)
-      call add(text, 'quadratic invariants', trim(merge('preserved exactly', 'not preserved    ', c%keeps_quadratic)))
+      call add_invariants(text, c)
       call add_orders(text, c)
       call add_expansion(text, c)
       call add(text, 'order without noise', to_text(c%order_noise_free))

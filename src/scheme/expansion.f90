@@ -11,6 +11,8 @@ module symsde_scheme_expansion
    use symsde_base_functionals, only: functionals, path_dz, path_areas
    use symsde_base_kinds, only: wp
    use symsde_base_laws, only: law_gaussian, law_three_point, law_two_point
+   use symsde_scheme_orders, only: set_order, evidence_none, evidence_claimed, additive_noise, commutative_noise, &
+                                   general_noise, commuting_flows, weak_order
    use symsde_scheme_scheme, only: scheme_type, bracket_terms
    implicit none
    private
@@ -58,8 +60,8 @@ contains
       end select
       scheme%reference = 'modified one-step Hamiltonian on '//base_of(name)//' (log-ODE; Castell 1993)'
       if (scheme%law /= law_gaussian) then
-         scheme%order_commuting = 0
-         scheme%reference = 'weak scheme on '//base_of(name)//'; Milstein, Tretyakov 2004'
+         call set_order(scheme%order(commuting_flows), 0.0_wp, evidence_none)
+         scheme%reference = 'weak scheme on '//base_of(name)//', derived in docs/method.md'
       end if
    end subroutine expand_scheme
 
@@ -70,10 +72,10 @@ contains
       real(wp), intent(in) :: weak                  !! weak order, commutative noises
 
       scheme%law = law
-      scheme%order_additive = commutative
-      scheme%order_commutative = commutative
-      scheme%order_general = general
-      scheme%order_weak = weak
+      call set_order(scheme%order(additive_noise), commutative, evidence_claimed)
+      call set_order(scheme%order(commutative_noise), commutative, evidence_claimed)
+      call set_order(scheme%order(general_noise), general, evidence_claimed)
+      call set_order(scheme%order(weak_order), weak, evidence_claimed)
       scheme%sharp = commutative > 0
    end subroutine declare
 

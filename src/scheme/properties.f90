@@ -2,10 +2,12 @@
 !> What follows from the coefficients of a scheme: symplecticity, symmetry, invariants, expected
 !> orders.
 !>
-!> Nothing here is declared by hand; the orders by noise class follow from the order conditions
-!> below.
+!> Everything here is derived from the coefficients. What schemes claim beyond that is set, and marked as claimed,
+!> where they are made (scheme/expansion, scheme/additive, scheme/catalogue).
 module symsde_scheme_properties
    use symsde_base_kinds, only: wp
+   use symsde_scheme_orders, only: set_order, evidence_derived, additive_noise, commutative_noise, general_noise, &
+                                   commuting_flows, weak_order
    use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, symplecticity_residual
    implicit none
    private
@@ -29,6 +31,7 @@ contains
       type(scheme_type), intent(inout) :: scheme
       integer, intent(in) :: order_noise_free  !! order of the scheme without noise
       logical :: consistent, correctable
+      real(wp) :: commutative, commuting
 
       consistent = abs(stratonovich_sum(scheme) - 0.5_wp) < coefficient_tolerance .and. &
                    abs(conjugate_stratonovich_sum(scheme) - 0.5_wp) < coefficient_tolerance
@@ -41,15 +44,15 @@ contains
       scheme%keeps_quadratic = scheme%symplectic .and. &
                                quadratic_residual(scheme) < coefficient_tolerance
       scheme%order_noise_free = order_noise_free
-      scheme%order_additive = 1
-      scheme%order_commutative = 0
-      if (consistent .or. correctable) scheme%order_commutative = 1
-      scheme%order_general = 0.5_wp*scheme%order_commutative
-      scheme%order_weak = scheme%order_commutative
-      scheme%order_commuting = scheme%order_commutative
-      if (consistent .and. scheme%noise_coefficients_equal()) &
-         scheme%order_commuting = max(1, order_noise_free/2)
-      scheme%sharp = scheme%order_commutative > 0
+      commutative = merge(1.0_wp, 0.0_wp, consistent .or. correctable)
+      commuting = commutative
+      if (consistent .and. scheme%noise_coefficients_equal()) commuting = max(1, order_noise_free/2)
+      call set_order(scheme%order(additive_noise), 1.0_wp, evidence_derived)
+      call set_order(scheme%order(commutative_noise), commutative, evidence_derived)
+      call set_order(scheme%order(general_noise), 0.5_wp*commutative, evidence_derived)
+      call set_order(scheme%order(commuting_flows), commuting, evidence_derived)
+      call set_order(scheme%order(weak_order), commutative, evidence_derived)
+      scheme%sharp = commutative > 0
    end subroutine declare_properties
 
    !> beta^T b e, one half for schemes that converge to the Stratonovich equation as they stand;

@@ -15,6 +15,7 @@ module symsde_scheme_scheme
    use symsde_base_kinds, only: wp
    use symsde_base_functionals, only: functional_set
    use symsde_base_laws, only: law_gaussian
+   use symsde_scheme_orders, only: order_type, norder, evidence_derived
    implicit none
    private
    public :: scheme_type, bracket_terms
@@ -86,13 +87,10 @@ module symsde_scheme_scheme
       logical :: symplectic = .false.
       logical :: symmetric = .false.          !! equal to its adjoint
       logical :: keeps_quadratic = .false.    !! quadratic invariants are preserved exactly
-      real(wp) :: order_additive = 0          !! strong order, additive noise
-      real(wp) :: order_commutative = 0       !! strong order, one noise or commutative noises
-      real(wp) :: order_general = 0           !! strong order, non-commutative noises
-      real(wp) :: order_weak = 0              !! weak order
-      real(wp) :: order_commuting = 0         !! strong order where all flows commute (Kubo oscillator)
+      integer :: structure = evidence_derived !! what these rest on; claimed where a stepper leaves the tableau
+      type(order_type) :: order(norder)       !! by class of noise
       integer :: order_noise_free = 0         !! order without noise
-      logical :: sharp = .false.              !! order_commutative is not exceeded on generic problems
+      logical :: sharp = .false.              !! the order for commutative noise is not exceeded on generic problems
    contains
       procedure :: noise_coefficients_equal
       procedure :: correction_coefficient

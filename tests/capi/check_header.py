@@ -21,7 +21,10 @@ SCALARS = {
     "char": "character(kind=c_char)",
 }
 POINTER, FUNCTION = "type(c_ptr)", "type(c_funptr)"
-CORRECTION = {
+NAMED = {
+    "SYMSDE_EVIDENCE_NONE": "evidence_none",
+    "SYMSDE_EVIDENCE_CLAIMED": "evidence_claimed",
+    "SYMSDE_EVIDENCE_DERIVED": "evidence_derived",
     "SYMSDE_CORRECTION_AUTO": "correction_auto",
     "SYMSDE_CORRECTION_NONE": "correction_none",
     "SYMSDE_CORRECTION_MEAN": "correction_mean",
@@ -125,7 +128,12 @@ def read_structs(text, sizes):
 def read_sources(root):
     """(parameters, enumerators and sizes; functions; structs) of the Fortran sources."""
     values, functions, structs = {}, {}, {}
-    files = [root / "src/base/status.f90", root / "src/scheme/scheme.f90", root / "src/ensemble/moment_collector.f90"]
+    files = [
+        root / "src/base/status.f90",
+        root / "src/scheme/scheme.f90",
+        root / "src/scheme/orders.f90",
+        root / "src/ensemble/moment_collector.f90",
+    ]
     capi = sorted((root / "src/capi").glob("*.f90"))
     for file in files + capi:
         text = plain_fortran(file.read_text(encoding="utf-8"))
@@ -153,11 +161,11 @@ def differences(header, sources, names):
     enums, functions, structs = header
     values, fortran_functions, fortran_structs = sources
     for name, value in enums.items():
-        low = CORRECTION.get(name, name.removeprefix(STATUS_PREFIX).lower())
+        low = NAMED.get(name, name.removeprefix(STATUS_PREFIX).lower())
         low = "status_ok" if name == "SYMSDE_OK" else low
         if values.get(low) != value:
             yield f"{name} = {value} in the header, {low} = {values.get(low)} in the sources"
-    statuses = [name for name in enums if name not in CORRECTION]
+    statuses = [name for name in enums if name not in NAMED]
     if len(statuses) < 10 or len(functions) < 30 or len(structs) < 8:
         yield f"only {len(statuses)} codes, {len(functions)} functions, {len(structs)} structs found in the header"
     for name in sorted(functions.keys() | fortran_functions.keys() | names):
@@ -179,6 +187,7 @@ def self_test(root, library):
     sources, names = read_sources(root), exported(library)
     planted = {
         "SYMSDE_TOO_LARGE": ("SYMSDE_TOO_LARGE = -5", "SYMSDE_TOO_LARGE = -50"),
+        "SYMSDE_EVIDENCE_CLAIMED": ("SYMSDE_EVIDENCE_CLAIMED = 1", "SYMSDE_EVIDENCE_CLAIMED = 2"),
         "SYMSDE_CORRECTION_MEAN": ("SYMSDE_CORRECTION_MEAN = 2", "SYMSDE_CORRECTION_MEAN = 3"),
         "symsde_increments takes": ("const symsde_options *options, double *dw,", "double *dw,"),
         "symsde_model_probe takes": ("symsde_model_probe(symsde_model model, double t,",

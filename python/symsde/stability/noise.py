@@ -120,7 +120,7 @@ def no_noise(quick: bool) -> Scenario:
     tried, different, drawn, distances = 0, [], [], [0.0]
     for name in ss.schemes.names():
         info = ss.schemes.get(name).info
-        if info.form == "Euler-Maruyama" or info.order_additive != 1:
+        if info.form == "Euler-Maruyama" or info.orders["additive"].value != 1:
             continue  # their Ito drift, brackets or laws need more than an increment
         for model in (ss.models.kubo, ss.models.pendulum):
             try:

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""src/scheme/measured.f90 from docs/measured.json: what certificates say of measurements."""
+
+import json
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = ROOT / "docs" / "measured.json"
+TARGET = ROOT / "src" / "scheme" / "measured.f90"
+CLASSES = {
+    "additive": "additive_noise",
+    "commutative": "commutative_noise",
+    "general": "general_noise",
+    "commuting": "commuting_flows",
+    "weak": "weak_order",
+}
+
+HEAD = """\
+! SPDX-License-Identifier: BSD-3-Clause
+!> Orders as they were measured, of the schemes of the catalogue. Written by docs/generate.py from docs/measured.json,
+!> the work of docs/measure_orders.py; do not edit.
+module symsde_scheme_measured
+   use symsde_base_kinds, only: wp
+   use symsde_base_text, only: name_length
+   use symsde_scheme_orders, only: order_type, norder, additive_noise, commutative_noise, general_noise, &
+                                   commuting_flows, weak_order
+   implicit none
+   private
+   public :: add_measurements
+
+   type :: measurement
+      character(len=name_length) :: scheme
+      integer :: class            !! of noise, or weak
+      character(len=26) :: problem
+      real(wp) :: order
+      real(wp) :: half_width      !! of the 95 % interval; of weak orders what the last two slopes differ by
+      real(wp) :: floor           !! error of the reference over the smallest error that counts
+   end type measurement
+
+"""
+TAIL = """\
+
+contains
+
+   !> Put what was measured of a scheme of the catalogue beside its orders.
+   pure subroutine add_measurements(order, name)
+      type(order_type), intent(inout) :: order(norder)
+      character(*), intent(in) :: name
+      integer :: i
+
+      do i = 1, size(found)
+         if (found(i)%scheme /= name) cycle
+         associate (o => order(found(i)%class))
+            o%problem = found(i)%problem
+            o%measured = found(i)%order
+            o%half_width = found(i)%half_width
+            o%floor = found(i)%floor
+         end associate
+      end do
+   end subroutine add_measurements
+
+end module symsde_scheme_measured
+"""
+
+
+def module() -> str:
+    """Text of the module; one parameter for each class of noise keeps statements short."""
+    data = json.loads(DATA.read_text(encoding="utf-8"))
+    text = [HEAD]
+    column = " " * 35  # where fprettify aligns what follows a bracket
+    for kind, constant in CLASSES.items():
+        rows = [(name, found[kind]) for name, found in data.items() if kind in found]
+        text.append(f"   type(measurement), parameter :: {kind}({len(rows)}) = [ &\n")
+        for i, (name, row) in enumerate(rows):
+            numbers = ", ".join(f"{float(row[key])!r}_wp" for key in ("order", "half_width", "floor"))
+            end = "]" if i == len(rows) - 1 else ","
+            text.append(f"{column}measurement('{name}', {constant}, '{row['problem']}', &\n")
+            text.append(f"{column}            {numbers}){end}")
+            text.append("\n" if end == "]" else " &\n")
+    text.append(f"   type(measurement), parameter :: found(*) = [{', '.join(CLASSES)}]\n")
+    return "".join(text) + TAIL
+
+
+def write() -> None:
+    """Write the module."""
+    TARGET.write_text(module(), encoding="utf-8")

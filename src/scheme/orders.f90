@@ -1,0 +1,62 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Orders of convergence and what they rest on: order conditions that the coefficients meet, a claim, a measurement.
+!>
+!> A derived order is computed from the coefficients that the stepper executes. A claimed one is said by the author of a
+!> scheme, or of this library, on arguments that no program here checks. Either may have been measured besides
+!> (scheme/measured): a value with its 95 % half-width on one problem, and how far below the smallest error counted
+!> that of the reference lies.
+module symsde_scheme_orders
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: order_type, set_order
+   public :: additive_noise, commutative_noise, general_noise, commuting_flows, weak_order, norder, order_names
+   public :: evidence_none, evidence_claimed, evidence_derived, evidence_text
+
+   enum, bind(c)
+      enumerator :: additive_noise = 1     !! strong, every H_k linear
+      enumerator :: commutative_noise = 2  !! strong, one noise, or every {H_k,H_l} constant
+      enumerator :: general_noise = 3      !! strong
+      enumerator :: commuting_flows = 4    !! strong, every {H,H_k} constant as well (Kubo oscillator)
+      enumerator :: weak_order = 5         !! of expectations, commutative noise
+   end enum
+   integer, parameter :: norder = 5
+   character(len=15), parameter :: order_names(norder) = ['additive noise ', 'commutative    ', 'general        ', &
+                                                          'commuting flows', 'weak           ']
+   enum, bind(c)
+      enumerator :: evidence_none = 0      !! no such order: does not converge, or is not made for such noise
+      enumerator :: evidence_claimed = 1
+      enumerator :: evidence_derived = 2   !! from the coefficients
+   end enum
+
+   type :: order_type
+      real(wp) :: value = 0                  !! 0 = none
+      integer :: evidence = evidence_none    !! what the value rests on
+      character(len=26) :: problem = ''      !! on which it was measured; blank = it was not
+      real(wp) :: measured = 0               !! the slope of the error over the step
+      real(wp) :: half_width = 0             !! of its 95 % interval
+      real(wp) :: floor = 0                  !! error of the reference over the smallest error that counts
+   end type order_type
+
+contains
+
+   !> An order with its evidence; a value of zero has none.
+   pure subroutine set_order(order, value, evidence)
+      type(order_type), intent(inout) :: order
+      real(wp), intent(in) :: value
+      integer, intent(in) :: evidence
+
+      order%value = value
+      order%evidence = merge(evidence, evidence_none, value > 0)
+   end subroutine set_order
+
+   pure function evidence_text(evidence) result(text)
+      integer, intent(in) :: evidence
+      character(len=merge(7, merge(7, 4, evidence == evidence_derived), evidence == evidence_claimed)) :: text
+
+      text = 'none'
+      if (evidence == evidence_claimed) text = 'claimed'
+      if (evidence == evidence_derived) text = 'derived'
+   end function evidence_text
+
+end module symsde_scheme_orders
