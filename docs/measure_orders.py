@@ -103,7 +103,7 @@ def strong(kind, names):
             rows = [{**row, "status": orders.judge(row)} for row in rows]
             found[scheme.name] = entry(model.name, plan.references[scheme.name], rows)
             print(f"{scheme.name:26s} {kind:12s} {found[scheme.name]}", flush=True)
-    return found
+    return {name: row for name, row in found.items() if row is not None}
 
 
 def fits(model, name):
@@ -116,8 +116,10 @@ def fits(model, name):
 
 
 def entry(problem, reference, rows):
-    """What is kept of one measurement."""
+    """What is kept of one measurement; None where rounding leaves fewer than two steps."""
     order = orders.fitted(rows)
+    if order.points < 2:
+        return None
     least = min(row["err_strong"] for row in rows if row["status"] == "ok")
     numbers = {"order": round(order.value, 3), "half_width": round(order.half, 3)}
     return {

@@ -12,7 +12,7 @@ from .tools import Setting
 
 
 def describe(setting: Setting) -> dict:
-    """Name processor, system, compiler, flags, date and load."""
+    """Name processor, compiler, flags, date and load."""
     info = Path("/proc/cpuinfo").read_text()
     cpu = re.search(r"model name\s*:\s*(.*)", info)
     flags_seen = re.search(r"flags\s*:\s*(.*)", info)
@@ -27,7 +27,6 @@ def describe(setting: Setting) -> dict:
     level = "AVX-512" if flags_seen and "avx512f" in flags_seen[1] else "no AVX-512"
     return {
         "cpu": f"{cpu[1] if cpu else platform.processor()}, {os.cpu_count()} cores, {level}",
-        "system": platform.platform(),
         "compiler": version,
         "flags": flags_of(setting.build),
         "date": datetime.date.today().isoformat(),

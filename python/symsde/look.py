@@ -90,7 +90,7 @@ def readable(figure) -> None:
     """Labels on logarithmic axes: every decade or every few, and 1, 2, 5 where there are less than 1.5 decades."""
     ticker = importlib.import_module("matplotlib.ticker")
     for axes in figure.axes:
-        for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        for axis, limits, most in ((axes.xaxis, axes.get_xlim(), 5), (axes.yaxis, axes.get_ylim(), 9)):
             if axis.get_scale() != "log":
                 continue
             axis.set_minor_formatter(ticker.NullFormatter())
@@ -98,4 +98,4 @@ def readable(figure) -> None:
                 axis.set_major_locator(ticker.LogLocator(base=10, subs=(1, 2, 5), numticks=12))
                 axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
             else:
-                axis.set_major_locator(ticker.LogLocator(base=10, numticks=9))
+                axis.set_major_locator(ticker.LogLocator(base=10, numticks=most))

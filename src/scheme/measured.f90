@@ -20,294 +20,292 @@ module symsde_scheme_measured
    end type measurement
 
    type(measurement), parameter :: additive(33) = [ &
-                                   measurement('midpoint', additive_noise, 'fpu_chain', &
-                                               1.001_wp, 0.011_wp, 0.0_wp), &
-                                   measurement('symplectic_euler', additive_noise, 'fpu_chain', &
-                                               1.002_wp, 0.008_wp, 0.0_wp), &
-                                   measurement('symplectic_euler_adjoint', additive_noise, 'fpu_chain', &
-                                               0.999_wp, 0.005_wp, 0.0_wp), &
-                                   measurement('stormer_verlet', additive_noise, 'fpu_chain', &
-                                               1.0_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('gauss2', additive_noise, 'fpu_chain', &
-                                               0.995_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('gauss3', additive_noise, 'fpu_chain', &
-                                               0.995_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('gauss4', additive_noise, 'fpu_chain', &
-                                               0.995_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('lobatto2', additive_noise, 'fpu_chain', &
-                                               1.0_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('lobatto2_swapped', additive_noise, 'fpu_chain', &
-                                               1.002_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('lobatto3', additive_noise, 'fpu_chain', &
-                                               0.995_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('lobatto3_swapped', additive_noise, 'fpu_chain', &
-                                               0.995_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('lobatto4', additive_noise, 'fpu_chain', &
-                                               0.995_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('lobatto4_swapped', additive_noise, 'fpu_chain', &
-                                               0.995_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('P1N2Q2Lob', additive_noise, 'fpu_chain', &
-                                               1.0_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('P1N2Q2Otr', additive_noise, 'fpu_chain', &
-                                               1.0_wp, 0.011_wp, 0.0_wp), &
-                                   measurement('P1N2Q4Gau', additive_noise, 'fpu_chain', &
-                                               0.998_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('P1N3Q4Lob', additive_noise, 'fpu_chain', &
-                                               0.998_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('P2N2Q2Lob', additive_noise, 'fpu_chain', &
-                                               1.0_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('P2N2Q2Otr', additive_noise, 'fpu_chain', &
-                                               1.033_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('P2N3Q4Lob', additive_noise, 'fpu_chain', &
-                                               0.995_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('P2N3Q6Gau', additive_noise, 'fpu_chain', &
-                                               0.995_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('P2N4Q6Lob', additive_noise, 'fpu_chain', &
-                                               0.995_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('gauss2_strong32', additive_noise, 'fpu_chain', &
-                                               2.003_wp, 0.01_wp, 0.0_wp), &
-                                   measurement('gauss2_strong32_areas', additive_noise, 'fpu_chain', &
-                                               2.003_wp, 0.01_wp, 0.0_wp), &
-                                   measurement('midpoint_areas', additive_noise, 'fpu_chain', &
-                                               1.001_wp, 0.011_wp, 0.0_wp), &
+                                   measurement('midpoint', additive_noise, 'tilted_pendulum', &
+                                               1.012_wp, 0.012_wp, 0.001_wp), &
+                                   measurement('symplectic_euler', additive_noise, 'tilted_pendulum', &
+                                               1.002_wp, 0.005_wp, 0.0003_wp), &
+                                   measurement('symplectic_euler_adjoint', additive_noise, 'tilted_pendulum', &
+                                               1.001_wp, 0.005_wp, 0.0003_wp), &
+                                   measurement('stormer_verlet', additive_noise, 'tilted_pendulum', &
+                                               1.016_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('gauss2', additive_noise, 'tilted_pendulum', &
+                                               1.014_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('gauss3', additive_noise, 'tilted_pendulum', &
+                                               1.014_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('gauss4', additive_noise, 'tilted_pendulum', &
+                                               1.014_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('lobatto2', additive_noise, 'tilted_pendulum', &
+                                               1.016_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('lobatto2_swapped', additive_noise, 'tilted_pendulum', &
+                                               1.017_wp, 0.012_wp, 0.001_wp), &
+                                   measurement('lobatto3', additive_noise, 'tilted_pendulum', &
+                                               1.014_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('lobatto3_swapped', additive_noise, 'tilted_pendulum', &
+                                               1.014_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('lobatto4', additive_noise, 'tilted_pendulum', &
+                                               1.014_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('lobatto4_swapped', additive_noise, 'tilted_pendulum', &
+                                               1.014_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('P1N2Q2Lob', additive_noise, 'tilted_pendulum', &
+                                               1.016_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('P1N2Q2Otr', additive_noise, 'tilted_pendulum', &
+                                               1.012_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('P1N2Q4Gau', additive_noise, 'tilted_pendulum', &
+                                               1.013_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('P1N3Q4Lob', additive_noise, 'tilted_pendulum', &
+                                               1.013_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('P2N2Q2Lob', additive_noise, 'tilted_pendulum', &
+                                               1.016_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('P2N2Q2Otr', additive_noise, 'tilted_pendulum', &
+                                               1.022_wp, 0.011_wp, 0.0011_wp), &
+                                   measurement('P2N3Q4Lob', additive_noise, 'tilted_pendulum', &
+                                               1.014_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('P2N3Q6Gau', additive_noise, 'tilted_pendulum', &
+                                               1.014_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('P2N4Q6Lob', additive_noise, 'tilted_pendulum', &
+                                               1.014_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('gauss2_strong32', additive_noise, 'tilted_pendulum', &
+                                               1.522_wp, 0.027_wp, 0.0053_wp), &
+                                   measurement('gauss2_strong32_areas', additive_noise, 'tilted_pendulum', &
+                                               1.522_wp, 0.027_wp, 0.0053_wp), &
+                                   measurement('midpoint_areas', additive_noise, 'tilted_pendulum', &
+                                               1.012_wp, 0.012_wp, 4.7e-05_wp), &
                                    measurement('verlet_dz', additive_noise, 'fpu_chain', &
-                                               1.999_wp, 0.007_wp, 0.0_wp), &
-                                   measurement('averaged_shift_midpoint', additive_noise, 'fpu_chain', &
-                                               1.995_wp, 0.002_wp, 0.0_wp), &
+                                               1.994_wp, 0.012_wp, 9.9e-05_wp), &
+                                   measurement('averaged_shift_midpoint', additive_noise, 'tilted_pendulum', &
+                                               1.615_wp, 0.02_wp, 0.0055_wp), &
                                    measurement('drift_preserving', additive_noise, 'fpu_chain', &
-                                               0.993_wp, 0.009_wp, 0.0_wp), &
+                                               0.991_wp, 0.015_wp, 3.1e-05_wp), &
                                    measurement('exact_rotation', additive_noise, 'henon_heiles', &
-                                               1.028_wp, 0.008_wp, 0.0_wp), &
-                                   measurement('heun', additive_noise, 'fpu_chain', &
-                                               1.018_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('euler_maruyama', additive_noise, 'fpu_chain', &
-                                               1.034_wp, 0.003_wp, 0.0_wp), &
-                                   measurement('dirk:0.25', additive_noise, 'fpu_chain', &
-                                               0.997_wp, 0.012_wp, 0.0_wp), &
-                                   measurement('lambda:0.3', additive_noise, 'fpu_chain', &
-                                               0.986_wp, 0.013_wp, 0.0_wp)]
+                                               1.018_wp, 0.009_wp, 2.4e-05_wp), &
+                                   measurement('heun', additive_noise, 'tilted_pendulum', &
+                                               1.017_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('euler_maruyama', additive_noise, 'tilted_pendulum', &
+                                               1.003_wp, 0.004_wp, 0.00027_wp), &
+                                   measurement('dirk:0.25', additive_noise, 'tilted_pendulum', &
+                                               1.013_wp, 0.012_wp, 0.0011_wp), &
+                                   measurement('lambda:0.3', additive_noise, 'tilted_pendulum', &
+                                               1.005_wp, 0.011_wp, 0.00061_wp)]
    type(measurement), parameter :: commutative(30) = [ &
                                    measurement('midpoint', commutative_noise, 'pendulum', &
-                                               1.03_wp, 0.01_wp, 0.0_wp), &
+                                               1.043_wp, 0.017_wp, 0.0011_wp), &
                                    measurement('symplectic_euler', commutative_noise, 'pendulum', &
-                                               0.993_wp, 0.003_wp, 0.0_wp), &
+                                               0.995_wp, 0.004_wp, 0.00018_wp), &
                                    measurement('symplectic_euler_adjoint', commutative_noise, 'pendulum', &
-                                               1.001_wp, 0.003_wp, 0.0_wp), &
+                                               1.0_wp, 0.005_wp, 0.00016_wp), &
                                    measurement('stormer_verlet', commutative_noise, 'pendulum', &
-                                               1.042_wp, 0.011_wp, 0.0_wp), &
+                                               1.056_wp, 0.012_wp, 0.0012_wp), &
                                    measurement('gauss2', commutative_noise, 'pendulum', &
-                                               0.988_wp, 0.009_wp, 0.0_wp), &
+                                               1.001_wp, 0.02_wp, 0.0032_wp), &
                                    measurement('gauss3', commutative_noise, 'pendulum', &
-                                               0.988_wp, 0.01_wp, 0.0_wp), &
+                                               1.001_wp, 0.02_wp, 0.0032_wp), &
                                    measurement('gauss4', commutative_noise, 'pendulum', &
-                                               0.988_wp, 0.01_wp, 0.0_wp), &
+                                               1.001_wp, 0.02_wp, 0.0032_wp), &
                                    measurement('lobatto2', commutative_noise, 'pendulum', &
-                                               1.042_wp, 0.011_wp, 0.0_wp), &
+                                               1.056_wp, 0.012_wp, 0.0012_wp), &
                                    measurement('lobatto2_swapped', commutative_noise, 'pendulum', &
-                                               1.042_wp, 0.01_wp, 0.0_wp), &
+                                               1.063_wp, 0.024_wp, 0.00078_wp), &
                                    measurement('lobatto3', commutative_noise, 'pendulum', &
-                                               0.988_wp, 0.01_wp, 0.0_wp), &
+                                               1.0_wp, 0.02_wp, 0.0032_wp), &
                                    measurement('lobatto3_swapped', commutative_noise, 'pendulum', &
-                                               0.988_wp, 0.01_wp, 0.0_wp), &
+                                               1.001_wp, 0.02_wp, 0.0032_wp), &
                                    measurement('lobatto4', commutative_noise, 'pendulum', &
-                                               0.988_wp, 0.01_wp, 0.0_wp), &
+                                               1.001_wp, 0.02_wp, 0.0032_wp), &
                                    measurement('lobatto4_swapped', commutative_noise, 'pendulum', &
-                                               0.988_wp, 0.01_wp, 0.0_wp), &
+                                               1.001_wp, 0.02_wp, 0.0032_wp), &
                                    measurement('P1N2Q2Lob', commutative_noise, 'synchrotron', &
-                                               0.993_wp, 0.017_wp, 0.0_wp), &
+                                               1.001_wp, 0.027_wp, 0.003_wp), &
                                    measurement('P1N2Q2Otr', commutative_noise, 'synchrotron', &
-                                               0.994_wp, 0.017_wp, 0.0_wp), &
+                                               0.998_wp, 0.026_wp, 0.003_wp), &
                                    measurement('P1N2Q4Gau', commutative_noise, 'synchrotron', &
-                                               0.993_wp, 0.017_wp, 0.0_wp), &
+                                               0.999_wp, 0.026_wp, 0.003_wp), &
                                    measurement('P1N3Q4Lob', commutative_noise, 'synchrotron', &
-                                               0.993_wp, 0.017_wp, 0.0_wp), &
+                                               0.999_wp, 0.026_wp, 0.003_wp), &
                                    measurement('P2N2Q2Lob', commutative_noise, 'pendulum', &
-                                               1.042_wp, 0.011_wp, 0.0_wp), &
+                                               1.056_wp, 0.012_wp, 0.0012_wp), &
                                    measurement('P2N2Q2Otr', commutative_noise, 'pendulum', &
-                                               1.048_wp, 0.011_wp, 0.0_wp), &
+                                               1.071_wp, 0.024_wp, 0.00035_wp), &
                                    measurement('P2N3Q4Lob', commutative_noise, 'synchrotron', &
-                                               0.991_wp, 0.018_wp, 0.0_wp), &
+                                               0.997_wp, 0.024_wp, 0.0031_wp), &
                                    measurement('P2N3Q6Gau', commutative_noise, 'synchrotron', &
-                                               0.991_wp, 0.018_wp, 0.0_wp), &
+                                               0.997_wp, 0.024_wp, 0.0031_wp), &
                                    measurement('P2N4Q6Lob', commutative_noise, 'synchrotron', &
-                                               0.991_wp, 0.018_wp, 0.0_wp), &
+                                               0.997_wp, 0.024_wp, 0.0031_wp), &
                                    measurement('gauss2_strong32', commutative_noise, 'pendulum', &
-                                               1.494_wp, 0.01_wp, 0.0_wp), &
+                                               1.514_wp, 0.021_wp, 0.0053_wp), &
                                    measurement('gauss2_strong32_areas', commutative_noise, 'pendulum', &
-                                               1.494_wp, 0.01_wp, 0.0_wp), &
+                                               1.514_wp, 0.021_wp, 0.0053_wp), &
                                    measurement('midpoint_areas', commutative_noise, 'pendulum', &
-                                               1.03_wp, 0.01_wp, 0.0_wp), &
+                                               1.043_wp, 0.017_wp, 5e-05_wp), &
                                    measurement('exact_rotation', commutative_noise, 'synchrotron', &
-                                               0.991_wp, 0.014_wp, 0.0_wp), &
+                                               0.997_wp, 0.017_wp, 0.0024_wp), &
                                    measurement('heun', commutative_noise, 'pendulum', &
-                                               1.037_wp, 0.011_wp, 0.0_wp), &
+                                               1.043_wp, 0.021_wp, 0.00064_wp), &
                                    measurement('euler_maruyama', commutative_noise, 'pendulum', &
-                                               0.61_wp, 0.014_wp, 0.0_wp), &
+                                               0.606_wp, 0.02_wp, 2.8e-05_wp), &
                                    measurement('dirk:0.25', commutative_noise, 'pendulum', &
-                                               1.019_wp, 0.01_wp, 0.0_wp), &
+                                               1.035_wp, 0.014_wp, 0.002_wp), &
                                    measurement('lambda:0.3', commutative_noise, 'pendulum', &
-                                               0.993_wp, 0.003_wp, 0.0_wp)]
+                                               0.997_wp, 0.005_wp, 0.00047_wp)]
    type(measurement), parameter :: general(22) = [ &
                                    measurement('midpoint', general_noise, 'noncommutative_oscillator', &
-                                               0.517_wp, 0.029_wp, 0.0_wp), &
+                                               0.485_wp, 0.037_wp, 0.017_wp), &
                                    measurement('symplectic_euler', general_noise, 'noncommutative_oscillator', &
-                                               0.576_wp, 0.033_wp, 0.0_wp), &
+                                               0.601_wp, 0.038_wp, 0.017_wp), &
                                    measurement('symplectic_euler_adjoint', general_noise, 'noncommutative_oscillator', &
-                                               0.587_wp, 0.034_wp, 0.0_wp), &
+                                               0.684_wp, 0.054_wp, 0.016_wp), &
                                    measurement('stormer_verlet', general_noise, 'noncommutative_oscillator', &
-                                               0.513_wp, 0.027_wp, 0.0_wp), &
+                                               0.484_wp, 0.036_wp, 0.017_wp), &
                                    measurement('gauss2', general_noise, 'noncommutative_oscillator', &
-                                               0.506_wp, 0.027_wp, 0.0_wp), &
+                                               0.489_wp, 0.04_wp, 0.017_wp), &
                                    measurement('gauss3', general_noise, 'noncommutative_oscillator', &
-                                               0.506_wp, 0.027_wp, 0.0_wp), &
+                                               0.488_wp, 0.04_wp, 0.017_wp), &
                                    measurement('gauss4', general_noise, 'noncommutative_oscillator', &
-                                               0.506_wp, 0.027_wp, 0.0_wp), &
+                                               0.488_wp, 0.04_wp, 0.017_wp), &
                                    measurement('lobatto2', general_noise, 'noncommutative_oscillator', &
-                                               0.513_wp, 0.027_wp, 0.0_wp), &
+                                               0.484_wp, 0.036_wp, 0.017_wp), &
                                    measurement('lobatto2_swapped', general_noise, 'noncommutative_oscillator', &
-                                               0.507_wp, 0.024_wp, 0.0_wp), &
+                                               0.511_wp, 0.046_wp, 0.017_wp), &
                                    measurement('lobatto3', general_noise, 'noncommutative_oscillator', &
-                                               0.506_wp, 0.027_wp, 0.0_wp), &
+                                               0.488_wp, 0.04_wp, 0.017_wp), &
                                    measurement('lobatto3_swapped', general_noise, 'noncommutative_oscillator', &
-                                               0.506_wp, 0.027_wp, 0.0_wp), &
+                                               0.488_wp, 0.04_wp, 0.017_wp), &
                                    measurement('lobatto4', general_noise, 'noncommutative_oscillator', &
-                                               0.506_wp, 0.027_wp, 0.0_wp), &
+                                               0.488_wp, 0.04_wp, 0.017_wp), &
                                    measurement('lobatto4_swapped', general_noise, 'noncommutative_oscillator', &
-                                               0.506_wp, 0.027_wp, 0.0_wp), &
+                                               0.488_wp, 0.04_wp, 0.017_wp), &
                                    measurement('P2N2Q2Lob', general_noise, 'noncommutative_oscillator', &
-                                               0.513_wp, 0.027_wp, 0.0_wp), &
+                                               0.484_wp, 0.036_wp, 0.017_wp), &
                                    measurement('P2N2Q2Otr', general_noise, 'noncommutative_oscillator', &
-                                               0.537_wp, 0.023_wp, 0.0_wp), &
+                                               0.551_wp, 0.046_wp, 0.017_wp), &
                                    measurement('gauss2_strong32', general_noise, 'noncommutative_oscillator', &
-                                               0.492_wp, 0.028_wp, 0.0_wp), &
+                                               0.462_wp, 0.04_wp, 0.0093_wp), &
                                    measurement('gauss2_strong32_areas', general_noise, 'noncommutative_oscillator', &
-                                               1.044_wp, 0.038_wp, 0.0_wp), &
+                                               0.997_wp, 0.04_wp, 0.1_wp), &
                                    measurement('midpoint_areas', general_noise, 'noncommutative_oscillator', &
-                                               1.017_wp, 0.023_wp, 0.0_wp), &
+                                               0.999_wp, 0.033_wp, 0.098_wp), &
                                    measurement('heun', general_noise, 'noncommutative_oscillator', &
-                                               0.509_wp, 0.024_wp, 0.0_wp), &
+                                               0.491_wp, 0.042_wp, 0.019_wp), &
                                    measurement('euler_maruyama', general_noise, 'noncommutative_oscillator', &
-                                               0.539_wp, 0.025_wp, 0.0_wp), &
+                                               0.465_wp, 0.03_wp, 0.013_wp), &
                                    measurement('dirk:0.25', general_noise, 'noncommutative_oscillator', &
-                                               0.51_wp, 0.028_wp, 0.0_wp), &
+                                               0.486_wp, 0.042_wp, 0.019_wp), &
                                    measurement('lambda:0.3', general_noise, 'noncommutative_oscillator', &
-                                               0.519_wp, 0.031_wp, 0.0_wp)]
-   type(measurement), parameter :: commuting(22) = [ &
+                                               0.493_wp, 0.039_wp, 0.019_wp)]
+   type(measurement), parameter :: commuting(21) = [ &
                                    measurement('midpoint', commuting_flows, 'kubo', &
-                                               1.034_wp, 0.01_wp, 0.0_wp), &
+                                               1.056_wp, 0.014_wp, 0.0_wp), &
                                    measurement('symplectic_euler', commuting_flows, 'kubo', &
-                                               0.996_wp, 0.004_wp, 0.0_wp), &
+                                               0.992_wp, 0.003_wp, 0.0_wp), &
                                    measurement('symplectic_euler_adjoint', commuting_flows, 'kubo', &
-                                               0.999_wp, 0.002_wp, 0.0_wp), &
+                                               1.003_wp, 0.004_wp, 0.0_wp), &
                                    measurement('stormer_verlet', commuting_flows, 'kubo', &
-                                               1.057_wp, 0.013_wp, 0.0_wp), &
+                                               1.095_wp, 0.024_wp, 0.0_wp), &
                                    measurement('gauss2', commuting_flows, 'kubo', &
-                                               2.073_wp, 0.024_wp, 0.0_wp), &
+                                               2.143_wp, 0.044_wp, 0.0_wp), &
                                    measurement('gauss3', commuting_flows, 'kubo', &
-                                               3.076_wp, 0.047_wp, 0.0_wp), &
-                                   measurement('gauss4', commuting_flows, 'kubo', &
-                                               4.114_wp, 0.209_wp, 0.0_wp), &
+                                               3.313_wp, 0.108_wp, 0.0_wp), &
                                    measurement('lobatto2', commuting_flows, 'kubo', &
-                                               1.057_wp, 0.013_wp, 0.0_wp), &
+                                               1.095_wp, 0.024_wp, 0.0_wp), &
                                    measurement('lobatto2_swapped', commuting_flows, 'kubo', &
-                                               1.043_wp, 0.011_wp, 0.0_wp), &
+                                               1.064_wp, 0.013_wp, 0.0_wp), &
                                    measurement('lobatto3', commuting_flows, 'kubo', &
-                                               2.072_wp, 0.023_wp, 0.0_wp), &
+                                               2.139_wp, 0.039_wp, 0.0_wp), &
                                    measurement('lobatto3_swapped', commuting_flows, 'kubo', &
-                                               2.089_wp, 0.029_wp, 0.0_wp), &
+                                               2.182_wp, 0.049_wp, 0.0_wp), &
                                    measurement('lobatto4', commuting_flows, 'kubo', &
-                                               3.08_wp, 0.053_wp, 0.0_wp), &
+                                               3.357_wp, 0.111_wp, 0.0_wp), &
                                    measurement('lobatto4_swapped', commuting_flows, 'kubo', &
-                                               3.068_wp, 0.045_wp, 0.0_wp), &
+                                               3.294_wp, 0.103_wp, 0.0_wp), &
                                    measurement('P2N2Q2Lob', commuting_flows, 'kubo', &
-                                               1.057_wp, 0.013_wp, 0.0_wp), &
+                                               1.095_wp, 0.024_wp, 0.0_wp), &
                                    measurement('P2N2Q2Otr', commuting_flows, 'kubo', &
-                                               1.048_wp, 0.011_wp, 0.0_wp), &
+                                               1.071_wp, 0.013_wp, 0.0_wp), &
                                    measurement('gauss2_strong32', commuting_flows, 'kubo', &
-                                               2.073_wp, 0.024_wp, 0.0_wp), &
+                                               2.143_wp, 0.044_wp, 0.0_wp), &
                                    measurement('gauss2_strong32_areas', commuting_flows, 'kubo', &
-                                               2.073_wp, 0.024_wp, 0.0_wp), &
+                                               2.143_wp, 0.044_wp, 0.0_wp), &
                                    measurement('midpoint_areas', commuting_flows, 'kubo', &
-                                               1.034_wp, 0.01_wp, 0.0_wp), &
+                                               1.056_wp, 0.014_wp, 0.0_wp), &
                                    measurement('heun', commuting_flows, 'kubo', &
-                                               1.038_wp, 0.01_wp, 0.0_wp), &
+                                               1.062_wp, 0.015_wp, 0.0_wp), &
                                    measurement('euler_maruyama', commuting_flows, 'kubo', &
-                                               0.61_wp, 0.018_wp, 0.0_wp), &
+                                               0.654_wp, 0.028_wp, 0.0_wp), &
                                    measurement('dirk:0.25', commuting_flows, 'kubo', &
-                                               1.037_wp, 0.01_wp, 0.0_wp), &
+                                               1.06_wp, 0.015_wp, 0.0_wp), &
                                    measurement('lambda:0.3', commuting_flows, 'kubo', &
-                                               0.993_wp, 0.002_wp, 0.0_wp)]
+                                               0.991_wp, 0.002_wp, 0.0_wp)]
    type(measurement), parameter :: weak(35) = [ &
-                                   measurement('midpoint', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('symplectic_euler', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('symplectic_euler_adjoint', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('stormer_verlet', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('gauss2', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('gauss3', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('gauss4', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('lobatto2', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('lobatto2_swapped', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('lobatto3', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('lobatto3_swapped', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('lobatto4', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('lobatto4_swapped', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('P1N2Q2Lob', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('P1N2Q2Otr', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('P1N2Q4Gau', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('P1N3Q4Lob', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('P2N2Q2Lob', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('P2N2Q2Otr', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('P2N3Q4Lob', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('P2N3Q6Gau', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('P2N4Q6Lob', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('gauss2_strong32', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('gauss2_strong32_areas', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('gauss2_weak2', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('midpoint_areas', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('midpoint_weak1', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
+                                   measurement('midpoint', weak_order, 'noncommutative_oscillator', &
+                                               1.014_wp, 0.013_wp, 0.0_wp), &
+                                   measurement('symplectic_euler', weak_order, 'noncommutative_oscillator', &
+                                               1.001_wp, 0.001_wp, 0.0_wp), &
+                                   measurement('symplectic_euler_adjoint', weak_order, 'noncommutative_oscillator', &
+                                               1.001_wp, 0.001_wp, 0.0_wp), &
+                                   measurement('stormer_verlet', weak_order, 'noncommutative_oscillator', &
+                                               1.036_wp, 0.033_wp, 0.0_wp), &
+                                   measurement('gauss2', weak_order, 'noncommutative_oscillator', &
+                                               1.011_wp, 0.01_wp, 0.0_wp), &
+                                   measurement('gauss3', weak_order, 'noncommutative_oscillator', &
+                                               1.011_wp, 0.01_wp, 0.0_wp), &
+                                   measurement('gauss4', weak_order, 'noncommutative_oscillator', &
+                                               1.011_wp, 0.01_wp, 0.0_wp), &
+                                   measurement('lobatto2', weak_order, 'noncommutative_oscillator', &
+                                               1.036_wp, 0.033_wp, 0.0_wp), &
+                                   measurement('lobatto2_swapped', weak_order, 'noncommutative_oscillator', &
+                                               2.0_wp, 0.0_wp, 0.0_wp), &
+                                   measurement('lobatto3', weak_order, 'noncommutative_oscillator', &
+                                               1.01_wp, 0.01_wp, 0.0_wp), &
+                                   measurement('lobatto3_swapped', weak_order, 'noncommutative_oscillator', &
+                                               1.011_wp, 0.01_wp, 0.0_wp), &
+                                   measurement('lobatto4', weak_order, 'noncommutative_oscillator', &
+                                               1.011_wp, 0.01_wp, 0.0_wp), &
+                                   measurement('lobatto4_swapped', weak_order, 'noncommutative_oscillator', &
+                                               1.011_wp, 0.01_wp, 0.0_wp), &
+                                   measurement('P1N2Q2Lob', weak_order, 'noncommutative_oscillator', &
+                                               1.036_wp, 0.033_wp, 0.0_wp), &
+                                   measurement('P1N2Q2Otr', weak_order, 'noncommutative_oscillator', &
+                                               1.016_wp, 0.015_wp, 0.0_wp), &
+                                   measurement('P1N2Q4Gau', weak_order, 'noncommutative_oscillator', &
+                                               1.021_wp, 0.02_wp, 0.0_wp), &
+                                   measurement('P1N3Q4Lob', weak_order, 'noncommutative_oscillator', &
+                                               1.021_wp, 0.02_wp, 0.0_wp), &
+                                   measurement('P2N2Q2Lob', weak_order, 'noncommutative_oscillator', &
+                                               1.036_wp, 0.033_wp, 0.0_wp), &
+                                   measurement('P2N2Q2Otr', weak_order, 'noncommutative_oscillator', &
+                                               1.076_wp, 0.066_wp, 0.0_wp), &
+                                   measurement('P2N3Q4Lob', weak_order, 'noncommutative_oscillator', &
+                                               1.01_wp, 0.01_wp, 0.0_wp), &
+                                   measurement('P2N3Q6Gau', weak_order, 'noncommutative_oscillator', &
+                                               1.011_wp, 0.01_wp, 0.0_wp), &
+                                   measurement('P2N4Q6Lob', weak_order, 'noncommutative_oscillator', &
+                                               1.011_wp, 0.01_wp, 0.0_wp), &
+                                   measurement('gauss2_strong32', weak_order, 'noncommutative_oscillator', &
+                                               3.011_wp, 0.011_wp, 0.0_wp), &
+                                   measurement('gauss2_strong32_areas', weak_order, 'noncommutative_oscillator', &
+                                               3.011_wp, 0.011_wp, 0.0_wp), &
+                                   measurement('gauss2_weak2', weak_order, 'noncommutative_oscillator', &
+                                               1.998_wp, 0.002_wp, 0.0_wp), &
+                                   measurement('midpoint_areas', weak_order, 'noncommutative_oscillator', &
+                                               1.014_wp, 0.013_wp, 0.0_wp), &
+                                   measurement('midpoint_weak1', weak_order, 'noncommutative_oscillator', &
+                                               1.014_wp, 0.013_wp, 0.0_wp), &
                                    measurement('verlet_dz', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
+                                               1.999_wp, 0.001_wp, 0.0_wp), &
                                    measurement('averaged_shift_midpoint', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
+                                               2.0_wp, 0.0_wp, 0.0_wp), &
                                    measurement('drift_preserving', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
+                                               1.001_wp, 0.001_wp, 0.0_wp), &
                                    measurement('exact_rotation', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('heun', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('euler_maruyama', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('dirk:0.25', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp), &
-                                   measurement('lambda:0.3', weak_order, 'linear_oscillator', &
-                                               1.0_wp, 0.0_wp, 0.0_wp)]
+                                               1.002_wp, 0.002_wp, 0.0_wp), &
+                                   measurement('heun', weak_order, 'noncommutative_oscillator', &
+                                               2.017_wp, 0.016_wp, 0.0_wp), &
+                                   measurement('euler_maruyama', weak_order, 'noncommutative_oscillator', &
+                                               1.003_wp, 0.003_wp, 0.0_wp), &
+                                   measurement('dirk:0.25', weak_order, 'noncommutative_oscillator', &
+                                               1.012_wp, 0.012_wp, 0.0_wp), &
+                                   measurement('lambda:0.3', weak_order, 'noncommutative_oscillator', &
+                                               1.0_wp, 0.003_wp, 0.0_wp)]
    type(measurement), parameter :: found(*) = [additive, commutative, general, commuting, weak]
 
 contains
