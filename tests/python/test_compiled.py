@@ -162,7 +162,7 @@ def test_ctypes_pointers_to_numbers_are_addresses_too():
 
 def all_schemes():
     """Every scheme that takes one noise of any kind, and every way to solve."""
-    found = [(name, {}) for name in ss.schemes.names() if ss.schemes.get(name).info.order_commutative > 0]
+    found = [(name, {}) for name in ss.schemes.names() if ss.schemes.get(name).info.orders["commutative"].value > 0]
     return [*found, ("midpoint", {"general": True}), ("midpoint", {"fixed_point": 5}), ("gauss2", {"general": True})]
 
 
