@@ -87,9 +87,10 @@ STRONG = {
 }  # fmt: skip
 
 
-def strong(kind, names):
+def strong(kind, names, paths=None):
     """{scheme: order for a class of noise as a dict}; schemes that every model of the class refuses are left out."""
-    problems, steps, paths = STRONG[kind]
+    problems, steps, all_paths = STRONG[kind]
+    paths = paths or all_paths
     found = {}
     for make in problems:
         model = make()
