@@ -132,7 +132,9 @@ def test_lists_say_what_the_library_says(capsys):
         (line,) = [line for line in lines if line.split()[:1] == [name]]
         assert ("not symplectic" in line) == (not info.symplectic)
         orders = re.search(r"strong order (\S+) / (\S+) / (\S+)", line).groups()
-        assert [float(x) for x in orders] == [info.order_additive, info.order_commutative, info.order_general]
+        assert [float(x) for x in orders] == [
+            info.orders[kind].value for kind in ("additive", "commutative", "general")
+        ]
         assert line.endswith(info.reference)
 
 
