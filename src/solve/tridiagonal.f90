@@ -92,7 +92,7 @@ contains
       size = extent
    end subroutine correct_up_strip
 
-   !> VEC The largest diagonal entry of c K in some rows of a strip, or what it was where that is larger.
+   !> The largest diagonal entry of c K in some rows of a strip, or what it was where that is larger.
    pure subroutine largest_diagonal(m, c, k, largest)
       integer, intent(in) :: m
       real(wp), intent(in) :: c
@@ -101,6 +101,7 @@ contains
       integer :: lane, i
 
       do i = 1, m
+         !GCC$ unroll 16
          do lane = 1, strip_lanes
             largest(lane) = merge(c*k(lane, 0, i), largest(lane), c*k(lane, 0, i) > largest(lane))
          end do

@@ -205,21 +205,17 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC Unknowns, force and stiffness of a strip of a block.
+   !> Unknowns, force and stiffness of a strip of a block.
    pure subroutine take_strip(nlane, n, before, x, hq, hqq, xs, f, k)
       integer, intent(in) :: nlane, n, before
       real(wp), intent(in) :: x(nlane, n), hq(nlane, n), hqq(nlane, 0:1, n)
       real(wp), intent(out) :: xs(strip_lanes, n), f(strip_lanes, n), k(strip_lanes, 0:1, n)
-      integer :: i, lane
+      integer :: i
 
       do i = 1, n
-         !GCC$ unroll 16
-         do lane = 1, strip_lanes
-            xs(lane, i) = x(before + lane, i)
-            f(lane, i) = hq(before + lane, i)
-            k(lane, 0, i) = hqq(before + lane, 0, i)
-            k(lane, 1, i) = hqq(before + lane, 1, i)
-         end do
+         xs(:, i) = x(before + 1:before + strip_lanes, i)
+         f(:, i) = hq(before + 1:before + strip_lanes, i)
+         k(:, :, i) = hqq(before + 1:before + strip_lanes, :, i)
       end do
    end subroutine take_strip
 
