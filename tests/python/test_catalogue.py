@@ -232,3 +232,14 @@ def test_a_scheme_says_what_its_orders_rest_on():
     mine = ss.schemes.from_tableau([[0.5]], [[0.5]], [1.0], name="midpoint")  # a name measures nothing
     assert mine.info.orders["additive"].evidence == "derived" and mine.info.orders["additive"].measured is None
     assert "not measured" in mine.certificate() and "measured 1.0" in ss.schemes.get("midpoint").certificate()
+
+
+def test_coefficients_of_a_tableau_are_those_given():
+    """One stage, noise alone: Q = q + b x P, P = p - bbar x Q with x = sigma dW; then q + x P and p - x Q."""
+    b, bbar, x, q, p = 0.4, 0.7, 0.3, 1.0, 0.5
+    half = [[0.5]]
+    scheme = ss.schemes.from_tableau(half, half, [1.0], b=[[b]], bbar=[[bbar]], beta=[1.0], allow_nonsymplectic=True)
+    found = ss.step(ss.models.kubo(a=0.0, sigma=1.0), scheme, q, p, 0.1, x, correction="none")
+    stage_q = (q + b * x * p) / (1 + b * bbar * x**2)
+    stage_p = p - bbar * x * stage_q
+    np.testing.assert_allclose(np.ravel(found), [q + x * stage_p, p - x * stage_q], rtol=1e-12)

@@ -250,6 +250,7 @@ def test_status_texts():
         error = ss.errors.from_code(code, "a sentence")
         assert type(error) is kind and error.code == code and str(error) == "a sentence"
     assert type(ss.errors.from_code(3, "x")) is ss.errors.NumericalError
+    assert ss.errors.from_code(3, "x").code == 3
 
 
 def test_texts_longer_than_any_buffer():

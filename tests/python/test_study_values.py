@@ -415,3 +415,14 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path):
     table.write_csv(tmp_path / "x.csv", [{"scheme": "a", "drift": np.float64(0.25), "pareto": True, "h": 0.1}])
     (last,) = csv.DictReader(line for line in (tmp_path / "x.csv").read_text().splitlines() if not line.startswith("#"))
     assert (last["scheme"], last["drift"], last["pareto"], last["h"], last["weak_q"]) == ("a", "0.25", "1", "0.1", "")
+
+
+def test_the_lesson_on_integrals_gives_the_gain():
+    rows = [cost_row("midpoint", 0.1, 1e-3, 10e-6), cost_row("verlet_dz", 0.2, 9e-4, 2e-6)]
+    for row in rows:
+        row |= {"drift": None, "iterations": 0.0}
+    line = learned._integrals([SimpleNamespace(name="toy", rows=rows, schemes=["midpoint", "verlet_dz"])])
+    assert "toy, verlet_dz: 5 times cheaper than midpoint at 1e-03." in line
+    rows[1]["seconds"] = 25e-6
+    line = learned._integrals([SimpleNamespace(name="toy", rows=rows, schemes=["midpoint", "verlet_dz"])])
+    assert "toy, verlet_dz: 2.5 times dearer than midpoint at 1e-03." in line
