@@ -248,7 +248,8 @@ class Model:
         npath = _checks.columns(q, p)
         q, p = (_checks.full(_checks.state(name, x, self.ndof, npath), npath) for name, x in (("q", q), ("p", p)))
         if w is None:
-            w = np.eye(self.nnoise + 1)[0]
+            w = np.zeros(self.nnoise + 1)
+            w[0] = 1
         w = _checks.real_array("w", w)
         w = w[:, np.newaxis] if w.ndim == 1 else w
         if w.ndim != 2 or w.shape[0] != self.nnoise + 1 or w.shape[1] not in (1, npath):

@@ -4,6 +4,7 @@ module symsde_capi_evaluate
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_int, c_int64_t, c_ptr
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, padded
+   use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, invalid_argument, missing_operation, out_of_memory, status_ok, &
                                  callback_failed
    use symsde_base_text, only: to_text
@@ -51,7 +52,7 @@ contains
             call raise(refusal, missing_operation, 'symsde_model_value', 'the model offers no value: give one '// &
                        'to symsde_model_new')
       end if
-      if (.not. allocated(refusal)) call add_output(points, value, 1, points%out1, points%block1, refusal)
+      if (.not. allocated(refusal)) call add_output(points, value, 1_i8, points%out1, points%block1, refusal)
       status = evaluate(points, of_value, t, refusal, error)
    end function symsde_model_value
 
@@ -67,8 +68,8 @@ contains
 
       call read_points(points, model, npath, w, q, p, refusal)
       if (.not. (c_associated(hq) .or. c_associated(hp))) call require(hq, 'hq (and hp)', refusal)
-      call add_output(points, hq, points%ndof, points%out1, points%block1, refusal)
-      call add_output(points, hp, points%ndof, points%out2, points%block2, refusal)
+      call add_output(points, hq, int(points%ndof, i8), points%out1, points%block1, refusal)
+      call add_output(points, hp, int(points%ndof, i8), points%out2, points%block2, refusal)
       status = evaluate(points, of_gradient, t, refusal, error)
    end function symsde_model_gradient
 
@@ -81,12 +82,12 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       type(points_type), target :: points
-      integer :: n
+      integer(i8) :: n
 
       call read_points(points, model, npath, w, q, p, refusal)
       if (.not. (c_associated(hqq) .or. c_associated(hqp) .or. c_associated(hpp))) &
          call require(hqq, 'hqq (and hqp and hpp)', refusal)
-      n = points%ndof**2
+      n = int(points%ndof, i8)**2
       call add_output(points, hqq, n, points%out1, points%block1, refusal)
       call add_output(points, hqp, n, points%out2, points%block2, refusal)
       call add_output(points, hpp, n, points%out3, points%block3, refusal)
@@ -109,17 +110,26 @@ contains
       points%nnoise = points%model%traits%nnoise
       points%nlane = lanes_for(points%ndof, npath)
       if (points%ndof > 128) points%nlane = padded(1)  ! a block of a dense Hessian is large
-      call add_array(points, w, 'w', points%nnoise + 1, points%w, points%wb, error)
-      call add_array(points, q, 'q', points%ndof, points%q, points%qb, error)
-      call add_array(points, p, 'p', points%ndof, points%p, points%pb, error)
+      call require_memory(points%nlane*evaluation_numbers(points%model), 'a call of model '//points%model%name, &
+                          'give a smaller system', 'read_points', error)
+      call add_array(points, w, 'w', points%nnoise + 1_i8, points%w, points%wb, error)
+      call add_array(points, q, 'q', int(points%ndof, i8), points%q, points%qb, error)
+      call add_array(points, p, 'p', int(points%ndof, i8), points%p, points%pb, error)
    end subroutine read_points
+
+   !> Numbers a lane: inputs, and the vectors of differences where the model has no Hessian.
+   pure real(wp) function evaluation_numbers(model) result(numbers)
+      class(model_type), intent(in) :: model
+
+      numbers = 20.0_wp*model%traits%ndof + 4.0_wp*model%traits%nnoise
+   end function evaluation_numbers
 
    !> One array of n numbers a path, and its block.
    subroutine add_array(points, given, what, n, array, block, error)
       type(points_type), intent(in) :: points
       type(c_ptr), intent(in) :: given
       character(*), intent(in) :: what
-      integer, intent(in) :: n
+      integer(i8), intent(in) :: n
       real(wp), pointer, contiguous, intent(out) :: array(:, :)
       real(wp), allocatable, intent(out) :: block(:, :)
       type(error_type), allocatable, intent(inout) :: error
@@ -127,18 +137,20 @@ contains
 
       nullify (array)
       call require(given, what, error)
-      call check_sizes(int(n, i8), points%npath, 1_i8, what, error)
+      call check_sizes(n, points%npath, 1_i8, what, error)
       if (allocated(error)) return
-      call view(given, points%npath, int(n, i8), array)
+      call view(given, points%npath, n, array)
       allocate (block(points%nlane, n), stat=info)
-      if (info /= 0) call raise(error, out_of_memory, 'add_array', 'no memory for a block of '//what)
+      if (info /= 0) call raise(error, out_of_memory, 'add_array', what//' needs a block of '// &
+                                to_text(8.0_wp*points%nlane*n)//' bytes, more than this process can have: give a '// &
+                                'smaller system')
    end subroutine add_array
 
    !> The same for an output, if it is wanted.
    subroutine add_output(points, given, n, array, block, error)
       type(points_type), intent(in) :: points
       type(c_ptr), intent(in) :: given
-      integer, intent(in) :: n
+      integer(i8), intent(in) :: n
       real(wp), pointer, contiguous, intent(out) :: array(:, :)
       real(wp), allocatable, intent(out) :: block(:, :)
       type(error_type), allocatable, intent(inout) :: error

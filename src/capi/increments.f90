@@ -3,7 +3,10 @@
 module symsde_capi_increments
    use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_ptr
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: default_nlane
+   use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type
+   use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes
    use symsde_capi_model, only: find_model
@@ -12,6 +15,7 @@ module symsde_capi_increments
    use symsde_ensemble_driver, only: new_noise
    use symsde_ensemble_increments, only: collect_increments
    use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_room, only: noise_numbers
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type
@@ -45,6 +49,10 @@ contains
             call new_noise(noise, m, o, lost, refusal)
          end if
       end if
+      if (.not. allocated(refusal)) &
+         call require_memory(noise_numbers(noise%nnoise, noise%asked, default_nlane), &
+                             'drawing the increments of '//to_text(noise%nnoise)//' noises', 'give fewer noises', &
+                             'symsde_increments', refusal)
       if (.not. allocated(refusal)) then
          if (noise%nnoise > 0 .and. o%nstep > 0) call require(dw, 'dw', refusal)
          if (noise%nnoise > 0 .and. o%nstep > 0 .and. .not. allocated(refusal)) then

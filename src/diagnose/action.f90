@@ -10,10 +10,10 @@
 module symsde_diagnose_action
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: lanes_for
+   use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation
-   use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian, &
-                                         count_unknowns
+   use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian, lanes_of_diagnosis, &
+                                         lagrangian_numbers
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_model_abstract, only: model_type
@@ -218,9 +218,12 @@ contains
       if (.not. fits3(dw, size(q, 1), model%traits%nnoise, size(dw, 3))) &
          call refuse_shape('dw', error)
       if (allocated(error)) return
-      ! blocks get smaller with the squares of the systems, whose matrices are stored lane by lane
-      nlane = lanes_for(count_unknowns(model, scheme)**2/16 + 1, size(q, 1, i8))
+      nlane = lanes_of_diagnosis(model, scheme, size(q, 1, i8))
+      call require_memory(lagrangian_numbers(model, scheme, nlane), 'the discrete Lagrangian of model '//model%name// &
+                          ' under scheme '//scheme%name, 'give a smaller system or a scheme of one stage', &
+                          'discrete_action', error)
       call new_discrete_lagrangian(lagrangian, model, scheme, options, nlane, error)
+      if (allocated(error)) return
       work%nlane = nlane
       work%h = options%step
       allocate (work%w(nlane, 0:model%traits%nnoise), work%action(nlane), work%status(nlane))

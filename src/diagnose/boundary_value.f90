@@ -12,16 +12,18 @@
 module symsde_diagnose_boundary_value
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_base_lanes, only: lane_unit
+   use symsde_base_lanes, only: lane_unit, default_nlane
+   use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, invalid_argument, wrong_shape, too_large, out_of_memory, &
                                  status_ok, not_converged, nonfinite
    use symsde_base_text, only: to_text
    use symsde_diagnose_action_system, only: action_system, new_action_system
-   use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian
+   use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian, lagrangian_numbers
    use symsde_ensemble_driver, only: new_noise
    use symsde_ensemble_increments, only: collect_increments
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_room, only: noise_numbers
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type
@@ -79,6 +81,7 @@ contains
          if (size(rcond) /= size(status)) call refuse_shape('rcond', error)
       end if
       if (allocated(error)) return
+      call judge_memory(model, scheme, options, error)
       call new_discrete_lagrangian(lagrangian, model, scheme, options, lane_unit, error)
       if (.not. allocated(error)) call new_noise(noise, model, options, lost, error, dw, scheme)
       if (allocated(error)) return
@@ -109,6 +112,27 @@ contains
       end do
       call blas_restore_threads()
    end subroutine stationary_path
+
+   !> The increments of all paths, and for a block the Lagrangian, the equations with their band, and Newton's work.
+   subroutine judge_memory(model, scheme, options, error)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp) :: n, m, stages, length, unknowns, numbers
+
+      n = model%traits%ndof
+      m = model%traits%nnoise
+      stages = 2.0_wp*scheme%nstage   ! at most: noise may have stages of its own
+      length = 2*n*(stages + 1)
+      unknowns = length*options%nstep
+      numbers = real(options%npath, wp)*m*options%nstep &
+                + noise_numbers(model%traits%nnoise, scheme%asks, default_nlane) &
+                + lagrangian_numbers(model, scheme, lane_unit) + 6*unknowns*length + 64*unknowns &
+                + lane_unit*(3*n**2*stages + m + 1)*options%nstep
+      call require_memory(numbers, 'the stationary path of '//to_text(options%nstep)//' steps of model '//model%name// &
+                          ' under scheme '//scheme%name, 'give fewer steps or paths, or a smaller system', place, error)
+   end subroutine judge_memory
 
    !> Newton on the paths of a block; every iteration differentiates all of them at once.
    subroutine solve_block(system, max_iter, nreal, states, done, npath, error, monitor)

@@ -14,6 +14,7 @@
 module symsde_diagnose_commutator
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use symsde_base_kinds, only: wp
+   use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, wrong_shape
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type, default_step
@@ -54,6 +55,11 @@ contains
                     to_text(model%traits%ndof)//') with at least one point')
          return
       end if
+      call require_memory(size(q, 1)*(20.0_wp*model%traits%ndof + 4.0_wp*model%traits%nnoise &
+                                      + merge(3.0_wp*real(model%traits%ndof, wp)**2, 0.0_wp, &
+                                              model%traits%has_hessian .and. .not. model%traits%has_hessian_vector)), &
+                          'the brackets at '//to_text(size(q, 1))//' points', 'give fewer points', 'commutator', error)
+      if (allocated(error)) return
       allocate (qs, source=q)
       allocate (ps, source=p)
       do k = 1, model%traits%nnoise

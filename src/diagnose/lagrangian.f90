@@ -22,6 +22,7 @@
 !> own (b, beta) make stages of their own, with the Hamiltonians h H and sum_k dW_k H_k.
 module symsde_diagnose_lagrangian
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lanes_for
    use symsde_base_status, only: error_type, raise, incompatible
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
@@ -31,7 +32,7 @@ module symsde_diagnose_lagrangian
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
    implicit none
    private
-   public :: discrete_lagrangian, new_discrete_lagrangian, count_unknowns
+   public :: discrete_lagrangian, new_discrete_lagrangian, lanes_of_diagnosis, lagrangian_numbers
 
    !> Slopes are ordered x(:, 1:n) = V_1, x(:, n+1:2n) = Hhat_q at stage 1, and so on.
    type :: discrete_lagrangian
@@ -63,6 +64,28 @@ contains
       n = 2*model%traits%ndof*scheme%nstage
       if (.not. has_one_part(model, scheme)) n = 2*n
    end function count_unknowns
+
+   !> Lanes of a block of a diagnosis: fewer with the squares of the systems, whose matrices are stored lane by
+   !> lane, and so that a host need not wait long for a block to end.
+   pure integer function lanes_of_diagnosis(model, scheme, npath) result(nlane)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      integer(i8), intent(in) :: npath   !! paths or points
+
+      nlane = lanes_for(int(min(real(count_unknowns(model, scheme), wp)**2/16 + 1, 1e6_wp)), npath)
+   end function lanes_of_diagnosis
+
+   !> Numbers of eight bytes that a discrete Lagrangian of nlane lanes holds at most.
+   pure real(wp) function lagrangian_numbers(model, scheme, nlane) result(numbers)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: nlane
+      real(wp) :: n, unknowns
+
+      n = model%traits%ndof
+      unknowns = count_unknowns(model, scheme)
+      numbers = nlane*(unknowns**2 + 9*n**2 + 80*n + 12*unknowns + 10*(model%traits%nnoise + 1)) + 2*unknowns**2
+   end function lagrangian_numbers
 
    !> The discrete Lagrangian of a scheme for blocks of nlane lanes.
    !> Errors: incompatible for schemes that come from none; those of resolve_correction.

@@ -14,16 +14,18 @@ module symsde_diagnose_symplecticity
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_functionals, only: path_dz, path_areas
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: lanes_for
+   use symsde_base_memory, only: require_memory
    use symsde_base_record, only: step_record, step_store, new_step_store
    use symsde_base_status, only: error_type, raise, wrong_shape, invalid_argument
    use symsde_base_text, only: to_text
+   use symsde_diagnose_lagrangian, only: lanes_of_diagnosis
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: stepper_options, new_stepper
+   use symsde_step_room, only: stepper_numbers
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
@@ -134,11 +136,17 @@ contains
       call check(model, options, q, p, dw, base, error)
       if (allocated(error)) return
       total = size(q, 1, i8)*2*n*nstencil
-      nlane = lanes_for(n, total)
+      nlane = lanes_of_diagnosis(model, scheme, total)
       choice%correction = options%correction
       choice%general = options%general
       choice%newton%max_iter = options%max_iter
       choice%newton%fixed_point = options%fixed_point
+      call require_memory(4.0_wp*size(q, 1)*real(n, wp)**2 + nlane*(8.0_wp*n + 2*model%traits%nnoise) &
+                          + stepper_numbers(model, scheme, choice%newton, choice%general, nlane), &
+                          'the tangent map of '//to_text(2*n)//' variables at '//to_text(size(q, 1))// &
+                          ' points under scheme '//scheme%name, &
+                          'give fewer points, a smaller system or a scheme of one stage', 'symplecticity_defect', error)
+      if (allocated(error)) return
       call new_stepper(stepper, model, scheme, choice, nlane, error)
       if (allocated(error)) return
       allocate (d(2*n, 2*n, size(q, 1)), source=0.0_wp)

@@ -20,7 +20,7 @@ module symsde_ensemble_block
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
-   public :: block_runner, new_block_runner
+   public :: block_runner, new_block_runner, pairs_ahead
 
    !> All that one thread needs: nothing in it is shared with other threads except read-only data.
    type :: block_runner

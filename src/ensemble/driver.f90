@@ -20,6 +20,7 @@ module symsde_ensemble_driver
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_ensemble_report, only: run_report, describe_left_out
+   use symsde_ensemble_room, only: fit_threads
    use symsde_ensemble_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
    use symsde_model_catalogue, only: is_built_in
@@ -103,6 +104,7 @@ contains
       start = seconds()
       call check_options(options, error)
       if (.not. allocated(error)) call check_state(options, model%traits%ndof, q0, p0, error)
+      if (.not. allocated(error)) call plan_run(model, scheme, options, observer, report, error)
       if (.not. (allocated(error) .or. is_built_in(model))) &
          call probe_model(model, options%t0, q0(1, :), p0(1, :), error)
       if (.not. allocated(error)) call new_noise(noise, model, options, report%lost_variance, error, dw, scheme)
@@ -222,7 +224,26 @@ contains
       call runner%finish()
    end subroutine run_block
 
-   !> One runner for every thread; more threads than blocks would have nothing to do.
+   !> Lanes of a block, and threads: as many as are asked for, have blocks to do, and find memory.
+   subroutine plan_run(model, scheme, options, observer, report, error)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      class(observer_type), intent(in) :: observer
+      type(run_report), intent(inout) :: report
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: nblock
+      integer :: nthread
+
+      call choose_nthread(options, nthread, error)
+      if (allocated(error)) return
+      report%nlane = choose_nlane(options, model)
+      nblock = (options%npath + report%nlane - 1)/report%nlane
+      report%nthread = int(min(int(nthread, i8), nblock))
+      call fit_threads(model, scheme, options, observer, report%nlane, report%nthread, error)
+   end subroutine plan_run
+
+   !> One runner for every thread.
    subroutine new_runners(runners, model, scheme, options, observer, noise, report, error)
       type(block_runner), allocatable, intent(out) :: runners(:)
       class(model_type), intent(in), target :: model
@@ -234,12 +255,8 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       class(stepper_type), allocatable :: stepper
       type(stepper_options) :: choice
-      integer :: i, info, nthread
+      integer :: i, info
 
-      call choose_nthread(options, nthread, error)
-      if (allocated(error)) return
-      report%nlane = choose_nlane(options, model)
-      report%nthread = int(min(int(nthread, i8), (options%npath + report%nlane - 1)/report%nlane))
       choice%correction = options%correction
       choice%general = options%general
       choice%newton%max_iter = options%max_iter

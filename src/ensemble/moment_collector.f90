@@ -42,6 +42,7 @@ module symsde_ensemble_moment_collector
       procedure :: observe
       procedure :: end_block
       procedure :: failure_code
+      procedure :: numbers
    end type moment_collector
 
 contains
@@ -154,6 +155,24 @@ contains
          call list_failure(self%store, self%first + lane - 1, int(state%status(lane), i4), state%failed_step(lane))
       end do
    end subroutine end_block
+
+   !> Nodes over all saved times: the pieces of each thread's block, one of each level that waits for its sister
+   !> in the tree, and the root.
+   real(wp) function numbers(self, npath, nthread)
+      class(moment_collector), intent(in) :: self
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: nthread
+      real(wp) :: node
+      integer :: pieces, waiting
+
+      node = real(self%ntime, wp)*(2*self%nvalue + 1)
+      pieces = 1
+      if (mod(npath, 256_i8) /= 0 .or. mod(256, size(self%values, 1)) /= 0) &
+         pieces = 2*exponent(real(size(self%values, 1), wp))
+      pieces = int(min(int(pieces, i8), npath))
+      waiting = int(min(int(exponent(real(npath, wp)), i8), npath))
+      numbers = node*(real(nthread, wp)*pieces + waiting + 2) + nthread*real(size(self%values), wp)
+   end function numbers
 
    !> That of the user's observables.
    integer function failure_code(self) result(code)

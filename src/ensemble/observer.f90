@@ -16,6 +16,7 @@ module symsde_ensemble_observer
       procedure(observe_interface), deferred :: observe
       procedure(end_interface), deferred :: end_block
       procedure :: skip => nothing_to_skip
+      procedure :: numbers => nothing_held
       procedure :: failure_code => never_failed
    end type observer_type
 
@@ -54,6 +55,15 @@ contains
       class(observer_type), intent(inout) :: self
       integer(i8), intent(in) :: isave
    end subroutine nothing_to_skip
+
+   !> Numbers of eight bytes that the copies of nthread threads allocate, at most, while npath paths are run.
+   real(wp) function nothing_held(self, npath, nthread) result(numbers)
+      class(observer_type), intent(in) :: self
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: nthread
+
+      numbers = 0
+   end function nothing_held
 
    !> Nonzero aborts the run: the return code of a user callback that the observer calls.
    integer function never_failed(self) result(code)

@@ -76,8 +76,9 @@ contains
       recorder%last_p => run%last_p
       recorder%low_q => run%low_q
       recorder%low_p => run%low_p
-      call by_path(q0, model%traits%ndof, q_rows)
-      call by_path(p0, model%traits%ndof, p_rows)
+      call by_path(q0, model%traits%ndof, q_rows, error)
+      call by_path(p0, model%traits%ndof, p_rows, error)
+      if (allocated(error)) return
       if (present(monitor)) then
          call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, monitor, &
                            run%report, error, dw, q0_low, p0_low)
@@ -113,8 +114,9 @@ contains
       allocate (store)
       call new_moment_collector(collector, model, choose_nlane(options, model), size(result%t), &
                                 store, observables)
-      call by_path(q0, model%traits%ndof, q_rows)
-      call by_path(p0, model%traits%ndof, p_rows)
+      call by_path(q0, model%traits%ndof, q_rows, error)
+      call by_path(p0, model%traits%ndof, p_rows, error)
+      if (allocated(error)) return
       if (present(monitor)) then
          call run_ensemble(model, scheme, options, q_rows, p_rows, collector, monitor, &
                            result%report, error, dw, q0_low, p0_low)
@@ -156,11 +158,12 @@ contains
       nvalue = 2*model%traits%ndof + merge(1, 0, result%has_energy)
       if (present(observables)) nvalue = nvalue + observables%nvalue
       info = 1
-      if (ntime < huge(0)) allocate (result%mean(nvalue, ntime), result%variance(nvalue, ntime), &
+      if (ntime < huge(0)) allocate (result%t(ntime), result%mean(nvalue, ntime), result%variance(nvalue, ntime), &
                                      result%se_mean(nvalue, ntime), stat=info)
       if (info /= 0) then
          call raise(error, out_of_memory, 'moments', 'no memory for the moments of '//to_text(nvalue)// &
-                    ' values at '//to_text(ntime)//' times: save less often (save_every)')
+                    ' values at '//to_text(ntime)//' times, '//to_text(24.0_wp*nvalue*ntime)// &
+                    ' bytes: save less often (save_every)')
          return
       end if
       call saved_times(options, result%t)
@@ -194,11 +197,11 @@ contains
    !> The saved times, t0 included.
    subroutine saved_times(options, t)
       type(run_options), intent(in) :: options
-      real(wp), allocatable, intent(out) :: t(:)
+      real(wp), allocatable, intent(inout) :: t(:)
       integer(i8) :: i, nsave
 
       nsave = options%nstep/options%save_every
-      allocate (t(nsave + 1))
+      if (.not. allocated(t)) allocate (t(nsave + 1))
       do i = 0, nsave
          t(i + 1) = saved_time(options, i)
       end do
@@ -235,6 +238,7 @@ contains
                 run%last_q(options%npath, ndof), run%last_p(options%npath, ndof), stat=info)
       if (info == 0) allocate (run%low_q(options%npath, ndof), run%low_p(options%npath, ndof), &
                                source=0.0_wp, stat=info)
+      if (info == 0) allocate (run%t(ntime), stat=info)
       if (info /= 0) then
          call raise(error, out_of_memory, 'simulate', 'no memory for '//to_text(bytes)//' bytes of saved paths: '// &
                     'save less often (save_every), fewer paths, or use moments')
@@ -244,15 +248,22 @@ contains
    end subroutine new_paths
 
    !> The state as (npath or 1, ndof); a size that is no multiple of ndof is left for the check of shapes.
-   pure subroutine by_path(x, ndof, rows)
+   subroutine by_path(x, ndof, rows, error)
       real(wp), intent(in) :: x(:)
       integer, intent(in) :: ndof
       real(wp), allocatable, intent(out) :: rows(:, :)
+      type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: n, i, j
+      integer :: info
 
       n = ndof
       if (mod(size(x, kind=i8), n) /= 0 .or. size(x) == 0) n = size(x, kind=i8)
-      allocate (rows(size(x, kind=i8)/max(n, 1_i8), n))
+      allocate (rows(size(x, kind=i8)/max(n, 1_i8), n), stat=info)
+      if (info /= 0) then
+         call raise(error, out_of_memory, 'simulate', 'no memory for '//to_text(8*size(x, kind=i8))// &
+                    ' bytes of initial states: give fewer paths, or one state for all')
+         return
+      end if
       do j = 1, n
          do i = 1, size(rows, 1, i8)
             rows(i, j) = x((j - 1)*size(rows, 1, i8) + i)

@@ -58,6 +58,10 @@ contains
          call raise(error, invalid_argument, place, model//'bandwidth '// &
                     to_text(traits%bandwidth)//'; give bandwidth >= 0, or '// &
                     to_text(dense)//' for a dense Hessian')
+      if (traits%bandwidth >= max(traits%ndof, 1)) &
+         call raise(error, invalid_argument, place, model//'bandwidth '//to_text(traits%bandwidth)//' for '// &
+                    to_text(traits%ndof)//' degrees of freedom; give 0 to '//to_text(traits%ndof - 1)//', or '// &
+                    to_text(dense)//' for a dense Hessian')
       if (allocated(traits%silent)) then
          if (size(traits%silent) /= traits%nnoise) &
             call raise(error, wrong_shape, place, model//to_text(size(traits%silent))// &

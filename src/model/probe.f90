@@ -7,6 +7,7 @@
 !> blame. A probe refutes, it does not prove: what is false only far from the initial state passes.
 module symsde_model_probe
    use symsde_base_kinds, only: wp
+   use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, false_trait, wrong_shape
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: model_traits
@@ -48,6 +49,8 @@ contains
          call raise(error, wrong_shape, here, 'the initial state has '//to_text(size(q0))// &
                     ' positions and '//to_text(size(p0))//' momenta; model '''//model%name// &
                     ''' needs '//to_text(model%traits%ndof)//' of each')
+      call require_memory(probe_numbers(model%traits), 'the probe of model '''//model%name//'''', 'give a smaller '// &
+                          'system, or a smaller bandwidth', here, error)
       if (allocated(error)) return
       call new_probe_points(points, model, t, q0, p0)
       call probe_gradient(points, error)
@@ -65,6 +68,18 @@ contains
       if (points%ndof > dense_alone) call probe_dense(points, largest_dense, error)
       call model%clear_failure()  ! a user's function may refuse a displaced point
    end subroutine probe_model
+
+   !> Numbers of eight bytes that a probe holds at most: vectors, and Hessians where they are looked at.
+   pure real(wp) function probe_numbers(traits)
+      type(model_traits), intent(in) :: traits
+      real(wp) :: n, b
+
+      n = traits%ndof
+      b = traits%bandwidth
+      probe_numbers = nlane*(60*n + 12.0_wp*traits%nnoise)
+      if (b >= 0) probe_numbers = probe_numbers + nlane*6*(2*b + 1)*n
+      if (n <= largest_dense) probe_numbers = probe_numbers + nlane*9*n**2
+   end function probe_numbers
 
    !> What is declared of the single Hamiltonians.
    subroutine probe_traits(points, traits, k, error)

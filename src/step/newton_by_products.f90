@@ -15,7 +15,7 @@
 module symsde_step_newton_by_products
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_lanes, only: lane_unit
-   use symsde_base_status, only: status_ok, nonfinite
+   use symsde_base_status, only: status_ok, nonfinite, not_converged
    use symsde_base_traits, only: model_traits, dense
    use symsde_model_abstract, only: difference_along, default_step
    use symsde_solve_blocks, only: max_lane_unknowns
@@ -157,14 +157,17 @@ contains
       integer(i8), intent(inout) :: status(self%nlane)
       real(wp), allocatable :: matrix(:, :), x(:)
       integer(i4) :: info
-      integer :: lane
+      integer :: lane, memory
 
       associate (krylov => self%krylov, counters => ham%counters)
          do lane = 1, self%nlane
             if (.not. krylov%unsolved(lane)) cycle
             info = nonfinite
-            if (krylov%norm(lane) <= huge(1.0_wp)) then
-               if (.not. allocated(matrix)) allocate (matrix(krylov%n, krylov%n))
+            memory = 0
+            if (.not. allocated(matrix)) allocate (matrix(krylov%n, krylov%n), stat=memory)
+            if (memory /= 0) then
+               info = not_converged  ! the matrix finds no memory
+            else if (krylov%norm(lane) <= huge(1.0_wp)) then
                call form_matrix(self, ham, c, t, w(lane, :), q(lane, :), p(lane, :), matrix)
                x = r(lane, :)
                call solve_dense_lapack(krylov%n, matrix, x, info)

@@ -4,7 +4,7 @@
 !> product takes one Hessian-vector product a stage.
 module symsde_step_stage_products
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_base_status, only: status_ok, nonfinite
+   use symsde_base_status, only: status_ok, nonfinite, not_converged
    use symsde_solve_krylov, only: krylov_type, new_krylov
    use symsde_solve_lapack, only: solve_dense_lapack
    use symsde_solve_newton, only: newton_type
@@ -97,10 +97,18 @@ contains
       integer(i8), intent(inout) :: status(equations%ham%nlane)
       real(wp), allocatable :: matrices(:, :, :), matrix(:, :), x(:)
       integer(i4) :: info
-      integer :: lane, j
+      integer :: lane, j, memory
 
       associate (krylov => self%krylov, v => self%krylov%v)
-         allocate (matrices(equations%ham%nlane, krylov%n, krylov%n), matrix(krylov%n, krylov%n), x(krylov%n))
+         allocate (matrices(equations%ham%nlane, krylov%n, krylov%n), matrix(krylov%n, krylov%n), x(krylov%n), &
+                   stat=memory)
+         if (memory /= 0) then
+            do lane = 1, equations%ham%nlane
+               if (krylov%unsolved(lane)) &
+                  call newton%fail(lane, int(not_converged, i8), status, equations%ham%counters)
+            end do
+            return
+         end if
          do j = 1, krylov%n
             v(:, :, 1) = 0
             v(:, j, 1) = 1

@@ -10,7 +10,9 @@ module symsde_step_stages
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
+   use symsde_base_memory, only: memory_for
    use symsde_base_record, only: step_record
+   use symsde_base_status, only: not_converged
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_solve_newton, only: newton_options
@@ -157,6 +159,12 @@ contains
       integer(i8), intent(inout) :: left(self%width), status(self%width)
       integer :: i
 
+      if (.not. allocated(self%general)) then
+         if (.not. memory_for(self%width*real(size(self%dq, 2)*self%scheme%nstage*2, wp)**2, 0)) then
+            status = merge(int(not_converged, i8), status, left == 0)
+            return
+         end if
+      end if
       associate (e => self%equations)
          if (.not. allocated(self%general)) then
             allocate (self%general)

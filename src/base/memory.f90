@@ -1,0 +1,52 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Memory judged before it is taken: an allocation without stat= that fails ends the process, and the process is
+!> the host's.
+!>
+!> Every entry point adds up what it will hold at most, in numbers of eight bytes, and asks here. What small
+!> temporaries need is in the reserve. A host may still lose the race against its own threads.
+module symsde_base_memory
+   use, intrinsic :: iso_c_binding, only: c_double, c_int
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, out_of_memory
+   use symsde_base_text, only: to_text
+   implicit none
+   private
+   public :: require_memory, memory_for
+
+   real(wp), parameter :: reserve = 8.0_wp*2**20  !! bytes for texts, small arrays and the allocator itself
+   real(wp), parameter :: share = 1.02_wp         !! and the allocator's overhead on large ones
+
+   interface
+      !> 1 where so many bytes, and threads besides the calling one, can be had.
+      function symsde_room(bytes, threads) result(room) bind(c, name='symsde_room')
+         import :: c_double, c_int
+         real(c_double), value :: bytes
+         integer(c_int), value :: threads
+         integer(c_int) :: room
+      end function symsde_room
+   end interface
+
+contains
+
+   !> Whether so many numbers, and threads besides the calling one, can be had.
+   logical function memory_for(numbers, threads)
+      real(wp), intent(in) :: numbers  !! of eight bytes
+      integer, intent(in) :: threads
+
+      memory_for = symsde_room(share*8*numbers + reserve, int(threads, c_int)) /= 0
+   end function memory_for
+
+   !> Refuse (out_of_memory) what cannot be held, with the bytes that it needs.
+   subroutine require_memory(numbers, what, remedy, place, error)
+      real(wp), intent(in) :: numbers          !! of eight bytes, at most at one time
+      character(*), intent(in) :: what, remedy !! what needs them, what to do
+      character(*), intent(in) :: place        !! the procedure that would take them
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      if (memory_for(numbers, 0)) return
+      call raise(error, out_of_memory, place, what//' needs '//to_text(share*8*numbers + reserve)// &
+                 ' bytes of memory, more than this process can have: '//remedy)
+   end subroutine require_memory
+
+end module symsde_base_memory

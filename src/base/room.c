@@ -1,0 +1,64 @@
+/* SPDX-License-Identifier: BSD-3-Clause
+ * Whether memory can be had, asked of the operating system itself: a mapping is made and given back untouched, so that
+ * limits of the process (ulimit -v) and of the machine answer, and the allocator of the host notices nothing. */
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+#if defined(__unix__) || defined(__APPLE__)
+#include <pthread.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#ifndef MAP_ANONYMOUS
+#define MAP_ANONYMOUS MAP_ANON
+#endif
+#define ARENA ((size_t)64 << 20) /* address space that malloc reserves for a thread */
+
+static int can_map(size_t bytes, int protection) {
+   if (bytes == 0)
+      return 1;
+   void *given = mmap(NULL, bytes, protection, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+   if (given == MAP_FAILED)
+      return 0;
+   return munmap(given, bytes) == 0;
+}
+
+/* Stack of a thread that OpenMP makes: OMP_STACKSIZE (kilobytes, or with B, K, M, G), else the system's. */
+static size_t stack_size(void) {
+   size_t size = (size_t)8 << 20;
+   const char *given = getenv("OMP_STACKSIZE");
+   if (given != NULL) {
+      char *end;
+      const unsigned long long n = strtoull(given, &end, 10);
+      while (*end == ' ')
+         end++;
+      const int shift = *end == 'B' || *end == 'b'   ? 0
+                        : *end == 'M' || *end == 'm' ? 20
+                        : *end == 'G' || *end == 'g' ? 30
+                                                     : 10;
+      if (end != given && n <= (SIZE_MAX >> shift))
+         return (size_t)n << shift;
+   }
+   pthread_attr_t usual;
+   if (pthread_attr_init(&usual) == 0) {
+      pthread_attr_getstacksize(&usual, &size);
+      pthread_attr_destroy(&usual);
+   }
+   return size;
+}
+
+/* 1 where so many bytes, and so many threads besides the calling one, can be had now. */
+__attribute__((visibility("hidden"))) int symsde_room(double bytes, int threads);
+int symsde_room(double bytes, int threads) {
+   const double machine = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
+   if (!(bytes < 4e18) || (machine > 0 && bytes > machine))
+      return 0;
+   if (threads > 0 && !can_map((size_t)bytes + (size_t)threads * (stack_size() + ARENA), PROT_NONE))
+      return 0;
+   return can_map((size_t)bytes, PROT_READ | PROT_WRITE);
+}
+#else
+int symsde_room(double bytes, int threads);
+int symsde_room(double bytes, int threads) { return bytes < 4e18; }
+#endif

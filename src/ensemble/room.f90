@@ -1,0 +1,76 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> How much memory a run takes at most, and on how many threads it fits.
+module symsde_ensemble_room
+   use symsde_base_functionals, only: functional_set, path_areas
+   use symsde_base_kinds, only: wp
+   use symsde_base_memory, only: memory_for, require_memory
+   use symsde_base_status, only: error_type
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_block, only: pairs_ahead
+   use symsde_ensemble_observer, only: observer_type
+   use symsde_ensemble_options, only: run_options
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_room, only: stepper_numbers
+   implicit none
+   private
+   public :: fit_threads, noise_numbers
+
+   integer, parameter :: levels = 64  !! of intervals that the integrals of a step are put together from
+
+contains
+
+   !> Take fewer threads where memory does not suffice for all, which changes no result; refuse (out_of_memory)
+   !> what does not fit on one.
+   subroutine fit_threads(model, scheme, options, observer, nlane, nthread, error)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      class(observer_type), intent(in) :: observer
+      integer, intent(in) :: nlane          !! lanes of a block
+      integer, intent(inout) :: nthread     !! in: as many as are wanted
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp) :: block
+
+      if (allocated(error)) return
+      block = block_numbers(model, scheme, options, nlane)
+      do while (nthread > 1)
+         if (memory_for(nthread*block + observer%numbers(options%npath, nthread), nthread - 1)) return
+         nthread = nthread/2
+      end do
+      call require_memory(block + observer%numbers(options%npath, 1), 'the run of model '//model%name// &
+                          ' by scheme '//scheme%name//' ('//to_text(model%traits%ndof)//' degrees of freedom, '// &
+                          to_text(nlane)//' paths at a time)', 'give a smaller system, a scheme of one stage such '// &
+                          'as midpoint, fewer lanes, or save less often', 'run_ensemble', error)
+   end subroutine fit_threads
+
+   !> Numbers that one thread holds: the stepper, a block of paths, its noise.
+   real(wp) function block_numbers(model, scheme, options, nlane) result(numbers)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: nlane
+      type(newton_options) :: newton
+      real(wp) :: ahead
+
+      newton%fixed_point = options%fixed_point
+      ahead = 2*pairs_ahead(nlane, model%traits%nnoise)
+      numbers = stepper_numbers(model, scheme, newton, options%general, nlane) &
+                + nlane*(12.0_wp*model%traits%ndof + ahead*(model%traits%nnoise + 1)) &
+                + noise_numbers(model%traits%nnoise, scheme%asks%needed_for(model%traits), nlane)
+   end function block_numbers
+
+   !> Numbers that a source of noise needs to fill a block of lanes.
+   pure real(wp) function noise_numbers(nnoise, asked, nlane)
+      integer, intent(in) :: nnoise, nlane
+      type(functional_set), intent(in) :: asked   !! beside the increments
+      real(wp) :: m
+
+      m = nnoise
+      noise_numbers = nlane*(8*m + levels)
+      if (.not. asked%is_empty()) noise_numbers = noise_numbers + nlane*levels*5*m
+      if (asked%has(path_areas)) noise_numbers = noise_numbers + nlane*levels*m*(m - 1)
+   end function noise_numbers
+
+end module symsde_ensemble_room

@@ -1,0 +1,119 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> How much memory a step takes at most, judged from scheme and traits before anything is allocated.
+!>
+!> Upper bounds: vectors of the system's size, and for each lane of an implicit scheme the matrix of its unknowns,
+!> dense or by bands, with the blocks of the Hessian. tests/python/test_memory.py runs models and schemes under a
+!> limit of memory and finds a bound that is too low; one that is too high refuses large systems for nothing.
+module symsde_step_room
+   use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: lane_unit
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
+                                   frame_none
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_explicit, only: is_explicit
+   use symsde_step_modified_hamiltonian, only: active_brackets
+   use symsde_step_newton_by_products, only: pays_by_products
+   use symsde_step_stages, only: fits_stages
+   implicit none
+   private
+   public :: stepper_numbers
+
+   integer, parameter :: vectors = 100           !! of the length of q that a lane may hold at once
+   integer, parameter :: small_matrix = 2048     !! numbers of one that elimination takes, whatever else is true
+   integer, parameter :: krylov_vectors = 65
+   integer, parameter :: most_rescued = 512      !! unknowns up to which failed lanes are tried again
+
+contains
+
+   !> Numbers of eight bytes that a stepper of nlane lanes holds at most, with what the model needs for a call.
+   real(wp) function stepper_numbers(model, scheme, options, general, nlane) result(numbers)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(newton_options), intent(in) :: options
+      logical, intent(in) :: general               !! the general stepper is asked for
+      integer, intent(in) :: nlane
+      type(bracket_terms) :: active
+      real(wp) :: n, m, stages, lane, once, unknowns
+
+      n = model%traits%ndof
+      m = model%traits%nnoise
+      stages = scheme%nstage
+      if (.not. scheme%noise_coefficients_equal() .and. m > 0) stages = 2*stages
+      active = active_brackets(scheme%brackets, model%traits)
+      once = 0
+      lane = (vectors + 16*stages)*n + (12 + 2*stages)*(m + 1) + small_matrix
+      if (active%areas) lane = lane + m*(m - 1)/2
+      if (model%traits%bandwidth < 0 .and. model%traits%has_hessian .and. .not. model%traits%has_hessian_vector) &
+         lane = lane + 3*n**2  ! products are made from the blocks
+      if (general .or. active%are_added() .or. .not. forms_nothing(model, scheme)) &
+         call add_matrices(model, scheme, options, general, active%are_added(), stages, lane, once)
+      unknowns = 2*n*stages
+      numbers = nlane*lane + once
+      if (unknowns <= most_rescued .and. options%fixed_point == 0) &  ! the rescue's general stepper, of eight lanes
+         numbers = numbers + lane_unit*(unknowns**2 + 6*n**2 + 8*unknowns) + 2*unknowns**2
+   end function stepper_numbers
+
+   !> Explicit schemes.
+   logical function forms_nothing(model, scheme)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+
+      forms_nothing = scheme%form == ito_form .or. is_explicit(model, scheme)
+   end function forms_nothing
+
+   !> Add the matrices of an implicit step: of every lane, and of the one lane that LAPACK works on.
+   subroutine add_matrices(model, scheme, options, general, brackets, stages, lane, once)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(newton_options), intent(in) :: options
+      logical, intent(in) :: general, brackets   !! the oracle; brackets are added to the Hamiltonian
+      real(wp), intent(in) :: stages             !! those of drift and noise together
+      real(wp), intent(inout) :: lane, once
+      real(wp) :: n, b, unknowns, blocks
+      logical :: by_parts
+
+      n = model%traits%ndof
+      b = model%traits%bandwidth
+      blocks = n**2
+      by_parts = fits_stages(model, scheme, options) .and. (brackets .or. consistent(scheme))
+      by_parts = .not. general .and. (by_parts .or. is_midpoint(scheme) .and. .not. brackets .or. &
+                                      scheme%needs%additive .or. scheme%frame /= frame_none)
+      if (scheme%form == galerkin_form) then
+         unknowns = (scheme%nstage + scheme%degree)*n
+      else if (by_parts) then
+         unknowns = 2*n*stages
+         if (b >= 0 .and. 2*b + 1 < n) then
+            lane = lane + 12*((b + 1)*stages + 1)*unknowns + 6*(2*b + 1)*n
+            once = once + (6*(b + 1)*stages + 8)*unknowns
+            return
+         else if (pays_by_products(model%traits, model%traits%ndof) .and. options%fixed_point == 0) then
+            lane = lane + krylov_vectors*(unknowns + krylov_vectors)
+            return
+         end if
+      else
+         unknowns = 2*n*stages
+      end if
+      lane = lane + 6*blocks
+      if (options%fixed_point > 0) return
+      lane = lane + unknowns**2
+      once = once + 2*unknowns**2
+   end subroutine add_matrices
+
+   !> Whether no correction is ever added.
+   pure logical function consistent(scheme)
+      type(scheme_type), intent(in) :: scheme
+
+      consistent = .not. abs(scheme%correction_coefficient()) > 0
+   end function consistent
+
+   !> One stage at the middle of q and p, whose equations have steppers without large matrices.
+   pure logical function is_midpoint(scheme)
+      type(scheme_type), intent(in) :: scheme
+
+      is_midpoint = .false.
+      if (scheme%form /= tableau_form .or. scheme%nstage /= 1) return
+      is_midpoint = abs(scheme%a(1, 1) - 0.5_wp) <= 0 .and. abs(scheme%abar(1, 1) - 0.5_wp) <= 0
+   end function is_midpoint
+
+end module symsde_step_room
