@@ -2,6 +2,7 @@
  *
  * Runs through the C interface: paths, moments, increments, callbacks, outcomes, diagnostics.
  */
+#define _POSIX_C_SOURCE 200112L /* setenv */
 #include "run.h"
 
 static arrays a;
@@ -420,6 +421,36 @@ static void test_diagnostics(void) {
    symsde_scheme_delete(&heun);
 }
 
+/* The threads that a run takes: those of the options, else of SYMSDE_NUM_THREADS; never more than it has blocks. */
+static void test_threads(void) {
+   symsde_model model = new_kubo();
+   symsde_scheme scheme = new_scheme("midpoint");
+   symsde_options options = some_options();
+   symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_report report;
+
+   symsde_report_init(&report);
+   options.lanes = 128; /* three blocks */
+   for (int threads = 1; threads <= 4; threads++) {
+      options.threads = threads;
+      OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+      CHECK(report.threads == (threads < 3 ? threads : 3));
+   }
+#ifndef _WIN32
+   setenv("SYMSDE_NUM_THREADS", "2", 1);
+   options.threads = 0;
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   CHECK(report.threads == 2);
+   options.threads = 1;
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   CHECK(report.threads == 1);
+   unsetenv("SYMSDE_NUM_THREADS");
+#endif
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
 /* Steps far beyond where the solver converges from zero increments: what the report says of them adds up, each
  * counter by itself. With many iterations damping saves paths, with few it is continuation that does. */
 static void test_counters_of_hard_steps(void) {
@@ -465,6 +496,7 @@ int main(void) {
    test_moments();
    test_failed_paths();
    test_counters_of_hard_steps();
+   test_threads();
 #ifdef __linux__
    test_alignment();
 #endif
