@@ -142,10 +142,10 @@ def properties_of(entry: dict) -> dict:
 
 
 def is_suite(entry: dict) -> bool:
-    """Whether it is one of the suites that judge faults."""
+    """Whether it is one of the suites that judge faults, and built."""
     properties = properties_of(entry)
-    labels = LABELS & set(properties.get("LABELS", []))
-    return bool(labels) and entry["name"] not in LONG and not properties.get("WILL_FAIL")
+    judges = LABELS & set(properties.get("LABELS", [])) and not properties.get("WILL_FAIL")
+    return bool(judges) and entry["name"] not in LONG and "command" in entry
 
 
 def read_test(entry: dict) -> Test:
