@@ -3,6 +3,10 @@
 !>
 !>    path_dz      dZ_k = int_t^{t+h} (W_k(s) - W_k(t)) ds                          one a noise  [time^(3/2)]
 !>    path_areas   A_kl = 1/2 int (W_k o dW_l - W_l o dW_k), k < l, at area_index   one a pair   [time]
+!>    path_bend    K_k = int (s^2 - s + 1/6) dW_k /2, s = time in the step over h   one a noise  [time^(1/2)]
+!>    path_magnus  J_kl = int W_k (dW_l - W_l ds), symmetrised, k <= l, pair_index  one a pair   [time^2]
+!>
+!> (K is the space-time-time Levy area, J the second Magnus term of kicks that a drift separates; both want dZ.)
 !>
 !> What they are called and how many columns they have stands here, in base, because schemes ask for them,
 !> sources answer and steppers read the answer; how they are drawn and merged is in noise/functionals. A new
@@ -11,17 +15,19 @@ module symsde_base_functionals
    use symsde_base_traits, only: model_traits
    implicit none
    private
-   public :: functional_set, functionals, functional_count, area_index, name_functionals
+   public :: functional_set, functionals, functional_count, area_index, pair_index, name_functionals
 
    enum, bind(c)
       enumerator :: path_dz = 1
       enumerator :: path_areas = 2
+      enumerator :: path_bend = 3
+      enumerator :: path_magnus = 4
    end enum
-   public :: path_dz, path_areas
+   public :: path_dz, path_areas, path_bend, path_magnus
 
-   integer, parameter, public :: nfunctional = 2
+   integer, parameter, public :: nfunctional = 4
 
-   character(len=*), parameter :: names(nfunctional) = [character(len=5) :: 'dZ', 'areas']
+   character(len=*), parameter :: names(nfunctional) = [character(len=5) :: 'dZ', 'areas', 'K', 'J']
 
    !> Which functionals are asked for.
    type :: functional_set
@@ -47,7 +53,8 @@ contains
    end function is_empty
 
    !> Those that have an effect for a model with these traits. Areas multiply brackets {H_l,H_k}, which are
-   !> constant for additive noise and vanish for noise that depends on position; a silent noise has none.
+   !> constant for additive noise and vanish for noise that depends on position; J multiplies H_k,q . H_l,q,
+   !> constant for additive noise; a silent noise has none.
    pure type(functional_set) function needed_for(self, traits)
       class(functional_set), intent(in) :: self
       type(model_traits), intent(in) :: traits
@@ -58,15 +65,17 @@ contains
       needed_for%has = self%has .and. nactive > 0
       needed_for%has(path_areas) = self%has(path_areas) .and. nactive > 1 .and. &
                                    .not. (traits%additive .or. traits%position_noise)
+      needed_for%has(path_magnus) = needed_for%has(path_magnus) .and. .not. traits%additive
    end function needed_for
 
    !> How many values a functional has for m noises.
    pure integer function functional_count(functional, nnoise)
-      integer, intent(in) :: functional  !! path_dz, path_areas
+      integer, intent(in) :: functional  !! path_dz, ..
       integer, intent(in) :: nnoise      !! m
 
       select case (functional)
       case (path_areas); functional_count = nnoise*(nnoise - 1)/2
+      case (path_magnus); functional_count = nnoise*(nnoise + 1)/2
       case default; functional_count = nnoise
       end select
    end function functional_count
@@ -77,6 +86,13 @@ contains
 
       area_index = (l - 1)*(l - 2)/2 + k
    end function area_index
+
+   !> Where the value of the noises k <= l stands: (1,1), (1,2), (2,2), (1,3), ..
+   pure integer function pair_index(k, l)
+      integer, intent(in) :: k, l  !! 1 <= k <= l
+
+      pair_index = l*(l - 1)/2 + k
+   end function pair_index
 
    !> The set in words: "dZ and areas".
    pure subroutine name_functionals(set, text)

@@ -3,19 +3,22 @@
 !> intervals merge, how far a truncated run lets it go. Everything that is particular to one functional and
 !> not its name (base/functionals) stands here.
 !>
-!> A finest interval is a parabola with its dW and its H = dZ/h - dW/2. On it
+!> A finest interval is known by its dW, its H = dZ/h - dW/2 and, where it is asked for, its K: a parabola, or a
+!> cubic. On it
 !>
-!>    dZ_k = h (dW_k/2 + H_k),   A_kl = H_k dW_l - H_l dW_k
+!>    dZ_k = h (dW_k/2 + H_k),   A_kl = H_k dW_l - H_l dW_k,   J_kl = h (dW_k dW_l/6 - (6/5) H_k H_l) - delta_kl h^2/15
 !>
-!> and neighbouring intervals merge by
+!> (J by its mean given dW and H) and neighbouring intervals merge by
 !>
 !>    dW = dW_1 + dW_2,  dZ = dZ_1 + dZ_2 + h_2 dW_1,  A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
+!>    K = (K_1 + K_2)/4 + (H_1 - H_2)/8  (halves),     J_kl = J_1 + J_2 + Z_k1 dW_l2 + dW_k1 (h_2 dW_l2 - Z_l2)
 module symsde_noise_functionals
-   use symsde_base_functionals, only: functional_set, functional_count, area_index, nfunctional, path_dz, path_areas
+   use symsde_base_functionals, only: functional_set, functional_count, area_index, pair_index, nfunctional, &
+                                      path_dz, path_areas, path_bend, path_magnus
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: path_interval, new_path_interval, parabola_values, merge_intervals, clip_increments, clip_interval
+   public :: path_interval, new_path_interval, shape_values, merge_intervals, clip_increments, clip_interval
 
    type :: interval_values
       real(wp), allocatable :: x(:, :)     !! (nlane, functional_count); not allocated where not asked for
@@ -45,10 +48,11 @@ contains
       end do
    end subroutine new_path_interval
 
-   !> Values of a functional on the parabola with dW and H.
-   pure subroutine parabola_values(functional, nlane, nnoise, length, w, hh, x)
+   !> Values of a functional on the interval with dW, H and K.
+   pure subroutine shape_values(functional, nlane, nnoise, length, w, hh, kk, x)
       integer, intent(in) :: functional, nlane, nnoise
       real(wp), intent(in) :: length, w(nlane, nnoise), hh(nlane, nnoise)
+      real(wp), intent(in), optional :: kk(nlane, nnoise)  !! zero where it is absent
       real(wp), intent(out) :: x(nlane, functional_count(functional, nnoise))
       integer :: k, l
 
@@ -59,10 +63,20 @@ contains
                x(:, area_index(k, l)) = hh(:, k)*w(:, l) - hh(:, l)*w(:, k)
             end do
          end do
+      case (path_bend)
+         x = 0
+         if (present(kk)) x = kk
+      case (path_magnus)
+         do l = 1, nnoise
+            do k = 1, l
+               x(:, pair_index(k, l)) = length*(w(:, k)*w(:, l)/6 - 1.2_wp*hh(:, k)*hh(:, l))
+            end do
+            x(:, pair_index(l, l)) = x(:, pair_index(l, l)) - length*abs(length)/15
+         end do
       case default  ! path_dz
          x = length*(0.5_wp*w + hh)
       end select
-   end subroutine parabola_values
+   end subroutine shape_values
 
    !> Two neighbouring intervals as one.
    pure subroutine merge_intervals(nlane, nnoise, left, right, whole)
@@ -86,7 +100,34 @@ contains
       if (asked%has(path_areas)) &
          call merge_areas(nlane, nnoise, left%w, right%w, left%of(path_areas)%x, right%of(path_areas)%x, &
                           whole%of(path_areas)%x)
+      if (asked%has(path_bend)) &
+         whole%of(path_bend)%x = 0.25_wp*(left%of(path_bend)%x + right%of(path_bend)%x) &
+                                 + 0.125_wp*(left%of(path_dz)%x/left%length - right%of(path_dz)%x/right%length &
+                                             - 0.5_wp*(left%w - right%w))
+      if (asked%has(path_magnus)) &
+         call merge_magnus(nlane, nnoise, right%length, left%w, right%w, left%of(path_dz)%x, right%of(path_dz)%x, &
+                           left%of(path_magnus)%x, right%of(path_magnus)%x, whole%of(path_magnus)%x)
    end subroutine merge_intervals
+
+   pure subroutine merge_magnus(nlane, nnoise, h2, w1, w2, z1, z2, x1, x2, x)
+      integer, intent(in) :: nlane, nnoise
+      real(wp), intent(in) :: h2  !! length of the right interval
+      real(wp), intent(in) :: w1(nlane, nnoise), w2(nlane, nnoise), z1(nlane, nnoise), z2(nlane, nnoise)
+      real(wp), intent(in) :: x1(nlane, *), x2(nlane, *)
+      real(wp), intent(inout) :: x(nlane, *)
+      integer :: k, l, kl, lane
+
+      do l = 1, nnoise
+         do k = 1, l
+            kl = pair_index(k, l)
+            do lane = 1, nlane
+               x(lane, kl) = (x1(lane, kl) + x2(lane, kl)) &
+                             + 0.5_wp*(z1(lane, k)*w2(lane, l) + w1(lane, k)*(h2*w2(lane, l) - z2(lane, l)) &
+                                       + z1(lane, l)*w2(lane, k) + w1(lane, l)*(h2*w2(lane, k) - z2(lane, k)))
+            end do
+         end do
+      end do
+   end subroutine merge_magnus
 
    pure subroutine merge_areas(nlane, nnoise, w1, w2, a1, a2, a)
       integer, intent(in) :: nlane, nnoise
@@ -119,8 +160,9 @@ contains
       end do
    end subroutine clip_increments
 
-   !> Truncate a step: dW_k to the bound, H_k = dZ_k/h - dW_k/2 to the same number of its standard
-   !> deviations, areas to bound^2/2, beyond which they are less likely than dW_k beyond its bound.
+   !> Truncate a step: dW_k to the bound, H_k = dZ_k/h - dW_k/2 and K_k to the same number of their standard
+   !> deviations, areas to bound^2/2 and J to |h| bound^2/2, beyond which they are less likely than dW_k beyond its
+   !> bound.
    pure subroutine clip_interval(nlane, nnoise, bound, step)
       integer, intent(in) :: nlane, nnoise
       real(wp), intent(in) :: bound                 !! of dW [sqrt(time)]
@@ -138,6 +180,10 @@ contains
       end do
       if (allocated(step%of(path_areas)%x)) &
          call clip_increments(size(step%of(path_areas)%x), 0.5_wp*bound**2, step%of(path_areas)%x)
+      if (allocated(step%of(path_bend)%x)) &
+         call clip_increments(size(step%of(path_bend)%x), bound/sqrt(720.0_wp), step%of(path_bend)%x)
+      if (allocated(step%of(path_magnus)%x)) &
+         call clip_increments(size(step%of(path_magnus)%x), 0.5_wp*abs(step%length)*bound**2, step%of(path_magnus)%x)
    end subroutine clip_interval
 
 end module symsde_noise_functionals

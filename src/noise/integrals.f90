@@ -7,7 +7,11 @@
 !>    W_1 = W/2 + 3/2 H + Z,    W_2 = W - W_1,          Z ~ N(0, |h|/16)
 !>    H_1 = H/4 - Z/2 + N/2,    H_2 = H/4 - Z/2 - N/2,  N ~ N(0, |h|/12)
 !>
-!> An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, n so large
+!> A path of which K ~ N(0, |h|/720) is asked for is known by it, too, and N by K:
+!>
+!>    N = 15/2 K + M,   K_1, K_2 = K/8 - M/4 +- D/4,    M ~ N(0, |h|/192),  D ~ N(0, |h|/180)
+!>
+!> J is merged from four quarters of a step (noise/functionals). An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, n so large
 !> that its mean-square error |h|^2/(12 2^n) is at most |h|^3 (time in units of the model).
 !>
 !> refine = l > 0: 2^l finer steps, merged as a balanced binary tree; dW has the bits of the source that
@@ -16,9 +20,9 @@
 !> one of a source that makes only dW: a run is halved on the path of the same scheme. The halvings of a
 !> run at refine = -l are the sub-increments of the areas at refine = 0: one path.
 module symsde_noise_integrals
-   use symsde_base_functionals, only: functional_set, nfunctional, path_areas
+   use symsde_base_functionals, only: functional_set, nfunctional, path_areas, path_bend, path_magnus
    use symsde_base_kinds, only: wp, i8
-   use symsde_noise_functionals, only: path_interval, new_path_interval, parabola_values, merge_intervals
+   use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals
    use symsde_noise_normal, only: scaled_normal_pairs
    implicit none
    private
@@ -30,7 +34,10 @@ module symsde_noise_integrals
    integer, parameter :: purpose_increment = 0  !! dW at the finest step
    integer, parameter :: purpose_shape = 3      !! H at the finest step
    integer, parameter :: purpose_halving = 4    !! Z of a halving
-   integer, parameter :: purpose_halves = 5     !! N of the same
+   integer, parameter :: purpose_halves = 5     !! N of the same, or M
+   integer, parameter :: purpose_bend = 6       !! K at the finest step
+   integer, parameter :: purpose_bends = 7      !! D of a halving
+   integer, parameter :: magnus_levels = 2      !! halvings of a step whose J is wanted
 
    !> What the draws of a run are a function of.
    type :: integral_draws
@@ -41,6 +48,16 @@ module symsde_noise_integrals
       logical, allocatable :: silent(:)    !! noises for which nothing is drawn (nnoise)
       type(functional_set) :: asked        !! functionals that are wanted
    end type integral_draws
+
+   !> What is known of the path on an interval: dW, H and, where it is asked for, K (nlane, nnoise).
+   type :: path_shape
+      real(wp), allocatable :: w(:, :), hh(:, :), kk(:, :)
+   end type path_shape
+
+   !> The draws of a halving: Z, N or M, and D where K is known (nlane, nnoise).
+   type :: halving_draws
+      real(wp), allocatable :: z(:, :), n(:, :), d(:, :)
+   end type halving_draws
 
 contains
 
@@ -113,17 +130,29 @@ contains
       real(wp), intent(in) :: length
       type(path_interval), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
-      real(wp), allocatable :: h1(:, :), h2(:, :), u1(:, :), u2(:, :), v1(:, :), v2(:, :)
+      type(path_shape) :: first, second
+      type(halving_draws) :: u1, u2
 
-      call new_path_interval(even, nlane, d%nnoise, length, d%asked)
-      call new_path_interval(odd, nlane, d%nnoise, length, d%asked)
-      allocate (h1(nlane, d%nnoise), h2(nlane, d%nnoise))
-      call draw(d, nlane, path, pair, 0, purpose_increment, sqrt(abs(length)), even%w, odd%w, drawn)
-      call draw(d, nlane, path, pair, 0, purpose_shape, sqrt(abs(length)/12), h1, h2, drawn)
-      if (levels_below(d, length) > 0) call draw_halving(d, nlane, path, pair, 1, length, u1, u2, v1, v2, drawn)
-      call complete(d, nlane, path, 0, 2*pair, h1, u1, v1, even, drawn)
-      call complete(d, nlane, path, 0, 2*pair + 1, h2, u2, v2, odd, drawn)
+      call draw_shapes(d, nlane, path, pair, length, first, second, drawn)
+      if (levels_below(d, length) > 0) call draw_halving(d, nlane, path, pair, 1, length, u1, u2, drawn)
+      call complete(d, nlane, path, 0, 2*pair, length, first, u1, even, drawn)
+      call complete(d, nlane, path, 0, 2*pair + 1, length, second, u2, odd, drawn)
    end subroutine finest_pair
+
+   !> dW, H and K of the finest intervals 2*pair and 2*pair+1.
+   subroutine draw_shapes(d, nlane, path, pair, length, even, odd, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(in) :: length
+      type(path_shape), intent(out) :: even, odd
+      integer(i8), intent(inout) :: drawn
+
+      call draw(d, nlane, path, pair, 0, purpose_increment, sqrt(abs(length)), even%w, odd%w, drawn)
+      call draw(d, nlane, path, pair, 0, purpose_shape, sqrt(abs(length)/12), even%hh, odd%hh, drawn)
+      if (d%asked%has(path_bend)) &
+         call draw(d, nlane, path, pair, 0, purpose_bend, sqrt(abs(length)/720), even%kk, odd%kk, drawn)
+   end subroutine draw_shapes
 
    !> One step of a run at refine < 0: the coarse step that holds it, halved.
    subroutine descend(d, nlane, path, step, interval, drawn)
@@ -132,7 +161,8 @@ contains
       integer(i8), intent(in) :: path(nlane), step
       type(path_interval), intent(out) :: interval
       integer(i8), intent(inout) :: drawn
-      real(wp), allocatable, dimension(:, :) :: w, hh, w1, w2, h1, h2, u1, u2, v1, v2
+      type(path_shape) :: shape, left, right
+      type(halving_draws) :: u1, u2
       integer(i8) :: parent
       integer :: level, levels
       real(wp) :: length
@@ -140,39 +170,23 @@ contains
       levels = -d%refine
       length = d%h*2.0_wp**levels
       parent = step/2_i8**levels
-      allocate (w(nlane, d%nnoise), w1(nlane, d%nnoise), w2(nlane, d%nnoise))
-      allocate (hh(nlane, d%nnoise), h1(nlane, d%nnoise), h2(nlane, d%nnoise))
-      call draw(d, nlane, path, parent/2, 0, purpose_increment, sqrt(abs(length)), w1, w2, drawn)
-      w = merge(w1, w2, mod(parent, 2_i8) == 0)
-      call draw(d, nlane, path, parent/2, 0, purpose_shape, sqrt(abs(length)/12), h1, h2, drawn)
-      hh = merge(h1, h2, mod(parent, 2_i8) == 0)
+      call draw_shapes(d, nlane, path, parent/2, length, left, right, drawn)
+      shape = left
+      if (mod(parent, 2_i8) == 1) shape = right
       do level = 1, levels
          parent = step/2_i8**(levels - level + 1)
-         call draw_halving(d, nlane, path, parent/2, level, length, u1, u2, v1, v2, drawn)
-         if (mod(parent, 2_i8) == 1) then
-            u1 = u2
-            v1 = v2
-         end if
-         call halve(nlane, d%nnoise, w, hh, u1, v1, w1, w2, h1, h2)
-         if (mod(step/2_i8**(levels - level), 2_i8) == 0) then
-            w = w1
-            hh = h1
-         else
-            w = w2
-            hh = h2
-         end if
+         call draw_halving(d, nlane, path, parent/2, level, length, u1, u2, drawn)
+         if (mod(parent, 2_i8) == 1) u1 = u2
+         call halve(shape, u1, left, right)
+         shape = left
+         if (mod(step/2_i8**(levels - level), 2_i8) == 1) shape = right
          length = length/2
       end do
       if (levels_below(d, length) > 0) then
-         call draw_halving(d, nlane, path, step/2, levels + 1, length, u1, u2, v1, v2, drawn)
-         if (mod(step, 2_i8) == 1) then
-            u1 = u2
-            v1 = v2
-         end if
+         call draw_halving(d, nlane, path, step/2, levels + 1, length, u1, u2, drawn)
+         if (mod(step, 2_i8) == 1) u1 = u2
       end if
-      call new_path_interval(interval, nlane, d%nnoise, length, d%asked)
-      interval%w = w
-      call complete(d, nlane, path, levels, step, hh, u1, v1, interval, drawn)
+      call complete(d, nlane, path, levels, step, length, shape, u1, interval, drawn)
    end subroutine descend
 
    !> Halvings below an interval of this length: as many as the most demanding functional wants.
@@ -182,106 +196,111 @@ contains
 
       levels_below = 0
       if (d%asked%has(path_areas)) levels_below = area_levels(length)
+      if (d%asked%has(path_magnus)) levels_below = max(levels_below, magnus_levels)
    end function levels_below
 
-   !> The functionals of an interval whose dW is there. Those that dW and H determine are not halved for.
-   subroutine complete(d, nlane, path, level, index, hh, u, v, interval, drawn)
+   !> An interval with its functionals. Those that its shape determines are not halved for.
+   subroutine complete(d, nlane, path, level, index, length, shape, u, interval, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane, level                 !! halvings that led to this interval
       integer(i8), intent(in) :: path(nlane), index       !! number of the interval among its like
-      real(wp), allocatable, intent(in) :: hh(:, :), u(:, :), v(:, :)
-      type(path_interval), intent(inout) :: interval
+      real(wp), intent(in) :: length
+      type(path_shape), intent(in) :: shape
+      type(halving_draws), intent(in) :: u
+      type(path_interval), intent(out) :: interval
       integer(i8), intent(inout) :: drawn
-      type(integral_draws) :: below
       type(path_interval) :: whole
-      integer :: f, last
+      integer :: last
 
-      below = d
-      below%asked%has = .false.
-      last = level + levels_below(d, interval%length)
-      if (last > level) below%asked%has(path_areas) = d%asked%has(path_areas)
-      do f = 1, nfunctional
-         if (d%asked%has(f) .and. .not. below%asked%has(f)) &
-            call parabola_values(f, nlane, d%nnoise, interval%length, interval%w, hh, interval%of(f)%x)
-      end do
-      if (below%asked%is_empty()) return
-      call merge_halves(below, nlane, path, level + 1, last, index, interval%length, interval%w, hh, u, v, whole, drawn)
-      do f = 1, nfunctional
-         if (below%asked%has(f)) call move_alloc(whole%of(f)%x, interval%of(f)%x)
-      end do
+      call finest_interval(d, nlane, length, shape, interval)
+      last = level + levels_below(d, length)
+      if (last == level) return
+      call merge_halves(d, nlane, path, level + 1, last, index, length, shape, u, whole, drawn)
+      if (d%asked%has(path_areas)) call move_alloc(whole%of(path_areas)%x, interval%of(path_areas)%x)
+      if (d%asked%has(path_magnus)) call move_alloc(whole%of(path_magnus)%x, interval%of(path_magnus)%x)
    end subroutine complete
 
    !> Functionals of an interval from those of its halves, down to the last level.
-   recursive subroutine merge_halves(d, nlane, path, level, last, index, length, w, hh, u, v, whole, drawn)
+   recursive subroutine merge_halves(d, nlane, path, level, last, index, length, shape, u, whole, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
       integer, intent(in) :: level, last                  !! of this halving, of the last ones
       integer(i8), intent(in) :: path(nlane), index       !! number of the interval among its like
-      real(wp), intent(in) :: length, w(nlane, d%nnoise)
-      real(wp), allocatable, intent(in) :: hh(:, :), u(:, :), v(:, :)
+      real(wp), intent(in) :: length
+      type(path_shape), intent(in) :: shape
+      type(halving_draws), intent(in) :: u
       type(path_interval), intent(out) :: whole
       integer(i8), intent(inout) :: drawn
       type(path_interval) :: left, right
-      real(wp), allocatable, dimension(:, :) :: w1, w2, h1, h2, u1, u2, v1, v2
+      type(path_shape) :: first, second
+      type(halving_draws) :: u1, u2
 
-      allocate (w1(nlane, d%nnoise), w2(nlane, d%nnoise), h1(nlane, d%nnoise), h2(nlane, d%nnoise))
-      call halve(nlane, d%nnoise, w, hh, u, v, w1, w2, h1, h2)
+      call halve(shape, u, first, second)
       if (level == last) then
-         call finest_interval(d, nlane, length/2, w1, h1, left)
-         call finest_interval(d, nlane, length/2, w2, h2, right)
+         call finest_interval(d, nlane, length/2, first, left)
+         call finest_interval(d, nlane, length/2, second, right)
       else
-         call draw_halving(d, nlane, path, index, level + 1, length/2, u1, u2, v1, v2, drawn)
-         call merge_halves(d, nlane, path, level + 1, last, 2*index, length/2, w1, h1, u1, v1, left, drawn)
-         call merge_halves(d, nlane, path, level + 1, last, 2*index + 1, length/2, w2, h2, u2, v2, right, drawn)
+         call draw_halving(d, nlane, path, index, level + 1, length/2, u1, u2, drawn)
+         call merge_halves(d, nlane, path, level + 1, last, 2*index, length/2, first, u1, left, drawn)
+         call merge_halves(d, nlane, path, level + 1, last, 2*index + 1, length/2, second, u2, right, drawn)
       end if
       call merge_intervals(nlane, d%nnoise, left, right, whole)
-      whole%w = w  ! the sum of the halves to rounding
+      whole%w = shape%w  ! the sum of the halves to rounding
    end subroutine merge_halves
 
-   !> A parabola.
-   subroutine finest_interval(d, nlane, length, w, hh, interval)
+   !> What the shape says of an interval.
+   subroutine finest_interval(d, nlane, length, shape, interval)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: length, w(nlane, d%nnoise), hh(nlane, d%nnoise)
+      real(wp), intent(in) :: length
+      type(path_shape), intent(in) :: shape
       type(path_interval), intent(out) :: interval
       integer :: f
 
       call new_path_interval(interval, nlane, d%nnoise, length, d%asked)
-      interval%w = w
+      interval%w = shape%w
       do f = 1, nfunctional
-         if (d%asked%has(f)) call parabola_values(f, nlane, d%nnoise, length, w, hh, interval%of(f)%x)
+         if (d%asked%has(f)) &
+            call shape_values(f, nlane, d%nnoise, length, shape%w, shape%hh, shape%kk, interval%of(f)%x)
       end do
    end subroutine finest_interval
 
    !> The two halves of an interval.
-   pure subroutine halve(nlane, nnoise, w, hh, u, v, w1, w2, h1, h2)
-      integer, intent(in) :: nlane, nnoise
-      real(wp), intent(in) :: w(nlane, nnoise), hh(nlane, nnoise)
-      real(wp), intent(in) :: u(nlane, nnoise), v(nlane, nnoise)  !! Z and N
-      real(wp), intent(out) :: w1(nlane, nnoise), w2(nlane, nnoise), h1(nlane, nnoise), h2(nlane, nnoise)
+   pure subroutine halve(whole, u, left, right)
+      type(path_shape), intent(in) :: whole
+      type(halving_draws), intent(in) :: u
+      type(path_shape), intent(out) :: left, right
 
-      w1 = 0.5_wp*w + 1.5_wp*hh + u
-      w2 = w - w1
-      h1 = 0.25_wp*hh - 0.5_wp*u
-      h2 = h1 - 0.5_wp*v
-      h1 = h1 + 0.5_wp*v
+      left%w = 0.5_wp*whole%w + 1.5_wp*whole%hh + u%z
+      right%w = whole%w - left%w
+      left%hh = 0.25_wp*whole%hh - 0.5_wp*u%z
+      right%hh = left%hh - 0.5_wp*u%n
+      left%hh = left%hh + 0.5_wp*u%n
+      if (.not. allocated(whole%kk)) return
+      left%hh = left%hh + 3.75_wp*whole%kk
+      right%hh = right%hh - 3.75_wp*whole%kk
+      left%kk = 0.125_wp*whole%kk - 0.25_wp*u%n
+      right%kk = left%kk - 0.25_wp*u%d
+      left%kk = left%kk + 0.25_wp*u%d
    end subroutine halve
 
-   !> Z and N of the halvings of the intervals 2*pair and 2*pair+1 of one length.
-   subroutine draw_halving(d, nlane, path, pair, level, length, u1, u2, v1, v2, drawn)
+   !> The draws of the halvings of the intervals 2*pair and 2*pair+1 of one length.
+   subroutine draw_halving(d, nlane, path, pair, level, length, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane, level                 !! level of this halving, from 1
       integer(i8), intent(in) :: path(nlane), pair
       real(wp), intent(in) :: length                      !! of the intervals to be halved
-      real(wp), allocatable, intent(inout) :: u1(:, :), u2(:, :), v1(:, :), v2(:, :)
+      type(halving_draws), intent(inout) :: even, odd
       integer(i8), intent(inout) :: drawn
+      real(wp) :: parts
 
-      if (.not. allocated(u1)) then
-         allocate (u1(nlane, d%nnoise), u2(nlane, d%nnoise))
-         allocate (v1(nlane, d%nnoise), v2(nlane, d%nnoise))
+      parts = 12
+      call draw(d, nlane, path, pair, level, purpose_halving, sqrt(abs(length)/16), even%z, odd%z, drawn)
+      if (d%asked%has(path_bend)) then
+         parts = 192
+         call draw(d, nlane, path, pair, level, purpose_bends, sqrt(abs(length)/180), even%d, odd%d, drawn)
       end if
-      call draw(d, nlane, path, pair, level, purpose_halving, sqrt(abs(length)/16), u1, u2, drawn)
-      call draw(d, nlane, path, pair, level, purpose_halves, sqrt(abs(length)/12), v1, v2, drawn)
+      call draw(d, nlane, path, pair, level, purpose_halves, sqrt(abs(length)/parts), even%n, odd%n, drawn)
    end subroutine draw_halving
 
    !> H = dZ/h - dW/2 of noise k at the finest steps 2*pair and 2*pair+1, the numbers that fill_pair takes for dZ.
@@ -302,10 +321,11 @@ contains
       integer, intent(in) :: nlane, level, purpose
       integer(i8), intent(in) :: path(nlane), pair
       real(wp), intent(in) :: scale
-      real(wp), intent(inout) :: even(nlane, d%nnoise), odd(nlane, d%nnoise)
+      real(wp), allocatable, intent(inout) :: even(:, :), odd(:, :)  !! (nlane, nnoise)
       integer(i8), intent(inout) :: drawn
       integer :: k
 
+      if (.not. allocated(even)) allocate (even(nlane, d%nnoise), odd(nlane, d%nnoise))
       do k = 1, d%nnoise
          if (d%silent(k)) then
             even(:, k) = 0

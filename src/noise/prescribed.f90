@@ -8,7 +8,7 @@ module symsde_noise_prescribed
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_request, step_store
-   use symsde_noise_functionals, only: path_interval, new_path_interval, parabola_values, merge_intervals, &
+   use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals, &
                                        clip_increments, clip_interval
    use symsde_noise_source, only: noise_type
    implicit none
@@ -108,7 +108,7 @@ contains
       straight = 0
       do f = 1, nfunctional
          if (self%asked%has(f)) &
-            call parabola_values(f, nlane, self%nnoise, whole%length, whole%w, straight, whole%of(f)%x)
+            call shape_values(f, nlane, self%nnoise, whole%length, whole%w, straight, x=whole%of(f)%x)
       end do
    end subroutine polygon
 

@@ -11,13 +11,14 @@ module symsde_scheme_catalogue
                                    weak_order
    use symsde_scheme_scheme, only: scheme_type, ito_form
    use symsde_scheme_quadrature, only: get_quadrature
+   use symsde_scheme_splitting, only: splitting_scheme
    use symsde_scheme_discrete_lagrangian, only: scheme_from_quadrature
    use symsde_scheme_tableau, only: scheme_from_tableau
    implicit none
    private
    public :: get_scheme, scheme_names, scheme_families
 
-   integer, parameter :: nplain = 33  !! names without a parameter; the families follow
+   integer, parameter :: nplain = 40  !! names without a parameter; the families follow
    character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: & !&
       'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', & !&
       'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', & !&
@@ -25,7 +26,8 @@ module symsde_scheme_catalogue
       'P1N3Q4Lob', 'P2N2Q2Lob', 'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', & !&
       'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'midpoint_areas', 'midpoint_weak1', & !&
       'verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', 'exact_rotation', & !&
-      'heun', 'euler_maruyama', 'dirk:', 'lambda:'] !&
+      'gauss_dkdkd', 'verlet_kdk', 'chin4a', 'gauss_dkdkd_strong2', 'verlet_kdk_strong2', 'chin4a_strong2', & !&
+      'gauss_dkdkd_rotation', 'heun', 'euler_maruyama', 'dirk:', 'lambda:'] !&
 
 contains
 
@@ -54,6 +56,7 @@ contains
       type(scheme_type), intent(out) :: scheme
       character(*), intent(in) :: name
       type(error_type), allocatable, intent(inout) :: error
+      logical :: known
 
       if (allocated(error)) return
       select case (name)
@@ -83,7 +86,8 @@ contains
       case ('verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', 'exact_rotation')
          call additive_scheme(scheme, name, error)
       case default
-         call parametrised(scheme, name, error)
+         call splitting_scheme(scheme, name, known, error)
+         if (.not. known) call parametrised(scheme, name, error)
       end select
       if (.not. allocated(error)) call add_measurements(scheme%order, name)
    end subroutine get_scheme

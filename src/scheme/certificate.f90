@@ -9,7 +9,7 @@ module symsde_scheme_certificate
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_text, only: to_text
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
-                                   symplecticity_residual, model_needs, frame_none, frame_shift, &
+                                   splitting_form, symplecticity_residual, model_needs, frame_none, frame_shift, &
                                    frame_rotation
    use symsde_scheme_orders, only: order_type, norder, order_names, weak_order, evidence_claimed, evidence_derived, &
                                    evidence_text
@@ -160,9 +160,15 @@ contains
       select case (c%form)
       case (tableau_form); form = 'tableau, '
       case (galerkin_form); form = 'Galerkin, degree '//to_text(c%degree)//', '
+      case (splitting_form); form = 'drifts and kicks, '
       case default; form = 'Ito form, '
       end select
-      form = form//to_text(c%nstage)//trim(merge(' nodes ', ' stages', c%form == galerkin_form))
+      form = form//to_text(c%nstage)
+      select case (c%form)
+      case (galerkin_form); form = form//' nodes'
+      case (splitting_form); form = form//' kicks'
+      case default; form = form//' stages'
+      end select
       call add(text, 'scheme', c%name//' ('//form//')')
    end subroutine add_form
 
@@ -173,6 +179,8 @@ contains
 
       if (c%form == galerkin_form) then
          value = 'yes, as a discrete Lagrangian'
+      else if (c%form == splitting_form) then
+         value = 'yes, as a composition of exact flows'
       else if (c%form == ito_form) then
          value = 'no, it steps the Ito form'
       else

@@ -6,7 +6,7 @@
 !> H_p at stage j needs (Q_j,P_j), for separable Hamiltonians P_j alone; H_q needs Q_j alone then.
 module symsde_scheme_dependency
    use symsde_base_kinds, only: wp
-   use symsde_scheme_scheme, only: scheme_type, galerkin_form
+   use symsde_scheme_scheme, only: scheme_type, galerkin_form, splitting_form
    implicit none
    private
    public :: is_explicit, evaluation_order, implicit_unknowns
@@ -19,8 +19,8 @@ contains
       logical, intent(in) :: separable  !! every H_j(q,p) = T_j(p) + U_j(q)
       integer :: order(2*scheme%nstage), known
 
-      is_explicit = .false.
-      if (scheme%form == galerkin_form) return
+      is_explicit = scheme%form == splitting_form .and. separable
+      if (.not. scheme%has_tableau()) return
       call evaluation_order(scheme, separable, order, known)
       is_explicit = known == size(order)
    end function is_explicit
@@ -62,8 +62,9 @@ contains
       logical :: left(2*scheme%nstage), keep(2*scheme%nstage)
       integer :: i, j
 
-      if (scheme%form == galerkin_form) then
-         unknowns = scheme%degree + scheme%nstage
+      if (.not. scheme%has_tableau()) then
+         unknowns = 0
+         if (scheme%form == galerkin_form) unknowns = scheme%degree + scheme%nstage
          return
       end if
       needs = dependencies(scheme, separable)

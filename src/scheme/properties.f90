@@ -6,9 +6,10 @@
 !> where they are made (scheme/expansion, scheme/additive, scheme/catalogue).
 module symsde_scheme_properties
    use symsde_base_kinds, only: wp
+   use symsde_scheme_kicks, only: kicks_type
    use symsde_scheme_orders, only: set_order, evidence_derived, additive_noise, commutative_noise, general_noise, &
                                    commuting_flows, weak_order
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, symplecticity_residual
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, splitting_form, symplecticity_residual
    implicit none
    private
    public :: declare_properties, symmetry_residual, quadratic_residual, tableau_order
@@ -61,7 +62,7 @@ contains
       type(scheme_type), intent(in) :: scheme
 
       stratonovich_sum = 0.5_wp
-      if (scheme%form /= galerkin_form) &
+      if (scheme%has_tableau()) &
          stratonovich_sum = dot_product(scheme%beta, sum(scheme%b, dim=2))
    end function stratonovich_sum
 
@@ -70,7 +71,7 @@ contains
       type(scheme_type), intent(in) :: scheme
 
       conjugate_stratonovich_sum = 0.5_wp
-      if (scheme%form /= galerkin_form) &
+      if (scheme%has_tableau()) &
          conjugate_stratonovich_sum = dot_product(scheme%beta, sum(scheme%bbar, dim=2))
    end function conjugate_stratonovich_sum
 
@@ -86,7 +87,9 @@ contains
          residual = max(maxval(abs(s%alpha - s%alpha(r:1:-1))), &
                         maxval(abs(s%beta - s%beta(r:1:-1))), &
                         maxval(abs(s%c + s%c(r:1:-1) - 1)))
-         if (s%form == galerkin_form) then
+         if (s%form == splitting_form) then
+            residual = max(residual, unlike_reversed(s%kicks))
+         else if (s%form == galerkin_form) then
             residual = max(residual, maxval(abs(s%basis - s%basis(r:1:-1, s%degree:0:-1))), &
                            maxval(abs(s%slope + s%slope(r:1:-1, s%degree:0:-1))))
          else
@@ -95,6 +98,16 @@ contains
          end if
       end associate
    end function symmetry_residual
+
+   !> Kicks that do not read the same from behind; a changes its sign then, K does not.
+   pure real(wp) function unlike_reversed(kicks) result(residual)
+      type(kicks_type), intent(in) :: kicks
+
+      associate (r => size(kicks%c))
+         residual = maxval(abs([kicks%gamma + kicks%gamma(r:1:-1), kicks%eta - kicks%eta(r:1:-1), &
+                                kicks%kappa - kicks%kappa(r:1:-1), kicks%share - kicks%share(r:1:-1)]))
+      end associate
+   end function unlike_reversed
 
    !> max_ij |a_ij + a_i'j' - alpha_j|
    pure real(wp) function unlike_adjoint(a, alpha) result(residual)
@@ -117,7 +130,7 @@ contains
       type(scheme_type), intent(in) :: scheme
 
       residual = 1
-      if (scheme%form /= galerkin_form) &
+      if (scheme%has_tableau()) &
          residual = max(maxval(abs(scheme%a - scheme%abar)), maxval(abs(scheme%b - scheme%bbar)))
    end function quadratic_residual
 

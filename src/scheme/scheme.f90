@@ -11,15 +11,18 @@
 !> Galerkin form (polynomial of degree s through control points q^0 .. q^s, nodes c_i, weights alpha_i):
 !>
 !>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
+!>
+!> Splitting form (drifts and kicks for noise in position): scheme/kicks
 module symsde_scheme_scheme
    use symsde_base_kinds, only: wp
    use symsde_base_functionals, only: functional_set
    use symsde_base_laws, only: law_gaussian
    use symsde_scheme_orders, only: order_type, norder, evidence_derived
+   use symsde_scheme_kicks, only: kicks_type
    implicit none
    private
    public :: scheme_type, bracket_terms
-   public :: tableau_form, galerkin_form, ito_form
+   public :: tableau_form, galerkin_form, ito_form, splitting_form
    public :: correction_auto, correction_none, correction_mean, correction_increments
    public :: frame_none, frame_shift, frame_mean_path, frame_rotation
    public :: model_needs
@@ -29,6 +32,7 @@ module symsde_scheme_scheme
       enumerator :: tableau_form = 1   !! executed from a, abar, alpha (b, bbar, beta)
       enumerator :: galerkin_form = 2  !! executed from basis values and slopes
       enumerator :: ito_form = 3       !! Euler-Maruyama, the contrast that steps the Ito form
+      enumerator :: splitting_form = 4 !! executed from kicks
    end enum
    enum, bind(c)
       enumerator :: correction_auto = 0        !! increments form, or none where the traits prove it vanishes
@@ -78,6 +82,7 @@ module symsde_scheme_scheme
       integer :: degree = 0                   !! s: degree of the polynomial; 0 = not from a polynomial
       real(wp), allocatable :: basis(:, :)    !! l_mu(c_i), Galerkin form only (nstage, 0:degree)
       real(wp), allocatable :: slope(:, :)    !! l_mu'(c_i), Galerkin form only (nstage, 0:degree)
+      type(kicks_type) :: kicks               !! splitting form only
       type(functional_set) :: asks            !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets         !! added to the one-step Hamiltonian
       integer :: frame = frame_none           !! what surrounds the step of the tableau
@@ -92,12 +97,20 @@ module symsde_scheme_scheme
       integer :: order_noise_free = 0         !! order without noise
       logical :: sharp = .false.              !! the order for commutative noise is not exceeded on generic problems
    contains
+      procedure :: has_tableau
       procedure :: noise_coefficients_equal
       procedure :: correction_coefficient
       procedure :: is_midpoint
    end type scheme_type
 
 contains
+
+   !> Whether the coefficients a, abar, b, bbar are there.
+   pure logical function has_tableau(self)
+      class(scheme_type), intent(in) :: self
+
+      has_tableau = self%form == tableau_form .or. self%form == ito_form
+   end function has_tableau
 
    !> Whether drift and noise share all coefficients: then one gradient a stage serves both.
    pure function noise_coefficients_equal(self) result(equal)

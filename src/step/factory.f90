@@ -20,6 +20,7 @@ module symsde_step_factory
    use symsde_step_midpoint_kubo, only: midpoint_kubo_stepper
    use symsde_step_midpoint_single, only: midpoint_single_stepper
    use symsde_step_one_sided, only: one_sided_stepper
+   use symsde_step_splitting, only: splitting_stepper
    use symsde_step_stages, only: stages_stepper
    use symsde_step_stepper, only: stepper_type, stepper_task
    use symsde_step_two_stage_single, only: two_stage_single_stepper
@@ -44,7 +45,7 @@ contains
    subroutine list_steppers(list)
       type(stepper_slot), allocatable, intent(out) :: list(:)
 
-      allocate (list(16))
+      allocate (list(17))
       allocate (verlet_dz_stepper :: list(1)%stepper)
       allocate (averaged_shift_stepper :: list(2)%stepper)
       allocate (exact_rotation_stepper :: list(3)%stepper)
@@ -61,6 +62,7 @@ contains
       allocate (two_stage_single_stepper :: list(14)%stepper)
       allocate (stages_stepper :: list(15)%stepper)
       allocate (general_stepper :: list(16)%stepper)
+      allocate (splitting_stepper :: list(17)%stepper)
    end subroutine list_steppers
 
    !> Choose and construct. Refuses combinations that do not fit, with the reason.

@@ -42,6 +42,7 @@ module symsde_step_one_step_hamiltonian
       real(wp), allocatable, private :: fqq(:, :, :), fqp(:, :, :), fpp(:, :, :)  !! (nlane, ndof, ndof)
    contains
       procedure :: gradient
+      procedure :: hessian_vector
       procedure :: gradient_hessian
       procedure :: gradient_hessian_banded
    end type one_step_hamiltonian
@@ -90,6 +91,18 @@ contains
       if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
       if (allocated(self%extra)) call self%extra%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
+
+   !> Hessian of sum_j w_j H_j times (vq, vp), without correction and brackets.
+   subroutine hessian_vector(self, t, w, q, p, vq, vp, uq, up)
+      class(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(in) :: vq(self%nlane, self%ndof), vp(self%nlane, self%ndof)
+      real(wp), intent(out) :: uq(self%nlane, self%ndof), up(self%nlane, self%ndof)
+
+      call self%model%hessian_vector(self%nlane, self%ndof, self%nnoise, t, w, q, p, vq, vp, uq, up)
+      self%counters%hessian_vectors = self%counters%hessian_vectors + self%nreal
+   end subroutine hessian_vector
 
    !> Gradient of Hhat with correction and brackets; Hessian without brackets and third derivatives: Newton
    !> converges to the same root, linearly where these matter.

@@ -1,0 +1,106 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Kicks between flows of the kinetic energy, as data: explicit, symplectic, of strong order 3/2 or 2 for any
+!> number of noises in position (docs/method.md derives it).
+!>
+!> For H = p.p/2 + U(t,q) and H_k(t,q) a step is a sequence of drifts and kicks. Kick i comes where the drift
+!> has arrived at t_n + c_i h, and is the flow of
+!>
+!>    b_i h U + sum_k w_ik H_k  +  kappa_i h |V_q|^2  +  s_i/2 sum_kl D_kl H_k,q . H_l,q
+!>
+!>    w_ik = beta_i dW_k + gamma_i a_k + eta_i K_k,       a_k = dZ_k/h - dW_k/2,   s = time in the step over h
+!>    K_k  = int (s^2 - s + 1/6) dW_k /2, the space-time-time Levy area, of variance h/720
+!>    V    = h U + sum_k (dW_k + zeta K_k) H_k
+!>
+!> What the kicks of a noise leave of its second Magnus term, sum_kl J_kl H_k,q . H_l,q /2 with
+!> J_kl = int W_k (dW_l - W_l ds) symmetrised, is made good by the last part:
+!>
+!>    D_kl = h sum_{i<j} (c_j - c_i) (w_ik w_jl + w_il w_jk)/2 - 2 kappa h v_k v_l - J_kl,   v_k = dW_k + zeta K_k
+!>
+!> with J sampled for strong order 2; else by its mean, since E J = 0: D_kl = c h^2 delta_kl,
+!>
+!>    c = sum_{i<j} (c_j - c_i) (beta_i beta_j + gamma_i gamma_j/12 + eta_i eta_j/720) - 2 kappa (1 + zeta^2/720)
+!>
+!> for strong order 3/2, kappa = sum_i kappa_i.
+module symsde_scheme_kicks
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: kicks_type, new_kicks, mean_coefficient, moment_residual
+
+   type :: kicks_type
+      real(wp), allocatable :: c(:)        !! where in the step, 0 <= c_1 < c_2 < .. <= 1 (nkick)
+      real(wp), allocatable :: b(:)        !! part of the potential U (nkick)
+      real(wp), allocatable :: beta(:)     !! part of dW (nkick)
+      real(wp), allocatable :: gamma(:)    !! factor of a (nkick)
+      real(wp), allocatable :: eta(:)      !! factor of K (nkick)
+      real(wp), allocatable :: kappa(:)    !! factor of h |V_q|^2 (nkick)
+      real(wp), allocatable :: share(:)    !! s: part of the potential with D, their sum is one (nkick)
+      real(wp) :: zeta = 0                 !! factor of K in V
+      logical :: samples = .false.         !! J is sampled, else its mean is used
+      logical :: rotates = .false.         !! drifts are rotations by the frequencies that the model declares
+   end type kicks_type
+
+contains
+
+   !> Kicks from the coefficients that are not zero; share is b where it is not given.
+   pure subroutine new_kicks(kicks, c, b, gamma, eta, kappa, zeta, share)
+      type(kicks_type), intent(out) :: kicks
+      real(wp), intent(in) :: c(:), b(:)           !! (nkick)
+      real(wp), intent(in) :: gamma(:)             !! (nkick)
+      real(wp), intent(in), optional :: eta(:), kappa(:), share(:) !! (nkick)
+      real(wp), intent(in), optional :: zeta
+
+      kicks%c = c
+      kicks%b = b
+      kicks%beta = b
+      kicks%gamma = gamma
+      kicks%share = b
+      allocate (kicks%eta(size(c)), kicks%kappa(size(c)), source=0.0_wp)
+      if (present(eta)) kicks%eta = eta
+      if (present(kappa)) kicks%kappa = kappa
+      if (present(share)) kicks%share = share
+      if (present(zeta)) kicks%zeta = zeta
+   end subroutine new_kicks
+
+   !> The c of the mean form: E D_kl = c h^2 delta_kl, from Var dW = h, Var a = h/12, Var K = h/720.
+   pure real(wp) function mean_coefficient(kicks) result(c)
+      type(kicks_type), intent(in) :: kicks
+
+      c = ordered_sum(kicks%c, kicks%beta) + ordered_sum(kicks%c, kicks%gamma)/12 &
+          + ordered_sum(kicks%c, kicks%eta)/720 - 2*sum(kicks%kappa)*(1 + kicks%zeta**2/720)
+      if (abs(c) < 16*epsilon(1.0_wp)) c = 0
+   end function mean_coefficient
+
+   !> sum_{i<j} (c_j - c_i) x_i x_j
+   pure real(wp) function ordered_sum(c, x)
+      real(wp), intent(in) :: c(:), x(:)
+      integer :: i, j
+
+      ordered_sum = 0
+      do j = 2, size(c)
+         do i = 1, j - 1
+            ordered_sum = ordered_sum + (c(j) - c(i))*x(i)*x(j)
+         end do
+      end do
+   end function ordered_sum
+
+   !> How far the kicks of a noise are from its moments int s^r dW, r = 0 .. degree, with s^0 = 1, int s dW =
+   !> dW/2 - a, int s^2 dW = dW/3 - a + 2K: the largest |sum_i w_i c_i^r - moment| over the three coefficients,
+   !> and of those of the potential, 1/(r+1). Degree one is what strong order 3/2 needs.
+   pure real(wp) function moment_residual(kicks, degree) result(residual)
+      type(kicks_type), intent(in) :: kicks
+      integer, intent(in) :: degree  !! 0, 1 or 2
+      integer :: r
+
+      residual = 0
+      do r = 0, degree
+         associate (power => kicks%c**r)
+            residual = max(residual, abs(sum(kicks%b*power) - 1.0_wp/(r + 1)), &
+                           abs(sum(kicks%beta*power) - 1.0_wp/(r + 1)), &
+                           abs(sum(kicks%gamma*power) - merge(0, -1, r == 0)), &
+                           abs(sum(kicks%eta*power) - merge(2, 0, r == 2)))
+         end associate
+      end do
+   end function moment_residual
+
+end module symsde_scheme_kicks

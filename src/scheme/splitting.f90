@@ -1,0 +1,116 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Splitting schemes by name: drifts and kicks for H = p.p/2 + U(t,q) with noise in position, explicit and
+!> symplectic (scheme/kicks says what the coefficients mean, docs/method.md derives them).
+!>
+!>    gauss_dkdkd            kicks at Gauss' two nodes: c = 0, two forces and nothing else
+!>    verlet_kdk             kicks at both ends
+!>    chin4a                 the forward flow 4A of Chin, of order four, with one integral of the path more
+!>    .._strong2             the same with the second Magnus term of the noise sampled
+!>    gauss_dkdkd_rotation   drifts are the exact flow of a linear part that the model declares
+module symsde_scheme_splitting
+   use symsde_base_functionals, only: functionals, path_dz, path_bend, path_magnus
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, invalid_argument
+   use symsde_scheme_kicks, only: kicks_type, new_kicks, moment_residual
+   use symsde_scheme_orders, only: set_order, evidence_claimed, evidence_derived, additive_noise, commutative_noise, &
+                                   weak_order
+   use symsde_scheme_scheme, only: scheme_type, model_needs, splitting_form
+   implicit none
+   private
+   public :: splitting_scheme
+
+   real(wp), parameter :: tolerance = 1e-13_wp  !! of the moment conditions
+
+contains
+
+   !> One of them, by name; known says whether the name is one.
+   subroutine splitting_scheme(scheme, name, known, error)
+      type(scheme_type), intent(out) :: scheme
+      character(*), intent(in) :: name
+      logical, intent(out) :: known
+      type(error_type), allocatable, intent(inout) :: error
+      type(kicks_type) :: kicks
+      real(wp), parameter :: third = 1/3.0_wp, sixth = 1/6.0_wp, half(2) = 0.5_wp
+      real(wp), parameter :: ends(2) = [0.0_wp, 1.0_wp]
+      real(wp) :: x
+
+      known = .true.
+      x = 0.5_wp*(1 - sqrt(third))
+      select case (name)
+      case ('gauss_dkdkd', 'gauss_dkdkd_strong2', 'gauss_dkdkd_rotation')
+         call new_kicks(kicks, [x, 1 - x], half, sqrt(3.0_wp)*[1, -1])
+         scheme%reference = 'kicks at Gauss'' nodes; docs/method.md'
+      case ('verlet_kdk', 'verlet_kdk_strong2')
+         call new_kicks(kicks, ends, half, [1.0_wp, -1.0_wp])
+         scheme%reference = 'velocity Verlet with dZ; docs/method.md'
+      case ('chin4a', 'chin4a_strong2')
+         call new_kicks(kicks, [0.0_wp, 0.5_wp, 1.0_wp], [sixth, 2*third, sixth], [1.0_wp, 0.0_wp, -1.0_wp], &
+                        eta=[4.0_wp, -8.0_wp, 4.0_wp], kappa=[0.0_wp, -1/72.0_wp, 0.0_wp], zeta=-12.0_wp, &
+                        share=[0.0_wp, 1.0_wp, 0.0_wp])
+         scheme%reference = 'forward flow 4A (Chin 1997) with dZ and K; docs/method.md'
+      case default
+         known = .false.
+         return
+      end select
+      kicks%rotates = index(name, '_rotation') > 0
+      kicks%samples = index(name, '_strong2') > 0
+      call complete(scheme, name, kicks, error)
+      if (.not. allocated(error)) call set_orders(scheme, kicks)
+   end subroutine splitting_scheme
+
+   !> What follows from the coefficients.
+   subroutine complete(scheme, name, kicks, error)
+      type(scheme_type), intent(inout) :: scheme
+      character(*), intent(in) :: name
+      type(kicks_type), intent(in) :: kicks
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (moment_residual(kicks, 1) > tolerance) then
+         call raise(error, invalid_argument, 'splitting_scheme', 'the kicks of '//name//' miss the moments of '// &
+                    'the noise: their weights must sum to 1 and have the mean 1/2, those of a sum to 0 with mean -1')
+         return
+      end if
+      scheme%name = name
+      scheme%form = splitting_form
+      scheme%nstage = size(kicks%c)
+      scheme%c = kicks%c
+      scheme%alpha = kicks%b
+      scheme%beta = kicks%beta
+      scheme%kicks = kicks
+      scheme%needs = model_needs(position_noise=.true., identity_mass=.true., rotation=kicks%rotates, &
+                                 instead='gauss2_strong32 for strong order 3/2, or midpoint')
+      scheme%asks = functionals([path_dz])
+      scheme%asks%has(path_bend) = any(abs(kicks%eta) > 0)
+      scheme%asks%has(path_magnus) = kicks%samples
+      scheme%symplectic = .true.
+      scheme%symmetric = is_palindrome(kicks)
+   end subroutine complete
+
+   !> Orders hold for noise in position with H = p.p/2 + U; other models are refused. The strong ones follow from
+   !> the moments that the kicks meet, since the mean of the second Magnus term is taken away by construction.
+   pure subroutine set_orders(scheme, kicks)
+      type(scheme_type), intent(inout) :: scheme
+      type(kicks_type), intent(in) :: kicks
+      logical :: forward
+
+      forward = any(abs(kicks%kappa) > 0)  ! a flow of order four
+      scheme%order_noise_free = merge(4, 2, forward)
+      call set_order(scheme%order(additive_noise), merge(3.0_wp, 2.0_wp, moment_residual(kicks, 2) < tolerance), &
+                     evidence_derived)
+      call set_order(scheme%order(commutative_noise), merge(2.0_wp, 1.5_wp, kicks%samples), evidence_derived)
+      call set_order(scheme%order(weak_order), merge(3.0_wp, 2.0_wp, forward), evidence_claimed)
+   end subroutine set_orders
+
+   !> Whether the kicks read the same from behind; a changes its sign then, K does not.
+   pure logical function is_palindrome(kicks)
+      type(kicks_type), intent(in) :: kicks
+      integer :: n
+
+      n = size(kicks%c)
+      is_palindrome = maxval(abs([kicks%c + kicks%c(n:1:-1) - 1, kicks%b - kicks%b(n:1:-1), &
+                                  kicks%beta - kicks%beta(n:1:-1), kicks%gamma + kicks%gamma(n:1:-1), &
+                                  kicks%eta - kicks%eta(n:1:-1), kicks%kappa - kicks%kappa(n:1:-1), &
+                                  kicks%share - kicks%share(n:1:-1)])) < tolerance
+   end function is_palindrome
+
+end module symsde_scheme_splitting

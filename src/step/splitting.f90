@@ -1,0 +1,374 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Drifts and kicks for H = p.p/2 + U(t,q) with any number of noises in position: explicit, symplectic.
+!>
+!> What a kick is, and why: symsde_scheme_kicks. Each kick is a function of q alone, so its flow moves p by a
+!> gradient; its Hamiltonians are taken at its own time t_n + c_i h, which serves potentials and noises that
+!> depend on time. The parts with products of gradients need one Hessian-vector product each:
+!>
+!>    grad |F_q|^2 = 2 Hess F F_q,      grad 1/2 sum_kl D_kl H_k,q . H_l,q = sum_k Hess H_k sum_l D_kl H_l,q
+!>
+!> Linear noises have no such part. With one degree of freedom one gradient and Hessian of each Hamiltonian at the
+!> point of the kick serve all of its parts.
+module symsde_step_splitting
+   use symsde_base_functionals, only: path_dz, path_bend, path_magnus, pair_index
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_kicks, only: kicks_type, mean_coefficient
+   use symsde_scheme_scheme, only: scheme_type, correction_none, splitting_form
+   use symsde_step_flight, only: flight_type, new_flight
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: splitting_stepper, new_splitting_stepper
+
+   type, extends(stepper_type) :: splitting_stepper
+      private
+      type(kicks_type) :: kicks
+      logical :: products = .false.                !! noises are not linear: H_k,q . H_l,q matters
+      real(wp) :: c = 0                            !! of the mean form
+      type(flight_type) :: flight                  !! what happens between kicks
+      integer, allocatable :: noisy(:)             !! the noises that are not silent
+      real(wp), allocatable :: a(:, :)             !! a_k (nlane, nnoise)
+      real(wp), allocatable :: w(:, :, :)          !! w_ik with b_i h in front (nlane, 0:nnoise, nkick)
+      real(wp), allocatable :: v(:, :)             !! weights of V (nlane, 0:nnoise)
+      real(wp), allocatable :: unit(:, :)          !! weights of one noise alone (nlane, 0:nnoise)
+      real(wp), allocatable :: d(:, :)             !! D_kl at pair_index (nlane, nnoise(nnoise+1)/2)
+      real(wp), allocatable :: x(:, :), y(:, :)    !! where q and p are in the step (nlane, ndof)
+      real(wp), allocatable :: f(:, :)             !! gradient of a kick (nlane, ndof)
+      real(wp), allocatable :: g(:, :, :)          !! H_k,q (nlane, ndof, nnoise)
+      real(wp), allocatable :: slope(:, :)         !! H_j' (nlane, 0:nnoise), one degree of freedom
+      real(wp), allocatable :: bend(:, :, :)       !! H_j'' (nlane, 1, 0:nnoise), the same
+      real(wp), allocatable :: s(:, :), zero(:, :), u(:, :), up(:, :)  !! a product (nlane, ndof)
+   contains
+      procedure :: fits
+      procedure :: make
+      procedure :: increment
+   end type splitting_stepper
+
+contains
+
+   logical function fits(self, task)
+      class(splitting_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%scheme%form == splitting_form
+   end function fits
+
+   subroutine make(self, task)
+      class(splitting_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_splitting_stepper(self, task%model, task%scheme, task%nlane)
+   end subroutine make
+
+   !> A stepper for blocks of nlane lanes; the model has noise in position and H = p.p/2 + U.
+   subroutine new_splitting_stepper(self, model, scheme, nlane)
+      type(splitting_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: nlane
+      integer :: n, m, k
+
+      n = model%traits%ndof
+      m = model%traits%nnoise
+      self%name = 'drifts and kicks'
+      self%explicit = .true.
+      self%kicks = scheme%kicks
+      self%c = mean_coefficient(self%kicks)
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      if (self%kicks%rotates) then
+         call new_flight(self%flight, size(self%kicks%c) + 1, model%traits%rotation)
+      else
+         call new_flight(self%flight, size(self%kicks%c) + 1)
+      end if
+      self%noisy = [(k, k=1, m)]
+      if (allocated(model%traits%silent)) self%noisy = pack(self%noisy, .not. model%traits%silent)
+      self%products = size(self%noisy) > 0 .and. .not. model%traits%additive
+      allocate (self%w(nlane, 0:m, size(self%kicks%c)), self%a(nlane, m), source=0.0_wp)
+      allocate (self%x(nlane, n), self%f(nlane, n))
+      allocate (self%v(nlane, 0:m), self%unit(nlane, 0:m), self%zero(nlane, n), source=0.0_wp)
+      allocate (self%s(nlane, n), self%u(nlane, n), self%up(nlane, n))
+      if (n == 1) allocate (self%slope(nlane, 0:m), self%bend(nlane, 1, 0:m), source=0.0_wp)
+      if (self%products) allocate (self%g(nlane, n, m), self%d(nlane, pair_index(m, m)), source=0.0_wp)
+   end subroutine new_splitting_stepper
+
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(splitting_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp) :: reached
+      integer :: i
+
+      dq = 0
+      dp = 0
+      call weigh(self, step)
+      reached = 0
+      associate (kicks => self%kicks, nlane => self%ham%nlane, n => self%ham%ndof)
+         do i = 1, size(kicks%c)
+            if (kicks%c(i) > reached) call self%flight%move(i, (kicks%c(i) - reached)*step%h, nlane, n, q, p, dq, dp)
+            reached = kicks%c(i)
+            call kick(self, i, step%t + reached*step%h, step%h, q, p, dq, dp)
+         end do
+         if (reached < 1) call self%flight%move(size(kicks%c) + 1, (1 - reached)*step%h, nlane, n, q, p, dq, dp)
+      end associate
+   end subroutine increment
+
+   !> The weights of every kick, of V, and D.
+   subroutine weigh(self, step)
+      type(splitting_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      integer :: i, j, k
+
+      associate (kicks => self%kicks, nlane => self%ham%nlane)
+         do i = 1, size(kicks%c)
+            self%w(:, 0, i) = kicks%b(i)*step%h
+         end do
+         self%v(:, 0) = step%h
+         do j = 1, size(self%noisy)
+            k = self%noisy(j)
+            call find_a(nlane, step%h, step%w(:, k), step%of(path_dz)%x(:, k), self%a(:, k))
+            self%v(:, k) = step%w(:, k)
+            do i = 1, size(kicks%c)
+               self%w(:, k, i) = kicks%beta(i)*step%w(:, k) + kicks%gamma(i)*self%a(:, k)
+            end do
+            if (.not. associated(step%of(path_bend)%x)) cycle
+            self%v(:, k) = self%v(:, k) + kicks%zeta*step%of(path_bend)%x(:, k)
+            do i = 1, size(kicks%c)
+               self%w(:, k, i) = self%w(:, k, i) + kicks%eta(i)*step%of(path_bend)%x(:, k)
+            end do
+         end do
+         if (self%products .and. kicks%samples) call find_d(self, step)
+      end associate
+   end subroutine weigh
+
+   !> D_kl of the sampled form.
+   subroutine find_d(self, step)
+      type(splitting_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp) :: kappa
+      integer :: i, j, k, l, kl
+
+      kappa = sum(self%kicks%kappa)
+      associate (c => self%kicks%c, w => self%w, v => self%v)
+         do l = 1, self%ham%nnoise
+            do k = 1, l
+               kl = pair_index(k, l)
+               self%d(:, kl) = -2*kappa*v(:, k)*v(:, l)
+               do j = 2, size(c)
+                  do i = 1, j - 1
+                     self%d(:, kl) = self%d(:, kl) + 0.5_wp*(c(j) - c(i))*(w(:, k, i)*w(:, l, j) + w(:, l, i)*w(:, k, j))
+                  end do
+               end do
+               self%d(:, kl) = step%h*self%d(:, kl) - step%of(path_magnus)%x(:, kl)
+            end do
+         end do
+      end associate
+   end subroutine find_d
+
+   !> Kick i at the time t.
+   subroutine kick(self, i, t, h, q, p, dq, dp)
+      type(splitting_stepper), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(in) :: dq(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(inout) :: dp(self%ham%nlane, self%ham%ndof)
+
+      associate (kicks => self%kicks, nlane => self%ham%nlane, n => self%ham%ndof)
+         call add(nlane*n, q, dq, self%x)
+         if (n == 1 .and. has_products(self, i)) then
+            call find_single(self, i, t, h, p)
+            call subtract(nlane, self%f, dp)
+            return
+         end if
+         call self%ham%gradient(t, self%w(:, :, i), self%x, p, hq=self%f)
+         call self%flight%remove_linear(kicks%b(i)*h, nlane, n, self%x, self%f)
+         if (abs(kicks%kappa(i)) > 0) call add_force_gradient(self, 2*kicks%kappa(i)*h, t, h, p)
+         if (self%products .and. abs(kicks%share(i)) > 0 .and. (kicks%samples .or. abs(self%c) > 0)) &
+            call add_products(self, kicks%share(i), t, h, p)
+         call subtract(nlane*n, self%f, dp)
+      end associate
+   end subroutine kick
+
+   !> Whether kick i has parts beside the gradient of one sum.
+   pure logical function has_products(self, i)
+      type(splitting_stepper), intent(in) :: self
+      integer, intent(in) :: i
+
+      has_products = abs(self%kicks%kappa(i)) > 0 .or. (self%products .and. abs(self%kicks%share(i)) > 0 .and. &
+                                                        (self%kicks%samples .or. abs(self%c) > 0))
+   end function has_products
+
+   !> f of kick i with one degree of freedom, from H_j' and H_j'' at the point.
+   subroutine find_single(self, i, t, h, p)
+      type(splitting_stepper), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: t, h, p(self%ham%nlane, 1)
+      integer :: j, k, l
+
+      associate (nlane => self%ham%nlane, noisy => self%noisy, kicks => self%kicks, slope => self%slope, bend => self%bend)
+         do j = 0, size(noisy)
+            k = 0
+            if (j > 0) k = noisy(j)
+            self%unit(:, k) = 1
+            call self%ham%gradient_hessian(t, self%unit, self%x, p, hq=slope(:, k:k), hqq=bend(:, :, k:k))
+            self%unit(:, k) = 0
+         end do
+         call self%flight%remove_linear(1.0_wp, nlane, 1, self%x, slope(:, 0:0))
+         self%s = 1
+         call self%flight%remove_linear(1.0_wp, nlane, 1, self%s, bend(:, 1, 0:0))
+         call weighted_sum(nlane, self%ham%nnoise, self%w(:, :, i), slope, self%f)
+         if (abs(kicks%kappa(i)) > 0) then
+            call weighted_sum(nlane, self%ham%nnoise, self%v, slope, self%s)
+            call weighted_sum(nlane, self%ham%nnoise, self%v, bend(:, 1, :), self%u)
+            call add_product(nlane, 2*kicks%kappa(i)*h, self%s, self%u, self%f)
+         end if
+         if (.not. self%products .or. abs(kicks%share(i)) <= 0) return
+         do j = 1, size(noisy)
+            k = noisy(j)
+            if (.not. kicks%samples) then
+               call add_product(nlane, kicks%share(i)*self%c*h*abs(h), slope(:, k), bend(:, 1, k), self%f)
+               cycle
+            end if
+            self%s = 0
+            do l = 1, size(noisy)
+               call add_product(nlane, kicks%share(i), self%d(:, pair_index(min(k, noisy(l)), max(k, noisy(l)))), &
+                                slope(:, noisy(l)), self%s)
+            end do
+            call add_product(nlane, 1.0_wp, self%s, bend(:, 1, k), self%f)
+         end do
+      end associate
+   end subroutine find_single
+
+   !> f = f + factor Hess V V_q
+   subroutine add_force_gradient(self, factor, t, h, p)
+      type(splitting_stepper), intent(inout) :: self
+      real(wp), intent(in) :: factor, t, h
+      real(wp), intent(in) :: p(self%ham%nlane, self%ham%ndof)
+
+      associate (nlane => self%ham%nlane, n => self%ham%ndof)
+         call self%ham%gradient(t, self%v, self%x, p, hq=self%s)
+         call self%flight%remove_linear(h, nlane, n, self%x, self%s)
+         call self%ham%hessian_vector(t, self%v, self%x, p, self%s, self%zero, self%u, self%up)
+         call self%flight%remove_linear(h, nlane, n, self%s, self%u)
+         call add_times(nlane*n, factor, self%u, self%f)
+      end associate
+   end subroutine add_force_gradient
+
+   !> f = f + share sum_k Hess H_k sum_l D_kl H_l,q
+   subroutine add_products(self, share, t, h, p)
+      type(splitting_stepper), intent(inout) :: self
+      real(wp), intent(in) :: share, t, h
+      real(wp), intent(in) :: p(self%ham%nlane, self%ham%ndof)
+      integer :: i, k, l
+
+      associate (nlane => self%ham%nlane, n => self%ham%ndof, noisy => self%noisy)
+         do k = 1, size(noisy)
+            self%unit(:, noisy(k)) = 1
+            call self%ham%gradient(t, self%unit, self%x, p, hq=self%g(:, :, noisy(k)))
+            self%unit(:, noisy(k)) = 0
+         end do
+         do k = 1, size(noisy)
+            if (self%kicks%samples) then
+               self%s = 0
+               do l = 1, size(noisy)
+                  do i = 1, n
+                     self%s(:, i) = self%s(:, i) + self%d(:, pair_index(min(noisy(k), noisy(l)), &
+                                                                        max(noisy(k), noisy(l))))*self%g(:, i, noisy(l))
+                  end do
+               end do
+            else
+               self%s = (self%c*h*abs(h))*self%g(:, :, noisy(k))
+            end if
+            self%unit(:, noisy(k)) = 1
+            call self%ham%hessian_vector(t, self%unit, self%x, p, self%s, self%zero, self%u, self%up)
+            self%unit(:, noisy(k)) = 0
+            call add_times(nlane*n, share, self%u, self%f)
+         end do
+      end associate
+   end subroutine add_products
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC a = dZ/h - dW/2
+   pure subroutine find_a(nlane, h, dw, dz, a)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: h, dw(nlane), dz(nlane)
+      real(wp), intent(out) :: a(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         a(lane) = dz(lane)/h - 0.5_wp*dw(lane)
+      end do
+   end subroutine find_a
+
+   !> VEC x = q + dq
+   pure subroutine add(n, q, dq, x)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: q(n), dq(n)
+      real(wp), intent(out) :: x(n)
+      integer :: i
+
+      do i = 1, n
+         x(i) = q(i) + dq(i)
+      end do
+   end subroutine add
+
+   !> VEC dp = dp - f
+   pure subroutine subtract(n, f, dp)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: f(n)
+      real(wp), intent(inout) :: dp(n)
+      integer :: i
+
+      do i = 1, n
+         dp(i) = dp(i) - f(i)
+      end do
+   end subroutine subtract
+
+   !> VEC total = sum_j weight_j x_j
+   pure subroutine weighted_sum(nlane, m, weight, x, total)
+      integer, intent(in) :: nlane, m
+      real(wp), intent(in) :: weight(nlane, 0:m), x(nlane, 0:m)
+      real(wp), intent(out) :: total(nlane)
+      integer :: lane, j
+
+      do lane = 1, nlane
+         total(lane) = weight(lane, 0)*x(lane, 0)
+      end do
+      do j = 1, m
+         do lane = 1, nlane
+            total(lane) = total(lane) + weight(lane, j)*x(lane, j)
+         end do
+      end do
+   end subroutine weighted_sum
+
+   !> VEC f = f + factor x y
+   pure subroutine add_product(nlane, factor, x, y, f)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: factor, x(nlane), y(nlane)
+      real(wp), intent(inout) :: f(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         f(lane) = f(lane) + factor*(x(lane)*y(lane))
+      end do
+   end subroutine add_product
+
+   !> VEC f = f + factor u
+   pure subroutine add_times(n, factor, u, f)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: factor, u(n)
+      real(wp), intent(inout) :: f(n)
+      integer :: i
+
+      do i = 1, n
+         f(i) = f(i) + factor*u(i)
+      end do
+   end subroutine add_times
+
+end module symsde_step_splitting
