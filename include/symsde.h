@@ -248,6 +248,7 @@ typedef struct symsde_options {
    int32_t threads;        /* 0 = SYMSDE_NUM_THREADS, else OpenMP's default; always one in a forked process */
    symsde_progress progress; /* of diagnoses; that of a run stands in its input. May be NULL */
    void *progress_user;
+   double area_time;       /* time scale of Levy areas; 0 = derived from the model [time] */
 } symsde_options;
 
 int symsde_options_init(symsde_options *options);

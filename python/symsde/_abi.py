@@ -99,6 +99,7 @@ class Options(Structure):
         ("threads", c_int32),
         ("progress", Progress),
         ("progress_user", c_void_p),
+        ("area_time", c_double),
     )
 
     def __reduce__(self) -> tuple:

@@ -105,6 +105,7 @@ def make_options(
     first_step: int = 0,
     correction: str = "auto",
     truncation: tuple[float, float] | None = None,
+    area_time: float | None = None,
     compensated: bool = False,
     threads: int | None = None,
     general: bool = False,
@@ -137,6 +138,7 @@ def make_options(
     options.refine = integer("refine", refine, INT32)
     options.correction = _checks.choice("correction", correction, _abi.CORRECTIONS)
     options.truncation, options.truncation_time = _truncation(truncation)
+    options.area_time = 0.0 if area_time is None else _checks.number("area_time", area_time)
     options.compensated = _checks.flag("compensated", compensated)
     options.general = _checks.flag("general", general)
     options.max_iter = integer("max_iter", max_iter, INT32)

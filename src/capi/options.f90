@@ -35,6 +35,7 @@ module symsde_capi_options
       integer(c_int32_t) :: threads
       type(c_funptr) :: progress
       type(c_ptr) :: progress_user
+      real(c_double) :: area_time
    end type c_options
 
 contains
@@ -87,6 +88,7 @@ contains
       c%correction = o%correction
       c%truncation = o%truncation
       c%truncation_time = o%truncation_time
+      c%area_time = o%area_time
       c%compensated = merge(1, 0, o%compensated)
       c%general = merge(1, 0, o%general)
       c%max_iter = o%max_iter
@@ -113,6 +115,7 @@ contains
       o%correction = c%correction
       o%truncation = c%truncation
       o%truncation_time = c%truncation_time
+      o%area_time = c%area_time
       o%compensated = c%compensated /= 0
       o%general = c%general /= 0
       o%max_iter = c%max_iter

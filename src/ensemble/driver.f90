@@ -24,6 +24,7 @@ module symsde_ensemble_driver
    use symsde_ensemble_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
    use symsde_model_catalogue, only: is_built_in
+   use symsde_model_area_time, only: derive_area_time
    use symsde_model_probe, only: probe_model
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_noise_integrals, only: area_levels
@@ -292,16 +293,19 @@ contains
       type(brownian_noise) :: brownian
       logical, allocatable :: silent(:)
       integer(i8) :: extent(3)
-      real(wp) :: cut
+      real(wp) :: cut, area_time
       type(functional_set) :: asked
       integer :: law
 
       lost = 0
+      area_time = 0
       law = law_gaussian
       if (present(scheme)) then
          law = scheme%law
          asked = scheme%asks%needed_for(model%traits)
-         call check_functionals(model, scheme, options, asked, present(dw), error)
+         call choose_area_time(model, options, asked, area_time, error)
+         if (.not. allocated(error)) &
+            call check_functionals(model, scheme, options, asked, area_time, present(dw), error)
          if (allocated(error)) return
       end if
       if (present(dw)) then
@@ -325,6 +329,7 @@ contains
          allocate (noise, source=brownian)
       end if
       noise%asked = asked
+      noise%area_time = area_time
       if (.not. abs(options%truncation) <= 0) then
          call truncation_bound(options%step, options%truncation, options%truncation_time, cut, error)
          noise%bound = cut*sqrt(abs(options%step))
@@ -332,13 +337,27 @@ contains
       end if
    end subroutine new_noise
 
+   !> The time scale of the areas: the user's, or the model's.
+   subroutine choose_area_time(model, options, asked, area_time, error)
+      class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
+      type(functional_set), intent(in) :: asked
+      real(wp), intent(out) :: area_time
+      type(error_type), allocatable, intent(inout) :: error
+
+      area_time = options%area_time
+      if (.not. asked%has(path_areas) .or. area_time > 0) return
+      call derive_area_time(model, options%t0, area_time, error)
+   end subroutine choose_area_time
+
    !> What a scheme asks for beyond increments must be there: in prescribed increments it comes from finer
    !> rows, and the sub-increments of areas must stay within the counters.
-   subroutine check_functionals(model, scheme, options, asked, prescribed, error)
+   subroutine check_functionals(model, scheme, options, asked, area_time, prescribed, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
       type(functional_set), intent(in) :: asked
+      real(wp), intent(in) :: area_time
       logical, intent(in) :: prescribed
       type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: what
@@ -353,7 +372,7 @@ contains
                     '2^refine a step with refine >= 1, or a scheme that needs increments only, such as midpoint')
       else if (asked%has(path_areas)) then
          rows = real(options%first_step + options%nstep, wp)*2.0_wp**max(0, options%refine)* &
-                2.0_wp**area_levels(options%step/2.0_wp**max(0, options%refine))
+                2.0_wp**area_levels(options%step/2.0_wp**max(0, options%refine), area_time)
          if (rows <= 2.0_wp**47) return
          call raise(error, too_large, 'run_ensemble', 'the areas of '//to_text(options%nstep)//' steps need '// &
                     to_text(rows)//' sub-increments, beyond 2^47, the range of the step counter: give fewer or '// &

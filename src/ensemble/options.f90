@@ -29,6 +29,7 @@ module symsde_ensemble_options
       integer :: correction = correction_auto
       real(wp) :: truncation = 0            !! order l of truncated increments, 0 = none
       real(wp) :: truncation_time = 0       !! time scale tau of the truncation [time]
+      real(wp) :: area_time = 0             !! time scale of the areas, 0 = derived from the model [time]
       logical :: compensated = .false.      !! compensated summation of the state
       logical :: general = .false.          !! the general stepper, the oracle
       integer :: max_iter = 100             !! Newton iterations a step
@@ -73,6 +74,9 @@ contains
       else if (o%nlane < 0 .or. mod(o%nlane, lane_unit) /= 0 .or. o%nlane > max_nlane) then
          call refuse('block size '//to_text(o%nlane)//' is not allowed: give a multiple of 8 up to '// &
                      to_text(max_nlane)//', or 0 to have it chosen (it never changes a result)')
+      else if (.not. (o%area_time >= 0 .and. o%area_time <= huge(o%area_time))) then
+         call refuse('area_time = '//to_text(o%area_time)//' is not a time scale: give a positive time, or 0 to '// &
+                     'have it derived from the model')
       else if (o%nthread < 0 .or. o%nthread > 1024) then
          call refuse('threads = '//to_text(o%nthread)//' is out of range: give 1 to 1024, or 0 for the default')
       else

@@ -222,7 +222,8 @@ contains
       type(path_interval) :: steps(0:1)
       integer :: i, f
 
-      draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%asked)
+      draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%asked, &
+                             self%area_time)
       do i = 0, 2*request%npair - 1
          if (mod(i, 2) == 0) &
             call fill_pair(draws, request%nlane, request%path, request%pair + i/2, steps(0), steps(1), drawn)

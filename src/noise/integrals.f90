@@ -11,8 +11,11 @@
 !>
 !>    N = 15/2 K + M,   K_1, K_2 = K/8 - M/4 +- D/4,    M ~ N(0, |h|/192),  D ~ N(0, |h|/180)
 !>
-!> J is merged from four quarters of a step (noise/functionals). An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, n so large
-!> that its mean-square error |h|^2/(12 2^n) is at most |h|^3 (time in units of the model).
+!> J is merged from four quarters of a step (noise/functionals).
+!>
+!> An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, with
+!> 2^n >= tau/(12 |h|) for a time scale tau (model/area_time): its mean-square error |h|^2/(12 2^n) is at most
+!> |h|^3/tau.
 !>
 !> refine = l > 0: 2^l finer steps, merged as a balanced binary tree; dW has the bits of the source that
 !> makes only dW, and the functionals at refine = l are, bit for bit, what those of h/2 and l-1 merge to.
@@ -47,6 +50,7 @@ module symsde_noise_integrals
       integer :: refine = 0
       logical, allocatable :: silent(:)    !! noises for which nothing is drawn (nnoise)
       type(functional_set) :: asked        !! functionals that are wanted
+      real(wp) :: area_time = 0            !! tau, the time scale of the areas [time]
    end type integral_draws
 
    !> What is known of the path on an interval: dW, H and, where it is asked for, K (nlane, nnoise).
@@ -62,11 +66,12 @@ module symsde_noise_integrals
 contains
 
    !> n, the number of halvings of a step whose areas are wanted.
-   pure integer function area_levels(h)
+   pure integer function area_levels(h, tau)
       real(wp), intent(in) :: h            !! step [time]
+      real(wp), intent(in) :: tau          !! time scale of the areas [time]
       real(wp) :: parts
 
-      parts = 1/(12*abs(h))
+      parts = tau/(12*abs(h))*(1 - 1e-6_wp)  ! rounding in tau does not double them
       area_levels = 0
       do while (2.0_wp**area_levels < parts .and. area_levels < max_area_levels)
          area_levels = area_levels + 1
@@ -195,7 +200,7 @@ contains
       real(wp), intent(in) :: length
 
       levels_below = 0
-      if (d%asked%has(path_areas)) levels_below = area_levels(length)
+      if (d%asked%has(path_areas)) levels_below = area_levels(length, d%area_time)
       if (d%asked%has(path_magnus)) levels_below = max(levels_below, magnus_levels)
    end function levels_below
 

@@ -16,6 +16,7 @@ module symsde_noise_source
       logical, allocatable :: silent(:)      !! noises for which nothing is drawn: dW_k = 0 (nnoise)
       real(wp) :: bound = huge(1.0_wp)       !! truncation: |dW_k| <= bound [sqrt(time)]
       type(functional_set) :: asked          !! functionals to give beside the increments
+      real(wp) :: area_time = 0              !! time scale of the areas [time]
    contains
       procedure(fill_interface), deferred :: fill
    end type noise_type

@@ -6,7 +6,8 @@
 !>    z' = z + h J^{-1} grad H*((z + z')/2 + B dZ/h),   H* = H + (|h|/12) sum_k B_k^T Hess H B_k,
 !>    x_{n+1} = z' + B dW
 !>
-!> that is the midpoint rule for H* between two constant shifts: symplectic for every h, dW, dZ. The second
+!> that is the midpoint rule for H* between two constant shifts: symplectic for every h, dW, dZ. Where B changes
+!> in time it is taken at the middle of the step, and B dW becomes B dW - (B_{n+1} - B_n) (dZ/h - dW/2). The second
 !> difference of H that stands for B^T Hess H B is a Hamiltonian itself (step/modified_hamiltonian).
 module symsde_step_averaged_shift
    use symsde_base_counters, only: counters_type, add_counters
@@ -15,6 +16,7 @@ module symsde_step_averaged_shift
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: bracket_terms, correction_none, frame_mean_path
+   use symsde_model_noise_time, only: noise_changes_in_time
    use symsde_solve_newton, only: newton_options
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
@@ -25,6 +27,7 @@ module symsde_step_averaged_shift
 
    type, extends(stepper_type) :: averaged_shift_stepper
       private
+      logical :: moving = .false.                      !! B changes in time
       type(midpoint_full_stepper) :: inner             !! under h H*, without noise
       real(wp), allocatable :: v(:, :), drift(:, :)    !! weights 0, b_k and h, 0 (nlane, 0:nnoise)
       real(wp), allocatable :: qs(:, :), ps(:, :), hq(:, :), hp(:, :)  !! (nlane, ndof)
@@ -59,6 +62,7 @@ contains
       type(newton_options), intent(in) :: options
 
       self%name = 'midpoint, averaged shift'
+      self%moving = noise_changes_in_time(model)
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       call new_midpoint_full_stepper(self%inner, model, nlane, options, brackets=bracket_terms(nested=.true.))
       associate (n => model%traits%ndof, m => model%traits%nnoise)
@@ -85,6 +89,11 @@ contains
       call drift_midpoint(self, step, dq, dp, status)
       self%v(:, 1:) = step%w(:, 1:)
       call add_shift(self, tm, dq, dp)
+      if (.not. (self%moving .and. associated(step%of(path_dz)%x))) return
+      self%v(:, 1:) = 0.5_wp*step%w(:, 1:) - step%of(path_dz)%x/h
+      call add_shift(self, step%t + h, dq, dp)
+      self%v = -self%v
+      call add_shift(self, step%t, dq, dp)
    end subroutine increment
 
    !> The step of H* from (qs, ps), without noise.

@@ -16,7 +16,12 @@
 !> O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2. Noise that
 !> depends on position alone with H = p.p/2 + U(q) needs no difference: the bracket is H_k,q . H_k,q.
 !>
-!> H may depend on time, the noises must not: d/dt H_k would join the single bracket.
+!> H may depend on time. Noises that do join with what the brackets are in the phase space with time,
+!> {H_k,H} + H_{k,t}: with the ends t_0 and t_1 of the step
+!>
+!>    sum_k (dW_k/2 - dZ_k/h) [H_k(t_1) - H_k(t_0)]  -  (|h|/12) sum_k {H_k(t_1),H_k(t_0)}
+!>
+!> of which the second vanishes for noise in position and has no gradient for additive noise.
 module symsde_step_modified_hamiltonian
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: functionals, functional_set, area_index, path_dz, path_areas
@@ -24,6 +29,7 @@ module symsde_step_modified_hamiltonian
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type
+   use symsde_model_noise_time, only: noise_changes_in_time
    use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
    use symsde_scheme_scheme, only: bracket_terms
    implicit none
@@ -38,6 +44,7 @@ module symsde_step_modified_hamiltonian
       type(bracket_terms) :: active               !! parts that have an effect on this model
       logical, allocatable, private :: noisy(:)   !! noises that are not silent (nnoise)
       logical, private :: simple = .false.        !! position noise, H = p.p/2 + U(q)
+      logical, private :: moving = .false.        !! some noise changes in time
       real(wp), allocatable, private :: f(:, :), g(:, :)   !! weights of two sums (nlane, 0:nnoise)
       real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable, private :: vq(:, :), vp(:, :), bq(:, :), bp(:, :)  !! (nlane, ndof)
@@ -82,6 +89,7 @@ contains
       self%nnoise = m
       self%active = active_brackets(brackets, model%traits)
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
+      if (self%active%single) self%moving = noise_changes_in_time(model)
       allocate (self%noisy(m), source=.true.)
       if (allocated(model%traits%silent)) self%noisy = .not. model%traits%silent
       allocate (self%f(nlane, 0:m), self%g(nlane, 0:m), self%c(nlane, 0:m), source=0.0_wp)
@@ -115,6 +123,7 @@ contains
          if (self%active%areas) call add_areas(self, t, step, q, p, counters, nreal)
          if (self%active%nested) call add_nested(self, t, step%h, q, p, counters, nreal)
       end if
+      if (self%moving) call add_motion(self, step, q, p, counters, nreal)
       if (present(hq)) hq = hq + self%sq
       if (present(hp)) hp = hp + self%sp
    end subroutine add_gradient
@@ -217,6 +226,50 @@ contains
          end if
       end associate
    end subroutine add_single
+
+   !> What noises that change in time add.
+   subroutine add_motion(self, step, q, p, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+      real(wp) :: t1
+      integer :: k
+
+      t1 = step%t + step%h
+      self%g = self%c/step%h
+      call add_sum(self, t1, q, p, 0.0_wp, 0.0_wp, 1.0_wp)
+      call add_sum(self, step%t, q, p, 0.0_wp, 0.0_wp, -1.0_wp)
+      counters%gradients = counters%gradients + 2*nreal
+      if (self%model%traits%position_noise .or. self%model%traits%additive) return
+      do k = 1, self%nnoise
+         if (self%noisy(k)) call add_change(self, step%t, t1, k, -abs(step%h)/12, q, p, counters, nreal)
+      end do
+   end subroutine add_motion
+
+   !> c grad {F,G} with F = H_k(t1), G = H_k(t0): Hess F (G_p, -G_q) - Hess G (F_p, -F_q).
+   subroutine add_change(self, t0, t1, k, c, q, p, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t0, t1, c
+      integer, intent(in) :: k
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+
+      associate (n => self%nlane, d => self%ndof, m => self%nnoise, model => self%model)
+         call field_of(self, t0, k, q, p)
+         call model%hessian_vector(n, d, m, t1, self%f, q, p, self%vq, self%vp, self%bq, self%bp)
+         self%sq = self%sq + c*self%bq
+         self%sp = self%sp + c*self%bp
+         call field_of(self, t1, k, q, p)
+         call model%hessian_vector(n, d, m, t0, self%f, q, p, self%vq, self%vp, self%bq, self%bp)
+         self%sq = self%sq - c*self%bq
+         self%sp = self%sp - c*self%bp
+      end associate
+      counters%gradients = counters%gradients + 2*nreal
+      counters%hessian_vectors = counters%hessian_vectors + 2*nreal
+   end subroutine add_change
 
    !> sum_l {H_l, sum_{k<l} A_kl H_k}
    subroutine add_areas(self, t, step, q, p, counters, nreal)

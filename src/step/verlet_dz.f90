@@ -4,13 +4,15 @@
 !>    Q = q_n + h p_n/2,   p_{n+1} = p_n - h U'(Q) + g dW,   q_{n+1} = Q + h p_{n+1}/2 + g (dZ - h dW/2)
 !>
 !> summed over the noises, g_k = -H_{k,q} constant. It is Verlet's step under h H + sum_k dW_k H_k, then a
-!> constant shift of q: symplectic for every h, dW, dZ.
+!> constant shift of q: symplectic for every h, dW, dZ. Where g changes in time it is taken at the middle of the
+!> step, and g dW becomes g dW - (g_{n+1} - g_n) (dZ/h - dW/2), which is int g dW up to its curvature.
 module symsde_step_verlet_dz
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none, frame_shift
+   use symsde_model_noise_time, only: noise_changes_in_time
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -19,6 +21,7 @@ module symsde_step_verlet_dz
 
    type, extends(stepper_type) :: verlet_dz_stepper
       private
+      logical :: moving = .false.                     !! g changes in time
       real(wp), allocatable :: v(:, :)                !! weights 0, dZ_k - h dW_k/2 (nlane, 0:nnoise)
       real(wp), allocatable :: qs(:, :), shift(:, :)  !! (nlane, ndof)
    contains
@@ -51,6 +54,7 @@ contains
 
       self%name = 'Verlet with dZ'
       self%explicit = .true.
+      self%moving = noise_changes_in_time(model)
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       allocate (self%v(nlane, 0:model%traits%nnoise), source=0.0_wp)
       allocate (self%qs(nlane, model%traits%ndof), self%shift(nlane, model%traits%ndof))
@@ -70,11 +74,20 @@ contains
       self%qs = q + 0.5_wp*h*p
       call self%ham%gradient(tm, step%w, self%qs, p, hq=dp)
       dp = -dp
-      dq = h*(p + 0.5_wp*dp)
-      if (.not. associated(step%of(path_dz)%x)) return  ! no noise, or none that moves
+      if (.not. associated(step%of(path_dz)%x)) then  ! no noise, or none that moves
+         dq = h*(p + 0.5_wp*dp)
+         return
+      end if
       do k = 1, self%ham%nnoise
          self%v(:, k) = step%of(path_dz)%x(:, k) - 0.5_wp*h*step%w(:, k)
       end do
+      if (self%moving) then
+         call self%ham%gradient(step%t + h, self%v, self%qs, p, hq=self%shift)
+         dp = dp + self%shift/h
+         call self%ham%gradient(step%t, self%v, self%qs, p, hq=self%shift)
+         dp = dp - self%shift/h
+      end if
+      dq = h*(p + 0.5_wp*dp)
       call self%ham%gradient(tm, self%v, self%qs, p, hq=self%shift)
       dq = dq - self%shift
    end subroutine increment
