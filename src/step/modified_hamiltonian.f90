@@ -44,7 +44,7 @@ module symsde_step_modified_hamiltonian
       type(bracket_terms) :: active               !! parts that have an effect on this model
       logical, allocatable, private :: noisy(:)   !! noises that are not silent (nnoise)
       logical, private :: simple = .false.        !! position noise, H = p.p/2 + U(q)
-      logical, private :: moving = .false.        !! some noise changes in time
+      logical :: moving = .false.                 !! some noise changes in time
       real(wp), allocatable, private :: f(:, :), g(:, :)   !! weights of two sums (nlane, 0:nnoise)
       real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable, private :: vq(:, :), vp(:, :), bq(:, :), bp(:, :)  !! (nlane, ndof)

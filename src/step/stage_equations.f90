@@ -12,8 +12,8 @@
 !>    dq  = kappa p_n + sum_j alpha_j C_j + kappa sum_k v_k G_k,   dp = sum_k alpha_k G_k
 !>
 !> For noise in position C vanishes, for additive noise it is known beforehand, so that the G alone are
-!> unknown (`eliminated`). So it is for the bracket {H_k,H} of additive noise in position. Other brackets of
-!> schemes beyond order one make C small; elsewhere it is all of Hhat_p.
+!> unknown (`eliminated`). So it is for the bracket {H_k,H} of additive noise in position that does not change in
+!> time. Other brackets of schemes beyond order one make C small; elsewhere it is all of Hhat_p.
 module symsde_step_stage_equations
    use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
    use symsde_base_kinds, only: wp
@@ -66,7 +66,8 @@ contains
       associate (t => model%traits)
          self%identity_mass = t%identity_mass
          self%eliminated = t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0)
-         if (allocated(self%ham%extra)) self%eliminated = self%eliminated .and. t%additive .and. t%position_noise
+         if (allocated(self%ham%extra)) &
+            self%eliminated = self%eliminated .and. t%additive .and. t%position_noise .and. .not. self%ham%extra%moving
          self%has_c = .not. self%eliminated .or. allocated(self%ham%extra) .or. &
                       .not. (t%position_noise .or. t%nnoise == 0)
       end associate
