@@ -113,8 +113,9 @@ contains
       integer, intent(in) :: nlane, nnoise
       real(wp), intent(in) :: h2  !! length of the right interval
       real(wp), intent(in) :: w1(nlane, nnoise), w2(nlane, nnoise), z1(nlane, nnoise), z2(nlane, nnoise)
-      real(wp), intent(in) :: x1(nlane, *), x2(nlane, *)
-      real(wp), intent(inout) :: x(nlane, *)
+      real(wp), intent(in) :: x1(nlane, pair_index(nnoise, nnoise))
+      real(wp), intent(in) :: x2(nlane, pair_index(nnoise, nnoise))
+      real(wp), intent(inout) :: x(nlane, pair_index(nnoise, nnoise))
       integer :: k, l, kl, lane
 
       do l = 1, nnoise

@@ -160,7 +160,8 @@ contains
                self%d(:, kl) = -2*kappa*v(:, k)*v(:, l)
                do j = 2, size(c)
                   do i = 1, j - 1
-                     self%d(:, kl) = self%d(:, kl) + 0.5_wp*(c(j) - c(i))*(w(:, k, i)*w(:, l, j) + w(:, l, i)*w(:, k, j))
+                     self%d(:, kl) = self%d(:, kl) &
+                                     + 0.5_wp*(c(j) - c(i))*(w(:, k, i)*w(:, l, j) + w(:, l, i)*w(:, k, j))
                   end do
                end do
                self%d(:, kl) = step%h*self%d(:, kl) - step%of(path_magnus)%x(:, kl)
@@ -210,7 +211,8 @@ contains
       real(wp), intent(in) :: t, h, p(self%ham%nlane, 1)
       integer :: j, k, l
 
-      associate (nlane => self%ham%nlane, noisy => self%noisy, kicks => self%kicks, slope => self%slope, bend => self%bend)
+      associate (nlane => self%ham%nlane, noisy => self%noisy, kicks => self%kicks, slope => self%slope, &
+                 bend => self%bend)
          do j = 0, size(noisy)
             k = 0
             if (j > 0) k = noisy(j)

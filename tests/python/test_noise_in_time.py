@@ -14,7 +14,7 @@ def driven(kind: str, ndof: int = 1) -> ss.Model:
     def strength(t: float) -> tuple[float, float]:
         return 1 + 0.8 * np.sin(4 * t), np.cos(3 * t)
 
-    def gradient(t, w, q, p):  # noqa: ANN001, ANN202
+    def gradient(t, w, q, p):
         s, c = strength(t)
         hq, hp = w[0] * np.sin(q), w[0] * p
         if kind == "kick":  # H_1 = -s q
@@ -27,7 +27,7 @@ def driven(kind: str, ndof: int = 1) -> ss.Model:
             hq, hp = hq + c * q * w[1], hp + s * p * w[1]
         return hq, hp
 
-    def hessian(t, w, q, p):  # noqa: ANN001, ANN202
+    def hessian(t, w, q, p):
         s, c = strength(t)
         hqq, hpp = w[0] * np.cos(q), w[0] * np.ones_like(p)
         if kind == "position":
@@ -97,7 +97,7 @@ def noncommuting(unit: float) -> ss.Model:
     """The same physics in another unit of time: H unit, noises sqrt(unit)."""
     root = np.sqrt(unit)
 
-    def gradient(t, w, q, p):  # noqa: ANN001, ANN202, ARG001
+    def gradient(t, w, q, p):
         hq = unit * w[0] * np.sin(q) + 0.6 * root * w[2] * q
         return hq, unit * w[0] * p + 0.8 * root * w[1] * np.sin(p)
 
