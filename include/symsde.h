@@ -162,7 +162,7 @@ enum symsde_evidence { SYMSDE_EVIDENCE_NONE = 0, SYMSDE_EVIDENCE_CLAIMED = 1, SY
 
 typedef struct symsde_scheme_info {
    size_t struct_size;
-   int32_t form;   /* 1 tableau, 2 Galerkin, 3 Euler-Maruyama */
+   int32_t form;   /* 1 tableau, 2 Galerkin, 3 Euler-Maruyama, 4 drifts and kicks */
    int32_t nstage; /* stages, quadrature nodes */
    int32_t degree; /* of the polynomial; 0 = not from one */
    int32_t symplectic, symmetric;
@@ -177,7 +177,8 @@ typedef struct symsde_scheme_info {
    int32_t order_noise_free;
    double measured_order[SYMSDE_ORDERS], measured_half_width[SYMSDE_ORDERS]; /* 95 %; NaN = not measured */
    double measured_floor[SYMSDE_ORDERS]; /* error of the reference over the smallest error that counts */
-   int32_t uses_dz, uses_areas, uses_nested_bracket;
+   int32_t uses_dz, uses_areas, uses_bend, uses_magnus; /* functionals of the path beside dW: dZ, A, K, J */
+   int32_t uses_nested_bracket;
    int32_t law;          /* of the increments: 0 Gaussian, 1 three-point, 2 two-point */
    int32_t explicit_for; /* 0 no model, 1 separable models, 2 every model */
    int32_t gradients_per_step, unknowns, unknowns_if_separable; /* of an iteration; for each degree of freedom */

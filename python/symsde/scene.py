@@ -7,6 +7,7 @@ import copy
 import importlib
 import inspect
 import os
+import re
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -110,10 +111,16 @@ def load(path: str | os.PathLike) -> Scene:
     return scene
 
 
+NESTED = re.compile(r"(?:[\[{][\s\w.,=]*){50}")  #: more brackets than any scene opens in a row
+
+
 def _read(file: str) -> dict[str, Any]:
     tomllib = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
     try:
-        return tomllib.loads(Path(file).read_text(encoding="utf-8"))
+        text = Path(file).read_text(encoding="utf-8")
+        if NESTED.search(text):  # the parser would go as deep as Python can, where nothing else works any more
+            raise RecursionError
+        return tomllib.loads(text)
     except OSError as error:
         raise SceneError(f"{file} cannot be read: {error.strerror}") from error
     except RecursionError as error:

@@ -12,7 +12,7 @@ import numpy as np
 from . import _abi, _checks, _handles
 from .errors import WrongShapeError, WrongTypeError
 
-_FORMS = {1: "tableau", 2: "Galerkin", 3: "Euler-Maruyama"}
+_FORMS = {1: "tableau", 2: "Galerkin", 3: "Euler-Maruyama", 4: "drifts and kicks"}
 _EVIDENCE = ("none", "claimed", "derived")
 _LAWS = ("Gaussian", "three-point", "two-point")
 _EXPLICIT = ("never", "separable models", "every model")
@@ -43,7 +43,7 @@ class SchemeInfo:
 
     name: str
     reference: str
-    form: str  #: tableau, Galerkin or Euler-Maruyama
+    form: str  #: tableau, Galerkin, Euler-Maruyama, or drifts and kicks
     nstage: int
     degree: int  #: of the polynomial of the quadrature; 0 = not from one
     symplectic: bool
@@ -62,6 +62,8 @@ class SchemeInfo:
     order_noise_free: int
     uses_dz: bool
     uses_areas: bool
+    uses_bend: bool  #: K, the space-time-time Levy area
+    uses_magnus: bool  #: J, the second Magnus term of the kicks
     uses_nested_bracket: bool
     law: str  #: of the increments: Gaussian, three-point or two-point
     explicit_for: str  #: never, separable models, every model

@@ -104,7 +104,8 @@ def _structure(found: list[tuple[str, schemes.Scheme]]) -> str:
 
 def _extras(info: schemes.SchemeInfo) -> str:
     """What a step needs beside Gaussian increments."""
-    found = [word for word, used in (("dZ", info.uses_dz), ("areas", info.uses_areas)) if used]
+    integrals = {"dZ": info.uses_dz, "areas": info.uses_areas, "K": info.uses_bend, "J": info.uses_magnus}
+    found = [word for word, used in integrals.items() if used]
     found += ["nested bracket"] * info.uses_nested_bracket
     found += [f"{info.law} increments"] * (info.law != "Gaussian")
     return ", ".join(found) or "-"

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  * Whether memory can be had, asked of the operating system itself: a mapping is made and given back untouched, so that
  * limits of the process (ulimit -v) and of the machine answer, and the allocator of the host notices nothing. */
+#define _DEFAULT_SOURCE /* mappings without a file */
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>

@@ -81,15 +81,15 @@ contains
          if (size(rcond) /= size(status)) call refuse_shape('rcond', error)
       end if
       if (allocated(error)) return
-      call judge_memory(model, scheme, options, error)
-      call new_discrete_lagrangian(lagrangian, model, scheme, options, lane_unit, error)
-      if (.not. allocated(error)) call new_noise(noise, model, options, lost, error, dw, scheme)
-      if (allocated(error)) return
-      if (4.0_wp*model%traits%ndof*(lagrangian%nstage + 1)*options%nstep > huge(0)) then
+      if (4.0_wp*model%traits%ndof*(scheme%nstage + 1)*options%nstep > huge(0)) then
          call raise(error, too_large, place, to_text(options%nstep)//' steps have more unknowns than can be '// &
                     'numbered: give fewer steps')
          return
       end if
+      call judge_memory(model, scheme, options, error)
+      call new_discrete_lagrangian(lagrangian, model, scheme, options, lane_unit, error)
+      if (.not. allocated(error)) call new_noise(noise, model, options, lost, error, dw, scheme)
+      if (allocated(error)) return
       call new_action_system(system, lagrangian, int(options%nstep), &
                              options%t0 + real(options%first_step, wp)*options%step, options%step, error)
       if (allocated(error)) return

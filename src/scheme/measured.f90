@@ -19,7 +19,7 @@ module symsde_scheme_measured
       real(wp) :: floor           !! error of the reference over the smallest error that counts
    end type measurement
 
-   type(measurement), parameter :: additive(33) = [ &
+   type(measurement), parameter :: additive(40) = [ &
                                    measurement('midpoint', additive_noise, 'tilted_pendulum', &
                                                1.012_wp, 0.012_wp, 0.001_wp), &
                                    measurement('symplectic_euler', additive_noise, 'tilted_pendulum', &
@@ -78,6 +78,20 @@ module symsde_scheme_measured
                                                0.991_wp, 0.015_wp, 3.1e-05_wp), &
                                    measurement('exact_rotation', additive_noise, 'henon_heiles', &
                                                1.018_wp, 0.009_wp, 2.4e-05_wp), &
+                                   measurement('gauss_dkdkd', additive_noise, 'fpu_chain', &
+                                               1.997_wp, 0.015_wp, 3.5e-08_wp), &
+                                   measurement('verlet_kdk', additive_noise, 'fpu_chain', &
+                                               2.003_wp, 0.003_wp, 9.2e-09_wp), &
+                                   measurement('chin4a', additive_noise, 'fpu_chain', &
+                                               3.003_wp, 0.02_wp, 3e-05_wp), &
+                                   measurement('gauss_dkdkd_strong2', additive_noise, 'fpu_chain', &
+                                               1.997_wp, 0.015_wp, 3.5e-08_wp), &
+                                   measurement('verlet_kdk_strong2', additive_noise, 'fpu_chain', &
+                                               2.003_wp, 0.003_wp, 9.2e-09_wp), &
+                                   measurement('chin4a_strong2', additive_noise, 'fpu_chain', &
+                                               3.013_wp, 0.028_wp, 0.088_wp), &
+                                   measurement('gauss_dkdkd_rotation', additive_noise, 'henon_heiles', &
+                                               2.0_wp, 0.004_wp, 1.2e-08_wp), &
                                    measurement('heun', additive_noise, 'tilted_pendulum', &
                                                1.017_wp, 0.012_wp, 0.0011_wp), &
                                    measurement('euler_maruyama', additive_noise, 'tilted_pendulum', &
@@ -86,7 +100,7 @@ module symsde_scheme_measured
                                                1.013_wp, 0.012_wp, 0.0011_wp), &
                                    measurement('lambda:0.3', additive_noise, 'tilted_pendulum', &
                                                1.005_wp, 0.011_wp, 0.00061_wp)]
-   type(measurement), parameter :: commutative(30) = [ &
+   type(measurement), parameter :: commutative(37) = [ &
                                    measurement('midpoint', commutative_noise, 'pendulum', &
                                                1.043_wp, 0.017_wp, 0.0011_wp), &
                                    measurement('symplectic_euler', commutative_noise, 'pendulum', &
@@ -139,6 +153,20 @@ module symsde_scheme_measured
                                                1.043_wp, 0.017_wp, 5e-05_wp), &
                                    measurement('exact_rotation', commutative_noise, 'synchrotron', &
                                                0.997_wp, 0.017_wp, 0.0024_wp), &
+                                   measurement('gauss_dkdkd', commutative_noise, 'synchrotron', &
+                                               1.513_wp, 0.026_wp, 3.6e-07_wp), &
+                                   measurement('verlet_kdk', commutative_noise, 'synchrotron', &
+                                               1.578_wp, 0.031_wp, 2.7e-07_wp), &
+                                   measurement('chin4a', commutative_noise, 'synchrotron', &
+                                               1.506_wp, 0.029_wp, 9.8e-07_wp), &
+                                   measurement('gauss_dkdkd_strong2', commutative_noise, 'synchrotron', &
+                                               1.981_wp, 0.024_wp, 5.4e-06_wp), &
+                                   measurement('verlet_kdk_strong2', commutative_noise, 'synchrotron', &
+                                               1.987_wp, 0.014_wp, 1.9e-06_wp), &
+                                   measurement('chin4a_strong2', commutative_noise, 'synchrotron', &
+                                               2.469_wp, 0.035_wp, 0.023_wp), &
+                                   measurement('gauss_dkdkd_rotation', commutative_noise, 'synchrotron', &
+                                               1.512_wp, 0.025_wp, 3.6e-07_wp), &
                                    measurement('heun', commutative_noise, 'pendulum', &
                                                1.043_wp, 0.021_wp, 0.00064_wp), &
                                    measurement('euler_maruyama', commutative_noise, 'pendulum', &
@@ -235,7 +263,7 @@ module symsde_scheme_measured
                                                1.06_wp, 0.015_wp, 0.0_wp), &
                                    measurement('lambda:0.3', commuting_flows, 'kubo', &
                                                0.991_wp, 0.002_wp, 0.0_wp)]
-   type(measurement), parameter :: weak(35) = [ &
+   type(measurement), parameter :: weak(39) = [ &
                                    measurement('midpoint', weak_order, 'noncommutative_oscillator', &
                                                1.014_wp, 0.013_wp, 0.0_wp), &
                                    measurement('symplectic_euler', weak_order, 'noncommutative_oscillator', &
@@ -298,6 +326,14 @@ module symsde_scheme_measured
                                                1.001_wp, 0.001_wp, 0.0_wp), &
                                    measurement('exact_rotation', weak_order, 'linear_oscillator', &
                                                1.002_wp, 0.002_wp, 0.0_wp), &
+                                   measurement('gauss_dkdkd', weak_order, 'noncommutative_oscillator', &
+                                               2.0_wp, 0.0_wp, 0.0_wp), &
+                                   measurement('verlet_kdk', weak_order, 'noncommutative_oscillator', &
+                                               2.0_wp, 0.0_wp, 0.0_wp), &
+                                   measurement('chin4a', weak_order, 'noncommutative_oscillator', &
+                                               3.011_wp, 0.011_wp, 0.0_wp), &
+                                   measurement('gauss_dkdkd_rotation', weak_order, 'linear_oscillator', &
+                                               3.994_wp, 0.006_wp, 0.0_wp), &
                                    measurement('heun', weak_order, 'noncommutative_oscillator', &
                                                2.017_wp, 0.016_wp, 0.0_wp), &
                                    measurement('euler_maruyama', weak_order, 'noncommutative_oscillator', &

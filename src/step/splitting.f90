@@ -44,6 +44,7 @@ module symsde_step_splitting
    contains
       procedure :: fits
       procedure :: make
+      procedure :: is_oracle
       procedure :: increment
    end type splitting_stepper
 
@@ -62,6 +63,12 @@ contains
 
       call new_splitting_stepper(self, task%model, task%scheme, task%nlane)
    end subroutine make
+
+   pure logical function is_oracle(self)
+      class(splitting_stepper), intent(in) :: self
+
+      is_oracle = .true.
+   end function is_oracle
 
    !> A stepper for blocks of nlane lanes; the model has noise in position and H = p.p/2 + U.
    subroutine new_splitting_stepper(self, model, scheme, nlane)

@@ -31,7 +31,7 @@ contains
       integer, intent(in) :: n
 
       self%name = 'coupled'
-      self%traits = model_traits(ndof=n, nnoise=2, bandwidth=1, has_value=.true., has_hessian=.true.)
+      self%traits = model_traits(ndof=n, nnoise=2, bandwidth=min(1, n - 1), has_value=.true., has_hessian=.true.)
    end subroutine new_coupled
 
    subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)

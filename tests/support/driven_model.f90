@@ -40,7 +40,7 @@ contains
 
       self%name = 'driven'
       self%noise = noise
-      self%traits = model_traits(ndof=n, nnoise=2, bandwidth=bandwidth, identity_mass=.true., &
+      self%traits = model_traits(ndof=n, nnoise=2, bandwidth=min(bandwidth, n - 1), identity_mass=.true., &
                                  separable=noise /= general_noise, &
                                  additive=any(noise == [linear_kick, additive_noise]), &
                                  position_noise=any(noise == [linear_kick, curved_kick]))
