@@ -47,7 +47,7 @@ def test_ctrl_c_in_a_diagnosis():
     timer = interrupt_soon()
     start = time.process_time()
     with pytest.raises(KeyboardInterrupt):
-        ss.diagnose.stationary_path(chain, "gauss4", q_start=0.1, q_end=0.2, step=0.01, steps=200, paths=4000)
+        ss.diagnose.stationary_path(chain, "gauss4", q_start=0.1, q_end=0.2, step=0.01, steps=40, paths=20000)
     timer.join()
     assert time.process_time() - start < 3
 

@@ -70,7 +70,7 @@ KEYS = {
     "step": "0.01", "steps": "550", "q0": "0.25", "p0": "-0.5", "t0": "1.5", "scheme": '"gauss2"', "paths": "1001",
     "seed": "12", "save_every": "25", "refine": "1", "first_path": "256", "first_step": "7", "correction": '"none"',
     "truncation": "[1.2, 1.0]", "compensated": "true", "threads": "1", "general": "true", "fixed_point": "9",
-    "max_iter": "50", "lanes": "64",
+    "max_iter": "50", "lanes": "64", "area_time": "2.0",
 }  # fmt: skip
 
 
