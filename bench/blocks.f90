@@ -6,6 +6,7 @@
 program bench_blocks
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_record, only: step_request, step_store, new_step_store
    use symsde_base_sincos, only: sincos_lanes
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
@@ -41,9 +42,7 @@ contains
    subroutine time_block(name, items)
       character(*), intent(in) :: name
       real(wp), intent(in) :: items
-      type(step_store) :: store
-      type(step_request) :: request
-      real(wp) :: times(repeats), start
+      real(wp) :: times(repeats), start, w(nlane, 0:1, 0:7)
       integer(i8) :: repeat, call, words(philox_tile, 4, 0:1)
       logical :: tails
 
