@@ -32,6 +32,10 @@ module symsde_solve_newton
    private
    public :: newton_type, newton_options, new_newton, check_newton
 
+   !> Iterations after which one unknown is tested for rounding that cycles, too, as several are from the start. Few
+   !> lanes take as many, and the test of the others is shorter without.
+   integer, parameter :: patience = 8
+
    type :: newton_options
       integer :: max_iter = 100         !! bound of the iterations of one step, 1..1000
       integer :: fixed_point = 0        !! n > 0: exactly n fixed-point iterations instead of Newton
@@ -185,7 +189,7 @@ contains
          call self%judge(status, counters)
          return
       end if
-      if (self%exact) then
+      if (self%exact .and. self%iteration < patience) then
          call correct_exact(self%nlane, self%test, sign, slope, self%r, self%a, self%last, x, nrunning, failures)
          if (failures) call fail_nonfinite(self%nlane, x, status, self%last, nrunning)
       else

@@ -329,3 +329,21 @@ def test_derivatives_and_probes_take_place_at_their_times():
     model.probe(t=0.5)
     with pytest.raises(ss.errors.FalseTraitError, match=r"(?i)hessian"):
         model.probe(t=1.5)
+
+
+def test_rounding_that_cycles_ends_an_iteration():
+    """A stiff spring that hardens: corrections of Newton stay at a few ulps, and the step is solved all the same."""
+    model = ss.Model(
+        ndof=1,
+        nnoise=1,
+        gradient=lambda t, w, q, p: (w[0] * (2000 * q + q**3) - 0.3 * w[1], w[0] * p),
+        hessian=lambda t, w, q, p: ((w[0] * (2000 + 3 * q**2))[None], 0 * q[None], (w[0] * np.ones_like(q))[None]),
+        separable=True,
+        additive=True,
+        position_noise=True,
+        identity_mass=True,
+    )
+    run = ss.simulate(model, q0=0.5, p0=1.0, step=0.1, steps=100, scheme="midpoint", paths=32, seed=1)
+    counters = run.report.counters
+    assert not run.status.any() and counters["failures"] == 0
+    assert counters["iterations"] < 12 * counters["path_steps"]  # 7; 37 where nothing looks for cycles
