@@ -13,6 +13,7 @@ module symsde_step_exact_rotation
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none, frame_rotation
+   use symsde_step_flight, only: flight_type, new_flight
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -21,10 +22,7 @@ module symsde_step_exact_rotation
 
    type, extends(stepper_type) :: exact_rotation_stepper
       private
-      real(wp) :: h = 0                          !! the step that the three below belong to
-      real(wp), allocatable :: square(:)         !! omega^2 (ndof)
-      real(wp), allocatable :: cosine_less_one(:)  !! cos(h omega) - 1 (ndof)
-      real(wp), allocatable :: sine(:), sine_over(:)  !! omega sin(h omega), sin(h omega)/omega (ndof)
+      type(flight_type) :: flight                !! the rotation
       real(wp), allocatable :: v(:, :)           !! weights of a kick (nlane, 0:nnoise)
       real(wp), allocatable :: x(:, :), f(:, :)  !! (nlane, ndof)
    contains
@@ -58,31 +56,12 @@ contains
       self%name = 'exact rotation'
       self%explicit = .true.
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      associate (n => model%traits%ndof, omega => model%traits%rotation)
-         allocate (self%square(n))
-         self%square = omega**2
-         allocate (self%cosine_less_one(n), self%sine(n), self%sine_over(n), source=0.0_wp)
+      call new_flight(self%flight, 1, model%traits%rotation)
+      associate (n => model%traits%ndof)
          allocate (self%v(nlane, 0:model%traits%nnoise), source=0.0_wp)
          allocate (self%x(nlane, n), self%f(nlane, n))
       end associate
    end subroutine new_exact_rotation_stepper
-
-   !> Coefficients of the rotation over h, which may be negative. cos - 1 without cancellation; omega = 0
-   !> is free flight.
-   pure subroutine rotate_over(self, h, omega)
-      type(exact_rotation_stepper), intent(inout) :: self
-      real(wp), intent(in) :: h
-      real(wp), intent(in) :: omega(:)  !! (ndof)
-
-      self%h = h
-      self%cosine_less_one = -2*sin(0.5_wp*h*omega)**2
-      self%sine = omega*sin(h*omega)
-      where (omega > 0)
-         self%sine_over = sin(h*omega)/omega
-      else where
-         self%sine_over = h
-      end where
-   end subroutine rotate_over
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(exact_rotation_stepper), intent(inout) :: self
@@ -90,24 +69,21 @@ contains
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
-      integer :: i
 
-      if (abs(step%h - self%h) > 0) call rotate_over(self, step%h, self%ham%model%traits%rotation)
-      self%v = step%w
-      self%v(:, 0) = 0.5_wp*step%w(:, 0)
-      call self%ham%gradient(step%t, self%v, q, p, hq=dp)
-      do i = 1, self%ham%ndof
-         dp(:, i) = self%v(:, 0)*self%square(i)*q(:, i) - dp(:, i)
-         self%f(:, i) = p(:, i) + dp(:, i)
-         dq(:, i) = self%cosine_less_one(i)*q(:, i) + self%sine_over(i)*self%f(:, i)
-         dp(:, i) = dp(:, i) + (self%cosine_less_one(i)*self%f(:, i) - self%sine(i)*q(:, i))
-      end do
-      self%x = q + dq
-      self%v(:, 1:) = 0
-      call self%ham%gradient(step%t + self%h, self%v, self%x, p, hq=self%f)
-      do i = 1, self%ham%ndof
-         dp(:, i) = dp(:, i) + (self%v(:, 0)*self%square(i)*self%x(:, i) - self%f(:, i))
-      end do
+      associate (nlane => self%ham%nlane, n => self%ham%ndof, half => 0.5_wp*step%h)
+         self%v = step%w
+         self%v(:, 0) = half
+         call self%ham%gradient(step%t, self%v, q, p, hq=self%f)
+         call self%flight%remove_linear(half, nlane, n, q, self%f)
+         dq = 0
+         dp = -self%f
+         call self%flight%move(1, step%h, nlane, n, q, p, dq, dp)
+         self%x = q + dq
+         self%v(:, 1:) = 0
+         call self%ham%gradient(step%t + step%h, self%v, self%x, p, hq=self%f)
+         call self%flight%remove_linear(half, nlane, n, self%x, self%f)
+         dp = dp - self%f
+      end associate
    end subroutine increment
 
 end module symsde_step_exact_rotation
