@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from . import _files
+from . import _files, look
 from .errors import NumericalError, ReferenceWarning
 from .model import Model
 from .schemes import Scheme
@@ -65,11 +65,12 @@ class Convergence:
         if axes is None:
             axes = _files.optional("matplotlib.pyplot", "plot").subplots(layout="constrained")[1]
         bars = np.abs(np.stack([self.low, self.high]) - self.error)
-        line = axes.errorbar(self.step, self.error, yerr=bars, fmt="o-", label=f"{self.scheme}: order {self.order:.2f}")
+        style = look.of_scheme(self.scheme)
+        axes.errorbar(self.step, self.error, yerr=bars, label=f"{self.scheme}: order {self.order:.2f}", **style)
         hollow = np.array(self.status) != "ok"
-        axes.plot(self.step[hollow], self.error[hollow], "o", mfc="white", mec=line[0].get_color(), zorder=5)
+        axes.plot(self.step[hollow], self.error[hollow], ls="", mfc="white", zorder=5, **style)
         if self.reference_error:
-            axes.axhline(self.reference_error, ls=":", color="#888888", lw=0.9, label="error of the reference")
+            axes.axhline(self.reference_error, ls=":", color=look.GREY, lw=0.9, label="error of the reference")
         axes.set(xscale="log", yscale="log", xlabel="step $h$", ylabel="strong error (rms)")
         axes.legend()
         return axes

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _abi, cli, report
+from symsde import _abi, cli, look, report
 from symsde.stability import page
 from symsde.stability.scenario import Scenario, says
 
@@ -118,6 +118,7 @@ def test_convergence_is_drawn_as_it_is(kubo):
     ends = np.array(bars[2][0].get_segments())[:, :, 1]
     np.testing.assert_allclose(ends, np.stack([found.low, found.high], axis=1), rtol=1e-12)
     assert bars.get_label() == f"midpoint: order {found.order:.2f}"
+    assert {"color": bars[0].get_color(), "marker": bars[0].get_marker()} == look.of_scheme("midpoint")
 
 
 def test_lists_say_what_the_library_says(capsys):

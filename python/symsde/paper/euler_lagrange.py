@@ -162,18 +162,14 @@ def _move(computed, dq, dp):
 
 
 def draw(experiment, directory):
-    """Growth of residual and action away from the computed paths."""
-    styles = zip(
-        experiment.curves.items(),
-        (look.BLUE, look.VERMILION, look.GREEN, look.PURPLE),
-        ("o", "s", "^", "v"),
-        strict=True,
-    )
+    """Growth of residual and action away from the computed paths; midpoint's second case is the filled one."""
+    curves = [(case.label, *experiment.curves[case.label], look.of_scheme(case.scheme)) for case in _cases()]
     mosaic = [["residual", "action"]]
     with figures.figure(directory / "euler_lagrange.png", mosaic, height=3.0) as axes:
-        for (label, (residual, change)), colour, marker in styles:
-            axes["residual"].loglog(EPSILONS, residual, marker, color=colour, label=label, mfc="none")
-            axes["action"].loglog(EPSILONS[:6], change[:6], marker, color=colour, mfc="none")
+        for i, (label, residual, change, style) in enumerate(curves):
+            shape = {"ls": "", "fillstyle": "full" if i == 1 else "none", "ms": 2.5 if i == 1 else 5, **style}
+            axes["residual"].loglog(EPSILONS, residual, label=label, **shape)
+            axes["action"].loglog(EPSILONS[:6], change[:6], **shape)
         figures.slope_guide(axes["residual"], EPSILONS, 4 * EPSILONS[0], 1, r"$\propto\varepsilon$")
         figures.slope_guide(axes["action"], EPSILONS[:6], 30 * EPSILONS[0] ** 2, 2, r"$\propto\varepsilon^2$")
         floor = max(experiment.numbers[label]["euler_lagrange_q"] for label in experiment.curves)
