@@ -36,6 +36,10 @@ SCHEMES = {
     "averaged_shift_midpoint": (TEAL, "<"),
     "drift_preserving": (BROWN, "d"),
     "exact_rotation": (OLIVE, "H"),
+    "gauss_dkdkd": (FOREST, "D"),
+    "verlet_kdk": (SKY, "^"),
+    "chin4a": (WINE, "o"),
+    "chin4a_strong2": (WINE, "s"),
 }
 _OTHERS = tuple((colour, marker) for marker in "1234x+|_" for colour in COLOURS)
 
