@@ -3,7 +3,8 @@
 
 Called by `./bootstrap bench`, with its arguments:
     run.py --build BUILD [--avx2-build BUILD] [--quick] [--only SECTION ...]
-           [--repeats N] [--markdown docs/performance.md] [--json FILE]
+           [--rows REGEX] [--repeats N] [--markdown docs/performance.md] [--json FILE]
+`./bootstrap bench loops [REGEX]` runs the section loops alone, and of it the rows that match.
 Only the standard library is needed; what else is compared with (NumPy, numba, MKL) is skipped where it is not
 installed. Each module of topics/ measures and writes one section.
 """
@@ -13,11 +14,25 @@ import json
 import sys
 from pathlib import Path
 
-from topics import avx2, blocks, counters, generators, growth, machine, memory, models, python_calls, scenes, threads
+from topics import (
+    avx2,
+    blocks,
+    counters,
+    generators,
+    growth,
+    loops,
+    machine,
+    memory,
+    models,
+    python_calls,
+    scenes,
+    threads,
+)
 from topics.tools import Setting
 
 TOPICS = {
     "scenes": scenes,
+    "loops": loops,
     "blocks": blocks,
     "generators": generators,
     "avx2": avx2,
@@ -50,6 +65,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="shorter runs: rougher numbers")
     parser.add_argument("--repeats", type=int, default=7, help="repeats of each measurement")
     parser.add_argument("--only", nargs="+", choices=TOPICS, default=list(TOPICS), help="these sections alone")
+    parser.add_argument("--rows", default="", help="of the section loops: rows whose name matches alone")
     parser.add_argument("--markdown", type=Path, help="write the tables to this page")
     parser.add_argument("--json", type=Path, help="write the numbers to this file")
     return parser.parse_args()
@@ -58,8 +74,8 @@ def parse() -> argparse.Namespace:
 def main() -> int:
     """Run everything and return the status for the shell."""
     options = parse()
-    setting = Setting(options.build, options.avx2_build, max(1, options.repeats), options.quick)
-    if not (setting.bench / "bench_suite").exists():
+    setting = Setting(options.build, options.avx2_build, max(1, options.repeats), options.quick, options.rows)
+    if options.only != ["loops"] and not (setting.bench / "bench_suite").exists():
         sys.exit(f"{setting.bench} has no benchmark programs: configure with -DSYMSDE_BUILD_BENCH=ON")
     results: dict = {"machine": machine.describe(setting)}
     for name in options.only:

@@ -19,6 +19,7 @@ class Setting:
     avx2_build: Path | None  #: a second one for x86-64-v3
     repeats: int
     quick: bool
+    rows: str = ""  #: a regular expression for the rows of the section loops
 
     @property
     def bench(self) -> Path:

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Models as a user compiles them by numba.cfunc, plainly: lanes in the inner loop, nothing from the library."""
+
+import math
+
+import numba
+import symsde as ss
+from loops import COSINES
+
+
+def synchrotron():
+    """H = p^2/2 - 4 cos q, H_1 = 0.2 sin q, H_2 = -0.1 cos q."""
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917
+        w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, nlane), numba.carray(p, nlane)
+        hq, hp = numba.carray(hq, nlane), numba.carray(hp, nlane)
+        for i in range(nlane):
+            hq[i] = (4.0 * w[0, i] + 0.1 * w[2, i]) * math.sin(q[i]) + 0.2 * w[1, i] * math.cos(q[i])
+            hp[i] = w[0, i] * p[i]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("hessian"))
+    def hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user):  # noqa: PLR0917
+        w, q = numba.carray(w, (nham, nlane)), numba.carray(q, nlane)
+        hqq, hqp, hpp = numba.carray(hqq, nlane), numba.carray(hqp, nlane), numba.carray(hpp, nlane)
+        for i in range(nlane):
+            hqq[i] = (4.0 * w[0, i] + 0.1 * w[2, i]) * math.cos(q[i]) - 0.2 * w[1, i] * math.sin(q[i])
+            hqp[i] = 0.0
+            hpp[i] = w[0, i]
+        return 0
+
+    return ss.Model(
+        ndof=1, nnoise=2, gradient=gradient, hessian=hessian, separable=True, position_noise=True, identity_mass=True
+    )
+
+
+def many_noises(m):
+    """H = p^2/2 + q^2/2, H_k = -cos(k) q, k = 1 .. m."""
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917
+        w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, nlane), numba.carray(p, nlane)
+        hq, hp = numba.carray(hq, nlane), numba.carray(hp, nlane)
+        for i in range(nlane):
+            hq[i] = w[0, i] * q[i]
+            hp[i] = w[0, i] * p[i]
+        for k in range(1, nham):
+            for i in range(nlane):
+                hq[i] -= COSINES[k - 1] * w[k, i]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("hessian"))
+    def hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user):  # noqa: PLR0917
+        w = numba.carray(w, (nham, nlane))
+        hqq, hqp, hpp = numba.carray(hqq, nlane), numba.carray(hqp, nlane), numba.carray(hpp, nlane)
+        for i in range(nlane):
+            hqq[i] = w[0, i]
+            hqp[i] = 0.0
+            hpp[i] = w[0, i]
+        return 0
+
+    traits = {"separable": True, "additive": True, "position_noise": True, "quadratic": True, "identity_mass": True}
+    return ss.Model(ndof=1, nnoise=m, gradient=gradient, hessian=hessian, **traits)
+
+
+def mean_field(n):
+    """H = sum_i (p_i^2 + q_i^2)/2 + (1/2n) sum_ij (1 - cos(q_i - q_j)), H_1 = -0.03 sum_i cos(i) q_i."""
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917
+        shape = (ndof, nlane)
+        w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, shape), numba.carray(p, shape)
+        hq, hp = numba.carray(hq, shape), numba.carray(hp, shape)
+        for lane in range(nlane):
+            x, y = 0.0, 0.0
+            for i in range(ndof):
+                hq[i, lane] = math.sin(q[i, lane])
+                hp[i, lane] = math.cos(q[i, lane])
+                y += hq[i, lane]
+                x += hp[i, lane]
+            x, y = x / ndof, y / ndof
+            for i in range(ndof):
+                pull = hq[i, lane] * x - hp[i, lane] * y
+                hq[i, lane] = w[0, lane] * (q[i, lane] + pull) - 0.03 * COSINES[i] * w[1, lane]
+                hp[i, lane] = w[0, lane] * p[i, lane]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("hessian"))
+    def hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user):  # noqa: PLR0917
+        w, q = numba.carray(w, (nham, nlane)), numba.carray(q, (ndof, nlane))
+        shape = (ndof, ndof, nlane)
+        hqq, hqp, hpp = numba.carray(hqq, shape), numba.carray(hqp, shape), numba.carray(hpp, shape)
+        for lane in range(nlane):
+            x, y = 0.0, 0.0
+            for i in range(ndof):
+                hqp[0, i, lane] = math.sin(q[i, lane])
+                hpp[0, i, lane] = math.cos(q[i, lane])
+                y += hqp[0, i, lane]
+                x += hpp[0, i, lane]
+            x, y = x / ndof, y / ndof
+            for i in range(ndof):
+                for j in range(ndof):
+                    pair = hqp[0, i, lane] * hqp[0, j, lane] + hpp[0, i, lane] * hpp[0, j, lane]
+                    hqq[j, i, lane] = -w[0, lane] * pair / ndof
+                hqq[i, i, lane] += w[0, lane] * (1 + hpp[0, i, lane] * x + hqp[0, i, lane] * y)
+            for i in range(ndof):
+                for j in range(ndof):
+                    hqp[j, i, lane] = 0.0
+                    hpp[j, i, lane] = 0.0
+                hpp[i, i, lane] = w[0, lane]
+        return 0
+
+    traits = {"separable": True, "additive": True, "position_noise": True, "identity_mass": True}
+    return ss.Model(ndof=n, nnoise=1, gradient=gradient, hessian=hessian, **traits)

@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Time the library beside plain loops in numba; prints "row GROUP NAME TARGET" and numbers for each.
+
+loop_rows.py REPEATS SECONDS [REGEX]: rows whose "GROUP NAME" matches. Processor time on one thread, library and loop
+in turn, each for about SECONDS; the numbers are ns per path-step, the least of the repeats: library, loop, ratio.
+A row "step" measures a step of its scheme against one of midpoint, in the library. Rows "call" are us of a call.
+"""
+
+import re
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import loop_models
+import loops
+import numpy as np
+import symsde as ss
+
+Run = Callable[[int], Any]  # so many steps
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is compared: makers, so that only rows that are wanted are compiled."""
+
+    group: str
+    name: str
+    paths: int
+    target: float
+    make: Callable[[], tuple[Run, Run]]
+    per_call: int = 0  # steps of a call, for rows whose time is that of a call
+
+
+def library(model, scheme, paths, step, q0=0.2, **how) -> Run:
+    """Runs of the library that save their last state alone."""
+
+    def run(steps):
+        save = {"save_every": steps} | how
+        ss.simulate(model, q0=q0, p0=0.0, step=step, steps=steps, scheme=scheme, paths=paths, threads=1, **save)
+
+    return run
+
+
+def loop(function, n, paths, step, q0=0.2) -> Run:
+    """A loop of `loops`."""
+    generator = np.random.default_rng(1)
+    return lambda steps: function(generator, np.full(n, q0), np.zeros(n), step, steps, paths)
+
+
+def henon_heiles():
+    """So little noise that no path escapes in a long run."""
+    return ss.models.henon_heiles(sigma1=1e-4, sigma2=1e-4)
+
+
+def chain_model(n):
+    """So little noise that it stays cool in a long run."""
+    return ss.models.fpu_chain(n=n, sigma=1e-3)
+
+
+# name -> (model, scheme, step, degrees of freedom, loop)
+SCENES = {
+    "kubo midpoint": (ss.models.kubo, "midpoint", 0.02, 1, lambda: loops.kubo_midpoint),
+    "synchrotron midpoint": (
+        *(ss.models.synchrotron, "midpoint", 0.02, 1),
+        lambda: loops.scalar_midpoint(loops.synchrotron_slope, 2),
+    ),
+    "synchrotron gauss2": (
+        *(ss.models.synchrotron, "gauss2", 0.02, 1),
+        lambda: loops.collocation(loops.synchrotron_force, 1, 2, "gauss2"),
+    ),
+    "synchrotron lobatto3": (
+        *(ss.models.synchrotron, "lobatto3", 0.02, 1),
+        lambda: loops.collocation(loops.synchrotron_force, 1, 2, "lobatto3"),
+    ),
+    "additive_oscillator symplectic_euler": (
+        *(ss.models.additive_oscillator, "symplectic_euler", 0.02, 1),
+        lambda: loops.additive_euler,
+    ),
+    "linear_oscillator midpoint": (
+        *(ss.models.linear_oscillator, "midpoint", 0.02, 1),
+        lambda: loops.linear_midpoint(1),
+    ),
+    "pendulum stormer_verlet": (ss.models.pendulum, "stormer_verlet", 0.02, 1, lambda: loops.pendulum_verlet),
+    "noncommutative_oscillator midpoint": (
+        *(ss.models.noncommutative_oscillator, "midpoint", 0.02, 1),
+        lambda: loops.noncommutative_midpoint,
+    ),
+    "henon_heiles stormer_verlet": (
+        *(henon_heiles, "stormer_verlet", 0.02, 2),
+        lambda: loops.verlet(loops.henon_heiles_force, 2, 2),
+    ),
+    "henon_heiles midpoint": (
+        *(henon_heiles, "midpoint", 0.02, 2),
+        lambda: loops.collocation(loops.henon_heiles_force, 2, 2, "midpoint"),
+    ),
+    "henon_heiles gauss2": (
+        *(henon_heiles, "gauss2", 0.02, 2),
+        lambda: loops.collocation(loops.henon_heiles_force, 2, 2, "gauss2"),
+    ),
+    "fpu64 midpoint": (
+        *(lambda: chain_model(64), "midpoint", 0.05, 64),
+        lambda: loops.collocation(loops.fpu_force, 64, 64, "midpoint"),
+    ),
+    "fpu64 stormer_verlet": (
+        *(lambda: chain_model(64), "stormer_verlet", 0.05, 64),
+        lambda: loops.verlet(loops.fpu_force, 64, 64),
+    ),
+    "cfunc synchrotron midpoint": (
+        *(loop_models.synchrotron, "midpoint", 0.02, 1),
+        lambda: loops.scalar_midpoint(loops.synchrotron_slope, 2),
+    ),
+    "cfunc 16_noises midpoint": (
+        *(lambda: loop_models.many_noises(16), "midpoint", 0.02, 1),
+        lambda: loops.linear_midpoint(16),
+    ),
+    "cfunc mean_field16 midpoint": (
+        *(lambda: loop_models.mean_field(16), "midpoint", 0.02, 16),
+        lambda: loops.collocation(loops.mean_field_force, 16, 1, "midpoint"),
+    ),
+}
+
+
+def scene(name, paths, **how) -> tuple[Run, Run]:
+    """The library and the loop of a scene."""
+    model, scheme, step, n, function = SCENES[name]
+    return library(model(), scheme, paths, step, **how), loop(function(), n, paths, step)
+
+
+def chain(scheme, n) -> tuple[Run, Run]:
+    """A chain, 256 paths."""
+    function = loops.collocation(loops.fpu_force, n, n, scheme)
+    return library(chain_model(n), scheme, 256, 0.05), loop(function, n, 256, 0.05)
+
+
+def stages(scheme, n, step) -> tuple[Run, Run]:
+    """A scheme of several stages beside midpoint, both of the library."""
+    model = chain_model(n)
+    return tuple(library(model, s, 256, step, q0=0.01) for s in (scheme, "midpoint"))
+
+
+def mean_field(n) -> tuple[Run, Run]:
+    """Dense callbacks, 1000 paths."""
+    function = loops.collocation(loops.mean_field_force, n, 1, "midpoint")
+    return library(loop_models.mean_field(n), "midpoint", 1000, 0.02), loop(function, n, 1000, 0.02)
+
+
+def saved() -> tuple[Run, Run]:
+    """Every step of one path is kept."""
+    return library(ss.models.kubo(), "midpoint", 1, 0.02, save_every=1), loop(loops.kubo_midpoint_saved, 1, 1, 0.02)
+
+
+def saved_or_not(name) -> tuple[Run, Run]:
+    """Every step of one path is kept, beside none."""
+    model, scheme, step, _, _ = SCENES[name]
+    model = model()
+    return library(model, scheme, 1, step, save_every=1), library(model, scheme, 1, step)
+
+
+def observed() -> tuple[Run, Run]:
+    """Moments of q, p, the energy and an observable in Python at every step."""
+    model = ss.models.kubo()
+
+    def run(steps):
+        observables = {"qp": lambda q, p: q[0] * p[0]}
+        ss.moments(
+            model, q0=0.2, p0=0.0, step=0.02, steps=steps, paths=1000, threads=1, save_every=1, observables=observables
+        )
+
+    return run, loop(loops.kubo_midpoint_moments, 1, 1000, 0.02)
+
+
+def rows() -> Iterator[Row]:
+    """All of them."""
+    for scheme in ("gauss2", "gauss3", "lobatto3"):
+        for n in (2, 4, 8, 16, 64):
+            yield Row("stages", f"{scheme} fpu{n}", 256, 1.0, partial(chain, scheme, n))
+    for scheme, mild, stiff in (
+        ("gauss2", 4, 8),
+        ("gauss3", 10, 20),
+        ("lobatto3", 10, 20),
+        ("gauss2_strong32", 10, 20),
+    ):
+        yield Row("step", f"{scheme} fpu16 mild", 256, mild, partial(stages, scheme, 16, 0.1))
+        step = 1.25 if scheme == "lobatto3" else 5.0  # its stability ends at h omega = sqrt 8
+        yield Row("step", f"{scheme} fpu16 stiff", 256, stiff, partial(stages, scheme, 16, step))
+    for name, paths in (("henon_heiles gauss2", 1000), ("synchrotron lobatto3", 1000), ("fpu64 midpoint", 1000)):
+        yield Row("many", name, paths, 1.0, partial(scene, name, paths))
+    for n in (2, 8, 16):
+        yield Row("many", f"cfunc mean_field{n} midpoint", 1000, 1.0, partial(mean_field, n))
+    for name in SCENES:
+        for paths in (1, 2, 8, 32):
+            yield Row(f"few{paths}", name, paths, 1.5, partial(scene, name, paths))
+    yield Row("saved", "kubo midpoint", 1, 1.5, saved)
+    for name in ("kubo midpoint", "synchrotron midpoint", "henon_heiles stormer_verlet", "cfunc synchrotron midpoint"):
+        yield Row("saved_unsaved", name, 1, 1.5, partial(saved_or_not, name))
+    yield Row("moments", "kubo with an observable in Python", 1000, 1.5, observed)
+    for name in ("kubo midpoint", "fpu64 midpoint"):
+        yield Row("call", f"{name} 10 steps", 1, 40.0, partial(scene, name, 1), per_call=10)
+
+
+def repeat(run: Run, paths: int, seconds: float) -> int:
+    """Compile, and find the steps of a run of so many seconds."""
+    steps = 16
+    run(steps)
+    while True:
+        start = time.process_time()
+        run(steps)
+        took = time.process_time() - start
+        if took > 0.3 * seconds or steps * paths > 10**9:
+            return steps
+        steps = steps * 4 if took < 0.05 * seconds else int(steps * seconds / took) + 1
+
+
+def timed(run: Run, steps: int, calls: int) -> float:
+    """Seconds of a call."""
+    start = time.process_time()
+    for _ in range(calls):
+        run(steps)
+    return (time.process_time() - start) / calls
+
+
+def measure(row: Row, repeats: int, seconds: float) -> tuple[float, float]:
+    """The least times, in ns per path-step, or us of a call."""
+    runs = row.make()
+    if row.per_call:
+        steps, calls = (row.per_call,) * 2, 200
+        for run in runs:
+            run(row.per_call)  # compiles
+    else:
+        steps, calls = [repeat(run, row.paths, seconds) for run in runs], 1
+    best = [float("inf")] * 2
+    for _ in range(repeats):
+        for i, run in enumerate(runs):
+            best[i] = min(best[i], timed(run, steps[i], calls))
+    if row.per_call:
+        return best[0] * 1e6, best[1] * 1e6
+    return tuple(b * 1e9 / (row.paths * s) for b, s in zip(best, steps, strict=True))
+
+
+def main():
+    """Measure the rows that are asked for; a path that fails would stop early and cheaply."""
+    warnings.simplefilter("error", ss.PathsFailedWarning)
+    repeats, seconds = int(sys.argv[1]), float(sys.argv[2])
+    wanted = re.compile(sys.argv[3] if len(sys.argv) > 3 else "")
+    for row in rows():
+        if wanted.search(f"{row.group} {row.name}"):
+            ours, theirs = measure(row, repeats, seconds)
+            name = row.name.replace(" ", "_")
+            print("row", row.group, name, row.target, f"{ours:.4g} {theirs:.4g} {ours / theirs:.4g}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The library beside plain loops in numba."""
+
+import importlib.util
+
+from .tools import ABSENT, Setting, at_most, lines_of_python, table
+
+GROUPS = {
+    "stages": "schemes of several stages, 256 paths",
+    "step": "a step beside one of midpoint in the library (mild h = 0.1, stiff h = 5, lobatto3 1.25)",
+    "many": "1000 paths",
+    "few1": "1 path",
+    "few2": "2 paths",
+    "few8": "8 paths",
+    "few32": "32 paths",
+    "saved": "1 path, every step saved",
+    "saved_unsaved": "1 path, every step saved, beside the library without",
+    "moments": "1000 paths, moments at every step",
+    "call": "us of a call; the target is for these",
+}
+
+
+def measure(setting: Setting) -> list[dict]:
+    """Time all rows, or those asked for; nothing where numba is missing."""
+    if importlib.util.find_spec("numba") is None:
+        return []
+    lines = lines_of_python(
+        "loop_rows.py", setting.build, setting.repeats, 0.01 if setting.quick else 0.04, setting.rows
+    )
+    return [
+        {"group": w[1], "name": w[2].replace("_", " "), "target": float(w[3]), "numbers": [float(x) for x in w[4:7]]}
+        for w in lines
+    ]
+
+
+def section(rows: list[dict]) -> str:
+    """Write the section."""
+    heads = ["rows", "scene", "library", "loop", "ratio", "target", ""]
+    title = "## Beside plain loops in numba\n\n"
+    if not rows:
+        return title + f"numba: {ABSENT}."
+    cells = []
+    for row in rows:
+        ours, theirs, ratio = row["numbers"]
+        judged = ours if row["group"] == "call" else ratio
+        figures = [f"{ours:.4g}", f"{theirs:.4g}", f"{ratio:.2f}"]
+        cells.append([GROUPS[row["group"]], row["name"], *figures, *at_most(judged, row["target"])])
+    return (
+        title
+        + "ns of processor time per path-step on one thread, library and loop in turn: the least of the repeats. The\n"
+        "loops of `bench/loops.py` are what a user of numba would write: scalar loops over paths and steps, normals\n"
+        "drawn in the loop by NumPy's generator (PCG64, ziggurat), no -ffast-math; several unknowns by fixed-point\n"
+        "iteration, one by Newton's method, to rounding. The library draws its own normals.\n\n" + table(heads, cells)
+    )
