@@ -251,7 +251,7 @@ contains
       allocate (e(nlane), qe(nlane, ndof), pe(nlane, ndof))
       allocate (lower_q(nlane, ndof), lower_p(nlane, ndof))
       call largest_component(nlane, ndof, vq, vp, e)
-      e = step/merge(e, 1.0_wp, e > 0)
+      e = step/(e + merge(0.0_wp, 1.0_wp, e > 0))  ! a sum: of two divisors the compiler may try both
       do i = 1, ndof
          qe(:, i) = q(:, i) - e*vq(:, i)
          pe(:, i) = p(:, i) - e*vp(:, i)

@@ -175,20 +175,22 @@ contains
       real(wp), intent(in) :: diagonal(nlane)     !! diagonal entry of the matrix
       real(wp), intent(inout) :: pivot(nlane)     !! in: pivot; out: its inverse
       real(wp), intent(inout) :: smallest(nlane)  !! pivot monitor
-      real(wp) :: ratio, low, high, origin, reached
+      real(wp) :: ratio, low, high, origin, reached, missing
       integer :: lane
 
       ! min and max could drop a NaN; these comparisons hand it on to the ratio. A pivot of zero has the ratio zero
-      ! and no inverse: a host that traps divisions by zero does not hear of lanes that LAPACK will solve.
+      ! and no inverse: a host that traps divisions by zero does not hear of lanes that LAPACK will solve. Divisors are
+      ! sums that never vanish: between two divisors to choose from, the compiler may divide by both and choose then.
       do lane = 1, nlane
          origin = abs(diagonal(lane))
          reached = abs(pivot(lane))
          low = merge(reached, origin, reached <= origin)
          high = merge(origin, reached, reached <= origin)
-         ratio = low/merge(1.0_wp, high, high <= 0)
+         ratio = low/(high + tiny(high))
          ratio = merge(ratio, 0.0_wp, ratio >= 0)
          smallest(lane) = merge(ratio, smallest(lane), ratio < smallest(lane))
-         pivot(lane) = 1/merge(1.0_wp, pivot(lane), reached <= 0)
+         missing = merge(1.0_wp, 0.0_wp, reached <= 0)
+         pivot(lane) = 1/(pivot(lane) + missing)
       end do
    end subroutine pivot_ratio
 

@@ -135,6 +135,7 @@ contains
    !> x = sum_i y_i v_i over the vectors of each lane, with y from its triangle.
    subroutine add_up(self)
       type(krylov_type), intent(inout) :: self
+      real(wp) :: divisor(self%nlane)
       integer :: i, j
 
       associate (y => self%g, h => self%h, length => self%length)
@@ -142,7 +143,8 @@ contains
             do j = i + 1, maxval(length)
                y(:, i) = y(:, i) - merge(h(:, i, j)*y(:, j), 0.0_wp, j <= length)
             end do
-            y(:, i) = merge(y(:, i)/merge(h(:, i, i), 1.0_wp, i <= length), 0.0_wp, i <= length)
+            divisor = sign(abs(h(:, i, i)) + merge(0.0_wp, 1.0_wp, i <= length), h(:, i, i))  ! no choice of divisors
+            y(:, i) = merge(y(:, i)/divisor, 0.0_wp, i <= length)
             call add_multiple(self%nlane, self%n, y(:, i), self%v(:, :, i), self%x)
          end do
       end associate
@@ -252,7 +254,7 @@ contains
       integer, intent(in) :: nlane, most, k
       real(wp), intent(inout) :: h(nlane, most + 1, most), c(nlane, most), s(nlane, most)
       real(wp), intent(inout) :: g(nlane, most + 1), largest(nlane)
-      real(wp) :: total(nlane), a(nlane), d(nlane)
+      real(wp) :: total(nlane), a(nlane), d(nlane), divisor(nlane)
       integer :: i
 
       total = h(:, k + 1, k)**2
@@ -266,8 +268,9 @@ contains
          h(:, i, k) = a
       end do
       d = sqrt(h(:, k, k)**2 + h(:, k + 1, k)**2)
-      c(:, k) = merge(h(:, k, k)/merge(d, 1.0_wp, d > 0), 1.0_wp, d > 0)
-      s(:, k) = merge(h(:, k + 1, k)/merge(d, 1.0_wp, d > 0), 0.0_wp, d > 0)
+      divisor = d + merge(0.0_wp, 1.0_wp, d > 0)  ! a sum: a choice of divisors lets the compiler divide by both
+      c(:, k) = merge(h(:, k, k)/divisor, 1.0_wp, d > 0)
+      s(:, k) = merge(h(:, k + 1, k)/divisor, 0.0_wp, d > 0)
       h(:, k, k) = d
       g(:, k + 1) = -s(:, k)*g(:, k)
       g(:, k) = c(:, k)*g(:, k)
