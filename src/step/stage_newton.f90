@@ -6,9 +6,9 @@
 !>    Z_i - d_i + h sum_k B_ik Hhat_q(q_n + Z_k) = 0        d_i: what Z_i has of p_n and of earlier groups
 !>
 !> with the matrix delta_ik I + h B_ik Hhat_qq(q_n + Z_k). From Z = 0 on, its iterates are those of the
-!> general stepper from slopes zero, so that both find the same root and fail in the same lanes. Unknowns are
-!> ordered by degree of freedom, then stage: a Hessian with b bands beside the diagonal gives a matrix with
-!> (b + 1) s - 1, for s stages. The slopes follow from h B G = Z - d.
+!> general stepper from slopes zero, to rounding, so that both find the same root; the general one's test for
+!> the end takes an iteration or some more. Unknowns are ordered by degree of freedom, then stage: a Hessian with
+!> b bands beside the diagonal gives a matrix with (b + 1) s - 1, for s stages. The slopes follow from h B G = Z - d.
 module symsde_step_stage_newton
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
