@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Plant faults, one at a time, and see whether the suites notice.
 
-run.py BUILD [--check | --sample] [--only WORD] [--jobs N]
+run.py BUILD [--check | --sample] [--only WORD] [--jobs N] [--keep FILE] [--table FILE]
 
 A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it.
 The mutated file alone is compiled, with the command of the build; linked with the build's other objects it makes a
@@ -11,30 +11,40 @@ in a copy of it. Neither the tree nor the build is touched.
     --check       only look whether every entry still fits the sources
     --sample      the entries with sample = true
     --only WORD   the entries whose file or text holds the word
+    --keep FILE   write each verdict to the file as it falls, and take from it those of an earlier run: a run that
+                  was stopped goes on where it was, and a fault in a file that has changed since is judged again
+    --table FILE  write the result as a page: a row for each folder, and the survivors with their reasons
 
-The named test runs first, then, where it passes, every other suite that is not long. The exit code tells of an
-entry that does not fit, of a survivor without a reason, of a reason without a survivor, of less than 95 % caught.
+The named test runs first, then, where it passes, every other suite that is not long, the quickest first. The exit
+code tells of an entry that does not fit, of a survivor without a reason, of a reason without a survivor, of less
+than 95 % caught.
 """
 
 import argparse
+import contextlib
 import gzip
+import hashlib
 import json
 import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 import tomllib
+from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from threading import Lock
 
 ROOT = Path(__file__).resolve().parents[2]
 LABELS = {"unit", "verification", "capi", "python"}
 LONG = {"test_order", "test_beyond_one", "check_funit"}  # too long, or not about the library
-PATIENCE = 600  # seconds; a test that hangs has noticed
+PATIENCE = 1800  # seconds; a test that hangs has noticed
+HANGS = 20  # times the time that a test takes without a fault: it hangs
 WANTED = 0.95
 
 
@@ -66,29 +76,62 @@ class Mutant:
             raise MisfitError(f"{self.label}\n   the old text is there {times} times, not once")
         return source.replace(self.old, self.new)
 
+    @property
+    def key(self) -> str:
+        """What a verdict holds for: the file with the fault, and the test named."""
+        return hashlib.sha256(f"{self.file}\n{self.test}\n{self.apply()}".encode()).hexdigest()[:16]
+
 
 @dataclass(frozen=True)
+class Verdict:
+    """How it went: the test that noticed, or none; what does not fit."""
+
+    key: str
+    label: str
+    caught_by: str
+    wrong: str
+    seconds: float
+
+
+@dataclass
 class Test:
     """A test as ctest runs it."""
 
     command: list[str]
     environment: dict[str, str]
     folder: str
+    patience: float = PATIENCE  # seconds
+    sound: bool | None = None  # passes without a fault, where that was tried
+    lock: Lock = field(default_factory=Lock)
 
     def passes(self, environment: dict[str, str]) -> bool:
         """Whether it passes with these variables beside its own; hanging is failing."""
+        process = subprocess.Popen(
+            self.command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            cwd=self.folder,
+            env=os.environ | self.environment | environment,
+            process_group=0,
+        )
         try:
-            done = subprocess.run(
-                self.command,
-                check=False,
-                capture_output=True,
-                cwd=self.folder,
-                env=os.environ | self.environment | environment,
-                timeout=PATIENCE,
-            )
+            return process.wait(self.patience) == 0
         except subprocess.TimeoutExpired:
             return False
-        return done.returncode == 0
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)  # what it has started, too
+            process.wait()
+
+    def is_sound(self) -> bool:
+        """Whether it passes without a fault; tried once, and its time bounds that of all runs that follow."""
+        with self.lock:
+            if self.sound is None:
+                start = time.monotonic()
+                self.sound = self.passes({})
+                self.patience = min(PATIENCE, 60 + HANGS * (time.monotonic() - start))
+        return self.sound
 
 
 class Build:
@@ -97,6 +140,8 @@ class Build:
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
         found = json.loads(self.ask("ctest", "--show-only=json-v1"))["tests"]
+        cost = self.costs()
+        found.sort(key=lambda entry: cost[entry["name"]])
         self.tests = {entry["name"]: read_test(entry) for entry in found if is_suite(entry)}
         entries = json.loads(self.ask("ninja", "-t", "compdb"))
         self.commands = {entry["output"]: entry["command"] for entry in entries}
@@ -105,6 +150,12 @@ class Build:
     def ask(self, *command: str) -> str:
         """What a tool says in this tree."""
         return subprocess.run(command, check=True, capture_output=True, text=True, cwd=self.folder).stdout
+
+    def costs(self) -> dict[str, float]:
+        """Seconds that each test took when ctest ran it; nothing for those that it never ran."""
+        kept = self.folder / "Testing" / "Temporary" / "CTestCostData.txt"
+        lines = kept.read_text().split("---")[0].splitlines() if kept.exists() else []
+        return defaultdict(float, {line.split()[0]: float(line.split()[2]) for line in lines if line})
 
     def make_library(self, mutant: Mutant, text: str, scratch: Path) -> Path:
         """A library with this text for the file."""
@@ -180,17 +231,44 @@ def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
     return {"LD_PRELOAD": str(library), "SYMSDE_LIBRARY": str(library), "PYTHONPATH": str(ROOT / "python")}
 
 
-def judge(mutant: Mutant, build: Build) -> tuple[str, str]:
-    """The test that notices, or nothing; and what does not fit."""
+def judge(mutant: Mutant, build: Build) -> Verdict:
+    """Plant it and run the tests."""
+    start = time.monotonic()
+    caught_by, wrong = "", ""
     with tempfile.TemporaryDirectory(prefix="mutant-") as scratch:
         try:
             environment = plant(mutant, build, Path(scratch))
+            for name in [mutant.test, *(other for other in build.tests if other != mutant.test)]:
+                test = build.tests[name]
+                if name == mutant.test and not test.is_sound():
+                    raise MisfitError(f"{mutant.label}\n   {name} fails without a fault")
+                if not test.passes(environment) and test.is_sound():
+                    caught_by = name
+                    break
         except MisfitError as error:
-            return "", str(error)
-        for name in [mutant.test, *(other for other in build.tests if other != mutant.test)]:
-            if not build.tests[name].passes(environment):
-                return name, ""
-    return "", ""
+            wrong = str(error)
+    return Verdict(mutant.key, mutant.label, caught_by, wrong, round(time.monotonic() - start, 1))
+
+
+def judge_all(mutants: list[Mutant], build: Build, jobs: int, keep: Path | None) -> dict[Mutant, Verdict]:
+    """The verdicts that are kept and fit, and those of the others, each written down as it falls."""
+    kept = {}
+    if keep is not None and keep.exists():
+        known = [Verdict(**json.loads(line)) for line in keep.read_text().splitlines()]
+        kept = {verdict.key: verdict for verdict in known if not verdict.wrong}
+    verdicts = {mutant: kept[mutant.key] for mutant in mutants if mutant.key in kept}
+    left = [mutant for mutant in mutants if mutant not in verdicts]
+    print(f"{len(verdicts)} verdicts are kept, {len(left)} faults are judged", flush=True)
+    with ThreadPoolExecutor(jobs) as pool:
+        waiting = {pool.submit(judge, mutant, build): mutant for mutant in left}
+        for done in as_completed(waiting):
+            mutant, verdict = waiting[done], done.result()
+            verdicts[mutant] = verdict
+            print(spoken(mutant, verdict), flush=True)
+            if keep is not None:
+                with keep.open("a") as record:
+                    record.write(json.dumps(asdict(verdict)) + "\n")
+    return verdicts
 
 
 def check(mutants: list[Mutant], build: Build) -> int:
@@ -208,17 +286,34 @@ def check(mutants: list[Mutant], build: Build) -> int:
     return wrong
 
 
-def report(mutant: Mutant, caught_by: str, wrong: str, seconds: float) -> bool:
-    """Say how it went; whether that is as it should be."""
-    if wrong:
-        print(f"DOES NOT FIT {wrong}", flush=True)
-    elif caught_by:
-        note = "" if caught_by == mutant.test else f", not by {mutant.test}"
-        note += ", though a reason says that it cannot be" if mutant.survives else ""
-        print(f"caught ({seconds:.0f} s) by {caught_by}{note}: {mutant.label}", flush=True)
-    else:
-        print(f"SURVIVED ({seconds:.0f} s) {mutant.label}\n   {mutant.survives or 'no reason given'}", flush=True)
-    return not wrong and bool(caught_by) != bool(mutant.survives)
+def spoken(mutant: Mutant, verdict: Verdict) -> str:
+    """The verdict on a line or two."""
+    if verdict.wrong:
+        return f"DOES NOT FIT {verdict.wrong}"
+    if not verdict.caught_by:
+        reason = mutant.survives or "no reason given"
+        return f"SURVIVED ({verdict.seconds:.0f} s) {mutant.label}\n   {reason}"
+    note = "" if verdict.caught_by == mutant.test else f", not by {mutant.test}"
+    note += ", though a reason says that it cannot be" if mutant.survives else ""
+    return f"caught ({verdict.seconds:.0f} s) by {verdict.caught_by}{note}: {mutant.label}"
+
+
+def as_table(verdicts: dict[Mutant, Verdict]) -> str:
+    """The page: how many of each folder were caught, by the test named or another one, and which were not."""
+    rows: dict[str, list[tuple[Mutant, Verdict]]] = defaultdict(list)
+    for mutant, verdict in verdicts.items():
+        rows["/".join(mutant.file.split("/")[:2])].append((mutant, verdict))
+    lines = ["| folder | faults | caught by the test named | by another one | by none |", "|---|---|---|---|---|"]
+    for folder, found in [*sorted(rows.items()), ("all", list(zip(verdicts, verdicts.values(), strict=True)))]:
+        named = sum(verdict.caught_by == mutant.test for mutant, verdict in found)
+        none = sum(not verdict.caught_by for _, verdict in found)
+        lines.append(f"| {folder} | {len(found)} | {named} | {len(found) - named - none} | {none} |")
+    lines += ["", "| not caught | why |", "|---|---|"]
+    for mutant, verdict in sorted(verdicts.items(), key=lambda pair: pair[0].label):
+        if not verdict.caught_by:
+            label = mutant.label.replace("|", "\\|")
+            lines.append(f"| `{label}` | {mutant.survives or 'no reason given'} |")
+    return "\n".join(lines) + "\n"
 
 
 def main() -> int:
@@ -229,6 +324,8 @@ def main() -> int:
     parser.add_argument("--sample", action="store_true")
     parser.add_argument("--only", default="")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--keep", type=Path)
+    parser.add_argument("--table", type=Path)
     options = parser.parse_args()
     build = Build(options.build)
     mutants = read_mutants()
@@ -239,21 +336,13 @@ def main() -> int:
         return 1
     if options.check:
         return 0
-    for name in {mutant.test for mutant in mutants}:
-        if not build.tests[name].passes({}):
-            print(f"{name} fails without a fault")
-            return 1
-
-    def timed(mutant: Mutant) -> tuple[str, str, float]:
-        start = time.monotonic()
-        return *judge(mutant, build), time.monotonic() - start
-
-    good, ncaught = True, 0
-    with ThreadPoolExecutor(options.jobs) as pool:
-        waiting = {pool.submit(timed, mutant): mutant for mutant in mutants}
-        for done in as_completed(waiting):
-            good = report(waiting[done], *done.result()) and good
-            ncaught += bool(done.result()[0])
+    verdicts = judge_all(mutants, build, options.jobs, options.keep)
+    ncaught = sum(bool(verdict.caught_by) for verdict in verdicts.values())
+    good = all(
+        not verdict.wrong and bool(verdict.caught_by) != bool(mutant.survives) for mutant, verdict in verdicts.items()
+    )
+    if options.table is not None:
+        options.table.write_text(as_table(verdicts))
     print(f"{ncaught} caught, {len(mutants) - ncaught} not, of {len(mutants)}")
     return int(not good or ncaught < WANTED * len(mutants))
 
