@@ -33,6 +33,7 @@ module symsde
    ! models: the type to extend, the built-in ones, one by name, one from C functions
    use symsde_model_abstract, only: model_type
    use symsde_model_additive_oscillator, only: additive_oscillator_model, new_additive_oscillator
+   use symsde_model_driven_pendulum, only: driven_pendulum_model, new_driven_pendulum
    use symsde_model_fpu_chain, only: fpu_chain_model, new_fpu_chain
    use symsde_model_henon_heiles, only: henon_heiles_model, new_henon_heiles
    use symsde_model_kubo, only: kubo_model, new_kubo

@@ -72,6 +72,26 @@ def pendulum(sigma: float = 0.5) -> Model:
     return Model.builtin("pendulum", {"sigma": sigma})
 
 
+def driven_pendulum(
+    omega: float = 1.0,
+    epsilon: float = 0.3,
+    nu: float = 2.0,
+    *,
+    sigma1: float = 0.2,
+    sigma2: float = 0.1,
+    alpha: float = 0.5,
+) -> Model:
+    """Pendulum driven at its point of suspension: H = p^2/2 - omega^2 (1 + epsilon cos(nu t)) cos q.
+
+    H_1 = -sigma1 (1 + alpha sin(nu t)) q, H_2 = -sigma2 (1 + alpha sin(nu t)) cos q.
+
+    Potential and noises depend on time; with sigma2 = 0 the noise is additive. nu = 2 omega is the main
+    parametric resonance.
+    """
+    values = {"omega": omega, "epsilon": epsilon, "nu": nu, "sigma1": sigma1, "sigma2": sigma2, "alpha": alpha}
+    return Model.builtin("driven_pendulum", values)
+
+
 def noncommutative_oscillator(s1: float = 0.5, s2: float = 0.5) -> Model:
     """Oscillator whose noises do not commute: H = (p^2 + q^2)/2, H_1 = s1 p^2/2, H_2 = s2 q^2/2.
 

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The built-in models by name, with their parameters by key.
 !>
-!> Names and defaults of parameters stand in each model's own file. A new model is one line in each
-!> of model_names, is_built_in, tabulate, allocate_model and construct.
+!> Names and defaults of parameters stand in each model's own file. A new model has a place among the
+!> imports and in each of all_names, is_built_in, tabulate, allocate_model and construct.
 module symsde_model_catalogue
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument, unknown_name, wrong_shape
@@ -11,6 +11,8 @@ module symsde_model_catalogue
    use symsde_model_additive_oscillator, only: &
       additive_oscillator_model, new_additive_oscillator, &
       additive_oscillator_names, additive_oscillator_defaults
+   use symsde_model_driven_pendulum, only: driven_pendulum_model, new_driven_pendulum, &
+                                           driven_pendulum_names, driven_pendulum_defaults
    use symsde_model_fpu_chain, only: fpu_chain_model, new_fpu_chain, &
                                      fpu_chain_names, fpu_chain_defaults
    use symsde_model_henon_heiles, only: henon_heiles_model, new_henon_heiles, &
@@ -28,9 +30,9 @@ module symsde_model_catalogue
    private
    public :: model_names, parameter_names, parameter_defaults, tabulate, get_model, is_built_in
 
-   character(len=name_length), parameter :: all_names(8) = [character(len=name_length) :: &
+   character(len=name_length), parameter :: all_names(9) = [character(len=name_length) :: &
                                                             'kubo', 'linear_oscillator', 'synchrotron', &
-                                                            'additive_oscillator', 'pendulum', &
+                                                            'additive_oscillator', 'pendulum', 'driven_pendulum', &
                                                             'noncommutative_oscillator', 'henon_heiles', &
                                                             'fpu_chain']
 
@@ -54,6 +56,7 @@ contains
       type is (synchrotron_model)
       type is (additive_oscillator_model)
       type is (pendulum_model)
+      type is (driven_pendulum_model)
       type is (noncommutative_oscillator_model)
       type is (henon_heiles_model)
       type is (fpu_chain_model)
@@ -128,6 +131,9 @@ contains
       case ('pendulum')
          names = pendulum_names
          defaults = pendulum_defaults
+      case ('driven_pendulum')
+         names = driven_pendulum_names
+         defaults = driven_pendulum_defaults
       case ('noncommutative_oscillator')
          names = noncommutative_oscillator_names
          defaults = noncommutative_oscillator_defaults
@@ -187,6 +193,7 @@ contains
       case ('synchrotron'); allocate (synchrotron_model :: model)
       case ('additive_oscillator'); allocate (additive_oscillator_model :: model)
       case ('pendulum'); allocate (pendulum_model :: model)
+      case ('driven_pendulum'); allocate (driven_pendulum_model :: model)
       case ('noncommutative_oscillator'); allocate (noncommutative_oscillator_model :: model)
       case ('henon_heiles'); allocate (henon_heiles_model :: model)
       case ('fpu_chain'); allocate (fpu_chain_model :: model)
@@ -212,6 +219,8 @@ contains
          call new_additive_oscillator(model, x(1), x(2), error)
       type is (pendulum_model)
          call new_pendulum(model, x(1), error)
+      type is (driven_pendulum_model)
+         call new_driven_pendulum(model, x(1), x(2), x(3), x(4), x(5), x(6), error)
       type is (noncommutative_oscillator_model)
          call new_noncommutative_oscillator(model, x(1), x(2), error)
       type is (henon_heiles_model)

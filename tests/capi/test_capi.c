@@ -25,7 +25,7 @@ static void test_texts(void) {
    CHECK(strstr(buffer, "counter map of the noise: 2\n") != NULL);
    CHECK(strchr(buffer, '/') == NULL); /* no folder of the machine that built it */
    CHECK(symsde_model_names(buffer, sizeof buffer, &needed) == 0);
-   CHECK(holds(buffer, "kubo\n|linear_oscillator\n|synchrotron\n|additive_oscillator\n|pendulum\n") &&
+   CHECK(holds(buffer, "kubo\n|linear_oscillator\n|synchrotron\n|additive_oscillator\n|pendulum\n|driven_pendulum\n") &&
          holds(buffer, "noncommutative_oscillator\n|henon_heiles\n|fpu_chain\n") && needed == strlen(buffer) + 1);
    CHECK(symsde_scheme_names(buffer, sizeof buffer, NULL) == 0);
    CHECK(holds(buffer, "midpoint\n|symplectic_euler\n|symplectic_euler_adjoint\n|stormer_verlet\n|gauss2\n"));

@@ -23,7 +23,7 @@ SCHEMES = [
 
 
 def test_every_model_has_a_function_with_the_library_s_defaults():
-    assert len(ss.models.names()) == 8
+    assert len(ss.models.names()) == 9
     for name in ss.models.names():
         function = getattr(ss.models, name)
         defaults = {key: p.default for key, p in inspect.signature(function).parameters.items()}

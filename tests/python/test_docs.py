@@ -139,8 +139,8 @@ def test_hamiltonians_in_the_docs_are_those_of_the_library(name):
     assert sorted(found) == ["H", *(f"H_{k + 1}" for k in range(model.nnoise))]
     q, p = np.array([0.7, -1.3]), np.array([0.4, 0.9])
     for j, (_, text) in enumerate(sorted(found.items())):
-        expected = eval(formula(text), {**values, "q": q, "p": p, "sin": np.sin, "cos": np.cos})
-        given = model.value(q[None], p[None], np.eye(model.nnoise + 1)[j])
+        expected = eval(formula(text), {**values, "t": 0.6, "q": q, "p": p, "sin": np.sin, "cos": np.cos})
+        given = model.value(q[None], p[None], np.eye(model.nnoise + 1)[j], t=0.6)
         np.testing.assert_allclose(given, expected, rtol=1e-14, err_msg=f"{name}: {text}")
         assert np.abs(given).max() > 0.1
 

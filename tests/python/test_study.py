@@ -234,6 +234,7 @@ def test_a_bad_scene_of_a_folder_is_refused_first(tmp_path, monkeypatch, capsys)
 # Of a path-step: normals, gradients, Hessians, iterations, solves, LAPACK; None where Newton iterates.
 LEFT_OUT = {
     "additive_oscillator": (2, 2, 0, 0, 0, 0),
+    "driven_pendulum": (2, None, None, None, None, 0),
     "fpu_chain": (64, None, None, None, None, 0),
     "henon_heiles": (2, None, None, None, None, 0),
     "kubo": (1, 0, 0, 1, 1, 0),
