@@ -21,7 +21,8 @@
 !>
 !>    sum_k (dW_k/2 - dZ_k/h) [H_k(t_1) - H_k(t_0)]  -  (|h|/12) sum_k {H_k(t_1),H_k(t_0)}
 !>
-!> of which the second vanishes for noise in position and has no gradient for additive noise.
+!> of which the first belongs to the single bracket. The second belongs to the nested one; it vanishes for noise in
+!> position and has no gradient for additive noise.
 module symsde_step_modified_hamiltonian
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: functionals, functional_set, area_index, path_dz, path_areas
@@ -44,7 +45,8 @@ module symsde_step_modified_hamiltonian
       type(bracket_terms) :: active               !! parts that have an effect on this model
       logical, allocatable, private :: noisy(:)   !! noises that are not silent (nnoise)
       logical, private :: simple = .false.        !! position noise, H = p.p/2 + U(q)
-      logical :: moving = .false.                 !! some noise changes in time
+      logical :: moving = .false.                 !! some noise changes in time, in a way that has an effect
+      logical, private :: turning = .false.       !! {H_k(t_1),H_k(t_0)} has an effect
       real(wp), allocatable, private :: f(:, :), g(:, :)   !! weights of two sums (nlane, 0:nnoise)
       real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable, private :: vq(:, :), vp(:, :), bq(:, :), bp(:, :)  !! (nlane, ndof)
@@ -89,7 +91,8 @@ contains
       self%nnoise = m
       self%active = active_brackets(brackets, model%traits)
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
-      if (self%active%single) self%moving = noise_changes_in_time(model)
+      self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
+      if (self%active%single .or. self%turning) self%moving = noise_changes_in_time(model)
       allocate (self%noisy(m), source=.true.)
       if (allocated(model%traits%silent)) self%noisy = .not. model%traits%silent
       allocate (self%f(nlane, 0:m), self%g(nlane, 0:m), self%c(nlane, 0:m), source=0.0_wp)
@@ -238,11 +241,13 @@ contains
       integer :: k
 
       t1 = step%t + step%h
-      self%g = self%c/step%h
-      call add_sum(self, t1, q, p, 0.0_wp, 0.0_wp, 1.0_wp)
-      call add_sum(self, step%t, q, p, 0.0_wp, 0.0_wp, -1.0_wp)
-      counters%gradients = counters%gradients + 2*nreal
-      if (self%model%traits%position_noise .or. self%model%traits%additive) return
+      if (self%active%single) then
+         self%g = self%c/step%h
+         call add_sum(self, t1, q, p, 0.0_wp, 0.0_wp, 1.0_wp)
+         call add_sum(self, step%t, q, p, 0.0_wp, 0.0_wp, -1.0_wp)
+         counters%gradients = counters%gradients + 2*nreal
+      end if
+      if (.not. self%turning) return
       do k = 1, self%nnoise
          if (self%noisy(k)) call add_change(self, step%t, t1, k, -abs(step%h)/12, q, p, counters, nreal)
       end do

@@ -88,6 +88,128 @@ def test_orders_hold_where_noise_changes_in_time(kind: str, scheme: str):
     assert slope(driven(kind), scheme, range(3, 7), finest=10) > CLAIMED[kind, scheme]
 
 
+# Slopes over steps of 1/32, 1/64 and 1/128, strength of the second noise beside the scheme.
+DRIVEN = {
+    ("verlet_dz", 0.0): 1.9,  # measured 2.04
+    ("averaged_shift_midpoint", 0.0): 1.9,  # 2.04
+    ("gauss2_strong32", 0.0): 1.9,  # 2.02
+    ("gauss_dkdkd", 0.0): 1.9,  # 2.03
+    ("chin4a", 0.0): 2.8,  # 2.98
+    ("gauss2_strong32", 0.8): 1.4,  # 1.55
+    ("gauss_dkdkd", 0.8): 1.4,  # 1.61
+    ("verlet_kdk", 0.8): 1.4,  # 1.67
+    ("chin4a", 0.8): 1.4,  # 1.53
+    ("chin4a_strong2", 0.8): 1.9,  # 2.18
+    ("midpoint", 0.8): 0.9,  # 1.05
+    ("stormer_verlet", 0.8): 0.9,  # 1.04
+    ("symplectic_euler", 0.8): 0.9,  # 0.99
+    ("exact_rotation", 0.8): 0.9,  # 0.99
+}
+
+
+def driven_end(scheme: str, sigma2: float, level: int, finest: int = 12) -> np.ndarray:
+    """States of the driven pendulum at t = 1 after 2^level steps."""
+    model = ss.models.driven_pendulum(omega=1.0, epsilon=0.5, nu=4.0, sigma1=1.0, sigma2=sigma2, alpha=0.8)
+    steps = 2**level
+    run = ss.simulate(
+        model,
+        q0=0.4,
+        p0=0.7,
+        step=1 / steps,
+        steps=steps,
+        save_every=steps,
+        scheme=scheme,
+        paths=2 * PATHS,
+        seed=5,
+        refine=finest - level,
+    )
+    assert not run.status.any()
+    return np.concatenate((run.q[-1], run.p[-1]))
+
+
+@pytest.fixture(scope="module")
+def references() -> dict[tuple[str, float], np.ndarray]:
+    """Of the two kinds of scheme at the finest step, for both strengths of the second noise."""
+    return {
+        (scheme, sigma2): driven_end(scheme, sigma2, 12)
+        for scheme in ("chin4a_strong2", "gauss2_strong32")
+        for sigma2 in (0.0, 0.8)
+    }
+
+
+@pytest.mark.parametrize(("scheme", "sigma2"), DRIVEN)
+def test_orders_on_the_driven_pendulum(scheme: str, sigma2: float, references: dict):
+    """The reference is a scheme of the other kind, which 32 times smaller steps make a hundred times better."""
+    splits = any(word in scheme for word in ("dkd", "kdk", "chin"))
+    exact = references["gauss2_strong32" if splits else "chin4a_strong2", sigma2]
+    levels = range(5, 8)
+    errors = [np.sqrt(np.mean((driven_end(scheme, sigma2, level) - exact) ** 2)) for level in levels]
+    assert -np.polyfit(levels, np.log2(errors), 1)[0] > DRIVEN[scheme, sigma2]
+
+
+def turning(a: float, b: float) -> tuple[ss.Model, object]:
+    """H = (p^2 + q^2)/2, H_1 = (a q^2 cos 5t + b p^2 sin 5t)/2, and the matrix of its field."""
+
+    def strengths(t: float) -> tuple[float, float]:
+        return a * np.cos(5 * t), b * np.sin(5 * t)
+
+    def gradient(t, w, q, p):
+        x, y = strengths(t)
+        return (w[0] + x * w[1]) * q, (w[0] + y * w[1]) * p
+
+    def hessian(t, w, q, p):
+        x, y = strengths(t)
+        return (w[0] + x * w[1])[None, None], 0 * q[None], (w[0] + y * w[1])[None, None]
+
+    def field(t):
+        x, y = strengths(t)
+        return np.array([[0, y], [-x, 0]])
+
+    model = ss.Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, separable=True, quadratic=True)
+    return model, field
+
+
+def second_moments(field: object, count: int = 1000) -> np.ndarray:
+    """Map of the second moments from t = 0 to 1: Runge and Kutta's method for d/dt E x x^T of the linear model."""
+
+    def rate(t: float) -> np.ndarray:
+        noise, unit = field(t), np.eye(2)
+        drift = np.array([[0, 1], [-1, 0]]) + noise @ noise / 2
+        return np.kron(drift, unit) + np.kron(unit, drift) + np.kron(noise, noise)
+
+    moments, h = np.eye(4), 1 / count
+    for t in np.arange(count) * h:
+        k1 = rate(t) @ moments
+        k2 = rate(t + h / 2) @ (moments + h / 2 * k1)
+        k3 = rate(t + h / 2) @ (moments + h / 2 * k2)
+        k4 = rate(t + h) @ (moments + h * k3)
+        moments = moments + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return moments
+
+
+def enumerated(model: ss.Model, count: int) -> np.ndarray:
+    """The same of gauss2_weak2 in `count` steps: every step's mean over its three increments."""
+    h = 1 / count
+    weights = (1 / 6, 2 / 3, 1 / 6)
+    dw = np.repeat(np.sqrt(3 * h) * np.array([-1, 0, 1]), 2)[None, None]
+    q, p = np.tile([1.0, 0.0], 3)[None], np.tile([0.0, 1.0], 3)[None]
+    moments = np.eye(4)
+    for n in range(count):
+        run = ss.simulate(model, q0=q, p0=p, scheme="gauss2_weak2", step=h, steps=1, t0=n * h, paths=6, increments=dw)
+        ends = np.stack([run.q[-1, 0], run.p[-1, 0]]).reshape(2, 3, 2)
+        moments = sum(w * np.kron(ends[:, k], ends[:, k]) for k, w in enumerate(weights)) @ moments
+    return moments
+
+
+@pytest.mark.parametrize(("a", "b"), [(0.8, 0.8), (0.8, 0.0)])
+def test_weak_order_where_a_noise_does_not_commute_with_itself(a: float, b: float):
+    """Measured 1.98 and 1.99; 1.02 for the first without {H_1(t_1), H_1(t_0)}."""
+    model, field = turning(a, b)
+    exact = second_moments(field)
+    coarse, fine = (np.abs(enumerated(model, count) - exact).max() for count in (32, 64))
+    assert np.log2(coarse / fine) == pytest.approx(2, abs=0.06)
+
+
 def test_order_holds_for_several_degrees_of_freedom():
     """Momenta are eliminated only where the bracket is known beforehand."""
     assert slope(driven("kick", ndof=2), "gauss2_strong32", range(3, 6), finest=9) > 1.7
