@@ -19,6 +19,7 @@ from ._setup import build_info
 from .commutator import Commutator, commutator
 from .convergence import Convergence, convergence
 from .errors import PathsFailedWarning, ReferenceWarning, SymsdeError
+from .formulas import FormulaModel, model_from_sympy
 from .model import Model, Traits
 from .moments import Moments, moments
 from .report import Report
@@ -32,6 +33,7 @@ __version__ = build_info()["version"]
 __all__ = [
     "Commutator",
     "Convergence",
+    "FormulaModel",
     "Model",
     "Moments",
     "PathsFailedWarning",
@@ -49,6 +51,7 @@ __all__ = [
     "diagnose",
     "errors",
     "increments",
+    "model_from_sympy",
     "models",
     "moments",
     "numba_signature",

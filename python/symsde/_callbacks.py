@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,14 @@ RETURNS = {
 }
 # kind -> number of vectors (dof, lane) among the inputs after w
 _VECTORS = {"gradient": 2, "value": 2, "hessian": 2, "hessian_vector": 4, "gradient_hessian": 2}
+
+
+class WithData(NamedTuple):
+    """A compiled function, the address that it is handed as its user pointer, and what must live as long as it."""
+
+    function: Any
+    user_data: Any
+    keep_alive: Any = None
 
 
 class Failures:
@@ -116,7 +125,7 @@ def compiled(kind: str, function: object) -> tuple[ctypes._CFuncPtr, int | None]
     None for anything else.
     """
     user = None
-    if type(function).__name__ == "LowLevelCallable":
+    if isinstance(function, WithData) or type(function).__name__ == "LowLevelCallable":
         user = _address_of(function.user_data, "user_data of the LowLevelCallable")
         function = function.function
     if not isinstance(function, _PRECOMPILED) and hasattr(function, "address"):

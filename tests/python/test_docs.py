@@ -159,6 +159,16 @@ def test_blocks_of_the_user_guide(elsewhere):
     assert (elsewhere / "moments.csv").exists()
 
 
+def test_blocks_of_the_page_on_formulas(elsewhere, capsys):
+    pytest.importorskip("sympy")
+    names = {}
+    for block in blocks("docs/formulas.md", "python"):
+        exec(compile(block, "docs/formulas.md", "exec"), names)
+    text = capsys.readouterr().out
+    for words in ("formula(omega=2, sigma=0.4) 0.0", "separable=True", "True", "'x': False"):
+        assert words in text, words
+
+
 def test_blocks_of_the_readme(elsewhere):
     code = blocks("README.md", "python")
     assert code

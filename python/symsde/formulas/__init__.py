@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Formulas in, compiled models out.
+
+problem        what is given, checked, in names of its own
+derivatives    gradients and Hessians of weighted sums, as nodes of one graph
+graph          expressions in which equal parts are one node
+structure      traits and invariants, derived
+emit_c         C for the callbacks of the library
+compiler       the system's compiler, and a cache on disk
+model          `model_from_sympy`
+"""
+
+from .model import Formula, FormulaModel, model_from_sympy
+from .structure import Structure
+
+__all__ = ["Formula", "FormulaModel", "Structure", "model_from_sympy"]

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Generated C compiled by the system's compiler, kept on disk for every process that wants the same again.
+
+A file is known by a hash of its text (which holds the formulas, the sets of outputs and all that the generator does,
+but no values of parameters), of the compiler with its version, the flags, and what the processor can. It appears
+under its name whole or not at all, so that any number of processes may want it at once.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InvalidArgumentError, NotWrittenError
+
+# No contraction: the bits do not depend on the processor, and an output has the same ones in every function.
+FLAGS = ("-std=c11", "-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
+FLAGS += ("-ffp-contract=off", "-fno-semantic-interposition", "-w")
+if platform.machine() in ("x86_64", "AMD64"):
+    FLAGS += ("-mprefer-vector-width=512",)  # where the processor has them: 1.0 instead of 1.12 of the built-in's time
+TIME_LIMIT = 120.0  #: seconds of one compilation
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A compiled file."""
+
+    library: ctypes.CDLL
+    path: Path
+    seconds: float  #: of compilation; 0 = it was there
+
+
+def command() -> list[str] | None:
+    """The C compiler: SYMSDE_CC, CC, or the system's cc, gcc or clang; None where there is none."""
+    for given in (os.environ.get("SYMSDE_CC"), os.environ.get("CC"), "cc", "gcc", "clang"):
+        words = shlex.split(given) if given else []
+        if words and shutil.which(words[0]):
+            return words
+    return None
+
+
+def folder() -> Path:
+    """Where compiled formulas are kept: SYMSDE_CACHE, or symsde below the user's folder for caches."""
+    chosen = os.environ.get("SYMSDE_CACHE")
+    if chosen:
+        return Path(chosen)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "symsde"
+
+
+def build(source: str) -> Compiled:
+    """The library of a C text, compiled unless that was done before."""
+    compiler = command()
+    if compiler is None:
+        raise InvalidArgumentError("there is no C compiler: install gcc or clang, or set SYMSDE_CC to one")
+    key = _key(source, tuple(compiler))
+    place = _usable(folder())
+    target = place / f"{key}.so"
+    seconds = 0.0
+    if not target.exists():
+        start = time.perf_counter()
+        _compile(compiler, source, target)
+        seconds = time.perf_counter() - start
+    try:
+        return Compiled(ctypes.CDLL(str(target)), target, seconds)
+    except OSError:  # damaged, or of another machine after all: once more
+        start = time.perf_counter()
+        _compile(compiler, source, target)
+        return Compiled(ctypes.CDLL(str(target)), target, time.perf_counter() - start)
+
+
+def _usable(place: Path) -> Path:
+    """The folder, made where it is missing; one of this process where it cannot be written, or is somebody else's."""
+    try:
+        place.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if os.access(place, os.W_OK) and place.stat().st_uid == os.getuid():
+            return place
+    except OSError:
+        pass
+    return _own_folder()
+
+
+@functools.cache
+def _own_folder() -> Path:
+    holder = tempfile.TemporaryDirectory(prefix="symsde-")
+    _own_folder.holder = holder  # removed when the process ends
+    return Path(holder.name)
+
+
+def _compile(compiler: list[str], source: str, target: Path) -> None:
+    """Compile beside the target, then put it in its place."""
+    try:
+        with tempfile.TemporaryDirectory(prefix=".making-", dir=target.parent) as making:
+            text, made = Path(making) / "formula.c", Path(making) / "formula.so"
+            text.write_text(source, encoding="utf-8")
+            words = [*compiler, *FLAGS, "-o", str(made), str(text), "-lm"]
+            try:
+                done = subprocess.run(words, capture_output=True, text=True, timeout=TIME_LIMIT, check=False)
+            except subprocess.TimeoutExpired:
+                raise InvalidArgumentError(
+                    f"compiling the formula took more than {TIME_LIMIT:g} s: write sums over sites as Sum(..., i), "
+                    "or take fewer degrees of freedom"
+                ) from None
+            if done.returncode != 0:
+                raise InvalidArgumentError(f"{shlex.join(compiler)} does not compile the formula: {done.stderr[:500]}")
+            os.replace(text, target.with_suffix(".c"))
+            os.replace(made, target)
+    except OSError as error:
+        raise NotWrittenError(
+            f"compiled formulas cannot be kept in {target.parent}: {error.strerror}: set SYMSDE_CACHE to a folder"
+        ) from error
+
+
+def _key(source: str, compiler: tuple[str, ...]) -> str:
+    parts = (source, *compiler, _version(compiler), *FLAGS, _processor())
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+
+@functools.cache
+def _version(compiler: tuple[str, ...]) -> str:
+    """What the compiler says of itself."""
+    done = subprocess.run([*compiler, "--version"], capture_output=True, text=True, timeout=30, check=False)
+    return done.stdout
+
+
+@functools.cache
+def _processor() -> str:
+    """What the processor can do: a folder of caches may be shared by several machines."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    return f"{platform.machine()} {flags}"

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Values, gradients and Hessians of weighted sums S = sum_j w_j H_j as nodes of one graph.
+
+Derivatives are taken of every H_j by symengine (sympy where it is not installed, which takes a hundred times as
+long). S stays a sum of products weight x coefficient x function: where several Hamiltonians share a function of the
+state, as (omega^2 w_0 + sigma w_2) sin q, it is multiplied once.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from .._files import optional
+from ..errors import InvalidArgumentError
+from .graph import Graph
+from .problem import Problem, quoted
+
+BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
+
+
+def engine():
+    """symengine, or sympy."""
+    try:
+        return importlib.import_module("symengine")
+    except ImportError:
+        return optional("sympy", "sympy")
+
+
+class Derivatives:
+    """All derivatives of a problem; zero where a derivative vanishes."""
+
+    def __init__(self, problem: Problem):
+        """Differentiate."""
+        self.problem = problem
+        self.graph = Graph()
+        self._engine = engine()
+        self._symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
+        try:
+            self.hamiltonians = [self._engine.sympify(_free(h)) for h in problem.hamiltonians]
+        except (TypeError, ValueError, RuntimeError, NotImplementedError):
+            raise InvalidArgumentError(f"the formula {quoted(problem.texts[0])} cannot be differentiated") from None
+        self._entries: dict[tuple, list[Any]] = {}
+        self.outputs = {"value": [self._weighted(self.hamiltonians, "")]}
+        for block, variables in BLOCKS.items():
+            self.outputs[block] = self._block(variables)
+
+    def of(self, *variables: str) -> list[Any]:
+        """Derivatives of every H_j by these variables."""
+        if not variables:
+            return self.hamiltonians
+        key = tuple(sorted(variables))
+        if key not in self._entries:
+            before, last = self.of(*key[:-1]), self._symbol[key[-1]]
+            self._entries[key] = [h.diff(last) if last in h.free_symbols else 0 * last for h in before]
+        return self._entries[key]
+
+    def _block(self, variables: str) -> list[int]:
+        """Nodes of a block of derivatives: [i] or, by rows, [j][i] with i of the first letter, j of the second."""
+        names = [self.problem.coordinates(letter) for letter in variables]
+        if len(names) == 1:
+            return [self._weighted(self.of(x), x) for x in names[0]]
+        return [self._weighted(self.of(x, y), x + y) for y in names[1] for x in names[0]]
+
+    def _weighted(self, expressions: list[Any], what: str) -> int:
+        """The node of sum_j w_j e_j."""
+        graph, lanes = self.graph, self.problem.lanes
+        table: dict[Any, dict[int, Any]] = {}
+        try:
+            for j, e in enumerate(expressions):
+                for factor, function in self._terms(e):
+                    row = table.setdefault(function, {})
+                    row[j] = row.get(j, 0) + factor
+            weights = [graph.leaf(f"w{j}", True) for j in range(len(expressions))]
+            terms, alone = [], {}
+            for function, row in table.items():
+                parts = {j: graph.add(self._engine.sympify(factor), lanes) for j, factor in row.items()}
+                if len(parts) == 1:
+                    [(j, factor)] = parts.items()
+                    alone.setdefault(j, []).append((factor, graph.add(function, lanes)))
+                else:
+                    coefficient = graph.sum(graph.multiply(factor, weights[j]) for j, factor in parts.items())
+                    terms.append(graph.multiply(coefficient, graph.add(function, lanes)))
+            for j, group in alone.items():
+                if len(group) == 1:
+                    [(factor, function)] = group
+                    terms.append(graph.multiply(graph.multiply(factor, weights[j]), function))
+                else:
+                    inner = graph.sum(graph.multiply(factor, function) for factor, function in group)
+                    terms.append(graph.multiply(weights[j], inner))
+        except InvalidArgumentError as error:
+            where = f"the derivative by {what} of " if what else ""
+            raise InvalidArgumentError(f"{where}{quoted(self.problem.texts[0])} or its noises: {error}") from error
+        return graph.sum(terms)
+
+    def _terms(self, e: Any) -> list[tuple[Any, Any]]:
+        """An expression as terms (what is the same for all lanes) x (a function of the state)."""
+        one = self._engine.Integer(1)
+        result = []
+        for term in e.args if type(e).__name__ == "Add" else (e,):
+            factor, function = one, one
+            for x in term.args if type(term).__name__ == "Mul" else (term,):
+                if any(self.problem.lanes[s.name] for s in x.free_symbols):
+                    function = function * x
+                else:
+                    factor = factor * x
+            if factor != 0:
+                result.append((factor, function))
+        return result
+
+
+def _free(expression: Any) -> Any:
+    """The expression with symbols that assume nothing, as symengine's do."""
+    sympy = optional("sympy", "sympy")
+    return expression.xreplace({x: sympy.Symbol(x.name) for x in expression.free_symbols})

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Formulas as they are given: checked, and with names of their own for coordinates, parameters and time.
+
+Users call their variables A0, E, pi or double: from here on they are q0 .. , p0 .. , c0 .. and t, and nothing that a
+user writes reaches generated code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .. import _checks
+from .._files import optional
+from ..errors import InvalidArgumentError, WrongTypeError
+from .graph import FUNCTIONS
+
+MAX_DOF = 64
+
+
+@dataclass(frozen=True)
+class Problem:
+    """H_0 = H, H_1 .. H_m in the symbols q0 .. , p0 .. (coordinates), c0 .. (parameters) and t."""
+
+    hamiltonians: tuple[Any, ...]  #: expressions of sympy
+    invariants: tuple[Any, ...]  #: candidates, expressions of sympy
+    texts: tuple[str, ...]  #: as the user wrote them, for sentences
+    ndof: int
+    parameters: dict[str, float]  #: name -> value, in the order of c0, c1, ..
+
+    @property
+    def nnoise(self) -> int:
+        """Noises m."""
+        return len(self.hamiltonians) - 1
+
+    def coordinates(self, letter: str) -> list[str]:
+        """Names q0 .. or p0 .. ."""
+        return [f"{letter}{i}" for i in range(self.ndof)]
+
+    @property
+    def lanes(self) -> dict[str, bool]:
+        """Every name -> whether it differs from lane to lane."""
+        names = dict.fromkeys(["t", *(f"c{k}" for k in range(len(self.parameters)))], False)
+        return names | dict.fromkeys([*self.coordinates("q"), *self.coordinates("p")], True)
+
+
+def quoted(text: str) -> str:
+    """A formula as it stands in a sentence, cut to a length that fits one."""
+    return repr(text if len(text) <= 80 else text[:77] + "...")
+
+
+def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
+    """Check everything that is given; errors quote the formula."""
+    sympy = optional("sympy", "sympy")
+    coordinates = {"q": _several("q", q), "p": _several("p", p)}
+    ndof = len(coordinates["q"])
+    if ndof == 0 or len(coordinates["p"]) != ndof:
+        raise InvalidArgumentError(
+            f"q names {ndof} coordinates and p {len(coordinates['p'])} momenta: give as many of each, one at least"
+        )
+    if ndof > MAX_DOF:
+        raise InvalidArgumentError(
+            f"q names {ndof} coordinates: formulas without sums over sites are for {MAX_DOF} at most"
+        )
+    names = _Names(sympy, coordinates, params, t)
+    given = [H, *_several("noise", noise)]
+    candidates = _several("invariants", invariants)
+    expressions = [names.canonical(x) for x in (*given, *candidates)]
+    return Problem(
+        hamiltonians=tuple(expressions[: len(given)]),
+        invariants=tuple(expressions[len(given) :]),
+        texts=tuple(str(x) for x in (*given, *candidates)),
+        ndof=ndof,
+        parameters=names.values,
+    )
+
+
+def _several(what: str, given: Any) -> list[Any]:
+    """One thing or a sequence of them, as a list."""
+    if given is None:
+        return []
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        return [given]
+    if isinstance(given, Mapping | set):
+        raise WrongTypeError(f"{what} = {_checks.shown(given)} has no order: give a list")
+    return list(given)
+
+
+class _Names:
+    """The user's symbols, and what they are called from here on."""
+
+    def __init__(self, sympy, coordinates: dict[str, Sequence], params: Mapping | None, t: Any):
+        self.sympy = sympy
+        self.values: dict[str, float] = {}
+        self.known: dict[str, Any] = {}  # the user's name -> symbol from here on
+        self.moving: dict[Any, Any] = {}  # functions q(t) -> symbol
+        for letter, given in coordinates.items():
+            for i, x in enumerate(given):
+                self._coordinate(f"{letter}{i}", x)
+        self._parameters({} if params is None else params)
+        self._time(t)
+
+    def _coordinate(self, name: str, given: Any) -> None:
+        symbol = self.sympy.Symbol(name, real=True)
+        if isinstance(given, self.sympy.core.function.AppliedUndef):  # dynamicsymbols
+            self.moving[given] = symbol
+            given = str(given)
+        self._name(given, symbol)
+
+    def _parameters(self, params: Mapping) -> None:
+        if not isinstance(params, Mapping):
+            raise WrongTypeError(f"params = {_checks.shown(params)} is no table: give a dict, name -> number")
+        for k, (key, value) in enumerate(params.items()):
+            symbol = self.sympy.Symbol(f"c{k}", real=True)
+            self._name(key, symbol)
+            self.values[str(key)] = _checks.finite(f"the parameter {key}", value)
+
+    def _time(self, t: Any) -> None:
+        symbol = self.sympy.Symbol("t", real=True)
+        if t is not None:
+            self._name(t, symbol)
+        elif "t" not in self.known:
+            self.known["t"] = symbol
+
+    def _name(self, given: Any, symbol: Any) -> None:
+        if not isinstance(given, str | self.sympy.Symbol):
+            raise WrongTypeError(f"{_checks.shown(given)} is no name: give symbols of sympy, or their names as text")
+        name = str(given)
+        if name in self.known:
+            raise InvalidArgumentError(f"the name {name!r} is given twice: q, p, params and t need names of their own")
+        self.known[name] = symbol
+
+    def canonical(self, given: Any) -> Any:
+        """A formula in the names from here on."""
+        sympy = self.sympy
+        if isinstance(given, str):
+            raise WrongTypeError(f"the formula {quoted(given)} is a text: give an expression of sympy")
+        try:
+            expression = sympy.sympify(given, strict=True)
+        except (sympy.SympifyError, TypeError):
+            raise WrongTypeError(f"{_checks.shown(given)} is no formula: give an expression of sympy") from None
+        if not isinstance(expression, sympy.Expr) or expression.is_Matrix:
+            raise WrongTypeError(f"{_checks.shown(given)} is no scalar formula: give one expression")
+        text = quoted(str(given))
+        self._refuse_strangers(expression, text)
+        expression = expression.xreplace({**{x: self.known[x.name] for x in expression.free_symbols}, **self.moving})
+        if expression.has(sympy.I, sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
+            raise InvalidArgumentError(f"the formula {text} is not real and finite: Hamiltonians are real")
+        return expression
+
+    def _refuse_strangers(self, expression: Any, text: str) -> None:
+        sympy = self.sympy
+        if expression.has(sympy.Derivative):
+            raise InvalidArgumentError(f"the formula {text} holds a derivative: write Hamiltonians in q and p")
+        for x in sorted(expression.atoms(sympy.core.function.AppliedUndef) - set(self.moving), key=str):
+            raise InvalidArgumentError(
+                f"the formula {text} holds {x}, which is no coordinate: name it in q or p, or write out the function; "
+                f"there are {', '.join(FUNCTIONS)}"
+            )
+        for x in sorted(expression.free_symbols, key=str):
+            if getattr(x, "name", None) not in self.known:
+                near = _checks.nearest(str(x), self.known)
+                raise InvalidArgumentError(
+                    f"the formula {text} holds {x}, which is not given: there are {near}; "
+                    "name it in q or p, or give its value in params"
+                )
