@@ -9,7 +9,7 @@ module symsde_base_record
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
-   public :: step_record, step_store, step_request, new_step_store
+   public :: step_record, steps_record, step_store, step_request, new_step_store
 
    !> The values of one functional in one step, and in all steps of a store.
    type :: functional_values
@@ -28,6 +28,25 @@ module symsde_base_record
       type(functional_values) :: of(nfunctional)          !! of(path_dz)%x, ..; null where not asked for
    end type step_record
 
+   !> The values of one functional in several steps.
+   type :: functional_run
+      real(wp), pointer, contiguous :: x(:, :, :) => null()  !! (nlane, functional_count, nstep)
+   end type functional_run
+
+   !> Several steps that follow each other, for a model that takes them by itself. The states after every
+   !> `every`-th of them are asked for. The record lives no longer than what it points to.
+   type :: steps_record
+      integer :: nlane = 0, nnoise = 0
+      integer :: nreal = 0                                   !! lanes past it are padding, and need not be computed
+      integer :: nstep = 0                                   !! a multiple of every
+      integer :: every = 1
+      real(wp) :: t = 0                                      !! when the first step begins [time]
+      real(wp) :: h = 0                                      !! each step, with its sign [time]
+      integer :: max_iter = 0                                !! bound of a solver's iterations in a step
+      real(wp), pointer, contiguous :: w(:, :, :) => null()  !! h, dW_1 .. dW_m (nlane, 0:nnoise, nstep)
+      type(functional_run) :: of(nfunctional)                !! of(path_dz)%x, ..; null where not asked for
+   end type steps_record
+
    !> Steps that follow each other.
    type :: step_store
       integer :: nlane = 0, nnoise = 0
@@ -38,6 +57,7 @@ module symsde_base_record
       type(functional_steps) :: of(nfunctional)
    contains
       procedure :: show
+      procedure :: show_several
    end type step_store
 
    !> Which paths and steps a source is asked for.
@@ -78,7 +98,7 @@ contains
       class(step_store), intent(in), target :: self
       integer, intent(in) :: i                !! 0 .. room-1
       real(wp), intent(in) :: t
-      type(step_record), intent(out) :: step
+      type(step_record), intent(inout) :: step  !! the last one shown, or a new one
       integer :: f
 
       step%t = t
@@ -89,5 +109,26 @@ contains
          if (self%asked%has(f)) step%of(f)%x => self%of(f)%x(:, :, i)
       end do
    end subroutine show
+
+   !> Steps i .. i+nstep-1 of the store, the first of which begins at the time t: what the store knows of them.
+   subroutine show_several(self, i, nstep, t, steps)
+      class(step_store), intent(in), target :: self
+      integer, intent(in) :: i                !! 0 .. room-nstep
+      integer, intent(in) :: nstep
+      real(wp), intent(in) :: t
+      type(steps_record), intent(inout) :: steps
+      integer :: f
+
+      steps%nlane = self%nlane
+      steps%nnoise = self%nnoise
+      steps%nstep = nstep
+      steps%t = t
+      steps%h = self%h
+      steps%w(1:, 0:, 1:) => self%w(:, :, i:i + nstep - 1)
+      if (self%asked%is_empty()) return
+      do f = 1, nfunctional
+         if (self%asked%has(f)) steps%of(f)%x => self%of(f)%x(:, :, i:i + nstep - 1)
+      end do
+   end subroutine show_several
 
 end module symsde_base_record

@@ -8,19 +8,19 @@ module symsde_ensemble_block
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: path_of_lane
-   use symsde_base_record, only: step_record, step_store, step_request, new_step_store
+   use symsde_base_record, only: step_record, steps_record, step_store, step_request, new_step_store
    use symsde_base_status, only: stopped
    use symsde_ensemble_initial_state, only: initial_state
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
    use symsde_noise_source, only: noise_type
-   use symsde_step_fused, only: fused_stepper_type, group
    use symsde_step_rescue, only: rescue_type
    use symsde_step_state, only: lane_state, new_lane_state
    use symsde_step_stepper, only: stepper_type
+   use symsde_step_whole, only: whole_stepper
    implicit none
    private
-   public :: block_runner, new_block_runner, pairs_ahead
+   public :: block_runner, new_block_runner, pairs_ahead, states_ahead
 
    !> All that one thread needs: nothing in it is shared with other threads except read-only data.
    type :: block_runner
@@ -40,8 +40,13 @@ module symsde_ensemble_block
       integer(i8) :: normals_of_pair = 0   !! drawn for one path in a pair of steps
       integer(i8) :: chunk = 1             !! steps of a chunk, adapted to the clock
       type(counters_type) :: counters      !! steps and normals
-      real(wp), allocatable :: dq(:, :), dp(:, :)  !! increments of a step, or the state after fused steps
-      logical :: fused = .false.                   !! the stepper takes several steps at once
+      real(wp), allocatable :: dq(:, :), dp(:, :)  !! increments of a step (nlane, ndof)
+      logical :: whole = .false.                   !! the model takes steps as a whole, several at once
+      type(steps_record) :: steps                  !! those
+      integer :: nout = 1                          !! states after them that fit
+      real(wp), allocatable :: qn(:, :, :), pn(:, :, :)  !! these states (nlane, ndof, nout)
+      real(wp), allocatable :: times(:)                  !! when (nout)
+      integer(i8), allocatable :: status(:)              !! of their lanes (nlane)
    contains
       procedure :: begin
       procedure :: pass_over
@@ -53,6 +58,7 @@ module symsde_ensemble_block
 
    integer, parameter :: few_lanes = 8, few_noises = 8
    integer, parameter :: most_increments = 32768  !! of a block that are drawn ahead: 256 kB
+   integer(i8), parameter :: most_states = 4096   !! values of q that are kept until they are shown: 32 kB
    real(wp), parameter :: longest_chunk = 0.05_wp  !! seconds
 
 contains
@@ -78,18 +84,34 @@ contains
          allocate (self%request%path(nlane), self%dq(nlane, ham%ndof), self%dp(nlane, ham%ndof))
       end associate
       select type (stepper => self%stepper)
-      class is (fused_stepper_type)
-         self%fused = .not. options%compensated  ! low parts are kept step by step
+      class is (whole_stepper)
+         self%whole = .true.
+         self%steps%max_iter = stepper%max_iter
+         self%nout = states_ahead(nlane, stepper%ham%ndof)
+         associate (n => stepper%ham%ndof)
+            allocate (self%qn(nlane, n, self%nout), self%pn(nlane, n, self%nout), self%times(self%nout))
+         end associate
+         allocate (self%status(nlane))
       end select
    end subroutine new_block_runner
 
+   !> States after whole steps that are kept until they are shown.
+   pure integer function states_ahead(nlane, ndof)
+      integer, intent(in) :: nlane, ndof
+
+      states_ahead = int(max(1_i8, min(128_i8, most_states/(int(nlane, i8)*ndof))))
+   end function states_ahead
+
    !> Pairs of steps whose increments are drawn at once: two make use of all words of a draw, four of the
-   !> fastest kernel, and the few paths of a small block fill the lanes of the generator with steps.
+   !> fastest kernel, more spare passes over the block where a model takes whole steps, and the few paths of a small
+   !> block fill the lanes of the generator with steps.
    pure integer function pairs_ahead(nlane, nnoise)
       integer, intent(in) :: nlane, nnoise
 
       if (nlane <= few_lanes .and. nnoise <= few_noises) then
          pairs_ahead = 64
+      else if (32_i8*nlane*nnoise <= most_increments) then
+         pairs_ahead = 16
       else if (8_i8*nlane*nnoise <= most_increments) then
          pairs_ahead = 4
       else
@@ -151,8 +173,13 @@ contains
       call system_clock(ticks, rate)
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%state%nlane)
-         call one_step_or_groups(self, min(last - self%step, steps_to_save(self)))
-         if (steps_to_save(self) == self%options%save_every) call save_point(self)
+         if (self%step/2 /= self%pair) call draw(self)
+         if (self%whole) then
+            call whole_steps(self, last - self%step)
+         else
+            call one_step(self)
+            if (steps_to_save(self) == self%options%save_every) call save_point(self)
+         end if
       end do
       call system_clock(ticks_end)
       seconds = real(ticks_end - ticks, wp)/real(rate, wp)
@@ -169,25 +196,6 @@ contains
 
       steps_to_save = self%options%save_every - mod(self%step - self%options%first_step, self%options%save_every)
    end function steps_to_save
-
-   !> One step, or groups of fused ones where as many are left and have their increments.
-   subroutine one_step_or_groups(self, left)
-      type(block_runner), intent(inout) :: self
-      integer(i8), intent(in) :: left  !! steps that may be taken
-      integer :: n, fit
-
-      if (self%step/2 /= self%pair .and. self%noise%nnoise > 0) call draw(self)
-      n = 1
-      if (self%fused) then
-         fit = int(max(0_i8, min(left, 2*(self%request%pair + self%nahead) - self%step)))
-         if (fit >= group) n = fit - mod(fit, group)
-      end if
-      if (self%fused) then
-         call fused_steps(self, n)
-      else
-         call one_step(self)
-      end if
-   end subroutine one_step_or_groups
 
    !> One step of the block.
    subroutine one_step(self)
@@ -206,36 +214,102 @@ contains
       call account(self, 1)
    end subroutine one_step
 
-   !> One fused step or groups of them; where a lane fails they are taken again step by step, to say in which.
-   recursive subroutine fused_steps(self, n)
+   !> Steps that the model takes as a whole: as many as are left and have been drawn, up to the next saved point, or
+   !> from saved point to saved point.
+   subroutine whole_steps(self, left)
       type(block_runner), intent(inout) :: self
-      integer, intent(in) :: n
+      integer(i8), intent(in) :: left  !! steps that may be taken
+      integer(i8) :: most, ahead
+      integer :: n
+
+      most = min(left, 2*(self%request%pair + self%nahead) - self%step)
+      ahead = steps_to_save(self)
+      if (ahead == self%options%save_every .and. ahead <= most) then
+         n = int(min(most/ahead, int(self%nout, i8)))
+         call take_whole(self, n, int(ahead))
+      else
+         call take_whole(self, 1, int(min(ahead, most)))
+      end if
+   end subroutine whole_steps
+
+   !> nout states, each after `every` more steps; all of these are saved points, or one that may be none. Where a
+   !> lane fails the steps are taken again one by one, to say in which.
+   recursive subroutine take_whole(self, nout, every)
+      type(block_runner), intent(inout) :: self
+      integer, intent(in) :: nout, every
       logical :: taken
       integer :: i
 
-      i = place(self)
+      call self%store%show_several(place(self), nout*every, time_of(self, self%step), self%steps)
+      self%steps%every = every
+      self%steps%nreal = self%nreal
+      self%status = self%state%status
       select type (stepper => self%stepper)
-      class is (fused_stepper_type)
-         call stepper%several(n, self%store%w(:, :, i:i + n - 1), self%state%q, self%state%p, self%dq, self%dp)
-         call self%state%take(n, self%step, self%dq, self%dp, taken)
-         if (taken) call stepper%count_steps(n)
+      class is (whole_stepper)
+         call stepper%flow(self%steps, self%state%q, self%state%p, self%qn, self%pn, self%status)
       end select
+      call self%state%judge(self%nreal, nout, self%status, self%qn, self%pn, taken)
       if (taken) then
-         call account(self, n)
-         return
+         call show_states(self, nout, every)
+      else if (nout*every == 1) then
+         call settle_failures(self)
+      else
+         do i = 1, nout*every
+            if (self%state%nfailed == self%state%nlane) exit
+            call take_whole(self, 1, 1)
+         end do
       end if
-      do i = 1, n
-         if (self%state%nfailed == self%state%nlane) exit
-         call fused_steps(self, 1)
-      end do
-   end subroutine fused_steps
+   end subroutine take_whole
+
+   !> The states that were taken, to the observer where they are saved points.
+   subroutine show_states(self, nout, every)
+      type(block_runner), intent(inout) :: self
+      integer, intent(in) :: nout, every
+      integer(i8) :: first
+      integer :: k
+
+      first = self%step + every
+      call account(self, nout*every)
+      if (steps_to_save(self) == self%options%save_every) then
+         do k = 1, nout
+            self%times(k) = time_of(self, first + (k - 1)*int(every, i8))
+         end do
+         call self%observer%observe_several((first - self%options%first_step)/self%options%save_every, nout, &
+                                            self%times, self%qn, self%pn, self%state)
+      else
+         self%state%q = self%qn(:, :, nout)
+         self%state%p = self%pn(:, :, nout)
+      end if
+   end subroutine show_states
+
+   !> One step in which a lane failed: it is rescued where that is possible, or gets its status and step.
+   subroutine settle_failures(self)
+      type(block_runner), intent(inout) :: self
+      type(step_record) :: step
+      integer :: lane
+
+      associate (s => self%state)
+         s%status = self%status
+         if (self%rescue%available) then
+            call self%store%show(place(self), time_of(self, self%step), step)
+            call self%rescue%attempt(s%nlane, step, s%q, s%p, s%failed_step, self%dq, self%dp, s%status)
+            do lane = 1, self%nreal
+               if (self%status(lane) == 0 .or. s%status(lane) /= 0) cycle
+               self%qn(lane, :, 1) = s%q(lane, :) + self%dq(lane, :)
+               self%pn(lane, :, 1) = s%p(lane, :) + self%dp(lane, :)
+            end do
+         end if
+         call s%settle(self%step, self%qn(:, :, 1), self%pn(:, :, 1))
+      end associate
+      call account(self, 1)
+      if (steps_to_save(self) == self%options%save_every) call save_point(self)
+   end subroutine settle_failures
 
    !> Where in the store the next step stands.
    pure integer function place(self)
       type(block_runner), intent(in) :: self
 
-      place = int(mod(self%step, 2_i8))
-      if (self%nahead > 0) place = int(self%step - 2*self%request%pair)
+      place = int(self%step - 2*self%request%pair)
    end function place
 
    !> What drives the pair of steps that begins: drawn ahead, or asked of the source, for several pairs from an
@@ -250,6 +324,7 @@ contains
       self%request%pair = pair - mod(pair, min(2_i8, int(self%npair, i8)))
       self%nahead = int(min(int(self%npair, i8), last - self%request%pair + 1))
       self%request%npair = self%nahead
+      if (self%noise%nnoise == 0) return
       call self%noise%fill(self%request, self%store, drawn)
       self%normals_of_pair = drawn/self%nahead
    end subroutine draw

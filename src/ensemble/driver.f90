@@ -262,6 +262,7 @@ contains
       choice%general = options%general
       choice%newton%max_iter = options%max_iter
       choice%newton%fixed_point = options%fixed_point
+      choice%as_increments = options%compensated
       call resolve_correction(report%correction, model, scheme, options%correction, error)
       if (allocated(error)) return
       allocate (runners(report%nthread), stat=info)

@@ -8,13 +8,14 @@ module symsde_ensemble_observer
    use symsde_step_state, only: lane_state
    implicit none
    private
-   public :: observer_type
+   public :: observer_type, observe_each
 
    type, abstract :: observer_type
    contains
       procedure(begin_interface), deferred :: begin_block
       procedure(observe_interface), deferred :: observe
       procedure(end_interface), deferred :: end_block
+      procedure :: observe_several => observe_each
       procedure :: skip => nothing_to_skip
       procedure :: numbers => nothing_held
       procedure :: failure_code => never_failed
@@ -47,6 +48,24 @@ module symsde_ensemble_observer
    end interface
 
 contains
+
+   !> States at saved times number isave and following, of lanes with the status of state; it holds the last of them
+   !> afterwards. This default shows them one by one.
+   subroutine observe_each(self, isave, nsave, t, q, p, state)
+      class(observer_type), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      integer, intent(in) :: nsave
+      real(wp), intent(in) :: t(nsave)
+      type(lane_state), intent(inout) :: state
+      real(wp), intent(in) :: q(state%nlane, state%ndof, nsave), p(state%nlane, state%ndof, nsave)
+      integer :: k
+
+      do k = 1, nsave
+         state%q = q(:, :, k)
+         state%p = p(:, :, k)
+         call self%observe(isave + k - 1, t(k), state)
+      end do
+   end subroutine observe_each
 
    !> No lane counts from saved time number isave on: all have failed, or the run was stopped. Called once a
    !> block at most, instead of observe for each of those times. This default serves observers that keep nothing

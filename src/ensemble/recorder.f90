@@ -3,11 +3,13 @@
 module symsde_ensemble_recorder
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_ensemble_observer, only: observer_type
+   use symsde_ensemble_observer, only: observer_type, observe_each
    use symsde_step_state, only: lane_state
    implicit none
    private
    public :: path_recorder
+
+   integer, parameter :: few = 8  !! lanes of a block that are copied one by one
 
    !> Pointers to the caller's arrays, path first. The last good state is kept for resuming and diagnosis.
    type, extends(observer_type) :: path_recorder
@@ -23,6 +25,7 @@ module symsde_ensemble_recorder
    contains
       procedure :: begin_block
       procedure :: observe
+      procedure :: observe_several
       procedure :: end_block
       procedure :: skip
    end type path_recorder
@@ -54,6 +57,51 @@ contains
          end do
       end do
    end subroutine observe
+
+   !> Several times at once: for few lanes the loop over times is the inner one.
+   subroutine observe_several(self, isave, nsave, t, q, p, state)
+      class(path_recorder), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      integer, intent(in) :: nsave
+      real(wp), intent(in) :: t(nsave)
+      type(lane_state), intent(inout) :: state
+      real(wp), intent(in) :: q(state%nlane, state%ndof, nsave), p(state%nlane, state%ndof, nsave)
+      integer :: lane
+
+      if (self%nreal > few) then
+         call observe_each(self, isave, nsave, t, q, p, state)
+         return
+      end if
+      associate (last => isave + nsave)
+         do lane = 1, self%nreal
+            associate (path => self%offset + lane)
+               call copy_lane(lane, nsave, q, state%status(lane), self%q(:, :, isave + 1:last), path)
+               call copy_lane(lane, nsave, p, state%status(lane), self%p(:, :, isave + 1:last), path)
+            end associate
+         end do
+      end associate
+      state%q = q(:, :, nsave)
+      state%p = p(:, :, nsave)
+   end subroutine observe_several
+
+   !> One lane of x as a path of saved; NaN where it has a status.
+   pure subroutine copy_lane(lane, nsave, x, status, saved, path)
+      integer, intent(in) :: lane, nsave
+      integer(i8), intent(in) :: status, path
+      real(wp), intent(in), contiguous :: x(:, :, :)
+      real(wp), intent(inout), contiguous :: saved(:, :, :)  !! (npath, ndof, nsave)
+      integer :: i, k
+
+      if (status /= 0) then
+         saved(path, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
+         return
+      end if
+      do k = 1, nsave
+         do i = 1, size(x, 2)
+            saved(path, i, k) = x(lane, i, k)
+         end do
+      end do
+   end subroutine copy_lane
 
    !> NaN at all times from isave on.
    subroutine skip(self, isave)

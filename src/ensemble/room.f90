@@ -6,7 +6,7 @@ module symsde_ensemble_room
    use symsde_base_memory, only: memory_for, require_memory
    use symsde_base_status, only: error_type
    use symsde_base_text, only: to_text
-   use symsde_ensemble_block, only: pairs_ahead
+   use symsde_ensemble_block, only: pairs_ahead, states_ahead
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
@@ -52,12 +52,13 @@ contains
       type(run_options), intent(in) :: options
       integer, intent(in) :: nlane
       type(newton_options) :: newton
-      real(wp) :: ahead
+      real(wp) :: ahead, kept
 
       newton%fixed_point = options%fixed_point
       ahead = 2*pairs_ahead(nlane, model%traits%nnoise)
+      kept = 2*states_ahead(nlane, model%traits%ndof)
       numbers = stepper_numbers(model, scheme, newton, options%general, nlane) &
-                + nlane*(12.0_wp*model%traits%ndof + ahead*(model%traits%nnoise + 1)) &
+                + nlane*((12.0_wp + kept)*model%traits%ndof + ahead*(model%traits%nnoise + 1)) &
                 + noise_numbers(model%traits%nnoise, scheme%asks%needed_for(model%traits), nlane)
    end function block_numbers
 

@@ -13,7 +13,9 @@
 !> Procedures are called from several threads at once: compile models of your own with -fopenmp or
 !> -frecursive, or gfortran may make their large local arrays static.
 module symsde_model_abstract
-   use symsde_base_kinds, only: wp
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
    use symsde_base_traits, only: model_traits, strip_lanes
    implicit none
    private
@@ -37,6 +39,8 @@ module symsde_model_abstract
       procedure :: hessian_banded => hessian_banded_by_differences
       procedure :: force_stiffness => force_stiffness_composed
       procedure :: chain_rows => chain_rows_missing
+      procedure :: brings => brings_nothing
+      procedure :: flow => no_flow
       procedure :: failure_code => never_failed
       procedure :: clear_failure => nothing_to_clear
    end type model_type
@@ -208,6 +212,37 @@ contains
       hq = ieee_value(1.0_wp, ieee_quiet_nan)
       hqq = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine chain_rows_missing
+
+   !> Whether flow takes steps of this scheme. Schemes are asked for by the names of the catalogue; midpoint,
+   !> symplectic_euler, symplectic_euler_adjoint and stormer_verlet stand for every scheme that is one of these.
+   !> A flow is of the scheme as it stands, without the correction of one-sided schemes.
+   pure logical function brings_nothing(self, scheme) result(brings)
+      class(model_type), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      brings = .false.
+   end function brings_nothing
+
+   !> Steps of a scheme that the model brings, taken as a whole: from (q, p) to the states after every
+   !> steps%every-th step. What is promised: the result of a lane depends on its own numbers alone, and is the same,
+   !> bit for bit, whether steps are asked for one by one or many at once. A lane that fails gets a code of
+   !> base/status, or a state that is not finite and stays so; then steps are asked for one by one, and the
+   !> library finds out in which it was, and tries what it can. A lane with a status is not looked at any more.
+   subroutine no_flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+      class(model_type), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters  !! of the real lanes, where the model counts
+
+      qn = ieee_value(1.0_wp, ieee_quiet_nan)
+      pn = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine no_flow
 
    !> Nonzero after a user callback has refused: its own return code. Built-in models never refuse.
    integer function never_failed(self) result(code)

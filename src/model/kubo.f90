@@ -3,10 +3,14 @@
 !>
 !>    H = a (p^2 + q^2)/2,   H_1 = sigma (p^2 + q^2)/2
 module symsde_model_kubo
-   use symsde_base_kinds, only: wp
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
+   use symsde_model_kubo_flow, only: kubo_flow
+   use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow, oscillator_brings
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
    implicit none
@@ -22,6 +26,8 @@ module symsde_model_kubo
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
+      procedure :: brings
+      procedure :: flow
    end type kubo_model
 
 contains
@@ -75,5 +81,34 @@ contains
       if (present(hqq)) hqq(:, 1, 1) = a*w(:, 0) + sigma*w(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = a*w(:, 0) + sigma*w(:, 1)
    end subroutine evaluate
+
+   !> Whether flow takes steps of this scheme.
+   pure logical function brings(self, scheme)
+      class(kubo_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      brings = oscillator_brings(scheme)
+   end function brings
+
+   !> Whole steps, see model_type.
+   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(kubo_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      if (scheme == 'midpoint') then
+         call kubo_flow(self%a, self%sigma, steps, q, p, qn, pn, counters)
+      else
+         call oscillator_flow(oscillator_terms(rate=self%a, a=self%sigma, noise_a=1, &
+                                               c=self%sigma, noise_c=1), scheme, steps, &
+                              q, p, qn, pn, counters)
+      end if
+   end subroutine flow
 
 end module symsde_model_kubo

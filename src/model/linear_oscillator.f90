@@ -3,10 +3,13 @@
 !>
 !>    H = (p^2 + q^2)/2,   H_1 = -sigma q        so dp = -q dt + sigma dW, dq = p dt
 module symsde_model_linear_oscillator
-   use symsde_base_kinds, only: wp
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
+   use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow, oscillator_brings
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
    implicit none
@@ -22,6 +25,8 @@ module symsde_model_linear_oscillator
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
+      procedure :: brings
+      procedure :: flow
    end type linear_oscillator_model
 
 contains
@@ -70,5 +75,29 @@ contains
       if (present(hqq)) hqq(:, 1, 1) = w(:, 0)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate
+
+   !> Whether flow takes steps of this scheme.
+   pure logical function brings(self, scheme)
+      class(linear_oscillator_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      brings = oscillator_brings(scheme)
+   end function brings
+
+   !> Whole steps, see model_type.
+   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(linear_oscillator_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      call oscillator_flow(oscillator_terms(b=-self%sigma, noise_b=1), scheme, steps, &
+                           q, p, qn, pn, counters)
+   end subroutine flow
 
 end module symsde_model_linear_oscillator

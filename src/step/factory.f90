@@ -11,13 +11,11 @@ module symsde_step_factory
    use symsde_step_drift_preserving, only: drift_preserving_stepper
    use symsde_step_exact_rotation, only: exact_rotation_stepper
    use symsde_step_euler_maruyama, only: euler_maruyama_stepper
-   use symsde_step_euler_oscillator, only: euler_oscillator_stepper
    use symsde_step_explicit, only: explicit_stepper
    use symsde_step_galerkin, only: galerkin_stepper
    use symsde_step_general, only: general_stepper
    use symsde_step_midpoint, only: midpoint_stepper
    use symsde_step_midpoint_full, only: midpoint_full_stepper
-   use symsde_step_midpoint_kubo, only: midpoint_kubo_stepper
    use symsde_step_midpoint_single, only: midpoint_single_stepper
    use symsde_step_one_sided, only: one_sided_stepper
    use symsde_step_splitting, only: splitting_stepper
@@ -25,6 +23,7 @@ module symsde_step_factory
    use symsde_step_stepper, only: stepper_type, stepper_task
    use symsde_step_two_stage_single, only: two_stage_single_stepper
    use symsde_step_verlet_dz, only: verlet_dz_stepper
+   use symsde_step_whole, only: whole_stepper
    implicit none
    private
    public :: stepper_options, new_stepper, resolve_correction
@@ -33,6 +32,7 @@ module symsde_step_factory
       integer :: correction = correction_auto
       logical :: general = .false.   !! use the oracle of the scheme, whatever the traits allow
       type(newton_options) :: newton
+      logical :: as_increments = .false.  !! for compensated sums: no states, whose last place is coarser
    end type stepper_options
 
    type :: stepper_slot
@@ -45,24 +45,23 @@ contains
    subroutine list_steppers(list)
       type(stepper_slot), allocatable, intent(out) :: list(:)
 
-      allocate (list(17))
-      allocate (verlet_dz_stepper :: list(1)%stepper)
-      allocate (averaged_shift_stepper :: list(2)%stepper)
-      allocate (exact_rotation_stepper :: list(3)%stepper)
-      allocate (euler_maruyama_stepper :: list(4)%stepper)
-      allocate (galerkin_stepper :: list(5)%stepper)
-      allocate (euler_oscillator_stepper :: list(6)%stepper)
+      allocate (list(16))
+      allocate (whole_stepper :: list(1)%stepper)
+      allocate (verlet_dz_stepper :: list(2)%stepper)
+      allocate (averaged_shift_stepper :: list(3)%stepper)
+      allocate (exact_rotation_stepper :: list(4)%stepper)
+      allocate (euler_maruyama_stepper :: list(5)%stepper)
+      allocate (galerkin_stepper :: list(6)%stepper)
       allocate (explicit_stepper :: list(7)%stepper)
       allocate (drift_preserving_stepper :: list(8)%stepper)
-      allocate (midpoint_kubo_stepper :: list(9)%stepper)
-      allocate (midpoint_stepper :: list(10)%stepper)
-      allocate (midpoint_single_stepper :: list(11)%stepper)
-      allocate (midpoint_full_stepper :: list(12)%stepper)
-      allocate (one_sided_stepper :: list(13)%stepper)
-      allocate (two_stage_single_stepper :: list(14)%stepper)
-      allocate (stages_stepper :: list(15)%stepper)
-      allocate (general_stepper :: list(16)%stepper)
-      allocate (splitting_stepper :: list(17)%stepper)
+      allocate (midpoint_stepper :: list(9)%stepper)
+      allocate (midpoint_single_stepper :: list(10)%stepper)
+      allocate (midpoint_full_stepper :: list(11)%stepper)
+      allocate (one_sided_stepper :: list(12)%stepper)
+      allocate (two_stage_single_stepper :: list(13)%stepper)
+      allocate (stages_stepper :: list(14)%stepper)
+      allocate (general_stepper :: list(15)%stepper)
+      allocate (splitting_stepper :: list(16)%stepper)
    end subroutine list_steppers
 
    !> Choose and construct. Refuses combinations that do not fit, with the reason.
@@ -87,6 +86,7 @@ contains
       task%scheme = scheme
       task%nlane = nlane
       task%newton = options%newton
+      task%as_increments = options%as_increments
       call list_steppers(list)
       do i = 1, size(list)
          if (options%general .and. .not. list(i)%stepper%is_oracle()) cycle

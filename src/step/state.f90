@@ -18,7 +18,8 @@ module symsde_step_state
       real(wp), allocatable, private :: bad(:)
    contains
       procedure :: advance
-      procedure :: take
+      procedure :: judge
+      procedure :: settle
    end type lane_state
 
 contains
@@ -60,37 +61,43 @@ contains
       if (nbad > self%nfailed) call record(self, step, dq, dp)
    end subroutine advance
 
-   !> The state after nstep fused steps, in exchange for the arrays of this one. A lane that would not stay
-   !> finite fails in its last step; of several steps nothing is taken then, for it is not known in which.
-   subroutine take(self, nstep, step, q, p, taken)
+   !> Judge states that a model took whole steps to, before they are shown: taken says that no further lane has failed.
+   !> Lanes that had failed keep their last good state in all of them. What is not taken is left to single steps: of
+   !> several it is not known in which a lane failed.
+   subroutine judge(self, nreal, nout, status, q, p, taken)
       class(lane_state), intent(inout) :: self
-      integer, intent(in) :: nstep
-      integer(i8), intent(in) :: step                       !! absolute step, for the record of a failure
-      real(wp), allocatable, intent(inout) :: q(:, :), p(:, :)
+      integer, intent(in) :: nreal, nout
+      integer(i8), intent(in) :: status(self%nlane)         !! as the model left it
+      real(wp), intent(inout) :: q(self%nlane, self%ndof, nout), p(self%nlane, self%ndof, nout)
       logical, intent(out) :: taken
       integer :: nbad
 
-      call settle(self%nlane, self%ndof, self%q, self%p, self%status, q, p, self%bad, nbad)
-      taken = nstep == 1 .or. nbad == self%nfailed
-      if (.not. taken) return
-      call exchange(self%q, q)
-      call exchange(self%p, p)
-      if (nbad == self%nfailed) return
-      where (self%bad > 0 .and. self%status == 0)
-         self%status = nonfinite
-         self%failed_step = step
-      end where
-      self%nfailed = nbad
-   end subroutine take
+      call find_bad_states(self%nlane, self%ndof*nout, nreal, status, q, p, self%bad, nbad)
+      taken = nbad == self%nfailed - (self%nlane - nreal)
+      if (taken .and. nbad > 0) call keep(self%nlane, self%ndof, nout, self%q, self%p, self%status, q, p)
+   end subroutine judge
 
-   subroutine exchange(x, y)
-      real(wp), allocatable, intent(inout) :: x(:, :), y(:, :)
-      real(wp), allocatable :: z(:, :)
+   !> Take the states after one step where they are finite and the lane is still ok.
+   subroutine settle(self, step, q, p)
+      class(lane_state), intent(inout) :: self
+      integer(i8), intent(in) :: step                       !! absolute step, for the record of a failure
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      integer :: lane
 
-      call move_alloc(x, z)
-      call move_alloc(y, x)
-      call move_alloc(z, y)
-   end subroutine exchange
+      do lane = 1, self%nlane
+         if (self%failed_step(lane) >= 0) cycle
+         if (self%status(lane) == 0) then
+            if (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p))) then
+               self%q(lane, :) = q(lane, :)
+               self%p(lane, :) = p(lane, :)
+               cycle
+            end if
+            self%status(lane) = nonfinite
+         end if
+         self%failed_step(lane) = step
+      end do
+      self%nfailed = count(self%status /= 0)
+   end subroutine settle
 
    !> Give the lanes that failed in this step their status and step.
    subroutine record(self, step, dq, dp)
@@ -137,41 +144,44 @@ contains
       nbad = int(count)
    end subroutine advance_one
 
-   !> VEC New states are the old ones in lanes that have failed or would not stay finite: bad = 1.
-   pure subroutine settle(nlane, ndof, q, p, status, qn, pn, bad, nbad)
-      integer, intent(in) :: nlane, ndof
-      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
+   !> VEC How many of the real lanes have a status, or a state among the n that is not finite.
+   pure subroutine find_bad_states(nlane, n, nreal, status, q, p, bad, nbad)
+      integer, intent(in) :: nlane, n, nreal
       integer(i8), intent(in) :: status(nlane)
-      real(wp), intent(inout) :: qn(nlane, ndof), pn(nlane, ndof)
+      real(wp), intent(in) :: q(nlane, n), p(nlane, n)
       real(wp), intent(out) :: bad(nlane)
       integer, intent(out) :: nbad
-      integer(i8) :: count
-      logical :: ok
       integer :: lane, i
 
-      do lane = 1, nlane
-         bad(lane) = 0*qn(lane, 1) + 0*pn(lane, 1)  ! NaN where one of the two is not finite
-      end do
-      do i = 2, ndof
+      bad = 0
+      do i = 1, n
          do lane = 1, nlane
-            bad(lane) = bad(lane) + (0*qn(lane, i) + 0*pn(lane, i))
+            bad(lane) = bad(lane) + (0*q(lane, i) + 0*p(lane, i))  ! NaN where one is not finite
          end do
       end do
-      count = 0
-      do lane = 1, nlane
-         ok = abs(bad(lane)) <= 0 .and. status(lane) == 0
-         bad(lane) = merge(0.0_wp, 1.0_wp, ok)
-         count = count + merge(0_i8, 1_i8, ok)
+      nbad = 0
+      do lane = 1, nreal
+         nbad = nbad + merge(0, 1, abs(bad(lane)) <= 0 .and. status(lane) == 0)
       end do
-      nbad = int(count)
-      if (nbad == 0) return
-      do i = 1, ndof
-         do lane = 1, nlane
-            qn(lane, i) = merge(q(lane, i), qn(lane, i), bad(lane) > 0)
-            pn(lane, i) = merge(p(lane, i), pn(lane, i), bad(lane) > 0)
+   end subroutine find_bad_states
+
+   !> VEC The last good state in lanes with a status.
+   pure subroutine keep(nlane, ndof, nout, q, p, status, qn, pn)
+      integer, intent(in) :: nlane, ndof, nout
+      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(inout) :: qn(nlane, ndof, nout), pn(nlane, ndof, nout)
+      integer :: lane, i, k
+
+      do k = 1, nout
+         do i = 1, ndof
+            do lane = 1, nlane
+               qn(lane, i, k) = merge(qn(lane, i, k), q(lane, i), status(lane) == 0)
+               pn(lane, i, k) = merge(pn(lane, i, k), p(lane, i), status(lane) == 0)
+            end do
          end do
       end do
-   end subroutine settle
+   end subroutine keep
 
    !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0.
    pure subroutine find_bad(nlane, ndof, dq, dp, q, p, status, bad, nbad)

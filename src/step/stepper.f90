@@ -26,6 +26,7 @@ module symsde_step_stepper
       integer :: correction = correction_none  !! resolved: never correction_auto
       integer :: nlane = 0                     !! lanes of a block
       type(newton_options) :: newton
+      logical :: as_increments = .false.       !! increments are wanted to their own last place, not states
    contains
       procedure :: is_tableau
       procedure :: has_brackets

@@ -1,0 +1,139 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The stepper that leaves the steps to the model, where it brings them (model_type%flow).
+!>
+!> What equations a step solves, and how, is the model's; here is what remains the library's: which scheme is meant,
+!> what a failure means, and increments for those who want these. A flow agrees with the general stepper to
+!> rounding, and gives the bits of single steps (tests/verification/test_whole.pf).
+module symsde_step_whole
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record, steps_record
+   use symsde_base_status, only: error_type
+   use symsde_scheme_catalogue, only: get_scheme
+   use symsde_scheme_scheme, only: scheme_type, correction_none, tableau_form, frame_none
+   use symsde_step_explicit, only: is_explicit
+   use symsde_step_one_sided, only: is_one_sided
+   use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: whole_stepper, name_of_flow
+
+   type, extends(stepper_type) :: whole_stepper
+      private
+      character(:), allocatable :: scheme   !! as the model knows it
+      integer, public :: max_iter = 0
+   contains
+      procedure :: fits
+      procedure :: make
+      procedure :: increment
+      procedure :: flow
+   end type whole_stepper
+
+contains
+
+   logical function fits(self, task)
+      class(whole_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+      character(:), allocatable :: name
+
+      fits = task%correction == correction_none .and. task%newton%fixed_point == 0 .and. .not. task%as_increments
+      if (.not. fits) return
+      call name_of_flow(task%scheme, name)
+      fits = .false.
+      if (task%model%brings(name)) fits = is_of_catalogue(task%scheme, name)
+   end function fits
+
+   subroutine make(self, task)
+      class(whole_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call name_of_flow(task%scheme, self%scheme)
+      self%name = 'whole steps of '//self%scheme//' by the model'
+      self%max_iter = task%newton%max_iter
+      self%explicit = is_explicit(task%model, task%scheme)
+      self%one_solve = task%model%traits%one_solve(.false.) .and. .not. self%explicit
+      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
+   end subroutine make
+
+   !> The name by which a model is asked for a scheme: nothing depends on what a user calls one of the four.
+   subroutine name_of_flow(scheme, name)
+      type(scheme_type), intent(in) :: scheme
+      character(:), allocatable, intent(out) :: name
+
+      name = scheme%name
+      if (scheme%form /= tableau_form .or. scheme%frame /= frame_none .or. scheme%brackets%are_added()) return
+      if (scheme%is_midpoint()) then
+         name = 'midpoint'
+      else if (is_one_sided(scheme)) then
+         name = 'symplectic_euler'
+         if (scheme%a(1, 1) > 0.5_wp) name = 'symplectic_euler_adjoint'
+      else if (is_verlet(scheme)) then
+         name = 'stormer_verlet'
+      end if
+   end subroutine name_of_flow
+
+   !> Whether a scheme is the one that the catalogue has under this name: users may name theirs as they like.
+   logical function is_of_catalogue(scheme, name)
+      type(scheme_type), intent(in) :: scheme
+      character(*), intent(in) :: name
+      type(scheme_type) :: known
+      type(error_type), allocatable :: error
+
+      is_of_catalogue = .false.
+      call get_scheme(known, name, error)
+      if (allocated(error)) return
+      if (known%form /= scheme%form .or. known%frame /= scheme%frame .or. known%nstage /= scheme%nstage) return
+      if (known%law /= scheme%law .or. (known%brackets%are_added() .neqv. scheme%brackets%are_added())) return
+      is_of_catalogue = .true.
+      if (.not. known%has_tableau()) return
+      is_of_catalogue = all(abs(known%a - scheme%a) <= 0) .and. all(abs(known%abar - scheme%abar) <= 0) .and. &
+                        all(abs(known%alpha - scheme%alpha) <= 0) .and. all(abs(known%beta - scheme%beta) <= 0)
+   end function is_of_catalogue
+
+   !> Half a kick, a drift, half a kick.
+   pure logical function is_verlet(scheme)
+      type(scheme_type), intent(in) :: scheme
+      real(wp), parameter :: a(2, 2) = reshape([0.0_wp, 0.5_wp, 0.0_wp, 0.5_wp], [2, 2])
+
+      is_verlet = .false.
+      if (scheme%nstage /= 2 .or. .not. scheme%noise_coefficients_equal()) return
+      is_verlet = all(abs(scheme%a - a) <= 0) .and. all(abs(scheme%abar(:, 1) - 0.5_wp) <= 0) .and. &
+                  all(abs(scheme%abar(:, 2)) <= 0) .and. all(abs(scheme%alpha - 0.5_wp) <= 0)
+   end function is_verlet
+
+   !> Several steps from (q, p) to the states after every steps%every-th of them.
+   subroutine flow(self, steps, q, p, qn, pn, status)
+      class(whole_stepper), intent(inout) :: self
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: qn(self%ham%nlane, self%ham%ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(self%ham%nlane, self%ham%ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      associate (ham => self%ham)
+         call ham%model%flow(self%scheme, steps, ham%ndof, q, p, qn, pn, status, ham%counters)
+      end associate
+   end subroutine flow
+
+   !> One step as an increment, for those who ask for one: the last place is that of the states.
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(whole_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      type(steps_record) :: steps
+      integer :: f
+
+      steps = steps_record(nlane=self%ham%nlane, nnoise=self%ham%nnoise, nreal=self%ham%nreal, nstep=1, t=step%t, &
+                           h=step%h, max_iter=self%max_iter)
+      steps%w(1:steps%nlane, 0:steps%nnoise, 1:1) => step%w
+      do f = 1, size(step%of)
+         if (associated(step%of(f)%x)) steps%of(f)%x(1:steps%nlane, 1:size(step%of(f)%x, 2), 1:1) => step%of(f)%x
+      end do
+      call self%flow(steps, q, p, dq, dp, status)
+      dq = dq - q
+      dp = dp - p
+   end subroutine increment
+
+end module symsde_step_whole
