@@ -222,6 +222,12 @@ enum symsde_correction {
    SYMSDE_CORRECTION_INCREMENTS = 3
 };
 
+/* How Levy areas are drawn, by schemes that use them. */
+enum symsde_areas {
+   SYMSDE_AREAS_PATH = 0, /* those of the path, to a mean-square error below |h|^3/area_time */
+   SYMSDE_AREAS_LAW = 1   /* right in law given dW and dZ, at bounded cost; of no path that refine < 0 could halve */
+};
+
 /* Told now and then how much is done of how much - path-steps of a run, blocks of work of a diagnosis - on the calling
  * thread, at most twenty times a second; nonzero stops the work. A stopped run (SYMSDE_STOPPED) gives what it had
  * reached; a stopped diagnosis has no result. */
@@ -249,7 +255,8 @@ typedef struct symsde_options {
    int32_t threads;        /* 0 = SYMSDE_NUM_THREADS, else OpenMP's default; always one in a forked process */
    symsde_progress progress; /* of diagnoses; that of a run stands in its input. May be NULL */
    void *progress_user;
-   double area_time;       /* time scale of Levy areas; 0 = derived from the model [time] */
+   double area_time;       /* time scale of areas by the path; 0 = derived from the model [time] */
+   int32_t areas;          /* enum symsde_areas */
 } symsde_options;
 
 int symsde_options_init(symsde_options *options);

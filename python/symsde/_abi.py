@@ -28,6 +28,7 @@ OK, NOT_CONVERGED, SINGULAR, NONFINITE, CALLBACK_FAILED, STOPPED, PATHS_FAILED =
 INVALID_ARGUMENT = -1
 MISSING_OPERATION = -9
 CORRECTIONS = ("auto", "none", "mean", "increments")
+AREAS = ("path", "law")
 
 
 class Error(Structure):
@@ -101,6 +102,7 @@ class Options(Structure):
         ("progress", Progress),
         ("progress_user", c_void_p),
         ("area_time", c_double),
+        ("areas", c_int32),
     )
 
     def __reduce__(self) -> tuple:

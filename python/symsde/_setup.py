@@ -69,6 +69,7 @@ class Setup:
         left_out = {"struct_size", "threads", "lanes", "progress", "progress_user"}
         names = [name for name, *_ in _abi.Options._fields_ if name not in left_out]
         chosen = {name: getattr(self.options, name) for name in names}
+        chosen["areas"] = _abi.AREAS[self.options.areas]
         chosen["correction"] = _abi.CORRECTIONS[self.options.correction]
         return {
             "model": self.model.name,
@@ -105,6 +106,7 @@ def make_options(
     first_step: int = 0,
     correction: str = "auto",
     truncation: tuple[float, float] | None = None,
+    areas: str = "path",
     area_time: float | None = None,
     compensated: bool = False,
     threads: int | None = None,
@@ -138,6 +140,7 @@ def make_options(
     options.refine = integer("refine", refine, INT32)
     options.correction = _checks.choice("correction", correction, _abi.CORRECTIONS)
     options.truncation, options.truncation_time = _truncation(truncation)
+    options.areas = _checks.choice("areas", areas, _abi.AREAS)
     options.area_time = 0.0 if area_time is None else _checks.number("area_time", area_time)
     options.compensated = _checks.flag("compensated", compensated)
     options.general = _checks.flag("general", general)

@@ -120,6 +120,7 @@ def simulate(
     first_step: int = 0,
     correction: str = "auto",
     truncation: tuple[float, float] | None = None,
+    areas: str = "path",
     area_time: float | None = None,
     compensated: bool = False,
     threads: int | None = None,
@@ -146,8 +147,9 @@ def simulate(
     - first_step: absolute index of the first step; with q0, p0 = last_q, last_p of an earlier run it resumes
     - correction: of one-sided schemes, "auto", "none", "mean" or "increments"
     - truncation: (order, time scale) of truncated increments
-    - area_time: time scale of Levy areas, whose sub-increments are area_time/(12 step) in number; derived from the
-      model if None
+    - areas: how schemes with Levy areas draw them: "path", those of the path, or "law", right in law at bounded cost
+    - area_time: time scale of areas by the path, area_time/(12 step) sub-increments a step; derived from the model if
+      None
     - compensated: compensated summation of the state; q0_low, p0_low, (dof, path), resume it
     - threads: default SYMSDE_NUM_THREADS, else OpenMP's; one for Python callbacks and in forked processes
     - progress: True shows a bar; a function f(done, total) may return True to stop
@@ -176,6 +178,7 @@ def simulate(
             first_step=first_step,
             correction=correction,
             truncation=truncation,
+            areas=areas,
             area_time=area_time,
             compensated=compensated,
             threads=threads,

@@ -36,6 +36,7 @@ module symsde_capi_options
       type(c_funptr) :: progress
       type(c_ptr) :: progress_user
       real(c_double) :: area_time
+      integer(c_int32_t) :: areas
    end type c_options
 
 contains
@@ -89,6 +90,7 @@ contains
       c%truncation = o%truncation
       c%truncation_time = o%truncation_time
       c%area_time = o%area_time
+      c%areas = o%areas
       c%compensated = merge(1, 0, o%compensated)
       c%general = merge(1, 0, o%general)
       c%max_iter = o%max_iter
@@ -116,6 +118,7 @@ contains
       o%truncation = c%truncation
       o%truncation_time = c%truncation_time
       o%area_time = c%area_time
+      o%areas = c%areas
       o%compensated = c%compensated /= 0
       o%general = c%general /= 0
       o%max_iter = c%max_iter

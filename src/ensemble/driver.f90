@@ -7,6 +7,7 @@ module symsde_ensemble_driver
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_max_threads, omp_get_thread_num
    use symsde_base_clock, only: seconds
+   use symsde_base_area_rule, only: area_rule, areas_in_law
    use symsde_base_functionals, only: functional_set, name_functionals, path_areas
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, padded
@@ -14,6 +15,7 @@ module symsde_ensemble_driver
    use symsde_base_status, only: error_type, raise, wrong_shape, invalid_argument, incompatible, stopped, &
                                  callback_failed, paths_failed, out_of_memory, too_large
    use symsde_base_text, only: to_text
+   use symsde_ensemble_areas, only: choose_areas, check_area_counters
    use symsde_ensemble_block, only: block_runner, new_block_runner
    use symsde_ensemble_initial_state, only: initial_state, new_initial_state
    use symsde_ensemble_monitor, only: monitor_type
@@ -24,10 +26,8 @@ module symsde_ensemble_driver
    use symsde_ensemble_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
    use symsde_model_catalogue, only: is_built_in
-   use symsde_model_area_time, only: derive_area_time
    use symsde_model_probe, only: probe_model
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
-   use symsde_noise_integrals, only: area_levels
    use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
    use symsde_noise_source, only: noise_type
    use symsde_noise_truncation, only: truncation_bound, lost_variance
@@ -294,19 +294,18 @@ contains
       type(brownian_noise) :: brownian
       logical, allocatable :: silent(:)
       integer(i8) :: extent(3)
-      real(wp) :: cut, area_time
+      real(wp) :: cut
+      type(area_rule) :: areas
       type(functional_set) :: asked
       integer :: law
 
       lost = 0
-      area_time = 0
       law = law_gaussian
       if (present(scheme)) then
          law = scheme%law
          asked = scheme%asks%needed_for(model%traits)
-         call choose_area_time(model, options, asked, area_time, error)
-         if (.not. allocated(error)) &
-            call check_functionals(model, scheme, options, asked, area_time, present(dw), error)
+         call choose_areas(model, scheme, options, asked, areas, error)
+         if (.not. allocated(error)) call check_functionals(model, scheme, options, asked, areas, present(dw), error)
          if (allocated(error)) return
       end if
       if (present(dw)) then
@@ -330,7 +329,7 @@ contains
          allocate (noise, source=brownian)
       end if
       noise%asked = asked
-      noise%area_time = area_time
+      noise%areas = areas
       if (.not. abs(options%truncation) <= 0) then
          call truncation_bound(options%step, options%truncation, options%truncation_time, cut, error)
          noise%bound = cut*sqrt(abs(options%step))
@@ -338,46 +337,32 @@ contains
       end if
    end subroutine new_noise
 
-   !> The time scale of the areas: the user's, or the model's.
-   subroutine choose_area_time(model, options, asked, area_time, error)
-      class(model_type), intent(in) :: model
-      type(run_options), intent(in) :: options
-      type(functional_set), intent(in) :: asked
-      real(wp), intent(out) :: area_time
-      type(error_type), allocatable, intent(inout) :: error
-
-      area_time = options%area_time
-      if (.not. asked%has(path_areas) .or. area_time > 0) return
-      call derive_area_time(model, options%t0, area_time, error)
-   end subroutine choose_area_time
-
    !> What a scheme asks for beyond increments must be there: in prescribed increments it comes from finer
-   !> rows, and the sub-increments of areas must stay within the counters.
-   subroutine check_functionals(model, scheme, options, asked, area_time, prescribed, error)
+   !> rows.
+   subroutine check_functionals(model, scheme, options, asked, areas, prescribed, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
       type(functional_set), intent(in) :: asked
-      real(wp), intent(in) :: area_time
+      type(area_rule), intent(in) :: areas
       logical, intent(in) :: prescribed
       type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: what
-      real(wp) :: rows
 
       if (asked%is_empty()) return
       call name_functionals(asked, what)
       if (prescribed) then
+         if (asked%has(path_areas) .and. areas%kind == areas_in_law) then
+            call raise(error, incompatible, 'run_ensemble', 'prescribed increments are the path, and its areas '// &
+                       'follow from them: leave the choice of areas in law out')
+            return
+         end if
          if (options%refine >= 1) return
          call raise(error, incompatible, 'run_ensemble', 'scheme '//scheme%name//' needs '//what//' for model '// &
                     model%name//', which one prescribed increment a step does not determine: give finer rows, '// &
                     '2^refine a step with refine >= 1, or a scheme that needs increments only, such as midpoint')
       else if (asked%has(path_areas)) then
-         rows = real(options%first_step + options%nstep, wp)*2.0_wp**max(0, options%refine)* &
-                2.0_wp**area_levels(options%step/2.0_wp**max(0, options%refine), area_time)
-         if (rows <= 2.0_wp**47) return
-         call raise(error, too_large, 'run_ensemble', 'the areas of '//to_text(options%nstep)//' steps need '// &
-                    to_text(rows)//' sub-increments, beyond 2^47, the range of the step counter: give fewer or '// &
-                    'longer steps')
+         call check_area_counters(model%traits%nnoise, options, areas, error)
       end if
    end subroutine check_functionals
 

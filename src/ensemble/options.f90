@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> What a user can choose about a run, with its defaults, and the check of every choice.
 module symsde_ensemble_options
+   use symsde_base_area_rule, only: areas_by_path, areas_in_law
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
-   use symsde_base_status, only: error_type, raise, invalid_argument, too_large
+   use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, too_large
    use symsde_base_text, only: to_text
    use symsde_noise_brownian, only: max_refine
    use symsde_scheme_scheme, only: correction_auto
@@ -29,7 +30,8 @@ module symsde_ensemble_options
       integer :: correction = correction_auto
       real(wp) :: truncation = 0            !! order l of truncated increments, 0 = none
       real(wp) :: truncation_time = 0       !! time scale tau of the truncation [time]
-      real(wp) :: area_time = 0             !! time scale of the areas, 0 = derived from the model [time]
+      integer :: areas = areas_by_path      !! how areas are drawn, of base/area_rule
+      real(wp) :: area_time = 0             !! their time scale, 0 = derived from the model [time]
       logical :: compensated = .false.      !! compensated summation of the state
       logical :: general = .false.          !! the general stepper, the oracle
       integer :: max_iter = 100             !! Newton iterations a step
@@ -77,6 +79,15 @@ contains
       else if (.not. (o%area_time >= 0 .and. o%area_time <= huge(o%area_time))) then
          call refuse('area_time = '//to_text(o%area_time)//' is not a time scale: give a positive time, or 0 to '// &
                      'have it derived from the model')
+      else if (o%areas /= areas_by_path .and. o%areas /= areas_in_law) then
+         call refuse('areas = '//to_text(o%areas)//' is no way to draw areas: give 0 (by the path) or 1 (in law)')
+      else if (o%areas == areas_in_law .and. o%area_time > 0) then
+         call raise(error, incompatible, 'check_options', 'area_time = '//to_text(o%area_time)//' says how finely '// &
+                    'areas follow the path, and areas in law follow none: give one of the two')
+      else if (o%areas == areas_in_law .and. o%refine < 0) then
+         call raise(error, incompatible, 'check_options', 'refine = '//to_text(o%refine)//' halves the path of '// &
+                    'longer steps, and areas in law belong to no path that could be halved: give refine >= 0, or '// &
+                    'areas by the path')
       else if (o%nthread < 0 .or. o%nthread > 1024) then
          call refuse('threads = '//to_text(o%nthread)//' is out of range: give 1 to 1024, or 0 for the default')
       else

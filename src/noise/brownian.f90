@@ -223,7 +223,7 @@ contains
       integer :: i, f
 
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%asked, &
-                             self%area_time)
+                             self%areas)
       do i = 0, 2*request%npair - 1
          if (mod(i, 2) == 0) &
             call fill_pair(draws, request%nlane, request%path, request%pair + i/2, steps(0), steps(1), drawn)

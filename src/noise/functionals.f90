@@ -8,7 +8,9 @@
 !>
 !>    dZ_k = h (dW_k/2 + H_k),   A_kl = H_k dW_l - H_l dW_k,   J_kl = h (dW_k dW_l/6 - (6/5) H_k H_l) - delta_kl h^2/15
 !>
-!> (J by its mean given dW and H) and neighbouring intervals merge by
+!> (J by its mean given dW and H; an area drawn in law has 12 (K_k H_l - K_l H_k) and a normal rest of variance
+!> h^2/20 beside, which makes its mean and covariances given dW and H those of the true one), and neighbouring
+!> intervals merge by
 !>
 !>    dW = dW_1 + dW_2,  dZ = dZ_1 + dZ_2 + h_2 dW_1,  A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
 !>    K = (K_1 + K_2)/4 + (H_1 - H_2)/8  (halves),     J_kl = J_1 + J_2 + Z_k1 dW_l2 + dW_k1 (h_2 dW_l2 - Z_l2)
@@ -49,11 +51,13 @@ contains
    end subroutine new_path_interval
 
    !> Values of a functional on the interval with dW, H and K.
-   pure subroutine shape_values(functional, nlane, nnoise, length, w, hh, kk, x)
+   pure subroutine shape_values(functional, nlane, nnoise, length, w, hh, x, kk, rest)
       integer, intent(in) :: functional, nlane, nnoise
       real(wp), intent(in) :: length, w(nlane, nnoise), hh(nlane, nnoise)
-      real(wp), intent(in), optional :: kk(nlane, nnoise)  !! zero where it is absent
       real(wp), intent(out) :: x(nlane, functional_count(functional, nnoise))
+      real(wp), intent(in), optional :: kk(nlane, nnoise)  !! zero where it is absent
+      !> Of areas, what K does not say; without it they are those of the parabola.
+      real(wp), intent(in), optional :: rest(nlane, functional_count(path_areas, nnoise))
       integer :: k, l
 
       select case (functional)
@@ -61,6 +65,8 @@ contains
          do l = 2, nnoise
             do k = 1, l - 1
                x(:, area_index(k, l)) = hh(:, k)*w(:, l) - hh(:, l)*w(:, k)
+               if (present(rest)) x(:, area_index(k, l)) = x(:, area_index(k, l)) + rest(:, area_index(k, l)) &
+                                                           + 12*(kk(:, k)*hh(:, l) - kk(:, l)*hh(:, k))
             end do
          end do
       case (path_bend)

@@ -11,6 +11,7 @@
 !>
 !>    N = 15/2 K + M,   K_1, K_2 = K/8 - M/4 +- D/4,    M ~ N(0, |h|/192),  D ~ N(0, |h|/180)
 !>
+!> and so is one whose areas are drawn in law (base/area_rule): of these K is a part.
 !> J is merged from four quarters of a step (noise/functionals).
 !>
 !> An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, with
@@ -23,15 +24,15 @@
 !> one of a source that makes only dW: a run is halved on the path of the same scheme. The halvings of a
 !> run at refine = -l are the sub-increments of the areas at refine = 0: one path.
 module symsde_noise_integrals
-   use symsde_base_functionals, only: functional_set, nfunctional, path_areas, path_bend, path_magnus
+   use symsde_base_area_rule, only: area_rule, areas_in_law
+   use symsde_base_functionals, only: functional_set, functional_count, area_index, nfunctional, path_areas, &
+                                      path_bend, path_magnus
    use symsde_base_kinds, only: wp, i8
    use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals
    use symsde_noise_normal, only: scaled_normal_pairs
    implicit none
    private
-   public :: integral_draws, area_levels, fill_pair, shape_draws
-
-   integer, parameter, public :: max_area_levels = 20  !! 2^20 sub-increments of a step
+   public :: integral_draws, fill_pair, shape_draws
 
    ! counter words; 1 is the bridge of W alone, 2 the oscillator's
    integer, parameter :: purpose_increment = 0  !! dW at the finest step
@@ -40,6 +41,7 @@ module symsde_noise_integrals
    integer, parameter :: purpose_halves = 5     !! N of the same, or M
    integer, parameter :: purpose_bend = 6       !! K at the finest step
    integer, parameter :: purpose_bends = 7      !! D of a halving
+   integer, parameter :: purpose_rest = 8       !! rest of an area in law; its noise word is the index of the pair
    integer, parameter :: magnus_levels = 2      !! halvings of a step whose J is wanted
 
    !> What the draws of a run are a function of.
@@ -50,12 +52,16 @@ module symsde_noise_integrals
       integer :: refine = 0
       logical, allocatable :: silent(:)    !! noises for which nothing is drawn (nnoise)
       type(functional_set) :: asked        !! functionals that are wanted
-      real(wp) :: area_time = 0            !! tau, the time scale of the areas [time]
+      type(area_rule) :: areas             !! how areas are drawn
+   contains
+      procedure :: in_law
+      procedure :: knows_bend
    end type integral_draws
 
-   !> What is known of the path on an interval: dW, H and, where it is asked for, K (nlane, nnoise).
+   !> What is known of the path on an interval: dW, H and, where it is asked for, K (nlane, nnoise); the rest of
+   !> its areas where they are drawn in law (nlane, pairs of noises).
    type :: path_shape
-      real(wp), allocatable :: w(:, :), hh(:, :), kk(:, :)
+      real(wp), allocatable :: w(:, :), hh(:, :), kk(:, :), rest(:, :)
    end type path_shape
 
    !> The draws of a halving: Z, N or M, and D where K is known (nlane, nnoise).
@@ -65,18 +71,19 @@ module symsde_noise_integrals
 
 contains
 
-   !> n, the number of halvings of a step whose areas are wanted.
-   pure integer function area_levels(h, tau)
-      real(wp), intent(in) :: h            !! step [time]
-      real(wp), intent(in) :: tau          !! time scale of the areas [time]
-      real(wp) :: parts
+   !> Areas are asked for, in law.
+   pure logical function in_law(self)
+      class(integral_draws), intent(in) :: self
 
-      parts = tau/(12*abs(h))*(1 - 1e-6_wp)  ! rounding in tau does not double them
-      area_levels = 0
-      do while (2.0_wp**area_levels < parts .and. area_levels < max_area_levels)
-         area_levels = area_levels + 1
-      end do
-   end function area_levels
+      in_law = self%asked%has(path_areas) .and. self%areas%kind == areas_in_law
+   end function in_law
+
+   !> The path is known by its K, too.
+   pure logical function knows_bend(self)
+      class(integral_draws), intent(in) :: self
+
+      knows_bend = self%asked%has(path_bend) .or. self%in_law()
+   end function knows_bend
 
    !> The steps 2*pair and 2*pair+1 of the run.
    subroutine fill_pair(d, nlane, path, pair, even, odd, drawn)
@@ -144,7 +151,7 @@ contains
       call complete(d, nlane, path, 0, 2*pair + 1, length, second, u2, odd, drawn)
    end subroutine finest_pair
 
-   !> dW, H and K of the finest intervals 2*pair and 2*pair+1.
+   !> dW, H, K and the rest of the areas of the finest intervals 2*pair and 2*pair+1.
    subroutine draw_shapes(d, nlane, path, pair, length, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -155,9 +162,32 @@ contains
 
       call draw(d, nlane, path, pair, 0, purpose_increment, sqrt(abs(length)), even%w, odd%w, drawn)
       call draw(d, nlane, path, pair, 0, purpose_shape, sqrt(abs(length)/12), even%hh, odd%hh, drawn)
-      if (d%asked%has(path_bend)) &
+      if (d%knows_bend()) &
          call draw(d, nlane, path, pair, 0, purpose_bend, sqrt(abs(length)/720), even%kk, odd%kk, drawn)
+      if (d%in_law()) call draw_rests(d, nlane, path, pair, abs(length)/sqrt(20.0_wp), even%rest, odd%rest, drawn)
    end subroutine draw_shapes
+
+   !> Scaled normals of all pairs of noises for the intervals 2*pair and 2*pair+1; zero where one is silent.
+   subroutine draw_rests(d, nlane, path, pair, scale, even, odd, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(in) :: scale
+      real(wp), allocatable, intent(out) :: even(:, :), odd(:, :)  !! (nlane, pairs of noises)
+      integer(i8), intent(inout) :: drawn
+      integer :: k, l, kl
+
+      allocate (even(nlane, functional_count(path_areas, d%nnoise)), source=0.0_wp)
+      allocate (odd, source=even)
+      do l = 2, d%nnoise
+         do k = 1, l - 1
+            if (d%silent(k) .or. d%silent(l)) cycle
+            kl = area_index(k, l)
+            call scaled_normal_pairs(nlane, d%seed, path, pair, kl, 0, purpose_rest, scale, even(:, kl), odd(:, kl))
+            drawn = drawn + 2
+         end do
+      end do
+   end subroutine draw_rests
 
    !> One step of a run at refine < 0: the coarse step that holds it, halved.
    subroutine descend(d, nlane, path, step, interval, drawn)
@@ -200,7 +230,7 @@ contains
       real(wp), intent(in) :: length
 
       levels_below = 0
-      if (d%asked%has(path_areas)) levels_below = area_levels(length, d%area_time)
+      if (d%asked%has(path_areas)) levels_below = d%areas%levels(length)
       if (d%asked%has(path_magnus)) levels_below = max(levels_below, magnus_levels)
    end function levels_below
 
@@ -221,7 +251,8 @@ contains
       last = level + levels_below(d, length)
       if (last == level) return
       call merge_halves(d, nlane, path, level + 1, last, index, length, shape, u, whole, drawn)
-      if (d%asked%has(path_areas)) call move_alloc(whole%of(path_areas)%x, interval%of(path_areas)%x)
+      if (d%asked%has(path_areas) .and. .not. d%in_law()) &
+         call move_alloc(whole%of(path_areas)%x, interval%of(path_areas)%x)
       if (d%asked%has(path_magnus)) call move_alloc(whole%of(path_magnus)%x, interval%of(path_magnus)%x)
    end subroutine complete
 
@@ -266,7 +297,7 @@ contains
       interval%w = shape%w
       do f = 1, nfunctional
          if (d%asked%has(f)) &
-            call shape_values(f, nlane, d%nnoise, length, shape%w, shape%hh, shape%kk, interval%of(f)%x)
+            call shape_values(f, nlane, d%nnoise, length, shape%w, shape%hh, interval%of(f)%x, shape%kk, shape%rest)
       end do
    end subroutine finest_interval
 
@@ -301,7 +332,7 @@ contains
 
       parts = 12
       call draw(d, nlane, path, pair, level, purpose_halving, sqrt(abs(length)/16), even%z, odd%z, drawn)
-      if (d%asked%has(path_bend)) then
+      if (d%knows_bend()) then
          parts = 192
          call draw(d, nlane, path, pair, level, purpose_bends, sqrt(abs(length)/180), even%d, odd%d, drawn)
       end if

@@ -4,6 +4,7 @@
 !>
 !> The answer is written into a store of steps: w(:,0) is the step size and stays as it is, w(:,k) = dW_k.
 module symsde_noise_source
+   use symsde_base_area_rule, only: area_rule
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_request, step_store
@@ -16,7 +17,7 @@ module symsde_noise_source
       logical, allocatable :: silent(:)      !! noises for which nothing is drawn: dW_k = 0 (nnoise)
       real(wp) :: bound = huge(1.0_wp)       !! truncation: |dW_k| <= bound [sqrt(time)]
       type(functional_set) :: asked          !! functionals to give beside the increments
-      real(wp) :: area_time = 0              !! time scale of the areas [time]
+      type(area_rule) :: areas               !! how areas are drawn
    contains
       procedure(fill_interface), deferred :: fill
    end type noise_type

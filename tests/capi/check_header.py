@@ -25,6 +25,8 @@ NAMED = {
     "SYMSDE_EVIDENCE_NONE": "evidence_none",
     "SYMSDE_EVIDENCE_CLAIMED": "evidence_claimed",
     "SYMSDE_EVIDENCE_DERIVED": "evidence_derived",
+    "SYMSDE_AREAS_PATH": "areas_by_path",
+    "SYMSDE_AREAS_LAW": "areas_in_law",
     "SYMSDE_CORRECTION_AUTO": "correction_auto",
     "SYMSDE_CORRECTION_NONE": "correction_none",
     "SYMSDE_CORRECTION_MEAN": "correction_mean",
@@ -129,6 +131,7 @@ def read_sources(root):
     """(parameters, enumerators and sizes; functions; structs) of the Fortran sources."""
     values, functions, structs = {}, {}, {}
     files = [
+        root / "src/base/area_rule.f90",
         root / "src/base/status.f90",
         root / "src/scheme/scheme.f90",
         root / "src/scheme/orders.f90",

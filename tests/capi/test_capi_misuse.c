@@ -50,6 +50,9 @@ static void test_misuse(void) {
    OPTION(first_path, INT64_MIN, SYMSDE_INVALID_ARGUMENT, "first_path");
    OPTION(first_path, INT64_MAX, SYMSDE_TOO_LARGE, "first_path");
    OPTION(first_step, INT64_MAX, SYMSDE_TOO_LARGE, "first_step");
+   OPTION(areas, 2, SYMSDE_INVALID_ARGUMENT, "areas = 2");
+   OPTION(areas, INT32_MIN, SYMSDE_INVALID_ARGUMENT, "areas = -2147483648");
+   OPTION(areas, SYMSDE_AREAS_LAW, SYMSDE_INCOMPATIBLE, "areas in law|midpoint|midpoint_areas");
    OPTION(correction, 9, SYMSDE_INVALID_ARGUMENT, "correction");
    OPTION(correction, SYMSDE_CORRECTION_MEAN, SYMSDE_INCOMPATIBLE, "midpoint|correction");
    OPTION(max_iter, 0, SYMSDE_INVALID_ARGUMENT, "");

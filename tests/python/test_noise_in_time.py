@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Noises that change in time, and areas in any unit of time: strong orders and equal paths."""
+"""Noises that change in time: strong orders."""
 
 import numpy as np
 import pytest
@@ -213,41 +213,3 @@ def test_weak_order_where_a_noise_does_not_commute_with_itself(a: float, b: floa
 def test_order_holds_for_several_degrees_of_freedom():
     """Momenta are eliminated only where the bracket is known beforehand."""
     assert slope(driven("kick", ndof=2), "gauss2_strong32", range(3, 6), finest=9) > 1.7
-
-
-def noncommuting(unit: float) -> ss.Model:
-    """The same physics in another unit of time: H unit, noises sqrt(unit)."""
-    root = np.sqrt(unit)
-
-    def gradient(t, w, q, p):
-        hq = unit * w[0] * np.sin(q) + 0.6 * root * w[2] * q
-        return hq, unit * w[0] * p + 0.8 * root * w[1] * np.sin(p)
-
-    return ss.Model(ndof=1, nnoise=2, gradient=gradient)
-
-
-def final(unit: float, scheme: str, level: int, refine: int = 0, paths: int = 30, **options: object) -> np.ndarray:
-    steps = 2**level
-    run = ss.simulate(
-        noncommuting(unit),
-        q0=0.4,
-        p0=0.7,
-        step=1 / steps / unit,
-        steps=steps,
-        save_every=steps,
-        scheme=scheme,
-        paths=paths,
-        seed=3,
-        refine=refine,
-        **options,
-    )
-    assert not run.status.any()
-    return run.q[-1]
-
-
-def test_areas_do_not_depend_on_the_unit_of_time():
-    scheme = "midpoint_areas"
-    same = final(1.0, scheme, 4)
-    for unit in (1e-3, 1e3):
-        assert np.allclose(final(unit, scheme, 4), same, rtol=0, atol=1e-10)
-    assert not np.allclose(final(1.0, scheme, 4, area_time=1e-3), same, rtol=0, atol=1e-6)
