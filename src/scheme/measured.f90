@@ -209,9 +209,9 @@ module symsde_scheme_measured
                                    measurement('gauss2_strong32', general_noise, 'noncommutative_oscillator', &
                                                0.462_wp, 0.04_wp, 0.0093_wp), &
                                    measurement('gauss2_strong32_areas', general_noise, 'noncommutative_oscillator', &
-                                               0.997_wp, 0.04_wp, 0.1_wp), &
+                                               1.009_wp, 0.059_wp, 0.057_wp), &
                                    measurement('midpoint_areas', general_noise, 'noncommutative_oscillator', &
-                                               0.999_wp, 0.033_wp, 0.098_wp), &
+                                               1.019_wp, 0.059_wp, 0.051_wp), &
                                    measurement('heun', general_noise, 'noncommutative_oscillator', &
                                                0.491_wp, 0.042_wp, 0.019_wp), &
                                    measurement('euler_maruyama', general_noise, 'noncommutative_oscillator', &

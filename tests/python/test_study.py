@@ -85,7 +85,7 @@ def test_the_reference_shows_its_own_error():
     assert "reference" in str(poor)
 
 
-def test_schemes_with_areas_have_references_of_their_own():
+def test_schemes_with_areas_follow_the_same_path():
     model = ss.models.noncommutative_oscillator()
     given = {**SMALL, "paths": 200, "horizon": 1.0, "steps": [4, 8, 16]}
     result = ss.work_precision(model, schemes=["midpoint", "midpoint_areas"], **given)

@@ -62,7 +62,8 @@ class Plan:
 
     def run(self, scheme: str | Scheme, steps: int, *, shared: bool, paths: int | None = None, **more):
         """Integrate to the horizon: on the shared paths, or with increments of its own step."""
-        options = {**self.options, **more}
+        refine = halvings(self.draws, steps) if shared else 0
+        options = {"refine": refine, **self.options, **more}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PathsFailedWarning)  # counted and shown instead
             return simulate(
@@ -74,7 +75,6 @@ class Plan:
                 steps=steps,
                 save_every=steps,
                 paths=self.paths if paths is None else paths,
-                refine=halvings(self.draws, steps) if shared else 0,
                 **options,
             )
 
@@ -280,5 +280,4 @@ def _better(model: Model, scheme: Scheme) -> str:
         return "stormer_verlet" if model.traits.separable else "midpoint"
     if commutative:
         return "gauss2_strong32"
-    # areas from dW alone are another completion of the path than areas from dW and dZ
-    return "midpoint_areas" if scheme.name == "midpoint_areas" else "gauss2_strong32_areas"
+    return "gauss2_strong32_areas"
