@@ -364,9 +364,11 @@ int symsde_stationary_path(symsde_model model, symsde_scheme scheme, const symsd
                            const double *guess_p, double *q, double *p, int32_t *status, symsde_error *error);
 /* whether the noises commute, from brackets at points q, p [ndof][npoint]: gradients[2] = the largest relative
  * gradients of {H_k,H_l} and of {H,H_k}; commute[2] = whether the noises, and the noises with the drift, commute
- * there; text (size bytes, may be NULL) = which strong order to expect from which scheme */
+ * there; text (size bytes, may be NULL) = which strong order to expect from which scheme. progress (may be NULL, with
+ * its user) is asked before each of the nnoise (nnoise + 1)/2 brackets; SYMSDE_STOPPED where it wants a stop */
 int symsde_commutator(symsde_model model, double t, int64_t npoint, const double *q, const double *p, double *gradients,
-                      int32_t *commute, char *text, size_t size, symsde_error *error);
+                      int32_t *commute, char *text, size_t size, symsde_progress progress, void *user,
+                      symsde_error *error);
 /* exact solution on the run's own Brownian path where the model has one (kubo; linear_oscillator and
  * additive_oscillator, from the very dW, and dZ where the scheme takes it, that drive the run, and two more draws a
  * step): q, p [ntime][ndof][paths]. SYMSDE_INCOMPATIBLE for schemes with two- or three-point increments */

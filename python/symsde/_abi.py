@@ -273,7 +273,7 @@ FUNCTIONS = {
     "discrete_action": _residual,
     "euler_lagrange_residual": _residual,
     "stationary_path": (*_run, *_arrays(8), _error),
-    "commutator": (_handle, c_double, c_int64, *_arrays(4), c_char_p, c_size_t, _error),
+    "commutator": (_handle, c_double, c_int64, *_arrays(4), c_char_p, c_size_t, Progress, c_void_p, _error),
     "exact_solution": (_handle, _handle, _options, _input, c_void_p, c_void_p, _error),
 }
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from . import _checks
+from . import _abi, _checks
 from ._checks import address
+from ._progress import Monitor
 from .errors import WrongTypeError
 from .model import Model
 
@@ -44,14 +45,18 @@ def commutator(model: Model, q: Any = None, p: Any = None, t: float = 0.0) -> Co
     q, p = (_checks.full(_checks.state(name, x, model.ndof, points), points) for name, x in (("q", q), ("p", p)))
     gradients, commute = np.zeros(2), np.zeros(2, dtype=np.int32)
     text = ctypes.create_string_buffer(1024)
-    model.call(
-        "commutator",
-        _checks.number("t", t),
-        points,
-        *(address(x) for x in (q, p, gradients, commute)),
-        text,
-        len(text),
-    )
+    with Monitor(progress=False) as monitor:
+        model.call(
+            "commutator",
+            _checks.number("t", t),
+            points,
+            *(address(x) for x in (q, p, gradients, commute)),
+            text,
+            len(text),
+            monitor.callback,
+            None,
+            allow=(_abi.STOPPED,),
+        )
     return Commutator(
         commutative=bool(commute[0]),
         flows_commute=bool(commute[1]),

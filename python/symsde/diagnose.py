@@ -149,13 +149,8 @@ def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
     shape = (setup.ntime, setup.model.ndof, setup.paths)
     _checks.room((2, *shape), "the exact solution (q and p; time, dof, path)")
     q, p = np.empty(shape), np.empty(shape)
-    setup.model.call(
-        "exact_solution",
-        *setup.handles(),
-        ctypes.byref(setup.input()),
-        address(q),
-        address(p),
-    )
+    arrays = (ctypes.byref(setup.input()), address(q), address(p))
+    _call("exact_solution", setup.model, setup.scheme, setup.options, *arrays)
     return q, p
 
 

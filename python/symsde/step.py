@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from . import _checks
+from . import _abi, _checks
 from ._checks import address
+from ._progress import Monitor
 from ._setup import make_options
 from .model import Model
 from .schemes import Scheme, as_scheme
@@ -92,10 +93,8 @@ def of_options(model: Model, options, scheme: Scheme) -> np.ndarray:
     shape = (options.steps, model.nnoise, options.paths)
     _checks.room(shape, "increments (step, noise, path)")
     dw = np.empty(shape)
-    model.call(
-        "increments",
-        scheme._handle.pointer,
-        ctypes.byref(options),
-        address(dw),
-    )
+    with Monitor(progress=False) as monitor:
+        chosen = _abi.Options.from_buffer_copy(options)
+        chosen.progress = monitor.callback
+        model.call("increments", scheme._handle.pointer, ctypes.byref(chosen), address(dw), allow=(_abi.STOPPED,))
     return dw

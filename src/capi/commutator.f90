@@ -1,14 +1,15 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Whether the noises of a model commute, by its brackets at sample points.
 module symsde_capi_commutator
-   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_null_ptr, c_ptr, &
-                                                                             c_size_t
+   use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_null_ptr, &
+                                                                             c_ptr, c_size_t
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument, callback_failed
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require
    use symsde_capi_model, only: use_model
+   use symsde_capi_monitor, only: callback_monitor, new_callback_monitor
    use symsde_capi_text, only: put_text
    use symsde_diagnose_commutator, only: commutator, commutator_type
    use symsde_model_abstract, only: model_type
@@ -20,13 +21,14 @@ module symsde_capi_commutator
 contains
 
    !> Largest relative gradients of the brackets over the points, what follows, and a sentence.
-   function symsde_commutator(model, t, npoint, q, p, gradients, commute, text, size, error) result(status) &
-      bind(c, name='symsde_commutator')
+   function symsde_commutator(model, t, npoint, q, p, gradients, commute, text, size, progress, user, error) &
+      result(status) bind(c, name='symsde_commutator')
       type(c_ptr), intent(in), value :: model
       real(c_double), intent(in), value :: t
       integer(c_int64_t), intent(in), value :: npoint
-      type(c_ptr), intent(in), value :: q, p, gradients, commute, text, error
+      type(c_ptr), intent(in), value :: q, p, gradients, commute, text, user, error
       integer(c_size_t), intent(in), value :: size
+      type(c_funptr), intent(in), value :: progress
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       type(commutator_type) :: found
@@ -34,6 +36,7 @@ contains
       type(callback_model), target :: own
       real(wp), pointer, contiguous :: qs(:, :), ps(:, :), largest(:)
       integer(c_int32_t), pointer :: flags(:)
+      type(callback_monitor) :: monitor
       integer :: code
 
       code = 0
@@ -50,7 +53,8 @@ contains
          call view(p, npoint, int(m%traits%ndof, i8), ps)
          call view(gradients, 2_i8, largest)
          call c_f_pointer(commute, flags, [2])
-         call commutator(m, t, qs, ps, found, refusal)
+         call new_callback_monitor(monitor, progress, user)
+         call commutator(m, t, qs, ps, found, refusal, monitor)
          code = m%failure_code()
       end if
       if (.not. allocated(refusal) .and. code == 0) then

@@ -88,10 +88,11 @@ contains
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(run_input) :: from
+      type(callback_monitor) :: monitor
       real(wp), pointer, contiguous :: qs(:, :, :), ps(:, :, :)
       integer(i8) :: n, ntime
 
-      call read_run(model, scheme, options, own, m, s, o, refusal)
+      call read_run(model, scheme, options, own, m, s, o, refusal, monitor)
       call require(q, 'q', refusal)
       call require(p, 'p', refusal)
       if (.not. allocated(refusal)) then
@@ -103,7 +104,7 @@ contains
       if (.not. allocated(refusal)) then
          call view(q, o%npath, n, ntime, qs)
          call view(p, o%npath, n, ntime, ps)
-         call exact_solution(m, o, from%q0, from%p0, qs, ps, refusal, from%dw, s)
+         call exact_solution(m, o, from%q0, from%p0, qs, ps, refusal, from%dw, s, monitor)
       end if
       status = finish(refusal, error)
    end function symsde_exact_solution

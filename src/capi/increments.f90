@@ -10,6 +10,7 @@ module symsde_capi_increments
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes
    use symsde_capi_model, only: find_model
+   use symsde_capi_monitor, only: callback_monitor
    use symsde_capi_options, only: read_options
    use symsde_capi_scheme, only: find_scheme
    use symsde_ensemble_driver, only: new_noise
@@ -34,13 +35,14 @@ contains
       type(scheme_type), pointer :: s
       class(noise_type), allocatable :: noise
       type(run_options) :: o
+      type(callback_monitor) :: monitor
       real(wp), pointer, contiguous :: to(:, :, :)
       real(wp) :: lost
 
       call find_model(model, m, refusal)
       nullify (s)
       if (c_associated(scheme)) call find_scheme(scheme, s, refusal)
-      call read_options(options, o, refusal)
+      call read_options(options, o, refusal, monitor)
       if (.not. allocated(refusal)) call check_sizes(o%nstep, int(m%traits%nnoise, i8), o%npath, 'dw', refusal)
       if (.not. allocated(refusal)) then
          if (associated(s)) then
@@ -57,7 +59,7 @@ contains
          if (noise%nnoise > 0 .and. o%nstep > 0) call require(dw, 'dw', refusal)
          if (noise%nnoise > 0 .and. o%nstep > 0 .and. .not. allocated(refusal)) then
             call view(dw, o%npath, int(noise%nnoise, i8), o%nstep, to)
-            call collect_increments(noise, o, to)
+            call collect_increments(noise, o, to, refusal, monitor)
          end if
       end if
       status = finish(refusal, error)

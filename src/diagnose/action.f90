@@ -82,7 +82,7 @@ contains
    !> Gradient of the sum (46) with respect to the interior states: the left sides of (47) and (48),
    !> gradient_q(path, :, n) = dS/dq_n, gradient_p(path, :, n) = dS/dp_n, n = 1 .. nstep-1.
    !> Errors as discrete_action, but values are not needed.
-   subroutine action_gradient(model, scheme, options, q, p, dw, gradient_q, gradient_p, error)
+   subroutine action_gradient(model, scheme, options, q, p, dw, gradient_q, gradient_p, error, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -91,6 +91,7 @@ contains
       real(wp), intent(out) :: gradient_q(:, :, :)     !! (npath, ndof, nstep-1)
       real(wp), intent(out) :: gradient_p(:, :, :)     !! (npath, ndof, nstep-1)
       type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
       type(discrete_lagrangian) :: lagrangian
       type(step_block) :: work
       integer :: first, n
@@ -104,14 +105,16 @@ contains
       end associate
       if (allocated(error)) return
       call blas_single_thread()
-      do first = 1, size(q, 1), work%nlane
+      blocks: do first = 1, size(q, 1), work%nlane
          work%status = 0
          do n = 1, size(dw, 3)
+            call look_up(work, first, n, dw, 'action_gradient', error, monitor)
+            if (allocated(error)) exit blocks
             call load_step(work, first, n, q, p, dw)
             call differentiate(lagrangian, work, options, n)
             call add_ends(work, first, n - 1, gradient_q, gradient_p)
          end do
-      end do
+      end do blocks
       call blas_restore_threads()
    end subroutine action_gradient
 

@@ -27,13 +27,15 @@ module symsde_diagnose_boundary_value
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_solve_lapack, only: solve_banded_lapack, blas_single_thread, blas_restore_threads
+   use symsde_solve_banded_pivoting, only: banded_factors, new_banded_factors, factor_columns
+   use symsde_solve_lapack, only: solve_factored_lapack, blas_single_thread, blas_restore_threads
    implicit none
    private
    public :: stationary_path
 
    real(wp), parameter :: rounding = 1e-12_wp        !! residual of a solved path, in units of the unknowns
    real(wp), parameter :: shortest = 2.0_wp**(-20)   !! of a full correction
+   real(wp), parameter :: patience = 2e7_wp          !! multiplications of a linear solve between two questions
    character(*), parameter :: place = 'stationary_path'
 
    !> The iteration of one path.
@@ -99,7 +101,8 @@ contains
                     ' steps: give fewer steps or paths')
          return
       end if
-      call collect_increments(noise, options, w)
+      call collect_increments(noise, options, w, error, monitor)
+      if (allocated(error)) return
       call blas_single_thread()
       do first = 1, size(q, 1), lane_unit
          nreal = min(lane_unit, size(q, 1) - first + 1)
@@ -149,19 +152,23 @@ contains
          call system%differentiate()
          do lane = 1, nreal
             call stop_if_wanted(monitor, done, npath, place, error)
+            if (states(lane)%running .and. .not. allocated(error)) &
+               call iterate(system, lane, iteration == max_iter, states(lane), done, npath, error, monitor)
             if (allocated(error)) return
-            if (states(lane)%running) call iterate(system, lane, iteration == max_iter, states(lane))
          end do
          if (.not. any(states%running)) return
       end do
    end subroutine solve_block
 
    !> Judge the unknowns of a path, and give it the next ones.
-   subroutine iterate(system, lane, last, state)
+   subroutine iterate(system, lane, last, state, done, npath, error, monitor)
       type(action_system), intent(inout) :: system
       integer, intent(in) :: lane
       logical, intent(in) :: last     !! no iteration follows
       type(newton_state), intent(inout) :: state
+      integer(i8), intent(in) :: done, npath   !! for the monitor
+      type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
       real(wp) :: norm
       logical :: better
 
@@ -188,7 +195,7 @@ contains
             call finish(not_converged)
             if (state%norm <= rounding*sqrt(real(size(x), wp))*maxval(abs(x))) state%status = status_ok
          else
-            if (better) call find_correction(system, lane, state)
+            if (better) call find_correction(system, lane, state, done, npath, error, monitor)
             if (state%running) x = state%x + state%length*state%d
          end if
       end associate
@@ -204,17 +211,30 @@ contains
 
    end subroutine iterate
 
-   !> The full correction from the unknowns last differentiated.
-   subroutine find_correction(system, lane, state)
+   !> The full correction from the unknowns last differentiated. The matrix is factored in parts, between which the
+   !> monitor is asked.
+   subroutine find_correction(system, lane, state, done, npath, error, monitor)
       type(action_system), intent(inout) :: system
       integer, intent(in) :: lane
       type(newton_state), intent(inout) :: state
+      integer(i8), intent(in) :: done, npath   !! for the monitor
+      type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
+      type(banded_factors) :: factors
 
       call system%fill_matrix(lane)
       state%d = -system%r(:, lane)
       state%length = 1
-      call solve_banded_lapack(system%nunknown, system%width, system%width, system%band, state%d, &
-                               state%status, state%rcond)
+      call new_banded_factors(factors, system%nunknown, system%width, system%width, system%band)
+      state%status = nonfinite
+      state%running = factors%norm <= huge(1.0_wp)   ! NaN and infinities enter the norm
+      if (.not. state%running) return
+      do while (factors%done < factors%n .and. .not. factors%is_singular)
+         call stop_if_wanted(monitor, done, npath, place, error)
+         if (allocated(error)) return
+         call factor_columns(factors, system%band, patience)
+      end do
+      call solve_factored_lapack(factors, system%band, state%d, state%status, state%rcond)
       state%running = state%status == status_ok
    end subroutine find_correction
 

@@ -13,10 +13,11 @@
 !> commute with the drift: in the phase space with time the bracket is {H,H_k} - H_{k,t}. Points can refute, not prove.
 module symsde_diagnose_commutator
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, wrong_shape
    use symsde_base_text, only: to_text
+   use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_model_abstract, only: model_type, default_step
    implicit none
    private
@@ -37,15 +38,18 @@ module symsde_diagnose_commutator
 
 contains
 
-   !> Brackets at the points (q, p) and time t. Errors: wrong_shape.
-   subroutine commutator(model, t, q, p, result, error)
+   !> Brackets at the points (q, p) and time t. Errors: wrong_shape; stopped, by the monitor, which is asked before
+   !> each bracket.
+   subroutine commutator(model, t, q, p, result, error, monitor)
       class(model_type), intent(in) :: model
       real(wp), intent(in) :: t                  !! time [1]
       real(wp), intent(in) :: q(:, :), p(:, :)   !! sample points (npoint, ndof)
       type(commutator_type), intent(out) :: result
       type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
       real(wp), allocatable :: qs(:, :), ps(:, :)
       real(wp) :: size_kl
+      integer(i8) :: done, nbracket
       integer :: j, k
 
       if (allocated(error)) return
@@ -62,8 +66,13 @@ contains
       if (allocated(error)) return
       allocate (qs, source=q)
       allocate (ps, source=p)
+      done = 0
+      nbracket = int(model%traits%nnoise, i8)*(model%traits%nnoise + 1)/2
       do k = 1, model%traits%nnoise
          do j = 0, k - 1
+            call stop_if_wanted(monitor, done, nbracket, 'commutator', error)
+            if (allocated(error)) return
+            done = done + 1
             size_kl = relative_gradient(model, size(q, 1), j, k, t, qs, ps)
             if (j == 0) then
                result%drift = max(result%drift, size_kl)

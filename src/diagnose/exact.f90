@@ -22,6 +22,7 @@ module symsde_diagnose_exact
    use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation, incompatible
    use symsde_base_text, only: to_text
    use symsde_ensemble_driver, only: new_noise
+   use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_model_abstract, only: model_type
    use symsde_model_additive_oscillator, only: additive_oscillator_model
@@ -58,8 +59,8 @@ contains
 
    !> q(path, 1, n), p(path, 1, n) at the saved times of a run with these options, t0 included.
    !> Errors: missing_operation for models without an exact solution; incompatible for schemes whose increments are no
-   !> Brownian ones; wrong_shape; those of check_options and of the noise.
-   subroutine exact_solution(model, options, q0, p0, q, p, error, dw, scheme)
+   !> Brownian ones; wrong_shape; those of check_options and of the noise; stopped, by the monitor.
+   subroutine exact_solution(model, options, q0, p0, q, p, error, dw, scheme, monitor)
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options
       real(wp), intent(in) :: q0(:, :), p0(:, :)        !! initial state (npath or 1, ndof)
@@ -68,6 +69,7 @@ contains
       !> increments (npath or 1, nnoise, rows)
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
       type(scheme_type), intent(in), optional :: scheme !! that the run takes; dW alone if absent
+      class(monitor_type), intent(inout), optional :: monitor
       class(noise_type), allocatable, target :: noise
       type(oscillator) :: system
       type(exact_block) :: work
@@ -89,10 +91,14 @@ contains
          call begin_block(work, fine, q0, p0)
          call save_point(work, 1, q, p)
          do n = fine%first_step, fine%first_step + fine%nstep - 1
+            done = n - fine%first_step
+            call stop_if_wanted(monitor, work%first*fine%nstep + done*work%nreal, fine%npath*fine%nstep, &
+                                'exact_solution', error)
+            if (allocated(error)) return
             if (noise%nnoise > 0 .and. (mod(n, 2_i8) == 0 .or. n == fine%first_step)) &
                call fill(work, noise, system, fine, n/2)
             call advance(work, system, fine, n)
-            done = n + 1 - fine%first_step
+            done = done + 1
             if (mod(done, fine%save_every) /= 0) cycle
             if (.not. system%additive) call rotate(work, system, real(done, wp)*fine%step)
             call save_point(work, int(done/fine%save_every) + 1, q, p)

@@ -4,6 +4,8 @@ module symsde_ensemble_increments
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: default_nlane, path_of_lane
    use symsde_base_record, only: step_store, step_request, new_step_store
+   use symsde_base_status, only: error_type
+   use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options
    use symsde_noise_source, only: noise_type
    implicit none
@@ -12,26 +14,32 @@ module symsde_ensemble_increments
 
 contains
 
-   !> dw(path, k, n) = dW_k of the n-th step of the run.
-   subroutine collect_increments(noise, options, dw)
+   !> dw(path, k, n) = dW_k of the n-th step of the run. Errors: stopped, by the monitor.
+   subroutine collect_increments(noise, options, dw, error, monitor)
       class(noise_type), intent(in) :: noise
       type(run_options), intent(in) :: options
       real(wp), intent(inout) :: dw(:, :, :)  !! (npath, nnoise, nstep)
+      type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
       integer(i8) :: first
 
+      if (allocated(error)) return
       if (noise%nnoise == 0 .or. options%nstep == 0) return
       do first = 0, options%npath - 1, default_nlane
-         call fill_block(noise, options, first, dw)
+         call fill_block(noise, options, first, dw, error, monitor)
+         if (allocated(error)) return
       end do
    end subroutine collect_increments
 
    !> The paths of one block; the source makes the steps 2j and 2j+1 together, of which a run may begin
    !> with the second or end with the first.
-   subroutine fill_block(noise, options, first, dw)
+   subroutine fill_block(noise, options, first, dw, error, monitor)
       class(noise_type), intent(in) :: noise
       type(run_options), intent(in) :: options
       integer(i8), intent(in) :: first           !! paths before the block
       real(wp), intent(inout) :: dw(:, :, :)     !! (npath, nnoise, nstep)
+      type(error_type), allocatable, intent(inout) :: error
+      class(monitor_type), intent(inout), optional :: monitor
       type(step_store) :: store  !! with functionals, on which dW depends at refine < 0
       type(step_request) :: request
       integer(i8) :: pair, n, drawn
@@ -44,6 +52,9 @@ contains
       allocate (request%path(default_nlane))
       call path_of_lane(default_nlane, options%first_path + first, nreal, request%path)
       do pair = options%first_step/2, (options%first_step + options%nstep - 1)/2
+         call stop_if_wanted(monitor, first*options%nstep + (2*pair - options%first_step)*nreal, &
+                             options%npath*options%nstep, 'collect_increments', error)
+         if (allocated(error)) return
          request%pair = pair
          call noise%fill(request, store, drawn)
          do half = 0, 1

@@ -1,15 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The only file that calls LAPACK: one system with pivoting, and the threads of the BLAS.
+!> The only file that calls LAPACK: one system with row exchanges, and the threads of the BLAS.
 !>
 !> LAPACK's info alone does not tell failure: a NaN in the matrix gives info = 0 and NaN, a nearly
 !> singular matrix info = 0 and infinities. Data and solution are therefore looked at here.
 module symsde_solve_lapack
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok, singular, nonfinite
+   use symsde_solve_banded_pivoting, only: banded_factors, new_banded_factors, factor_columns
    implicit none
    private
    public :: solve_dense_lapack, solve_dense_many_lapack, solve_lane_lapack
-   public :: solve_banded_lapack, solve_banded_lane_lapack, blas_single_thread, blas_restore_threads
+   public :: solve_banded_lapack, solve_banded_lane_lapack, solve_factored_lapack
+   public :: blas_single_thread, blas_restore_threads
 
    interface
       !> LAPACK: LU factors of a general matrix.
@@ -32,16 +34,7 @@ module symsde_solve_lapack
          integer, intent(out) :: info
       end subroutine dgetrs
 
-      !> LAPACK: LU factors of a banded matrix.
-      subroutine dgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
-         import :: wp
-         integer, intent(in) :: m, n, kl, ku, ldab
-         real(wp), intent(inout) :: ab(ldab, *)
-         integer, intent(out) :: ipiv(*)
-         integer, intent(out) :: info
-      end subroutine dgbtrf
-
-      !> LAPACK: solve with the factors of dgbtrf.
+      !> LAPACK: solve with LU factors of a banded matrix.
       subroutine dgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
          import :: wp
          character, intent(in) :: trans
@@ -52,7 +45,7 @@ module symsde_solve_lapack
          integer, intent(out) :: info
       end subroutine dgbtrs
 
-      !> LAPACK: estimate of the reciprocal condition number from the factors of dgbtrf.
+      !> LAPACK: estimate of the reciprocal condition number from LU factors of a banded matrix.
       subroutine dgbcon(norm, n, kl, ku, ab, ldab, ipiv, anorm, rcond, work, iwork, info)
          import :: wp
          character, intent(in) :: norm
@@ -146,43 +139,51 @@ contains
       if (info == status_ok) x(lane, :) = vector
    end subroutine solve_banded_lane_lapack
 
-   !> Solve one banded system, A(i,j) at band(kl+ku+1+i-j, j); the kl rows above are for what the row
-   !> exchanges fill in. With rcond, a system whose condition number exceeds 1/(4 eps) is singular too:
-   !> its solution would have no correct digit.
-   subroutine solve_banded_lapack(n, kl, ku, band, x, info, rcond)
+   !> Solve one banded system, A(i,j) at band(kl+ku+1+i-j, j); the kl rows above are zero.
+   subroutine solve_banded_lapack(n, kl, ku, band, x, info)
       integer, intent(in) :: n                              !! unknowns
       integer, intent(in) :: kl                             !! diagonals below the main one
       integer, intent(in) :: ku                             !! diagonals above the main one
       real(wp), intent(inout) :: band(2*kl + ku + 1, n)     !! matrix, destroyed
       real(wp), intent(inout) :: x(n)                       !! in: right-hand side; out: solution, if ok
       integer(i4), intent(out) :: info                      !! status_ok, singular or nonfinite
+      type(banded_factors) :: factors
+
+      info = nonfinite
+      if (.not. all_finite(size(band, kind=i8), band)) return
+      call new_banded_factors(factors, n, kl, ku, band)
+      call factor_columns(factors, band, huge(1.0_wp))
+      call solve_factored_lapack(factors, band, x, info)
+   end subroutine solve_banded_lapack
+
+   !> The same from factors, which may have been made in parts. With rcond, a system whose condition number exceeds
+   !> 1/(4 eps) is singular too: its solution would have no correct digit.
+   subroutine solve_factored_lapack(factors, band, x, info, rcond)
+      type(banded_factors), intent(in) :: factors           !! of solve/banded_pivoting
+      real(wp), intent(in) :: band(2*factors%kl + factors%ku + 1, factors%n)   !! their numbers
+      real(wp), intent(inout) :: x(factors%n)               !! in: right-hand side; out: solution, if ok
+      integer(i4), intent(out) :: info                      !! status_ok, singular or nonfinite
       real(wp), intent(out), optional :: rcond              !! 1/(|A| |A^-1|), estimated, in the 1-norm
       real(wp), allocatable :: work(:)
-      integer, allocatable :: pivot(:), iwork(:)
-      real(wp) :: norm
-      integer :: lapack_info, j
+      integer, allocatable :: iwork(:)
+      integer :: lapack_info
 
       if (present(rcond)) rcond = 0
       info = nonfinite
-      if (.not. (all_finite(size(band, kind=i8), band) .and. all_finite(int(n, i8), x))) return
+      if (.not. all_finite(int(factors%n, i8), x)) return
       info = singular
-      norm = 0
-      if (present(rcond)) then
-         do j = 1, n
-            norm = max(norm, sum(abs(band(kl + 1:, j))))
-         end do
-      end if
-      allocate (pivot(n))
-      call dgbtrf(n, n, kl, ku, band, 2*kl + ku + 1, pivot, lapack_info)
-      if (lapack_info /= 0) return
-      if (present(rcond)) then
-         allocate (work(3*n), iwork(n))
-         call dgbcon('1', n, kl, ku, band, 2*kl + ku + 1, pivot, norm, rcond, work, iwork, lapack_info)
-         if (.not. rcond > 4*epsilon(1.0_wp)) return
-      end if
-      call dgbtrs('N', n, kl, ku, 1, band, 2*kl + ku + 1, pivot, x, n, lapack_info)
-      if (all_finite(int(n, i8), x)) info = status_ok
-   end subroutine solve_banded_lapack
+      if (factors%is_singular) return
+      associate (n => factors%n, kl => factors%kl, ku => factors%ku)
+         if (present(rcond)) then
+            allocate (work(3*n), iwork(n))
+            call dgbcon('1', n, kl, ku, band, 2*kl + ku + 1, factors%pivot, factors%norm, rcond, work, iwork, &
+                        lapack_info)
+            if (.not. rcond > 4*epsilon(1.0_wp)) return
+         end if
+         call dgbtrs('N', n, kl, ku, 1, band, 2*kl + ku + 1, factors%pivot, x, n, lapack_info)
+         if (all_finite(int(n, i8), x)) info = status_ok
+      end associate
+   end subroutine solve_factored_lapack
 
    !> True where no number is infinite or NaN. Counting has no early exit and so vectorises.
    pure logical function all_finite(n, x)

@@ -343,15 +343,15 @@ static void test_commutator(void) {
 
    OK(symsde_model_get("kubo", 0, NULL, NULL, &kubo, &error));
    OK(symsde_model_get("noncommutative_oscillator", 0, NULL, NULL, &mixed, &error));
-   OK(symsde_commutator(kubo, 0.0, 3, q[0], p[0], gradients, commute, text, sizeof text, &error));
+   OK(symsde_commutator(kubo, 0.0, 3, q[0], p[0], gradients, commute, text, sizeof text, NULL, NULL, &error));
    CHECK(commute[0] == 1 && commute[1] == 1 && gradients[1] < 1e-6);
-   OK(symsde_commutator(mixed, 0.0, 3, q[0], p[0], gradients, commute, text, sizeof text, &error));
+   OK(symsde_commutator(mixed, 0.0, 3, q[0], p[0], gradients, commute, text, sizeof text, NULL, NULL, &error));
    CHECK(commute[0] == 0 && gradients[0] > 0.1 && text[0] != 0);
-   OK(symsde_commutator(mixed, 0.0, 3, q[0], p[0], gradients, commute, NULL, 0, &error));
+   OK(symsde_commutator(mixed, 0.0, 3, q[0], p[0], gradients, commute, NULL, 0, NULL, NULL, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "npoint = 0",
-          symsde_commutator(mixed, 0.0, 0, q[0], p[0], gradients, commute, text, sizeof text, &error));
+          symsde_commutator(mixed, 0.0, 0, q[0], p[0], gradients, commute, text, sizeof text, NULL, NULL, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "gradients is NULL",
-          symsde_commutator(mixed, 0.0, 3, q[0], p[0], NULL, commute, text, sizeof text, &error));
+          symsde_commutator(mixed, 0.0, 3, q[0], p[0], NULL, commute, text, sizeof text, NULL, NULL, &error));
    symsde_model_delete(&kubo);
    symsde_model_delete(&mixed);
 }

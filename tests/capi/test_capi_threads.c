@@ -106,7 +106,7 @@ static void fail_in_a_callback(worker *me) {
    double gradients[2];
    int32_t commute[2];
    EXPECT(SYMSDE_CALLBACK_FAILED, "a callback returned 17",
-          symsde_commutator(shared_pendulum, 101, 1, &one, &zero, gradients, commute, NULL, 0, &error));
+          symsde_commutator(shared_pendulum, 101, 1, &one, &zero, gradients, commute, NULL, 0, NULL, NULL, &error));
 }
 
 /* every path fails: momenta that overflow */
@@ -181,7 +181,7 @@ static void diagnose(worker *me) {
 
    OK(symsde_symplecticity(shared_pendulum, shared_midpoint, &options, 1, &one, &zero, &increment, &defect, &error));
    CHECK(defect < 1e-8);
-   OK(symsde_commutator(shared_pendulum, 0, 1, &one, &zero, gradients, commute, me->text, TEXT, &error));
+   OK(symsde_commutator(shared_pendulum, 0, 1, &one, &zero, gradients, commute, me->text, TEXT, NULL, NULL, &error));
    CHECK(strncmp(me->text, "the noises commute", 18) == 0);
 }
 

@@ -118,7 +118,7 @@ static void use_model(const char *model_name, symsde_model model) {
 
    TRAPPED(symsde_model_probe(model, 0, q0, p0, &error));
    CHECK(status == SYMSDE_OK);
-   TRAPPED(symsde_commutator(model, 0, 1, q0, p0, gradients, commute, text, sizeof text, &error));
+   TRAPPED(symsde_commutator(model, 0, 1, q0, p0, gradients, commute, text, sizeof text, NULL, NULL, &error));
    TRAPPED(symsde_exact_solution(model, scheme, &options, &input, q, p, &error));
    TRAPPED(symsde_compute_moments(model, scheme, &options, &input, &moments, NULL, &error));
    CHECK(status == SYMSDE_OK);

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 import symsde as ss
+from symsde import _setup
 
 LONG = {"q0": 1.0, "p0": 0.0, "step": 1e-3, "steps": 10**9, "save_every": 10**8}
 
@@ -48,6 +49,23 @@ def test_ctrl_c_in_a_diagnosis():
     start = time.process_time()
     with pytest.raises(KeyboardInterrupt):
         ss.diagnose.stationary_path(chain, "gauss4", q_start=0.1, q_end=0.2, step=0.01, steps=40, paths=20000)
+    timer.join()
+    assert time.process_time() - start < 3
+
+
+@pytest.mark.parametrize("what", ["exact", "commutator", "increments"])
+def test_ctrl_c_in_what_takes_long(what, kubo):
+    chain = ss.models.fpu_chain(n=1000)
+    endless = _setup.make_setup(kubo, q0=1.0, p0=0.0, step=1e-7, steps=10**9, save_every=10**9)
+    long = {
+        "exact": lambda: ss.diagnose.exact_of(endless),
+        "commutator": lambda: ss.commutator(chain),
+        "increments": lambda: ss.increments(chain, step=0.1, steps=20, paths=20000),
+    }
+    timer = interrupt_soon()
+    start = time.process_time()
+    with pytest.raises(KeyboardInterrupt):
+        long[what]()
     timer.join()
     assert time.process_time() - start < 3
 
