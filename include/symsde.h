@@ -328,12 +328,20 @@ typedef struct symsde_moments {
    int64_t failed[SYMSDE_MAX_FAILED_LISTED];      /* global indices, ascending */
    int32_t failed_status[SYMSDE_MAX_FAILED_LISTED];
    int64_t failed_step[SYMSDE_MAX_FAILED_LISTED];
+   double *m2; /* [ntime][nvalue]: sums of squared deviations, by which parts merge; may be NULL */
 } symsde_moments;
 
 int symsde_moments_init(symsde_moments *moments);
 int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                            const symsde_input *input, symsde_moments *moments, symsde_report *report,
                            symsde_error *error);
+
+/* Parts of an ensemble merge to the bits of the whole: a part is the paths j 2^k .. (j+1) 2^k - 1 with k >= 8, by their
+ * global indices (the last one may end earlier), and two sisters, j even on the left and j + 1 on the right, merge into
+ * the part j/2 of 2^(k+1) paths. n_ok[ntime], mean and m2[ntime][nvalue] of the left part become those of both. */
+int symsde_merge_moments(int64_t ntime, int64_t nvalue, int64_t *n_ok, double *mean, double *m2,
+                         const int64_t *n_ok_right, const double *mean_right, const double *m2_right,
+                         symsde_error *error);
 
 /* the increments that drive a run of this scheme with these options: dw[steps][nnoise][paths]; scheme = NULL: of any
  * scheme that asks for Gaussian increments alone */

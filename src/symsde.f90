@@ -62,6 +62,7 @@ module symsde
    ! runs
    use symsde_base_counters, only: counters_type
    use symsde_ensemble_monitor, only: monitor_type
+   use symsde_ensemble_merge, only: merge_moments
    use symsde_ensemble_observables, only: observables_type
    use symsde_ensemble_options, only: run_options
    use symsde_ensemble_report, only: run_report

@@ -203,6 +203,7 @@ class Moments(Structure):
         ("failed", c_int64 * MAX_FAILED_LISTED),
         ("failed_status", c_int32 * MAX_FAILED_LISTED),
         ("failed_step", c_int64 * MAX_FAILED_LISTED),
+        ("m2", c_void_p),
     )
 
 
@@ -268,6 +269,7 @@ FUNCTIONS = {
     "simulate": (*_run, _input, POINTER(Paths), POINTER(Report), _error),
     "moments_init": (POINTER(Moments),),
     "compute_moments": (*_run, _input, POINTER(Moments), POINTER(Report), _error),
+    "merge_moments": (c_int64, c_int64, *_arrays(6), _error),
     "increments": (*_run, c_void_p, _error),
     "symplecticity": (*_run, c_int64, c_void_p, c_void_p, c_void_p, c_void_p, _error),
     "discrete_action": _residual,

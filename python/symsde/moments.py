@@ -34,6 +34,7 @@ class Moments:
     mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p
     mean_energy: np.ndarray | None  #: (time,) of H, None without value; likewise var_energy, se_mean_energy
     mean: dict[str, np.ndarray]  #: (time,) of each observable; likewise var, se_mean
+    m2: np.ndarray  #: (time, value), sums of squared deviations, by which parts of an ensemble merge exactly
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
     report: Report
 
@@ -48,6 +49,7 @@ class Moments:
         self.t = np.empty(setup.ntime)
         self.n_ok = np.empty(setup.ntime, np.int64)
         self._tables = {kind: np.empty((setup.ntime, nvalue)) for kind in ("mean", "var", "se_mean")}
+        self.m2 = np.empty((setup.ntime, nvalue))
         self._name_columns()
 
     def _name_columns(self) -> None:
@@ -69,7 +71,7 @@ class Moments:
         """Let the library integrate."""
         failures = _callbacks.Failures()
         moments = _handles.new(_abi.Moments, "moments")
-        moments.t, moments.n_ok = address(self.t), address(self.n_ok)
+        moments.t, moments.n_ok, moments.m2 = (address(x) for x in (self.t, self.n_ok, self.m2))
         for member, kind in (("mean", "mean"), ("variance", "var"), ("se_mean", "se_mean")):
             setattr(moments, member, address(self._tables[kind]))
         if observables:
@@ -99,6 +101,15 @@ class Moments:
         failures.raise_stored()
         if refusal is not None:
             raise refusal
+
+    def fill_from_sums(self, n_ok: np.ndarray, mean: np.ndarray, m2: np.ndarray) -> None:
+        """The same from counts (time,), means and sums of squared deviations (time, value), as the library makes it."""
+        self.n_ok[...], self.m2[...] = n_ok, m2
+        n = n_ok[:, np.newaxis].astype(np.float64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._tables["mean"][...] = np.where(n > 0, mean, np.nan)
+            self._tables["var"][...] = np.where(n > 1, m2 / (n - 1), np.nan)
+            self._tables["se_mean"][...] = np.sqrt(self._tables["var"] / n)
 
     def columns(self) -> list[str]:
         """Names of the values, in their order: q_1 .. q_n, p_1 .. p_n, energy, observables."""

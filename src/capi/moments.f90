@@ -2,7 +2,7 @@
 !> symsde_compute_moments: the run that keeps statistics only.
 module symsde_capi_moments
    use, intrinsic :: iso_c_binding, only: &
-      c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, &
+      c_associated, c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, &
       c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument
@@ -40,6 +40,7 @@ module symsde_capi_moments
       integer(c_int64_t) :: failed(max_failed_listed)
       integer(c_int32_t) :: failed_status(max_failed_listed)
       integer(c_int64_t) :: failed_step(max_failed_listed)
+      type(c_ptr) :: m2
    end type c_moments
 
 contains
@@ -148,6 +149,7 @@ contains
       call put_rows(copy%mean, result%mean)
       call put_rows(copy%variance, result%variance)
       call put_rows(copy%se_mean, result%se_mean)
+      if (c_associated(copy%m2)) call put_rows(copy%m2, result%m2)
       call view(copy%n_ok, ntime, n_ok)
       n_ok = result%n_ok
       n = size(result%failed)
@@ -183,6 +185,7 @@ contains
       moments%failed = -1
       moments%failed_status = 0
       moments%failed_step = -1
+      moments%m2 = c_null_ptr
    end subroutine clear
 
 end module symsde_capi_moments

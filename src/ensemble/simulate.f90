@@ -38,6 +38,7 @@ module symsde_ensemble_simulate
       real(wp), allocatable :: mean(:, :)           !! (nvalue, ntime)
       real(wp), allocatable :: variance(:, :)       !! unbiased; NaN for fewer than two paths (nvalue, ntime)
       real(wp), allocatable :: se_mean(:, :)        !! standard error of the mean (nvalue, ntime)
+      real(wp), allocatable :: m2(:, :)             !! sums of squared deviations: parts merge by them (nvalue, ntime)
       logical :: has_energy = .false.
       integer(i8), allocatable :: failed(:)         !! global indices of the first failed paths, at most 1000
       integer(i4), allocatable :: failed_status(:)
@@ -169,10 +170,10 @@ contains
       call saved_times(options, result%t)
    end subroutine new_moments
 
-   !> Mean, variance and standard error from counts, means and sums of squares.
+   !> Mean, variance and standard error from counts, means and sums of squares, which are kept.
    subroutine to_moments(root, result)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-      type(moment_node), intent(in) :: root
+      type(moment_node), intent(inout) :: root      !! used up
       type(moments_type), intent(inout) :: result
       real(wp) :: nan
       integer :: it
@@ -192,6 +193,7 @@ contains
             result%se_mean(:, it) = sqrt(result%variance(:, it)/root%n(it))
          end if
       end do
+      call move_alloc(root%m2, result%m2)
    end subroutine to_moments
 
    !> The saved times, t0 included.

@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: BSD-3-Clause
+ *
+ * Parts of an ensemble through the C interface: they merge to the bits of the whole.
+ */
+#include "run.h"
+
+/* moments of paths 0 .. 255 and 256 .. 299 merge to the bits of all 300 */
+static void test_merge_moments(void) {
+   enum { NVALUE = 3, N = NTIME * NVALUE };
+   static double t[NTIME], mean[3][N], variance[N], se[N], m2[3][N];
+   static int64_t n_ok[3][NTIME];
+   const int64_t first[3] = {0, 256, 0}, count[3] = {256, PATHS - 256, PATHS};
+   double q0 = 0.3, p0 = -0.4;
+   symsde_model model = new_kubo();
+   symsde_scheme scheme = NULL;
+   symsde_options options = some_options();
+   symsde_input input = some_input(&q0, &p0);
+   symsde_moments *m = malloc(sizeof *m);
+
+   OK(symsde_scheme_get("midpoint", &scheme, &error));
+   symsde_moments_init(m);
+   m->t = t;
+   m->variance = variance;
+   m->se_mean = se;
+   for (int part = 0; part < 3; part++) {
+      options.first_path = first[part];
+      options.paths = count[part];
+      m->n_ok = n_ok[part];
+      m->mean = mean[part];
+      m->m2 = m2[part];
+      OK(symsde_compute_moments(model, scheme, &options, &input, m, NULL, &error));
+   }
+   for (int i = 1; i < N; i++) {
+      CHECK(fabs(m2[2][i] - variance[i] * (PATHS - 1)) <= 1e-13 * m2[2][i]);
+   }
+   OK(symsde_merge_moments(NTIME, NVALUE, n_ok[0], mean[0], m2[0], n_ok[1], mean[1], m2[1], &error));
+   CHECK(memcmp(n_ok[0], n_ok[2], sizeof n_ok[0]) == 0);
+   CHECK(memcmp(mean[0], mean[2], sizeof mean[0]) == 0 && memcmp(m2[0], m2[2], sizeof m2[0]) == 0);
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "m2_right is NULL",
+          symsde_merge_moments(NTIME, NVALUE, n_ok[0], mean[0], m2[0], n_ok[1], mean[1], NULL, &error));
+   EXPECT(SYMSDE_WRONG_SHAPE, "negative",
+          symsde_merge_moments(-1, NVALUE, n_ok[0], mean[0], m2[0], n_ok[1], mean[1], m2[1], &error));
+   free(m);
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
+int main(void) {
+   test_merge_moments();
+   return close_report();
+}
