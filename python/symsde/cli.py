@@ -10,21 +10,20 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from . import _files, models, scene, schemes, tables
 from ._output import patient_output
 from ._setup import build_info
-from .errors import PathsFailedWarning, SymsdeError
-from .moments import Moments
-from .simulate import Run
+from .batch import command as batch
+from .batch import merge
+from .errors import NotWrittenError, PathsFailedWarning, SymsdeError
 from .stability import command as stability
 from .study import command as study
 
-OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED = 0, 1, 2, 3, 4
-_EPILOG = "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed, 4 stopped"
+OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED, NOT_WRITTEN = 0, 1, 2, 3, 4, 5
+_EPILOG = "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed, 4 stopped, 5 a file or folder failed"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -36,10 +35,10 @@ def main(arguments: list[str] | None = None) -> int:
             return options.verb(options)
     except (SymsdeError, OSError) as error:
         print(f"symsde: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except KeyboardInterrupt as stop:
-        kept = getattr(stop, "kept", None)
-        print(f"symsde: stopped{f'; what was computed until then is in {kept}' if kept else ''}", file=sys.stderr)
+        is_input = isinstance(error, SymsdeError) and not isinstance(error, NotWrittenError)
+        return BAD_INPUT if is_input else NOT_WRITTEN
+    except KeyboardInterrupt:
+        print("symsde: stopped", file=sys.stderr)
         return STOPPED
 
 
@@ -69,10 +68,9 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(verb=function)
         return sub
 
-    run = add("run", _run, "Run a scene; print moments, write moments.csv and run.nc.")
-    run.add_argument("scene", metavar="SCENE.toml")
-    run.add_argument("--out", metavar="DIR", help="directory of the results (default: named after the scene)")
-    run.add_argument("--quiet", action="store_true", help="no progress and no table")
+    run = add("run", batch.run, "Run a scene in a folder of shards, or go on with it; moments.csv and run.nc.")
+    batch.arguments(run)
+    merge.arguments(add("merge", merge.run, merge.HELP))
     add("check", _check, "Check a scene without running it.").add_argument("scene", metavar="SCENE.toml")
     add("template", _template, "Print a scene of a built-in model.").add_argument("model", metavar="MODEL")
     catalogue = add("list", _list, "List models with their parameters, and schemes.")
@@ -87,56 +85,6 @@ def _parser() -> argparse.ArgumentParser:
     paper.add_argument("--out", metavar="DIR", default="out/paper", help="directory of the results (%(default)s)")
     paper.add_argument("--quick", action="store_true", help="fewer paths and steps")
     return parser
-
-
-def _run(options: argparse.Namespace) -> int:
-    chosen = scene.load(options.scene)
-    progress = sys.stderr.isatty() and not options.quiet
-    report, failed = None, 0
-    with _files.folder(options.out or Path(options.scene).stem) as directory:
-        if chosen.moments:
-            moments = _saved(chosen.compute_moments, progress, directory / "moments.csv")
-            report, failed = moments.report, moments.report.failed
-            if not options.quiet:
-                _print_moments(moments)
-        if chosen.paths:
-            run = _saved(chosen.compute_paths, progress, directory / ("run.nc" if _has_netcdf() else "run.npz"))
-            report, failed = report or run.report, max(failed, int((run.status != 0).sum()))
-    if not options.quiet:
-        print(f"{report or ''}\nwritten to {directory}".lstrip())
-    if failed:
-        print(f"symsde: {failed} paths failed; moments are over the others", file=sys.stderr)
-    return PATHS_FAILED if failed else OK
-
-
-def _saved(compute: Callable[[bool], Moments | Run], progress: bool, target: Path) -> Moments | Run:
-    """What was computed, in a file; after a stop what there is of it, in one whose name says so."""
-    try:
-        result = compute(progress)
-    except KeyboardInterrupt as stop:
-        if (result := getattr(stop, "partial", None)) is not None:
-            stop.kept = target.with_name(f"{target.stem}.partial{target.suffix}")
-            result.save(stop.kept)
-        raise
-    result.save(target)
-    return result
-
-
-def _has_netcdf() -> bool:
-    return all(importlib.util.find_spec(package) for package in ("xarray", "netCDF4"))
-
-
-def _print_moments(moments: Moments, rows: int = 11, columns: int = 4) -> None:
-    """At most eleven times; q_1, p_1 and the energy first."""
-    names = moments.columns()
-    ndof = moments.setup.model.ndof
-    wanted = [0, ndof, *range(2 * ndof, len(names))][:columns]
-    means, errors = moments.to_arrays()
-    print(f"{'t':>10s} {'paths':>9s}" + "".join(f" {'mean ' + names[j]:>24s}" for j in wanted))
-    every = max(1, -(-(len(moments.t) - 1) // (rows - 1)))
-    for i in sorted({*range(0, len(moments.t), every), len(moments.t) - 1}):
-        values = "".join(f" {means[i, j]:12.5g} +- {errors[i, j]:8.2g}" for j in wanted)
-        print(f"{moments.t[i]:10.4g} {moments.n_ok[i]:9d}{values}")
 
 
 def _check(options: argparse.Namespace) -> int:

@@ -39,6 +39,7 @@ class Scene:
     moments: bool  #: moments are wanted
     paths: list[int] | range  #: global indices of the paths to save, ascending
     study: dict[str, Any] = field(default_factory=dict)  #: options of `work_precision`
+    tables: dict[str, Any] = field(default_factory=dict)  #: the file as it stands
 
     def compute_moments(self, progress=False) -> Moments:
         """Moments of all paths."""
@@ -100,7 +101,7 @@ def load(path: str | os.PathLike) -> Scene:
         raise SceneError(f"{file}: [output] moments = {wants_moments!r}: give true or false")
     study = dict(tables.get("study", {}))
     _known(file, "key of [study]", study, STUDY_KEYS)
-    scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [], study)
+    scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [], study, tables)
     tried = scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
     try:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import _abi, cli, look, report
+from symsde.batch.command import print_moments
 from symsde.stability import page
 from symsde.stability.scenario import Scenario, says
 
@@ -58,7 +59,7 @@ def moments():
 
 
 def test_the_table_of_moments(moments, capsys):
-    cli._print_moments(moments)
+    print_moments(moments)
     head, *lines = capsys.readouterr().out.splitlines()
     assert head.split() == ["t", "paths", "mean", "q_1", "mean", "p_1", "mean", "energy", "mean", "product"]
     assert len(lines) == 11
@@ -77,7 +78,7 @@ def test_the_table_of_moments(moments, capsys):
 
 
 def test_the_last_time_is_always_shown(kubo, capsys):
-    cli._print_moments(ss.moments(kubo, q0=1.0, p0=0.0, step=0.1, steps=23, paths=3))
+    print_moments(ss.moments(kubo, q0=1.0, p0=0.0, step=0.1, steps=23, paths=3))
     lines = capsys.readouterr().out.splitlines()[1:]
     assert len(lines) <= 12 and float(lines[-1].split()[0]) == pytest.approx(2.3)
 

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import cli, scene
+from symsde.batch import work
 from symsde.errors import SceneError
 from symsde.study import scenes
 
@@ -115,12 +116,17 @@ def test_every_key_of_a_run_reaches_it(file):
 )
 def test_only_what_is_wanted_is_computed(output, written, file, tmp_path, monkeypatch):
     pytest.importorskip("netCDF4")
-    for name, wanted in (("compute_moments", "moments.csv"), ("compute_paths", "run.nc")):
+    for name, wanted in (("moments", "moments.csv"), ("simulate", "run.nc")):
         if wanted not in written:
-            monkeypatch.setattr(scene.Scene, name, lambda *_: pytest.fail("not wanted"))
+            monkeypatch.setattr(work, name, lambda *_, **__: pytest.fail("not wanted"))
     path = file(text=SCENE.partition("[output]")[0] + output)
     assert cli.main(["run", str(path), "--out", str(tmp_path / "out")]) == 0
-    assert sorted(os.listdir(tmp_path / "out") if written else []) == written
+    assert results(tmp_path / "out") == written
+
+
+def results(folder):
+    """What there is besides the shards and what belongs to them."""
+    return sorted(set(os.listdir(folder)) - {"manifest.json", "scene.toml", "shards", ".claims"})
 
 
 def test_files_of_a_run_hold_the_run(file, tmp_path, capsys):
@@ -280,7 +286,7 @@ def test_run(file, tmp_path, capsys, monkeypatch):
     shown = capsys.readouterr().out
     assert "mean q_1" in shown and "energy" in shown and "stepper" in shown
     assert len([line for line in shown.splitlines() if "+-" in line]) == 11
-    written = sorted(p.name for p in (tmp_path / "scene").iterdir())
+    written = results(tmp_path / "scene")
     assert written[0] == "moments.csv" and written[1] in ("run.nc", "run.npz")
     assert cli.main(["run", str(path), "--quiet", "--out", str(tmp_path / "elsewhere")]) == 0
     assert capsys.readouterr().out == ""
@@ -327,24 +333,12 @@ def stopped_by(number, command, folder):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("moments", ["true", "false"])
-def test_a_stopped_run_keeps_what_it_has(number, moments, file, tmp_path):
-    path = file(*LONG, ("moments = true", f"moments = {moments}"))
+def test_a_stopped_run_keeps_its_checkpoint(number, file, tmp_path):
+    path = file(*LONG, ("moments = true", "moments = false"), ("[0, 1, 7]", "[0, 1]"))
     code, shown = stopped_by(number, ["run", str(path), "--out", "out"], tmp_path)
-    name = "moments.partial.csv" if moments == "true" else "run.partial.nc"
-    assert code == cli.STOPPED and f"stopped; what was computed until then is in out/{name}" in shown
+    assert code == cli.STOPPED and f"stopped by {number.name}; 0 of 1 shards are in out: go on with" in shown
     assert "Traceback" not in shown
-    assert os.listdir(tmp_path / "out") == [name]
-    if moments == "true":
-        first, *others = (tmp_path / "out" / name).read_text().splitlines()[1:]
-        assert first.split(",")[0] == "0.0" and float(first.split(",")[2]) == 0.0
-        assert int(first.split(",")[1]) > 0
-        assert all(line.split(",")[1] == "0" for line in others)
-    else:
-        xarray = pytest.importorskip("xarray")
-        with xarray.open_dataset(tmp_path / "out" / name) as data:
-            assert (data.q[0] == 0).all() and data.path.to_numpy().tolist() == [0, 1]
-            assert data.q[1:].isnull().all() and (data.status == 5).all()
+    assert results(tmp_path / "out") == [] and os.listdir(tmp_path / "out" / "shards") == ["paths-000001.checkpoint"]
 
 
 def test_a_stop_in_a_later_stretch_of_paths_keeps_the_earlier_ones(file, monkeypatch):
@@ -367,16 +361,6 @@ def test_a_stop_in_a_later_stretch_of_paths_keeps_the_earlier_ones(file, monkeyp
     np.testing.assert_array_equal(caught.value.partial.q, whole.q)
 
 
-def test_a_run_stopped_before_it_began_leaves_no_folder(file, tmp_path, monkeypatch, capsys):
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(scene.Scene, "compute_moments", stop)
-    assert cli.main(["run", str(file()), "--out", str(tmp_path / "a" / "b")]) == cli.STOPPED
-    assert capsys.readouterr().err == "symsde: stopped\n"
-    assert not (tmp_path / "a").exists()
-
-
 def test_signals_are_left_as_they_were(file, tmp_path):
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     assert cli.main(["run", str(file()), "--quiet", "--out", str(tmp_path / "out")]) == 0
@@ -393,16 +377,16 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_work(verb, folder, 
     pytest.importorskip("matplotlib")
     from symsde import paper, stability, study
 
-    def work(*_):
+    def begin(*_, **__):
         pytest.fail("the work began")
 
     monkeypatch.chdir(file().parent)
-    for module, name in ((scene.Scene, "compute_moments"), (study, "measure")):
-        monkeypatch.setattr(module, name, work)
-    monkeypatch.setattr(stability, "SCENARIOS", (work,))
-    monkeypatch.setattr(paper.kubo, "run", work)
+    for module, name in ((work, "moments"), (study, "measure")):
+        monkeypatch.setattr(module, name, begin)
+    monkeypatch.setattr(stability, "SCENARIOS", (begin,))
+    monkeypatch.setattr(paper.kubo, "run", begin)
     scenes = ["scene.toml"] if verb in {"run", "study"} else []
-    assert cli.main([verb, *scenes, "--out", folder]) == cli.BAD_INPUT
+    assert cli.main([verb, *scenes, "--out", folder]) == cli.NOT_WRITTEN
     assert f"nothing can be written to {folder}" in capsys.readouterr().err
 
 
@@ -424,14 +408,14 @@ def test_a_reader_may_leave(command, lines):
 
 def test_a_reader_who_leaves_does_not_stop_the_run(file, tmp_path):
     assert piped(["run", str(file()), "--out", str(tmp_path / "out")], 0)[:2] == (0, "")
-    assert sorted(os.listdir(tmp_path / "out")) == ["moments.csv", "run.nc"]
+    assert results(tmp_path / "out") == ["moments.csv", "run.nc"]
 
 
 def test_a_full_device_is_said_once():
     with open("/dev/full", "w") as full:
         command = [sys.executable, "-m", "symsde", "list"]
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert done.returncode == cli.BAD_INPUT
+    assert done.returncode == cli.NOT_WRITTEN
     assert "No space left" in done.stderr and len(done.stderr.splitlines()) == 1
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import scene
-from ..errors import SceneError, SymsdeError
+from ..errors import NotWrittenError, SceneError, SymsdeError
 from . import SCHEMES, STEPS, WorkPrecision, work_precision
 from .plan import OPTIONS, make_plan
 
@@ -37,6 +37,8 @@ def _named(file, function, given: dict):
         arguments["paths"] = run.get("paths", 1)  # one column for each path of the scene
     try:
         return function(chosen.model, **arguments)
+    except NotWrittenError:
+        raise
     except SymsdeError as error:
         raise SceneError(f"{file}: [study]: {error}") from error
 

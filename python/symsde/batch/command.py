@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""symsde run SCENE.toml --out DIR: compute the shards that are not there, and put the results together."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib.util
+import logging
+import shlex
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from .. import _files, scene
+from ..moments import Moments
+from ..scene import Scene
+from . import manifest, results, share
+from .conduct import Desk, conduct
+from .folder import RunFolder
+from .plan import Extent, Piece, plan, shard_paths
+from .share import Share
+from .show import Show, display
+from .stop import Stop, seconds
+from .work import Task
+
+OK, PATHS_FAILED, STOPPED = 0, 3, 4
+log = logging.getLogger("symsde")
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `symsde run`."""
+    parser.add_argument("scene", metavar="SCENE.toml")
+    parser.add_argument("--out", metavar="DIR", help="folder of the run (default: named after the scene); resumes")
+    parser.add_argument("--shard", metavar="I/N", type=str, help="compute part I of N only, I from 1")
+    parser.add_argument("--shard-paths", metavar="N", help="paths of a shard, 256 times a power of two")
+    parser.add_argument("--max-walltime", metavar="TIME", help="end cleanly before: 90, 30min, 23.5h or 23:30:00")
+    parser.add_argument("--checkpoint", metavar="TIME", help="time between states of long paths (default: 10 s)")
+    parser.add_argument("--quiet", action="store_true", help="no progress and no table")
+
+
+@dataclass
+class Batch:
+    """A scene that is run in a folder."""
+
+    scene: Scene
+    task: Task
+    size: int  #: paths of a shard
+    pieces: list[Piece]
+    out: str
+
+    @classmethod
+    def of(cls, file: str, out: str, wanted: str | None = None) -> Batch:
+        """A scene, its folder, and the paths of a shard that are wanted; a folder that is there has chosen them."""
+        chosen = scene.load(file)
+        extent = extent_of(chosen)
+        there = manifest.read(_files.path_of("the folder of the results", out))
+        if there and wanted is None:
+            size = there["shard_paths"]
+        else:
+            size = shard_paths(extent, int(wanted) if wanted and wanted.isdigit() else wanted)
+        pieces = plan(extent, size, moments=chosen.moments, saved=chosen.paths)
+        return cls(chosen, Task(chosen.model, chosen.run), size, pieces, out)
+
+    def of_kind(self, kind: str) -> list[Piece]:
+        """Its pieces of moments, or of paths."""
+        return [piece for piece in self.pieces if piece.kind == kind]
+
+
+def extent_of(chosen: Scene) -> Extent:
+    """The size of the run of a scene."""
+    run = chosen.run
+    steps, every = int(run["steps"]), int(run.get("save_every", 1))
+    first, paths = int(run.get("first_path", 0)), int(run.get("paths", 1))
+    return Extent(first, paths, steps, steps // every + 1, chosen.model.ndof)
+
+
+def run(options: argparse.Namespace) -> int:
+    """The verb."""
+    part = share.parse(options.shard) if options.shard else Share()
+    limit = None if options.max_walltime is None else seconds("max-walltime", options.max_walltime)
+    between = 10.0 if options.checkpoint is None else seconds("checkpoint", options.checkpoint)
+    batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths)
+    record = manifest.of_scene(batch.scene, batch.size)
+    text = Path(options.scene).read_text(encoding="utf-8")
+    with (
+        logged(options.quiet),
+        Stop(limit) as stop,
+        RunFolder.open_to_write(batch.out, record, batch.pieces, text) as folder,
+    ):
+        begin = time.monotonic()
+        folder.checkpoint_seconds = between
+        compute(batch, folder, part, stop, options.quiet)
+        missing = folder.missing()
+        if missing and (stop.reason or part.n == 1):
+            return _stopped(stop, options, folder, missing)
+        if missing:
+            return _partly(options, batch, folder, missing, part)
+        return finish(batch, folder, options.quiet, time.monotonic() - begin)
+
+
+def compute(batch: Batch, folder: RunFolder, part: Share, stop: Stop, quiet: bool) -> None:
+    """The shards of a part that are not there."""
+    mine = part.of(batch.pieces)
+    shown = display(quiet)
+    done = sum(piece.work for piece in mine if folder.is_done(piece))
+    try:
+        show = Show(sum(piece.work for piece in mine), done, shown)
+        conduct(batch.task, mine, Desk(folder, stop, show))
+    finally:
+        if shown:
+            shown.close()
+
+
+def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
+    """Put the results together, write and show them."""
+    report, failed = None, 0
+    if pieces := batch.of_kind("moments"):
+        moments = results.moments_of(batch.task, batch.size, pieces, folder.read, seconds=took)
+        moments.save(folder.path / "moments.csv")
+        report, failed = moments.report, moments.report.failed
+        if not quiet:
+            print_moments(moments)
+    if pieces := batch.of_kind("paths"):
+        saved = results.run_of(batch.task, pieces, folder.read, seconds=took)
+        saved.save(folder.path / ("run.nc" if has_netcdf() else "run.npz"))
+        report, failed = report or saved.report, max(failed, int((saved.status != 0).sum()))
+    if not quiet:
+        print(f"{report or ''}\nwritten to {folder.path}".lstrip())
+    if failed:
+        print(f"symsde: {failed} paths failed; moments are over the others", file=sys.stderr)
+    return PATHS_FAILED if failed else OK
+
+
+def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing: list[Piece]) -> int:
+    done = len(folder.pieces) - len(missing)
+    again = ["symsde", "run", options.scene, "--out", str(folder.path)]
+    if options.shard:
+        again += ["--shard", options.shard]
+    print(
+        f"symsde: stopped by {stop.reason}; {done} of {len(folder.pieces)} shards are in {folder.path}: "
+        f"go on with `{shlex.join(again)}`",
+        file=sys.stderr,
+    )
+    return STOPPED
+
+
+def _partly(options, batch: Batch, folder: RunFolder, missing: list[Piece], part: Share) -> int:
+    """Part i of n is done, others are not: what to do when they are."""
+    if not options.quiet:
+        print(
+            f"part {part} is done: {len(folder.pieces) - len(missing)} of {len(folder.pieces)} shards are in "
+            f"{folder.path}; when all parts are done: `symsde merge DIR... --out DIR`"
+        )
+    failed = sum(folder.read(piece).facts["failed"] for piece in part.of(batch.pieces))
+    return PATHS_FAILED if failed else OK
+
+
+@contextlib.contextmanager
+def logged(quiet: bool) -> Iterator[None]:
+    """What the package logs, on standard error, unless the program that calls has its own way."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("symsde: %(message)s"))
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.WARNING if quiet else logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+
+
+def has_netcdf() -> bool:
+    """Whether NetCDF files can be written."""
+    return all(importlib.util.find_spec(package) for package in ("xarray", "netCDF4"))
+
+
+def print_moments(moments: Moments, rows: int = 11, columns: int = 4) -> None:
+    """At most eleven times; q_1, p_1 and the energy first."""
+    names = moments.columns()
+    ndof = moments.setup.model.ndof
+    wanted = [0, ndof, *range(2 * ndof, len(names))][:columns]
+    means, errors = moments.to_arrays()
+    print(f"{'t':>10s} {'paths':>9s}" + "".join(f" {'mean ' + names[j]:>24s}" for j in wanted))
+    every = max(1, -(-(len(moments.t) - 1) // (rows - 1)))
+    for i in sorted({*range(0, len(moments.t), every), len(moments.t) - 1}):
+        values = "".join(f" {means[i, j]:12.5g} +- {errors[i, j]:8.2g}" for j in wanted)
+        print(f"{moments.t[i]:10.4g} {moments.n_ok[i]:9d}{values}")

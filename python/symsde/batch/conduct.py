@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Let pieces be computed, by threads of this process or by whatever executor, and keep each when it is done."""
+
+from __future__ import annotations
+
+import functools
+import os
+import time
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from typing import Protocol
+
+from .plan import Piece
+from .shard_file import Shard
+from .show import Show
+from .stop import Stop
+from .work import Store, Task, compute
+
+_LOOK = 0.2  # seconds between looks at signals and progress
+_ELSEWHERE = 0.5  # seconds between looks at what other processes do
+
+
+class Shelf(Protocol):
+    """Where shards are kept: a folder, or memory."""
+
+    def is_done(self, piece: Piece) -> bool:
+        """Whether its shard is there."""
+
+    def claim(self, piece: Piece) -> bool:
+        """Take a piece, unless somebody else has it."""
+
+    def release(self, piece: Piece) -> None:
+        """Give it back."""
+
+    def write(self, piece: Piece, shard: Shard) -> None:
+        """Keep a shard."""
+
+    def store(self, piece: Piece) -> Store | None:
+        """Where a long piece keeps its state; None for nowhere."""
+
+
+@dataclass(frozen=True)
+class Desk:
+    """Where work is kept, when it ends, and who is told."""
+
+    shelf: Shelf
+    stop: Stop
+    show: Show
+
+
+def conduct(task: Task, pieces: Sequence[Piece], desk: Desk, executor: Executor | None = None) -> bool:
+    """Compute the pieces whose shards are not there; whether all are there at the end. Pieces that other processes work
+    on are waited for, and computed here if those die."""
+    shelf = desk.shelf
+    todo = [piece for piece in pieces if not shelf.is_done(piece)]
+    if not todo:
+        return True
+    if executor is not None:
+        here = _Many(task, executor, _workers_of(executor))
+        return _Loop(todo, desk, here).run()
+    workers, threads = _division(task, len(todo))
+    with ThreadPoolExecutor(workers) as own:
+        here = _Here(task, own, (workers, threads), desk)
+        return _Loop(todo, desk, here).run()
+
+
+def _division(task: Task, pieces: int) -> tuple[int, int | None]:
+    """Pieces at a time, and threads for each."""
+    if task.model.in_python or task.observables:
+        return 1, task.options.get("threads")  # callbacks in Python: one thread, unless asked for more
+    threads = _threads(task.options.get("threads"))
+    if threads is None:
+        return 1, None
+    workers = min(threads, pieces)
+    return workers, max(1, threads // workers)
+
+
+def _threads(given: int | None) -> int | None:
+    """Threads of this process, by the option, SYMSDE_NUM_THREADS, OMP_NUM_THREADS, or its processors; None where the
+    library is to judge what is set."""
+    if given is not None:
+        return int(given)
+    for name in ("SYMSDE_NUM_THREADS", "OMP_NUM_THREADS"):
+        if text := os.environ.get(name):
+            return int(text) if text.isdigit() and 1 <= int(text) <= 1024 else None
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _workers_of(executor: Executor) -> int:
+    """How many tasks an executor works on at a time, as far as it tells."""
+    return max(1, getattr(executor, "_max_workers", None) or os.cpu_count() or 1)
+
+
+class _Here:
+    """Pieces on threads of this process, which tell of their progress and can be stopped within."""
+
+    def __init__(self, task: Task, executor: Executor, division: tuple[int, int | None], desk: Desk):
+        workers, self._threads = division
+        self.window = workers + 1  # one waits, so that no thread rests while a shard is written
+        self._task, self._executor, self._desk = task, executor, desk
+
+    def submit(self, piece: Piece) -> Future:
+        """Begin."""
+        return self._executor.submit(self._compute, piece)
+
+    def _compute(self, piece: Piece) -> Shard | None:
+        desk = self._desk
+        if desk.stop.reason:
+            return None
+        begun = time.monotonic()
+
+        def tell(done: int, _total: int) -> bool:
+            desk.show.piece(piece.name, done)
+            return desk.stop.gives_up(done, piece.work, begun)
+
+        return compute(self._task, piece, self._threads, tell, desk.shelf.store(piece))
+
+
+class _Many:
+    """Pieces on an executor, which may be other processes or machines: each is all or nothing."""
+
+    def __init__(self, task: Task, executor: Executor, workers: int):
+        self.window = 2 * workers
+        self._compute = functools.partial(compute, task, threads=1)
+        self._executor = executor
+
+    def submit(self, piece: Piece) -> Future:
+        """Begin."""
+        return self._executor.submit(self._compute, piece)
+
+
+class _Loop:
+    """The pieces that are still to do, in work here, or in work elsewhere."""
+
+    def __init__(self, todo: list[Piece], desk: Desk, here: _Here | _Many):
+        self._todo = deque(todo)
+        self._elsewhere: list[Piece] = []
+        self._running: dict[Future, Piece] = {}
+        self._shelf, self._stop, self._show, self._here = desk.shelf, desk.stop, desk.show, here
+        self._took = 0.0
+        self._begun: dict[str, float] = {}
+
+    def run(self) -> bool:
+        """Until all is done, or nothing more may be begun."""
+        try:
+            while self._todo or self._running or self._elsewhere:
+                self._begin_some()
+                if self._running:
+                    self._collect(wait(self._running, timeout=_LOOK, return_when=FIRST_COMPLETED).done)
+                elif not self._stop.leaves_time_for(self._took):
+                    return False
+                elif self._elsewhere:
+                    time.sleep(_ELSEWHERE)
+                    self._look_elsewhere()
+                if self._show():
+                    self._stop.abandon()
+        except BaseException:
+            self._stop.abandon()
+            raise
+        finally:
+            self._leave()
+        return True
+
+    def _begin_some(self) -> None:
+        while self._todo and len(self._running) < self._here.window and self._stop.leaves_time_for(self._took):
+            piece = self._todo.popleft()
+            if not self._shelf.claim(piece):
+                self._elsewhere.append(piece)
+            elif self._shelf.is_done(piece):  # by another process, since we looked
+                self._shelf.release(piece)
+                self._show.finish(piece.name, piece.work)
+            else:
+                self._begun[piece.name] = time.monotonic()
+                self._running[self._here.submit(piece)] = piece
+
+    def _collect(self, done: set[Future]) -> None:
+        for future in done:
+            piece = self._running.pop(future)
+            try:
+                shard = future.result()
+                if shard is None:  # stopped
+                    self._todo.append(piece)
+                    continue
+                self._shelf.write(piece, shard)
+            finally:
+                self._shelf.release(piece)
+            self._took = max(self._took, time.monotonic() - self._begun[piece.name])
+            self._show.finish(piece.name, piece.work)
+
+    def _look_elsewhere(self) -> None:
+        """Pieces of other processes: those that are there now are done, the others are tried again."""
+        for piece in self._elsewhere:
+            if self._shelf.is_done(piece):
+                self._show.finish(piece.name, piece.work)
+            else:
+                self._todo.append(piece)
+        self._elsewhere = []
+
+    def _leave(self) -> None:
+        """Nothing of ours goes on behind our back."""
+        for future in self._running:
+            future.cancel()
+        wait(self._running)
+        for piece in self._running.values():
+            self._shelf.release(piece)

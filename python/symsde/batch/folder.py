@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The folder of a run: its manifest, a copy of its scene, its finished shards, and what is claimed of the others.
+
+DIR/manifest.json           which run this is
+DIR/scene.toml              as it was given
+DIR/shards/NAME.npz         one finished shard for each piece
+DIR/shards/NAME.checkpoint  state of a long piece in work; gone with its shard
+DIR/.claims                 locks of the processes at work
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from .. import _files
+from ..errors import SceneError
+from . import durable, manifest, shard_file
+from .claims import Claims
+from .plan import Piece
+from .shard_file import DamagedShardError, Shard
+
+log = logging.getLogger("symsde")
+
+
+class RunFolder:
+    """A folder that holds the run of one manifest."""
+
+    def __init__(self, path: Path, record: dict[str, Any], pieces: Sequence[Piece]):
+        """A folder as it is; `open_to_write` makes one."""
+        self.path = path
+        self.record = record
+        self.pieces = list(pieces)
+        self._numbers = {piece.name: i for i, piece in enumerate(self.pieces)}
+        self._verified: set[str] = set()
+        self._claims: Claims | None = None
+        self.checkpoint_seconds = 10.0
+
+    @classmethod
+    @contextlib.contextmanager
+    def open_to_write(cls, path: str, record: dict[str, Any], pieces: Sequence[Piece], scene_text: str) -> Iterator:
+        """Make the folder, or go on in it; a folder of another run is refused, and not touched."""
+        if (there := manifest.read(_files.path_of("the folder of the results", path))) is not None:
+            manifest.require_same(there, record, Path(path))
+        with _files.folder(path) as target:
+            if not (target / manifest.NAME).exists():
+                _require_no_results(target)
+            self = cls(target, record, pieces)
+            durable.write(target / "scene.toml", scene_text.encode(), keep=True)
+            if not durable.write(target / manifest.NAME, manifest.to_bytes(record), keep=True):
+                manifest.require_same(manifest.read(target), record, target)
+            (target / "shards").mkdir(exist_ok=True)
+            self._claims = Claims(target / ".claims")
+            try:
+                yield self
+            finally:
+                self._claims.close()
+
+    def shard_path(self, piece: Piece) -> Path:
+        """Where the shard of a piece is."""
+        return self.path / "shards" / f"{piece.name}.npz"
+
+    def is_done(self, piece: Piece) -> bool:
+        """Whether the shard is there and undamaged; looked at once, a damaged one is put aside and said."""
+        if piece.name in self._verified:
+            return True
+        path = self.shard_path(piece)
+        if not path.exists():
+            return False
+        try:
+            self.read(piece)
+        except DamagedShardError as error:
+            if self._claims is None:  # somebody else's
+                log.warning("%s; it is left out", error)
+                return False
+            aside = path.with_suffix(".damaged")
+            log.warning("%s; it is computed anew, what was there is kept as %s", error, aside.name)
+            with contextlib.suppress(FileNotFoundError):  # another process was faster
+                path.rename(aside)
+            return False
+        self._verified.add(piece.name)
+        return True
+
+    def missing(self) -> list[Piece]:
+        """Pieces without a shard."""
+        return [piece for piece in self.pieces if not self.is_done(piece)]
+
+    def read(self, piece: Piece) -> Shard:
+        """A shard, verified, that is of this run and this piece."""
+        path = self.shard_path(piece)
+        shard = shard_file.read(path)
+        expected = self.stamp(piece)
+        if any(shard.facts.get(key) != value for key, value in expected.items()):
+            raise DamagedShardError(f"{path} is damaged: it is the shard of another run or piece")
+        return shard
+
+    def stamp(self, piece: Piece) -> dict[str, Any]:
+        """Facts that say which shard this is."""
+        run = hashlib.sha256(manifest.to_bytes(self.record)).hexdigest()
+        return {"run": run, "piece": piece.name, "kind": piece.kind, "first": piece.first, "paths": piece.paths}
+
+    def write(self, piece: Piece, shard: Shard) -> None:
+        """Put a finished shard into its place, and its checkpoint away."""
+        stamped = Shard(shard.arrays, {**shard.facts, **self.stamp(piece)})
+        shard_file.write(self.shard_path(piece), stamped)
+        self._verified.add(piece.name)
+        with contextlib.suppress(FileNotFoundError):
+            self.checkpoint_path(piece).unlink()
+
+    def checkpoint_path(self, piece: Piece) -> Path:
+        """Where the checkpoint of a long piece is."""
+        return self.path / "shards" / f"{piece.name}.checkpoint"
+
+    def store(self, piece: Piece) -> _Checkpoint:
+        """Where a long piece keeps its state."""
+        return _Checkpoint(self, piece)
+
+    def write_checkpoint(self, piece: Piece, state: Shard) -> None:
+        """Replace the checkpoint by a later one: at every moment one of the two is there, whole."""
+        stamped = Shard(state.arrays, {**state.facts, **self.stamp(piece)})
+        durable.write(self.checkpoint_path(piece), shard_file.to_bytes(stamped), keep=False)
+
+    def read_checkpoint(self, piece: Piece) -> Shard | None:
+        """The last checkpoint; None where there is none that is undamaged and of this piece."""
+        path = self.checkpoint_path(piece)
+        try:
+            state = shard_file.read(path)
+        except FileNotFoundError:
+            return None
+        except DamagedShardError as error:
+            log.warning("%s; the piece begins anew", error)
+            return None
+        same = all(state.facts.get(key) == value for key, value in self.stamp(piece).items())
+        return state if same else None
+
+    def claim(self, piece: Piece) -> bool:
+        """Whether no other process works on this piece; then it is this one's until `release`."""
+        return self._claims.take(self._numbers[piece.name])
+
+    def release(self, piece: Piece) -> None:
+        """Others may have it."""
+        self._claims.give(self._numbers[piece.name])
+
+
+def _require_no_results(target: Path) -> None:
+    """Results that nothing is known of are not overwritten."""
+    for name in ("moments.csv", "run.nc", "run.npz", "shards"):
+        if (target / name).exists():
+            raise SceneError(
+                f"{target} holds {name} but no {manifest.NAME}, so that it is not known of which run: give another "
+                "folder with --out, or remove that one"
+            )
+
+
+class _Checkpoint:
+    """The checkpoint of one piece."""
+
+    def __init__(self, folder: RunFolder, piece: Piece):
+        self.seconds = folder.checkpoint_seconds
+        self._folder, self._piece = folder, piece
+
+    def read(self) -> Shard | None:
+        """The last one, if there is one."""
+        return self._folder.read_checkpoint(self._piece)
+
+    def write(self, state: Shard) -> None:
+        """A later one."""
+        self._folder.write_checkpoint(self._piece, state)

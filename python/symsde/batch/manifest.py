@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What run a folder holds, and whether it is the one that somebody means."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from .. import _checks
+from .._setup import build_info
+from ..errors import SceneError
+from ..scene import RUN_KEYS, Scene
+from ..simulate import simulate
+
+FORMAT = 1
+NAME = "manifest.json"
+_DEFAULTS = {name: parameter.default for name, parameter in inspect.signature(simulate).parameters.items()}
+_NOT_OF_THE_RESULT = {"threads", "lanes"}  # the same bits whatever they are
+
+
+def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
+    """The manifest of a scene: its inputs with the defaults filled in, seed and hash, and what computes it."""
+    run = {key: scene.run.get(key, _DEFAULTS[key]) for key in RUN_KEYS if key not in _NOT_OF_THE_RESULT}
+    output = {"moments": scene.moments, "paths": _ranges(scene.paths)}
+    inputs = _plain({"model": scene.tables["model"], "run": run, "output": output})
+    build = build_info()
+    return {
+        "format": FORMAT,
+        "inputs": inputs,
+        "hash": hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest(),
+        "seed": inputs["run"]["seed"],
+        "shard_paths": shard_paths,
+        "counter_map": build["counter map of the noise"],
+        "version": build["version"],
+        "compiler": build["compiler"],
+        "build": build["compile options"],
+    }
+
+
+def _plain(value):
+    """Numbers that mean the same written in the same way: 1.0 and 1 are one input."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
+        return int(value)
+    return value
+
+
+def _ranges(paths) -> list[list[int]]:
+    """Ascending indices as pairs of first and count."""
+    found: list[list[int]] = []
+    if isinstance(paths, range):
+        return [[paths.start, len(paths)]]
+    for i in paths:
+        if found and i == sum(found[-1]):
+            found[-1][1] += 1
+        else:
+            found.append([i, 1])
+    return found
+
+
+def to_bytes(manifest: dict[str, Any]) -> bytes:
+    """As a file."""
+    return (json.dumps(manifest, indent=1, sort_keys=True) + "\n").encode()
+
+
+def read(folder: Path) -> dict[str, Any] | None:
+    """The manifest of a folder; None where there is none."""
+    path = folder / NAME
+    try:
+        content = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
+    except NotADirectoryError:
+        return None
+    try:
+        found = json.loads(content)
+        if found["format"] != FORMAT:
+            raise SceneError(
+                f"{path} has format {found['format']}, this symsde knows {FORMAT}: use the version that made it"
+            )
+    except (ValueError, KeyError, TypeError):
+        raise SceneError(f"{path} is no manifest of a run: give another folder, or remove this one") from None
+    return found
+
+
+def differences(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
+    """What differs, by name, with both values."""
+    left, right = dict(_flat(one)), dict(_flat(other))
+    left.pop("hash", None)
+    return [
+        f"{key.removeprefix('inputs.')} = {_shown(left.get(key))} there, {_shown(right.get(key))} here"
+        for key in [*left, *(key for key in right if key not in left)]
+        if key != "hash" and left.get(key) != right.get(key)
+    ]
+
+
+def _shown(value: object) -> str:
+    return "nothing" if value is None else _checks.shown(value)
+
+
+def _flat(manifest: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in manifest.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{before}{key}.")
+        else:
+            yield before + key, value
+
+
+def require_same(there: dict[str, Any], here: dict[str, Any], folder: Path) -> None:
+    """Refuse another run by name."""
+    if found := differences(there, here):
+        raise SceneError(
+            f"{folder} holds another run: {'; '.join(found[:5])}{'; ...' if len(found) > 5 else ''}: "
+            "give another folder with --out, or remove that one"
+        )

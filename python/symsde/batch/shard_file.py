@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A shard as a file: a .npz that NumPy opens, with the SHA-256 of all its other bytes as the comment at its end."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import SymsdeError
+from . import durable
+
+_DIGITS = 64  # of a SHA-256
+
+
+class DamagedShardError(SymsdeError, ValueError):
+    """A shard whose bytes are not those that were written."""
+
+
+@dataclass(frozen=True)
+class Shard:
+    """What was computed of a piece: arrays, and facts as JSON can hold them."""
+
+    arrays: Mapping[str, np.ndarray]
+    facts: Mapping[str, Any]
+
+
+def to_bytes(shard: Shard) -> bytes:
+    """The same bytes for the same shard, whenever and wherever it is made."""
+    buffer = io.BytesIO()
+    facts = np.array(json.dumps(dict(shard.facts), sort_keys=True))
+    np.savez(buffer, **{name: shard.arrays[name] for name in sorted(shard.arrays)}, facts=facts)
+    with zipfile.ZipFile(buffer, "a") as archive:
+        archive.comment = b"0" * _DIGITS
+    content = buffer.getvalue()[:-_DIGITS]
+    return content + hashlib.sha256(content).hexdigest().encode()
+
+
+def from_bytes(content: bytes, name: str) -> Shard:
+    """The shard; DamagedShardError where a byte has changed."""
+    if hashlib.sha256(content[:-_DIGITS]).hexdigest().encode() != content[-_DIGITS:]:
+        raise DamagedShardError(f"{name} is damaged: its checksum is not that of its {len(content)} bytes")
+    with np.load(io.BytesIO(content)) as data:
+        arrays = {key: data[key] for key in data.files}
+    return Shard(facts=json.loads(str(arrays.pop("facts"))), arrays=arrays)
+
+
+def write(target: Path, shard: Shard) -> bool:
+    """Put a shard into its place; False where another process was first, whose shard stays."""
+    return durable.write(target, to_bytes(shard))
+
+
+def read(path: Path) -> Shard:
+    """Read and verify."""
+    return from_bytes(path.read_bytes(), str(path))

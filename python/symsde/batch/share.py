@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which pieces are whose: those of --shard i/n, or of a rank of MPI, are every n-th one from the i-th."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..errors import InvalidArgumentError
+from .plan import Piece
+
+
+@dataclass(frozen=True)
+class Share:
+    """Part i of n, counted from 1."""
+
+    i: int = 1
+    n: int = 1
+
+    def of(self, pieces: Sequence[Piece]) -> list[Piece]:
+        """Its pieces."""
+        return list(pieces[self.i - 1 :: self.n])
+
+    def __str__(self) -> str:
+        """As on the command line."""
+        return f"{self.i}/{self.n}"
+
+
+def parse(text: str) -> Share:
+    """A share from i/n."""
+    match = re.fullmatch(r"\s*(\d{1,9})\s*/\s*(\d{1,9})\s*", text)
+    if not match:
+        raise InvalidArgumentError(f"shard = {text!r} is no part of a run: give i/n, as 1/8 for the first of eight")
+    i, n = int(match[1]), int(match[2])
+    if not 1 <= i <= n:
+        raise InvalidArgumentError(
+            f"shard = {text}: there is no part {i} of {n}: give i from 1 to n, as 1/{max(n, 1)} for the first"
+        )
+    return Share(i, n)
+
+
+def makers(missing: Sequence[Piece], pieces: Sequence[Piece], n: int) -> list[Share]:
+    """The parts of n whose pieces are missing."""
+    number = {piece.name: at for at, piece in enumerate(pieces)}
+    return [Share(i + 1, n) for i in sorted({number[piece.name] % n for piece in missing})]

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Progress of a run of many pieces: a bar on a terminal, else a line in the log each 10 % or minute."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import time
+from collections.abc import Callable
+
+from .._progress import _Bar
+
+log = logging.getLogger("symsde")
+
+_SOON, _LATE = 5.0, 60.0  # seconds between lines: at least, and at most
+
+
+class Show:
+    """What is done, of all pieces together."""
+
+    def __init__(self, total: int, done: int, tell: Callable[[int, int], object] | None):
+        """So many path-steps in all, so many done; who is told."""
+        self._total = max(1, total)
+        self._finished = done
+        self._in_work: dict[str, int] = {}
+        self._tell = tell
+
+    def piece(self, name: str, done: int) -> None:
+        """So many path-steps of a piece in work are done."""
+        self._in_work[name] = done
+
+    def finish(self, name: str, work: int) -> None:
+        """A piece is done, here or elsewhere."""
+        self._in_work.pop(name, None)
+        self._finished += work
+
+    def __call__(self) -> bool:
+        """Show it; whether the one who is told wants to stop."""
+        done = min(self._total, self._finished + sum(list(self._in_work.values())))
+        return bool(self._tell(done, self._total)) if self._tell else False
+
+
+class Lines:
+    """A line in the log each 10 % or minute, none for what is over soon."""
+
+    def __init__(self) -> None:
+        """The clock begins."""
+        self._last = self._begin = time.monotonic()
+        self._tenths = 0
+
+    def __call__(self, done: int, total: int) -> None:
+        """Say it, if it is time."""
+        now = time.monotonic()
+        tenths = 10 * done // total
+        waited = now - self._last
+        if waited < _SOON or (tenths <= self._tenths and waited < _LATE):
+            return
+        self._last, self._tenths = now, tenths
+        left = (now - self._begin) * (total - done) / max(1, done)
+        log.info("%d %% of %.3g path-steps, about %.0f s left", 100 * done // total, total, left)
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+def display(quiet: bool) -> _Bar | Lines | None:
+    """What shows progress on standard error."""
+    if quiet:
+        return None
+    return _Bar() if sys.stderr is not None and sys.stderr.isatty() else Lines()

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""When to end: a signal, or the time that was given. Pieces in work that are nearly done are waited for."""
+
+from __future__ import annotations
+
+import re
+import signal
+import threading
+import time
+
+from ..errors import InvalidArgumentError
+
+_GRACE = 5.0  # seconds that pieces in work may still take after a wish to stop
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGUSR1") if hasattr(signal, name)]
+_SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+def seconds(name: str, text: str) -> float:
+    """Seconds of a wall time: 90, 90s, 30min, 23.5h, 1d, or as Slurm writes it, [days-]hours:minutes:seconds."""
+    if match := re.fullmatch(r"(\d+(?:\.\d+)?) ?(s|min|h|d|)", text.strip()):
+        return float(match[1]) * _SECONDS[match[2]]
+    if match := re.fullmatch(r"(?:(\d+)-)?(?:(\d+):)?(\d+):(\d+)", text.strip()):
+        days, hours, minutes, rest = (int(part or 0) for part in match.groups())
+        return 86400.0 * days + 3600.0 * hours + 60.0 * minutes + rest
+    raise InvalidArgumentError(f"{name} = {text!r} is no time: give 90, 30min, 23.5h, or 23:30:00")
+
+
+class Stop:
+    """Context in which signals are wishes to stop: the first one politely, the second at once."""
+
+    def __init__(self, max_walltime: float | None = None):
+        """Seconds that the work may take."""
+        self._since: float | None = None
+        self._hurry = False
+        self._reason = ""
+        self._end = None if max_walltime is None else time.monotonic() + max_walltime
+        self._previous: dict = {}
+
+    def __enter__(self) -> Stop:
+        """Signals are ours."""
+        if threading.current_thread() is threading.main_thread():
+            for number in _SIGNALS:
+                self._previous[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def __exit__(self, *_) -> None:
+        """Signals are as they were."""
+        for number, previous in self._previous.items():
+            signal.signal(number, previous)
+        self._previous = {}
+
+    def _on_signal(self, number, _frame) -> None:
+        self._hurry = self._since is not None
+        self._wish(signal.Signals(number).name)
+
+    def _wish(self, reason: str) -> None:
+        if self._since is None:
+            self._since, self._reason = time.monotonic(), reason
+
+    def abandon(self) -> None:
+        """Stop everything at once."""
+        self._wish("an error")
+        self._hurry = True
+
+    @property
+    def reason(self) -> str:
+        """Why to stop; empty as long as there is no wish to."""
+        if self._end is not None and time.monotonic() > self._end:
+            self._wish("--max-walltime")
+        return self._reason
+
+    def leaves_time_for(self, took: float) -> bool:
+        """Whether something that takes so many seconds can still be begun."""
+        if not self.reason and self._end is not None and time.monotonic() + took > self._end:
+            self._wish("--max-walltime")
+        return not self.reason
+
+    def gives_up(self, done: int, total: int, begun: float) -> bool:
+        """Whether a piece begun at that time, so far on, is to be given up: there is a wish to stop, and it is not
+        nearly done."""
+        if not self.reason:
+            return False
+        now = time.monotonic()
+        left = (now - begun) * (total - done) / max(1, done)
+        return self._hurry or now + left > max(self._since + _GRACE, self._end or 0.0)

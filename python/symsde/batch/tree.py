@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Moments of parts of an ensemble, merged on the tree of the library: the bits of the whole, in whatever order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import _handles
+from .._checks import address
+
+
+@dataclass
+class Node:
+    """Counts, means and sums of squared deviations of the paths of one part."""
+
+    n_ok: np.ndarray  #: (time,)
+    mean: np.ndarray  #: (time, value)
+    m2: np.ndarray  #: (time, value)
+
+
+class Tree:
+    """Parts that have not found their sisters yet: as many as the levels of the tree, if they come in order."""
+
+    def __init__(self) -> None:
+        """No part yet."""
+        self._waiting: dict[tuple[int, int], Node] = {}
+
+    def insert(self, level: int, index: int, node: Node) -> None:
+        """Put in the part of the paths index*2^level .. (index + 1)*2^level - 1; its arrays are used up."""
+        while (sister := self._waiting.pop((level, index ^ 1), None)) is not None:
+            left, right = (node, sister) if index % 2 == 0 else (sister, node)
+            _merge(left, right)
+            level, index, node = level + 1, index // 2, left
+        self._waiting[level, index] = node
+
+    def root(self) -> Node:
+        """All that was put in; what has no sister rises to its mother's place alone. The tree is empty then."""
+        while len(self._waiting) > 1:
+            level, index = min(self._waiting)
+            self.insert(level + 1, index // 2, self._waiting.pop((level, index)))
+        return self._waiting.popitem()[1]
+
+
+def _merge(left: Node, right: Node) -> None:
+    """The left part becomes both."""
+    ntime, nvalue = left.mean.shape
+    arrays = (address(getattr(part, name)) for part in (left, right) for name in ("n_ok", "mean", "m2"))
+    _handles.call("merge_moments", ntime, nvalue, *arrays)

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is computed of one piece, by one call of the library or, of long paths, by many with checkpoints between."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..model import Model
+from ..moments import Moments, Observable, moments
+from ..report import Report
+from ..simulate import Run, simulate
+from .plan import Piece
+from .shard_file import Shard
+
+Tell = Callable[[int, int], bool]  # (path-steps done, of how many) -> stop now
+
+_PER_PATH = ("q0", "p0", "q0_low", "p0_low", "increments")
+_FIRST = 2**20  # path-steps times degrees of freedom before the first look at the clock
+_SEGMENT = 1.0  # seconds between two moments at which a long piece may end
+_PATIENCE = 5.0  # seconds that a segment may take after all, where there is a wish to stop
+
+
+@dataclass(frozen=True)
+class Task:
+    """A run, of which pieces are computed anywhere: it can be pickled."""
+
+    model: Model
+    options: dict[str, Any]  #: of `simulate`
+    observables: dict[str, Observable] = field(default_factory=dict)
+
+    def of(self, piece: Piece, threads: int | None) -> dict[str, Any]:
+        """Options of the paths of a piece."""
+        here = {**self.options, "first_path": piece.first, "paths": piece.paths, "threads": threads}
+        skip = piece.first - self.options.get("first_path", 0)
+        for key in _PER_PATH:
+            if here.get(key) is None:
+                continue
+            array = np.asarray(here[key])
+            per_path = array.ndim == (3 if key == "increments" else 2) and array.shape[-1] > 1
+            if per_path:
+                here[key] = array[..., skip : skip + piece.paths]
+        return here
+
+
+class Store(Protocol):
+    """Where a long piece keeps its state."""
+
+    seconds: float  #: between two states that are written; more where they take long to write
+
+    def read(self) -> Shard | None:
+        """The last state, if there is one."""
+
+    def write(self, state: Shard) -> None:
+        """A later one."""
+
+
+def never(_done: int, _total: int) -> bool:
+    """Nobody wants to stop."""
+    return False
+
+
+def compute(
+    task: Task, piece: Piece, threads: int | None = None, tell: Tell = never, store: Store | None = None
+) -> Shard | None:
+    """The shard of a piece; None where it was stopped before."""
+    if piece.kind == "moments":
+        return _moments(task, piece, threads, tell)
+    return _paths(task, piece, threads, tell, store)
+
+
+def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell) -> Shard | None:
+    observables = task.observables or None
+    found: Moments = moments(task.model, observables=observables, progress=tell, **task.of(piece, threads))
+    if found.report.stopped:
+        return None
+    arrays = {name: getattr(found, name) for name in ("t", "n_ok", "m2", "failed", "failed_status", "failed_step")}
+    arrays["mean"] = found.to_arrays()[0]
+    return Shard(arrays, facts_of(found.report))
+
+
+def facts_of(report: Report) -> dict[str, Any]:
+    """What a report says that is the same whenever and on however many threads the piece is computed."""
+    facts = {name: getattr(report, name) for name in ("stepper", "correction", "failed", "lanes", "lost_variance")}
+    return {**facts, "left_out": list(report.left_out), "warnings": list(report.warnings), "counters": report.counters}
+
+
+_STATE = ("last_q", "last_p", "low_q", "low_p", "status", "failed_step")
+
+
+class _Saved:
+    """Saved points of the paths of a piece until a step, and where the paths are there."""
+
+    def __init__(self) -> None:
+        self.step = 0  # of those of the piece, done
+        self.facts: dict[str, Any] = {}
+        self.state: dict[str, np.ndarray] = {}
+        self._points: dict[str, list[np.ndarray]] = {"t": [], "q": [], "p": []}
+
+    @classmethod
+    def of(cls, shard: Shard) -> _Saved:
+        """From a checkpoint."""
+        self = cls()
+        self.facts = dict(shard.facts)
+        self.step = self.facts.pop("step")
+        self.state = {name: shard.arrays[name] for name in _STATE if name in shard.arrays}
+        self._points = {name: [shard.arrays[name]] for name in self._points}
+        return self
+
+    def add(self, run: Run, steps: int, keeps_last: bool) -> None:
+        """Append a run from where the paths are; paths that failed before stay as they were."""
+        later = slice(1 if self.state else 0, None if keeps_last else -1)
+        points = {"t": run.t[later], "q": run.q[later], "p": run.p[later]}
+        state = {name: getattr(run, name) for name in _STATE if getattr(run, name) is not None}
+        if self.state:
+            gone = self.state["status"] != 0
+            points["q"][..., gone] = points["p"][..., gone] = np.nan
+            for name, old in self.state.items():
+                state[name][..., gone] = old[..., gone]
+        for name, values in points.items():
+            self._points[name].append(values)
+        self.state = state
+        self.step += steps
+
+    def counted(self, first_step: int) -> dict[str, Any]:
+        """What depends on the paths alone: not on where segments began, as the count of normals drawn ahead does."""
+        failed = self.state["status"] != 0
+        done = np.where(failed, self.state["failed_step"] - first_step, self.step)
+        return {"failed": int(np.count_nonzero(failed)), "counters": {"path_steps": int(done.sum())}}
+
+    def shard(self, **facts: Any) -> Shard:
+        """All of it, as a checkpoint or, at the end, as the shard."""
+        for name, parts in self._points.items():
+            self._points[name] = [np.concatenate(parts)]
+        points = {name: parts[0] for name, parts in self._points.items()}
+        return Shard({**points, **self.state}, {**self.facts, **facts})
+
+
+def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, store: Store | None) -> Shard | None:
+    options = task.of(piece, threads)
+    steps, every = int(options["steps"]), int(options.get("save_every", 1))
+    found = store.read() if store else None
+    saved = _Saved() if found is None else _Saved.of(found)
+    saved.facts = saved.facts or _facts_of_whole(task, options)
+    wanted = max(1, _FIRST // (piece.paths * task.model.ndof))
+    clock = _Clock(store.seconds if store else math.inf)
+    while saved.step < steps or not saved.state:
+        length, save, keeps_last = _segment(saved.step, steps, every, wanted)
+        before = saved.step * piece.paths
+        here = _options_from(options, saved, length, save)
+        run = simulate(
+            task.model, progress=lambda done, _, b=before: tell(b + done, piece.work) and clock.has_waited(), **here
+        )
+        if not run.report.stopped:
+            saved.add(run, length, keeps_last)
+            wanted = clock.next_length(length)
+        stops = bool(run.report.stopped) or tell(saved.step * piece.paths, piece.work)
+        if saved.step >= steps:
+            break
+        if store and saved.state and (stops or clock.is_time()):
+            clock.measure(lambda: store.write(saved.shard(step=saved.step)))
+        if stops:
+            return None
+    return saved.shard(**saved.counted(options.get("first_step", 0)))
+
+
+def _facts_of_whole(task: Task, options: dict[str, Any]) -> dict[str, Any]:
+    """What the report of one run over all steps would say before it begins."""
+    here = {**options, "save_every": max(1, int(options["steps"]))}
+    return facts_of(simulate(task.model, progress=lambda *_: True, **here).report)
+
+
+def _segment(step: int, steps: int, every: int, wanted: int) -> tuple[int, int, bool]:
+    """Steps of the next segment, steps between its saved points, and whether its last point is one of the run."""
+    to_save = every - step % every
+    if to_save == every and wanted >= every:
+        return min(wanted // every * every, steps - step), every, True
+    length = min(wanted, to_save, steps - step)
+    return length, max(1, length), length == to_save or steps == 0
+
+
+def _options_from(options: dict[str, Any], saved: _Saved, length: int, save: int) -> dict[str, Any]:
+    """Options of so many steps from where the paths are."""
+    here = {**options, "steps": length, "save_every": save}
+    here["first_step"] = options.get("first_step", 0) + saved.step
+    if saved.state:
+        here |= {"q0": saved.state["last_q"], "p0": saved.state["last_p"]}
+        here |= {"q0_low": saved.state.get("low_q"), "p0_low": saved.state.get("low_p")}
+    return here
+
+
+class _Clock:
+    """How long segments take, and when a checkpoint is due. It never goes back, whatever is done to the time of day."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._begin = self._last = time.monotonic()
+        self._cost = 0.0
+
+    def next_length(self, length: int) -> int:
+        """Steps of the next segment, from those of the last one and what it took."""
+        now = time.monotonic()
+        took, self._begin = now - self._begin, now
+        factor = min(8.0, max(0.25, min(_SEGMENT, self._seconds) / max(took, 1e-6)))
+        return max(1, int(length * factor))
+
+    def has_waited(self) -> bool:
+        """Whether a segment takes so long that its end, where nothing is lost, is not to be waited for."""
+        return time.monotonic() - self._begin > _PATIENCE
+
+    def is_time(self) -> bool:
+        """Whether a checkpoint is due: they take a twentieth of the time at most."""
+        return time.monotonic() - self._last > max(self._seconds, 20 * self._cost)
+
+    def measure(self, write: Callable[[], None]) -> None:
+        """Write a checkpoint."""
+        begin = time.monotonic()
+        write()
+        self._last = self._begin = time.monotonic()
+        self._cost = self._last - begin

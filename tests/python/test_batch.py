@@ -1,0 +1,468 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs as folders of shards: the bits of one run for any division, resumed, shared, merged; what is refused."""
+
+import hashlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import cli, scene
+from symsde.batch import plan, shard_file, share, stop, work
+from symsde.batch.tree import Node, Tree
+from symsde.errors import InvalidArgumentError
+
+SCENE = """
+[model]
+name = "henon_heiles"
+sigma1 = 0.2
+[run]
+scheme = "midpoint"
+step = 0.05
+steps = 120
+paths = 3000
+first_path = 768
+seed = 9
+q0 = [0.45, 0.4]
+p0 = [0.1, 0.0]
+save_every = 40
+[output]
+paths = [770, 771, 1023, 1024, 3000]
+"""  # some of these paths escape and fail
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    """Moments and paths of one run of the library, in one call each, as files of the command line hold them."""
+    folder = tmp_path_factory.mktemp("known")
+    loaded = scene.load(write(folder / "scene.toml"))
+    with pytest.warns(ss.PathsFailedWarning):
+        moments = loaded.compute_moments()
+    assert 0 < moments.report.failed < 3000
+    moments.save(folder / "moments.csv")
+    return (folder / "moments.csv").read_bytes(), loaded.compute_paths()
+
+
+def write(path, *changes, text=SCENE):
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture
+def file(tmp_path):
+    return str(write(tmp_path / "scene.toml"))
+
+
+def run(*arguments):
+    return cli.main(["run", *map(str, arguments), "--quiet"])
+
+
+def command(*arguments, **options):
+    """A run in a process of its own."""
+    given = [sys.executable, "-m", "symsde", *map(str, arguments)]
+    return subprocess.Popen(given, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, **options)
+
+
+def digest(folder):
+    """Of all shards and of the table of moments."""
+    total = hashlib.sha256()
+    for path in [*sorted((Path(folder) / "shards").iterdir()), Path(folder) / "moments.csv"]:
+        total.update(path.name.encode() + path.read_bytes())
+    return total.hexdigest()
+
+
+def is_known(folder, known):
+    """Whether a folder holds what one call of the library computes, bit for bit."""
+    assert (folder / "moments.csv").read_bytes() == known[0]
+    data = pytest.importorskip("xarray").open_dataset(folder / "run.nc")
+    for name in ("q", "p", "status", "path"):
+        np.testing.assert_array_equal(data[name], getattr(known[1], name), err_msg=name)
+    data.close()
+
+
+@pytest.mark.parametrize("size", [256, 512, 2048, 4096])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_any_division_has_the_bits_of_one_run(size, threads, known, tmp_path):
+    file = write(tmp_path / "scene.toml", ("seed = 9", f"seed = 9\nthreads = {threads}"))
+    assert run(file, "--out", tmp_path / "out", "--shard-paths", size) == cli.PATHS_FAILED
+    count = sum(path.name.startswith("moments") for path in (tmp_path / "out" / "shards").iterdir())
+    assert count == -(-3768 // size) - 768 // size
+    is_known(tmp_path / "out", known)
+
+
+def node(found):
+    return Node(found.n_ok.copy(), found.to_arrays()[0].copy(), found.m2.copy())
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """Moments of eight units of 256 paths, the last one short, of which whole units fail, and of all of them."""
+    model = ss.models.henon_heiles(sigma1=0.2)
+    q0 = np.full((2, 2000), 0.4)
+    q0[:, 256:768] = 30.0
+    options = {"p0": 0.0, "step": 0.1, "steps": 30, "save_every": 10, "seed": 3, "scheme": "stormer_verlet"}
+    with pytest.warns(ss.PathsFailedWarning):
+        whole = ss.moments(model, q0=q0, paths=2000, **options)
+        found = [
+            ss.moments(model, q0=q0[:, i : i + 256], first_path=i, paths=min(256, 2000 - i), **options)
+            for i in range(0, 2000, 256)
+        ]
+    assert found[1].n_ok[-1] == found[2].n_ok[-1] == 0 and np.isnan(found[1].mean_q[-1]).all()
+    return whole, found
+
+
+def test_parts_merge_in_any_order_to_the_bits_of_the_whole(parts):
+    whole, found = parts
+    for order in (range(8), range(7, -1, -1), [3, 0, 7, 5, 1, 2, 6, 4]):
+        tree = Tree()
+        for i in order:
+            tree.insert(8, i, node(found[i]))
+        root = tree.root()
+        merged = ss.Moments(whole.setup, ())
+        merged.fill_from_sums(root.n_ok, root.mean, root.m2)
+        for name in ("n_ok", "mean_q", "mean_p", "mean_energy", "var_q", "var_energy", "se_mean_p", "m2"):
+            np.testing.assert_array_equal(getattr(merged, name), getattr(whole, name), err_msg=name)
+
+
+def test_parts_that_are_added_up_in_a_row_have_other_bits(parts):
+    """The twin that shows what the test before can see: right up to rounding is not the same bits."""
+    whole, found = parts
+    tree, row = Tree(), node(found[0])
+    for part in found[1:]:
+        tree.insert(0, 0, row)
+        tree.insert(0, 1, node(part))
+        row = tree.root()
+    np.testing.assert_allclose(row.mean, whole.to_arrays()[0], rtol=1e-10, atol=1e-13)
+    assert (row.mean != whole.to_arrays()[0]).any()
+
+
+def test_a_second_run_computes_nothing(known, file, tmp_path, monkeypatch):
+    assert run(file, "--out", tmp_path / "out", "--shard-paths", 512) == cli.PATHS_FAILED
+    before = digest(tmp_path / "out")
+    monkeypatch.setattr("symsde.batch.conduct.compute", lambda *_: pytest.fail("computed again"))
+    assert run(file, "--out", tmp_path / "out") == cli.PATHS_FAILED
+    assert digest(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("step = 0.05", "step = 0.04"), "run.step = 0.05 there, 0.04 here"),
+        (("seed = 9", "seed = 10"), "seed = 9 there, 10 here"),
+        (("sigma1 = 0.2", "sigma1 = 0.2\nalpha = 0.5"), "model.alpha = nothing there, 0.5 here"),
+        (("3000]", "3001]"), "output.paths"),
+        (("[output]", "[output]\nmoments = false"), "output.moments = True there, False here"),
+    ],
+)
+def test_another_scene_in_the_same_folder_is_refused(change, said, file, tmp_path, capsys):
+    assert run(file, "--out", tmp_path / "out", "--shard-paths", 1024) == cli.PATHS_FAILED
+    before = digest(tmp_path / "out")
+    capsys.readouterr()
+    other = write(tmp_path / "other.toml", change)
+    assert run(other, "--out", tmp_path / "out") == cli.BAD_INPUT
+    shown = capsys.readouterr().err
+    assert "holds another run" in shown and said in shown and "--out" in shown
+    assert digest(tmp_path / "out") == before
+    same = write(tmp_path / "same.toml", ("steps = 120", "steps = 120\nthreads = 2\nlanes = 64\nt0 = 0.0"))
+    assert run(same, "--out", tmp_path / "out") == cli.PATHS_FAILED
+
+
+def test_results_of_an_unknown_run_are_not_overwritten(file, tmp_path, capsys):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "moments.csv").write_text("mine\n")
+    assert run(file, "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert "holds moments.csv but no manifest.json" in capsys.readouterr().err
+    assert (tmp_path / "out" / "moments.csv").read_text() == "mine\n"
+
+
+def test_another_version_is_refused(file, tmp_path, capsys):
+    assert run(file, "--out", tmp_path / "out") == cli.PATHS_FAILED
+    manifest = tmp_path / "out" / "manifest.json"
+    manifest.write_text(manifest.read_text().replace(f'"version": "{ss.__version__}"', '"version": "0.0.1"'))
+    assert run(file, "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert f"version = '0.0.1' there, '{ss.__version__}' here" in capsys.readouterr().err
+    manifest.write_text("{")
+    assert run(file, "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert "is no manifest of a run" in capsys.readouterr().err
+
+
+def test_parts_on_their_own_merge_to_the_same_bits(known, file, tmp_path):
+    assert run(file, "--out", tmp_path / "whole", "--shard-paths", 256) == cli.PATHS_FAILED
+    parts = [tmp_path / f"part{i}" for i in range(1, 8)]
+    for i, part in enumerate(parts, 1):
+        assert run(file, "--out", part, "--shard-paths", 256, "--shard", f"{i}/7") in (cli.OK, cli.PATHS_FAILED)
+        assert not (part / "moments.csv").exists()
+    assert cli.main(["merge", *map(str, parts[::-1]), "--out", str(tmp_path / "out")]) == cli.PATHS_FAILED
+    assert digest(tmp_path / "out") == digest(tmp_path / "whole")
+    is_known(tmp_path / "out", known)
+
+
+def test_parts_in_one_folder_end_with_the_whole(known, file, tmp_path):
+    for i in (3, 1, 2):
+        run(file, "--out", tmp_path / "out", "--shard-paths", 256, "--shard", f"{i}/3")
+    is_known(tmp_path / "out", known)
+
+
+def test_a_part_that_is_missing_is_named(file, tmp_path, capsys):
+    for i in (1, 3):
+        run(file, "--out", tmp_path / str(i), "--shard-paths", 512, "--shard", f"{i}/3")
+    capsys.readouterr()
+    arguments = ["merge", str(tmp_path / "1"), str(tmp_path / "3"), "--out", str(tmp_path / "out"), "--quiet"]
+    assert cli.main(arguments) == cli.BAD_INPUT
+    shown = capsys.readouterr().err
+    assert "4 of 11 shards" in shown and "moments-000002, moments-000005, paths-000001, paths-000004" in shown
+    assert not (tmp_path / "out" / "moments.csv").exists()
+    again = shown.partition("`symsde run ")[2].partition("`")[0].split()
+    assert run(*again) == cli.PATHS_FAILED  # as it says
+    assert (tmp_path / "out" / "moments.csv").exists()
+
+
+def test_merging_what_does_not_fit_is_refused(file, tmp_path, capsys):
+    other = write(tmp_path / "other.toml", ("seed = 9", "seed = 8"))
+    for i, which in ((1, file), (2, other)):
+        run(which, "--out", tmp_path / str(i), "--shard", f"{i}/2", "--shard-paths", 512)
+    run(file, "--out", tmp_path / "3", "--shard", "2/2", "--shard-paths", 1024)
+    capsys.readouterr()
+    for one, two, said in (("1", "2", "seed = 9 there, 8 here"), ("1", "3", "shard_paths = 512 there, 1024 here")):
+        folders = [str(tmp_path / name) for name in (one, two)]
+        assert cli.main(["merge", *folders, "--out", str(tmp_path / "out")]) == cli.BAD_INPUT
+        assert said in capsys.readouterr().err
+        assert not (tmp_path / "out").exists()
+    assert cli.main(["merge", str(tmp_path / "none"), "--out", str(tmp_path / "out")]) == cli.BAD_INPUT
+    assert "none holds no run" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["9/8", "0/8", "8", "a/b", "1/0", "-1/2", "1/2/3", ""])
+def test_parts_that_do_not_exist_are_refused(text, file, tmp_path, capsys):
+    code = run(file, "--out", tmp_path / "out", f"--shard={text}")
+    if text:
+        assert code == cli.BAD_INPUT
+        assert "give i" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("text", ["100", "300", "many", "0", "1e3"])
+def test_sizes_of_shards_that_do_not_fit_the_tree_are_refused(text, file, tmp_path, capsys):
+    assert run(file, "--out", tmp_path / "out", "--shard-paths", text) == cli.BAD_INPUT
+    assert "shard-paths" in capsys.readouterr().err
+
+
+def test_a_damaged_shard_is_computed_anew(file, tmp_path, capsys):
+    """Whatever byte it is; what was there is kept aside."""
+    out = tmp_path / "out"
+    assert run(file, "--out", out, "--shard-paths", 1024) == cli.PATHS_FAILED
+    before = digest(out)
+    shard = out / "shards" / "moments-000002.npz"
+    content = shard.read_bytes()
+    places = np.linspace(0, len(content) - 1, 12).astype(int)
+    for place in places:
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << (int(place) % 8)
+        with pytest.raises(shard_file.DamagedShardError):
+            shard_file.from_bytes(bytes(damaged), "it")
+    for rest in (content[:-1], b"", content[: len(content) // 2], bytes(damaged)):
+        shard.write_bytes(rest)
+        capsys.readouterr()
+        assert run(file, "--out", out) == cli.PATHS_FAILED
+        assert "moments-000002.npz is damaged" in capsys.readouterr().err
+        (out / "shards" / "moments-000002.damaged").unlink()
+        assert digest(out) == before
+
+
+def test_a_shard_of_another_run_is_not_taken(file, tmp_path, capsys):
+    other = write(tmp_path / "other.toml", ("seed = 9", "seed = 8"))
+    for name, which in (("out", file), ("other", other)):
+        assert run(which, "--out", tmp_path / name, "--shard-paths", 1024) == cli.PATHS_FAILED
+    before = digest(tmp_path / "out")
+    strange = tmp_path / "other" / "shards" / "moments-000002.npz"
+    shutil.copy(strange, tmp_path / "out" / "shards" / "moments-000002.npz")
+    capsys.readouterr()
+    assert run(file, "--out", tmp_path / "out") == cli.PATHS_FAILED
+    assert "it is the shard of another run" in capsys.readouterr().err
+    (tmp_path / "out" / "shards" / "moments-000002.damaged").unlink()
+    assert digest(tmp_path / "out") == before
+
+
+SLOW = ("paths = 3000", "paths = 20000"), ("steps = 120", "steps = 1200"), ("midpoint", "stormer_verlet")
+
+
+def test_two_writers_share_the_work(tmp_path):
+    file = write(tmp_path / "scene.toml", *SLOW)
+    environment = {**os.environ, "SYMSDE_NUM_THREADS": "1"}
+    arguments = ("run", file, "--out", tmp_path / "out", "--shard-paths", "512")
+    both = [command(*arguments, env=environment) for _ in range(2)]
+    assert [process.wait(120) for process in both] == [cli.PATHS_FAILED] * 2
+    shards = tmp_path / "out" / "shards"
+    assert len([path for path in shards.iterdir() if path.suffix != ".npz"]) == 0
+    assert run(file, "--out", tmp_path / "alone", "--shard-paths", 512) == cli.PATHS_FAILED
+    assert digest(tmp_path / "out") == digest(tmp_path / "alone")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
+def test_a_signal_ends_the_run_cleanly(number, tmp_path):
+    file = write(tmp_path / "scene.toml", *SLOW)
+    out = tmp_path / "out"
+    process = command("run", file, "--out", out, "--shard-paths", 256)
+    wait_for(lambda: len(list((out / "shards").glob("*.npz"))) > 2, process)
+    process.send_signal(number)
+    shown = process.communicate(timeout=30)[1]
+    assert process.returncode == cli.STOPPED
+    assert f"stopped by {number.name}; " in shown and "go on with `symsde run " in shown and "Traceback" not in shown
+    assert not (out / "moments.csv").exists()
+    assert all(path.suffix == ".npz" for path in (out / "shards").iterdir())
+    again = shown.partition("`symsde run ")[2].partition("`")[0].split()
+    assert run(*again) == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "alone", "--shard-paths", 256) == cli.PATHS_FAILED
+    assert digest(out) == digest(tmp_path / "alone")
+
+
+def wait_for(condition, process, seconds=60):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_the_time_that_is_given_is_kept(tmp_path, capsys):
+    file = write(tmp_path / "scene.toml", ("paths = 3000", "paths = 2000000"), ("steps = 120", "steps = 4000"))
+    begin = time.monotonic()
+    assert run(file, "--out", tmp_path / "out", "--shard-paths", 256, "--max-walltime", "1s") == cli.STOPPED
+    assert time.monotonic() - begin < 15
+    assert "stopped by --max-walltime" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("90", 90), ("1.5h", 5400), ("30min", 1800), ("10 s", 10), ("1d", 86400), ("2:30", 150), ("1-02:03:04", 93784)],
+)
+def test_wall_times(text, expected):
+    assert stop.seconds("max-walltime", text) == expected
+
+
+@pytest.mark.parametrize("text", ["", "soon", "-3", "1:2:3:4", "5 weeks", "nan"])
+def test_wall_times_that_are_none(text):
+    with pytest.raises(InvalidArgumentError, match="is no time: give"):
+        stop.seconds("max-walltime", text)
+
+
+FULL = """
+import resource, sys
+from symsde import cli
+resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+sys.exit(cli.main(["run", sys.argv[1], "--out", sys.argv[2], "--shard-paths", "256"]))
+"""
+
+
+def test_a_full_disk_ends_the_run_and_costs_what_was_in_work(file, known, tmp_path):
+    """As full as a disk is to a process whose files may have 3000 bytes, of which one is larger."""
+    given = [sys.executable, "-c", FULL, file, str(tmp_path / "out")]
+    done = subprocess.run(given, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == cli.NOT_WRITTEN, done.stderr
+    assert "cannot be written: File too large" in done.stderr and "Traceback" not in done.stderr
+    names = {path.name for path in (tmp_path / "out" / "shards").iterdir()}
+    assert all(name.endswith(".npz") for name in names)
+    assert run(file, "--out", tmp_path / "out") == cli.PATHS_FAILED
+    is_known(tmp_path / "out", known)
+
+
+@pytest.mark.skipif(os.geteuid() == 0 and not Path("/proc/self").exists(), reason="root may write everywhere")
+def test_a_folder_that_takes_no_files_is_said(file, capsys):
+    assert run(file, "--out", "/proc/self/deeper") == cli.NOT_WRITTEN
+    assert "nothing can be written to /proc/self/deeper" in capsys.readouterr().err
+
+
+def test_the_time_of_day_does_not_matter(file, known, tmp_path, monkeypatch):
+    """A clock that goes back, or stands still, is none that anything depends on."""
+    times = iter(range(10**9, 0, -1000))
+    monkeypatch.setattr(time, "time", lambda: float(next(times)))
+    monkeypatch.setattr(time, "time_ns", lambda: next(times) * 10**9)
+    assert run(file, "--out", tmp_path / "out", "--shard-paths", 512, "--max-walltime", "1h") == cli.PATHS_FAILED
+    is_known(tmp_path / "out", known)
+
+
+class Memory:
+    """A store that remembers."""
+
+    seconds = 10.0
+
+    def __init__(self):
+        self.states = []
+
+    def read(self):
+        return shard_file.from_bytes(self.states[-1], "memory") if self.states else None
+
+    def write(self, state):
+        self.states.append(shard_file.to_bytes(state))
+
+
+def interrupted(task, piece, after):
+    """The shard of a piece that is stopped again and again, each time after so many questions."""
+    store, sittings = Memory(), 0
+    while True:
+        asked = []
+
+        def tell(_done, _total, asked=asked):
+            asked.append(0)
+            return len(asked) > after
+
+        sittings += 1
+        assert sittings < 1000
+        if (found := work.compute(task, piece, 1, tell, store)) is not None:
+            return found, sittings
+
+
+@pytest.mark.parametrize("compensated", [False, True])
+@pytest.mark.parametrize(("steps", "every"), [(600, 50), (601, 601), (600, 1)])
+def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monkeypatch):
+    """Stopped at every segment, of which some end between saved points; paths that failed stay so."""
+    monkeypatch.setattr(work, "_FIRST", 7 * 4 * 2)
+    monkeypatch.setattr(work._Clock, "next_length", lambda _, length: 11 - length % 5)
+    q0 = np.full((2, 4), 0.1)
+    q0[:, 2] = 0.75
+    options = {"q0": q0, "p0": 0.0, "step": 0.05, "steps": steps, "save_every": every, "seed": 5, "t0": 0.3}
+    options |= {"compensated": compensated, "scheme": "stormer_verlet", "first_step": 3, "paths": 4}
+    model = ss.models.henon_heiles(sigma1=0.02, sigma2=0.02)
+    piece = plan.Piece("paths-000001", "paths", 0, 4, 4 * steps)
+    with pytest.warns(ss.PathsFailedWarning):
+        known = ss.simulate(model, **options)
+        found, sittings = interrupted(work.Task(model, options), piece, 4)
+    assert sittings > 10 and known.failed_step[2] > 30 and (known.status == 0).sum() == 3
+    names = ["t", "q", "p", "status", "failed_step", "last_q", "last_p", *(["low_q", "low_p"] if compensated else [])]
+    for name in names:
+        np.testing.assert_array_equal(found.arrays[name], getattr(known, name), err_msg=name)
+    assert found.facts["failed"] == 1
+
+
+def test_shares_are_all_pieces_once():
+    pieces = plan.plan(plan.Extent(512, 10000, 100, 3, 1), 512, moments=True, saved=[600, 601, 9000])
+    assert sum(piece.paths for piece in pieces if piece.kind == "moments") == 10000
+    assert [(piece.first, piece.paths) for piece in pieces if piece.kind == "paths"] == [(600, 2), (9000, 1)]
+    assert all(piece.first % 512 == 0 for piece in pieces if piece.kind == "moments")
+    for n in (1, 2, 7, 100):
+        parts = [name.name for i in range(n) for name in share.Share(i + 1, n).of(pieces)]
+        assert sorted(parts) == sorted(piece.name for piece in pieces)
+
+
+@pytest.mark.parametrize("paths", [1, 255, 257, 10**6, 10**9])
+@pytest.mark.parametrize("steps", [0, 1, 10**4, 10**9])
+def test_pieces_are_neither_crumbs_nor_mountains(paths, steps):
+    size = plan.shard_paths(plan.Extent(0, paths, steps, 2, 3))
+    assert size >= 256 and size & (size - 1) == 0
+    count = -(-paths // size)
+    assert count <= 2**15
+    if size > 256:
+        assert size * steps * 3 <= max(2**29, 2 * paths * steps * 3 / 2**14)
+
+
+def test_a_stretch_of_many_saved_paths_is_cut_by_what_it_holds():
+    pieces = plan.plan(plan.Extent(0, 10**6, 10, 2**20, 1), 2**20, moments=False, saved=range(10))
+    assert [piece.paths for piece in pieces] == [4, 4, 2]
