@@ -13,15 +13,21 @@ contains
       integer, intent(in) :: n, nstage
       real(wp), intent(in) :: factor, coefficient(nstage), slope(n, nstage), start(n)
       real(wp), intent(out) :: total(n)
-      real(wp) :: c(nstage)
-      integer :: used(nstage), m, j
+      real(wp) :: c(3)   ! of the first three that count; arrays as long as nstage would be allocated in every call
+      integer :: used(3), m, j
 
       m = 0
       do j = 1, nstage
          if (abs(coefficient(j)) <= 0) cycle
          m = m + 1
-         used(m) = j
-         c(m) = factor*coefficient(j)
+         if (m <= 3) then
+            used(m) = j
+            c(m) = factor*coefficient(j)
+            cycle
+         end if
+         if (m == 4) call add_three(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), c(3), slope(1, used(3)), &
+                                    start, total)
+         call add_more(n, factor*coefficient(j), slope(1, j), total)
       end do
       select case (m)
       case (0)
@@ -30,11 +36,9 @@ contains
          call add_one(n, c(1), slope(1, used(1)), start, total)
       case (2)
          call add_two(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), start, total)
-      case default
+      case (3)
          call add_three(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), c(3), slope(1, used(3)), start, total)
-         do j = 4, m
-            call add_more(n, c(j), slope(1, used(j)), total)
-         end do
+      case default  ! is added up
       end select
    end subroutine add_slopes
 

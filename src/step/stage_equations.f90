@@ -22,7 +22,7 @@ module symsde_step_stage_equations
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_slopes, only: add_slopes
-   use symsde_step_stage_plan, only: stage_plan, new_stage_plan
+   use symsde_step_stage_plan, only: stage_plan, stage_group, new_stage_plan
    implicit none
    private
    public :: stage_equations, new_stage_equations
@@ -41,9 +41,11 @@ module symsde_step_stage_equations
       real(wp), allocatable :: g(:, :, :), c(:, :, :)    !! slopes (nlane, ndof, nstage)
       real(wp), allocatable :: qs(:, :), ps(:, :)        !! the point that was placed last (nlane, ndof)
       real(wp), allocatable :: hq(:, :), hp(:, :)        !! Hhat_q and C there (nlane, ndof)
+      real(wp), allocatable, dimension(:) :: last, change, extent  !! of an iteration (nlane)
    contains
       procedure :: begin
       procedure :: place
+      procedure :: place_known
       procedure :: evaluate
       procedure :: add_up
       procedure :: time_of
@@ -79,6 +81,7 @@ contains
       call new_step_store(self%store, nlane, model%traits%nnoise, 2, 0.0_wp, asked)
       allocate (self%q(nlane, n), self%p(nlane, n))
       allocate (self%base(nlane, n, s), self%g(nlane, n, s), self%qs(nlane, n), self%hq(nlane, n))
+      allocate (self%last(nlane), self%change(nlane), self%extent(nlane))
       if (.not. self%has_c) return
       allocate (self%c(nlane, n, s), self%ps(nlane, n), self%hp(nlane, n))
    end subroutine new_stage_equations
@@ -88,17 +91,22 @@ contains
       class(stage_equations), intent(inout), target :: self
       integer, intent(in) :: first
       type(step_record), intent(in) :: step
-      real(wp), intent(in) :: q(:, :), p(:, :)  !! of all lanes (.., ndof)
-      integer :: i, last, f
+      real(wp), contiguous, intent(in) :: q(:, :), p(:, :)  !! of all lanes (.., ndof)
+      real(wp), pointer, contiguous :: w(:, :), x(:, :)  ! names that gfortran 12 knows to be contiguous
+      integer :: i, f
 
-      last = first + self%ham%nlane - 1
-      self%q = q(first:last, :)
-      self%p = p(first:last, :)
+      w => step%w
+      associate (all => size(q, 1), nlane => self%ham%nlane)
+         call take_lanes(all, self%ham%ndof, first, nlane, q, self%q)
+         call take_lanes(all, self%ham%ndof, first, nlane, p, self%p)
+         call take_lanes(all, self%ham%nnoise + 1, first, nlane, w, self%store%w)
+         do f = 1, nfunctional
+            if (.not. allocated(self%store%of(f)%x)) cycle
+            x => step%of(f)%x
+            call take_lanes(all, size(x, 2), first, nlane, x, self%store%of(f)%x)
+         end do
+      end associate
       self%store%h = step%h
-      self%store%w(:, :, 0) = step%w(first:last, :)
-      do f = 1, nfunctional
-         if (allocated(self%store%of(f)%x)) self%store%of(f)%x(:, :, 0) = step%of(f)%x(first:last, :)
-      end do
       call self%store%show(0, step%t, self%step)
       self%kappa = merge(step%h, 0.0_wp, self%identity_mass)
       associate (s => self%plan%nstage, size => size(self%q), plan => self%plan)
@@ -143,6 +151,17 @@ contains
       end associate
    end subroutine place
 
+   !> Put Q of a group's member where the slopes of the group are zero; momenta are eliminated.
+   subroutine place_known(self, group, member)
+      class(stage_equations), intent(inout) :: self
+      type(stage_group), intent(in) :: group
+      integer, intent(in) :: member
+
+      associate (row => group%earlier(:, member))
+         call self%place(group%stage(member), row, row, row)
+      end associate
+   end subroutine place_known
+
    !> Hhat_q and C at the point that was placed for stage i. No bracket adds to Hhat_q where momenta are eliminated.
    subroutine evaluate(self, i)
       class(stage_equations), intent(inout) :: self
@@ -175,5 +194,17 @@ contains
          call add_slopes(size, s, 1.0_wp, plan%alpha, self%g, self%qs, dp)
       end associate
    end subroutine add_up
+
+   !> Some lanes of an array.
+   pure subroutine take_lanes(nlane, n, first, wanted, x, y)
+      integer, intent(in) :: nlane, n, first, wanted
+      real(wp), intent(in) :: x(nlane, n)
+      real(wp), intent(out) :: y(wanted, n)
+      integer :: i
+
+      do i = 1, n
+         y(:, i) = x(first:first + wanted - 1, i)
+      end do
+   end subroutine take_lanes
 
 end module symsde_step_stage_equations

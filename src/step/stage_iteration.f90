@@ -10,6 +10,7 @@
 !>
 !>    done       where the next change would vanish, d_k r <= eps |G|/4, or d_k is not smaller than d_{k-1} and
 !>               within 2^-33 |G|, rounding
+!>    left       where d_k/d_{k-1} > too_slow and d_k > 2^-20 |G|: the caller has a faster way to go on with what it has
 !>    given up   where d_k/d_{k-1} > steepest beyond rounding, or where something is not finite: the caller
 !>               has another way
 !>
@@ -20,74 +21,52 @@ module symsde_step_stage_iteration
    use symsde_step_stage_plan, only: stage_group
    implicit none
    private
-   public :: iterate_group
+   public :: iterate_group, solved, slow, steep, untried, steepest
 
    real(wp), parameter :: steepest = 0.2_wp   !! contraction from which Newton's iteration is cheaper
    integer, parameter :: most_sweeps = 60     !! enough for 0.2 and rounding
-   real(wp), parameter :: done = -1, given_up = -2   !! values of `last` beside the size of the last change
+   real(wp), parameter :: done = -1, left = -2, given_up = -3  !! values of `last` beside the size of the last change
+
+   integer(i8), parameter :: solved = 0, slow = 1, steep = 2  !! what becomes of a lane
+   integer(i8), parameter :: untried = 3                       !! for callers that do not iterate
 
 contains
 
-   !> Iterate in lanes whose fate is 0, until each is done or, with fate 1, given up.
-   subroutine iterate_group(self, group, fate)
+   !> Iterate in lanes whose fate is `solved`, until each is, or is left with what it has (slow), or given up (steep).
+   subroutine iterate_group(self, group, too_slow, fate)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group
+      real(wp), intent(in) :: too_slow     !! contraction from which a lane is left to a faster iteration
       integer(i8), intent(inout) :: fate(self%ham%nlane)
-      real(wp), dimension(self%ham%nlane) :: last, change, extent
       integer :: nrunning, sweep, m
 
-      last = merge(0.0_wp, given_up, fate == 0)
-      nrunning = count(last >= 0)
-      associate (nlane => self%ham%nlane, counters => self%ham%counters)
+      associate (nlane => self%ham%nlane, counters => self%ham%counters, last => self%last, change => self%change, &
+                 extent => self%extent)
+         last = merge(0.0_wp, done, fate == solved)
+         nrunning = count(last >= 0)
          do sweep = 1, most_sweeps
             if (nrunning == 0) exit
             change = 0
             extent = 0
             do m = 1, group%nmember
-               call place_stage(self, group, m, sweep == 1)
+               associate (i => group%stage(m), plan => self%plan)
+                  if (sweep == 1) then
+                     call self%place(i, plan%first_b(:, i), plan%first_a(:, i), plan%first_abar(:, i))
+                  else
+                     call self%place(i, plan%b(:, i), plan%a(:, i), plan%abar(:, i))
+                  end if
+               end associate
                call self%evaluate(group%stage(m))
                call take_slopes(self, group%stage(m), sweep == 1, last, change, extent)
             end do
             counters%iterations = counters%iterations + nrunning
             if (group%explicit) return
-            call judge_sweep(nlane, sweep, change, extent, last, nrunning)
+            call judge_sweep(nlane, sweep, too_slow, change, extent, last, nrunning)
          end do
-         fate = merge(1_i8, fate, fate == 0 .and. (last >= 0 .or. last < -1.5_wp))
+         where (fate == solved .and. abs(last - left) <= 0) fate = slow
+         where (fate == solved .and. (last >= 0 .or. last < left)) fate = steep
       end associate
    end subroutine iterate_group
-
-   !> The point of member m; in the first sweep with what is known.
-   subroutine place_stage(self, group, m, first)
-      type(stage_equations), intent(inout) :: self
-      type(stage_group), intent(in) :: group
-      integer, intent(in) :: m
-      logical, intent(in) :: first
-      real(wp), dimension(self%plan%nstage) :: b, a, abar
-
-      associate (i => group%stage(m), plan => self%plan)
-         b = plan%b(:, i)
-         a = plan%a(:, i)
-         abar = plan%abar(:, i)
-         if (first) then
-            call move_to_known(group%stage, m, b)
-            call move_to_known(group%stage, m, a)
-            call move_to_known(group%stage, m, abar)
-         end if
-         call self%place(i, b, a, abar)
-      end associate
-   end subroutine place_stage
-
-   !> Add the coefficients of members m and later to the one of member m-1.
-   pure subroutine move_to_known(stage, m, coefficient)
-      integer, intent(in) :: stage(:), m
-      real(wp), intent(inout) :: coefficient(:)
-      integer :: k
-
-      do k = m, size(stage)
-         if (m > 1) coefficient(stage(m - 1)) = coefficient(stage(m - 1)) + coefficient(stage(k))
-         coefficient(stage(k)) = 0
-      end do
-   end subroutine move_to_known
 
    !> The new slopes of stage i in running lanes.
    subroutine take_slopes(self, i, first, last, change, extent)
@@ -146,12 +125,14 @@ contains
    end subroutine take
 
    !> VEC Which lanes are done, and which are given up.
-   pure subroutine judge_sweep(nlane, sweep, change, extent, last, nrunning)
+   pure subroutine judge_sweep(nlane, sweep, too_slow, change, extent, last, nrunning)
       integer, intent(in) :: nlane, sweep
+      real(wp), intent(in) :: too_slow
       real(wp), intent(in) :: change(nlane), extent(nlane)
       real(wp), intent(inout) :: last(nlane)
       integer, intent(out) :: nrunning
       real(wp), parameter :: slow = 2.0_wp**(-13), rounding = 0.25_wp*epsilon(1.0_wp), near = 2.0_wp**(-33)
+      real(wp), parameter :: far = 2.0_wp**(-20)
       real(wp) :: d, next
       logical :: ends
       integer(i8) :: running
@@ -165,7 +146,8 @@ contains
          else
             ends = d*max(d/last(lane), slow) <= rounding*extent(lane)
             ends = ends .or. (d >= last(lane) .and. d <= near*extent(lane))
-            next = merge(d, given_up, d <= max(steepest*last(lane), near*extent(lane)))
+            next = merge(d, left, d <= max(too_slow*last(lane), far*extent(lane)))
+            next = merge(next, given_up, d <= max(steepest*last(lane), near*extent(lane)))
             next = merge(done, next, ends)
          end if
          next = merge(next, given_up, d <= huge(d))

@@ -91,20 +91,15 @@ contains
       call find_slopes(self, equations, group, fate)
    end subroutine solve
 
-   !> d: base - q_n and the slopes of earlier groups. Those of this one are zero here.
+   !> d: base - q_n and the slopes of earlier groups.
    subroutine find_known(self, equations, group)
       type(stage_newton), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
-      real(wp) :: row(equations%plan%nstage)
-      integer :: m, k
+      integer :: m
 
       do m = 1, self%nmember
-         row = equations%plan%b(:, group%stage(m))
-         do k = 1, group%nmember
-            row(group%stage(k)) = 0
-         end do
-         call equations%place(group%stage(m), row, row, row)
+         call equations%place_known(group, m)
          self%d(:, :, m) = equations%qs - equations%q
       end do
    end subroutine find_known

@@ -23,6 +23,7 @@ module symsde_step_stage_plan
       integer, allocatable :: stage(:)         !! which they are (nmember)
       logical :: explicit = .false.            !! one stage that does not wait for itself
       real(wp), allocatable :: b(:, :)         !! B of these stages (nmember, nmember)
+      real(wp), allocatable :: earlier(:, :)   !! B of each of these with others alone, in a column (nstage, nmember)
       real(wp), allocatable :: inverse(:, :)   !! of b; not allocated where it is singular
    end type stage_group
 
@@ -33,6 +34,9 @@ module symsde_step_stage_plan
       real(wp), allocatable :: a(:, :), abar(:, :)     !! a_ij and abar_ij of stage i in column i (nstage, nstage)
       real(wp), allocatable :: r(:), v(:)              !! as above (nstage)
       real(wp), allocatable :: b(:, :)                 !! B_ik of stage i in column i (nstage, nstage)
+      !> The same for the first sweep of an iteration: slopes of the group that are not known yet are taken to be those
+      !> of the member before, or zero (nstage, nstage).
+      real(wp), allocatable, dimension(:, :) :: first_b, first_a, first_abar
       type(stage_group), allocatable :: group(:)       !! (ngroup)
    end type stage_plan
 
@@ -62,6 +66,7 @@ contains
          end do
       end do
       call find_groups(self, waits)
+      call find_first_sweep(self)
    end subroutine new_stage_plan
 
    !> The groups, each after those it waits for.
@@ -97,6 +102,37 @@ contains
       end do
    end subroutine find_groups
 
+   !> Coefficients of the first sweep.
+   pure subroutine find_first_sweep(self)
+      type(stage_plan), intent(inout) :: self
+      integer :: k, m
+
+      self%first_b = self%b
+      self%first_a = self%a
+      self%first_abar = self%abar
+      do k = 1, self%ngroup
+         associate (stage => self%group(k)%stage)
+            do m = 1, size(stage)
+               call move_to_known(stage, m, self%first_b(:, stage(m)))
+               call move_to_known(stage, m, self%first_a(:, stage(m)))
+               call move_to_known(stage, m, self%first_abar(:, stage(m)))
+            end do
+         end associate
+      end do
+   end subroutine find_first_sweep
+
+   !> Add the coefficients of members m and later to the one of member m-1.
+   pure subroutine move_to_known(stage, m, coefficient)
+      integer, intent(in) :: stage(:), m
+      real(wp), intent(inout) :: coefficient(:)
+      integer :: k
+
+      do k = m, size(stage)
+         if (m > 1) coefficient(stage(m - 1)) = coefficient(stage(m - 1)) + coefficient(stage(k))
+         coefficient(stage(k)) = 0
+      end do
+   end subroutine move_to_known
+
    !> The stages that stage i waits for and that wait for it, and itself.
    pure function mates(reaches, i) result(same)
       logical, intent(in) :: reaches(:, :)
@@ -124,9 +160,11 @@ contains
          m = m + 1
          group%stage(m) = i
       end do
+      group%earlier = b(:, group%stage)
       do k = 1, m
          do i = 1, m
             group%b(i, k) = b(group%stage(k), group%stage(i))
+            group%earlier(group%stage(k), i) = 0
          end do
       end do
       call invert(m, group%b, group%inverse)

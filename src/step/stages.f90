@@ -13,30 +13,44 @@ module symsde_step_stages
    use symsde_base_memory, only: memory_for
    use symsde_base_record, only: step_record
    use symsde_base_status, only: not_converged
+   use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stage_equations, only: stage_equations, new_stage_equations
-   use symsde_step_stage_iteration, only: iterate_group
+   use symsde_step_stage_iteration, only: iterate_group, solved, untried, steepest
+   use symsde_step_stage_plan, only: stage_group
    use symsde_step_stage_newton, only: stage_newton, new_stage_newton
+   use symsde_step_stage_rows, only: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: stages_stepper, new_stages_stepper, fits_stages
 
    integer, parameter :: cached_values = 1024  !! of one array of a part
+   !> Contraction from which Newton's iteration by rows is cheaper, for groups of one, two and three stages.
+   real(wp), parameter :: slow_rate(3) = [1e-2_wp, 5e-3_wp, 3e-2_wp]
+
+   !> What solves a group where iteration does not, made when the first lane needs it.
+   type :: solver_slot
+      logical :: has_rows = .false.                     !! lanes go to the rows before the matrices
+      logical :: at_once = .false.                      !! .. and need no iteration before
+      type(stage_rows), allocatable :: rows
+      type(stage_newton), allocatable :: newton
+   end type solver_slot
 
    type, extends(stepper_type) :: stages_stepper
       private
       integer :: width = 0                              !! lanes of a part
       type(newton_options) :: options
       type(stage_equations) :: equations                !! of the part in hand
-      type(stage_newton), allocatable :: newton(:)      !! of each group, made when the first lane needs it
-      logical, allocatable :: made(:)
+      type(solver_slot), allocatable :: solver(:)       !! of each group
       type(scheme_type) :: scheme
       type(general_stepper), allocatable :: general     !! of lanes that are given up with their momenta
+      integer(i8), allocatable, dimension(:) :: left, fate  !! of the part (width)
+      logical, allocatable :: wanted(:)                 !! (width)
       real(wp), allocatable, dimension(:, :) :: dq, dp, dq_left, dp_left  !! of the part (width, ndof)
    contains
       procedure :: fits
@@ -84,6 +98,7 @@ contains
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
+      integer :: g
 
       self%options = options
       self%scheme = scheme
@@ -93,11 +108,19 @@ contains
                 (self%width*model%traits%ndof > cached_values .and. self%width > lane_unit))
          self%width = self%width - lane_unit
       end do
+      if (model%traits%has_chain_rows) self%width = merge(strip_lanes, lane_unit, modulo(nlane, strip_lanes) == 0)
       call new_stage_equations(self%equations, model, scheme, self%width)
       self%name = 'stages'
       if (self%equations%eliminated) self%name = 'stages, momenta eliminated'
-      allocate (self%newton(self%equations%plan%ngroup))
-      allocate (self%made(self%equations%plan%ngroup), source=.false.)
+      allocate (self%solver(self%equations%plan%ngroup))
+      do g = 1, size(self%solver)
+         self%solver(g)%has_rows = self%equations%eliminated .and. &
+                                   fits_stage_rows(model%traits, self%equations%plan%group(g))
+         self%solver(g)%at_once = self%solver(g)%has_rows .and. solves_at_once(model%traits) .and. &
+                                  .not. self%equations%plan%group(g)%explicit
+      end do
+      self%one_solve = all(self%equations%plan%group%explicit .or. self%solver%at_once)
+      allocate (self%left(self%width), self%fate(self%width), self%wanted(self%width))
       allocate (self%dq(self%width, model%traits%ndof), self%dp(self%width, model%traits%ndof))
    end subroutine new_stages_stepper
 
@@ -107,7 +130,6 @@ contains
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
-      integer(i8) :: left(self%width)
       integer :: first, last
 
       associate (e => self%equations)
@@ -115,9 +137,9 @@ contains
             last = first + self%width - 1
             e%ham%nreal = max(0, min(self%width, self%ham%nreal - first + 1))
             call e%begin(first, step, q, p)
-            call solve_part(self, status(first:last), left)
+            call solve_part(self, status(first:last))
             call e%add_up(self%dq, self%dp)
-            if (any(left == 0)) call solve_left(self, left, status(first:last))
+            if (any(self%left == 0)) call solve_left(self, self%left, status(first:last))
             dq(first:last, :) = self%dq
             dp(first:last, :) = self%dp
          end do
@@ -127,31 +149,57 @@ contains
    end subroutine increment
 
    !> The slopes of all groups, in lanes without a status; left = 0 in those that the general stepper must take.
-   subroutine solve_part(self, status, left)
+   subroutine solve_part(self, status)
       type(stages_stepper), intent(inout) :: self
       integer(i8), intent(inout) :: status(self%width)
-      integer(i8), intent(out) :: left(self%width)
-      integer(i8) :: fate(self%width)
+      real(wp) :: too_slow
       integer :: g
 
-      left = -1
-      do g = 1, size(self%newton)
-         fate = merge(0_i8, -1_i8, status == 0 .and. left < 0)
-         associate (group => self%equations%plan%group(g))
-            call iterate_group(self%equations, group, fate)
-            if (.not. any(fate > 0)) cycle
-            if (.not. self%equations%eliminated) then
-               left = merge(0_i8, left, fate > 0)
-               cycle
+      self%left = -1
+      do g = 1, size(self%solver)
+         self%fate = merge(solved, -1_i8, status == 0 .and. self%left < 0)
+         associate (group => self%equations%plan%group(g), solver => self%solver(g))
+            too_slow = steepest
+            if (solver%has_rows) too_slow = slow_rate(group%nmember)
+            if (solver%at_once) then
+               where (self%fate == solved) self%fate = untried
+            else
+               call iterate_group(self%equations, group, too_slow, self%fate)
             end if
-            if (.not. self%made(g)) call new_stage_newton(self%newton(g), self%equations, group, self%options)
-            self%made(g) = .true.
-            fate = merge(0_i8, -1_i8, fate > 0)
-            call self%newton(g)%solve(self%equations, group, fate)
-            status = merge(fate, status, fate > 0)
+            if (.not. any(self%fate > solved)) cycle
+            if (self%equations%eliminated) then
+               call solve_group(self, group, solver, status)
+            else
+               self%left = merge(0_i8, self%left, self%fate > solved)
+            end if
          end associate
       end do
    end subroutine solve_part
+
+   !> The slopes of a group where iteration has not found them, by rows if it may be, and else by its matrices.
+   subroutine solve_group(self, group, solver, status)
+      type(stages_stepper), intent(inout) :: self
+      type(stage_group), intent(in) :: group
+      type(solver_slot), intent(inout) :: solver
+      integer(i8), intent(inout) :: status(self%width)
+
+      self%wanted = self%fate > solved
+      if (solver%has_rows) then
+         if (.not. allocated(solver%rows)) then
+            allocate (solver%rows)
+            call new_stage_rows(solver%rows, self%equations, group, self%options)
+         end if
+         call solver%rows%solve(self%equations, group, self%fate, self%wanted)
+         if (.not. any(self%wanted)) return
+      end if
+      if (.not. allocated(solver%newton)) then
+         allocate (solver%newton)
+         call new_stage_newton(solver%newton, self%equations, group, self%options)
+      end if
+      self%fate = merge(0_i8, -1_i8, self%wanted)
+      call solver%newton%solve(self%equations, group, self%fate)
+      status = merge(self%fate, status, self%fate > 0)
+   end subroutine solve_group
 
    !> Increments of the lanes that are left, by the general stepper.
    subroutine solve_left(self, left, status)

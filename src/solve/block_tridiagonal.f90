@@ -1,0 +1,297 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Newton corrections for two or three stages of a chain: matrices C (x) I + diag(K_1, .., K_s), one a lane, without
+!> pivoting.
+!>
+!> C is an s x s matrix, the same for all sites and lanes; K_m is the symmetric tridiagonal stiffness at stage m, its
+!> diagonal k(lane, 0, at, m) and what is right of it, k(lane, 1, at, m). With the unknowns of a site side by side the
+!> matrix is block tridiagonal: C + diag(K_m(i,i)) on the diagonal, diag(K_m(i,i+1)) beside it. A block is inverted by
+!> its minors, which takes one division a site.
+!>
+!> A lane is sound while all principal minors of its blocks are positive; a NaN is not. So they are where every K_m is
+!> positive semidefinite and the stages can be scaled so that C has a positive definite symmetric part, as those of
+!> Gauss schemes: the blocks that are left have one, too, and nothing grows.
+!>
+!> Strips of lanes go through together, as in solve/tridiagonal.
+module symsde_solve_block_tridiagonal
+   use symsde_base_kinds, only: wp
+   use symsde_base_traits, only: strip_lanes
+   implicit none
+   private
+   public :: eliminate_down_blocks, correct_up_blocks, site_above, new_site_above
+
+   !> What a site hands to the next one, of its block S, the block E = diag(beside) right of it, and its own
+   !> right-hand side.
+   type :: site_above
+      real(wp), allocatable :: factor(:, :, :)   !! S^{-1} E (strip_lanes, s, s)
+      real(wp), allocatable :: beside(:, :)      !! (strip_lanes, s)
+      real(wp), allocatable :: rhs(:, :)         !! eliminated (strip_lanes, s)
+      real(wp) :: sound(strip_lanes) = 1         !! 1, or 0 where the lane is not
+   contains
+      procedure :: start
+   end type site_above
+
+contains
+
+   !> Room for s stages.
+   pure subroutine new_site_above(self, s)
+      type(site_above), intent(out) :: self
+      integer, intent(in) :: s
+
+      allocate (self%factor(strip_lanes, s, s), self%beside(strip_lanes, s), self%rhs(strip_lanes, s))
+      call self%start()
+   end subroutine new_site_above
+
+   !> Nothing stands above the first site.
+   pure subroutine start(self)
+      class(site_above), intent(inout) :: self
+
+      self%factor = 0
+      self%beside = 0
+      self%rhs = 0
+      self%sound = 1
+   end subroutine start
+
+   !> Sites first .. last of residuals g + f and matrices, eliminated after the sites above them.
+   pure subroutine eliminate_down_blocks(s, n, first, last, room, c, g, f, k, above, factor, rhs)
+      integer, intent(in) :: s                                   !! stages: 2 or 3
+      integer, intent(in) :: n, first, last                      !! sites
+      integer, intent(in) :: room                                !! of f and k: last - first + 1 or more
+      real(wp), intent(in) :: c(s, s)
+      real(wp), intent(in) :: g(strip_lanes, s, n)
+      real(wp), intent(in) :: f(strip_lanes, room, s), k(strip_lanes, 0:1, room, s)
+      type(site_above), intent(inout) :: above
+      real(wp), intent(inout) :: factor(strip_lanes, s, s, n)    !! S^{-1} E of every site
+      real(wp), intent(inout) :: rhs(strip_lanes, s, n)          !! S^{-1} L^{-1} residual
+
+      if (s == 2) then
+         call eliminate_pairs(n, first, last, room, c, g, f, k, above%factor, above%beside, above%rhs, above%sound, &
+                              factor, rhs)
+      else
+         call eliminate_triples(n, first, last, room, c, g, f, k, above%factor, above%beside, above%rhs, above%sound, &
+                                factor, rhs)
+      end if
+   end subroutine eliminate_down_blocks
+
+   !> Solve for d upwards and correct g by C d in running lanes, with the sizes of correction and slopes.
+   pure subroutine correct_up_blocks(s, n, c, factor, rhs, last, g, step, size)
+      integer, intent(in) :: s, n
+      real(wp), intent(in) :: c(s, s), factor(strip_lanes, s, s, n), rhs(strip_lanes, s, n)
+      real(wp), intent(in) :: last(strip_lanes)                  !! negative in lanes that rest
+      real(wp), intent(inout) :: g(strip_lanes, s, n)
+      real(wp), intent(out) :: step(strip_lanes), size(strip_lanes)
+
+      if (s == 2) then
+         call correct_pairs(n, c, factor, rhs, last, g, step, size)
+      else
+         call correct_triples(n, c, factor, rhs, last, g, step, size)
+      end if
+   end subroutine correct_up_blocks
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC
+   pure subroutine eliminate_pairs(n, first, last, room, c, g, f, k, above, beside, r, sound, factor, rhs)
+      integer, intent(in) :: n, first, last, room
+      real(wp), intent(in) :: c(2, 2), g(strip_lanes, 2, n)
+      real(wp), intent(in) :: f(strip_lanes, room, 2), k(strip_lanes, 0:1, room, 2)
+      real(wp), intent(inout) :: above(strip_lanes, 2, 2), beside(strip_lanes, 2), r(strip_lanes, 2)
+      real(wp), intent(inout) :: sound(strip_lanes)
+      real(wp), intent(inout) :: factor(strip_lanes, 2, 2, n), rhs(strip_lanes, 2, n)
+      real(wp) :: a11, a12, a21, a22, b1, b2, det, inverse, right1, right2, least
+      integer :: i, at, lane
+
+      do i = first, last
+         at = i - first + 1
+         do lane = 1, strip_lanes
+            a11 = c(1, 1) + k(lane, 0, at, 1) - beside(lane, 1)*above(lane, 1, 1)
+            a12 = c(1, 2) - beside(lane, 1)*above(lane, 1, 2)
+            a21 = c(2, 1) - beside(lane, 2)*above(lane, 2, 1)
+            a22 = c(2, 2) + k(lane, 0, at, 2) - beside(lane, 2)*above(lane, 2, 2)
+            b1 = g(lane, 1, i) + f(lane, at, 1) - beside(lane, 1)*r(lane, 1)
+            b2 = g(lane, 2, i) + f(lane, at, 2) - beside(lane, 2)*r(lane, 2)
+            det = a11*a22 - a12*a21
+            inverse = 1/det
+            least = merge(a11, a22, a11 < a22)
+            least = merge(least, inverse, least < inverse)
+            sound(lane) = merge(sound(lane), 0.0_wp, least > 0)
+            r(lane, 1) = (a22*b1 - a12*b2)*inverse
+            r(lane, 2) = (a11*b2 - a21*b1)*inverse
+            beside(lane, 1) = k(lane, 1, at, 1)
+            beside(lane, 2) = k(lane, 1, at, 2)
+            right1 = beside(lane, 1)*inverse
+            right2 = beside(lane, 2)*inverse
+            above(lane, 1, 1) = a22*right1
+            above(lane, 2, 1) = -a21*right1
+            above(lane, 1, 2) = -a12*right2
+            above(lane, 2, 2) = a11*right2
+            factor(lane, 1, 1, i) = above(lane, 1, 1)
+            factor(lane, 2, 1, i) = above(lane, 2, 1)
+            factor(lane, 1, 2, i) = above(lane, 1, 2)
+            factor(lane, 2, 2, i) = above(lane, 2, 2)
+            rhs(lane, 1, i) = r(lane, 1)
+            rhs(lane, 2, i) = r(lane, 2)
+         end do
+      end do
+   end subroutine eliminate_pairs
+
+   !> VEC
+   pure subroutine correct_pairs(n, c, factor, rhs, last, g, step, size)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c(2, 2), factor(strip_lanes, 2, 2, n), rhs(strip_lanes, 2, n), last(strip_lanes)
+      real(wp), intent(inout) :: g(strip_lanes, 2, n)
+      real(wp), intent(out) :: step(strip_lanes), size(strip_lanes)
+      real(wp), dimension(strip_lanes) :: d1, d2, largest, extent, rests
+      real(wp) :: e1, e2, change1, change2, new1, new2
+      integer :: lane, i
+
+      d1 = 0
+      d2 = 0
+      largest = 0
+      extent = 0
+      rests = last
+      do i = n, 1, -1
+         do lane = 1, strip_lanes
+            e1 = rhs(lane, 1, i) - (factor(lane, 1, 1, i)*d1(lane) + factor(lane, 1, 2, i)*d2(lane))
+            e2 = rhs(lane, 2, i) - (factor(lane, 2, 1, i)*d1(lane) + factor(lane, 2, 2, i)*d2(lane))
+            d1(lane) = e1
+            d2(lane) = e2
+            change1 = c(1, 1)*e1 + c(1, 2)*e2
+            change2 = c(2, 1)*e1 + c(2, 2)*e2
+            new1 = merge(g(lane, 1, i) - change1, g(lane, 1, i), rests(lane) >= 0)
+            new2 = merge(g(lane, 2, i) - change2, g(lane, 2, i), rests(lane) >= 0)
+            g(lane, 1, i) = new1
+            g(lane, 2, i) = new2
+            change1 = abs(change1) + abs(change2)
+            new1 = abs(new1) + abs(new2)
+            ! a NaN goes on from site to site in d, and this comparison takes it
+            largest(lane) = merge(largest(lane), change1, change1 <= largest(lane))
+            extent(lane) = merge(extent(lane), new1, new1 <= extent(lane))
+         end do
+      end do
+      step = largest
+      size = extent
+   end subroutine correct_pairs
+
+   !> VEC
+   pure subroutine eliminate_triples(n, first, last, room, c, g, f, k, above, beside, r, sound, factor, rhs)
+      integer, intent(in) :: n, first, last, room
+      real(wp), intent(in) :: c(3, 3), g(strip_lanes, 3, n)
+      real(wp), intent(in) :: f(strip_lanes, room, 3), k(strip_lanes, 0:1, room, 3)
+      real(wp), intent(inout) :: above(strip_lanes, 3, 3), beside(strip_lanes, 3), r(strip_lanes, 3)
+      real(wp), intent(inout) :: sound(strip_lanes)
+      real(wp), intent(inout) :: factor(strip_lanes, 3, 3, n), rhs(strip_lanes, 3, n)
+      real(wp) :: a11, a12, a13, a21, a22, a23, a31, a32, a33, m11, m12, m13, m21, m22, m23, m31, m32, m33
+      real(wp) :: b1, b2, b3, inverse, right1, right2, right3, least
+      integer :: i, at, lane
+
+      do i = first, last
+         at = i - first + 1
+         do lane = 1, strip_lanes
+            a11 = c(1, 1) + k(lane, 0, at, 1) - beside(lane, 1)*above(lane, 1, 1)
+            a12 = c(1, 2) - beside(lane, 1)*above(lane, 1, 2)
+            a13 = c(1, 3) - beside(lane, 1)*above(lane, 1, 3)
+            a21 = c(2, 1) - beside(lane, 2)*above(lane, 2, 1)
+            a22 = c(2, 2) + k(lane, 0, at, 2) - beside(lane, 2)*above(lane, 2, 2)
+            a23 = c(2, 3) - beside(lane, 2)*above(lane, 2, 3)
+            a31 = c(3, 1) - beside(lane, 3)*above(lane, 3, 1)
+            a32 = c(3, 2) - beside(lane, 3)*above(lane, 3, 2)
+            a33 = c(3, 3) + k(lane, 0, at, 3) - beside(lane, 3)*above(lane, 3, 3)
+            b1 = g(lane, 1, i) + f(lane, at, 1) - beside(lane, 1)*r(lane, 1)
+            b2 = g(lane, 2, i) + f(lane, at, 2) - beside(lane, 2)*r(lane, 2)
+            b3 = g(lane, 3, i) + f(lane, at, 3) - beside(lane, 3)*r(lane, 3)
+            ! minors: m_pq is the cofactor of a_qp
+            m11 = a22*a33 - a23*a32
+            m12 = a13*a32 - a12*a33
+            m13 = a12*a23 - a13*a22
+            m21 = a23*a31 - a21*a33
+            m22 = a11*a33 - a13*a31
+            m23 = a13*a21 - a11*a23
+            m31 = a21*a32 - a22*a31
+            m32 = a12*a31 - a11*a32
+            m33 = a11*a22 - a12*a21
+            inverse = 1/(a11*m11 + a12*m21 + a13*m31)
+            least = merge(m11, m33, m11 < m33)
+            least = merge(least, a11, least < a11)
+            least = merge(least, inverse, least < inverse)
+            sound(lane) = merge(sound(lane), 0.0_wp, least > 0)
+            r(lane, 1) = (m11*b1 + m12*b2 + m13*b3)*inverse
+            r(lane, 2) = (m21*b1 + m22*b2 + m23*b3)*inverse
+            r(lane, 3) = (m31*b1 + m32*b2 + m33*b3)*inverse
+            beside(lane, 1) = k(lane, 1, at, 1)
+            right1 = beside(lane, 1)*inverse
+            beside(lane, 2) = k(lane, 1, at, 2)
+            right2 = beside(lane, 2)*inverse
+            beside(lane, 3) = k(lane, 1, at, 3)
+            right3 = beside(lane, 3)*inverse
+            above(lane, 1, 1) = m11*right1
+            above(lane, 2, 1) = m21*right1
+            above(lane, 3, 1) = m31*right1
+            above(lane, 1, 2) = m12*right2
+            above(lane, 2, 2) = m22*right2
+            above(lane, 3, 2) = m32*right2
+            above(lane, 1, 3) = m13*right3
+            above(lane, 2, 3) = m23*right3
+            above(lane, 3, 3) = m33*right3
+            factor(lane, 1, 1, i) = above(lane, 1, 1)
+            factor(lane, 2, 1, i) = above(lane, 2, 1)
+            factor(lane, 3, 1, i) = above(lane, 3, 1)
+            factor(lane, 1, 2, i) = above(lane, 1, 2)
+            factor(lane, 2, 2, i) = above(lane, 2, 2)
+            factor(lane, 3, 2, i) = above(lane, 3, 2)
+            factor(lane, 1, 3, i) = above(lane, 1, 3)
+            factor(lane, 2, 3, i) = above(lane, 2, 3)
+            factor(lane, 3, 3, i) = above(lane, 3, 3)
+            rhs(lane, 1, i) = r(lane, 1)
+            rhs(lane, 2, i) = r(lane, 2)
+            rhs(lane, 3, i) = r(lane, 3)
+         end do
+      end do
+   end subroutine eliminate_triples
+
+   !> VEC
+   pure subroutine correct_triples(n, c, factor, rhs, last, g, step, size)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c(3, 3), factor(strip_lanes, 3, 3, n), rhs(strip_lanes, 3, n), last(strip_lanes)
+      real(wp), intent(inout) :: g(strip_lanes, 3, n)
+      real(wp), intent(out) :: step(strip_lanes), size(strip_lanes)
+      real(wp), dimension(strip_lanes) :: d1, d2, d3, largest, extent, rests
+      real(wp) :: e1, e2, e3, change1, change2, change3, new1, new2, new3
+      integer :: lane, i
+
+      d1 = 0
+      d2 = 0
+      d3 = 0
+      largest = 0
+      extent = 0
+      rests = last
+      do i = n, 1, -1
+         do lane = 1, strip_lanes
+            e1 = rhs(lane, 1, i) - (factor(lane, 1, 1, i)*d1(lane) + factor(lane, 1, 2, i)*d2(lane) &
+                                    + factor(lane, 1, 3, i)*d3(lane))
+            e2 = rhs(lane, 2, i) - (factor(lane, 2, 1, i)*d1(lane) + factor(lane, 2, 2, i)*d2(lane) &
+                                    + factor(lane, 2, 3, i)*d3(lane))
+            e3 = rhs(lane, 3, i) - (factor(lane, 3, 1, i)*d1(lane) + factor(lane, 3, 2, i)*d2(lane) &
+                                    + factor(lane, 3, 3, i)*d3(lane))
+            d1(lane) = e1
+            d2(lane) = e2
+            d3(lane) = e3
+            change1 = c(1, 1)*e1 + c(1, 2)*e2 + c(1, 3)*e3
+            change2 = c(2, 1)*e1 + c(2, 2)*e2 + c(2, 3)*e3
+            change3 = c(3, 1)*e1 + c(3, 2)*e2 + c(3, 3)*e3
+            new1 = merge(g(lane, 1, i) - change1, g(lane, 1, i), rests(lane) >= 0)
+            new2 = merge(g(lane, 2, i) - change2, g(lane, 2, i), rests(lane) >= 0)
+            new3 = merge(g(lane, 3, i) - change3, g(lane, 3, i), rests(lane) >= 0)
+            g(lane, 1, i) = new1
+            g(lane, 2, i) = new2
+            g(lane, 3, i) = new3
+            change1 = abs(change1) + abs(change2) + abs(change3)
+            new1 = abs(new1) + abs(new2) + abs(new3)
+            largest(lane) = merge(largest(lane), change1, change1 <= largest(lane))
+            extent(lane) = merge(extent(lane), new1, new1 <= extent(lane))
+         end do
+      end do
+      step = largest
+      size = extent
+   end subroutine correct_triples
+
+end module symsde_solve_block_tridiagonal
