@@ -16,6 +16,7 @@ from . import diagnose, errors, models, schemes
 from ._callbacks import numba_signature, numba_sincos
 from ._handles import status_text
 from ._setup import build_info
+from .batch.ensemble import ensemble
 from .commutator import Commutator, commutator
 from .convergence import Convergence, convergence
 from .errors import PathsFailedWarning, ReferenceWarning, SymsdeError
@@ -49,6 +50,7 @@ __all__ = [
     "commutator",
     "convergence",
     "diagnose",
+    "ensemble",
     "errors",
     "increments",
     "model_from_sympy",

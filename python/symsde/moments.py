@@ -182,7 +182,7 @@ def moments(
 
     Misuse raises a ValueError (`symsde.errors`); an exception of an observable stops the run and is raised.
     """
-    functions = _check_observables(observables)
+    functions = check_observables(observables)
     in_python = bool(functions)
     setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=in_python, **options)
     result = Moments(setup, functions)
@@ -190,7 +190,8 @@ def moments(
     return result
 
 
-def _check_observables(given: object) -> dict[str, Observable]:
+def check_observables(given: object) -> dict[str, Observable]:
+    """A dict of functions whose names fit files; none for None."""
     if given is None:
         return {}
     if not isinstance(given, dict):

@@ -159,6 +159,11 @@ def test_blocks_of_the_user_guide(elsewhere):
     assert (elsewhere / "moments.csv").exists()
 
 
+def test_the_page_of_clusters_runs():
+    for block in blocks("docs/cluster.md", "python"):
+        exec(compile(block, "docs/cluster.md", "exec"), {})
+
+
 def test_blocks_of_the_page_on_formulas(elsewhere, capsys):
     pytest.importorskip("sympy")
     names = {}

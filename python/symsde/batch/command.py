@@ -19,6 +19,8 @@ from ..moments import Moments
 from ..scene import Scene
 from . import manifest, results, share
 from .conduct import Desk, conduct
+from .crew import Crew
+from .dry import need
 from .folder import RunFolder
 from .plan import Extent, Piece, plan, shard_paths
 from .share import Share
@@ -26,7 +28,7 @@ from .show import Show, display
 from .stop import Stop, seconds
 from .work import Task
 
-OK, PATHS_FAILED, STOPPED = 0, 3, 4
+OK, INTERNAL, PATHS_FAILED, STOPPED = 0, 1, 3, 4
 log = logging.getLogger("symsde")
 
 
@@ -38,6 +40,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--shard-paths", metavar="N", help="paths of a shard, 256 times a power of two")
     parser.add_argument("--max-walltime", metavar="TIME", help="end cleanly before: 90, 30min, 23.5h or 23:30:00")
     parser.add_argument("--checkpoint", metavar="TIME", help="time between states of long paths (default: 10 s)")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="say what it takes (time by a short pilot), write nothing"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress and no table")
 
 
@@ -83,8 +88,13 @@ def run(options: argparse.Namespace) -> int:
     limit = None if options.max_walltime is None else seconds("max-walltime", options.max_walltime)
     between = 10.0 if options.checkpoint is None else seconds("checkpoint", options.checkpoint)
     batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths)
+    if options.dry_run:
+        print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved))
+        return OK
     record = manifest.of_scene(batch.scene, batch.size)
     text = Path(options.scene).read_text(encoding="utf-8")
+    crew = Crew.launched()
+    options.quiet = options.quiet or crew.rank > 0
     with (
         logged(options.quiet),
         Stop(limit) as stop,
@@ -92,7 +102,9 @@ def run(options: argparse.Namespace) -> int:
     ):
         begin = time.monotonic()
         folder.checkpoint_seconds = between
-        compute(batch, folder, part, stop, options.quiet)
+        fine = compute(batch.task, crew.of(part.of(batch.pieces)), folder, Hands(stop, crew, options.quiet))
+        if crew.rank > 0 or not fine:
+            return OK if fine else INTERNAL  # the rank that failed says why, rank 0 the rest
         missing = folder.missing()
         if missing and (stop.reason or part.n == 1):
             return _stopped(stop, options, folder, missing)
@@ -101,17 +113,29 @@ def run(options: argparse.Namespace) -> int:
         return finish(batch, folder, options.quiet, time.monotonic() - begin)
 
 
-def compute(batch: Batch, folder: RunFolder, part: Share, stop: Stop, quiet: bool) -> None:
-    """The shards of a part that are not there."""
-    mine = part.of(batch.pieces)
-    shown = display(quiet)
+@dataclass(frozen=True)
+class Hands:
+    """Who computes, until when, and how loud."""
+
+    stop: Stop
+    crew: Crew
+    quiet: bool
+
+
+def compute(task: Task, mine: list[Piece], folder: RunFolder, hands: Hands) -> bool:
+    """The shards of some pieces that are not there; whether all went well, here and with the other ranks."""
+    shown = display(hands.quiet)
     done = sum(piece.work for piece in mine if folder.is_done(piece))
+    failure: Exception | None = None
     try:
         show = Show(sum(piece.work for piece in mine), done, shown)
-        conduct(batch.task, mine, Desk(folder, stop, show))
+        conduct(task, mine, Desk(folder, hands.stop, show))
+    except Exception as error:
+        failure = error
     finally:
         if shown:
             shown.close()
+    return hands.crew.agree(failure)
 
 
 def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:

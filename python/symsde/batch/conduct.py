@@ -60,13 +60,13 @@ def conduct(task: Task, pieces: Sequence[Piece], desk: Desk, executor: Executor 
     if executor is not None:
         here = _Many(task, executor, _workers_of(executor))
         return _Loop(todo, desk, here).run()
-    workers, threads = _division(task, len(todo))
+    workers, threads = division(task, len(todo))
     with ThreadPoolExecutor(workers) as own:
         here = _Here(task, own, (workers, threads), desk)
         return _Loop(todo, desk, here).run()
 
 
-def _division(task: Task, pieces: int) -> tuple[int, int | None]:
+def division(task: Task, pieces: int) -> tuple[int, int | None]:
     """Pieces at a time, and threads for each."""
     if task.model.in_python or task.observables:
         return 1, task.options.get("threads")  # callbacks in Python: one thread, unless asked for more

@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
+from ..errors import PathsFailedWarning
 from ..model import Model
 from ..moments import Moments, Observable, moments
 from ..report import Report
@@ -68,7 +71,16 @@ def never(_done: int, _total: int) -> bool:
 def compute(
     task: Task, piece: Piece, threads: int | None = None, tell: Tell = never, store: Store | None = None
 ) -> Shard | None:
-    """The shard of a piece; None where it was stopped before."""
+    """The shard of a piece; None where it was stopped before. In a process of its own it says nothing of failed paths:
+    the shard does, and who merges the shards."""
+    if threading.current_thread() is threading.main_thread():  # filters are those of the process
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PathsFailedWarning)
+            return _compute(task, piece, threads, tell, store)
+    return _compute(task, piece, threads, tell, store)
+
+
+def _compute(task: Task, piece: Piece, threads: int | None, tell: Tell, store: Store | None) -> Shard | None:
     if piece.kind == "moments":
         return _moments(task, piece, threads, tell)
     return _paths(task, piece, threads, tell, store)

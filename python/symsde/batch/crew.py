@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Ranks of MPI that compute one run together: `mpirun -n 4 symsde run scene.toml`.
+
+Each owns every n-th piece and writes its shards into the folder that all see; rank 0 puts the results together. Without
+mpi4py the processes are just several writers, which share the work by their claims.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+from collections.abc import Sequence
+from typing import Any
+
+from .plan import Piece
+
+log = logging.getLogger("symsde")
+
+_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "PALS_SIZE")  # what launchers tell
+
+
+class Crew:
+    """The ranks; one that is alone where nobody launched more."""
+
+    def __init__(self, comm: Any = None):
+        """Those of a communicator of mpi4py."""
+        self._comm = comm
+        self.rank = 0 if comm is None else comm.Get_rank()
+        self.size = 1 if comm is None else comm.Get_size()
+
+    @classmethod
+    def launched(cls) -> Crew:
+        """As launched; MPI is begun only where a launcher says that there are several."""
+        if not any(os.environ.get(name, "1").isdigit() and int(os.environ.get(name, "1")) > 1 for name in _SIZES):
+            return cls()
+        try:
+            mpi = importlib.import_module("mpi4py.MPI")
+        except ImportError:
+            log.info("mpi4py is not installed: the processes share the work through the folder")
+            return cls()
+        return cls(mpi.COMM_WORLD)
+
+    def of(self, pieces: Sequence[Piece]) -> list[Piece]:
+        """The pieces of this rank."""
+        return list(pieces[self.rank :: self.size])
+
+    def agree(self, error: Exception | None) -> bool:
+        """Wait for all; whether none has an error. The error of this rank is raised."""
+        fine = error is None if self._comm is None else all(self._comm.allgather(error is None))
+        if error is not None:
+            raise error
+        return fine

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run would take, before it is begun: steps, files, memory, disk, and time by a short pilot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..moments import moments
+from .conduct import division
+from .plan import Piece
+from .work import Task
+
+_PILOT = 0.3  # seconds
+_FILE, _FILES = 2500, 15000  # bytes of a shard, and of the results and the manifest, without their numbers
+_BASE = 6e7  # bytes of an interpreter with NumPy and the library
+_PILOT_PATHS = 2048
+
+
+@dataclass(frozen=True)
+class Need:
+    """What a run takes."""
+
+    path_steps: int
+    shards: int
+    shard_paths: int
+    workers: int
+    memory: float  #: bytes, of this process, about
+    disk: float  #: bytes
+    seconds: float  #: on the threads of this process
+
+    def __str__(self) -> str:
+        """A line for each."""
+        lines = {
+            "path-steps": f"{self.path_steps:.4g}",
+            "shards": f"{self.shards}, of {self.shard_paths} paths at most",
+            "memory": f"about {_bytes(self.memory)}",
+            "disk": f"about {_bytes(self.disk)}",
+            "time": f"about {_time(self.seconds)} here, {self.workers} shards at a time",
+        }
+        return "\n".join(f"{key:11s}{value}" for key, value in lines.items())
+
+
+def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int) -> Need:
+    """What the pieces take; saved: times that are saved."""
+    ndof = task.model.ndof
+    numbers = saved * (2 * (2 * ndof + task.model.traits.has_value) + 2)
+    of_moments = [piece for piece in pieces if piece.kind == "moments"]
+    paths = sum(piece.paths for piece in pieces if piece.kind == "paths")
+    largest = max((piece.paths for piece in pieces if piece.kind == "paths"), default=0)
+    workers, threads = division(task, max(1, len(pieces)))
+    levels = len(of_moments).bit_length() + 3 * workers + 4 if of_moments else 0
+    steps = sum(piece.work for piece in pieces)
+    return Need(
+        path_steps=steps,
+        shards=len(pieces),
+        shard_paths=shard_paths,
+        workers=workers,
+        memory=_BASE + 8.0 * numbers * levels + 16.0 * saved * ndof * (2 * paths + 3 * workers * largest),
+        disk=_FILES + len(pieces) * _FILE + 8.0 * numbers * (len(of_moments) + 8) + 32.0 * saved * ndof * paths,
+        seconds=steps / (_rate(task, pieces[0]) * workers * (threads or 1)) if steps else 0.0,
+    )
+
+
+def _rate(task: Task, piece: Piece) -> float:
+    """Path-steps a second on one thread: more and more steps of some paths, until that takes long enough to tell."""
+    few = Piece(piece.name, piece.kind, piece.first // 256 * 256, min(piece.paths, _PILOT_PATHS), 0)
+    options = task.of(few, 1)
+    steps, most = 1, int(options["steps"])
+    while True:
+        here = {**options, "steps": steps, "save_every": steps}
+        took = moments(task.model, observables=task.observables or None, **here).report.timings["run"]
+        if took > _PILOT or steps == most:
+            return few.paths * steps / max(took, 1e-6)
+        steps = min(most, steps * max(2, min(16, int(_PILOT / max(took, 1e-6)))))
+
+
+def _bytes(count: float) -> str:
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} TB"
+
+
+def _time(seconds: float) -> str:
+    for unit, size in (("days", 86400), ("hours", 3600), ("minutes", 60)):
+        if seconds > 2 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:.2g} seconds"

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Moments of a large ensemble on any executor of Python, with the bits of one run."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+import warnings
+from concurrent.futures import Executor
+from typing import Any
+
+from .. import _abi
+from .._handles import status_text
+from .._progress import Progress, _Bar
+from .._setup import make_setup
+from ..errors import PathsFailedWarning, SymsdeError
+from ..model import Model
+from ..moments import Moments, Observable, check_observables
+from .conduct import Desk, conduct
+from .plan import Extent, Piece, plan
+from .plan import shard_paths as paths_of_a_shard
+from .results import MomentsInWork
+from .shard_file import Shard
+from .show import Show
+from .stop import Stop
+from .work import Task
+
+
+class _Memory:
+    """Shards that become moments as they come."""
+
+    def __init__(self, work: MomentsInWork):
+        self._work = work
+        self.paths = 0
+
+    @staticmethod
+    def is_done(_piece: Piece) -> bool:
+        """None was there before."""
+        return False
+
+    @staticmethod
+    def claim(_piece: Piece) -> bool:
+        """All are ours."""
+        return True
+
+    @staticmethod
+    def release(_piece: Piece) -> None:
+        """Nobody else waits."""
+
+    @staticmethod
+    def store(_piece: Piece) -> None:
+        """Nothing is kept of what is not done."""
+        return None
+
+    def write(self, piece: Piece, shard: Shard) -> None:
+        """Merge it."""
+        self._work.add(piece, shard)
+        self.paths += piece.paths
+
+
+def ensemble(
+    model: Model,
+    *,
+    q0: Any,
+    p0: Any,
+    step: float,
+    steps: int,
+    observables: dict[str, Observable] | None = None,
+    executor: Executor | None = None,
+    shard_paths: int | None = None,
+    progress: Progress = False,
+    **options: Any,
+) -> Moments:
+    """Moments as by `moments`, bit for bit, of an ensemble that is computed in shards, wherever there is room for them.
+
+    executor: of `concurrent.futures`, or what acts like one: a process pool, mpi4py.futures.MPIPoolExecutor, Dask's
+    client.get_executor(). It gets a task a shard, single-threaded; model and observables must be picklable for other
+    processes. Without one: threads of this process. It is not shut down.
+
+    shard_paths: paths of a shard, 256 times a power of two; by default some seconds of work. The other arguments are
+    those of `moments`. progress: True, or a function f(done, total) in path-steps that may return True to stop; then
+    the moments are those of the shards that were done, and `report.stopped` counts the paths that were not.
+    """
+    functions = check_observables(observables)
+    given = {"q0": q0, "p0": p0, "step": step, "steps": steps, **options}
+    setup = make_setup(model, in_python=bool(functions), **given)
+    size = _size(setup, shard_paths)
+    pieces = plan(_extent(setup), size, moments=True, saved=())
+    task = Task(model, given, functions)
+    work = MomentsInWork(task, size)
+    memory = _Memory(work)
+    bar = _Bar() if progress is True else None
+    show = Show(sum(piece.work for piece in pieces), 0, bar or (progress or None))
+    begin = time.monotonic()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PathsFailedWarning)  # once, below
+            done = conduct(task, pieces, Desk(memory, Stop(), show), executor)
+    finally:
+        if bar:
+            bar.close()
+    if not memory.paths:
+        raise SymsdeError("the ensemble was stopped before any of its shards was done: nothing is known of it")
+    found = work.result(time.monotonic() - begin)
+    if not done:
+        missing = setup.paths - memory.paths
+        found.report = dataclasses.replace(
+            found.report, stopped=missing, status=_abi.STOPPED, outcome=status_text(_abi.STOPPED)
+        )
+    if found.report.failed:
+        warnings.warn(
+            f"{found.report.failed} paths failed: they are left out of moments; see failed and failed_step",
+            PathsFailedWarning,
+            stacklevel=2,
+        )
+    return found
+
+
+def _extent(setup) -> Extent:
+    options = setup.options
+    return Extent(options.first_path, options.paths, options.steps, setup.ntime, setup.model.ndof)
+
+
+def _size(setup, wanted: int | None) -> int:
+    return paths_of_a_shard(_extent(setup), wanted)

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Ensembles on executors and on ranks of MPI: the bits of one run; and what a run would take."""
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+import symsde as ss
+from conftest import rotation_gradient, rotation_value
+from symsde import cli
+from symsde.errors import InvalidArgumentError, SymsdeError
+
+RUN = {"q0": [0.45, 0.4], "p0": [0.1, 0.0], "step": 0.05, "steps": 120, "save_every": 40, "seed": 9}
+RUN |= {"paths": 3000, "first_path": 768, "scheme": "stormer_verlet"}
+
+
+def radius(q, p):
+    """An observable that other processes find by its name."""
+    return q[0] ** 2 + p[0] ** 2
+
+
+OBSERVABLES = {"radius": radius}
+
+
+@pytest.fixture(scope="module")
+def known():
+    with pytest.warns(ss.PathsFailedWarning, match="paths failed"):
+        return ss.moments(ss.models.henon_heiles(sigma1=0.2), observables=OBSERVABLES, **RUN)
+
+
+def check_same(found, known):
+    for name in ("t", "n_ok", "m2", "failed", "failed_status", "failed_step", "var_q", "se_mean_p", "mean_energy"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(known, name), err_msg=name)
+    np.testing.assert_array_equal(found.mean["radius"], known.mean["radius"])
+    np.testing.assert_array_equal(found.to_arrays()[0], known.to_arrays()[0])
+    assert found.columns() == known.columns() and found.setup.attributes() == known.setup.attributes()
+    for name in ("failed", "stopped", "stepper", "outcome"):
+        assert getattr(found.report, name) == getattr(known.report, name), name
+    assert found.report.counters["path_steps"] == known.report.counters["path_steps"]
+
+
+@pytest.mark.parametrize("size", [256, 1024, None])
+@pytest.mark.parametrize("kind", ["here", "threads", "processes"])
+def test_any_executor_gives_the_bits_of_one_run(kind, size, known):
+    model = ss.models.henon_heiles(sigma1=0.2)
+    make = {
+        "here": lambda: None,
+        "threads": lambda: ThreadPoolExecutor(3),
+        "processes": lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn")),
+    }[kind]
+    executor = make()
+    with pytest.warns(ss.PathsFailedWarning, match="paths failed") as warned:
+        found = ss.ensemble(model, observables=OBSERVABLES, executor=executor, shard_paths=size, **RUN)
+    assert len([w for w in warned if w.category is ss.PathsFailedWarning]) == 1
+    check_same(found, known)
+    if executor:
+        assert executor.submit(abs, -1).result() == 1  # not shut down
+        executor.shutdown()
+
+
+def test_columns_of_initial_states_and_models_in_python():
+    q0 = np.linspace(-1, 1, 700)[None, :]
+    model = ss.Model(ndof=1, nnoise=1, gradient=rotation_gradient, value=rotation_value, separable=True, quadratic=True)
+    run = {"q0": q0, "p0": 0.2, "step": 0.1, "steps": 10, "paths": 700, "seed": 2}
+    known = ss.moments(model, **run)
+    found = ss.ensemble(model, shard_paths=256, **run)
+    np.testing.assert_array_equal(found.to_arrays()[0], known.to_arrays()[0])
+    np.testing.assert_array_equal(found.m2, known.m2)
+
+
+def test_prescribed_increments_of_each_path():
+    dw = np.random.default_rng(1).normal(size=(10, 1, 600)) * 0.3
+    run = {"q0": 1.0, "p0": 0.2, "step": 0.1, "steps": 10, "paths": 600, "increments": dw}
+    found, known = (f(ss.models.kubo(), **run) for f in (ss.ensemble, ss.moments))
+    np.testing.assert_array_equal(found.m2, known.m2)
+    np.testing.assert_array_equal(ss.ensemble(ss.models.kubo(), shard_paths=256, **run).m2, known.m2)
+
+
+def test_progress_is_told_and_may_stop():
+    told = []
+
+    def progress(done, total):
+        told.append((done, total))
+        return done > total / 10
+
+    run = {"q0": 1.0, "p0": 0.0, "step": 0.01, "steps": 1000, "paths": 2**20, "threads": 1, "shard_paths": 1024}
+    found = ss.ensemble(ss.models.kubo(), progress=progress, **run)
+    assert told[0][1] == 1000 * 2**20 and told[-1][0] > told[0][0]
+    assert found.report.outcome == "stopped on request" and found.report.stopped == 2**20 - found.n_ok[-1] > 0
+    assert found.n_ok[-1] % 1024 == 0 and found.n_ok[-1] > 0
+    with pytest.raises(SymsdeError, match="stopped before any"):
+        ss.ensemble(ss.models.kubo(), progress=lambda *_: True, **{**run, "shard_paths": 2**20, "steps": 10**7})
+
+
+def test_errors_of_a_piece_are_raised():
+    def bad(q, p):
+        raise RuntimeError("planted")
+
+    with pytest.raises(RuntimeError, match="planted"):
+        ss.ensemble(ss.models.kubo(), observables={"bad": bad}, q0=1.0, p0=0.0, step=0.1, steps=5, paths=1000)
+    with pytest.raises(InvalidArgumentError, match="not a power of two"):
+        ss.ensemble(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=5, shard_paths=300)
+
+
+SCENE = """
+[model]
+name = "synchrotron"
+[run]
+step = 0.02
+steps = 400
+paths = 3000
+seed = 4
+q0 = 0.0
+p0 = 0.1
+save_every = 100
+[output]
+paths = [3, 4, 2000]
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def launcher():
+    """mpirun, of the environment of the tests before that of the system."""
+    beside = Path(sys.executable).with_name("mpirun")
+    return str(beside) if beside.exists() else shutil.which("mpirun")
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_ranks_give_the_bits_of_one_process(ranks, file, tmp_path):
+    if importlib.util.find_spec("mpi4py") is None or launcher() is None:
+        pytest.skip("mpi4py and mpirun are not installed: pip install mpi4py mpich")
+    given = ["run", str(file), "--shard-paths", "256", "--out"]
+    assert cli.main([*given, str(tmp_path / "alone"), "--quiet"]) == 0
+    allowed = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "SYMSDE_NUM_THREADS": "1"}
+    command = [launcher(), "-n", str(ranks), sys.executable, "-m", "symsde", *given, str(tmp_path / "out")]
+    done = subprocess.run(
+        command, env={**os.environ, **allowed}, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("written to") == 1  # by rank 0 alone
+    names = sorted(path.name for path in (tmp_path / "alone" / "shards").iterdir())
+    assert names == sorted(path.name for path in (tmp_path / "out" / "shards").iterdir()) and len(names) == 14
+    for name in (*(f"shards/{name}" for name in names), "moments.csv"):
+        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "out" / name).read_bytes(), name
+
+
+def test_what_a_run_takes(file, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("SYMSDE_NUM_THREADS", "1")
+    assert cli.main(["run", str(file), "--out", str(tmp_path / "out"), "--dry-run"]) == 0
+    shown = dict(line.split(None, 1) for line in capsys.readouterr().out.splitlines())
+    assert not (tmp_path / "out").exists()
+    assert float(shown["path-steps"]) == pytest.approx(3003 * 400, rel=1e-3)
+    assert re.match(r"3, of 4096 paths at most", shown["shards"]), shown
+    assert cli.main(["run", str(file), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    disk = sum(path.stat().st_size for path in (tmp_path / "out").rglob("*") if path.is_file())
+    text, unit = shown["disk"].split()[1:3]
+    assert 0.2 * disk < float(text) * {"bytes": 1, "kB": 1e3}[unit] < 2 * disk
+    assert 0 < float(shown["time"].split()[1]) < 60
