@@ -71,7 +71,7 @@ def test_killed_and_resumed(name, text, tmp_path):
     whole = time.monotonic() - begin
     dice = random.Random(12)
     survived = 0
-    for _ in range(20 * KILLS):
+    for sitting in range(20 * KILLS):
         process = command(scene, tmp_path / "out")
         try:
             process.wait(dice.uniform(0.2, 1.0) * whole)
@@ -83,7 +83,7 @@ def test_killed_and_resumed(name, text, tmp_path):
             assert digest(tmp_path / "out") == digest(tmp_path / "known")
             if survived >= KILLS:
                 break
-            os.rename(tmp_path / "out", tmp_path / f"done{survived}")
+            os.rename(tmp_path / "out", tmp_path / f"done{sitting}")
     assert survived >= KILLS and process.returncode == 0
     left = [path.name for path in (tmp_path / "out" / "shards").iterdir() if path.suffix != ".npz"]
     assert all(part.startswith(".") for part in left), left  # at most what was being written when the kill came
