@@ -23,6 +23,7 @@ from .stability import command as stability
 from .study import command as study
 
 OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED, NOT_WRITTEN = 0, 1, 2, 3, 4, 5
+_WITH_SCENES = ("run", "check", "study")
 _EPILOG = "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed, 4 stopped, 5 a file or folder failed"
 
 
@@ -32,6 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
         with warnings.catch_warnings(), _terminated_as_interrupted(), patient_output():
             warnings.simplefilter("ignore", PathsFailedWarning)  # the exit code and a line say it
             options = _parser().parse_args(arguments)
+            scene.PYTHON_ALLOWED.set(getattr(options, "allow_python", False))
             return options.verb(options)
     except (SymsdeError, OSError) as error:
         print(f"symsde: {error}", file=sys.stderr)
@@ -66,13 +68,17 @@ def _parser() -> argparse.ArgumentParser:
     def add(verb, function, text):
         sub = verbs.add_parser(verb, help=text, description=text, epilog=_EPILOG)
         sub.set_defaults(verb=function)
+        if verb in _WITH_SCENES:
+            sub.add_argument("--allow-python", action="store_true", help="let scenes name Python functions as models")
         return sub
 
     run = add("run", batch.run, "Run a scene in a folder of shards, or go on with it; moments.csv and run.nc.")
     batch.arguments(run)
     merge.arguments(add("merge", merge.run, merge.HELP))
     add("check", _check, "Check a scene without running it.").add_argument("scene", metavar="SCENE.toml")
-    add("template", _template, "Print a scene of a built-in model.").add_argument("model", metavar="MODEL")
+    add("template", _template, "Print a scene of a built-in model, or of a formula.").add_argument(
+        "model", metavar="MODEL", help="a name, or formula"
+    )
     catalogue = add("list", _list, "List models with their parameters, and schemes.")
     catalogue.add_argument("what", nargs="?", choices=("models", "schemes"), help="one of the two (default: both)")
     catalogue.add_argument("--markdown", action="store_true", help="as the page of the documentation")

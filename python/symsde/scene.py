@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextvars
 import copy
 import importlib
 import inspect
@@ -17,7 +18,8 @@ import numpy as np
 
 from . import _checks, models
 from ._setup import make_setup
-from .errors import SceneError, SymsdeError
+from .errors import InvalidArgumentError, SceneError, SymsdeError
+from .formulas import scenes as formulas
 from .model import Model
 from .moments import Moments, moments
 from .simulate import Run, simulate
@@ -27,6 +29,9 @@ RUN_KEYS = [key for key in inspect.signature(simulate).parameters if key not in 
 _REQUIRED = ("step", "steps", "q0", "p0")
 OUTPUT_KEYS = ["moments", "paths"]
 STUDY_KEYS = ["schemes", "steps", "horizon", "paths", "reference", "reference_steps", "repeats", "interval"]
+
+#: whether scenes may name Python functions; the command line asks by --allow-python
+PYTHON_ALLOWED: contextvars.ContextVar[bool] = contextvars.ContextVar("PYTHON_ALLOWED", default=False)
 
 
 @dataclass
@@ -137,10 +142,12 @@ def _known(file: str, what: str, given: dict, known: list[str]) -> None:
 
 
 def _model(file: str, table: dict[str, Any]) -> Model:
+    if "H" in table or "python" in table:
+        return _own_model(file, table)
     name = table.pop("name", None)
     if not isinstance(name, str):
         known = ", ".join(models.names())
-        raise SceneError(f"{file}: [model] lacks name, a text: there are {known}")
+        raise SceneError(f"{file}: [model] lacks name, a text: there are {known}; or give H, a formula")
     try:
         _known(file, "key of [model]", table, list(models.parameters(name)))
         return models.get(name, **table)
@@ -148,6 +155,36 @@ def _model(file: str, table: dict[str, Any]) -> Model:
         raise
     except SymsdeError as error:
         raise SceneError(f"{file}: [model]: {error}") from error
+
+
+def _own_model(file: str, table: dict[str, Any]) -> Model:
+    """A model of the user's own: from formulas, or from a Python function, where that is allowed."""
+    try:
+        return formulas.from_table(table) if "H" in table else _from_python(Path(file).parent, table)
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [model]: {error}") from error
+
+
+def _from_python(folder: Path, table: dict[str, Any]) -> Model:
+    """What module:function returns, found as from the folder of the scene; other keys are its arguments."""
+    given = {key: value for key, value in table.items() if key != "python"}
+    module, _, function = str(table["python"]).partition(":")
+    if not PYTHON_ALLOWED.get():
+        raise InvalidArgumentError(
+            f"python = {table['python']!r} would execute code: say --allow-python if you trust this scene"
+        )
+    sys.path.insert(0, str(folder.resolve()))
+    try:
+        model = getattr(importlib.import_module(module), function)(**given)
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise InvalidArgumentError(
+            f"python = {table['python']!r} gives no model ({error}): write module:function, a function that returns one"
+        ) from error
+    finally:
+        sys.path.pop(0)
+    if not isinstance(model, Model):
+        raise InvalidArgumentError(f"python = {table['python']!r} returns {_checks.shown(model)}, which is no model")
+    return model
 
 
 def _paths(file: str, given: object, run: dict[str, Any]) -> list[int] | range:
@@ -185,7 +222,9 @@ def _joined(runs: list[Run]) -> Run:
 
 
 def template(name: str) -> str:
-    """A commented scene of a built-in model, with the keys that it needs."""
+    """A commented scene of a built-in model, or of a formula, with the keys that it needs."""
+    if name == "formula":
+        return formulas.TEMPLATE
     defaults = models.parameters(name)
     model = models.get(name)
     about = (getattr(models, name).__doc__ or "").splitlines()[0].strip()

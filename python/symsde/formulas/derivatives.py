@@ -16,6 +16,7 @@ from ..errors import InvalidArgumentError
 from .graph import Graph
 from .problem import Problem, quoted
 
+MAX_GRADIENT = 3_000  #: operations
 BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
 
 
@@ -42,8 +43,13 @@ class Derivatives:
             raise InvalidArgumentError(f"the formula {quoted(problem.texts[0])} cannot be differentiated") from None
         self._entries: dict[tuple, list[Any]] = {}
         self.outputs = {"value": [self._weighted(self.hamiltonians, "")]}
-        for block, variables in BLOCKS.items():
+        for block, variables in BLOCKS.items():  # gradients first: what is too large is seen before it is squared
             self.outputs[block] = self._block(variables)
+            if len(variables) == 1 and len(self.graph.nodes) > MAX_GRADIENT:
+                raise InvalidArgumentError(
+                    f"the gradient of {quoted(problem.texts[0])} and its noises takes {len(self.graph.nodes)} "
+                    f"operations, allowed are {MAX_GRADIENT}: shorten products, or take fewer degrees of freedom"
+                )
 
     def of(self, *variables: str) -> list[Any]:
         """Derivatives of every H_j by these variables."""

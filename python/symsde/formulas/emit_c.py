@@ -20,6 +20,7 @@ SETS = {
     "separable": (("hq", "hp", "hqq", "hpp"), ("hq", "hqq"), ("hp", "hpp"), ("hq", "hp")),
     "mixed": (tuple(BLOCKS), ("hq", "hqp"), ("hp", "hqp"), ("hq", "hp")),
 }
+MAX_TOGETHER = 1_500  #: operations of formulas that are worth a function for each set, in time of compilation
 MAX_STORES = 32  #: of one loop: compilers take long for many, not for many operations
 NEAR = {"sin": "lane_sincos", "cos": "lane_sincos", "tan": "lane_sincos"} | {
     x: f"lane_{x}" for x in ("exp", "log", "tanh")
@@ -56,7 +57,8 @@ class _File:
         self.uses_lanes = any(node.what in NEAR and node.lane for node in self.graph.nodes)
         self._along(derivatives)
         separable = all(self.graph.is_number(node, 0.0) for node in self.outputs["hqp"])
-        self.sets = [s for s in SETS["separable" if separable else "mixed"] if self._stores(s) <= MAX_STORES]
+        together = SETS["separable" if separable else "mixed"] if len(self.graph.nodes) <= MAX_TOGETHER else ()
+        self.sets = [s for s in together if self._stores(s) <= MAX_STORES]
         self.sets += [(block,) for block in BLOCKS]
 
     def _stores(self, outputs: Iterable[str]) -> int:

@@ -19,7 +19,7 @@ FUNCTIONS = (
     *("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh"),
     *("asin", "acos", "atan", "asinh", "acosh", "atanh", "erf"),
 )
-MAX_OPERATIONS = 100_000
+MAX_OPERATIONS = 12_000
 
 
 @dataclass(frozen=True)

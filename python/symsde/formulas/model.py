@@ -51,20 +51,22 @@ def model_from_sympy(
     H: Any,
     noise: Any = (),
     *,
-    q: Any = "q",
-    p: Any = "p",
+    q: Any = None,
+    p: Any = None,
     params: Mapping[str, float] | None = None,
     t: Any = None,
     invariants: Any = (),
     name: str = "formula",
 ) -> FormulaModel:
-    """A model from its Hamiltonians H(q, p, t) and H_1 .. H_m (noise) as expressions of sympy; dimensionless.
+    """A model from its Hamiltonians H(q, p, t) and H_1 .. H_m (noise), expressions of sympy or texts; dimensionless.
 
         dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 
-    q, p: symbols of coordinates and momenta, or their names; functions of time as of `dynamicsymbols` too. params:
+    q, p: symbols of coordinates and momenta, or their names (without them q and p, or q1, q2, .. and p1, p2, .. as
+    the texts have them); functions of time as of `dynamicsymbols` too. Texts as "p**2/2 - omega**2*cos(q)" are read by
+    a parser of arithmetic alone, which executes nothing. params:
     values of all other symbols, by name; t: the symbol of time, t unless told. invariants: candidates I, of each of
-    which {H_j, I} = 0 is proved or not (``model.formula.structure.invariants``).
+    which I_t + {I, H} = 0 and {I, H_k} = 0 is proved or not (``model.formula.structure.invariants``).
 
     Derivatives and traits are derived, C code is generated, compiled by the system's compiler and kept on disk
     (SYMSDE_CACHE); values of parameters are given when it runs. ``model.formula`` tells all that. Errors are

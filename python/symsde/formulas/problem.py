@@ -15,6 +15,7 @@ from .. import _checks
 from .._files import optional
 from ..errors import InvalidArgumentError, WrongTypeError
 from .graph import FUNCTIONS
+from .parse import FormulaTextError, check_name, names_in, parse
 
 MAX_DOF = 64
 
@@ -53,7 +54,11 @@ def quoted(text: str) -> str:
 def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
     """Check everything that is given; errors quote the formula."""
     sympy = optional("sympy", "sympy")
-    coordinates = {"q": _several("q", q), "p": _several("p", p)}
+    given = [H, *_several("noise", noise)]
+    candidates = _several("invariants", invariants)
+    texts = [x for x in (*given, *candidates) if isinstance(x, str)]
+    coordinates = {"q": _several("q", _found("q", texts) if q is None else q)}
+    coordinates["p"] = _several("p", _found("p", texts, len(coordinates["q"])) if p is None else p)
     ndof = len(coordinates["q"])
     if ndof == 0 or len(coordinates["p"]) != ndof:
         raise InvalidArgumentError(
@@ -64,8 +69,6 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
             f"q names {ndof} coordinates: formulas without sums over sites are for {MAX_DOF} at most"
         )
     names = _Names(sympy, coordinates, params, t)
-    given = [H, *_several("noise", noise)]
-    candidates = _several("invariants", invariants)
     expressions = [names.canonical(x) for x in (*given, *candidates)]
     return Problem(
         hamiltonians=tuple(expressions[: len(given)]),
@@ -74,6 +77,13 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
         ndof=ndof,
         parameters=names.values,
     )
+
+
+def _found(letter: str, texts: Sequence[str], count: int = 0) -> str | list[str]:
+    """Names of coordinates that were not given: q1, q2, .. where the texts hold such, else q."""
+    numbers = {x[1:] for text in texts for x in names_in(text) if x[0] == letter and x[1:].isdecimal()}
+    last = max([count if count > 1 else 0, *(int(x) for x in numbers if len(x) <= 6)])
+    return [f"{letter}{i}" for i in range(1, last + 1)] if last and "0" not in numbers else letter
 
 
 def _several(what: str, given: Any) -> list[Any]:
@@ -135,7 +145,7 @@ class _Names:
         """A formula in the names from here on."""
         sympy = self.sympy
         if isinstance(given, str):
-            raise WrongTypeError(f"the formula {quoted(given)} is a text: give an expression of sympy")
+            return self._read(given)
         try:
             expression = sympy.sympify(given, strict=True)
         except (sympy.SympifyError, TypeError):
@@ -147,6 +157,18 @@ class _Names:
         expression = expression.xreplace({**{x: self.known[x.name] for x in expression.free_symbols}, **self.moving})
         if expression.has(sympy.I, sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
             raise InvalidArgumentError(f"the formula {text} is not real and finite: Hamiltonians are real")
+        return expression
+
+    def _read(self, text: str) -> Any:
+        """A formula that is given as text."""
+        for name in self.known:
+            check_name(name.split("(")[0])
+        try:
+            expression = parse(text, self.known)
+        except FormulaTextError as error:
+            raise InvalidArgumentError(f"the formula {quoted(text)} cannot be used: {error}") from None
+        if not isinstance(expression, self.sympy.Expr) or expression.is_finite is False:
+            raise InvalidArgumentError(f"the formula {quoted(text)} is not real and finite: Hamiltonians are real")
         return expression
 
     def _refuse_strangers(self, expression: Any, text: str) -> None:
