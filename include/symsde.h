@@ -109,6 +109,17 @@ typedef int (*symsde_gradient_hessian)(int nlane, int ndof, int nham, double t, 
                                        const double *p, double *hq, double *hp, double *hqq, double *hqp, double *hpp,
                                        void *user);
 
+/* whole steps of one scheme, from q, p [ndof][nlane] to the states qn, pn [nstep/every][ndof][nlane] after every
+ * `every`-th step (nstep is a multiple of it). t is when the first step begins, h the step with its sign; w
+ * [nstep][nham][nlane] are the weights (h, dW_1 .. dW_m) of each step. functionals[0] .. [3] are dZ, areas, K and J of
+ * each step, [nstep][columns][nlane], NULL where the scheme does not ask for them. max_iter bounds the iterations of a
+ * solver in one step. status[nlane]: lanes with a status other than 0 have failed and may be left alone; a lane that
+ * fails gets SYMSDE_NOT_CONVERGED, or another status of a path, or values that are not finite and stay so. Promised:
+ * each lane from its own numbers alone, and the same bits whether steps are asked for one by one or many at once */
+typedef int (*symsde_flow)(int nlane, int ndof, int nham, int nstep, int every, int max_iter, double t, double h,
+                           const double *w, const double *const *functionals, const double *q, const double *p,
+                           double *qn, double *pn, int64_t *status, void *user);
+
 int symsde_traits_init(symsde_traits *traits);
 /* names of the built-in models, one a line */
 int symsde_model_names(char *buffer, size_t size, size_t *needed);
@@ -128,6 +139,15 @@ int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessia
 /* the functions of a model of symsde_model_new look whether an output is NULL: from now on those that are not wanted
  * are, and are not computed. Without this they are room that is thrown away */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
+/* give a model of symsde_model_new whole steps of a scheme of the catalogue, without correction; runs by this scheme
+ * call nothing else, and are refused where the steps are not those of the library. "midpoint", "symplectic_euler",
+ * "symplectic_euler_adjoint" and "stormer_verlet" stand for every scheme that is one of these. Same user pointer;
+ * NULL = without them again */
+int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow flow, symsde_error *error);
+/* the functions of a model of symsde_model_new give a lane the same bits whatever nlane is: from now on they are given
+ * the paths alone, and not the lanes that fill a block up to full vectors. True of loops that are compiled without
+ * contraction and with the scalar functions of the C library; one path then takes an eighth of the time */
+int symsde_model_accept_any_lanes(symsde_model model, symsde_error *error);
 int symsde_model_delete(symsde_model *model);
 /* its traits; rotation points into the model and lives as long */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);

@@ -186,6 +186,7 @@ CALLBACKS = {
     "hessian": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p),
     "hessian_vector": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
     "gradient_hessian": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
+    "flow": CFUNCTYPE(c_int, *(c_int,) * 6, c_double, c_double, *(c_void_p,) * 8),
 }
 Observables = CFUNCTYPE(c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p, c_void_p)
 
@@ -243,6 +244,8 @@ FUNCTIONS = {
     ),
     "model_set_gradient_hessian": (_handle, CALLBACKS["gradient_hessian"], _error),
     "model_accept_null": (_handle, _error),
+    "model_set_flow": (_handle, c_char_p, CALLBACKS["flow"], _error),
+    "model_accept_any_lanes": (_handle, _error),
     "model_delete": (_handle_out,),
     "model_traits": (_handle, POINTER(Traits), _error),
     "model_probe": (_handle, c_double, c_void_p, c_void_p, _error),

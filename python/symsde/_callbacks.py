@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,6 +42,9 @@ class WithData(NamedTuple):
     function: Any
     user_data: Any
     keep_alive: Any = None
+
+
+_INEXACT = re.compile(r"= f\w+ [\w ]*\b(fast|contract|reassoc|arcp|afn)\b|fmuladd|__svml_|_ZGV|inttoptr")
 
 
 class Failures:
@@ -199,8 +203,18 @@ def _capsule_pointer(capsule: object) -> int | None:
     return api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule))
 
 
+def takes_any_lanes(functions: Iterable[object]) -> bool:
+    """Whether compiled functions are known to give a lane the same bits whatever the number of lanes.
+
+    LLVM keeps to IEEE arithmetic in vectors as in what is left over, unless instructions are marked as fast, or sine
+    and the like are those of a vector library; only numba functions can be asked.
+    """
+    texts = [getattr(function, "inspect_llvm", None) for function in functions if function is not None]
+    return bool(texts) and all(text is not None and not _INEXACT.search(text()) for text in texts)
+
+
 def numba_signature(kind: str):
-    """Signature of a callback (gradient, value, hessian, hessian_vector, gradient_hessian) for numba.cfunc.
+    """Signature of a callback (gradient, value, hessian, hessian_vector, gradient_hessian, flow) for numba.cfunc.
 
     Inside the function, with the shapes of `Model`:
 
@@ -212,6 +226,10 @@ def numba_signature(kind: str):
     """
     _checks.choice("kind", kind, list(_abi.CALLBACKS))
     types = optional("numba", "fast").types
+    if kind == "flow":
+        array = types.CPointer(types.double)
+        pointers = (array, types.CPointer(array), *(array,) * 4, types.CPointer(types.int64))
+        return types.intc(*(types.intc,) * 6, types.double, types.double, *pointers, types.voidptr)
     arrays = (types.CPointer(types.double),) * (len(_abi.CALLBACKS[kind]._argtypes_) - 5)
     return types.intc(types.intc, types.intc, types.intc, types.double, *arrays, types.voidptr)
 

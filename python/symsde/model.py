@@ -69,6 +69,13 @@ class Model:
     pointer, or a ``scipy.LowLevelCallable``. Compiled functions write all their outputs, or, with ``accepts_null``,
     those whose pointer is not NULL: what is not wanted need not be computed then.
 
+    ``flows`` maps names of schemes to whole steps of these, several at once: compiled functions of the signature
+    ``symsde_flow``. A run by such a scheme (without correction) calls nothing else; at set-up it is compared with the
+    library's own steps, and refused where it differs. ``any_lanes`` says of compiled functions that a lane has the same
+    bits whatever the number of lanes; they are given the paths alone then, without the lanes that fill a vector, and
+    one path takes an eighth of the time. It is found out for numba functions (no fastmath, no SVML), and to be declared
+    for others.
+
     The other arguments declare traits, see `Traits`; runs probe them, and refuse a false one by name
     (`FalseTraitError`). Without a Hessian it is formed by differences of gradients. An exception raised in
     a Python function stops the run and is raised by the run.
@@ -94,6 +101,8 @@ class Model:
         noise_lipschitz: float = 0.0,
         rotation: Any = None,
         accepts_null: bool = False,
+        flows: Mapping[str, Any] | None = None,
+        any_lanes: bool | None = None,
         name: str = "user",
     ):
         """Make the model; see the class."""
@@ -123,10 +132,17 @@ class Model:
         }
         kinds = _kinds(functions)
         self.in_python = "Python" in kinds  #: some callback is a Python function
+        flows = _checked_flows(flows)
+        kinds |= {"compiled"} if flows else set()
+        if any_lanes is None:
+            any_lanes = _callbacks.takes_any_lanes([*functions.values(), *flows.values()])
+        any_lanes = _checks.flag("any_lanes", any_lanes) and "Python" not in kinds
         given = {**functions, **_public(traits), "name": name}
         self._remade = None if "compiled" in kinds else (Model._of_user, (given,))
         accepts_null = _checks.flag("accepts_null", accepts_null) or "compiled" not in kinds
         make = functools.partial(_user_handle, _checks.name_of("name", name), traits, functions, accepts_null)
+        if flows or any_lanes:
+            make = functools.partial(_with_flows, make, flows, any_lanes)
         self._adopt(make, name, {})
 
     @classmethod
@@ -300,6 +316,31 @@ def _user_handle(name: str, traits: _abi.Traits, functions: dict[str, Any], acce
         _handles.call("model_set_gradient_hessian", pointer, joint)
     if accepts_null:
         _handles.call("model_accept_null", pointer)
+    return handle
+
+
+def _checked_flows(flows: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Whole steps by scheme; refuses what is not compiled."""
+    for scheme, function in (flows or {}).items():
+        _checks.name_of("scheme of a flow", scheme)
+        if _callbacks.compiled("flow", function) is None:
+            raise WrongTypeError(
+                f"flows[{scheme!r}] = {_checks.shown(function)} is not compiled: give a numba cfunc of "
+                "symsde.numba_signature('flow'), a ctypes function pointer or a LowLevelCallable"
+            )
+    return dict(flows or {})
+
+
+def _with_flows(make: Callable[[], ModelHandle], flows: dict[str, Any], any_lanes: bool) -> ModelHandle:
+    """A handle of a user's model that brings whole steps, or whose functions take any number of lanes."""
+    handle = make()
+    handle.flows = []  # lives as long as the handle
+    for scheme, function in flows.items():
+        callback, _ = _callbacks.compiled("flow", function)
+        handle.flows.append((callback, function))
+        _handles.call("model_set_flow", handle.pointer, _handles.encode(scheme), callback)
+    if any_lanes:
+        _handles.call("model_accept_any_lanes", handle.pointer)
     return handle
 
 

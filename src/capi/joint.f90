@@ -1,15 +1,21 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a user's model offers beside its functions: one for gradient and Hessian together, and that they accept NULL.
+!> What a user's model offers beside its functions: one for gradient and Hessian together, whole steps of schemes, and
+!> that they accept NULL or any number of lanes.
 module symsde_capi_joint
    use, intrinsic :: iso_c_binding, only: c_funptr, c_int, c_ptr
    use symsde_base_status, only: error_type, raise, incompatible
    use symsde_capi_error, only: finish
    use symsde_capi_model, only: find_model
+   use symsde_capi_text, only: read_text
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
+   use symsde_scheme_catalogue, only: get_scheme
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_step_whole, only: name_of_flow
    implicit none
    private
-   public :: symsde_model_set_gradient_hessian, symsde_model_accept_null
+   public :: symsde_model_set_gradient_hessian, symsde_model_accept_null, symsde_model_set_flow
+   public :: symsde_model_accept_any_lanes
 
 contains
 
@@ -39,6 +45,37 @@ contains
       if (.not. allocated(refusal)) call known%accept_null()
       status = finish(refusal, error)
    end function symsde_model_accept_null
+
+   !> Give a model of symsde_model_new whole steps of a scheme; NULL takes them back. Refuses built-in models
+   !> (incompatible) and names of no scheme (unknown_name).
+   function symsde_model_set_flow(model, scheme, flow, error) result(status) bind(c, name='symsde_model_set_flow')
+      type(c_ptr), intent(in), value :: model, scheme, error
+      type(c_funptr), intent(in), value :: flow
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+      type(scheme_type) :: meant
+      character(:), allocatable :: text, name
+
+      call find_callback_model(model, known, 'symsde_model_set_flow', refusal)
+      call read_text(scheme, 'scheme', text, refusal)
+      if (.not. allocated(refusal)) call get_scheme(meant, text, refusal)
+      if (.not. allocated(refusal)) call name_of_flow(meant, name)
+      if (.not. allocated(refusal)) call known%set_flow(name, flow)
+      status = finish(refusal, error)
+   end function symsde_model_set_flow
+
+   !> From now on the functions are given the real lanes alone. Refuses built-in models (incompatible).
+   function symsde_model_accept_any_lanes(model, error) result(status) bind(c, name='symsde_model_accept_any_lanes')
+      type(c_ptr), intent(in), value :: model, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+
+      call find_callback_model(model, known, 'symsde_model_accept_any_lanes', refusal)
+      if (.not. allocated(refusal)) known%any_lanes = .true.
+      status = finish(refusal, error)
+   end function symsde_model_accept_any_lanes
 
    !> The user's model of a handle; built-in ones are refused.
    subroutine find_callback_model(handle, model, place, error)

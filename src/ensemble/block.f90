@@ -13,6 +13,7 @@ module symsde_ensemble_block
    use symsde_ensemble_initial_state, only: initial_state
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
+   use symsde_model_few_lanes, only: few_lanes_model
    use symsde_noise_source, only: noise_type
    use symsde_step_rescue, only: rescue_type
    use symsde_step_state, only: lane_state, new_lane_state
@@ -28,6 +29,8 @@ module symsde_ensemble_block
       class(stepper_type), allocatable :: stepper
       type(rescue_type) :: rescue          !! for paths that the stepper cannot solve
       class(observer_type), allocatable :: observer
+      type(step_record) :: record          !! the step that is taken, where the model does not take it as a whole
+      type(few_lanes_model), pointer :: few => null()  !! the model, where it is asked for real lanes alone; owned
       class(noise_type), pointer :: noise => null()
       type(lane_state) :: state
       integer :: nreal = 0
@@ -54,6 +57,7 @@ module symsde_ensemble_block
       procedure :: finish
       procedure :: is_done
       procedure :: tally
+      final :: release
    end type block_runner
 
    integer, parameter :: few_lanes = 8, few_noises = 8
@@ -145,6 +149,7 @@ contains
       self%nahead = 0
       self%normals = 0
       self%stepper%ham%nreal = nreal
+      if (associated(self%few)) self%few%nreal = nreal
       self%request%nreal = nreal
       call path_of_lane(self%state%nlane, first, nreal, self%request%path)
       associate (s => self%state, offset => first - self%options%first_path)
@@ -200,14 +205,13 @@ contains
    !> One step of the block.
    subroutine one_step(self)
       type(block_runner), intent(inout) :: self
-      type(step_record) :: step
 
-      call self%store%show(place(self), time_of(self, self%step), step)
+      call self%store%show(place(self), time_of(self, self%step), self%record)
       associate (s => self%state)
-         call self%stepper%increment(step, s%q, s%p, self%dq, self%dp, s%status)
+         call self%stepper%increment(self%record, s%q, s%p, self%dq, self%dp, s%status)
          if (self%rescue%available) then
             if (count(s%status /= 0) > s%nfailed) &
-               call self%rescue%attempt(s%nlane, step, s%q, s%p, s%failed_step, self%dq, self%dp, s%status)
+               call self%rescue%attempt(s%nlane, self%record, s%q, s%p, s%failed_step, self%dq, self%dp, s%status)
          end if
          call s%advance(self%step, self%dq, self%dp)
       end associate
@@ -394,6 +398,13 @@ contains
       call self%stepper%tally(total)
       call self%rescue%tally(total)
    end subroutine tally
+
+   !> Give back the view of the model.
+   impure elemental subroutine release(self)
+      type(block_runner), intent(inout) :: self
+
+      if (associated(self%few)) deallocate (self%few)
+   end subroutine release
 
    subroutine save_point(self)
       type(block_runner), intent(inout) :: self

@@ -25,7 +25,9 @@ module symsde_ensemble_driver
    use symsde_ensemble_room, only: fit_threads
    use symsde_ensemble_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
+   use symsde_model_callback, only: callback_model
    use symsde_model_catalogue, only: is_built_in
+   use symsde_model_few_lanes, only: few_lanes_model, new_few_lanes
    use symsde_model_probe, only: probe_model
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
@@ -34,6 +36,7 @@ module symsde_ensemble_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: stepper_options, new_stepper, resolve_correction
+   use symsde_step_probe_flow, only: probe_flow
    use symsde_step_rescue, only: new_rescue
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -111,6 +114,8 @@ contains
       if (.not. allocated(error)) call new_noise(noise, model, options, report%lost_variance, error, dw, scheme)
       if (.not. allocated(error)) &
          call new_runners(runners, model, scheme, options, observer, noise, report, error)
+      if (.not. (allocated(error) .or. is_built_in(model))) &
+         call probe_flow(runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), error)
       if (allocated(error)) return
       call set_up_warnings(model, scheme, options, runners(1)%stepper%explicit, q0(1, :), p0(1, :), &
                            report%lost_variance, report%warnings)
@@ -256,6 +261,8 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       class(stepper_type), allocatable :: stepper
       type(stepper_options) :: choice
+      type(few_lanes_model), pointer :: few
+      class(model_type), pointer :: seen
       integer :: i, info
 
       choice%correction = options%correction
@@ -271,14 +278,36 @@ contains
          return
       end if
       do i = 1, report%nthread
-         call new_stepper(stepper, model, scheme, choice, report%nlane, error)
+         call look_at_real_lanes(model, options%npath, report%nlane, few, seen)
+         call new_stepper(stepper, seen, scheme, choice, report%nlane, error)
          if (allocated(error)) return
          if (i == 1) report%stepper = stepper%name
          call new_block_runner(runners(i), options, report%nlane, stepper, observer, noise)
+         runners(i)%few => few
          call new_rescue(runners(i)%rescue, model, scheme, runners(i)%stepper, choice%newton)
       end do
       call describe_left_out(model, scheme, report%correction, runners(1)%stepper, report%left_out)
    end subroutine new_runners
+
+   !> The model as a stepper sees it: padding is kept from functions whose lanes do not need it.
+   subroutine look_at_real_lanes(model, npath, nlane, few, seen)
+      class(model_type), intent(in), target :: model
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: nlane
+      type(few_lanes_model), pointer, intent(out) :: few  !! a view to be owned by the runner, or null
+      class(model_type), pointer, intent(out) :: seen
+
+      nullify (few)
+      seen => model
+      if (mod(npath, int(nlane, i8)) == 0) return
+      select type (model)
+      type is (callback_model)
+         if (.not. model%any_lanes) return
+         allocate (few)
+         call new_few_lanes(few, model)
+         seen => few
+      end select
+   end subroutine look_at_real_lanes
 
    !> The noise source of a run: prescribed increments where they are given, else Brownian.
    !> A scheme may ask for a law and for functionals of the path; without one these are dW, Gaussian.

@@ -8,17 +8,23 @@
 !> from several threads at once, must compute every lane by itself, and mark a lane that fails by NaN. A nonzero
 !> return aborts the run: the outputs of that call become NaN and failure_code() tells the first such code.
 !>
+!> Each function is given a whole block, padded to full vectors; a model that says that its lanes have the same bits
+!> whatever their number (any_lanes) is given the real ones alone.
+!>
 !> Do not copy with allocate(source=): two models would own one record of failure. Assignment is
 !> safe.
 module symsde_model_callback
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, &
                                                                              c_int, c_null_ptr, c_ptr
-   use symsde_base_kinds, only: wp, i4
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, &
                                     hessian_vector_composed
+   use symsde_model_callback_flow, only: user_flows
    use symsde_model_parameters, only: check_traits
    implicit none
    private
@@ -27,6 +33,8 @@ module symsde_model_callback
 
    type, extends(model_type) :: callback_model
       private
+      logical, public :: any_lanes = .false.     !! a lane has the same bits whatever nlane is
+      type(user_flows) :: flows                  !! whole steps of schemes
       procedure(gradient_callback), pointer, nopass :: on_gradient => null()
       procedure(value_callback), pointer, nopass :: on_value => null()
       procedure(hessian_callback), pointer, nopass :: on_hessian => null()
@@ -41,7 +49,10 @@ module symsde_model_callback
       procedure :: hessian
       procedure :: hessian_vector
       procedure :: gradient_hessian
+      procedure :: brings
+      procedure :: flow
       procedure :: set_gradient_hessian
+      procedure :: set_flow
       procedure :: accept_null
       procedure :: failure_code
       procedure :: clear_failure
@@ -160,6 +171,44 @@ contains
       if (c_associated(gradient_hessian)) call c_f_procpointer(gradient_hessian, self%on_gradient_hessian)
       self%traits%has_hessian = associated(self%on_hessian) .or. associated(self%on_gradient_hessian)
    end subroutine set_gradient_hessian
+
+   !> Whole steps of a scheme, before the model is used; c_null_funptr takes them back.
+   subroutine set_flow(self, scheme, take)
+      class(callback_model), intent(inout) :: self
+      character(*), intent(in) :: scheme      !! as in the catalogue
+      type(c_funptr), intent(in) :: take      !! a flow_callback, or c_null_funptr
+
+      call self%flows%set(scheme, take)
+   end subroutine set_flow
+
+   !> Whether the user gave a flow of this scheme.
+   pure logical function brings(self, scheme)
+      class(callback_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      brings = self%flows%place_of(scheme) > 0
+   end function brings
+
+   !> Whole steps, of the real lanes alone where the user's functions take any number of lanes.
+   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(callback_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+      integer(i4) :: code
+
+      call self%flows%take(scheme, steps, ndof, merge(steps%nreal, steps%nlane, self%any_lanes), self%user, &
+                           q, p, qn, pn, status, code)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(steps%nlane, size(qn)/steps%nlane, qn)
+      call spoil(steps%nlane, size(pn)/steps%nlane, pn)
+   end subroutine flow
 
    !> The functions look whether an output is NULL, before the model is used: what is not wanted is not computed.
    subroutine accept_null(self)
@@ -390,6 +439,8 @@ contains
       left%on_hessian_vector => right%on_hessian_vector
       left%on_gradient_hessian => right%on_gradient_hessian
       left%null_accepted = right%null_accepted
+      left%any_lanes = right%any_lanes
+      left%flows = right%flows
       left%user = right%user
       if (.not. associated(left%failure)) allocate (left%failure)
       left%failure = 0

@@ -268,3 +268,114 @@ def test_low_level_callable_and_its_failure():
     model = ss.Model(ndof=1, nnoise=0, gradient=callable_)
     with pytest.raises(errors.CallbackError, match="7"):
         ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=10, threads=1)
+
+
+def oscillator(numba, fault=1.0, stops=False, forgets=False):
+    """H = p^2/2 + q^2/2, H_1 = -q, with whole midpoint steps: dp = (dW - h (q + h p/2))/(1 + h^2/4)."""
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        for i in range(nlane):
+            hq[i] = w[i] * q[i] - w[nlane + i]
+            hp[i] = w[i] * p[i]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("flow"))
+    def flow(nlane, ndof, nham, nstep, every, max_iter, t, h, w, functionals, q, p, qn, pn, status, user):
+        w = numba.carray(w, (nstep, nham, nlane))
+        for i in range(nlane):
+            x, y = q[i], p[i]
+            for step in range(nstep):
+                dw = w[0, 1, i] if forgets else w[step, 1, i]
+                dy = (fault * dw - h * (x + 0.5 * h * y)) / (1 + 0.25 * h * h)
+                x += h * (y + 0.5 * dy)
+                y += dy
+                if stops and abs(x) > 1.5:
+                    status[i] = 1  # not converged
+                if (step + 1) % every == 0:
+                    qn[step // every * nlane + i] = x
+                    pn[step // every * nlane + i] = y
+        return 0
+
+    traits = {"separable": True, "additive": True, "position_noise": True, "quadratic": True, "identity_mass": True}
+    return ss.Model(ndof=1, nnoise=1, gradient=gradient, flows={"midpoint": flow}, **traits)
+
+
+def test_whole_steps():
+    numba = pytest.importorskip("numba")
+    model, known = oscillator(numba), ss.models.linear_oscillator()
+    how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 120, "seed": 5}
+    mine, theirs = (ss.simulate(m, paths=300, **how) for m in (model, known))
+    assert "whole steps of midpoint" in mine.report.stepper
+    np.testing.assert_allclose(mine.q, theirs.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(mine.p, theirs.p, rtol=0, atol=1e-12)
+    for paths, save_every in ((1, 1), (1, 40), (3, 120), (9, 5), (300, 24)):
+        few = ss.simulate(model, paths=paths, save_every=save_every, threads=2, **how)
+        np.testing.assert_array_equal(few.q, mine.q[::save_every, :, :paths])
+    other = ss.simulate(model, scheme="gauss2", paths=3, **how)
+    assert "whole" not in other.report.stepper
+    assert "whole" not in ss.simulate(model, paths=3, general=True, **how).report.stepper
+
+
+def test_whole_steps_are_compared_with_the_scheme():
+    numba = pytest.importorskip("numba")
+    how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 12}
+    with pytest.raises(errors.FalseTraitError, match="not those of the library"):
+        ss.simulate(oscillator(numba, fault=1.01), **how)
+    with pytest.raises(errors.FalseTraitError, match="one by one"):
+        ss.simulate(oscillator(numba, forgets=True), **how)
+    with pytest.raises(errors.WrongTypeError, match="is not compiled"):
+        ss.Model(ndof=1, nnoise=1, gradient=lambda *x: x[2:], flows={"midpoint": lambda *x: 0})
+    with pytest.raises(errors.SymsdeError, match="midpiont"):
+        oscillator_flow_of(numba, "midpiont")
+
+
+def oscillator_flow_of(numba, scheme):
+    """A model with whole steps of a scheme of this name."""
+
+    @numba.cfunc(ss.numba_signature("flow"))
+    def flow(nlane, ndof, nham, nstep, every, max_iter, t, h, w, functionals, q, p, qn, pn, status, user):
+        return 0
+
+    return ss.Model(ndof=1, nnoise=1, gradient=lambda _t, w, q, p: (w[0] * q, w[0] * p), flows={scheme: flow})
+
+
+def test_status_of_whole_steps_is_in_its_step():
+    """A lane that its own solver gives up is tried by the library, which solves this one: nothing fails."""
+    numba = pytest.importorskip("numba")
+    how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 160, "seed": 5, "paths": 40}
+    mine, theirs = ss.simulate(oscillator(numba, stops=True), **how), ss.simulate(ss.models.linear_oscillator(), **how)
+    assert np.abs(theirs.q).max() > 1.5
+    assert mine.report.counters["damped"] > 0
+    np.testing.assert_allclose(mine.q, theirs.q, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet", "gauss2"])
+def test_any_number_of_lanes(scheme):
+    """One path has the bits of many, though its functions are given one lane and not eight."""
+    numba = pytest.importorskip("numba")
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, (ndof, nlane)), numba.carray(p, (ndof, nlane))
+        hq, hp = numba.carray(hq, (ndof, nlane)), numba.carray(hp, (ndof, nlane))
+        for i in range(nlane):
+            hq[0, i] = w[0, i] * np.sin(q[0, i] - q[1, i]) + 0.2 * w[1, i] * np.cos(q[0, i])
+            hq[1, i] = w[0, i] * (np.sin(q[1, i] - q[0, i]) + q[1, i])
+            hp[0, i] = w[0, i] * p[0, i]
+            hp[1, i] = w[0, i] * p[1, i]
+        return 0
+
+    traits = {"separable": True, "position_noise": True, "identity_mass": True}
+    how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 60, "seed": 5, "scheme": scheme}
+    few, all_lanes = (ss.Model(ndof=2, nnoise=1, gradient=gradient, any_lanes=x, **traits) for x in (None, False))
+    many = ss.simulate(few, paths=300, **how)
+    for paths in (1, 3, 8, 13):
+        for model in (few, all_lanes):
+            run = ss.simulate(model, paths=paths, **how)
+            np.testing.assert_array_equal(run.q, many.q[:, :, :paths])
+            np.testing.assert_array_equal(run.p, many.p[:, :, :paths])
+    assert ss._callbacks.takes_any_lanes([gradient])
+    fast = numba.cfunc(ss.numba_signature("gradient"), fastmath=True)(gradient._pyfunc)
+    assert not ss._callbacks.takes_any_lanes([gradient, fast])
+    assert not ss._callbacks.takes_any_lanes([lambda: 0])

@@ -1,0 +1,146 @@
+/* SPDX-License-Identifier: BSD-3-Clause
+ *
+ * Whole steps that a user's model brings (symsde_model_set_flow), and functions that take any number of lanes.
+ */
+#include "run.h"
+
+static arrays a;
+
+typedef struct kubo_user {
+   double fault;  /* factor of the noise in whole steps */
+   int code;      /* what they return */
+   int calls, most_lanes, fewest_lanes;
+} kubo_user;
+
+static int gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                    double *hq, double *hp, void *user) {
+   kubo_user *u = user;
+   (void)t;
+   CHECK(ndof == 1 && nham == 2);
+   u->most_lanes = nlane > u->most_lanes ? nlane : u->most_lanes;
+   u->fewest_lanes = nlane < u->fewest_lanes ? nlane : u->fewest_lanes;
+   for (int i = 0; i < nlane; i++) {
+      const double theta = w[i] + 0.3 * w[nlane + i];
+      hq[i] = theta * q[i];
+      hp[i] = theta * p[i];
+   }
+   return 0;
+}
+
+static int flow(int nlane, int ndof, int nham, int nstep, int every, int max_iter, double t, double h, const double *w,
+                const double *const *functionals, const double *q, const double *p, double *qn, double *pn,
+                int64_t *status, void *user) {
+   kubo_user *u = user;
+   (void)t;
+   u->calls++;
+   CHECK(ndof == 1 && nham == 2 && nstep % every == 0 && max_iter > 0);
+   CHECK(functionals[0] == NULL && functionals[3] == NULL);
+   for (int i = 0; i < nlane; i++) {
+      double x = q[i], y = p[i];
+      for (int n = 0; n < nstep && status[i] == 0; n++) {
+         const double half = 0.5 * (h + 0.3 * u->fault * w[(n * nham + 1) * nlane + i]);
+         const double factor = 2 * half / (1 + half * half), dx = factor * (y - half * x),
+                      dy = -factor * (x + half * y);
+         x += dx;
+         y += dy;
+         if ((n + 1) % every == 0) {
+            qn[n / every * nlane + i] = x;
+            pn[n / every * nlane + i] = y;
+         }
+      }
+   }
+   return u->code;
+}
+
+static symsde_model new_user_kubo(kubo_user *user) {
+   symsde_traits traits;
+   symsde_model model;
+   symsde_traits_init(&traits);
+   traits.ndof = traits.nnoise = traits.separable = traits.quadratic = 1;
+   OK(symsde_model_new("kubo of a user", &traits, gradient, NULL, NULL, NULL, user, &model, &error));
+   return model;
+}
+
+/* largest difference of the saved paths from those of the built-in model, kubo(1, 0.3) */
+static double difference(symsde_model model, symsde_options options) {
+   static arrays b;
+   const symsde_input input = some_input(&one, &zero);
+   symsde_paths mine = paths_in(&a, 0), theirs = paths_in(&b, 0);
+   symsde_report report;
+   symsde_model kubo = new_kubo();
+   symsde_scheme scheme = new_scheme("midpoint");
+   double largest = 0;
+
+   symsde_report_init(&report);
+   OK(symsde_simulate(model, scheme, &options, &input, &mine, &report, &error));
+   OK(symsde_simulate(kubo, scheme, &options, &input, &theirs, &report, &error));
+   for (int i = 0; i < NTIME * (int)options.paths; i++) {
+      largest = fmax(largest, fmax(fabs(a.q[i] - b.q[i]), fabs(a.p[i] - b.p[i])));
+   }
+   symsde_model_delete(&kubo);
+   symsde_scheme_delete(&scheme);
+   return largest;
+}
+
+static void test_flow(void) {
+   kubo_user user = {1, 0, 0, 0, 1 << 30};
+   symsde_model model = new_user_kubo(&user), kubo = new_kubo();
+   symsde_scheme scheme = new_scheme("midpoint");
+   symsde_options options = some_options();
+   const symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_report report;
+
+   symsde_report_init(&report);
+   options.threads = 1;
+   CHECK(difference(model, options) < 1e-8); /* the Hessian is one of differences */
+   CHECK(user.calls == 0);
+   OK(symsde_model_set_flow(model, "midpoint", flow, &error));
+   CHECK(difference(model, options) < 1e-13);
+   CHECK(user.calls > 0);
+   user.fault = 1.01;
+   EXPECT(SYMSDE_FALSE_TRAIT, "whole steps of scheme midpoint|not those of the library",
+          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   user.fault = 1;
+   user.code = 23;
+   EXPECT(SYMSDE_FALSE_TRAIT, "whole steps", symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   user.code = 0;
+   OK(symsde_model_set_flow(model, "midpoint", NULL, &error));
+   user.calls = 0;
+   CHECK(difference(model, options) < 1e-8);
+   CHECK(user.calls == 0);
+   EXPECT(SYMSDE_UNKNOWN_NAME, "midpiont", symsde_model_set_flow(model, "midpiont", flow, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "kubo|symsde_model_new", symsde_model_set_flow(kubo, "midpoint", flow, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model is NULL", symsde_model_set_flow(NULL, "midpoint", flow, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "scheme", symsde_model_set_flow(model, NULL, flow, &error));
+   symsde_model_delete(&model);
+   symsde_model_delete(&kubo);
+   symsde_scheme_delete(&scheme);
+}
+
+/* one path: eight lanes are asked for, or one */
+static void test_any_lanes(void) {
+   kubo_user user = {1, 0, 0, 0, 1 << 30};
+   symsde_model model = new_user_kubo(&user), kubo = new_kubo();
+   symsde_options options = some_options();
+
+   options.paths = 1;
+   options.threads = 1;
+   CHECK(difference(model, options) < 1e-8);
+   const int padded = user.fewest_lanes;
+   OK(symsde_model_accept_any_lanes(model, &error));
+   CHECK(difference(model, options) < 1e-8);
+   CHECK(padded > 1 && user.fewest_lanes == 1);
+   options.paths = 11;
+   CHECK(difference(model, options) < 1e-8);
+   EXPECT(SYMSDE_INCOMPATIBLE, "kubo|symsde_model_new", symsde_model_accept_any_lanes(kubo, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model is NULL", symsde_model_accept_any_lanes(NULL, &error));
+   symsde_model_delete(&model);
+   symsde_model_delete(&kubo);
+}
+
+int main(void) {
+   test_flow();
+   test_any_lanes();
+   return close_report();
+}
