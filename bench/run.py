@@ -26,6 +26,7 @@ from topics import (
     models,
     python_calls,
     scenes,
+    stages,
     threads,
 )
 from topics.tools import Setting
@@ -33,6 +34,7 @@ from topics.tools import Setting
 TOPICS = {
     "scenes": scenes,
     "loops": loops,
+    "stages": stages,
     "blocks": blocks,
     "generators": generators,
     "avx2": avx2,
