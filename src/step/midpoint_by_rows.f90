@@ -13,8 +13,7 @@ module symsde_step_midpoint_by_rows
    use symsde_model_abstract, only: model_type
    use symsde_solve_lapack, only: solve_banded_lane_lapack
    use symsde_solve_newton, only: newton_options, new_newton
-   use symsde_solve_tridiagonal, only: eliminate_down_strip, correct_up_strip, largest_diagonal, before_first_row, &
-                                       nabove
+   use symsde_solve_tridiagonal, only: eliminate_down_strip, correct_up_strip, before_first_row, nabove
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position, add_unknown
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
@@ -32,7 +31,6 @@ module symsde_step_midpoint_by_rows
       real(wp), allocatable :: factor(:, :), rhs(:, :)  !! of a strip, eliminated (strip_lanes, ndof)
       real(wp), allocatable :: x(:, :), f(:, :), k(:, :, :)  !! a strip of a block (strip_lanes, [0:1,] ndof)
       real(wp) :: above(strip_lanes, nabove) = 0      !! of the row before
-      real(wp) :: largest(strip_lanes) = 0            !! of (h/4) Hhat_ii, where V = 0
    contains
       procedure :: iterate
    end type midpoint_by_rows
@@ -68,12 +66,10 @@ contains
       integer :: first, last, before
 
       self%above = before_first_row
-      self%largest = 0
       if (self%gives_rows) then
          do first = 1, eq%n, self%nrow
             last = min(first + self%nrow - 1, eq%n)
             call linearise(self, ham%model, eq, w, first, last)
-            if (eq%starts(self%newton)) call largest_diagonal(last - first + 1, 0.25_wp*eq%h, self%hqq, self%largest)
             call eliminate_down_strip(last - first + 1, 0.25_wp*eq%h, eq%x(1, first), self%hq, self%hqq, self%above, &
                                       self%factor(1, first), self%rhs(1, first))
          end do
@@ -83,8 +79,6 @@ contains
          do before = 0, eq%nlane - strip_lanes, strip_lanes
             call take_strip(eq%nlane, eq%n, before, eq%x, self%hq, self%hqq, self%x, self%f, self%k)
             self%above = before_first_row
-            self%largest = 0
-            if (eq%starts(self%newton)) call largest_diagonal(eq%n, 0.25_wp*eq%h, self%k, self%largest)
             call eliminate_down_strip(eq%n, 0.25_wp*eq%h, self%x, self%f, self%k, self%above, self%factor, &
                                       self%rhs)
             call correct(self, ham, eq, w, before, self%x, status)
@@ -125,7 +119,7 @@ contains
 
       associate (newton => self%newton, trusted => self%above(:, 4), first => before + 1, last => before + strip_lanes)
          if (eq%starts(newton)) then
-            eq%steepness(first:last) = self%largest
+            eq%steepness(first:last) = self%above(:, 5) - 1
             eq%steep = eq%steep .or. any(eq%steepness(first:last) > 1)
          end if
          if (any(trusted <= 0 .and. newton%last(first:last) >= 0)) call solve_suspects(self, ham, eq, w, before, status)
