@@ -17,6 +17,7 @@ from ._callbacks import numba_signature, numba_sincos
 from ._handles import status_text
 from ._setup import build_info
 from .batch.ensemble import ensemble
+from .batch.opened import OpenRun, open_run
 from .commutator import Commutator, commutator
 from .convergence import Convergence, convergence
 from .errors import PathsFailedWarning, ReferenceWarning, SymsdeError
@@ -37,6 +38,7 @@ __all__ = [
     "FormulaModel",
     "Model",
     "Moments",
+    "OpenRun",
     "PathsFailedWarning",
     "ReferenceWarning",
     "Report",
@@ -58,6 +60,7 @@ __all__ = [
     "moments",
     "numba_signature",
     "numba_sincos",
+    "open_run",
     "schemes",
     "simulate",
     "status_text",

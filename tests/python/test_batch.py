@@ -466,3 +466,28 @@ def test_pieces_are_neither_crumbs_nor_mountains(paths, steps):
 def test_a_stretch_of_many_saved_paths_is_cut_by_what_it_holds():
     pieces = plan.plan(plan.Extent(0, 10**6, 10, 2**20, 1), 2**20, moments=False, saved=range(10))
     assert [piece.paths for piece in pieces] == [4, 4, 2]
+
+
+def test_a_folder_is_opened_finished_or_not(known, file, tmp_path, capsys):
+    run(file, "--out", tmp_path / "out", "--shard-paths", 1024, "--shard", "1/2")
+    half = ss.open_run(tmp_path / "out")
+    assert half.missing == ["moments-000002", "moments-000004", "paths-000002", "paths-000004"]
+    first = half.moments
+    assert first.report.outcome == "stopped on request" and first.report.stopped == 3000 - first.n_ok[0]
+    part = ss.moments(half.scene.model, **{**half.scene.run, "paths": 256})
+    tree = Tree()
+    for index, of in (
+        (0, part),
+        (2, ss.moments(half.scene.model, **{**half.scene.run, "first_path": 2048, "paths": 1024})),
+    ):
+        tree.insert(10, index, node(of))
+    np.testing.assert_array_equal(first.m2, tree.root().m2)
+    run(file, "--out", tmp_path / "out")
+    whole = ss.open_run(str(tmp_path / "out"))
+    assert whole.missing == [] and whole.manifest["seed"] == 9 and "of 8 shards" in repr(whole)
+    whole.moments.save(tmp_path / "again.csv")
+    assert (tmp_path / "again.csv").read_bytes() == known[0]
+    np.testing.assert_array_equal(whole.run.q, known[1].q)
+    assert whole.run.report.failed == (known[1].status != 0).sum()
+    with pytest.raises(ss.errors.SceneError, match="holds no run"):
+        ss.open_run(tmp_path)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Ensembles on executors and on ranks of MPI: the bits of one run; and what a run would take."""
 
+import csv
 import importlib.util
 import os
 import re
@@ -170,3 +171,40 @@ def test_what_a_run_takes(file, tmp_path, capsys, monkeypatch):
     text, unit = shown["disk"].split()[1:3]
     assert 0.2 * disk < float(text) * {"bytes": 1, "kB": 1e3}[unit] < 2 * disk
     assert 0 < float(shown["time"].split()[1]) < 60
+
+
+def test_half_the_step_on_the_same_paths(file, tmp_path, capsys):
+    """Midpoint has strong order 1 here: half the step, half the distance; on other paths it would not depend on it."""
+    distances = []
+    for step, steps, every in ((0.04, 200, 50), (0.02, 400, 100)):
+        text = SCENE.replace("step = 0.02\nsteps = 400", f"step = {step}\nsteps = {steps}")
+        file.write_text(text.replace("save_every = 100", f"save_every = {every}"))
+        out = tmp_path / str(step)
+        capsys.readouterr()
+        assert cli.main(["run", str(file), "--out", str(out), "--error-check"]) == 0
+        shown = capsys.readouterr().out
+        assert "half the step on the same paths (3000 of them" in shown and "mean q_1^2" in shown
+        names, *rows = csv.reader((out / "error-check.csv").open())
+        rows = dict(zip(names, np.array(rows, dtype=float).T, strict=True))
+        assert rows["t"].tolist() == [0, 2, 4, 6, 8] and (rows["paths"] == 3000).all() and rows["rms"][0] == 0
+        distances.append(rows["rms"][-1])
+        assert abs(rows["mean p_1"][-1]) < 6 * rows["se_mean p_1"][-1] + 0.1 * step
+    assert 1.7 < distances[0] / distances[1] < 2.4
+
+
+def test_differences_are_those_of_the_paths():
+    """By hand, with a path that fails in one of the two runs."""
+    from symsde.batch.error_check import compare
+
+    run = {"q0": np.array([[0.3, 0.5, 0.2]]), "p0": 0.0, "steps": 4, "paths": 3, "save_every": 2, "seed": 3}
+    full = ss.simulate(ss.models.pendulum(), step=0.2, **run)
+    half = ss.simulate(ss.models.pendulum(), step=0.1, refine=-1, **{**run, "steps": 8, "save_every": 4})
+    half.q[2, 0, 1] = np.nan
+    found = compare(full, half, (1.0, 2.0))
+    assert found.names == ("q_1", "p_1", "energy", "q_1^2", "p_1^2") and found.n.tolist() == [3, 3, 2]
+    dq, dp = (full.q - half.q)[2, 0, [0, 2]], (full.p - half.p)[2, 0, [0, 2]]
+    np.testing.assert_allclose(found.rms[2], np.sqrt(np.mean(dq**2 + dp**2)), rtol=1e-14)
+    np.testing.assert_allclose(found.mean[2, :2], [dq.mean(), dp.mean()], rtol=1e-13)
+    np.testing.assert_allclose(found.se_mean[2, 0], np.std(dq, ddof=1) / np.sqrt(2), rtol=1e-13)
+    energy = full.model.value(full.q[1], full.p[1]) - full.model.value(half.q[1], half.p[1])
+    np.testing.assert_allclose(found.mean[1, 2], energy.mean(), rtol=1e-12)

@@ -14,15 +14,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from .. import _files, scene
 from ..moments import Moments
-from ..scene import Scene
 from . import manifest, results, share
+from .batch import Batch, extent_of
 from .conduct import Desk, conduct
 from .crew import Crew
 from .dry import need
+from .error_check import error_check
 from .folder import RunFolder
-from .plan import Extent, Piece, plan, shard_paths
+from .plan import Piece
 from .share import Share
 from .show import Show, display
 from .stop import Stop, seconds
@@ -43,43 +43,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dry-run", action="store_true", help="say what it takes (time by a short pilot), write nothing"
     )
+    parser.add_argument(
+        "--error-check", action="store_true", help="some of the paths at half the step too: differences"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress and no table")
-
-
-@dataclass
-class Batch:
-    """A scene that is run in a folder."""
-
-    scene: Scene
-    task: Task
-    size: int  #: paths of a shard
-    pieces: list[Piece]
-    out: str
-
-    @classmethod
-    def of(cls, file: str, out: str, wanted: str | None = None) -> Batch:
-        """A scene, its folder, and the paths of a shard that are wanted; a folder that is there has chosen them."""
-        chosen = scene.load(file)
-        extent = extent_of(chosen)
-        there = manifest.read(_files.path_of("the folder of the results", out))
-        if there and wanted is None:
-            size = there["shard_paths"]
-        else:
-            size = shard_paths(extent, int(wanted) if wanted and wanted.isdigit() else wanted)
-        pieces = plan(extent, size, moments=chosen.moments, saved=chosen.paths)
-        return cls(chosen, Task(chosen.model, chosen.run), size, pieces, out)
-
-    def of_kind(self, kind: str) -> list[Piece]:
-        """Its pieces of moments, or of paths."""
-        return [piece for piece in self.pieces if piece.kind == kind]
-
-
-def extent_of(chosen: Scene) -> Extent:
-    """The size of the run of a scene."""
-    run = chosen.run
-    steps, every = int(run["steps"]), int(run.get("save_every", 1))
-    first, paths = int(run.get("first_path", 0)), int(run.get("paths", 1))
-    return Extent(first, paths, steps, steps // every + 1, chosen.model.ndof)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -110,7 +77,13 @@ def run(options: argparse.Namespace) -> int:
             return _stopped(stop, options, folder, missing)
         if missing:
             return _partly(options, batch, folder, missing, part)
-        return finish(batch, folder, options.quiet, time.monotonic() - begin)
+        code = finish(batch, folder, options.quiet, time.monotonic() - begin)
+        if options.error_check:
+            found = error_check(batch.task, extent_of(batch.scene))
+            found.save(folder.path / "error-check.csv")
+            if not options.quiet:
+                print(found)
+        return code
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from ..errors import SceneError
 from . import durable, manifest
-from .command import Batch, finish, logged
+from .batch import Batch
+from .command import finish, logged
 from .folder import RunFolder
 from .plan import Piece
 

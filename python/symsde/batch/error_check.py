@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""symsde run --error-check: the same Brownian paths at half the step, and how far the results are apart.
+
+Half the step of a scheme of strong order r has 2^-r of its error, so that the difference is the error of the run times
+1 - 2^-r: half of it at order 1. The differences of means are taken path by path, which leaves little noise in them.
+"""
+
+from __future__ import annotations
+
+import csv
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import _files
+from ..simulate import Run, simulate
+from .plan import Extent, Piece
+from .work import Task
+
+_PATHS, _BYTES = 4096, 2**26
+
+
+@dataclass(frozen=True)
+class ErrorCheck:
+    """Differences, full step minus half the step, over the paths that are ok in both."""
+
+    t: np.ndarray  #: (time,)
+    n: np.ndarray  #: (time,), paths that count
+    rms: np.ndarray  #: (time,), root mean square of the distance of the paths in (q, p)
+    names: tuple[str, ...]  #: of the values: q_1, .., p_1, .., energy, and their squares
+    mean: np.ndarray  #: (time, value), differences of means
+    se_mean: np.ndarray  #: (time, value), their standard errors
+    seconds: tuple[float, float]  #: of the two runs
+
+    def __str__(self) -> str:
+        """The last time, and the largest distance."""
+        full, half = self.seconds
+        lines = [
+            f"half the step on the same paths ({self.n[0]} of them, {full:.2g} s and {half:.2g} s):",
+            f"  distance of paths, rms: {self.rms[-1]:.3g} at t = {self.t[-1]:.6g}, at most {np.nanmax(self.rms):.3g}",
+        ]
+        for i, name in enumerate(self.names):
+            lines.append(f"  mean {name:10s} differs by {self.mean[-1, i]:10.3g} +- {self.se_mean[-1, i]:.2g}")
+        return "\n".join(lines)
+
+    def save(self, path: Path) -> None:
+        """Write a table, one row a time."""
+        header = ["t", "paths", "rms", *(f"{kind} {name}" for kind in ("mean", "se_mean") for name in self.names)]
+        rows = np.column_stack([self.t, self.n, self.rms, self.mean, self.se_mean]).tolist()
+
+        def put(target: Path) -> None:
+            with target.open("w", newline="") as file:
+                csv.writer(file).writerows([header, *rows])
+
+        _files.replace(path, put)
+
+
+def error_check(task: Task, extent: Extent, threads: int | None = None) -> ErrorCheck:
+    """The first paths of a run, as they are and at half the step."""
+    paths = max(2, min(extent.paths, _PATHS, _BYTES // (16 * extent.ndof * extent.saved)))
+    options = task.of(Piece("", "paths", extent.first, min(paths, extent.paths), 0), threads)
+    halved = {**options, "step": options["step"] / 2, "refine": options.get("refine", 0) - 1}
+    halved |= {"steps": 2 * options["steps"], "save_every": 2 * options.get("save_every", 1)}
+    halved["first_step"] = 2 * options.get("first_step", 0)
+    full, full_seconds = _timed(task, options)
+    half, half_seconds = _timed(task, halved)
+    return compare(full, half, (full_seconds, half_seconds))
+
+
+def _timed(task: Task, options: dict) -> tuple[Run, float]:
+    begin = time.monotonic()
+    run = simulate(task.model, **options)
+    return run, time.monotonic() - begin
+
+
+def compare(full: Run, half: Run, seconds: tuple[float, float]) -> ErrorCheck:
+    """Differences of two runs of the same paths, saved at the same times."""
+    names, values = _values(full)
+    differences = values - _values(half)[1]
+    ok = np.isfinite(differences).all(axis=1)
+    n = ok.sum(axis=1)
+    differences = np.where(ok[:, np.newaxis], differences, np.nan)
+    ndof = full.q.shape[1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        count = n[:, np.newaxis].astype(float)
+        mean = np.nansum(differences, axis=2) / count
+        spread = np.nansum((differences - mean[:, :, np.newaxis]) ** 2, axis=2)
+        se_mean = np.sqrt(spread / (count - 1) / count)
+        squares = np.nansum(differences[:, : 2 * ndof] ** 2, axis=(1, 2))
+        rms = np.sqrt(squares / n)
+    return ErrorCheck(full.t, n, rms, names, mean, se_mean, seconds)
+
+
+def _values(run: Run) -> tuple[tuple[str, ...], np.ndarray]:
+    """q, p, the energy where the model has one, and squares: (time, value, path)."""
+    ndof = run.q.shape[1]
+    names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
+    parts = [run.q, run.p]
+    if run.model.traits.has_value:
+        names.append("energy")
+        energies = [run.model.value(q, p, t=t) for t, q, p in zip(run.t, run.q, run.p, strict=True)]
+        parts.append(np.array(energies)[:, np.newaxis, :])
+    names += [f"{name}^2" for name in names[: 2 * ndof]]
+    return tuple(names), np.concatenate([*parts, run.q**2, run.p**2], axis=1)

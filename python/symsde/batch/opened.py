@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""ss.open_run(DIR): what a run folder holds, finished or not, as objects."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+from pathlib import Path
+from typing import Any
+
+from .. import _abi, _files
+from .._handles import status_text
+from ..errors import SceneError
+from ..moments import Moments
+from ..scene import Scene
+from ..simulate import Run
+from . import manifest, results
+from .batch import Batch
+from .folder import RunFolder
+from .plan import Piece
+
+
+class OpenRun:
+    """A run folder: its manifest and scene, and results of the shards that are there, which are all or some."""
+
+    def __init__(self, path: str | os.PathLike):
+        """Open a folder; see `open_run`."""
+        self.path = _files.path_of("path", path)
+        found = manifest.read(self.path)
+        if found is None:
+            raise SceneError(f"{self.path} holds no run (no {manifest.NAME}): give a folder of `symsde run`")
+        self.manifest: dict[str, Any] = found  #: inputs with their hash, seed, counter map, version, compiler, build
+        self._batch = Batch.of(str(self.path / "scene.toml"), str(self.path), str(found["shard_paths"]))
+        self._folder = RunFolder(Path(self.path), found, self._batch.pieces)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene, as `symsde.scene.load` gives it."""
+        return self._batch.scene
+
+    @property
+    def missing(self) -> list[str]:
+        """Names of shards that are not there yet; empty where the run is complete."""
+        return [piece.name for piece in self._folder.missing()]
+
+    def _there(self, kind: str) -> list[Piece]:
+        return [piece for piece in self._batch.of_kind(kind) if self._folder.is_done(piece)]
+
+    @functools.cached_property
+    def moments(self) -> Moments | None:
+        """Moments of the paths whose shards are there, `report.stopped` counts the others; None where there is none."""
+        there = self._there("moments")
+        if not there:
+            return None
+        found = results.moments_of(self._batch.task, self._batch.size, there, self._folder.read)
+        missing = sum(piece.paths for piece in self._batch.of_kind("moments")) - sum(piece.paths for piece in there)
+        if missing:
+            found.report = dataclasses.replace(
+                found.report, stopped=missing, status=_abi.STOPPED, outcome=status_text(_abi.STOPPED)
+            )
+        return found
+
+    @functools.cached_property
+    def run(self) -> Run | None:
+        """The saved paths whose shards are there; None where there is none."""
+        there = self._there("paths")
+        return results.run_of(self._batch.task, there, self._folder.read) if there else None
+
+    def __repr__(self) -> str:
+        """One line."""
+        total = len(self._batch.pieces)
+        return (
+            f"<run of {self._batch.task.model!r} in {self.path}: {total - len(self.missing)} of {total} shards, "
+            f"symsde {self.manifest['version']}>"
+        )
+
+
+def open_run(path: str | os.PathLike) -> OpenRun:
+    """The run that `symsde run SCENE.toml --out DIR` keeps in a folder, also while it is computed.
+
+    found = ss.open_run(DIR)
+    found.manifest["seed"], found.missing      # which run it is, and what is not there yet
+    found.moments.mean_q, found.run.q          # over the shards that are there
+
+    Damaged shards are left out, with a line in the log.
+    """
+    return OpenRun(path)
