@@ -23,7 +23,7 @@ from .stability import command as stability
 from .study import command as study
 
 OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED, NOT_WRITTEN = 0, 1, 2, 3, 4, 5
-_WITH_SCENES = ("run", "check", "study")
+_WITH_SCENES = ("run", "merge", "check", "study")
 _EPILOG = "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed, 4 stopped, 5 a file or folder failed"
 
 

@@ -491,3 +491,29 @@ def test_a_folder_is_opened_finished_or_not(known, file, tmp_path, capsys):
     assert whole.run.report.failed == (known[1].status != 0).sum()
     with pytest.raises(ss.errors.SceneError, match="holds no run"):
         ss.open_run(tmp_path)
+
+
+OWN = """
+import symsde as ss
+def make(stiffness):
+    def gradient(t, w, q, p):
+        return (w[0] * stiffness + w[1]) * q, w[0] * p
+    return ss.Model(ndof=1, nnoise=1, gradient=gradient, separable=True, quadratic=True)
+"""
+
+
+def test_models_in_python_are_part_of_the_run(tmp_path, capsys):
+    """The file is copied beside the scene and is an input: another text of it is another run."""
+    text = '[model]\npython = "own_of_batch:make"\nstiffness = 2.0\n[run]\nstep = 0.1\nsteps = 10\npaths = 600\n'
+    file = write(tmp_path / "scene.toml", text=text + "q0 = 1.0\np0 = 0.0\n")
+    (tmp_path / "own_of_batch.py").write_text(OWN)
+    assert run(file, "--allow-python", "--out", tmp_path / "out", "--shard-paths", 256) == cli.OK
+    assert (tmp_path / "out" / "own_of_batch.py").read_text() == OWN
+    merged = ["merge", str(tmp_path / "out"), "--out", str(tmp_path / "merged"), "--quiet"]
+    assert cli.main(merged) == cli.BAD_INPUT
+    assert "--allow-python" in capsys.readouterr().err
+    assert cli.main([*merged, "--allow-python"]) == cli.OK
+    assert digest(tmp_path / "merged") == digest(tmp_path / "out")
+    (tmp_path / "own_of_batch.py").write_text(OWN + "# otherwise\n")
+    assert run(file, "--allow-python", "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert "python_sha256" in capsys.readouterr().err

@@ -59,13 +59,12 @@ def run(options: argparse.Namespace) -> int:
         print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved))
         return OK
     record = manifest.of_scene(batch.scene, batch.size)
-    text = Path(options.scene).read_text(encoding="utf-8")
     crew = Crew.launched()
     options.quiet = options.quiet or crew.rank > 0
     with (
         logged(options.quiet),
         Stop(limit) as stop,
-        RunFolder.open_to_write(batch.out, record, batch.pieces, text) as folder,
+        RunFolder.open_to_write(batch.out, record, batch.pieces, batch.scene) as folder,
     ):
         begin = time.monotonic()
         folder.checkpoint_seconds = between

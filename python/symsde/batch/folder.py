@@ -2,7 +2,7 @@
 """The folder of a run: its manifest, a copy of its scene, its finished shards, and what is claimed of the others.
 
 DIR/manifest.json           which run this is
-DIR/scene.toml              as it was given
+DIR/scene.toml              as it was given, with the Python file of its model, if it has one
 DIR/shards/NAME.npz         one finished shard for each piece
 DIR/shards/NAME.checkpoint  state of a long piece in work; gone with its shard
 DIR/.claims                 locks of the processes at work
@@ -19,6 +19,7 @@ from typing import Any
 
 from .. import _files
 from ..errors import SceneError
+from ..scene import Scene
 from . import durable, manifest, shard_file
 from .claims import Claims
 from .plan import Piece
@@ -42,7 +43,7 @@ class RunFolder:
 
     @classmethod
     @contextlib.contextmanager
-    def open_to_write(cls, path: str, record: dict[str, Any], pieces: Sequence[Piece], scene_text: str) -> Iterator:
+    def open_to_write(cls, path: str, record: dict[str, Any], pieces: Sequence[Piece], scene: Scene) -> Iterator:
         """Make the folder, or go on in it; a folder of another run is refused, and not touched."""
         if (there := manifest.read(_files.path_of("the folder of the results", path))) is not None:
             manifest.require_same(there, record, Path(path))
@@ -50,8 +51,10 @@ class RunFolder:
             if not (target / manifest.NAME).exists():
                 _require_no_results(target)
             self = cls(target, record, pieces)
-            durable.write(target / "scene.toml", scene_text.encode(), keep=True)
-            if not durable.write(target / manifest.NAME, manifest.to_bytes(record), keep=True):
+            durable.write(target / "scene.toml", Path(scene.file).read_bytes())
+            if (source := manifest.python_source(scene)) is not None:
+                durable.write(target / source.name, source.read_bytes())
+            if not durable.write(target / manifest.NAME, manifest.to_bytes(record)):
                 manifest.require_same(manifest.read(target), record, target)
             (target / "shards").mkdir(exist_ok=True)
             self._claims = Claims(target / ".claims")

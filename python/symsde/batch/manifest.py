@@ -27,6 +27,8 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     run = {key: scene.run.get(key, _DEFAULTS[key]) for key in RUN_KEYS if key not in _NOT_OF_THE_RESULT}
     output = {"moments": scene.moments, "paths": _ranges(scene.paths)}
     inputs = _plain({"model": scene.tables["model"], "run": run, "output": output})
+    if (source := python_source(scene)) is not None:
+        inputs["python_sha256"] = hashlib.sha256(source.read_bytes()).hexdigest()
     build = build_info()
     return {
         "format": FORMAT,
@@ -39,6 +41,13 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
         "compiler": build["compiler"],
         "build": build["compile options"],
     }
+
+
+def python_source(scene: Scene) -> Path | None:
+    """The file beside the scene whose function makes its model; None for other models."""
+    module = str(scene.tables["model"].get("python", "")).partition(":")[0]
+    path = Path(scene.file).parent / f"{module}.py"
+    return path if module and path.is_file() else None
 
 
 def _plain(value):

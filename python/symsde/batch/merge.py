@@ -32,12 +32,10 @@ def run(options: argparse.Namespace) -> int:
     with logged(options.quiet):
         folders = [Path(name) for name in options.folders]
         record = _common(folders)
-        text = folders[0] / "scene.toml"
-        batch = Batch.of(str(text), options.out, str(record["shard_paths"]))
+        batch = Batch.of(str(folders[0] / "scene.toml"), options.out, str(record["shard_paths"]))
         manifest.require_same(record, manifest.of_scene(batch.scene, batch.size), folders[0])
         sources = [RunFolder(folder, record, batch.pieces) for folder in folders]
-        content = text.read_text(encoding="utf-8")
-        with RunFolder.open_to_write(options.out, record, batch.pieces, content) as whole:
+        with RunFolder.open_to_write(options.out, record, batch.pieces, batch.scene) as whole:
             _gather(sources, whole)
             _require_all(whole)
             return finish(batch, whole, options.quiet, time.monotonic() - begin)
