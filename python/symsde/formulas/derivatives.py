@@ -36,7 +36,7 @@ class Derivatives:
         self.problem = problem
         self.graph = Graph()
         self._engine = engine()
-        self._symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
+        self.symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
         try:
             self.hamiltonians = [self._engine.sympify(_free(h)) for h in problem.hamiltonians]
         except (TypeError, ValueError, RuntimeError, NotImplementedError):
@@ -57,7 +57,7 @@ class Derivatives:
             return self.hamiltonians
         key = tuple(sorted(variables))
         if key not in self._entries:
-            before, last = self.of(*key[:-1]), self._symbol[key[-1]]
+            before, last = self.of(*key[:-1]), self.symbol[key[-1]]
             self._entries[key] = [h.diff(last) if last in h.free_symbols else 0 * last for h in before]
         return self._entries[key]
 

@@ -8,7 +8,7 @@ of an elementary function are computed again by `far`, all outputs in one loop w
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from .derivatives import BLOCKS, Derivatives
@@ -40,6 +40,11 @@ MACROS = """#define INLINE static inline __attribute__((always_inline)) int64_t
 """
 
 
+def lane_functions() -> str:
+    """The elementary functions of one lane, in C."""
+    return Path(__file__).with_name("lane_functions.h").read_text(encoding="utf-8")
+
+
 def source(derivatives: Derivatives) -> str:
     """The whole C file."""
     return _File(derivatives).text()
@@ -50,6 +55,7 @@ class _File:
 
     def __init__(self, derivatives: Derivatives):
         self.graph = derivatives.graph
+        self.writer = Writer(self.graph, _load)
         self.ndof = derivatives.problem.ndof
         self.outputs = dict(derivatives.outputs)
         formulas = "\n".join(f" *    H_{j} = {h}" for j, h in enumerate(derivatives.problem.hamiltonians))
@@ -87,11 +93,8 @@ class _File:
 
     def text(self) -> str:
         """Functions for sets of outputs, one for lanes that are far, then the callbacks."""
-        functions = Path(__file__).with_name("lane_functions.h").read_text(encoding="utf-8")
-        parts = [
-            self.head,
-            functions if self.uses_lanes else "#include <math.h>\n#include <stddef.h>\n#include <stdint.h>\n",
-        ]
+        includes = "#include <math.h>\n#include <stddef.h>\n#include <stdint.h>\n"
+        parts = [self.head, lane_functions() if self.uses_lanes else includes]
         parts.append(MACROS)
         parts += [self._far(family) for family in (("value",), ("uq", "up"), tuple(BLOCKS))]
         for outputs in (("value",), ("uq", "up"), *self.sets):
@@ -156,59 +159,14 @@ class _File:
 
         far: 0 in the loop that becomes vectors, 1 in that for lanes that are far, which looks what is wanted.
         """
-        needed = reachable(self.graph, [node for _, node in stores])
-        before = [
-            x for x in needed if not self.graph.nodes[x].lane and self.graph.nodes[x].what not in ("number", "leaf")
-        ]
-        inside = [x for x in needed if self.graph.nodes[x].lane]
-        lines = ["   int64_t beyond = 0;", f"   const int far = {far};"]
-        lines += [f"   const double {_name(x)} = {self._operation(x)};" for x in before]
-        lines += ["#pragma GCC ivdep", "   for (int i = 0; i < n; i++) {"]
-        done: set[int] = set()
-        for x in inside:
-            lines += self._statement(x, done)
+        before, inside, may_be_far = self.writer.lines([node for _, node in stores])
+        lines = ["   int64_t beyond = 0;", f"   const int far = {far};", *before]
+        lines += ["#pragma GCC ivdep", "   for (int i = 0; i < n; i++) {", *inside]
         for target, node in stores:
             lines += [f"      if ({target.split('[')[0]} != NULL)"] if far == "1" else []
-            lines += [f"      {target} = {self._operand(node)};"]
+            lines += [f"      {target} = {self.writer.operand(node)};"]
         lines += ["   }", "   return beyond;"]
-        may_be_far = any(self.graph.nodes[x].what in NEAR for x in inside)
         return "\n".join(lines) + "\n", may_be_far
-
-    def _statement(self, x: int, done: set[int]) -> list[str]:
-        """The definition of a node in the loop; sine and cosine of one argument come together."""
-        node = self.graph.nodes[x]
-        if node.what == "leaf":
-            return [f"      const double {_leaf(node)} = {_load(node.value)};"]
-        if node.what in ("sin", "cos", "tan"):
-            a = node.arguments[0]
-            lines = []
-            if a not in done:
-                done.add(a)
-                lines = [
-                    f"      double s{a}, c{a}_;",
-                    f"      lane_sincos({self._operand(a)}, &s{a}, &c{a}_, far, &beyond);",
-                ]
-            value = {"sin": f"s{a}", "cos": f"c{a}_", "tan": f"s{a} / c{a}_"}[node.what]
-            return [*lines, f"      const double {_name(x)} = {value};"]
-        return [f"      const double {_name(x)} = {self._operation(x)};"]
-
-    def _operation(self, x: int) -> str:
-        """One operation in C."""
-        node = self.graph.nodes[x]
-        operands = [self._operand(a) for a in node.arguments]
-        if node.what in ("+", "-", "*", "/"):
-            return f" {node.what} ".join(operands)
-        if node.what == "negative":
-            return f"-{operands[0]}"
-        if node.lane and node.what in NEAR:
-            return f"{NEAR[node.what]}({operands[0]}, far, &beyond)"
-        return f"{node.what}({', '.join(operands)})"
-
-    def _operand(self, x: int) -> str:
-        node = self.graph.nodes[x]
-        if node.what == "number":
-            return node.value if float(node.value) >= 0 else f"({node.value})"
-        return _leaf(node) if node.what == "leaf" else _name(x)
 
     # ---- callbacks -----------------------------------------------------------------------------------------
 
@@ -228,6 +186,61 @@ class _File:
     @staticmethod
     def _wanted(outputs: tuple[str, ...]) -> str:
         return " | ".join(f"(({x} != NULL) << {k})" for k, x in enumerate(outputs))
+
+
+class Writer:
+    """Operations of a graph in C."""
+
+    def __init__(self, graph: Graph, load: Callable[[str], str]):
+        """`load`: where what differs from lane to lane is found, by name."""
+        self.graph = graph
+        self.load = load
+
+    def lines(self, roots: Iterable[int]) -> tuple[list[str], list[str], bool]:
+        """What is computed before the loop over lanes, and in it, for these nodes; whether lanes may be far."""
+        needed = [(x, self.graph.nodes[x]) for x in reachable(self.graph, roots)]
+        before = [x for x, node in needed if not node.lane and node.what not in ("number", "leaf")]
+        done: set[int] = set()
+        inside = [line for x, node in needed if node.lane for line in self.statement(x, done)]
+        may_be_far = any(node.lane and node.what in NEAR for _, node in needed)
+        return [f"   const double {_name(x)} = {self.operation(x)};" for x in before], inside, may_be_far
+
+    def statement(self, x: int, done: set[int]) -> list[str]:
+        """The definition of a node in the loop; sine and cosine of one argument come together."""
+        node = self.graph.nodes[x]
+        if node.what == "leaf":
+            return [f"      const double {_leaf(node)} = {self.load(node.value)};"]
+        if node.what in ("sin", "cos", "tan"):
+            a = node.arguments[0]
+            lines = []
+            if a not in done:
+                done.add(a)
+                lines = [
+                    f"      double s{a}, c{a}_;",
+                    f"      lane_sincos({self.operand(a)}, &s{a}, &c{a}_, far, &beyond);",
+                ]
+            value = {"sin": f"s{a}", "cos": f"c{a}_", "tan": f"s{a} / c{a}_"}[node.what]
+            return [*lines, f"      const double {_name(x)} = {value};"]
+        return [f"      const double {_name(x)} = {self.operation(x)};"]
+
+    def operation(self, x: int) -> str:
+        """One operation in C."""
+        node = self.graph.nodes[x]
+        operands = [self.operand(a) for a in node.arguments]
+        if node.what in ("+", "-", "*", "/"):
+            return f" {node.what} ".join(operands)
+        if node.what == "negative":
+            return f"-{operands[0]}"
+        if node.lane and node.what in NEAR:
+            return f"{NEAR[node.what]}({operands[0]}, far, &beyond)"
+        return f"{node.what}({', '.join(operands)})"
+
+    def operand(self, x: int) -> str:
+        """A node as it stands in an operation."""
+        node = self.graph.nodes[x]
+        if node.what == "number":
+            return node.value if float(node.value) >= 0 else f"({node.value})"
+        return _leaf(node) if node.what == "leaf" else _name(x)
 
 
 def reachable(graph: Graph, roots: Iterable[int]) -> list[int]:

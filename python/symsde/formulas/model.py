@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from .. import _callbacks, _checks
+from ..errors import InvalidArgumentError
 from ..model import Model
-from . import compiler, emit_c
+from . import compiler, emit_c, emit_sites
 from .derivatives import Derivatives
-from .problem import Problem, make_problem
+from .problem import make_problem
+from .sites import Chain, make_chain
 from .structure import Structure, structure_of
 
 KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian")
@@ -26,7 +28,7 @@ class Formula:
     """What became of the formulas of a model."""
 
     hamiltonians: tuple[str, ...]  #: H, H_1 .. H_m as given
-    structure: Structure  #: what was derived from them
+    structure: Structure | None  #: what was derived from them; of sums over sites see the traits
     backend: str  #: "C"
     source: str  #: the generated code
     seconds_derivatives: float  #: for derivatives and code
@@ -56,6 +58,8 @@ def model_from_sympy(
     params: Mapping[str, float] | None = None,
     t: Any = None,
     invariants: Any = (),
+    n: int | None = None,
+    ends: str = "free",
     name: str = "formula",
 ) -> FormulaModel:
     """A model from its Hamiltonians H(q, p, t) and H_1 .. H_m (noise), expressions of sympy or texts; dimensionless.
@@ -67,6 +71,9 @@ def model_from_sympy(
     a parser of arithmetic alone, which executes nothing. params:
     values of all other symbols, by name; t: the symbol of time, t unless told. invariants: candidates I, of each of
     which I_t + {I, H} = 0 and {I, H_k} = 0 is proved or not (``model.formula.structure.invariants``).
+
+    With n, the formulas are texts about n sites: sums `Sum((q[i+1] - q[i])**2/2, i)`, which stay loops for any n, and
+    noises as "-sigma*q[k]", one for each site; ends: "free", "fixed" (zero beyond the ends) or "periodic".
 
     Derivatives and traits are derived, C code is generated, compiled by the system's compiler and kept on disk
     (SYMSDE_CACHE); values of parameters are given when it runs. ``model.formula`` tells all that. Errors are
@@ -80,6 +87,8 @@ def model_from_sympy(
         "params": params,
         "t": t,
         "invariants": invariants,
+        "n": n,
+        "ends": ends,
         "name": name,
     }
     return _made(given)
@@ -88,14 +97,21 @@ def model_from_sympy(
 def _made(given: dict[str, Any]) -> FormulaModel:
     """A model from the arguments of `model_from_sympy`."""
     start = time.perf_counter()
-    name = given["name"]
-    problem = make_problem(**{key: value for key, value in given.items() if key != "name"})
-    structure = structure_of(problem)
-    source = emit_c.source(Derivatives(problem))
+    chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends")}
+    if given["n"] is None:
+        problem = make_problem(**chosen)
+        structure = structure_of(problem)
+        ndof, nnoise, parameters, traits = problem.ndof, problem.nnoise, problem.parameters, structure.traits()
+        texts = problem.texts[: nnoise + 1]
+        source = emit_c.source(Derivatives(problem))
+    else:
+        chain = _chain(**chosen, n=given["n"], ends=given["ends"])
+        structure, texts, source = None, chain.texts, emit_sites.source(chain)
+        ndof, nnoise, parameters, traits = chain.n, chain.nnoise, chain.parameters, chain.traits
     derived = time.perf_counter() - start
     compiled = compiler.build(source)
     formula = Formula(
-        hamiltonians=problem.texts[: problem.nnoise + 1],
+        hamiltonians=texts,
         structure=structure,
         backend="C",
         source=source,
@@ -103,25 +119,29 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         seconds_compilation=compiled.seconds,
         file=str(compiled.path),
     )
-    model = FormulaModel(
-        ndof=problem.ndof,
-        nnoise=problem.nnoise,
-        accepts_null=True,
-        name=name,
-        **structure.traits(),
-        **_functions(compiled, problem),
-    )
+    functions = _functions(compiled, parameters)
+    model = FormulaModel(ndof=ndof, nnoise=nnoise, accepts_null=True, name=given["name"], **traits, **functions)
     model.formula = formula
-    model.parameters = dict(problem.parameters)
+    model.parameters = dict(parameters)
     model._remade = (_made, (given,))
     return model
 
 
-def _functions(compiled: compiler.Compiled, problem: Problem) -> dict[str, Any]:
+def _chain(*, H, noise, q, p, params, t, invariants, n, ends) -> Chain:
+    """Sums over n sites."""
+    if q is not None or p is not None or invariants:
+        raise InvalidArgumentError("sums over n sites are in q[i] and p[i]: leave out q, p and invariants")
+    noises = [noise] if isinstance(noise, str) else list(noise)
+    return make_chain(H=H, noise=noises, params=params, t=t, n=n, ends=ends)
+
+
+def _functions(compiled: compiler.Compiled, parameters: Mapping[str, float]) -> dict[str, Any]:
     """The compiled callbacks, each with the values of the parameters."""
-    values = np.array(list(problem.parameters.values()) or [0.0])
+    values = np.array(list(parameters.values()) or [0.0])
     functions = {}
     for kind in KINDS:
+        if not hasattr(compiled.library, f"formula_{kind}"):
+            continue  # chains have no joint function
         address = ctypes.cast(getattr(compiled.library, f"formula_{kind}"), ctypes.c_void_p)
         functions[kind] = _callbacks.WithData(address, ctypes.c_void_p(values.ctypes.data), (values, compiled.library))
     return functions

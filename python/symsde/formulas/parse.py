@@ -32,7 +32,7 @@ class FormulaTextError(InvalidArgumentError):
     """A text that is no formula; the sentence says what in it."""
 
 
-def parse(text: str, names: Mapping[str, Any]) -> Any:
+def parse(text: str, names: Mapping[str, Any], reader: Reader | None = None) -> Any:
     """The expression of sympy that a text describes, in the symbols that its names stand for."""
     if len(text) > MAX_CHARACTERS:
         raise FormulaTextError(f"it has {len(text)} characters, allowed are {MAX_CHARACTERS}")
@@ -46,7 +46,7 @@ def parse(text: str, names: Mapping[str, Any]) -> Any:
     count = sum(1 for _ in _bounded(tree))
     if count > MAX_NODES:
         raise FormulaTextError(f"it has more than {MAX_NODES} names, numbers and operations")
-    return _Reader(names).read(tree.body, 0)
+    return (reader or Reader(names)).read(tree.body, 0)
 
 
 def names_in(text: str) -> set[str]:
@@ -69,10 +69,11 @@ def _bounded(tree: ast.AST):
         waiting.extend(ast.iter_child_nodes(node))
 
 
-class _Reader:
+class Reader:
     """From Python's tree to an expression."""
 
     def __init__(self, names: Mapping[str, Any]):
+        """`names`: what names in the text stand for."""
         self.sympy = optional("sympy", "sympy")
         self.names = names
 
@@ -220,7 +221,7 @@ def _what(node: ast.AST) -> str:
     """A kind of node in words."""
     words = {
         ast.Attribute: "a dot between names",
-        ast.Subscript: "an index in brackets",
+        ast.Subscript: "an index in brackets (chains are written with n, the number of sites)",
         ast.Compare: "a comparison",
         ast.Lambda: "a lambda",
         ast.BoolOp: "and, or",

@@ -68,7 +68,7 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
         raise InvalidArgumentError(
             f"q names {ndof} coordinates: formulas without sums over sites are for {MAX_DOF} at most"
         )
-    names = _Names(sympy, coordinates, params, t)
+    names = Names(sympy, coordinates, params, t)
     expressions = [names.canonical(x) for x in (*given, *candidates)]
     return Problem(
         hamiltonians=tuple(expressions[: len(given)]),
@@ -97,10 +97,11 @@ def _several(what: str, given: Any) -> list[Any]:
     return list(given)
 
 
-class _Names:
+class Names:
     """The user's symbols, and what they are called from here on."""
 
     def __init__(self, sympy, coordinates: dict[str, Sequence], params: Mapping | None, t: Any):
+        """Know coordinates, parameters with their values, and the time."""
         self.sympy = sympy
         self.values: dict[str, float] = {}
         self.known: dict[str, Any] = {}  # the user's name -> symbol from here on

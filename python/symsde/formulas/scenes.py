@@ -18,7 +18,7 @@ from ..errors import InvalidArgumentError, UnknownNameError
 from ..model import Model
 from .model import model_from_sympy
 
-KEYS = ["H", "noise", "q", "p", "t", "params", "invariants", "name"]
+KEYS = ["H", "noise", "q", "p", "t", "params", "invariants", "n", "ends", "name"]
 _LISTS = ("noise", "q", "p", "invariants")
 
 TEMPLATE = """\
@@ -59,6 +59,6 @@ def from_table(table: dict[str, Any]) -> Model:
         if key in _LISTS and not isinstance(value, str | list):
             raise InvalidArgumentError(f"{key} = {_checks.shown(value)}: give a text, or a list of texts")
         texts = value if isinstance(value, list) else [value]
-        if key != "params" and not all(isinstance(x, str) for x in texts):
+        if key not in ("params", "n") and not all(isinstance(x, str) for x in texts):
             raise InvalidArgumentError(f"{key} = {_checks.shown(value)}: write formulas and names as text, in quotes")
     return model_from_sympy(**table)

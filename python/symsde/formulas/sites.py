@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Chains: sums over sites, Sum((q[i+1] - q[i])**2/2, i), which stay loops however many sites there are.
+
+A sum is a density in the coordinates of a few neighbouring sites. It is differentiated once, whatever the number of
+sites; code goes from site to site and adds to the rows of the neighbours. At the ends
+
+    free       the sum goes over the sites whose neighbours all exist
+    fixed      what lies beyond the ends is zero: a density in which some site exists counts
+    periodic   the site after the last is the first
+
+A noise that holds an index outside of a sum, "-sigma*q[k]", is one noise for each site.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from .. import _checks
+from .._files import optional
+from ..errors import InvalidArgumentError
+from .derivatives import Derivatives
+from .parse import FormulaTextError, Reader, parse
+from .problem import Names, Problem, quoted
+
+MAX_SITES = 100_000
+MAX_OFFSET = 8
+ENDS = ("free", "fixed", "periodic")
+
+
+@dataclass(frozen=True)
+class Density:
+    """What a sum adds up, site after site."""
+
+    weight: int  #: the Hamiltonian it belongs to, the first of them for a family of noises
+    family: bool  #: one Hamiltonian for each site
+    first: str  #: in C, by the number of sites
+    last: str
+    offsets: tuple[int, ...]  #: coordinate k of `derivatives` belongs to site + offsets[k]
+    derivatives: Derivatives
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Sums over sites, and what is derived from them."""
+
+    n: int
+    nnoise: int
+    periodic: bool
+    densities: tuple[Density, ...]
+    texts: tuple[str, ...]
+    parameters: dict[str, float]
+    traits: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Whose:
+    """The formula that a density belongs to."""
+
+    text: str
+    weight: int
+    family: bool
+    parameters: dict[str, float]
+
+
+class _SiteReader(Reader):
+    """A parser that knows q[i + 1], p[i] and Sum(.., i)."""
+
+    def __init__(self, names: Mapping[str, Any], index: str | None = None):
+        super().__init__(names)
+        self.index = index
+        self.sums: dict[Any, Any] = {}
+
+    def read(self, node: ast.AST, depth: int) -> Any:
+        if isinstance(node, ast.Subscript):
+            return self._site(node)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Sum":
+            return self._sum(node, depth)
+        return super().read(node, depth)
+
+    def _site(self, node: ast.Subscript) -> Any:
+        """q[i + 1] as the coordinate at an offset."""
+        letter = node.value.id if isinstance(node.value, ast.Name) else ""
+        if letter not in ("q", "p"):
+            raise FormulaTextError("it holds an index of something that is not q or p")
+        name, offset = node.slice, 0
+        if isinstance(name, ast.BinOp) and isinstance(name.op, ast.Add | ast.Sub):
+            shift = name.right.value if isinstance(name.right, ast.Constant) else None
+            if type(shift) is not int or shift > MAX_OFFSET:
+                raise FormulaTextError(f"it holds an index that is not i, i + 1, .. i + {MAX_OFFSET}, i - 1, ..")
+            offset = shift if isinstance(name.op, ast.Add) else -shift
+            name = name.left
+        if not isinstance(name, ast.Name) or name.id in self.names:
+            raise FormulaTextError("it holds an index that is not i, i + 1, i - 1, ..")
+        if self.index is None:
+            raise FormulaTextError(f"it holds {letter}[{name.id}] outside of a sum: write Sum(.., {name.id})")
+        if self.index == "":
+            self.index = name.id  # of a family of noises: the first one met
+        if name.id != self.index:
+            raise FormulaTextError(f"it holds the index {name.id}, where there is {self.index}")
+        return self.sympy.Symbol(f"{letter}{offset:+d}", real=True)
+
+    def _sum(self, node: ast.Call, depth: int) -> Any:
+        if len(node.args) != 2 or node.keywords or not isinstance(node.args[1], ast.Name):
+            raise FormulaTextError("it holds a Sum that is not written Sum(formula, i)")
+        if self.index:
+            raise FormulaTextError("it holds a Sum in a Sum, or beside an index")
+        index = node.args[1].id
+        if index in self.names or index in ("q", "p"):
+            raise FormulaTextError(f"it sums over {index}, which means something else")
+        before, self.index = self.index, index
+        body = self.read(node.args[0], depth + 1)
+        self.index = before
+        stand_in = self.sympy.Dummy("Sum", real=True)
+        self.sums[stand_in] = body
+        return stand_in
+
+
+def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: Any) -> Chain:
+    """Read and differentiate sums over sites."""
+    sympy = optional("sympy", "sympy")
+    count = _checks.integer("n", n)
+    if not 2 <= count <= MAX_SITES:
+        raise InvalidArgumentError(f"n = {count} sites for {quoted(str(H))}: give from 2 to {MAX_SITES}")
+    _checks.choice("ends", ends, ENDS)
+    names = Names(sympy, {}, params, t)
+    for letter in ("q", "p"):
+        if letter in names.known:
+            raise InvalidArgumentError(f"the name {letter!r} is a coordinate of sites: give the parameter another one")
+    texts = [H, *noise]
+    for text in texts:
+        if not isinstance(text, str):
+            raise InvalidArgumentError(f"{_checks.shown(text)} is no text: sums over sites are written as text")
+    densities, nham = [], 0
+    for j, text in enumerate(texts):
+        try:
+            family, bodies = _bodies(text, names.known, is_noise=j > 0)
+            for body in bodies:
+                densities += _at_ends(body, _Whose(text, nham, family, names.values), ends, count)
+        except FormulaTextError as error:
+            raise InvalidArgumentError(f"the formula {quoted(text)} cannot be used: {error}") from None
+        nham += count if family else 1
+    return Chain(
+        n=count,
+        nnoise=nham - 1,
+        periodic=ends == "periodic",
+        densities=tuple(densities),
+        texts=tuple(texts),
+        parameters=names.values,
+        traits=_traits(densities, count, ends == "periodic"),
+    )
+
+
+def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, list[Any]]:
+    """Densities of a formula, and whether it is a family of one for each site."""
+    for family in (False, True) if is_noise else (False,):
+        reader = _SiteReader(names, "" if family else None)
+        try:
+            total = parse(text, names, reader)
+        except FormulaTextError as error:
+            if is_noise and not family and "outside of a sum" in str(error):
+                continue
+            raise
+        if family:
+            return True, [total]
+        rest = total.expand()
+        bodies = []
+        for stand_in, body in reader.sums.items():
+            factor = rest.coeff(stand_in)
+            if factor.free_symbols & set(reader.sums):
+                raise FormulaTextError("it holds a product of sums: only sums of sums stay loops")
+            bodies.append(factor * body)
+            rest = rest - (factor * stand_in).expand()
+        if rest.free_symbols & set(reader.sums) or not reader.sums:
+            raise FormulaTextError("it is not a sum of terms number * Sum(.., i)")
+        return False, bodies
+    raise AssertionError
+
+
+def _at_ends(body: Any, whose: _Whose, ends: str, count: int) -> list[Density]:
+    """A density, and what is left of it where the chain ends."""
+    symbols = {x: int(x.name[1:]) for x in body.free_symbols if _is_local(x)}
+    if not symbols:
+        raise FormulaTextError("it holds a sum without q[i] or p[i]")
+    low, high = min(symbols.values()), max(symbols.values())
+    before, after = max(0, -low), max(0, high)
+    if before + after >= count:
+        raise FormulaTextError(f"its neighbours reach over {before + after + 1} of {count} sites: give more sites")
+    if ends == "periodic":
+        return [_density(body, whose, "0", "sites - 1")]
+    whole = _density(body, whose, str(before), f"sites - 1 - {after}" if after else "sites - 1")
+    if ends == "free":
+        if whose.family and before + after:
+            raise FormulaTextError("one noise for each site reaches beyond free ends: say ends = fixed or periodic")
+        return [whole]
+    pieces = [whole]
+    for site in range(0 if whose.family else -high, before):  # some neighbours lie before the first site
+        cut = body.xreplace({x: 0 for x, o in symbols.items() if site + o < 0})
+        pieces.append(_density(cut, whose, str(site), str(site)))
+    for back in range(1 - after, 1 if whose.family else 1 - low):  # some lie beyond the last one
+        cut = body.xreplace({x: 0 for x, o in symbols.items() if back + o > 0})
+        pieces.append(_density(cut, whose, f"sites - 1 + ({back})", f"sites - 1 + ({back})"))
+    return [x for x in pieces if x is not None]
+
+
+def _is_local(symbol: Any) -> bool:
+    """Whether a symbol is q or p of a neighbouring site."""
+    return symbol.name[1:2] in ("+", "-")
+
+
+def _density(expression: Any, whose: _Whose, first: str, last: str) -> Density | None:
+    """A density with its derivatives, in the names q0 .. and p0 .. of its own; None where it is constant."""
+    sympy = optional("sympy", "sympy")
+    local = [x for x in expression.free_symbols if _is_local(x)]
+    offsets = sorted({int(x.name[1:]) for x in local})
+    if not offsets:
+        return None
+    places = {x: sympy.Symbol(f"{x.name[0]}{offsets.index(int(x.name[1:]))}", real=True) for x in local}
+    problem = Problem((expression.xreplace(places),), (), (whose.text,), len(offsets), whose.parameters)
+    return Density(whose.weight, whose.family, first, last, tuple(offsets), Derivatives(problem))
+
+
+def _traits(densities: list[Density], count: int, periodic: bool) -> dict[str, Any]:
+    """Traits of the whole, from derivatives that vanish as formulas."""
+    drift = [d for d in densities if d.weight == 0]
+    noises = [d for d in densities if d.weight > 0]
+
+    def block(d: Density, name: str) -> list[Any]:
+        q, p = d.derivatives.problem.coordinates("q"), d.derivatives.problem.coordinates("p")
+        rows, columns = {"qq": (q, q), "qp": (q, p), "pp": (p, p)}[name]
+        return [d.derivatives.of(x, y)[0] for x in rows for y in columns]
+
+    def all_zero(chosen: list[Density], *names: str) -> bool:
+        return all(e == 0 for d in chosen for name in names for e in block(d, name))
+
+    def state_free(e: Any, d: Density) -> bool:
+        return not any(d.derivatives.problem.lanes[s.name] for s in getattr(e, "free_symbols", ()))
+
+    kinetic = [d for d in drift if any(d.derivatives.of(x)[0] != 0 for x in d.derivatives.problem.coordinates("p"))]
+    identity = len(kinetic) == 1 and kinetic[0].offsets == (0,)
+    if identity:
+        [d] = kinetic
+        identity = d.derivatives.of("p0")[0] == d.derivatives.symbol["p0"]
+    position = all(d.derivatives.of(x)[0] == 0 for d in noises for x in d.derivatives.problem.coordinates("p"))
+    reach = max(d.offsets[-1] - d.offsets[0] for d in densities)
+    return {
+        "separable": all_zero(densities, "qp"),
+        "additive": all_zero(noises, "qq", "qp", "pp"),
+        "position_noise": position,
+        "quadratic": all(state_free(e, d) for d in densities for name in ("qq", "qp", "pp") for e in block(d, name)),
+        "identity_mass": identity,
+        "bandwidth": reach if 2 * reach < count - 1 and not (periodic and reach) else None,
+    }

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sums over sites: the chain of the catalogue, every kind of ends against formulas that are written out, bad input."""
+
+import ctypes
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import _abi, errors, scene
+
+pytest.importorskip("sympy")
+
+from symsde.formulas import compiler
+
+if compiler.command() is None:
+    pytest.skip("no C compiler", allow_module_level=True)
+
+FPU = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + beta*(q[i+1]-q[i])**4/4, i)"
+PARAMS = {"beta": 0.8, "sigma": 0.1}
+# mixed derivatives, three neighbours, functions, time
+DENSITY = "cos(q[{after}] - q[{before}])*p[{here}] + beta*p[{after}]**2*q[{here}]/2 + sin(t)*q[{here}]"
+N = 5
+
+
+def fpu(n, beta=0.8):
+    return ss.model_from_sympy(FPU, ["-sigma*q[k]"], params={**PARAMS, "beta": beta}, n=n, ends="fixed")
+
+
+def chain(ends):
+    H = "2*Sum(" + DENSITY.format(before="i-1", here="i", after="i+1") + ", i)"
+    return ss.model_from_sympy(H, ["Sum(q[i]*q[i+1], i)", "p[k]*q[k]**2"], params={"beta": 0.8}, n=N, ends=ends)
+
+
+def written_out(ends):
+    """The same, site by site."""
+
+    def place(i):
+        inside = 0 <= i < N
+        return (lambda x: f"{x}{i % N + 1}") if inside or ends == "periodic" else (lambda x: "0")
+
+    def term(text, i, reach):
+        if ends == "free" and not all(0 <= i + o < N for o in reach):
+            return None
+        for word, o in (("before", -1), ("here", 0), ("after", 1)):
+            at = place(i + o)
+            text = text.replace(f"q[{{{word}}}]", at("q")).replace(f"p[{{{word}}}]", at("p"))
+        return f"({text})"
+
+    sites = range(-1, N + 1) if ends == "fixed" else range(N)
+    H = [x for i in sites if (x := term(DENSITY, i, (-1, 0, 1)))]
+    bonds = [x for i in sites if (x := term("q[{here}]*q[{after}]", i, (0, 1)))]
+    noise = ["+".join(bonds), *(f"p{i}*q{i}**2" for i in range(1, N + 1))]
+    names = {x: [f"{x}{i}" for i in range(1, N + 1)] for x in "qp"}
+    return ss.model_from_sympy(f"2*({'+'.join(H)})", noise, params={"beta": 0.8}, **names)
+
+
+def points(model, count=30):
+    rng = np.random.default_rng(2)
+    x, y = rng.normal(size=(2, model.ndof, count))
+    return x, y, rng.normal(size=(model.nnoise + 1, count))
+
+
+def everything(model, at):
+    return [model.value(*at, t=0.7), *model.gradient(*at, t=0.7), *model.hessian(*at, t=0.7)]
+
+
+def test_the_chain_of_the_catalogue():
+    mine, known = fpu(16), ss.models.fpu_chain(n=16, **PARAMS)
+    for a, b in zip(everything(mine, points(mine)), everything(known, points(known)), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-13)
+    flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "bandwidth", "has_hessian_vector")
+    assert {k: getattr(mine.traits, k) for k in flags} == {k: getattr(known.traits, k) for k in flags}
+    run = {"q0": 0.1, "p0": 0.3, "step": 0.1, "steps": 20, "paths": 20, "seed": 1}
+    for scheme in ("midpoint", "symplectic_euler", "stormer_verlet", "gauss2"):
+        one, other = (ss.simulate(m, scheme=scheme, **run) for m in (mine, known))
+        np.testing.assert_allclose(one.q, other.q, rtol=0, atol=1e-12)
+    wrong = ss.simulate(fpu(16, beta=0.81), **run)
+    assert np.abs(wrong.q - ss.simulate(known, **run).q).max() > 1e-6
+
+
+def test_the_code_is_the_same_for_any_number_of_sites():
+    short, long = fpu(5), fpu(3000)
+    assert short.formula.file == long.formula.file and long.nnoise == 3000
+    x = np.random.default_rng(1).normal(size=(3000, 8))
+    known = ss.models.fpu_chain(n=3000, **PARAMS)
+    np.testing.assert_allclose(long.gradient(x, x)[0], known.gradient(x, x)[0], rtol=1e-13, atol=1e-12)
+
+
+@pytest.mark.parametrize("ends", ["free", "fixed", "periodic"])
+def test_ends_are_those_of_the_formula_written_out(ends):
+    mine, known = chain(ends), written_out(ends)
+    at = points(mine)
+    assert mine.nnoise == known.nnoise == N + 1 and mine.traits.bandwidth is None
+    mixed = everything(mine, at)
+    for a, b in zip(mixed, everything(known, at), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-12)
+    vq, vp = np.random.default_rng(8).normal(size=(2, N, 30))
+    uq, up = hessian_vector(mine, at, vq, vp)
+    np.testing.assert_allclose(uq, product(mixed[3], vq) + product(mixed[4], vp), rtol=1e-12, atol=1e-12)
+    back = product(mixed[4].swapaxes(0, 1), vq) + product(mixed[5], vp)
+    np.testing.assert_allclose(up, back, rtol=1e-12, atol=1e-12)
+    mine.probe(t=0.7)
+
+
+def product(blocks, vector):
+    """sum_j blocks[j, i] vector[j]."""
+    return np.einsum("jil,jl->il", blocks, vector)
+
+
+def hessian_vector(model, at, vq, vp):
+    library = ctypes.CDLL(model.formula.file)
+    function = ctypes.cast(library.formula_hessian_vector, _abi.CALLBACKS["hessian_vector"])
+    x, y, weights = (np.ascontiguousarray(v) for v in at)
+    uq, up, values = np.full_like(x, np.nan), np.full_like(x, np.nan), np.array([*model.parameters.values(), 0.0])
+    arrays = [v.ctypes.data for v in (weights, x, y, vq, vp, uq, up, values)]
+    assert function(x.shape[1], model.ndof, weights.shape[0], 0.7, *arrays) == 0
+    return uq, up
+
+
+def test_a_far_lane_changes_no_other():
+    model = chain("periodic")
+    at = points(model)
+    alone = model.gradient(*at)[0]
+    at[0][2, 4] = 7e5
+    beside = model.gradient(*at)[0]
+    others = [i for i in range(30) if i != 4]
+    assert (alone[:, others] == beside[:, others]).all()
+    known = written_out("periodic").gradient(*at)[0]
+    np.testing.assert_allclose(beside, known, rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("H", "more", "words"),
+    [
+        (FPU, {"n": 10**9}, "n = 1000000000 sites for 'Sum.*give from 2 to 100000"),
+        (FPU, {"n": 1}, "n = 1 sites"),
+        (FPU, {"ends": "loose"}, "ends = 'loose' does not exist: there are"),
+        (FPU, {"q": "q"}, "leave out q, p"),
+        ("p**2/2", {}, "holds p, which is not given"),
+        ("q[1]", {}, "an index that is not i"),
+        ("q[i]", {}, r"q\[i\] outside of a sum"),
+        ("Sum(q[i], i)*Sum(p[i], i)", {}, "product of sums|not a sum of terms"),
+        ("Sum(q[i], i)**2", {}, "not a sum of terms"),
+        ("Sum(Sum(q[i], i), i)", {}, "a Sum in a Sum"),
+        ("Sum(q[i]*q[j], i)", {}, "the index j, where there is i"),
+        ("Sum(q[i])", {}, "not written Sum"),
+        ("Sum(q[i+9], i)", {}, "an index that is not i"),
+        ("Sum(q[2*i], i)", {}, "an index that is not i"),
+        ("Sum(q[i+8]*q[i-8], i)", {}, "reach over 17 of 8 sites: give more"),
+        ("Sum(beta, i)", {}, r"a sum without q\[i\]"),
+        ("Sum(x[i], i)", {}, "an index of something that is not q or p"),
+        ("Sum(q[i], beta)", {}, "sums over beta, which means something else"),
+        ("2*beta", {}, "not a sum of terms"),
+        (FPU, {"noise": ["q[k+1]"]}, "reaches beyond free ends"),
+        (FPU, {"params": {"q": 1.0}}, "'q' is a coordinate of sites"),
+        (3, {}, "is no text"),
+    ],
+)
+def test_bad_sums_get_a_sentence(H, more, words):
+    with pytest.raises((errors.InvalidArgumentError, errors.UnknownNameError), match=words):
+        ss.model_from_sympy(H, **{"n": 8, "params": {"beta": 1.0}, **more})
+
+
+def test_a_chain_in_a_scene(tmp_path):
+    file = tmp_path / "chain.toml"
+    file.write_text(
+        f'[model]\nH = "{FPU}"\nnoise = ["-sigma*q[k]"]\nn = 16\nends = "fixed"\n'
+        "[model.params]\nbeta = 0.8\nsigma = 0.1\n[run]\nstep = 0.1\nsteps = 10\nq0 = 0.1\np0 = 0.0\npaths = 5\n"
+    )
+    mine = scene.load(file).compute_moments()
+    known = ss.moments(ss.models.fpu_chain(n=16, **PARAMS), q0=0.1, p0=0.0, step=0.1, steps=10, paths=5)
+    np.testing.assert_allclose(mine.mean_energy, known.mean_energy, rtol=1e-13)
