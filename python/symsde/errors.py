@@ -98,6 +98,10 @@ class PathsFailedWarning(RuntimeWarning):
     """Some paths of a run failed; they are NaN from there on and left out of moments."""
 
 
+class SlowFormulaWarning(UserWarning):
+    """Formulas are evaluated without a compiler, at a cost that the sentence tells."""
+
+
 class ReferenceWarning(UserWarning):
     """An error that was asked for is not above that of the reference it is measured against."""
 

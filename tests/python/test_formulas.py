@@ -209,6 +209,33 @@ def test_a_far_lane_changes_no_other():
     assert np.isnan(beside[1][0, 9])
 
 
+def in_numpy_of(model):
+    """The functions that a model without a compiler calls."""
+    from symsde.formulas import derivatives, in_numpy, problem
+
+    _, (given,) = model._remade
+    chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends")}
+    return in_numpy.InNumpy(derivatives.Derivatives(problem.make_problem(**chosen)), model.parameters)
+
+
+def test_without_a_compiler_numpy_computes_the_same(monkeypatch):
+    known = mixed()
+    monkeypatch.setattr(compiler, "command", lambda: None)
+    with pytest.warns(errors.SlowFormulaWarning, match="there is no C compiler.* 30 times as long .*: install"):
+        mine = mixed()
+    assert mine.formula.backend == "NumPy" and mine.in_python and mine.traits == known.traits
+    at = points(known, count=37)
+    for one, other in zip(everything(mine, *at), everything(known, *at), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-13)
+    vq, vp = np.random.default_rng(8).normal(size=(2, 2, 37))
+    product = call(known, "hessian_vector", ("uq", "up"), ("uq", "up"), at, (vq, vp))
+    mine_product = in_numpy_of(mine).hessian_vector(0.7, at[2], at[0], at[1], vq, vp)
+    np.testing.assert_allclose(mine_product[0], product["uq"], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(mine_product[1], product["up"], rtol=1e-12, atol=1e-12)
+    with pytest.raises(errors.InvalidArgumentError, match="sums over sites need a C compiler"):
+        ss.model_from_sympy("Sum(q[i], i)", n=8)
+
+
 # ---- parameters, names, time -------------------------------------------------------------------------------
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from .. import _callbacks, _checks
-from ..errors import InvalidArgumentError
+from ..errors import InvalidArgumentError, SlowFormulaWarning
 from ..model import Model
-from . import compiler, emit_c, emit_sites
+from . import compiler, emit_c, emit_sites, in_numpy
 from .derivatives import Derivatives
 from .problem import make_problem
 from .sites import Chain, make_chain
@@ -29,7 +30,7 @@ class Formula:
 
     hamiltonians: tuple[str, ...]  #: H, H_1 .. H_m as given
     structure: Structure | None  #: what was derived from them; of sums over sites see the traits
-    backend: str  #: "C"
+    backend: str  #: "C", or "NumPy" where there is no compiler
     source: str  #: the generated code
     seconds_derivatives: float  #: for derivatives and code
     seconds_compilation: float  #: 0 = it was compiled before
@@ -103,28 +104,42 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         structure = structure_of(problem)
         ndof, nnoise, parameters, traits = problem.ndof, problem.nnoise, problem.parameters, structure.traits()
         texts = problem.texts[: nnoise + 1]
-        source = emit_c.source(Derivatives(problem))
+        derivatives = Derivatives(problem)
+        source = emit_c.source(derivatives)
     else:
         chain = _chain(**chosen, n=given["n"], ends=given["ends"])
-        structure, texts, source = None, chain.texts, emit_sites.source(chain)
+        structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
         ndof, nnoise, parameters, traits = chain.n, chain.nnoise, chain.parameters, chain.traits
     derived = time.perf_counter() - start
-    compiled = compiler.build(source)
+    compiled = _compiled(source, derivatives is None)
+    if compiled is None:
+        functions = in_numpy.InNumpy(derivatives, parameters).functions()
+    else:
+        functions = {**_functions(compiled, parameters), "accepts_null": True}
     formula = Formula(
         hamiltonians=texts,
         structure=structure,
-        backend="C",
+        backend="C" if compiled else "NumPy",
         source=source,
         seconds_derivatives=derived,
-        seconds_compilation=compiled.seconds,
-        file=str(compiled.path),
+        seconds_compilation=compiled.seconds if compiled else 0.0,
+        file=str(compiled.path) if compiled else "",
     )
-    functions = _functions(compiled, parameters)
-    model = FormulaModel(ndof=ndof, nnoise=nnoise, accepts_null=True, name=given["name"], **traits, **functions)
+    model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], **traits, **functions)
     model.formula = formula
     model.parameters = dict(parameters)
     model._remade = (_made, (given,))
     return model
+
+
+def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
+    """The compiled code; None, with a sentence about the cost, where there is no compiler."""
+    if compiler.command() is not None:
+        return compiler.build(source)
+    if is_chain:
+        raise InvalidArgumentError("sums over sites need a C compiler: install gcc or clang, or set SYMSDE_CC to one")
+    warnings.warn(in_numpy.SENTENCE, SlowFormulaWarning, stacklevel=4)
+    return None
 
 
 def _chain(*, H, noise, q, p, params, t, invariants, n, ends) -> Chain:

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Formulas without a compiler: the graph is gone through node by node, each an operation of NumPy on all lanes."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .derivatives import Derivatives
+from .emit_c import reachable
+
+SENTENCE = (
+    "there is no C compiler, so that the formulas are evaluated by NumPy on one thread, which takes 30 times as long "
+    "for many paths and 200 times for one: install gcc or clang, or set SYMSDE_CC to one"
+)
+_OPERATIONS: dict[str, Callable] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "negative": operator.neg,
+    "pow": np.power,
+    "erf": np.vectorize(math.erf, otypes=[float]),
+    **{name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh")},
+    **{f"a{name}": getattr(np, f"arc{name}") for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
+}
+
+
+class InNumpy:
+    """The functions of a `Model`."""
+
+    def __init__(self, derivatives: Derivatives, parameters: dict[str, float]):
+        """Formulas with values of their parameters."""
+        self.graph = derivatives.graph
+        self.outputs = derivatives.outputs
+        self.ndof = derivatives.problem.ndof
+        self.parameters = {f"c{k}": value for k, value in enumerate(parameters.values())}
+
+    def functions(self) -> dict[str, Any]:
+        """By the names that `Model` gives them."""
+        return {name: getattr(self, name) for name in ("gradient", "value", "hessian", "hessian_vector")}
+
+    def value(self, t, w, q, p):
+        """S = sum_j w[j] H_j."""
+        return self._block("value", (t, w, q, p), (1,))[0]
+
+    def gradient(self, t, w, q, p):
+        """S_q, S_p."""
+        return tuple(self._block(x, (t, w, q, p), (self.ndof,)) for x in ("hq", "hp"))
+
+    def hessian(self, t, w, q, p):
+        """S_qq, S_qp, S_pp."""
+        return tuple(self._block(x, (t, w, q, p), (self.ndof, self.ndof)) for x in ("hqq", "hqp", "hpp"))
+
+    def hessian_vector(self, t, w, q, p, vq, vp):  # noqa: PLR0917 - what the library hands over
+        """The Hessian times (vq, vp)."""
+        qq, qp, pp = self.hessian(t, w, q, p)
+        uq = np.einsum("jil,jl->il", qq, vq) + np.einsum("jil,jl->il", qp, vp)
+        return uq, np.einsum("ijl,jl->il", qp, vq) + np.einsum("jil,jl->il", pp, vp)
+
+    def _block(self, name: str, at: tuple, shape: tuple[int, ...]) -> np.ndarray:
+        """One block of outputs, the lanes last."""
+        t, w, q, p = at
+        given = {"t": t, **self.parameters}
+        given |= {
+            f"{letter}{i}": row for letter, rows in zip("wqp", (w, q, p), strict=True) for i, row in enumerate(rows)
+        }
+        roots = self.outputs[name]
+        found: dict[int, Any] = {}
+        with np.errstate(all="ignore"):
+            for x in reachable(self.graph, roots):
+                node = self.graph.nodes[x]
+                if node.what == "number":
+                    found[x] = float(node.value)
+                elif node.what == "leaf":
+                    found[x] = given[node.value]
+                else:
+                    found[x] = _OPERATIONS[node.what](*(np.float64(found[a]) for a in node.arguments))
+        return np.array([np.broadcast_to(found[x], q.shape[-1:]) for x in roots]).reshape(*shape, -1)
