@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How a run is cut into pieces, and long pieces that go on from their checkpoints."""
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde.batch import plan, shard_file, share, work
+
+
+class Memory:
+    """A store that remembers."""
+
+    seconds = 10.0
+
+    def __init__(self):
+        self.states = []
+
+    def read(self):
+        return shard_file.from_bytes(self.states[-1], "memory") if self.states else None
+
+    def write(self, state):
+        self.states.append(shard_file.to_bytes(state))
+
+
+def interrupted(task, piece, after):
+    """The shard of a piece that is stopped again and again, each time after so many questions."""
+    store, sittings = Memory(), 0
+    while True:
+        asked = []
+
+        def tell(_done, _total, asked=asked):
+            asked.append(0)
+            return len(asked) > after
+
+        sittings += 1
+        assert sittings < 1000
+        if (found := work.compute(task, piece, 1, tell, store)) is not None:
+            return found, sittings
+
+
+@pytest.mark.parametrize("compensated", [False, True])
+@pytest.mark.parametrize(("steps", "every"), [(600, 50), (601, 601), (600, 1)])
+def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monkeypatch):
+    """Stopped at every segment, of which some end between saved points; paths that failed stay so."""
+    monkeypatch.setattr(work, "_FIRST", 7 * 4 * 2)
+    monkeypatch.setattr(work._Clock, "next_length", lambda _, length: 11 - length % 5)
+    q0 = np.full((2, 4), 0.1)
+    q0[:, 2] = 0.75
+    options = {"q0": q0, "p0": 0.0, "step": 0.05, "steps": steps, "save_every": every, "seed": 5, "t0": 0.3}
+    options |= {"compensated": compensated, "scheme": "stormer_verlet", "first_step": 3, "paths": 4}
+    model = ss.models.henon_heiles(sigma1=0.02, sigma2=0.02)
+    piece = plan.Piece("paths-000001", "paths", 0, 4, 4 * steps)
+    with pytest.warns(ss.PathsFailedWarning):
+        known = ss.simulate(model, **options)
+        found, sittings = interrupted(work.Task(model, options), piece, 4)
+    assert sittings > 10 and known.failed_step[2] > 30 and (known.status == 0).sum() == 3
+    names = ["t", "q", "p", "status", "failed_step", "last_q", "last_p", *(["low_q", "low_p"] if compensated else [])]
+    for name in names:
+        np.testing.assert_array_equal(found.arrays[name], getattr(known, name), err_msg=name)
+    assert found.facts["failed"] == 1
+
+
+def test_shares_are_all_pieces_once():
+    pieces = plan.plan(plan.Extent(512, 10000, 100, 3, 1), 512, moments=True, saved=[600, 601, 9000])
+    assert sum(piece.paths for piece in pieces if piece.kind == "moments") == 10000
+    assert [(piece.first, piece.paths) for piece in pieces if piece.kind == "paths"] == [(600, 2), (9000, 1)]
+    assert all(piece.first % 512 == 0 for piece in pieces if piece.kind == "moments")
+    for n in (1, 2, 7, 100):
+        parts = [name.name for i in range(n) for name in share.Share(i + 1, n).of(pieces)]
+        assert sorted(parts) == sorted(piece.name for piece in pieces)
+
+
+@pytest.mark.parametrize("paths", [1, 255, 257, 10**6, 10**9])
+@pytest.mark.parametrize("steps", [0, 1, 10**4, 10**9])
+def test_pieces_are_neither_crumbs_nor_mountains(paths, steps):
+    size = plan.shard_paths(plan.Extent(0, paths, steps, 2, 3))
+    assert size >= 256 and size & (size - 1) == 0
+    count = -(-paths // size)
+    assert count <= 2**15
+    if size > 256:
+        assert size * steps * 3 <= max(2**29, 2 * paths * steps * 3 / 2**14)
+
+
+def test_a_stretch_of_many_saved_paths_is_cut_by_what_it_holds():
+    pieces = plan.plan(plan.Extent(0, 10**6, 10, 2**20, 1), 2**20, moments=False, saved=range(10))
+    assert [piece.paths for piece in pieces] == [4, 4, 2]
