@@ -86,7 +86,7 @@ SCENES = {
     ),
     "pendulum stormer_verlet": (ss.models.pendulum, "stormer_verlet", 0.02, 1, lambda: loops.pendulum_verlet),
     "noncommutative_oscillator midpoint": (
-        *(ss.models.noncommutative_oscillator, "midpoint", 0.02, 1),
+        *(ss.models.noncommutative_oscillator, "midpoint", 1e-6, 1),  # it grows without bound
         lambda: loops.noncommutative_midpoint,
     ),
     "henon_heiles stormer_verlet": (

@@ -5,10 +5,13 @@
 !>
 !> so dp_k = .. - sigma_k dW_k. The potential is unbounded below: paths escape, and overflow then.
 module symsde_model_henon_heiles
-   use symsde_base_kinds, only: wp
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
+   use symsde_model_henon_heiles_flow, only: henon_heiles_flow
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
    implicit none
@@ -27,6 +30,8 @@ module symsde_model_henon_heiles
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
+      procedure :: brings
+      procedure :: flow
    end type henon_heiles_model
 
 contains
@@ -102,5 +107,28 @@ contains
          hpp(:, 2, 2) = w(:, 0)
       end if
    end subroutine evaluate
+
+   !> Whether flow takes steps of this scheme.
+   pure logical function brings(self, scheme)
+      class(henon_heiles_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      brings = scheme == 'stormer_verlet'
+   end function brings
+
+   !> Whole steps, see model_type.
+   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(henon_heiles_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      call henon_heiles_flow(self%alpha, self%sigma1, self%sigma2, steps, q, p, qn, pn, counters)
+   end subroutine flow
 
 end module symsde_model_henon_heiles

@@ -65,8 +65,9 @@ contains
       real(wp), intent(in) :: q(steps%nlane), p(steps%nlane)
       real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       type(counters_type), intent(inout) :: counters
-      integer :: which, out, n
+      integer :: which, out, n, m
 
+      m = merge(1, steps%nlane, steps%nreal == 1)  ! a path that is alone is lane 1
       which = index_of(scheme)
       if (terms%noise_a == 0 .and. terms%noise_c == 0) then
          if (which == euler) which = additive_euler
@@ -74,11 +75,11 @@ contains
       end if
       do out = 1, steps%nstep/steps%every
          if (out == 1) then
-            qn(:, out) = q
-            pn(:, out) = p
+            qn(:m, out) = q(:m)
+            pn(:m, out) = p(:m)
          else
-            qn(:, out) = qn(:, out - 1)
-            pn(:, out) = pn(:, out - 1)
+            qn(:m, out) = qn(:m, out - 1)
+            pn(:m, out) = pn(:m, out - 1)
          end if
          call advance(terms, which, steps%nreal == 1, steps%nlane, steps%nnoise, steps%every, terms%rate*steps%h, &
                       steps%w(:, :, (out - 1)*steps%every + 1:out*steps%every), qn(:, out), pn(:, out))

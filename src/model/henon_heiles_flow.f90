@@ -1,0 +1,119 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Whole steps of Stormer-Verlet on the Henon-Heiles system: half a kick, a drift, half a kick.
+!>
+!>    dp_1 = -(h (q_1 + 2 alpha q_1 q_2) + sigma1 dW_1)/2,  dp_2 = -(h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 dW_2)/2,
+!>    dq = h p
+!>
+!> A group of steps keeps the states of the lanes in registers; a path that is alone goes through all of its steps.
+module symsde_model_henon_heiles_flow
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: steps_record
+   implicit none
+   private
+   public :: henon_heiles_flow
+
+   integer, parameter :: group = 4  !! steps of one pass over the lanes
+
+contains
+
+   !> The contract of model_type%flow.
+   subroutine henon_heiles_flow(alpha, sigma1, sigma2, steps, q, p, qn, pn, counters)
+      real(wp), intent(in) :: alpha, sigma1, sigma2
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: q(steps%nlane, 2), p(steps%nlane, 2)
+      real(wp), intent(out) :: qn(steps%nlane, 2, steps%nstep/steps%every), pn(steps%nlane, 2, steps%nstep/steps%every)
+      type(counters_type), intent(inout) :: counters
+      integer :: out, first, n, m
+
+      m = merge(1, steps%nlane, steps%nreal == 1)  ! a path that is alone is lane 1
+      do out = 1, steps%nstep/steps%every
+         if (out == 1) then
+            qn(:m, :, out) = q(:m, :)
+            pn(:m, :, out) = p(:m, :)
+         else
+            qn(:m, :, out) = qn(:m, :, out - 1)
+            pn(:m, :, out) = pn(:m, :, out - 1)
+         end if
+         first = (out - 1)*steps%every + 1
+         do while (first <= out*steps%every)
+            n = merge(group, 1, out*steps%every - first + 1 >= group)
+            if (steps%nreal == 1) n = steps%every
+            call pass(steps%nlane, n, steps%nreal == 1, steps%h, alpha, sigma1, sigma2, &
+                      steps%w(:, :, first:first + n - 1), qn(:, 1, out), qn(:, 2, out), pn(:, 1, out), pn(:, 2, out))
+            first = first + n
+         end do
+      end do
+      counters%gradients = counters%gradients + 3*steps%nstep*steps%nreal
+   end subroutine henon_heiles_flow
+
+   !> VEC Steps in place: one or a group, or any number of lane 1 alone.
+   pure subroutine pass(nlane, nstep, alone, h, alpha, sigma1, sigma2, w, q1, q2, p1, p2)
+      integer, intent(in) :: nlane, nstep
+      logical, intent(in) :: alone
+      real(wp), intent(in) :: h, alpha, sigma1, sigma2, w(nlane, 0:2, nstep)
+      real(wp), intent(inout), dimension(nlane) :: q1, q2, p1, p2
+      real(wp) :: x1, x2, y1, y2
+      integer :: lane, step
+
+      if (alone) then
+         x1 = q1(1)
+         x2 = q2(1)
+         y1 = p1(1)
+         y2 = p2(1)
+         do step = 1, nstep
+            call verlet(h, alpha, sigma1*w(1, 1, step), sigma2*w(1, 2, step), x1, x2, y1, y2)
+         end do
+         q1(1) = x1
+         q2(1) = x2
+         p1(1) = y1
+         p2(1) = y2
+      else if (nstep == group) then
+         do lane = 1, nlane
+            x1 = q1(lane)
+            x2 = q2(lane)
+            y1 = p1(lane)
+            y2 = p2(lane)
+            !GCC$ unroll 4
+            do step = 1, group
+               call verlet(h, alpha, sigma1*w(lane, 1, step), sigma2*w(lane, 2, step), x1, x2, y1, y2)
+            end do
+            q1(lane) = x1
+            q2(lane) = x2
+            p1(lane) = y1
+            p2(lane) = y2
+         end do
+      else
+         do lane = 1, nlane
+            x1 = q1(lane)
+            x2 = q2(lane)
+            y1 = p1(lane)
+            y2 = p2(lane)
+            call verlet(h, alpha, sigma1*w(lane, 1, 1), sigma2*w(lane, 2, 1), x1, x2, y1, y2)
+            q1(lane) = x1
+            q2(lane) = x2
+            p1(lane) = y1
+            p2(lane) = y2
+         end do
+      end if
+   end subroutine pass
+
+   pure subroutine verlet(h, alpha, force1, force2, x1, x2, y1, y2)
+      real(wp), intent(in) :: h, alpha, force1, force2
+      real(wp), intent(inout) :: x1, x2, y1, y2
+
+      call kick(h, alpha, force1, force2, x1, x2, y1, y2)
+      x1 = x1 + h*y1
+      x2 = x2 + h*y2
+      call kick(h, alpha, force1, force2, x1, x2, y1, y2)
+   end subroutine verlet
+
+   pure subroutine kick(h, alpha, force1, force2, x1, x2, y1, y2)
+      real(wp), intent(in) :: h, alpha, force1, force2, x1, x2
+      real(wp), intent(inout) :: y1, y2
+
+      y1 = y1 - 0.5_wp*(h*(x1 + 2*alpha*x1*x2) + force1)
+      y2 = y2 - 0.5_wp*(h*(x2 + alpha*(x1*x1 - x2*x2)) + force2)
+   end subroutine kick
+
+end module symsde_model_henon_heiles_flow
