@@ -21,9 +21,9 @@ class Commutator:
     """What the brackets of a model's Hamiltonians say at sample points; points can refute, not prove."""
 
     commutative: bool  #: every {H_k,H_l} is constant: increments alone reach strong order 1, dZ 3/2
-    flows_commute: bool  #: {H,H_k} is constant too
+    flows_commute: bool  #: every {H,H_k} is constant too, and no noise changes in time
     noise: float  #: largest relative gradient of {H_k,H_l}
-    drift: float  #: largest relative gradient of {H,H_k}
+    drift: float  #: largest relative gradient of {H,H_k}, or change of a noise's gradient in time
     text: str  #: which strong order to expect, from which scheme
 
     def __str__(self) -> str:
