@@ -10,6 +10,7 @@
 module symsde_step_general
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
+   use symsde_base_status, only: not_converged
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
@@ -117,21 +118,70 @@ contains
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
-      integer :: i, part
+      real(wp) :: near(self%ham%nlane)
+      logical :: begun
 
       call split_weights(self, step%w)
       call self%newton%start(status)
+      begun = .false.
+      near = 0
       do while (self%newton%running)
-         if (allocated(self%newton%a)) self%newton%a = 0
-         do i = 1, self%nstage
-            call stage_point(self, i, q, p)
-            do part = 1, self%npart
-               call linearise(self, i, part, step)
-            end do
-         end do
+         call linearise_all(self, step, q, p)
+         if (.not. begun) near = max(maxval(abs(self%newton%r), dim=2), maxval(abs(self%x), dim=2))
+         begun = .true.
          call self%newton%update(self%x, status, self%ham%counters)
       end do
+      call look_back(self, step, q, p, near, status)
    end subroutine solve_stages
+
+   !> Residuals and matrix at the slopes x, all stages.
+   subroutine linearise_all(self, step, q, p)
+      type(general_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      integer :: i, part
+
+      if (allocated(self%newton%a)) self%newton%a = 0
+      do i = 1, self%nstage
+         call stage_point(self, i, q, p)
+         do part = 1, self%npart
+            call linearise(self, i, part, step)
+         end do
+      end do
+   end subroutine linearise_all
+
+   !> Newton's iteration ends by corrections against the largest slope. Where it went astray, one slope may be larger
+   !> than the others by so many powers of ten (q^3 of a q of 1e31) that these are not solved at all. So lanes whose
+   !> slopes have grown far beyond those at the beginning are asked once more: every slope of every stage by itself.
+   subroutine look_back(self, step, q, p, near, status)
+      type(general_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(in) :: near(self%ham%nlane)   !! largest slope at the beginning
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp), parameter :: far = 1e6_wp, solved = 1e-6_wp
+      logical :: grown(self%ham%nlane)
+      real(wp) :: largest
+      integer :: lane, at
+
+      if (self%newton%affine .or. self%newton%options%fixed_point > 0) return
+      grown = status == 0 .and. maxval(abs(self%x), dim=2) > far*near
+      if (.not. any(grown)) return
+      call linearise_all(self, step, q, p)
+      associate (n => self%ham%ndof, x => self%x, r => self%newton%r)
+         do lane = 1, self%ham%nlane
+            if (.not. grown(lane)) cycle
+            do at = 1, size(x, 2), n
+               largest = max(near(lane), maxval(abs(x(lane, at:at + n - 1))))
+               if (all(abs(r(lane, at:at + n - 1)) <= solved*largest)) cycle
+               status(lane) = not_converged
+               self%ham%counters%failures = self%ham%counters%failures + 1
+               exit
+            end do
+         end do
+      end associate
+
+   end subroutine look_back
 
    !> dq = sum_i alpha_i F_i, dp = sum_i alpha_i G_i.
    subroutine add_up(self, dq, dp)
