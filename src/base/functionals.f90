@@ -34,6 +34,7 @@ module symsde_base_functionals
       logical :: has(nfunctional) = .false.
    contains
       procedure :: is_empty
+      procedure :: columns
       procedure :: needed_for
    end type functional_set
 
@@ -51,6 +52,18 @@ contains
 
       is_empty = .not. any(self%has)
    end function is_empty
+
+   !> Numbers of a path in a step: its increments and the values of these functionals.
+   pure integer function columns(self, nnoise)
+      class(functional_set), intent(in) :: self
+      integer, intent(in) :: nnoise      !! m
+      integer :: f
+
+      columns = nnoise
+      do f = 1, nfunctional
+         if (self%has(f)) columns = columns + functional_count(f, nnoise)
+      end do
+   end function columns
 
    !> Those that have an effect for a model with these traits. Areas multiply brackets {H_l,H_k}, which are
    !> constant for additive noise and vanish for noise that depends on position; J multiplies H_k,q . H_l,q,

@@ -60,7 +60,7 @@ module symsde_ensemble_block
       final :: release
    end type block_runner
 
-   integer, parameter :: few_lanes = 8, few_noises = 8
+   integer, parameter :: few_lanes = 8, few_columns = 8
    integer, parameter :: most_increments = 32768  !! of a block that are drawn ahead: 256 kB
    integer(i8), parameter :: most_states = 4096   !! values of q that are kept until they are shown: 32 kB
    real(wp), parameter :: longest_chunk = 0.05_wp  !! seconds
@@ -81,7 +81,7 @@ contains
       allocate (self%observer, source=observer)
       self%noise => noise
       associate (ham => self%stepper%ham)
-         if (noise%asked%is_empty()) self%npair = pairs_ahead(nlane, ham%nnoise)
+         self%npair = pairs_ahead(nlane, noise%asked%columns(ham%nnoise))
          call new_step_store(self%store, nlane, ham%nnoise, 2*self%npair, options%step, noise%asked)
          self%request%nlane = nlane
          call new_lane_state(self%state, nlane, ham%ndof, options%compensated)
@@ -106,17 +106,17 @@ contains
       states_ahead = int(max(1_i8, min(128_i8, most_states/(int(nlane, i8)*ndof))))
    end function states_ahead
 
-   !> Pairs of steps whose increments are drawn at once: two make use of all words of a draw, four of the
-   !> fastest kernel, more spare passes over the block where a model takes whole steps, and the few paths of a small
-   !> block fill the lanes of the generator with steps.
-   pure integer function pairs_ahead(nlane, nnoise)
-      integer, intent(in) :: nlane, nnoise
+   !> Pairs of steps whose increments and functionals, so many columns a step, are drawn at once: two make use of all
+   !> words of a draw, four of the fastest kernel, more spare passes over the block where a model takes whole steps,
+   !> and the few paths of a small block fill the lanes of the generator with steps.
+   pure integer function pairs_ahead(nlane, ncolumn)
+      integer, intent(in) :: nlane, ncolumn
 
-      if (nlane <= few_lanes .and. nnoise <= few_noises) then
+      if (nlane <= few_lanes .and. ncolumn <= few_columns) then
          pairs_ahead = 64
-      else if (32_i8*nlane*nnoise <= most_increments) then
+      else if (32_i8*nlane*ncolumn <= most_increments) then
          pairs_ahead = 16
-      else if (8_i8*nlane*nnoise <= most_increments) then
+      else if (8_i8*nlane*ncolumn <= most_increments) then
          pairs_ahead = 4
       else
          pairs_ahead = 2

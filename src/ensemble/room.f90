@@ -52,14 +52,16 @@ contains
       type(run_options), intent(in) :: options
       integer, intent(in) :: nlane
       type(newton_options) :: newton
+      type(functional_set) :: asked
       real(wp) :: ahead, kept
 
       newton%fixed_point = options%fixed_point
-      ahead = 2*pairs_ahead(nlane, model%traits%nnoise)
+      asked = scheme%asks%needed_for(model%traits)
+      ahead = 2*pairs_ahead(nlane, asked%columns(model%traits%nnoise))
       kept = 2*states_ahead(nlane, model%traits%ndof)
       numbers = stepper_numbers(model, scheme, newton, options%general, nlane) &
-                + nlane*((12.0_wp + kept)*model%traits%ndof + ahead*(model%traits%nnoise + 1)) &
-                + noise_numbers(model%traits%nnoise, scheme%asks%needed_for(model%traits), nlane)
+                + nlane*((12.0_wp + kept)*model%traits%ndof + ahead*(asked%columns(model%traits%nnoise) + 1)) &
+                + noise_numbers(model%traits%nnoise, asked, nlane)
    end function block_numbers
 
    !> Numbers that a source of noise needs to fill a block of lanes.

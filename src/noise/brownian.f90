@@ -18,7 +18,7 @@ module symsde_noise_brownian
    use symsde_base_text, only: to_text
    use symsde_noise_discrete, only: discrete_pairs
    use symsde_noise_functionals, only: path_interval, clip_increments, clip_interval
-   use symsde_noise_integrals, only: integral_draws, fill_pair
+   use symsde_noise_integrals, only: integral_draws, fill_pair, fill_direct
    use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_steps, scaled_normals_at, pairs_of_steps
    use symsde_noise_source, only: noise_type
    implicit none
@@ -224,6 +224,10 @@ contains
 
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%asked, &
                              self%areas)
+      if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
+         call fill_direct(draws, request, store, drawn)
+         return
+      end if
       do i = 0, 2*request%npair - 1
          if (mod(i, 2) == 0) &
             call fill_pair(draws, request%nlane, request%path, request%pair + i/2, steps(0), steps(1), drawn)

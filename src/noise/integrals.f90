@@ -26,13 +26,14 @@
 module symsde_noise_integrals
    use symsde_base_area_rule, only: area_rule, areas_in_law
    use symsde_base_functionals, only: functional_set, functional_count, area_index, nfunctional, path_areas, &
-                                      path_bend, path_magnus
+                                      path_dz, path_bend, path_magnus
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_request, step_store
    use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals
-   use symsde_noise_normal, only: scaled_normal_pairs
+   use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_column, pairs_of_steps
    implicit none
    private
-   public :: integral_draws, fill_pair, shape_draws
+   public :: integral_draws, fill_pair, fill_direct, shape_draws
 
    ! counter words; 1 is the bridge of W alone, 2 the oscillator's
    integer, parameter :: purpose_increment = 0  !! dW at the finest step
@@ -54,6 +55,7 @@ module symsde_noise_integrals
       type(functional_set) :: asked        !! functionals that are wanted
       type(area_rule) :: areas             !! how areas are drawn
    contains
+      procedure :: are_direct
       procedure :: in_law
       procedure :: knows_bend
    end type integral_draws
@@ -70,6 +72,72 @@ module symsde_noise_integrals
    end type halving_draws
 
 contains
+
+   !> dZ, or dZ and K, of steps as they are drawn: nothing is halved or merged.
+   pure logical function are_direct(self)
+      class(integral_draws), intent(in) :: self
+
+      are_direct = self%refine == 0 .and. self%asked%has(path_dz) .and. &
+                   .not. (self%asked%has(path_areas) .or. self%asked%has(path_magnus))
+   end function are_direct
+
+   !> The numbers of fill_pair where the draws are direct, for several pairs of steps from an even one on: where they
+   !> belong, and no word of a draw is left over.
+   subroutine fill_direct(d, request, store, drawn)
+      type(integral_draws), intent(in) :: d
+      type(step_request), intent(in) :: request
+      type(step_store), intent(inout) :: store
+      integer(i8), intent(inout) :: drawn
+      integer :: k, j, step, n
+      real(wp) :: root
+
+      root = sqrt(abs(d%h))
+      associate (w => store%w, dz => store%of(path_dz), bend => store%of(path_bend), m => d%nnoise)
+         do k = 1, m
+            if (d%silent(k)) then
+               w(:, k, :) = 0
+               dz%x(:, k, :) = 0
+               if (allocated(bend%x)) bend%x(:, k, :) = 0
+               cycle
+            end if
+            do j = 0, request%npair - 1, pairs_of_steps
+               n = min(pairs_of_steps, request%npair - j)
+               call draw_column(purpose_increment, root, m + 1, w(1, k, 2*j))
+               call draw_column(purpose_shape, sqrt(abs(d%h)/12), m, dz%x(1, k, 2*j))
+               if (allocated(bend%x)) call draw_column(purpose_bend, sqrt(abs(d%h)/720), m, bend%x(1, k, 2*j))
+            end do
+            do step = 0, 2*request%npair - 1
+               call dz_of_shape(request%nlane, d%h, w(:, k, step), dz%x(:, k, step))
+            end do
+         end do
+      end associate
+
+   contains
+
+      !> Of one functional of noise k, in n pairs of steps.
+      subroutine draw_column(purpose, scale, ncolumn, x)
+         integer, intent(in) :: purpose, ncolumn
+         real(wp), intent(in) :: scale
+         real(wp), intent(inout) :: x(request%nlane*(ncolumn*(2*n - 1) + 1))
+
+         call scaled_normal_column(request%nlane, d%seed, request%path, request%pair + j, n, k, 0, purpose, scale, &
+                                   ncolumn, x)
+         drawn = drawn + 2*n
+      end subroutine draw_column
+
+   end subroutine fill_direct
+
+   !> dZ = h (dW/2 + H), in the place of H.
+   pure subroutine dz_of_shape(nlane, h, w, z)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: h, w(nlane)
+      real(wp), intent(inout) :: z(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         z(lane) = h*(0.5_wp*w(lane) + z(lane))
+      end do
+   end subroutine dz_of_shape
 
    !> Areas are asked for, in law.
    pure logical function in_law(self)

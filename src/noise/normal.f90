@@ -19,7 +19,7 @@ module symsde_noise_normal
    implicit none
    private
    public :: uniform_open_lanes, normal_pair_lanes, normal_pairs
-   public :: scaled_normal_pairs, scaled_normal_steps, scaled_normals_at
+   public :: scaled_normal_pairs, scaled_normal_steps, scaled_normal_column, scaled_normals_at
 
    integer(i4), parameter, public :: pairs_of_steps = 4  !! most pairs of scaled_normal_steps: two draws
 
@@ -91,8 +91,7 @@ contains
       end do
    end subroutine scaled_normal_pairs
 
-   !> Standard deviation `scale`, npair pairs of fine steps from an even pair on, into column k of w: the way
-   !> of long runs, in which no word is left over.
+   !> Standard deviation `scale`, npair pairs of fine steps from an even pair on, into column k of w.
    subroutine scaled_normal_steps(nlane, seed, path, pair, npair, noise, level, purpose, scale, nnoise, w)
       integer(i4), intent(in) :: nlane
       integer(i8), intent(in) :: seed, path(nlane)
@@ -103,6 +102,21 @@ contains
       real(wp), intent(in) :: scale
       integer(i4), intent(in) :: nnoise
       real(wp), intent(inout) :: w(nlane, 0:nnoise, 0:2*npair - 1)  !! N(0,scale**2) in w(:,k,:)
+
+      call scaled_normal_column(nlane, seed, path, pair, npair, noise, level, purpose, scale, nnoise + 1, &
+                                w(1, noise, 0))
+   end subroutine scaled_normal_steps
+
+   !> The same into one column of several, with which x begins: the way of long runs, in which no word is left over.
+   subroutine scaled_normal_column(nlane, seed, path, pair, npair, noise, level, purpose, scale, ncolumn, x)
+      integer(i4), intent(in) :: nlane
+      integer(i8), intent(in) :: seed, path(nlane)
+      integer(i8), intent(in) :: pair          !! first pair of fine steps, even
+      integer(i4), intent(in) :: npair         !! 1 .. pairs_of_steps
+      integer(i4), intent(in) :: noise, level, purpose
+      real(wp), intent(in) :: scale
+      integer(i4), intent(in) :: ncolumn       !! columns of a step
+      real(wp), intent(inout) :: x(nlane*(ncolumn*(2*npair - 1) + 1))  !! N(0,scale**2) every nlane*ncolumn
       integer(i8) :: words(philox_tile, 2, 0:3), draw(philox_tile)
       integer(i4) :: first, n, j
       logical :: tails
@@ -112,16 +126,17 @@ contains
          n = neighbours(min(philox_tile, nlane - first + 1), path(first))
          call philox_two_lanes(n, seed, path(first), ishft(path(first), -32), pair/2, noise, level, purpose, words)
          do j = 0, npair - 1
-            call normal_pair_lanes(n, words(1, 1, j), words(1, 2, j), scale, w(first, noise, 2*j), &
-                                   w(first, noise, 2*j + 1), tails)
+            call normal_pair_lanes(n, words(1, 1, j), words(1, 2, j), scale, x(first + 2*j*nlane*ncolumn), &
+                                   x(first + (2*j + 1)*nlane*ncolumn), tails)
             if (.not. tails) cycle
             draw = (pair + j)/2
             call mend_tails(n, seed, path(first), draw, noise, level, purpose, 1 + 2*mod(j, 2), &
-                            words(1, 1, j), words(1, 2, j), scale, w(first, noise, 2*j), w(first, noise, 2*j + 1))
+                            words(1, 1, j), words(1, 2, j), scale, x(first + 2*j*nlane*ncolumn), &
+                            x(first + (2*j + 1)*nlane*ncolumn))
          end do
          first = first + n
       end do
-   end subroutine scaled_normal_steps
+   end subroutine scaled_normal_column
 
    !> How many of these lanes, from the first one on, have paths that differ in their low 32 bits alone: all of
    !> them, but in one block of 2**24.
