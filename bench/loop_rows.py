@@ -173,6 +173,17 @@ def observed() -> tuple[Run, Run]:
     return run, loop(loops.kubo_midpoint_moments, 1, 1000, 0.02)
 
 
+# steps to T = 4 for a root-mean-square error of 1e-5 from q = 0.2, p = 0, against chin4a_strong2 with 2048 steps
+STEPS = {"chin4a": 89, "taylor": 1500}
+
+
+def accurate() -> tuple[Run, Run]:
+    """Each as many steps as it needs for the same error; a "step" is a path to T = 4."""
+    kicks = library(ss.models.synchrotron(), "chin4a", 1000, 4 / STEPS["chin4a"])
+    taylor = loop(loops.synchrotron_taylor, 1, 1000, 4 / STEPS["taylor"])
+    return lambda n: kicks(n * STEPS["chin4a"]), lambda n: taylor(n * STEPS["taylor"])
+
+
 def rows() -> Iterator[Row]:
     """All of them."""
     for scheme in ("gauss2", "gauss3", "lobatto3"):
@@ -194,6 +205,7 @@ def rows() -> Iterator[Row]:
     for name in SCENES:
         for paths in (1, 2, 8, 32):
             yield Row(f"few{paths}", name, paths, 1.5, partial(scene, name, paths))
+    yield Row("error", "synchrotron chin4a beside Taylor 3/2, rms 1e-5", 1000, 0.4, accurate)
     yield Row("saved", "kubo midpoint", 1, 1.5, saved)
     for name in ("kubo midpoint", "synchrotron midpoint", "henon_heiles stormer_verlet", "cfunc synchrotron midpoint"):
         yield Row("saved_unsaved", name, 1, 1.5, partial(saved_or_not, name))
