@@ -35,6 +35,7 @@ class RunFolder:
         """A folder as it is; `open_to_write` makes one."""
         self.path = path
         self.record = record
+        self._hash = hashlib.sha256(manifest.to_bytes(record)).hexdigest()
         self.pieces = list(pieces)
         self._numbers = {piece.name: i for i, piece in enumerate(self.pieces)}
         self._verified: set[str] = set()
@@ -103,8 +104,7 @@ class RunFolder:
 
     def stamp(self, piece: Piece) -> dict[str, Any]:
         """Facts that say which shard this is."""
-        run = hashlib.sha256(manifest.to_bytes(self.record)).hexdigest()
-        return {"run": run, "piece": piece.name, "kind": piece.kind, "first": piece.first, "paths": piece.paths}
+        return {"run": self._hash, "piece": piece.name, "kind": piece.kind, "first": piece.first, "paths": piece.paths}
 
     def write(self, piece: Piece, shard: Shard) -> None:
         """Put a finished shard into its place, and its checkpoint away."""
