@@ -98,6 +98,11 @@ def test_derivatives_and_traits_are_those_of_the_catalogue(name):
     mine.probe()
 
 
+def test_terms_that_differ_by_their_parameters_alone_add_up():
+    model = ss.model_from_sympy(p**2 / 2 + a * q**2 / 2 + w * q**2, q=q, p=p, params={"a": 1.5, "omega": 0.25})
+    assert model.gradient(3.0, 0.0)[0] == 6.0 and model.value(3.0, 0.0) == 9.0 and model.hessian(3.0, 0.0)[0] == 2.0
+
+
 def test_a_chain_is_that_of_the_catalogue():
     mine, known = chain(6), ss.models.fpu_chain(n=6, beta=0.8, sigma=0.1)
     at = points(known)

@@ -17,8 +17,9 @@ if compiler.command() is None:
 
 FPU = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + beta*(q[i+1]-q[i])**4/4, i)"
 PARAMS = {"beta": 0.8, "sigma": 0.1}
-# mixed derivatives, three neighbours, functions, time
+# mixed derivatives, three neighbours, functions, time; and terms that live on a site beyond either end
 DENSITY = "cos(q[{after}] - q[{before}])*p[{here}] + beta*p[{after}]**2*q[{here}]/2 + sin(t)*q[{here}]"
+DENSITY += " + q[{before}]**3*(q[{here}]+1)/3 + p[{after}]**2/2"
 N = 5
 
 
