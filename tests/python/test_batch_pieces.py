@@ -84,3 +84,22 @@ def test_pieces_are_neither_crumbs_nor_mountains(paths, steps):
 def test_a_stretch_of_many_saved_paths_is_cut_by_what_it_holds():
     pieces = plan.plan(plan.Extent(0, 10**6, 10, 2**20, 1), 2**20, moments=False, saved=range(10))
     assert [piece.paths for piece in pieces] == [4, 4, 2]
+
+
+def test_a_path_that_failed_stays_where_it_was():
+    """Also where it would live again from its last good state, as here, where nothing failed in truth."""
+    run = {"step": 0.1, "steps": 2, "paths": 2, "seed": 1}
+    first = ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, **run)
+    first.status[1], first.failed_step[1] = 3, 1
+    later = ss.simulate(ss.models.kubo(), q0=first.last_q, p0=first.last_p, first_step=2, **run)
+    known = later.q[1:, :, 0].copy()
+    saved = work._Saved()
+    saved.add(first, 2, keeps_last=True)
+    saved.add(later, 2, keeps_last=True)
+    found = saved.shard(**saved.counted(0))
+    for name in "qp":
+        assert np.isnan(found.arrays[name][3:, :, 1]).all() and np.isfinite(found.arrays[name][..., 0]).all()
+    np.testing.assert_array_equal(found.arrays["q"][3:, :, 0], known)
+    np.testing.assert_array_equal(found.arrays["last_q"][:, 1], first.last_q[:, 1])
+    assert found.arrays["status"].tolist() == [0, 3] and found.arrays["failed_step"].tolist() == [-1, 1]
+    assert found.facts["failed"] == 1 and found.facts["counters"] == {"path_steps": 5}
