@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import functools
 import weakref
 from collections.abc import Callable, Iterator
 
@@ -25,9 +26,14 @@ def call(name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
 
 def new(struct: type[ctypes.Structure], name: str) -> ctypes.Structure:
     """A struct of the C interface with its defaults, by symsde_<name>_init."""
+    return struct.from_buffer_copy(_defaults(struct, name))
+
+
+@functools.cache
+def _defaults(struct: type[ctypes.Structure], name: str) -> bytes:
     value = struct()
     getattr(library, f"symsde_{name}_init")(ctypes.byref(value))
-    return value
+    return bytes(value)
 
 
 def text(name: str, *before, has_error: bool = False) -> str:
@@ -47,7 +53,12 @@ def text(name: str, *before, has_error: bool = False) -> str:
 
 def status_text(code: int) -> str:
     """Text of a status code, of a call or of a path."""
-    return text("status_text", _checks.integer("code", code, _checks.INT32))
+    return _text_of(_checks.integer("code", code, _checks.INT32))
+
+
+@functools.lru_cache(maxsize=64)
+def _text_of(code: int) -> str:
+    return text("status_text", code)
 
 
 def encode(value: str) -> bytes:
@@ -82,11 +93,19 @@ class Pool:
     @contextlib.contextmanager
     def taken(self) -> Iterator[Handle]:
         """A handle for one call."""
-        try:
-            handle = self._idle.pop()
-        except IndexError:
-            handle = self._make()
+        handle = self.take()
         try:
             yield handle
         finally:
-            self._idle.append(handle)
+            self.give(handle)
+
+    def take(self) -> Handle:
+        """A handle, until it is given back."""
+        try:
+            return self._idle.pop()
+        except IndexError:
+            return self._make()
+
+    def give(self, handle: Handle) -> None:
+        """Give a handle back."""
+        self._idle.append(handle)

@@ -9,10 +9,10 @@ What was computed until then is the attribute `partial` of the exception that en
 
 from __future__ import annotations
 
+import _signal as signal  # the module signal wraps it in enums, which would take half as long as a short run
 import contextlib
 import importlib
 import os
-import signal
 import sys
 import threading
 from collections.abc import Callable

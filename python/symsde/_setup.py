@@ -83,13 +83,13 @@ class Setup:
 
 def build_info() -> dict[str, str]:
     """Version, compiler and options of the library, version of the counter map of its noise."""
-    lines = (line.partition(":") for line in _build_text().splitlines() if ":" in line)
-    return {key.strip(): value.strip() for key, _, value in lines}
+    return dict(_build_info())
 
 
 @functools.cache
-def _build_text() -> str:
-    return _handles.text("build_info")
+def _build_info() -> dict[str, str]:
+    lines = (line.partition(":") for line in _handles.text("build_info").splitlines() if ":" in line)
+    return {key.strip(): value.strip() for key, _, value in lines}
 
 
 def make_options(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -145,7 +146,13 @@ def get(name: str) -> Scheme:
 
 def as_scheme(scheme: str | Scheme) -> Scheme:
     """A scheme given as such or by name."""
-    return scheme if isinstance(scheme, Scheme) else get(scheme)
+    return scheme if isinstance(scheme, Scheme) else _by_name(_checks.name_of("scheme", scheme))
+
+
+@functools.lru_cache(maxsize=256)
+def _by_name(name: str) -> Scheme:
+    """A scheme never changes: runs that ask for it by name share it."""
+    return get(name)
 
 
 def from_quadrature(nodes, weights, degree: int, name: str | None = None, noise_weights=None) -> Scheme:

@@ -87,11 +87,12 @@ contains
       character(:), allocatable :: text
 
       if (allocated(error)) return
+      if (min(n1, n2, n3) >= 0 .and. real(n1, wp)*real(n2, wp)*real(n3, wp) <= 2.0_wp**59) return
       text = to_text(n1)//' x '//to_text(n2)//' x '//to_text(n3)
       if (min(n1, n2, n3) < 0) then
          call raise(error, wrong_shape, 'check_sizes', what//' has the sizes '//text// &
                     ': none of them may be negative')
-      else if (real(n1, wp)*real(n2, wp)*real(n3, wp) > 2.0_wp**59) then
+      else
          call raise(error, too_large, 'check_sizes', what//' has '//text// &
                     ' numbers, more than can be addressed: give fewer paths, or save less often')
       end if

@@ -39,6 +39,7 @@ contains
          if (memory_for(nthread*block + observer%numbers(options%npath, nthread), nthread - 1)) return
          nthread = nthread/2
       end do
+      if (memory_for(block + observer%numbers(options%npath, 1), 0)) return  ! before texts are put together
       call require_memory(block + observer%numbers(options%npath, 1), 'the run of model '//model%name// &
                           ' by scheme '//scheme%name//' ('//to_text(model%traits%ndof)//' degrees of freedom, '// &
                           to_text(nlane)//' paths at a time)', 'give a smaller system, a scheme of one stage such '// &

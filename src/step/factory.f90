@@ -35,34 +35,35 @@ module symsde_step_factory
       logical :: as_increments = .false.  !! for compensated sums: no states, whose last place is coarser
    end type stepper_options
 
-   type :: stepper_slot
-      class(stepper_type), allocatable :: stepper
-   end type stepper_slot
+   integer, parameter :: nstepper = 16
 
 contains
 
-   !> All steppers. The first one that fits is taken: the most special ones come first.
-   subroutine list_steppers(list)
-      type(stepper_slot), allocatable, intent(out) :: list(:)
+   !> All steppers, the most special ones first: the first one that fits is taken. Made one by one, since a run of few
+   !> steps would notice the time of making all.
+   subroutine offer(i, stepper)
+      integer, intent(in) :: i   !! 1 .. nstepper
+      class(stepper_type), allocatable, intent(out) :: stepper
 
-      allocate (list(16))
-      allocate (whole_stepper :: list(1)%stepper)
-      allocate (verlet_dz_stepper :: list(2)%stepper)
-      allocate (averaged_shift_stepper :: list(3)%stepper)
-      allocate (exact_rotation_stepper :: list(4)%stepper)
-      allocate (euler_maruyama_stepper :: list(5)%stepper)
-      allocate (galerkin_stepper :: list(6)%stepper)
-      allocate (explicit_stepper :: list(7)%stepper)
-      allocate (drift_preserving_stepper :: list(8)%stepper)
-      allocate (midpoint_stepper :: list(9)%stepper)
-      allocate (midpoint_single_stepper :: list(10)%stepper)
-      allocate (midpoint_full_stepper :: list(11)%stepper)
-      allocate (one_sided_stepper :: list(12)%stepper)
-      allocate (two_stage_single_stepper :: list(13)%stepper)
-      allocate (stages_stepper :: list(14)%stepper)
-      allocate (general_stepper :: list(15)%stepper)
-      allocate (splitting_stepper :: list(16)%stepper)
-   end subroutine list_steppers
+      select case (i)
+      case (1); allocate (whole_stepper :: stepper)
+      case (2); allocate (verlet_dz_stepper :: stepper)
+      case (3); allocate (averaged_shift_stepper :: stepper)
+      case (4); allocate (exact_rotation_stepper :: stepper)
+      case (5); allocate (euler_maruyama_stepper :: stepper)
+      case (6); allocate (galerkin_stepper :: stepper)
+      case (7); allocate (explicit_stepper :: stepper)
+      case (8); allocate (drift_preserving_stepper :: stepper)
+      case (9); allocate (midpoint_stepper :: stepper)
+      case (10); allocate (midpoint_single_stepper :: stepper)
+      case (11); allocate (midpoint_full_stepper :: stepper)
+      case (12); allocate (one_sided_stepper :: stepper)
+      case (13); allocate (two_stage_single_stepper :: stepper)
+      case (14); allocate (stages_stepper :: stepper)
+      case (15); allocate (general_stepper :: stepper)
+      case (16); allocate (splitting_stepper :: stepper)
+      end select
+   end subroutine offer
 
    !> Choose and construct. Refuses combinations that do not fit, with the reason.
    subroutine new_stepper(stepper, model, scheme, options, nlane, error)
@@ -72,7 +73,6 @@ contains
       type(stepper_options), intent(in) :: options
       integer, intent(in) :: nlane
       type(error_type), allocatable, intent(inout) :: error
-      type(stepper_slot), allocatable :: list(:)
       type(stepper_task) :: task
       integer :: i
 
@@ -87,14 +87,14 @@ contains
       task%nlane = nlane
       task%newton = options%newton
       task%as_increments = options%as_increments
-      call list_steppers(list)
-      do i = 1, size(list)
-         if (options%general .and. .not. list(i)%stepper%is_oracle()) cycle
-         if (.not. list(i)%stepper%fits(task)) cycle
-         call move_alloc(list(i)%stepper, stepper)
+      do i = 1, nstepper
+         call offer(i, stepper)
+         if (options%general .and. .not. stepper%is_oracle()) cycle
+         if (.not. stepper%fits(task)) cycle
          call stepper%make(task)
          return
       end do
+      deallocate (stepper)
       call raise(error, incompatible, 'new_stepper', 'the option general does not go with scheme '//scheme%name// &
                  ': its only stepper is made for the models that it allows, and there is no general one to '// &
                  'compare with; leave the option out')
