@@ -11,7 +11,7 @@
  * - Handles are opaque. They own copies of what they are made from, and are deleted by
  *   symsde_<noun>_delete, which accepts NULL and sets the handle to NULL. Callback functions and their
  *   `user` pointers must outlive the handle.
- * - Arrays belong to the caller. Shapes are written as in C, last index fastest: the path (or the lane
+ * - Arrays belong to the caller, those of symsde_state excepted. Shapes are written as in C, last index fastest: the path (or the lane
  *   of a block) is always the last index.
  * - Structs begin with struct_size; fill them with their _init function before setting members.
  * - Any function may be called by several threads at once, also on handles that they share, as long as none deletes or
@@ -362,6 +362,46 @@ int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsd
 int symsde_merge_moments(int64_t ntime, int64_t nvalue, int64_t *n_ok, double *mean, double *m2,
                          const int64_t *n_ok_right, const double *mean_right, const double *m2_right,
                          symsde_error *error);
+
+/* A prepared run: checks, probes and allocations once; then as many calls as wanted, of one step or of many, from host
+ * loops too. Steps in several calls give the same bits as in one. The handle owns copies of model and scheme, which may
+ * be deleted afterwards. A run serves one call at a time: a second one, of another thread or of a callback, is refused
+ * (SYMSDE_INCOMPATIBLE); it is deleted when none is at work. */
+typedef struct symsde_run_handle *symsde_run;
+
+/* Where the paths of a prepared run are: arrays of the library, which stay where they are until the run is deleted.
+ * Between calls the caller may read them, and change q, p and their low parts. */
+typedef struct symsde_state {
+   size_t struct_size;
+   double *q, *p;              /* [ndof][paths] */
+   double *q_low, *p_low;      /* [ndof][paths]; NULL unless compensated */
+   const int32_t *status;      /* [paths]: 0 or a status above 0, which a path keeps until the run is reset */
+   const int64_t *failed_step; /* [paths]: absolute step that failed, or that a stopped path comes to next; -1 = none */
+   int64_t paths;
+   int32_t ndof, nnoise;
+   int64_t next_step;          /* absolute index of the step that comes next, after resuming if stopped */
+   double t;                   /* time before it [time] */
+} symsde_state;
+
+int symsde_state_init(symsde_state *state);
+/* prepare; steps and save_every of the options mean nothing here, nor do increments and progress of the input */
+int symsde_run_new(symsde_model model, symsde_scheme scheme, const symsde_options *options, const symsde_input *input,
+                   symsde_run *run, symsde_error *error);
+/* so many steps more. input = NULL: on the run's own noise; else its increments [steps*2^refine] and its progress count,
+ * not its state. paths = NULL: nothing is saved; else t, q and p are, every save_every steps, the first state included.
+ * Returns SYMSDE_PATHS_FAILED where some paths are not ok, of whichever call */
+int symsde_run_advance(symsde_run run, int64_t steps, int64_t save_every, const symsde_input *input,
+                       symsde_paths *paths, symsde_error *error);
+/* the rest of an advance that was stopped, with the increments and the arrays that it was given; until then, or until
+ * it is reset, the run does not advance */
+int symsde_run_resume(symsde_run run, const symsde_input *input, symsde_paths *paths, symsde_error *error);
+/* begin anew from the state of an input; all paths are ok again */
+int symsde_run_reset(symsde_run run, const symsde_input *input, uint64_t seed, int64_t first_path, int64_t first_step,
+                     symsde_error *error);
+int symsde_run_state(symsde_run run, symsde_state *state, symsde_error *error);
+/* counters and seconds of all calls, outcome of the last one; warnings are for a million steps */
+int symsde_run_report(symsde_run run, symsde_report *report, symsde_error *error);
+int symsde_run_delete(symsde_run *run);
 
 /* the increments that drive a run of this scheme with these options: dw[steps][nnoise][paths]; scheme = NULL: of any
  * scheme that asks for Gaussian increments alone */

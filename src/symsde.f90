@@ -65,6 +65,7 @@ module symsde
    use symsde_ensemble_merge, only: merge_moments
    use symsde_ensemble_observables, only: observables_type
    use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_prepared, only: prepared_run, prepare
    use symsde_ensemble_report, only: run_report
    use symsde_ensemble_simulate, only: paths_type, moments_type, simulate, moments
    ! diagnostics

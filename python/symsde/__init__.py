@@ -24,6 +24,7 @@ from .errors import PathsFailedWarning, ReferenceWarning, SymsdeError
 from .formulas import FormulaModel, model_from_sympy
 from .model import Model, Traits
 from .moments import Moments, moments
+from .prepared import PreparedRun, prepare
 from .report import Report
 from .schemes import Scheme
 from .simulate import Run, simulate
@@ -40,6 +41,7 @@ __all__ = [
     "Moments",
     "OpenRun",
     "PathsFailedWarning",
+    "PreparedRun",
     "ReferenceWarning",
     "Report",
     "Run",
@@ -61,6 +63,7 @@ __all__ = [
     "numba_signature",
     "numba_sincos",
     "open_run",
+    "prepare",
     "schemes",
     "simulate",
     "status_text",

@@ -178,6 +178,20 @@ class Paths(Structure):
     )
 
 
+class State(Structure):
+    """symsde_state."""
+
+    _fields_ = (
+        ("struct_size", c_size_t),
+        *((name, c_void_p) for name in ("q", "p", "q_low", "p_low", "status", "failed_step")),
+        ("paths", c_int64),
+        ("ndof", c_int32),
+        ("nnoise", c_int32),
+        ("next_step", c_int64),
+        ("t", c_double),
+    )
+
+
 # The callbacks; each ends with `void *user`. All arrays are double.
 _block = (c_int, c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p)
 CALLBACKS = {
@@ -273,6 +287,14 @@ FUNCTIONS = {
     "moments_init": (POINTER(Moments),),
     "compute_moments": (*_run, _input, POINTER(Moments), POINTER(Report), _error),
     "merge_moments": (c_int64, c_int64, *_arrays(6), _error),
+    "state_init": (POINTER(State),),
+    "run_new": (*_run, _input, _handle_out, _error),
+    "run_advance": (_handle, c_int64, c_int64, _input, POINTER(Paths), _error),
+    "run_resume": (_handle, _input, POINTER(Paths), _error),
+    "run_reset": (_handle, _input, c_uint64, c_int64, c_int64, _error),
+    "run_state": (_handle, POINTER(State), _error),
+    "run_report": (_handle, POINTER(Report), _error),
+    "run_delete": (_handle_out,),
     "increments": (*_run, c_void_p, _error),
     "symplecticity": (*_run, c_int64, c_void_p, c_void_p, c_void_p, c_void_p, _error),
     "discrete_action": _residual,

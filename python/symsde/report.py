@@ -48,8 +48,8 @@ class Report:
         return "\n".join(f"{key:11s}{value}" for key, value in lines.items())
 
 
-def make_report(given: _abi.Report) -> Report:
-    """Report of the C interface in Python; warns where paths failed."""
+def make_report(given: _abi.Report, *, warn: bool = True) -> Report:
+    """Report of the C interface in Python; warns where paths failed, unless that has been said."""
     left_out = given.left_out.decode("utf-8", "replace")
     report = Report(
         outcome=_handles.status_text(given.status),
@@ -67,7 +67,7 @@ def make_report(given: _abi.Report) -> Report:
         timings={"setup": given.seconds_setup, "run": given.seconds_run},
         versions=build_info(),
     )
-    if report.failed:
+    if report.failed and warn:
         warnings.warn(
             f"{report.failed} paths failed: they are NaN from there on and left out of moments; "
             "see status and failed_step",

@@ -13,11 +13,12 @@ from ._checks import address
 from ._progress import Monitor
 from ._setup import make_options
 from .model import Model
+from .prepared import prepare
 from .schemes import Scheme, as_scheme
-from .simulate import simulate
 
 _DECIDED = {"q0": "give q", "p0": "give p", "t0": "give t", "steps": "it makes one", "increments": "give dw"}
 _DECIDED |= {"paths": "the points are those of q, p and dw", "save_every": "it makes one step"}
+_DECIDED |= {"progress": "it makes one step"}
 
 
 def step(  # noqa: PLR0917 - the step reads like its formula
@@ -36,21 +37,11 @@ def step(  # noqa: PLR0917 - the step reads like its formula
     Options of `simulate` (correction, general, fixed_point, ...) are passed on. A point whose step fails is NaN.
     """
     _checks.not_given("step", options, _DECIDED)
-    points = _checks.columns(q, p, dw)
-    drive = increments_at(model, dw, points)
-    run = simulate(
-        model,
-        q0=q,
-        p0=p,
-        t0=t,
-        step=step,
-        steps=1,
-        scheme=scheme,
-        paths=points,
-        increments=drive[np.newaxis],
-        **options,
-    )
-    return run.q[1], run.p[1]
+    run = prepare(model, scheme, step=step, q0=q, p0=p, t0=t, paths=_checks.columns(q, p, dw), **options)
+    run.step(dw)
+    if run.status.any():
+        run.q[:, run.status != 0] = run.p[:, run.status != 0] = np.nan
+    return run.q, run.p
 
 
 def increments_at(model: Model, dw: Any, points: int) -> np.ndarray:

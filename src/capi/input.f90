@@ -11,7 +11,7 @@ module symsde_capi_input
    use symsde_capi_monitor, only: callback_monitor, new_callback_monitor
    implicit none
    private
-   public :: run_input, read_input, symsde_input_init
+   public :: run_input, read_input, read_drive, symsde_input_init
 
    !> struct symsde_input
    type, bind(c) :: c_input
@@ -69,17 +69,37 @@ contains
       call require(copy%p0, 'p0', error)
       call check_sizes(n, copy%q0_paths, 1_i8, 'q0', error)
       call check_sizes(n, copy%p0_paths, 1_i8, 'p0', error)
-      if (c_associated(copy%increments)) &
-         call check_sizes(copy%increment_rows, copy%increment_noises, copy%increment_paths, 'increments', error)
       if (allocated(error)) return
       call view(copy%q0, copy%q0_paths, n, input%q0)
       call view(copy%p0, copy%p0_paths, n, input%p0)
-      if (c_associated(copy%increments)) &
-         call view(copy%increments, copy%increment_paths, copy%increment_noises, copy%increment_rows, input%dw)
       if (c_associated(copy%q0_low)) call view(copy%q0_low, npath, n, input%q0_low)
       if (c_associated(copy%p0_low)) call view(copy%p0_low, npath, n, input%p0_low)
-      call new_callback_monitor(input%monitor, copy%progress, copy%progress_user)
+      call view_drive(copy, input, error)
    end subroutine read_input
+
+   !> What an input says beside the state: increments, and the function that is told of progress.
+   subroutine read_drive(given, input, error)
+      type(c_ptr), intent(in) :: given     !! symsde_input, or NULL
+      type(run_input), intent(out) :: input
+      type(error_type), allocatable, intent(inout) :: error
+      type(c_input), target :: copy
+
+      copy = blank_input()
+      if (c_associated(given)) call take_struct(given, 'input', c_loc(copy), c_sizeof(copy), error)
+      if (.not. allocated(error)) call view_drive(copy, input, error)
+   end subroutine read_drive
+
+   subroutine view_drive(copy, input, error)
+      type(c_input), intent(in) :: copy
+      type(run_input), intent(inout) :: input
+      type(error_type), allocatable, intent(inout) :: error
+
+      call new_callback_monitor(input%monitor, copy%progress, copy%progress_user)
+      if (.not. c_associated(copy%increments)) return
+      call check_sizes(copy%increment_rows, copy%increment_noises, copy%increment_paths, 'increments', error)
+      if (allocated(error)) return
+      call view(copy%increments, copy%increment_paths, copy%increment_noises, copy%increment_rows, input%dw)
+   end subroutine view_drive
 
    function blank_input() result(input)
       type(c_input) :: input

@@ -14,7 +14,7 @@ module symsde_capi_paths
    use symsde_capi_report, only: check_report, end_run
    use symsde_capi_scheme, only: find_scheme
    use symsde_ensemble_driver, only: run_ensemble
-   use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_options, only: run_options, check_options
    use symsde_ensemble_recorder, only: path_recorder
    use symsde_ensemble_report, only: run_report
    use symsde_ensemble_simulate, only: saved_time
@@ -23,7 +23,7 @@ module symsde_capi_paths
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: symsde_paths_init, symsde_simulate
+   public :: symsde_paths_init, symsde_simulate, read_saved
 
    !> struct symsde_paths
    type, bind(c) :: c_paths
@@ -97,31 +97,60 @@ contains
       type(scratch_type), intent(inout), target :: scratch   !! must live as long as the recorder
       type(error_type), allocatable, intent(inout) :: error
       type(c_paths), target :: copy
-      integer(i8) :: n, npath, ntime
+      integer(i8) :: n, npath
 
       n = ndof
       npath = options%npath
-      ntime = options%nstep/options%save_every + 1
-      copy = blank_paths()
-      call take_struct(given, 'paths', c_loc(copy), c_sizeof(copy), error)
-      call check_sizes(ntime, n, npath, 'q', error)
-      call require(copy%t, 't', error)
-      call require(copy%q, 'q', error)
-      call require(copy%p, 'p', error)
+      call take_paths(given, ndof, options, recorder, copy, error)
       call require(copy%status, 'status', error)
       call require(copy%failed_step, 'failed_step', error)
       if (allocated(error)) return
       recorder%first_path = options%first_path
-      call view(copy%q, npath, n, ntime, recorder%q)
-      call view(copy%p, npath, n, ntime, recorder%p)
       call view(copy%status, npath, recorder%status)
       call view(copy%failed_step, npath, recorder%failed_step)
       call choose(copy%last_q, .true., npath, n, scratch%last_q, recorder%last_q, error)
       call choose(copy%last_p, .true., npath, n, scratch%last_p, recorder%last_p, error)
       call choose(copy%low_q, options%compensated, npath, n, scratch%low_q, recorder%low_q, error)
       call choose(copy%low_p, options%compensated, npath, n, scratch%low_p, recorder%low_p, error)
-      if (.not. allocated(error)) call put_times(copy%t, ntime, options)
    end subroutine read_paths
+
+   !> The same with room for what is saved alone: of a prepared run, which has arrays of its own for the rest.
+   subroutine read_saved(given, ndof, options, recorder, error)
+      type(c_ptr), intent(in) :: given                       !! symsde_paths
+      integer, intent(in) :: ndof
+      type(run_options), intent(in) :: options
+      type(path_recorder), intent(out) :: recorder
+      type(error_type), allocatable, intent(inout) :: error
+      type(c_paths), target :: copy
+
+      call check_options(options, error)
+      call take_paths(given, ndof, options, recorder, copy, error)
+   end subroutine read_saved
+
+   !> The caller's struct, its arrays of saved states in the recorder, with the saved times filled in.
+   subroutine take_paths(given, ndof, options, recorder, copy, error)
+      type(c_ptr), intent(in) :: given                       !! symsde_paths
+      integer, intent(in) :: ndof
+      type(run_options), intent(in) :: options
+      type(path_recorder), intent(inout) :: recorder
+      type(c_paths), intent(out), target :: copy
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: n, ntime
+
+      copy = blank_paths()
+      if (allocated(error)) return
+      n = ndof
+      ntime = options%nstep/options%save_every + 1
+      call take_struct(given, 'paths', c_loc(copy), c_sizeof(copy), error)
+      call check_sizes(ntime, n, options%npath, 'q', error)
+      call require(copy%t, 't', error)
+      call require(copy%q, 'q', error)
+      call require(copy%p, 'p', error)
+      if (allocated(error)) return
+      call view(copy%q, options%npath, n, ntime, recorder%q)
+      call view(copy%p, options%npath, n, ntime, recorder%p)
+      call put_times(copy%t, ntime, options)
+   end subroutine take_paths
 
    !> The caller's array, or scratch of that size where he wants none but the recorder needs it.
    subroutine choose(given, needed, npath, ndof, scratch, array, error)

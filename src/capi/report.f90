@@ -11,7 +11,7 @@ module symsde_capi_report
    use symsde_ensemble_report, only: run_report
    implicit none
    private
-   public :: check_report, end_run, symsde_report_init
+   public :: check_report, give_report, end_run, symsde_report_init
 
    !> struct symsde_report
    type, bind(c) :: c_report

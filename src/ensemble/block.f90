@@ -6,6 +6,7 @@
 module symsde_ensemble_block
    use, intrinsic :: iso_fortran_env, only: int64
    use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: path_of_lane
    use symsde_base_record, only: step_record, steps_record, step_store, step_request, new_step_store
@@ -51,6 +52,7 @@ module symsde_ensemble_block
       real(wp), allocatable :: times(:)                  !! when (nout)
       integer(i8), allocatable :: status(:)              !! of their lanes (nlane)
    contains
+      procedure :: equip
       procedure :: begin
       procedure :: pass_over
       procedure :: run_chunk
@@ -67,22 +69,19 @@ module symsde_ensemble_block
 
 contains
 
-   !> A runner around a stepper, an observer and a noise source.
-   subroutine new_block_runner(self, options, nlane, stepper, observer, noise)
+   !> A runner around a stepper, with room for what sources of noise will be asked for; to be equipped before it runs.
+   subroutine new_block_runner(self, options, nlane, stepper, asked)
       type(block_runner), intent(out) :: self
       type(run_options), intent(in) :: options
       integer, intent(in) :: nlane
       class(stepper_type), allocatable, intent(inout) :: stepper  !! taken over
-      class(observer_type), intent(in) :: observer
-      class(noise_type), intent(in), target :: noise
+      type(functional_set), intent(in) :: asked                   !! of the path, beside its increments
 
       self%options = options
       call move_alloc(stepper, self%stepper)
-      allocate (self%observer, source=observer)
-      self%noise => noise
       associate (ham => self%stepper%ham)
-         self%npair = pairs_ahead(nlane, noise%asked%columns(ham%nnoise))
-         call new_step_store(self%store, nlane, ham%nnoise, 2*self%npair, options%step, noise%asked)
+         self%npair = min(pairs_ahead(nlane, asked%columns(ham%nnoise)), pairs_of(options))
+         call new_step_store(self%store, nlane, ham%nnoise, 2*self%npair, options%step, asked)
          self%request%nlane = nlane
          call new_lane_state(self%state, nlane, ham%ndof, options%compensated)
          allocate (self%request%path(nlane), self%dq(nlane, ham%ndof), self%dp(nlane, ham%ndof))
@@ -98,6 +97,20 @@ contains
          allocate (self%status(nlane))
       end select
    end subroutine new_block_runner
+
+   !> What one drive of the runner needs: which steps and saves, who looks on, what the noise is. All else in the
+   !> options is as it was when the runner was made.
+   subroutine equip(self, options, observer, noise)
+      class(block_runner), intent(inout) :: self
+      type(run_options), intent(in) :: options
+      class(observer_type), intent(in) :: observer           !! copied
+      class(noise_type), intent(in), target :: noise
+
+      self%options = options
+      self%noise => noise
+      if (allocated(self%observer)) deallocate (self%observer)
+      allocate (self%observer, source=observer)
+   end subroutine equip
 
    !> States after whole steps that are kept until they are shown.
    pure integer function states_ahead(nlane, ndof)
@@ -123,7 +136,14 @@ contains
       end if
    end function pairs_ahead
 
-   !> Load the initial state of paths first .. first+nreal-1, and show it.
+   !> Pairs of steps that a run touches, or a number of them that is no limit.
+   pure integer function pairs_of(options)
+      type(run_options), intent(in) :: options
+
+      pairs_of = int(min(options%nstep/2 + 2, 1024_i8))
+   end function pairs_of
+
+   !> Load the state of paths first .. first+nreal-1, and show it, unless a stopped run goes on from there.
    subroutine begin(self, first, nreal, start)
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: first        !! global index
@@ -132,7 +152,8 @@ contains
 
       call take_state(self, first, nreal, start)
       call self%observer%begin_block(first, nreal)
-      call self%observer%observe(0_i8, time_of(self, self%step), self%state)
+      if (self%step == self%options%first_step) &
+         call self%observer%observe(0_i8, time_of(self, self%step), self%state)
    end subroutine begin
 
    !> The initial state of a block; lanes past the last path repeat it.
@@ -155,9 +176,10 @@ contains
       associate (s => self%state, offset => first - self%options%first_path)
          s%status = 0
          s%failed_step = -1
+         if (associated(start%status)) call take_fates(self, offset, nreal, start)
          s%status(nreal + 1:) = stopped  ! padding: nothing is solved for it, nothing counted
          s%failed_step(nreal + 1:) = self%step
-         s%nfailed = s%nlane - nreal
+         s%nfailed = count(s%status /= 0)
          call load(start%q, offset, nreal, s%q)
          call load(start%p, offset, nreal, s%p)
          if (allocated(s%q_low)) then
@@ -168,6 +190,28 @@ contains
          end if
       end associate
    end subroutine take_state
+
+   !> Paths that have been run before: those that failed stay failed. Where a drive is resumed, those that were stopped,
+   !> which is done to all of a block at once, go on where they are, and blocks without such paths are done.
+   subroutine take_fates(self, offset, nreal, start)
+      type(block_runner), intent(inout) :: self
+      integer(i8), intent(in) :: offset   !! paths of the run before this block
+      integer, intent(in) :: nreal
+      type(initial_state), intent(in) :: start
+      integer :: lane
+
+      associate (s => self%state)
+         s%status(:nreal) = start%status(offset + 1:offset + nreal)
+         s%failed_step(:nreal) = start%failed_step(offset + 1:offset + nreal)
+         if (start%resumed) self%step = self%options%first_step + self%options%nstep
+         do lane = 1, nreal
+            if (s%status(lane) /= stopped) cycle
+            self%step = s%failed_step(lane)
+            s%status(lane) = 0
+            s%failed_step(lane) = -1
+         end do
+      end associate
+   end subroutine take_fates
 
    !> Steps until the chunk or the run is over, or all paths of the block have failed.
    subroutine run_chunk(self)

@@ -1,18 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Blocks on threads: the ensemble loop, and the only parallel region of the library.
+!> An ensemble: model, scheme and options, checked and probed, with a runner for every thread; and how it is driven.
 !>
 !> Path i is a pure function of (seed, i, model, initial state, t0, scheme, step, refine, options, build,
 !> CPU type): never of threads, blocks, neighbours or the number of paths.
 module symsde_ensemble_driver
-   use, intrinsic :: iso_c_binding, only: c_int
-   use omp_lib, only: omp_get_max_threads, omp_get_thread_num
    use symsde_base_clock, only: seconds
    use symsde_base_area_rule, only: area_rule, areas_in_law
+   use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: functional_set, name_functionals, path_areas
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, padded
    use symsde_base_laws, only: law_gaussian
-   use symsde_base_status, only: error_type, raise, wrong_shape, invalid_argument, incompatible, stopped, &
+   use symsde_base_status, only: error_type, raise, status_ok, wrong_shape, invalid_argument, incompatible, stopped, &
                                  callback_failed, paths_failed, out_of_memory, too_large
    use symsde_base_text, only: to_text
    use symsde_ensemble_areas, only: choose_areas, check_area_counters
@@ -23,6 +22,7 @@ module symsde_ensemble_driver
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_ensemble_report, only: run_report, describe_left_out
    use symsde_ensemble_room, only: fit_threads
+   use symsde_ensemble_threads, only: shared_state, run_blocks, choose_nthread, usable_threads
    use symsde_ensemble_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
@@ -41,32 +41,23 @@ module symsde_ensemble_driver
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
-   public :: run_ensemble, choose_nlane, new_noise
+   public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, check_state
 
    integer, parameter :: chain_lanes = 32, longest_chain = 4096
 
-   !> What the threads of one run share.
-   type :: shared_state
-      logical :: halted = .false.
-      integer(i8) :: next = 0, finished = 0       !! blocks
-      integer(i8) :: done = 0, total = 0          !! path-steps
-      integer(i8) :: nfailed = 0, nstopped = 0    !! paths
-   end type shared_state
-
-   interface
-      !> POSIX: rest for so many microseconds.
-      function usleep(microseconds) result(status) bind(c, name='usleep')
-         import :: c_int
-         integer(c_int), value :: microseconds
-         integer(c_int) :: status
-      end function usleep
-
-      !> forked.c: nonzero in a process that was forked after the library was loaded.
-      function process_is_forked() result(forked) bind(c)
-         import :: c_int
-         integer(c_int) :: forked
-      end function process_is_forked
-   end interface
+   !> Model, scheme and options, checked and probed, with a runner for every thread: ready to be driven, as often as
+   !> wanted. Nothing of it depends on what it was driven through before, but the counters of its report.
+   type :: ensemble_type
+      type(run_options) :: options
+      type(run_report) :: report     !! totals of all drives; the outcome of the last one
+      class(model_type), pointer, private :: model => null()
+      type(scheme_type), private :: scheme
+      class(noise_type), allocatable, private :: noise         !! where a drive is not given its own
+      type(block_runner), allocatable, private :: runners(:)   !! one for every thread
+   contains
+      procedure :: drive
+      procedure :: renumber
+   end type ensemble_type
 
 contains
 
@@ -86,7 +77,7 @@ contains
       end associate
    end function choose_nlane
 
-   !> Run all paths and show them to (copies of) the observer.
+   !> Run all paths and show them to (copies of) the observer: an ensemble that is driven once.
    subroutine run_ensemble(model, scheme, options, q0, p0, observer, monitor, report, error, &
                            dw, q0_low, p0_low)
       class(model_type), intent(in), target :: model
@@ -99,165 +90,128 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)       !! low parts, to resume
-      class(noise_type), allocatable, target :: noise
-      type(block_runner), allocatable :: runners(:)
-      type(shared_state) :: shared
+      type(ensemble_type), target :: ensemble
       type(initial_state) :: from
+
+      call new_ensemble(ensemble, model, scheme, options, q0, p0, observer, error, dw)
+      if (allocated(error)) return
+      call new_initial_state(from, q0, p0, q0_low, p0_low)
+      call ensemble%drive(from, observer, monitor, error)
+      report = ensemble%report
+   end subroutine run_ensemble
+
+   !> Check, probe and choose all that is the same however often the ensemble is driven, and make its runners.
+   subroutine new_ensemble(self, model, scheme, options, q0, p0, observer, error, dw)
+      type(ensemble_type), intent(out) :: self
+      class(model_type), intent(in), target :: model          !! must live as long as the ensemble
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
+      class(observer_type), intent(in) :: observer    !! like those that will look on
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       real(wp) :: start
 
       start = seconds()
       call check_options(options, error)
-      if (.not. allocated(error)) call check_state(options, model%traits%ndof, q0, p0, error)
-      if (.not. allocated(error)) call plan_run(model, scheme, options, observer, report, error)
+      if (allocated(error)) return
+      self%model => model
+      self%scheme = scheme
+      self%options = options
+      call check_state(options, model%traits%ndof, q0, p0, error)
+      if (.not. allocated(error)) call plan_run(self, observer, error)
       if (.not. (allocated(error) .or. is_built_in(model))) &
          call probe_model(model, options%t0, q0(1, :), p0(1, :), error)
-      if (.not. allocated(error)) call new_noise(noise, model, options, report%lost_variance, error, dw, scheme)
       if (.not. allocated(error)) &
-         call new_runners(runners, model, scheme, options, observer, noise, report, error)
+         call new_noise(self%noise, model, options, self%report%lost_variance, error, dw, scheme)
+      if (.not. allocated(error)) call new_runners(self, error)
       if (.not. (allocated(error) .or. is_built_in(model))) &
-         call probe_flow(runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), error)
+         call probe_flow(self%runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), error)
       if (allocated(error)) return
-      call set_up_warnings(model, scheme, options, runners(1)%stepper%explicit, q0(1, :), p0(1, :), &
-                           report%lost_variance, report%warnings)
-      call model%clear_failure()
-      report%seconds_setup = seconds() - start
+      self%options%area_time = self%noise%areas%time
+      call set_up_warnings(model, scheme, options, self%runners(1)%stepper%explicit, q0(1, :), p0(1, :), &
+                           self%report%lost_variance, self%report%warnings)
+      self%report%seconds_setup = seconds() - start
+   end subroutine new_ensemble
 
+   !> Take all paths through the steps of self%options. How many these are, the first one, and the saves may have
+   !> changed since the ensemble was made.
+   subroutine drive(self, from, observer, monitor, error, dw)
+      class(ensemble_type), intent(inout), target :: self
+      type(initial_state), intent(in) :: from
+      class(observer_type), intent(in) :: observer    !! for blocks of self%report%nlane lanes
+      class(monitor_type), intent(inout) :: monitor
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments of this drive alone
+      class(noise_type), allocatable, target :: given
+      class(noise_type), pointer :: noise
+      type(shared_state) :: shared
+      real(wp) :: start, lost
+      integer :: nthread, i
+
+      call check_options(self%options, error)
+      if (allocated(error)) return
+      if (present(dw)) then
+         call new_noise(given, self%model, self%options, lost, error, dw, self%scheme)
+         noise => given
+      else
+         noise => self%noise
+         call check_functionals(self%model, self%scheme, self%options, noise%asked, noise%areas, .false., error)
+      end if
+      if (allocated(error)) return
       start = seconds()
-      shared%total = options%npath*options%nstep
+      nthread = usable_threads(size(self%runners), real(self%model%traits%ndof, wp)*self%options%npath* &
+                               self%options%nstep)
+      do i = 1, nthread
+         call self%runners(i)%equip(self%options, observer, noise)
+      end do
+      call self%model%clear_failure()
+      shared%total = self%options%npath*self%options%nstep
       call blas_single_thread()
-      call new_initial_state(from, q0, p0, q0_low, p0_low)
-      call run_blocks(runners, options, from, monitor, shared)
+      call run_blocks(self%runners(:nthread), self%options, from, monitor, shared)
       call blas_restore_threads()
-      report%seconds_run = seconds() - start
-      call summarise(runners, model, shared, report)
-   end subroutine run_ensemble
+      self%report%seconds_run = self%report%seconds_run + (seconds() - start)
+      call summarise(self, shared)
+   end subroutine drive
 
-   !> The parallel loop over blocks.
-   subroutine run_blocks(runners, options, start, monitor, shared)
-      type(block_runner), intent(inout) :: runners(:)
-      type(run_options), intent(in) :: options
-      type(initial_state), intent(in) :: start
-      class(monitor_type), intent(inout) :: monitor
-      type(shared_state), intent(inout) :: shared
-      integer(i8) :: iblock, nblock, nlane
-      integer :: me, nreal
-      logical :: halted
+   !> Other paths, another seed, another first step for the drives to come.
+   subroutine renumber(self, options, error)
+      class(ensemble_type), intent(inout) :: self
+      type(run_options), intent(in) :: options     !! like its own but for these three and the steps
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: seed
 
-      nlane = runners(1)%state%nlane
-      nblock = (options%npath + nlane - 1)/nlane
-      !$omp parallel num_threads(size(runners)) default(none) private(me, nreal, iblock, halted) &
-      !$omp shared(runners, options, start, monitor, shared, nblock, nlane)
-      me = omp_get_thread_num() + 1
-      do
-         !$omp atomic capture
-         iblock = shared%next
-         shared%next = shared%next + 1
-         !$omp end atomic
-         if (iblock >= nblock) exit
-         nreal = int(min(nlane, options%npath - iblock*nlane))
-         !$omp atomic read
-         halted = shared%halted
-         if (halted) then
-            call runners(me)%pass_over(options%first_path + iblock*nlane, nreal, start)
-         else
-            call runners(me)%begin(options%first_path + iblock*nlane, nreal, start)
-            call run_block(runners(me), me == 1, monitor, shared)
-         end if
-         !$omp critical (symsde_end_block)
-         call runners(me)%observer%end_block(runners(me)%state)
-         shared%nstopped = shared%nstopped + count(runners(me)%state%status(:nreal) == stopped)
-         shared%nfailed = shared%nfailed + count(runners(me)%state%status(:nreal) /= 0 .and. &
-                                                 runners(me)%state%status(:nreal) /= stopped)
-         !$omp end critical (symsde_end_block)
-         !$omp atomic update
-         shared%finished = shared%finished + 1
-      end do
-      if (me == 1) call watch(nblock, monitor, shared)
-      !$omp end parallel
-   end subroutine run_blocks
-
-   !> The calling thread has no block left: until the others are done it still tells the monitor, so that a
-   !> run can be stopped whichever thread works on its last block.
-   subroutine watch(nblock, monitor, shared)
-      integer(i8), intent(in) :: nblock
-      class(monitor_type), intent(inout) :: monitor
-      type(shared_state), intent(inout) :: shared
-      integer(i8) :: finished, done
-      integer(c_int) :: ignored
-      logical :: stop_now
-
-      do
-         !$omp atomic read
-         finished = shared%finished
-         if (finished >= nblock) exit
-         ignored = usleep(200_c_int)
-         !$omp atomic read
-         done = shared%done
-         call monitor%ask(done, shared%total, stop_now)
-         if (stop_now) then
-            !$omp atomic write
-            shared%halted = .true.
-         end if
-      end do
-   end subroutine watch
-
-   !> One block, chunk by chunk; between chunks the stop flag is read and the monitor is told.
-   subroutine run_block(runner, is_caller, monitor, shared)
-      type(block_runner), intent(inout) :: runner
-      logical, intent(in) :: is_caller   !! this is the thread that called the library
-      class(monitor_type), intent(inout) :: monitor
-      type(shared_state), intent(inout) :: shared
-      integer(i8) :: before, done
-      logical :: stop_now
-
-      do while (.not. runner%is_done())
-         !$omp atomic read
-         stop_now = shared%halted
-         if (stop_now) exit
-         before = runner%step
-         call runner%run_chunk()
-         !$omp atomic capture
-         shared%done = shared%done + (runner%step - before)*runner%nreal
-         done = shared%done
-         !$omp end atomic
-         stop_now = runner%stepper%ham%model%failure_code() /= 0 .or. runner%observer%failure_code() /= 0
-         if (is_caller .and. .not. stop_now) call monitor%ask(done, shared%total, stop_now)
-         if (stop_now) then
-            !$omp atomic write
-            shared%halted = .true.
-         end if
-      end do
-      call runner%finish()
-   end subroutine run_block
+      call check_options(options, error)
+      if (allocated(error)) return
+      seed = self%options%seed
+      self%options%first_path = options%first_path
+      self%options%first_step = options%first_step
+      self%options%seed = options%seed
+      if (options%seed /= seed) &
+         call new_noise(self%noise, self%model, self%options, self%report%lost_variance, error, scheme=self%scheme)
+   end subroutine renumber
 
    !> Lanes of a block, and threads: as many as are asked for, have blocks to do, and find memory.
-   subroutine plan_run(model, scheme, options, observer, report, error)
-      class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
-      type(run_options), intent(in) :: options
+   subroutine plan_run(self, observer, error)
+      type(ensemble_type), intent(inout) :: self
       class(observer_type), intent(in) :: observer
-      type(run_report), intent(inout) :: report
       type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: nblock
       integer :: nthread
 
-      call choose_nthread(options, nthread, error)
+      call choose_nthread(self%options, nthread, error)
       if (allocated(error)) return
-      report%nlane = choose_nlane(options, model)
-      nblock = (options%npath + report%nlane - 1)/report%nlane
-      report%nthread = int(min(int(nthread, i8), nblock))
-      call fit_threads(model, scheme, options, observer, report%nlane, report%nthread, error)
+      associate (report => self%report)
+         report%nlane = choose_nlane(self%options, self%model)
+         nblock = (self%options%npath + report%nlane - 1)/report%nlane
+         report%nthread = int(min(int(nthread, i8), nblock))
+         call fit_threads(self%model, self%scheme, self%options, observer, report%nlane, report%nthread, error)
+      end associate
    end subroutine plan_run
 
    !> One runner for every thread.
-   subroutine new_runners(runners, model, scheme, options, observer, noise, report, error)
-      type(block_runner), allocatable, intent(out) :: runners(:)
-      class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
-      type(run_options), intent(in) :: options
-      class(observer_type), intent(in) :: observer
-      class(noise_type), intent(in), target :: noise
-      type(run_report), intent(inout) :: report
+   subroutine new_runners(self, error)
+      type(ensemble_type), intent(inout) :: self
       type(error_type), allocatable, intent(inout) :: error
       class(stepper_type), allocatable :: stepper
       type(stepper_options) :: choice
@@ -265,28 +219,30 @@ contains
       class(model_type), pointer :: seen
       integer :: i, info
 
-      choice%correction = options%correction
-      choice%general = options%general
-      choice%newton%max_iter = options%max_iter
-      choice%newton%fixed_point = options%fixed_point
-      choice%as_increments = options%compensated
-      call resolve_correction(report%correction, model, scheme, options%correction, error)
-      if (allocated(error)) return
-      allocate (runners(report%nthread), stat=info)
-      if (info /= 0) then
-         call raise(error, out_of_memory, 'run_ensemble', 'no memory for '//to_text(report%nthread)//' threads')
-         return
-      end if
-      do i = 1, report%nthread
-         call look_at_real_lanes(model, options%npath, report%nlane, few, seen)
-         call new_stepper(stepper, seen, scheme, choice, report%nlane, error)
+      choice%correction = self%options%correction
+      choice%general = self%options%general
+      choice%newton%max_iter = self%options%max_iter
+      choice%newton%fixed_point = self%options%fixed_point
+      choice%as_increments = self%options%compensated
+      associate (report => self%report, model => self%model, scheme => self%scheme)
+         call resolve_correction(report%correction, model, scheme, self%options%correction, error)
          if (allocated(error)) return
-         if (i == 1) report%stepper = stepper%name
-         call new_block_runner(runners(i), options, report%nlane, stepper, observer, noise)
-         runners(i)%few => few
-         call new_rescue(runners(i)%rescue, model, scheme, runners(i)%stepper, choice%newton)
-      end do
-      call describe_left_out(model, scheme, report%correction, runners(1)%stepper, report%left_out)
+         allocate (self%runners(report%nthread), stat=info)
+         if (info /= 0) then
+            call raise(error, out_of_memory, 'new_runners', 'no memory for '//to_text(report%nthread)//' threads')
+            return
+         end if
+         do i = 1, report%nthread
+            call look_at_real_lanes(model, self%options%npath, report%nlane, few, seen)
+            call new_stepper(stepper, seen, scheme, choice, report%nlane, error)
+            if (allocated(error)) return
+            if (i == 1) report%stepper = stepper%name
+            call new_block_runner(self%runners(i), self%options, report%nlane, stepper, self%noise%asked)
+            self%runners(i)%few => few
+            call new_rescue(self%runners(i)%rescue, model, scheme, self%runners(i)%stepper, choice%newton)
+         end do
+         call describe_left_out(model, scheme, report%correction, self%runners(1)%stepper, report%left_out)
+      end associate
    end subroutine new_runners
 
    !> The model as a stepper sees it: padding is kept from functions whose lanes do not need it.
@@ -302,7 +258,7 @@ contains
       if (mod(npath, int(nlane, i8)) == 0) return
       select type (model)
       type is (callback_model)
-         if (.not. model%any_lanes) return
+         if (.not. model%any_lanes .or. model%traits%has_chain_rows) return  ! rows come in strips of a fixed width
          allocate (few)
          call new_few_lanes(few, model)
          seen => few
@@ -446,51 +402,28 @@ contains
 
    end subroutine check_state
 
-   !> Threads: the option, else SYMSDE_NUM_THREADS, else what OpenMP would take; one in a forked process. A variable
-   !> that is set to something else than a number of threads is refused: who sets it would be surprised otherwise.
-   subroutine choose_nthread(options, nthread, error)
-      type(run_options), intent(in) :: options
-      integer, intent(out) :: nthread
-      type(error_type), allocatable, intent(inout) :: error
-      integer, parameter :: most = 1024
-      character(len=32) :: text
-      integer :: info
-
-      nthread = options%nthread
-      if (process_is_forked() /= 0) nthread = 1
-      if (nthread > 0) return
-      call get_environment_variable('SYMSDE_NUM_THREADS', text, status=info)
-      if (info > 0 .or. text == '') then  ! not set, or empty
-         nthread = max(1, omp_get_max_threads())
-         return
-      end if
-      text = adjustl(text)
-      if (info == 0 .and. len_trim(text) <= 4 .and. verify(trim(text), '0123456789') == 0) read (text, '(i4)') nthread
-      if (nthread < 1 .or. nthread > most) &
-         call raise(error, invalid_argument, 'run_ensemble', 'the environment variable SYMSDE_NUM_THREADS is "'// &
-                    trim(text)//'": give a whole number from 1 to '//to_text(most)//', or unset it')
-   end subroutine choose_nthread
-
    !> Sum the counters of the threads and name the outcome.
-   subroutine summarise(runners, model, shared, report)
-      type(block_runner), intent(in) :: runners(:)
-      class(model_type), intent(in) :: model
+   subroutine summarise(self, shared)
+      type(ensemble_type), intent(inout) :: self
       type(shared_state), intent(in) :: shared
-      type(run_report), intent(inout) :: report
       integer :: i
 
-      do i = 1, size(runners)
-         call runners(i)%tally(report%counters)
-      end do
-      report%nfailed = shared%nfailed
-      report%nstopped = shared%nstopped
-      if (model%failure_code() /= 0 .or. runners(1)%observer%failure_code() /= 0) then
-         report%status = callback_failed
-      else if (shared%nstopped > 0) then
-         report%status = stopped
-      else if (shared%nfailed > 0) then
-         report%status = paths_failed
-      end if
+      associate (report => self%report)
+         report%counters = counters_type()
+         do i = 1, size(self%runners)
+            call self%runners(i)%tally(report%counters)
+         end do
+         report%nfailed = shared%nfailed
+         report%nstopped = shared%nstopped
+         report%status = status_ok
+         if (self%model%failure_code() /= 0 .or. self%runners(1)%observer%failure_code() /= 0) then
+            report%status = callback_failed
+         else if (shared%nstopped > 0) then
+            report%status = stopped
+         else if (shared%nfailed > 0) then
+            report%status = paths_failed
+         end if
+      end associate
    end subroutine summarise
 
 end module symsde_ensemble_driver

@@ -1,10 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Where the paths of a run begin: the caller's arrays, as one argument for all threads.
 !>
-!> Low parts are there to resume compensated runs; where none are given they are null. An absent array is not handed to
+!> Low parts are there to resume compensated runs, fates to go on with paths of which some failed or were stopped;
+!> where none are given they are null. An absent array is not handed to
 !> a parallel region: gfortran computes the extents of such an argument from what happens to lie in memory.
 module symsde_ensemble_initial_state
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i4, i8
    implicit none
    private
    public :: initial_state, new_initial_state
@@ -12,6 +13,9 @@ module symsde_ensemble_initial_state
    type :: initial_state
       real(wp), pointer :: q(:, :) => null(), p(:, :) => null()          !! (npath or 1, ndof)
       real(wp), pointer :: q_low(:, :) => null(), p_low(:, :) => null()  !! (npath or 1, ndof), or null
+      integer(i4), pointer :: status(:) => null()       !! 0, or a code of base/status (npath), or null
+      integer(i8), pointer :: failed_step(:) => null()  !! where it failed or was stopped, -1 = it did not (npath)
+      logical :: resumed = .false.    !! the rest of a drive that was stopped: paths that are ok are done
    end type initial_state
 
 contains

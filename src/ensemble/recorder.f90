@@ -11,15 +11,16 @@ module symsde_ensemble_recorder
 
    integer, parameter :: few = 8  !! lanes of a block that are copied one by one
 
-   !> Pointers to the caller's arrays, path first. The last good state is kept for resuming and diagnosis.
+   !> Pointers to the caller's arrays, path first. The last good state is kept for resuming and diagnosis. Where q and p
+   !> are null, it is all that is kept; low parts are needed of compensated runs only.
    type, extends(observer_type) :: path_recorder
       integer(i8) :: first_path = 0
-      real(wp), pointer, contiguous :: q(:, :, :)        !! (npath, ndof, 0:nsave)
-      real(wp), pointer, contiguous :: p(:, :, :)        !! (npath, ndof, 0:nsave)
-      integer(i4), pointer, contiguous :: status(:)      !! (npath)
-      integer(i8), pointer, contiguous :: failed_step(:) !! (npath)
-      real(wp), pointer, contiguous :: last_q(:, :), last_p(:, :)  !! last good state (npath, ndof)
-      real(wp), pointer, contiguous :: low_q(:, :), low_p(:, :)    !! its low parts (npath, ndof)
+      real(wp), pointer, contiguous :: q(:, :, :) => null()        !! (npath, ndof, 0:nsave)
+      real(wp), pointer, contiguous :: p(:, :, :) => null()        !! (npath, ndof, 0:nsave)
+      integer(i4), pointer, contiguous :: status(:) => null()      !! (npath)
+      integer(i8), pointer, contiguous :: failed_step(:) => null() !! (npath)
+      real(wp), pointer, contiguous :: last_q(:, :) => null(), last_p(:, :) => null()  !! last good state (npath, ndof)
+      real(wp), pointer, contiguous :: low_q(:, :) => null(), low_p(:, :) => null()    !! its low parts (npath, ndof)
       integer(i8), private :: offset = 0
       integer, private :: nreal = 0
    contains
@@ -49,6 +50,7 @@ contains
       real(wp) :: nan
       integer :: i, lane
 
+      if (.not. associated(self%q)) return
       nan = ieee_value(t, ieee_quiet_nan)
       do i = 1, state%ndof
          do lane = 1, self%nreal
@@ -68,7 +70,7 @@ contains
       real(wp), intent(in) :: q(state%nlane, state%ndof, nsave), p(state%nlane, state%ndof, nsave)
       integer :: lane
 
-      if (self%nreal > few) then
+      if (self%nreal > few .or. .not. associated(self%q)) then
          call observe_each(self, isave, nsave, t, q, p, state)
          return
       end if
@@ -109,6 +111,7 @@ contains
       integer(i8), intent(in) :: isave
       integer(i8) :: a, b
 
+      if (.not. associated(self%q)) return
       a = self%offset + 1
       b = self%offset + self%nreal
       self%q(a:b, :, isave + 1:) = ieee_value(1.0_wp, ieee_quiet_nan)

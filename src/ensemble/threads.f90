@@ -1,0 +1,180 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Blocks on threads: the loop over them, which is the only parallel region of the library, and how many threads.
+module symsde_ensemble_threads
+   use, intrinsic :: iso_c_binding, only: c_int
+   use omp_lib, only: omp_get_max_threads, omp_get_thread_num
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type, raise, invalid_argument, stopped
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_block, only: block_runner
+   use symsde_ensemble_initial_state, only: initial_state
+   use symsde_ensemble_monitor, only: monitor_type
+   use symsde_ensemble_options, only: run_options
+   implicit none
+   private
+   public :: shared_state, run_blocks, choose_nthread, usable_threads
+
+   integer(c_int), parameter :: longest_nap = 200  !! of a thread that waits for the others [us]
+
+   !> What the threads of one drive share.
+   type :: shared_state
+      logical :: halted = .false.
+      integer(i8) :: next = 0, finished = 0       !! blocks
+      integer(i8) :: done = 0, total = 0          !! path-steps
+      integer(i8) :: nfailed = 0, nstopped = 0    !! paths
+   end type shared_state
+
+   interface
+      !> POSIX: rest for so many microseconds.
+      function usleep(microseconds) result(status) bind(c, name='usleep')
+         import :: c_int
+         integer(c_int), value :: microseconds
+         integer(c_int) :: status
+      end function usleep
+
+      !> forked.c: nonzero in a process that was forked after the library was loaded.
+      function process_is_forked() result(forked) bind(c)
+         import :: c_int
+         integer(c_int) :: forked
+      end function process_is_forked
+   end interface
+
+contains
+
+   !> The parallel loop over blocks.
+   subroutine run_blocks(runners, options, start, monitor, shared)
+      type(block_runner), intent(inout) :: runners(:)
+      type(run_options), intent(in) :: options
+      type(initial_state), intent(in) :: start
+      class(monitor_type), intent(inout) :: monitor
+      type(shared_state), intent(inout) :: shared
+      integer(i8) :: iblock, nblock, nlane
+      integer :: me, nreal
+      logical :: halted
+
+      nlane = runners(1)%state%nlane
+      nblock = (options%npath + nlane - 1)/nlane
+      !$omp parallel num_threads(size(runners)) default(none) private(me, nreal, iblock, halted) &
+      !$omp shared(runners, options, start, monitor, shared, nblock, nlane)
+      me = omp_get_thread_num() + 1
+      do
+         !$omp atomic capture
+         iblock = shared%next
+         shared%next = shared%next + 1
+         !$omp end atomic
+         if (iblock >= nblock) exit
+         nreal = int(min(nlane, options%npath - iblock*nlane))
+         !$omp atomic read
+         halted = shared%halted
+         if (halted) then
+            call runners(me)%pass_over(options%first_path + iblock*nlane, nreal, start)
+         else
+            call runners(me)%begin(options%first_path + iblock*nlane, nreal, start)
+            call run_block(runners(me), me == 1, monitor, shared)
+         end if
+         !$omp critical (symsde_end_block)
+         call runners(me)%observer%end_block(runners(me)%state)
+         shared%nstopped = shared%nstopped + count(runners(me)%state%status(:nreal) == stopped)
+         shared%nfailed = shared%nfailed + count(runners(me)%state%status(:nreal) /= 0 .and. &
+                                                 runners(me)%state%status(:nreal) /= stopped)
+         !$omp end critical (symsde_end_block)
+         !$omp atomic update
+         shared%finished = shared%finished + 1
+      end do
+      if (me == 1) call watch(nblock, monitor, shared)
+      !$omp end parallel
+   end subroutine run_blocks
+
+   !> The calling thread has no block left: until the others are done it still tells the monitor, so that a
+   !> run can be stopped whichever thread works on its last block.
+   subroutine watch(nblock, monitor, shared)
+      integer(i8), intent(in) :: nblock
+      class(monitor_type), intent(inout) :: monitor
+      type(shared_state), intent(inout) :: shared
+      integer(i8) :: finished, done
+      integer(c_int) :: ignored, nap
+      logical :: stop_now
+
+      nap = 5
+      do
+         !$omp atomic read
+         finished = shared%finished
+         if (finished >= nblock) exit
+         ignored = usleep(nap)
+         nap = min(2*nap, longest_nap)
+         !$omp atomic read
+         done = shared%done
+         call monitor%ask(done, shared%total, stop_now)
+         if (stop_now) then
+            !$omp atomic write
+            shared%halted = .true.
+         end if
+      end do
+   end subroutine watch
+
+   !> One block, chunk by chunk; between chunks the stop flag is read and the monitor is told.
+   subroutine run_block(runner, is_caller, monitor, shared)
+      type(block_runner), intent(inout) :: runner
+      logical, intent(in) :: is_caller   !! this is the thread that called the library
+      class(monitor_type), intent(inout) :: monitor
+      type(shared_state), intent(inout) :: shared
+      integer(i8) :: before, done
+      logical :: stop_now
+
+      do while (.not. runner%is_done())
+         !$omp atomic read
+         stop_now = shared%halted
+         if (stop_now) exit
+         before = runner%step
+         call runner%run_chunk()
+         !$omp atomic capture
+         shared%done = shared%done + (runner%step - before)*runner%nreal
+         done = shared%done
+         !$omp end atomic
+         stop_now = runner%stepper%ham%model%failure_code() /= 0 .or. runner%observer%failure_code() /= 0
+         if (is_caller .and. .not. stop_now) call monitor%ask(done, shared%total, stop_now)
+         if (stop_now) then
+            !$omp atomic write
+            shared%halted = .true.
+         end if
+      end do
+      call runner%finish()
+   end subroutine run_block
+
+   !> Of so many threads those that pay for so much work, or one in a process that was forked: those of OpenMP did not
+   !> come along. To wake a thread takes microseconds, and far longer where other programs keep the processors busy.
+   integer function usable_threads(nthread, work)
+      integer, intent(in) :: nthread
+      real(wp), intent(in) :: work     !! degrees of freedom times paths times steps
+      real(wp), parameter :: share = 2000  !! of a thread: ten microseconds and more
+
+      usable_threads = max(1, min(nthread, int(min(work/share, 1024.0_wp))))
+      if (process_is_forked() /= 0) usable_threads = 1
+   end function usable_threads
+
+   !> Threads: the option, else SYMSDE_NUM_THREADS, else what OpenMP would take; one in a forked process. A variable
+   !> that is set to something else than a number of threads is refused: who sets it would be surprised otherwise.
+   subroutine choose_nthread(options, nthread, error)
+      type(run_options), intent(in) :: options
+      integer, intent(out) :: nthread
+      type(error_type), allocatable, intent(inout) :: error
+      integer, parameter :: most = 1024
+      character(len=32) :: text
+      integer :: info
+
+      nthread = options%nthread
+      if (process_is_forked() /= 0) nthread = 1
+      if (nthread > 0) return
+      call get_environment_variable('SYMSDE_NUM_THREADS', text, status=info)
+      if (info > 0 .or. text == '') then  ! not set, or empty
+         nthread = max(1, omp_get_max_threads())
+         return
+      end if
+      text = adjustl(text)
+      if (info == 0 .and. len_trim(text) <= 4 .and. verify(trim(text), '0123456789') == 0) read (text, '(i4)') nthread
+      if (nthread < 1 .or. nthread > most) &
+         call raise(error, invalid_argument, 'run_ensemble', 'the environment variable SYMSDE_NUM_THREADS is "'// &
+                    trim(text)//'": give a whole number from 1 to '//to_text(most)//', or unset it')
+   end subroutine choose_nthread
+
+end module symsde_ensemble_threads
