@@ -120,6 +120,12 @@ typedef int (*symsde_flow)(int nlane, int ndof, int nham, int nstep, int every, 
                            const double *w, const double *const *functionals, const double *q, const double *p,
                            double *qn, double *pn, int64_t *status, void *user);
 
+/* rows first .. last, counted from 0, of the chain H = p.p/2 + U(q), noise in position or additive, whose Hessian is
+ * tridiagonal: q[row][nlane] from row first - 1 to row last + 1 (zero beyond the ends); hq[row][nlane], the gradient of
+ * sum_j w[j] H_j in q; hqq[row][2][nlane], its derivative by q of the row, and by q of the next one */
+typedef int (*symsde_chain_rows)(int nlane, int ndof, int nham, int first, int last, double t, const double *w,
+                                 const double *q, double *hq, double *hqq, void *user);
+
 int symsde_traits_init(symsde_traits *traits);
 /* names of the built-in models, one a line */
 int symsde_model_names(char *buffer, size_t size, size_t *needed);
@@ -136,6 +142,10 @@ int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradi
  * it also stands in for hessian where that is NULL. Same user pointer; NULL = the separate functions again */
 int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian gradient_hessian,
                                       symsde_error *error);
+/* give a model of symsde_model_new that declares bandwidth 1, identity_mass, and position_noise or additive one more
+ * function: midpoint then takes a few rows at a time, and neither force nor matrix is stored as a whole. The rows must
+ * agree with the gradient to rounding: that is probed. Same user pointer; NULL = without it again */
+int symsde_model_set_chain_rows(symsde_model model, symsde_chain_rows chain_rows, symsde_error *error);
 /* the functions of a model of symsde_model_new look whether an output is NULL: from now on those that are not wanted
  * are, and are not computed. Without this they are room that is thrown away */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
@@ -349,6 +359,8 @@ typedef struct symsde_moments {
    int32_t failed_status[SYMSDE_MAX_FAILED_LISTED];
    int64_t failed_step[SYMSDE_MAX_FAILED_LISTED];
    double *m2; /* [ntime][nvalue]: sums of squared deviations, by which parts merge; may be NULL */
+   int32_t observables_lanes; /* input: n > 0 where the observables do not depend on t: they are given the paths of
+                                 several saved times as up to n lanes (one time at least), and t of the first one */
 } symsde_moments;
 
 int symsde_moments_init(symsde_moments *moments);

@@ -202,6 +202,9 @@ CALLBACKS = {
     "gradient_hessian": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
     "flow": CFUNCTYPE(c_int, *(c_int,) * 6, c_double, c_double, *(c_void_p,) * 8),
 }
+CALLBACKS["chain_rows"] = CFUNCTYPE(
+    *(c_int,) * 6, c_double, *(c_void_p,) * 5
+)  # int f(nlane, ndof, nham, first, last, t, w, q, hq, hqq, user)
 Observables = CFUNCTYPE(c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p, c_void_p)
 
 
@@ -219,6 +222,7 @@ class Moments(Structure):
         ("failed_status", c_int32 * MAX_FAILED_LISTED),
         ("failed_step", c_int64 * MAX_FAILED_LISTED),
         ("m2", c_void_p),
+        ("observables_lanes", c_int32),
     )
 
 
@@ -257,6 +261,7 @@ FUNCTIONS = {
         _error,
     ),
     "model_set_gradient_hessian": (_handle, CALLBACKS["gradient_hessian"], _error),
+    "model_set_chain_rows": (_handle, CALLBACKS["chain_rows"], _error),
     "model_accept_null": (_handle, _error),
     "model_set_flow": (_handle, c_char_p, CALLBACKS["flow"], _error),
     "model_accept_any_lanes": (_handle, _error),

@@ -214,7 +214,7 @@ def takes_any_lanes(functions: Iterable[object]) -> bool:
 
 
 def numba_signature(kind: str):
-    """Signature of a callback (gradient, value, hessian, hessian_vector, gradient_hessian, flow) for numba.cfunc.
+    """Signature of a callback (gradient, value, hessian, .., flow, chain_rows) for numba.cfunc.
 
     Inside the function, with the shapes of `Model`:
 
@@ -230,8 +230,8 @@ def numba_signature(kind: str):
         array = types.CPointer(types.double)
         pointers = (array, types.CPointer(array), *(array,) * 4, types.CPointer(types.int64))
         return types.intc(*(types.intc,) * 6, types.double, types.double, *pointers, types.voidptr)
-    arrays = (types.CPointer(types.double),) * (len(_abi.CALLBACKS[kind]._argtypes_) - 5)
-    return types.intc(types.intc, types.intc, types.intc, types.double, *arrays, types.voidptr)
+    of = {ctypes.c_int: types.intc, ctypes.c_double: types.double, ctypes.c_void_p: types.CPointer(types.double)}
+    return types.intc(*(of[kind] for kind in _abi.CALLBACKS[kind]._argtypes_[:-1]), types.voidptr)
 
 
 def numba_sincos():

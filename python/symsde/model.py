@@ -63,6 +63,10 @@ class Model:
     - ``gradient_hessian(t, w, q, p) -> (S_q, S_p, S_qq, S_qp, S_pp)``, where the two share work; it is called where
       a scheme wants both at one point, and stands in for a ``hessian`` that is not given
 
+    - ``chain_rows``, compiled only (`symsde_chain_rows` in symsde.h): rows of the force and of the tridiagonal
+      stiffness of a chain H = p.p/2 + U(q), noise in position or additive; ``midpoint`` of a chain of one's own is then
+      as fast as of the built-in one
+
     with w of shape (nnoise + 1, lane), q, p, vq, vp and gradients of shape (dof, lane). A lane fails by NaN.
     They are Python functions on NumPy arrays (then runs use one thread unless told otherwise), or compiled
     functions of the C signature in symsde.h: a ``numba.cfunc`` (see `numba_signature`), a ctypes function
@@ -91,6 +95,7 @@ class Model:
         hessian: Any = None,
         hessian_vector: Any = None,
         gradient_hessian: Any = None,
+        chain_rows: Any = None,
         separable: bool = False,
         additive: bool = False,
         position_noise: bool = False,
@@ -129,6 +134,7 @@ class Model:
             "hessian": hessian,
             "hessian_vector": hessian_vector,
             "gradient_hessian": gradient_hessian,
+            "chain_rows": chain_rows,
         }
         kinds = _kinds(functions)
         self.in_python = "Python" in kinds  #: some callback is a Python function
@@ -308,12 +314,14 @@ def _builtin_handle(name: str, parameters: Mapping[str, float]) -> ModelHandle:
 def _user_handle(name: str, traits: _abi.Traits, functions: dict[str, Any], accepts_null: bool) -> ModelHandle:
     """A handle of a model of the user's own, with callbacks that store their exceptions for it alone."""
     failures = _callbacks.Failures()
-    (*callbacks, joint), user = _all_callbacks(functions, failures)
+    (*callbacks, joint, rows), user = _all_callbacks(functions, failures)
     pointer = ctypes.c_void_p()
     _handles.call("model_new", _handles.encode(name), ctypes.byref(traits), *callbacks, user, ctypes.byref(pointer))
-    handle = ModelHandle(pointer, (callbacks, joint, tuple(functions.values())), failures)
+    handle = ModelHandle(pointer, (callbacks, joint, rows, tuple(functions.values())), failures)
     if joint:
         _handles.call("model_set_gradient_hessian", pointer, joint)
+    if rows:
+        _handles.call("model_set_chain_rows", pointer, rows)
     if accepts_null:
         _handles.call("model_accept_null", pointer)
     return handle
@@ -354,6 +362,11 @@ def _kinds(functions: dict[str, Any]) -> set[str]:
             continue
         if _callbacks.compiled(kind, function) is not None:
             kinds.add("compiled")
+        elif callable(function) and kind == "chain_rows":
+            raise WrongTypeError(
+                "chain_rows is a Python function: it would be called for every few rows of every iteration; "
+                "compile it, or leave it out"
+            )
         elif callable(function):
             kinds.add("Python")
         else:

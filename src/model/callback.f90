@@ -20,16 +20,18 @@ module symsde_model_callback
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_record, only: steps_record
-   use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory
-   use symsde_base_traits, only: model_traits
+   use symsde_base_status, only: error_type, raise, incompatible, missing_operation, out_of_memory
+   use symsde_base_traits, only: model_traits, strip_lanes
    use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, &
-                                    hessian_vector_composed
+                                    hessian_vector_composed, force_stiffness_composed
    use symsde_model_callback_flow, only: user_flows
+   use symsde_model_chain_rows, only: block_from_rows
    use symsde_model_parameters, only: check_traits
    implicit none
    private
    public :: callback_model, new_callback_model
    public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback, gradient_hessian_callback
+   public :: chain_rows_callback
 
    type, extends(model_type) :: callback_model
       private
@@ -40,6 +42,7 @@ module symsde_model_callback
       procedure(hessian_callback), pointer, nopass :: on_hessian => null()
       procedure(hessian_vector_callback), pointer, nopass :: on_hessian_vector => null()
       procedure(gradient_hessian_callback), pointer, nopass :: on_gradient_hessian => null()
+      procedure(chain_rows_callback), pointer, nopass :: on_chain_rows => null()
       logical :: null_accepted = .false.         !! outputs that are not wanted are NULL
       type(c_ptr) :: user = c_null_ptr           !! handed to every function as it is
       integer(i4), pointer :: failure => null()  !! first nonzero return; a model is intent(in)
@@ -53,6 +56,9 @@ module symsde_model_callback
       procedure :: flow
       procedure :: set_gradient_hessian
       procedure :: set_flow
+      procedure :: force_stiffness
+      procedure :: chain_rows
+      procedure :: set_chain_rows
       procedure :: accept_null
       procedure :: failure_code
       procedure :: clear_failure
@@ -123,6 +129,17 @@ module symsde_model_callback
          type(c_ptr), value :: user
          integer(c_int) :: code
       end function gradient_hessian_callback
+
+      !> Rows first .. last of the force and of the stiffness of a chain, counted from 0.
+      function chain_rows_callback(nlane, ndof, nham, first, last, t, w, q, hq, hqq, user) bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham, first, last
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, first - 1:last + 1)
+         real(c_double), intent(out) :: hq(nlane, first:last), hqq(nlane, 0:1, first:last)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function chain_rows_callback
    end interface
 
 contains
@@ -209,6 +226,30 @@ contains
       call spoil(steps%nlane, size(qn)/steps%nlane, qn)
       call spoil(steps%nlane, size(pn)/steps%nlane, pn)
    end subroutine flow
+
+   !> One more function, before the model is used: rows of force and stiffness, with which a midpoint step of a chain
+   !> takes one pass over it, whatever else is offered. c_null_funptr: without it again. Refuses models whose traits say
+   !> that they are no chains with H = p.p/2 + U(q) and noise in position, or additive (incompatible).
+   subroutine set_chain_rows(self, chain_rows, error)
+      class(callback_model), intent(inout) :: self
+      type(c_funptr), intent(in) :: chain_rows  !! a chain_rows_callback, or c_null_funptr
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      nullify (self%on_chain_rows)
+      self%traits%has_chain_rows = .false.
+      if (.not. c_associated(chain_rows)) return
+      associate (t => self%traits)
+         if (t%bandwidth /= 1 .or. .not. t%identity_mass .or. .not. (t%position_noise .or. t%additive)) then
+            call raise(error, incompatible, 'set_chain_rows', "model '"//self%name//"' does not declare what rows "// &
+                       'of a chain need: declare bandwidth 1, identity_mass, and position_noise or additive, or '// &
+                       'give no rows')
+            return
+         end if
+      end associate
+      call c_f_procpointer(chain_rows, self%on_chain_rows)
+      self%traits%has_chain_rows = .true.
+   end subroutine set_chain_rows
 
    !> The functions look whether an output is NULL, before the model is used: what is not wanted is not computed.
    subroutine accept_null(self)
@@ -344,6 +385,36 @@ contains
       call spoil(nlane, ndof*ndof, hpp)
    end subroutine gradient_hessian
 
+   !> Rows of force and stiffness of a strip; asked for where the trait has_chain_rows says that they are there.
+   subroutine chain_rows(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: ndof, nnoise, first, last
+      real(wp), intent(in) :: t, w(strip_lanes, 0:nnoise)
+      real(wp), intent(in) :: q(strip_lanes, first - 1:last + 1)
+      real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
+      integer(i4) :: code
+
+      code = self%on_chain_rows(strip_lanes, ndof, nnoise + 1, first - 1, last - 1, t, w, q, hq, hqq, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(strip_lanes, last - first + 1, hq)
+      call spoil(strip_lanes, 2*(last - first + 1), hqq)
+   end subroutine chain_rows
+
+   !> Force and upper bands, from the rows where the user offers them.
+   subroutine force_stiffness(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise, b
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
+
+      if (associated(self%on_chain_rows)) then
+         call block_from_rows(self, nlane, ndof, nnoise, t, w, q, hq, hqq)
+      else
+         call force_stiffness_composed(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
+      end if
+   end subroutine force_stiffness
+
    !> All blocks of the Hessian by a function that does not accept NULL; those that are wanted are kept.
    subroutine whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)
       type(callback_model), intent(in) :: self
@@ -438,6 +509,7 @@ contains
       left%on_hessian => right%on_hessian
       left%on_hessian_vector => right%on_hessian_vector
       left%on_gradient_hessian => right%on_gradient_hessian
+      left%on_chain_rows => right%on_chain_rows
       left%null_accepted = right%null_accepted
       left%any_lanes = right%any_lanes
       left%flows = right%flows

@@ -16,6 +16,7 @@ module symsde_model_probe
    use symsde_model_probe_gradient, only: probe_gradient
    use symsde_model_probe_points, only: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, &
                                         worst, largest_entry
+   use symsde_model_probe_rows, only: probe_rows
    implicit none
    private
    public :: probe_model
@@ -66,6 +67,7 @@ contains
       end do
       call points%take_all()
       if (points%ndof > dense_alone) call probe_dense(points, largest_dense, error)
+      if (model%traits%has_chain_rows) call probe_rows(points, error)
       call model%clear_failure()  ! a user's function may refuse a displaced point
    end subroutine probe_model
 

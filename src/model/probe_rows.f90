@@ -1,0 +1,62 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The probe of the rows of a chain: their force is the gradient, their stiffness its derivative.
+module symsde_model_probe_rows
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, false_trait
+   use symsde_base_text, only: to_text
+   use symsde_model_chain_rows, only: block_from_rows
+   use symsde_model_probe_points, only: probe_points, nlane
+   implicit none
+   private
+   public :: probe_rows
+
+   real(wp), parameter :: vanishing = 1.0e-6_wp  !! differences below this part of the gradient are rounding
+   real(wp), parameter :: matching = 1.0e-4_wp   !! relative mismatch of second derivatives
+
+contains
+
+   !> Compare force and stiffness of all rows with gradient and bands, which are asked for by themselves. Points where
+   !> these are not finite are passed over.
+   subroutine probe_rows(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: gq(:, :), gp(:, :), bands(:, :, :), hq(:, :), hqq(:, :, :)
+      real(wp) :: scale(nlane)
+      integer :: n
+
+      if (allocated(error)) return
+      n = points%ndof
+      allocate (hq(nlane, n), hqq(nlane, 0:1, n), bands(nlane, -1:1, n))
+      call points%gradient(gq, gp, scale)
+      call points%model%hessian_banded(nlane, n, points%nnoise, 1, points%t, points%w, points%q, points%p, hqq=bands)
+      call block_from_rows(points%model, nlane, n, points%nnoise, points%t, points%w, points%q, hq, hqq)
+      hqq(:, 1, n) = 0
+      bands(:, 1, n) = 0
+      call compare('force', gq, hq, vanishing)
+      call compare('diagonal of the stiffness', bands(:, 0, :), hqq(:, 0, :), matching)
+      call compare('stiffness beside the diagonal', bands(:, 1, :), hqq(:, 1, :), matching)
+
+   contains
+
+      subroutine compare(what, wanted, found, tolerance)
+         character(*), intent(in) :: what
+         real(wp), intent(in) :: wanted(:, :), found(:, :), tolerance  !! (nlane, ndof)
+         real(wp) :: largest
+         integer :: lane, i
+
+         do lane = 1, nlane
+            largest = maxval(abs(wanted(lane, :)))
+            if (.not. all(abs(wanted(lane, :)) <= huge(largest))) cycle
+            do i = 1, n
+               if (abs(found(lane, i) - wanted(lane, i)) <= tolerance*largest) cycle
+               call raise(error, false_trait, 'probe_model', "model '"//points%model%name//"' gives rows whose "// &
+                          what//' is '//to_text(found(lane, i))//' in row '//to_text(i)//' (counted from 1), where '// &
+                          'its gradient says '//to_text(wanted(lane, i))//': correct one of the two')
+               return
+            end do
+         end do
+      end subroutine compare
+
+   end subroutine probe_rows
+
+end module symsde_model_probe_rows
