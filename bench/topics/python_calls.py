@@ -6,6 +6,13 @@ import importlib.util
 from .tools import ABSENT, Setting, at_most, lines_of_python, spread, table
 
 ADDED = 1.0  # ms of a call
+STEPS = {
+    "ss.simulate_of_one_step": 40.0,
+    "ss.step": 40.0,
+    "prepared_run.step()": 10.0,
+    "prepared_run.step(dw)": 10.0,
+}  # us
+OBSERVED = 17.6  # ns a path-step with every step saved and an observable in Python: twice a loop in numba
 GROWN = 1.05  # peak memory over the size of the results
 
 
@@ -20,10 +27,15 @@ def section(found: list[list[str]]) -> str:
     """Write the section."""
     if not found:
         return f"## Calls from Python\n\nNumPy: {ABSENT}."
-    calls, memory = [], []
+    calls, steps, observed, memory = [], [], [], []
     for words in found:
         numbers = [float(word) for word in words[2:]]
-        if words[0] == "call":
+        if words[0] == "step":
+            steps.append([words[1].replace("_", " "), f"{numbers[0]:.1f}", *at_most(numbers[0], STEPS[words[1]])])
+        elif words[0] == "observed":
+            target = at_most(numbers[0], OBSERVED) if words[1].endswith("observable") else ["", ""]
+            observed.append([words[1].replace("_", " "), f"{numbers[0]:.1f}", *target])
+        elif words[0] == "call":
             added = [f"{numbers[0]:.3f}", *at_most(numbers[0], ADDED)]
             calls.append([words[1], spread(numbers[1:4]), spread(numbers[4:7]), *added])
         else:
@@ -34,6 +46,12 @@ def section(found: list[list[str]]) -> str:
         "ms of processor time of a run of one path and one step, in turn with a call of the C interface "
         "prepared beforehand.\n\n"
         + table(["function", "from Python [ms]", "C interface [ms]", "added [ms]", "target", ""], calls)
+        + "\n\n"
+        "us of processor time of one step of one path (kubo, midpoint), the least of all repeats.\n\n"
+        + table(["call", "time [us]", "target", ""], steps)
+        + "\n\n"
+        "ns a path-step of moments of 1000 paths (kubo, midpoint), 500 steps.\n\n"
+        + table(["what is saved", "time [ns]", "target", ""], observed)
         + "\n\n"
         "By how much the peak memory of the process grows in a large run, over the size of the arrays it returns:\n"
         "1 means that nothing large is copied, neither what comes in nor what goes out.\n\n"

@@ -22,6 +22,7 @@ from .model import Model
 from .report import Report, make_report
 
 Observable = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_PYTHON_NUMBERS = 8192  # of q that an observable is given at once, where there are so many: a call costs microseconds
 _TAKEN = re.compile(r"energy|[qp](_\d+)?")
 
 
@@ -77,6 +78,7 @@ class Moments:
         if observables:
             moments.nobservable = len(observables)
             moments.observables = _callbacks.observables(observables, failures)
+            moments.observables_lanes = _PYTHON_NUMBERS // self.setup.model.ndof
         report = _handles.new(_abi.Report, "report")
         with Monitor(progress, result=self) as monitor:
             self._integrate(moments, report, monitor, failures)
@@ -178,7 +180,8 @@ def moments(
     """Moments of q, p, the energy H and observables, in memory that does not depend on paths and steps.
 
     The options are those of `simulate`. observables: name -> function of q, p, (dof, lane) each, that returns
-    (lane,) values. first_path is a multiple of 256, so that parts of an ensemble merge to the same bits.
+    (lane,) values; lanes are paths, of several saved times where these are few. first_path is a multiple of 256, so
+    that parts of an ensemble merge to the same bits.
 
     Misuse raises a ValueError (`symsde.errors`); an exception of an observable stops the run and is raised.
     """

@@ -25,7 +25,7 @@ module symsde_capi_moments
    private
    public :: symsde_moments_init, symsde_compute_moments
 
-   integer, parameter :: most_observables = 100000
+   integer, parameter :: most_observables = 100000, most_lanes = 1000000
 
    !> struct symsde_moments
    type, bind(c) :: c_moments
@@ -41,6 +41,7 @@ module symsde_capi_moments
       integer(c_int32_t) :: failed_status(max_failed_listed)
       integer(c_int64_t) :: failed_step(max_failed_listed)
       type(c_ptr) :: m2
+      integer(c_int32_t) :: observables_lanes
    end type c_moments
 
 contains
@@ -83,7 +84,8 @@ contains
       if (.not. allocated(refusal)) call read_input(input, m%traits%ndof, o%npath, from, refusal)
       if (.not. allocated(refusal)) call read_moments(moments, m, o, copy, refusal)
       if (.not. allocated(refusal)) then
-         call new_callback_observables(observables, copy%nobservable, copy%observables, copy%observables_user)
+         call new_callback_observables(observables, copy%nobservable, copy%observables, copy%observables_user, &
+                                       copy%observables_lanes)
          call run(m, s, o, from, observables, result, refusal)
       end if
       if (.not. allocated(refusal)) call give_moments(result, copy, moments)
@@ -123,6 +125,9 @@ contains
       if (copy%nobservable < 0 .or. copy%nobservable > most_observables) &
          call raise(error, invalid_argument, 'symsde_compute_moments', 'nobservable = '// &
                     to_text(copy%nobservable)//' is out of range: give 0 to '//to_text(most_observables))
+      if (copy%observables_lanes < 0 .or. copy%observables_lanes > most_lanes) &
+         call raise(error, invalid_argument, 'symsde_compute_moments', 'observables_lanes = '// &
+                    to_text(copy%observables_lanes)//' is out of range: give 0 to '//to_text(most_lanes))
       if (copy%nobservable > 0) call require(copy%observables, 'observables', error)
       nvalue = 2*model%traits%ndof + merge(1, 0, model%traits%has_value) + copy%nobservable
       call check_sizes(options%nstep/options%save_every + 1, nvalue, 1_i8, 'mean', error)
@@ -184,6 +189,7 @@ contains
       moments%nfailed_listed = 0
       moments%failed = -1
       moments%failed_status = 0
+      moments%observables_lanes = 0
       moments%failed_step = -1
       moments%m2 = c_null_ptr
    end subroutine clear

@@ -37,13 +37,15 @@ module symsde_capi_observables
 contains
 
    !> Observables from a C function, or none.
-   subroutine new_callback_observables(self, nvalue, observables, user)
+   subroutine new_callback_observables(self, nvalue, observables, user, most_lanes)
       type(callback_observables), intent(inout) :: self
       integer, intent(in) :: nvalue
       type(c_funptr), intent(in) :: observables   !! an observables_callback; not needed for nvalue = 0
       type(c_ptr), intent(in) :: user
+      integer, intent(in) :: most_lanes           !! of several saved times in one call; 0 = one time each
 
       self%nvalue = nvalue
+      self%most_lanes = most_lanes
       self%user = user
       if (nvalue > 0 .and. c_associated(observables)) call c_f_procpointer(observables, self%on_observables)
       allocate (self%failure, source=0_i4)

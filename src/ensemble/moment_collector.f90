@@ -26,20 +26,32 @@ module symsde_ensemble_moment_collector
       integer(i8) :: failed_step(max_failed_listed) = -1
    end type moment_store
 
+   !> States that wait for the user's observables, since a function in Python costs microseconds a call.
+   type :: waiting_states
+      integer :: nplace = 1                       !! saved times that fit
+      integer :: n = 0                            !! that wait
+      integer :: it = 0                           !! which time the first of them is
+      real(wp) :: t = 0                           !! it [time]
+      real(wp), allocatable :: q(:, :, :), p(:, :, :)  !! (nlane, nplace, ndof)
+      logical, allocatable :: counts(:, :)        !! (nlane, nplace)
+   end type waiting_states
+
    type, extends(observer_type) :: moment_collector
       private
       class(model_type), pointer :: model => null()
       class(observables_type), pointer :: observables => null()
       type(moment_store), pointer :: store => null()
       integer, public :: nvalue = 0
+      type(waiting_states) :: waiting
       integer :: ntime = 0, nreal = 0, npiece = 0
       integer :: offset(64) = 0, level(64) = 0
       integer(i8) :: first = 0
       type(moment_node), allocatable :: pieces(:)
-      real(wp), allocatable :: values(:, :), w(:, :)  !! (nlane, nvalue), (nlane, 0:nnoise)
+      real(wp), allocatable :: values(:, :), w(:, :)  !! (nlane, own values), (nlane, 0:nnoise)
    contains
       procedure :: begin_block
       procedure :: observe
+      procedure :: skip
       procedure :: end_block
       procedure :: failure_code
       procedure :: numbers
@@ -61,12 +73,13 @@ contains
       self%ntime = ntime
       self%nvalue = 2*model%traits%ndof
       if (model%traits%has_value) self%nvalue = self%nvalue + 1
+      allocate (self%values(nlane, self%nvalue), self%w(nlane, 0:model%traits%nnoise))
       nullify (self%observables)
       if (present(observables)) then
          self%observables => observables
          self%nvalue = self%nvalue + observables%nvalue
+         self%waiting%nplace = max(1, min(observables%most_lanes/nlane, ntime))
       end if
-      allocate (self%values(nlane, self%nvalue), self%w(nlane, 0:model%traits%nnoise))
       self%w = 0
       self%w(:, 0) = 1
    end subroutine new_moment_collector
@@ -103,43 +116,107 @@ contains
       real(wp), intent(in) :: t
       type(lane_state), intent(in) :: state
       logical :: counts(state%nlane)
-      integer :: i, j, a, b, it
+      integer :: it
 
       if (.not. allocated(self%pieces)) call new_pieces(self)
       it = int(isave) + 1
       call evaluate(self, t, state)
       counts = state%status == 0
+      call reduce(self, it, 0, size(self%values, 2), self%values, counts)
+      if (.not. associated(self%observables)) return
+      if (self%observables%nvalue == 0) return
+      call let_wait(self%waiting, it, t, state, counts)
+      if (self%waiting%n == self%waiting%nplace .or. it == self%ntime) &
+         call ask_observables(self, state%nlane, state%ndof)
+   end subroutine observe
+
+   !> The rest of the times is left out: what waits is all there is.
+   subroutine skip(self, isave)
+      class(moment_collector), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+
+      if (self%waiting%n > 0) &
+         call ask_observables(self, size(self%waiting%q, 1), size(self%waiting%q, 3))
+   end subroutine skip
+
+   !> Moments of n values, the ones after the first `at`, of the lanes of each piece.
+   subroutine reduce(self, it, at, n, values, counts)
+      class(moment_collector), intent(inout) :: self
+      integer, intent(in) :: it, at, n
+      real(wp), intent(in) :: values(:, :)   !! (nlane, n)
+      logical, intent(in) :: counts(:)       !! (nlane)
+      integer :: i, j, a, b
+
       do i = 1, self%npiece
          a = self%offset(i) + 1
          b = self%offset(i) + 2**self%level(i)
          associate (node => self%pieces(i))
-            do j = 1, self%nvalue
-               call reduce_lanes(self%level(i), self%values(a:b, j), counts(a:b), &
-                                 node%n(it), node%mean(j, it), node%m2(j, it))
+            do j = 1, n
+               call reduce_lanes(self%level(i), values(a:b, j), counts(a:b), &
+                                 node%n(it), node%mean(at + j, it), node%m2(at + j, it))
             end do
          end associate
       end do
-   end subroutine observe
+   end subroutine reduce
 
-   !> q, p, energy and the user's observables of every lane.
+   !> q, p and energy of every lane.
    subroutine evaluate(self, t, state)
       class(moment_collector), intent(inout) :: self
       real(wp), intent(in) :: t
       type(lane_state), intent(in) :: state
-      integer :: n, at
+      integer :: n
 
       n = state%ndof
       self%values(:, 1:n) = state%q
       self%values(:, n + 1:2*n) = state%p
-      at = 2*n
-      if (self%model%traits%has_value) then
-         at = at + 1
+      if (self%model%traits%has_value) &
          call self%model%value(state%nlane, n, self%model%traits%nnoise, t, self%w, state%q, state%p, &
-                               self%values(:, at))
-      end if
-      if (associated(self%observables)) &
-         call self%observables%evaluate(state%nlane, n, t, state%q, state%p, self%values(:, at + 1:))
+                               self%values(:, 2*n + 1))
    end subroutine evaluate
+
+   !> Keep a state for the user's observables.
+   subroutine let_wait(self, it, t, state, counts)
+      type(waiting_states), intent(inout) :: self
+      integer, intent(in) :: it
+      real(wp), intent(in) :: t
+      type(lane_state), intent(in) :: state
+      logical, intent(in) :: counts(:)
+
+      if (.not. allocated(self%q)) &
+         allocate (self%q(state%nlane, self%nplace, state%ndof), self%p(state%nlane, self%nplace, state%ndof), &
+                   self%counts(state%nlane, self%nplace))
+      if (self%n == 0) then
+         self%it = it
+         self%t = t
+      end if
+      self%n = self%n + 1
+      self%q(:, self%n, :) = state%q
+      self%p(:, self%n, :) = state%p
+      self%counts(:, self%n) = counts
+   end subroutine let_wait
+
+   !> The user's observables of all states that wait, as lanes side by side. Never under a lock: a function may run the
+   !> library itself.
+   subroutine ask_observables(self, nlane, ndof)
+      class(moment_collector), intent(inout) :: self
+      integer, intent(in) :: nlane, ndof
+      real(wp) :: values(nlane, self%waiting%n, self%observables%nvalue)
+      integer :: i, n, at
+
+      n = self%waiting%n
+      associate (w => self%waiting)
+         if (n == w%nplace) then
+            call self%observables%evaluate(nlane*n, ndof, w%t, w%q, w%p, values)
+         else
+            call self%observables%evaluate(nlane*n, ndof, w%t, w%q(:, :n, :), w%p(:, :n, :), values)
+         end if
+         at = self%nvalue - self%observables%nvalue
+         do i = 1, n
+            call reduce(self, w%it + i - 1, at, self%observables%nvalue, values(:, i, :), w%counts(:, i))
+         end do
+         w%n = 0
+      end associate
+   end subroutine ask_observables
 
    subroutine end_block(self, state)
       class(moment_collector), intent(inout) :: self
@@ -172,6 +249,9 @@ contains
       pieces = int(min(int(pieces, i8), npath))
       waiting = int(min(int(exponent(real(npath, wp)), i8), npath))
       numbers = node*(real(nthread, wp)*pieces + waiting + 2) + nthread*real(size(self%values), wp)
+      if (associated(self%observables)) &
+         numbers = numbers + nthread*real(size(self%values, 1), wp)*self%waiting%nplace* &
+                   (4*self%model%traits%ndof + 3*self%observables%nvalue + 1)
    end function numbers
 
    !> That of the user's observables.

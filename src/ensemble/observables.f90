@@ -7,14 +7,15 @@ module symsde_ensemble_observables
    public :: observables_type
 
    type, abstract :: observables_type
-      integer :: nvalue = 0  !! how many values
+      integer :: nvalue = 0      !! how many values
+      integer :: most_lanes = 0  !! > 0: not of t, they are asked for so many lanes of several saved times
    contains
       procedure(evaluate_interface), deferred :: evaluate
       procedure :: failure_code => never_failed
    end type observables_type
 
    abstract interface
-      !> All values at one time; every lane from its own numbers alone.
+      !> All values at one time, or at the first of several; every lane from its own numbers alone.
       subroutine evaluate_interface(self, nlane, ndof, t, q, p, values)
          import :: observables_type, wp
          class(observables_type), intent(in) :: self

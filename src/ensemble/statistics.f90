@@ -165,6 +165,11 @@ contains
       real(wp) :: na(2**level), ma(2**level), sa(2**level), share, d
       integer :: i, half, width
 
+      if (all(counts)) then
+         call reduce_full(level, x, mean, m2)
+         n = 2.0_wp**level
+         return
+      end if
       do i = 1, 2**level
          na(i) = merge(1.0_wp, 0.0_wp, counts(i))
          ma(i) = merge(x(i), 0.0_wp, counts(i))
@@ -186,5 +191,39 @@ contains
       mean = ma(1)
       m2 = sa(1)
    end subroutine reduce_lanes
+
+   !> The same where every lane counts: sisters are of one size and share is 1/2, so that these are the same bits.
+   pure subroutine reduce_full(level, x, mean, m2)
+      integer, intent(in) :: level
+      real(wp), intent(in) :: x(2**level)
+      real(wp), intent(out) :: mean, m2
+      real(wp) :: ma(2**level), sa(2**level), mb(2**level), sb(2**level)
+      integer :: k
+
+      ma = x
+      sa = 0
+      do k = level - 1, 0, -2
+         call halve(2**k, 2.0_wp**(level - k - 2), ma, sa, mb, sb)
+         if (k == 0) exit
+         call halve(2**(k - 1), 2.0_wp**(level - k - 1), mb, sb, ma, sa)
+      end do
+      mean = merge(mb(1), ma(1), mod(level, 2) == 1)
+      m2 = merge(sb(1), sa(1), mod(level, 2) == 1)
+   end subroutine reduce_full
+
+   !> VEC Sisters of 2*weight lanes each become their mothers: means from ma to mb, sums from sa to sb.
+   pure subroutine halve(half, weight, ma, sa, mb, sb)
+      integer, intent(in) :: half
+      real(wp), intent(in) :: weight, ma(2*half), sa(2*half)
+      real(wp), intent(inout) :: mb(half), sb(half)
+      real(wp) :: d
+      integer :: i
+
+      do i = 1, half
+         d = ma(2*i) - ma(2*i - 1)
+         mb(i) = ma(2*i - 1) + d*0.5_wp
+         sb(i) = sa(2*i - 1) + sa(2*i) + d**2*weight
+      end do
+   end subroutine halve
 
 end module symsde_ensemble_statistics

@@ -46,6 +46,29 @@ def test_failed_paths_are_left_out():
     np.testing.assert_allclose(found.mean_q[-1], good.mean(axis=1), rtol=1e-12)
 
 
+@pytest.mark.parametrize(("lanes", "threads"), [(8, 1), (64, 1), (8, 2), (None, 1)])
+def test_python_observables_are_asked_for_many_times_at_once(lanes, threads):
+    """A block is shown at several saved times in one call, failed lanes too: the bits are those of q itself."""
+    model = ss.models.henon_heiles()
+    start = np.full((2, 50), 0.1)
+    start[:, [5, 41]] = [[0.2, 20.0]]
+    sizes = []
+
+    def first(q, p):
+        sizes.append(q.shape)
+        return q[0]
+
+    how = {"q0": start, "p0": 0.0, "step": 0.1, "steps": 60, "paths": 50, "scheme": "stormer_verlet", "lanes": lanes}
+    with pytest.warns(ss.PathsFailedWarning, match="1 paths failed"):
+        found = ss.moments(model, observables={"first": first, "other": lambda q, p: p[1] + 0}, threads=threads, **how)
+    for kind in ("mean", "var", "se_mean"):
+        np.testing.assert_array_equal(getattr(found, kind)["first"], getattr(found, f"{kind}_q")[:, 0])
+        np.testing.assert_array_equal(getattr(found, kind)["other"], getattr(found, f"{kind}_p")[:, 1])
+    block = found.report.lanes
+    assert sum(n for _, n in sizes) == -(-50 // block) * block * 61
+    assert max(n for _, n in sizes) <= 4096 and len(sizes) == -(-50 // block)
+
+
 def test_growth_of_energy():
     """E(p^2 + q^2)/2 = sigma^2 t/2 (24), times the midpoint's factor 1/(1 + h^2/4); 5 standard errors: 6e-7."""
     found = ss.moments(
