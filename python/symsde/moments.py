@@ -19,14 +19,14 @@ from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
 from .errors import InvalidArgumentError, WrongTypeError
 from .model import Model
-from .report import Report, make_report
+from .report import Reported
 
 Observable = Callable[[np.ndarray, np.ndarray], np.ndarray]
 _PYTHON_NUMBERS = 8192  # of q that an observable is given at once, where there are so many: a call costs microseconds
 _TAKEN = re.compile(r"energy|[qp](_\d+)?")
 
 
-class Moments:
+class Moments(Reported):
     """Means, unbiased variances and standard errors of means over the paths that are ok up to each time."""
 
     t: np.ndarray  #: (time,)
@@ -37,7 +37,6 @@ class Moments:
     mean: dict[str, np.ndarray]  #: (time,) of each observable; likewise var, se_mean
     m2: np.ndarray  #: (time, value), sums of squared deviations, by which parts of an ensemble merge exactly
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
-    report: Report
 
     def __init__(self, setup: Setup, observables: Iterable[str]):
         """Room for the moments, of these observables too; `fill` computes them."""
@@ -85,7 +84,7 @@ class Moments:
             listed = moments.nfailed_listed
             for name in ("failed", "failed_status", "failed_step"):
                 setattr(self, name, np.array(getattr(moments, name)[:listed], np.int64))
-            self.report = make_report(report)
+            self._take_report(report)
 
     def _integrate(self, moments, report, monitor, failures) -> None:
         setup = self.setup

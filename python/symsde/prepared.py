@@ -117,7 +117,7 @@ class PreparedRun:
         """Counters and seconds of all calls, the outcome of the last one; warnings are for a million steps."""
         report = _handles.new(_abi.Report, "report")
         _handles.call("run_report", self._pointer, ctypes.byref(report))
-        return make_report(report, warn=False)
+        return make_report(report)
 
     def step(self, dw: Any = None) -> None:
         """One step, on the run's own noise, or with increments dw: a number, (noise,) or (noise, path)."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 from dataclasses import dataclass
 
@@ -48,10 +49,32 @@ class Report:
         return "\n".join(f"{key:11s}{value}" for key, value in lines.items())
 
 
-def make_report(given: _abi.Report, *, warn: bool = True) -> Report:
-    """Report of the C interface in Python; warns where paths failed, unless that has been said."""
+class Reported:
+    """A result with a report, which is put together when it is looked at: that takes as long as some runs."""
+
+    _reported: _abi.Report
+
+    def _take_report(self, given: _abi.Report) -> None:
+        """Keep the report of the C interface; warn where paths failed."""
+        self._reported = given
+        if given.failed:
+            warnings.warn(
+                f"{given.failed} paths failed: they are NaN from there on and left out of moments; "
+                "see status and failed_step",
+                PathsFailedWarning,
+                stacklevel=4,
+            )
+
+    @functools.cached_property
+    def report(self) -> Report:
+        """What the run did: stepper, what was left out, counters, failures, timings and versions."""
+        return make_report(self._reported)
+
+
+def make_report(given: _abi.Report) -> Report:
+    """Report of the C interface in Python."""
     left_out = given.left_out.decode("utf-8", "replace")
-    report = Report(
+    return Report(
         outcome=_handles.status_text(given.status),
         status=given.status,
         stepper=given.stepper.decode("utf-8", "replace"),
@@ -67,11 +90,3 @@ def make_report(given: _abi.Report, *, warn: bool = True) -> Report:
         timings={"setup": given.seconds_setup, "run": given.seconds_run},
         versions=build_info(),
     )
-    if report.failed and warn:
-        warnings.warn(
-            f"{report.failed} paths failed: they are NaN from there on and left out of moments; "
-            "see status and failed_step",
-            PathsFailedWarning,
-            stacklevel=4,
-        )
-    return report

@@ -14,11 +14,11 @@ from ._checks import address
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
 from .model import Model
-from .report import Report, make_report
+from .report import Reported
 from .schemes import Scheme
 
 
-class Run:
+class Run(Reported):
     """Saved paths: arrays as the library filled them, without a copy. Values after a failure are NaN."""
 
     t: np.ndarray  #: (time,), t0 included
@@ -31,7 +31,6 @@ class Run:
     last_p: np.ndarray
     low_q: np.ndarray | None  #: (dof, path), low parts of the last state of a compensated run
     low_p: np.ndarray | None
-    report: Report
 
     def __init__(self, setup: Setup):
         """Room for the paths; `fill` computes them."""
@@ -63,7 +62,7 @@ class Run:
                 *(ctypes.byref(struct) for struct in (given, paths, report)),
                 allow=(_abi.STOPPED, _abi.PATHS_FAILED),
             )
-            self.report = make_report(report)
+            self._take_report(report)
 
     @property
     def model(self) -> Model:

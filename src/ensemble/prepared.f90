@@ -241,6 +241,7 @@ contains
       type(monitor_type) :: silence
 
       call check_own_state(self, error)
+      call require_memory(0.0_wp, 'a call of a prepared run', 'free some', 'advance', error)
       if (allocated(error)) return
       from%q => self%q
       from%p => self%p

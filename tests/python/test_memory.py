@@ -55,6 +55,8 @@ def calls(model, scheme):
     yield "symplecticity", lambda: ss.diagnose.symplecticity(model, scheme, q=0.1, p=0.1, step=0.01)
     yield "stationary", lambda: ss.diagnose.stationary_path(
         model, scheme, q_start=0.1, q_end=0.11, step=0.01, steps=3, paths=2)
+    prepared = ss.prepare(model, q0=0.1, p0=0.1, step=0.01, scheme=scheme, threads=1, paths=16, lanes=8)
+    yield "prepared", lambda: prepared.run(2)
     run = ss.simulate(model, steps=3, paths=9, **given)
     yield "action", lambda: ss.diagnose.action(run)
     yield "residual", lambda: ss.diagnose.euler_lagrange_residual(run)
