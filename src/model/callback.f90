@@ -20,12 +20,12 @@ module symsde_model_callback
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_record, only: steps_record
-   use symsde_base_status, only: error_type, raise, incompatible, missing_operation, out_of_memory
+   use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory
    use symsde_base_traits, only: model_traits, strip_lanes
    use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, &
-                                    hessian_vector_composed, force_stiffness_composed
+                                    hessian_vector_composed
    use symsde_model_callback_flow, only: user_flows
-   use symsde_model_chain_rows, only: block_from_rows
+   use symsde_model_chain_rows, only: check_chain, chain_rows_callback
    use symsde_model_parameters, only: check_traits
    implicit none
    private
@@ -56,7 +56,6 @@ module symsde_model_callback
       procedure :: flow
       procedure :: set_gradient_hessian
       procedure :: set_flow
-      procedure :: force_stiffness
       procedure :: chain_rows
       procedure :: set_chain_rows
       procedure :: accept_null
@@ -129,17 +128,6 @@ module symsde_model_callback
          type(c_ptr), value :: user
          integer(c_int) :: code
       end function gradient_hessian_callback
-
-      !> Rows first .. last of the force and of the stiffness of a chain, counted from 0.
-      function chain_rows_callback(nlane, ndof, nham, first, last, t, w, q, hq, hqq, user) bind(c) result(code)
-         import :: c_int, c_double, c_ptr
-         integer(c_int), value :: nlane, ndof, nham, first, last
-         real(c_double), value :: t
-         real(c_double), intent(in) :: w(nlane, nham), q(nlane, first - 1:last + 1)
-         real(c_double), intent(out) :: hq(nlane, first:last), hqq(nlane, 0:1, first:last)
-         type(c_ptr), value :: user
-         integer(c_int) :: code
-      end function chain_rows_callback
    end interface
 
 contains
@@ -227,9 +215,8 @@ contains
       call spoil(steps%nlane, size(pn)/steps%nlane, pn)
    end subroutine flow
 
-   !> One more function, before the model is used: rows of force and stiffness, with which a midpoint step of a chain
-   !> takes one pass over it, whatever else is offered. c_null_funptr: without it again. Refuses models whose traits say
-   !> that they are no chains with H = p.p/2 + U(q) and noise in position, or additive (incompatible).
+   !> One more function, before the model is used: rows of force and stiffness, with which a midpoint step takes one
+   !> pass over a chain. c_null_funptr: without it again. Refuses what is not declared to be such a chain.
    subroutine set_chain_rows(self, chain_rows, error)
       class(callback_model), intent(inout) :: self
       type(c_funptr), intent(in) :: chain_rows  !! a chain_rows_callback, or c_null_funptr
@@ -239,14 +226,8 @@ contains
       nullify (self%on_chain_rows)
       self%traits%has_chain_rows = .false.
       if (.not. c_associated(chain_rows)) return
-      associate (t => self%traits)
-         if (t%bandwidth /= 1 .or. .not. t%identity_mass .or. .not. (t%position_noise .or. t%additive)) then
-            call raise(error, incompatible, 'set_chain_rows', "model '"//self%name//"' does not declare what rows "// &
-                       'of a chain need: declare bandwidth 1, identity_mass, and position_noise or additive, or '// &
-                       'give no rows')
-            return
-         end if
-      end associate
+      call check_chain(self%name, self%traits, error)
+      if (allocated(error)) return
       call c_f_procpointer(chain_rows, self%on_chain_rows)
       self%traits%has_chain_rows = .true.
    end subroutine set_chain_rows
@@ -400,20 +381,6 @@ contains
       call spoil(strip_lanes, last - first + 1, hq)
       call spoil(strip_lanes, 2*(last - first + 1), hqq)
    end subroutine chain_rows
-
-   !> Force and upper bands, from the rows where the user offers them.
-   subroutine force_stiffness(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
-      class(callback_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise, b
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
-
-      if (associated(self%on_chain_rows)) then
-         call block_from_rows(self, nlane, ndof, nnoise, t, w, q, hq, hqq)
-      else
-         call force_stiffness_composed(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
-      end if
-   end subroutine force_stiffness
 
    !> All blocks of the Hessian by a function that does not accept NULL; those that are wanted are kept.
    subroutine whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)

@@ -1,14 +1,40 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Force and stiffness of a whole block of lanes from the rows of a chain, strip by strip.
+!> The rows of a chain: as a user's function, which models may have one, and force and stiffness of a whole block.
 module symsde_model_chain_rows
+   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_ptr
    use symsde_base_kinds, only: wp
-   use symsde_base_traits, only: strip_lanes
+   use symsde_base_status, only: error_type, raise, incompatible
+   use symsde_base_traits, only: model_traits, strip_lanes
    use symsde_model_abstract, only: model_type
    implicit none
    private
-   public :: block_from_rows
+   public :: block_from_rows, check_chain, chain_rows_callback
+
+   abstract interface
+      !> Rows first .. last of the force and of the stiffness of a chain, counted from 0.
+      function chain_rows_callback(nlane, ndof, nham, first, last, t, w, q, hq, hqq, user) bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham, first, last
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, first - 1:last + 1)
+         real(c_double), intent(out) :: hq(nlane, first:last), hqq(nlane, 0:1, first:last)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function chain_rows_callback
+   end interface
 
 contains
+
+   !> Refuse rows of a model that does not declare H = p.p/2 + U(q), tridiagonal, noise in position or additive.
+   subroutine check_chain(name, traits, error)
+      character(*), intent(in) :: name
+      type(model_traits), intent(in) :: traits
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (traits%bandwidth == 1 .and. traits%identity_mass .and. (traits%position_noise .or. traits%additive)) return
+      call raise(error, incompatible, 'set_chain_rows', "model '"//name//"' does not declare what rows of a chain "// &
+                 'need: declare bandwidth 1, identity_mass, and position_noise or additive, or give no rows')
+   end subroutine check_chain
 
    !> What force_stiffness gives with b = 1, of a model that offers chain_rows. The last strip repeats its last lane.
    subroutine block_from_rows(model, nlane, ndof, nnoise, t, w, q, hq, hqq)
