@@ -2,7 +2,7 @@
 # Compile flags, in one place, on one interface target. -ffast-math is never used: the library promises
 # bits, tests for NaN and infinity, and compensated sums, all of which it breaks.
 # Only who names dev gets its -Werror: a Debug build of a project that embeds this one does not.
-set(_sets dev release native sanitize sanitize-threads)
+set(_sets dev release native sanitize sanitize-threads coverage)
 set(SYMSDE_FLAGS release CACHE STRING "Set of compile flags: ${_sets}")
 set_property(CACHE SYMSDE_FLAGS PROPERTY STRINGS ${_sets})
 
@@ -31,6 +31,10 @@ elseif(SYMSDE_FLAGS STREQUAL "sanitize-threads")
    # for programs whose threads are the host's own: those of OpenMP meet in ways that this sanitizer does not see
    set(SYMSDE_SANITIZERS -fsanitize=thread)
    set(_common -O1 -g -fno-omit-frame-pointer ${SYMSDE_SANITIZERS})
+elseif(SYMSDE_FLAGS STREQUAL "coverage")
+   # lines are counted: no line is merged with another one more than -O1 does; threads count at once
+   set(_common -O1 -g --coverage -fprofile-update=atomic)
+   set(_link --coverage)
 else()
    list(JOIN _sets ", " _sets)
    message(FATAL_ERROR "SYMSDE_FLAGS is '${SYMSDE_FLAGS}'; allowed are ${_sets}.")
@@ -46,4 +50,4 @@ target_compile_options(symsde_flags INTERFACE
    $<$<COMPILE_LANGUAGE:Fortran>:${_common};${_fortran}>
    $<$<COMPILE_LANGUAGE:C>:${_common};${_c}>)
 # A stack that cannot be executed: no object may ask for another one.
-target_link_options(symsde_flags INTERFACE LINKER:-z,noexecstack ${SYMSDE_SANITIZERS})
+target_link_options(symsde_flags INTERFACE LINKER:-z,noexecstack ${SYMSDE_SANITIZERS} ${_link})
