@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Plant faults, one at a time, and see whether the suites notice.
 
-run.py BUILD [--check | --sample] [--only WORD] [--jobs N] [--keep FILE] [--table FILE]
+run.py BUILD [--check | --sample] [--only WORD] [--part K/N] [--named] [--jobs N] [--keep FILE] [--table FILE]
 
 A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it.
 The mutated file alone is compiled, with the command of the build; linked with the build's other objects it makes a
@@ -11,6 +11,8 @@ in a copy of it. Neither the tree nor the build is touched.
     --check       only look whether every entry still fits the sources
     --sample      the entries with sample = true
     --only WORD   the entries whose file or text holds the word
+    --part K/N    the K-th of N parts, for several processes or machines; the kept verdicts can be put together
+    --named       run no other test than the one that the entry names: a quick look
     --keep FILE   write each verdict to the file as it falls, and take from it those of an earlier run: a run that
                   was stopped goes on where it was, and a fault in a file that has changed since is judged again
     --table FILE  write the result as a page: a row for each folder, and the survivors with their reasons
@@ -231,14 +233,15 @@ def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
     return {"LD_PRELOAD": str(library), "SYMSDE_LIBRARY": str(library), "PYTHONPATH": str(ROOT / "python")}
 
 
-def judge(mutant: Mutant, build: Build) -> Verdict:
-    """Plant it and run the tests."""
+def judge(mutant: Mutant, build: Build, named: bool) -> Verdict:
+    """Plant it and run the tests, or only the one that is named."""
     start = time.monotonic()
     caught_by, wrong = "", ""
     with tempfile.TemporaryDirectory(prefix="mutant-") as scratch:
         try:
             environment = plant(mutant, build, Path(scratch))
-            for name in [mutant.test, *(other for other in build.tests if other != mutant.test)]:
+            others = [] if named else [name for name in build.tests if name != mutant.test]
+            for name in [mutant.test, *others]:
                 test = build.tests[name]
                 if name == mutant.test and not test.is_sound():
                     raise MisfitError(f"{mutant.label}\n   {name} fails without a fault")
@@ -250,7 +253,7 @@ def judge(mutant: Mutant, build: Build) -> Verdict:
     return Verdict(mutant.key, mutant.label, caught_by, wrong, round(time.monotonic() - start, 1))
 
 
-def judge_all(mutants: list[Mutant], build: Build, jobs: int, keep: Path | None) -> dict[Mutant, Verdict]:
+def judge_all(mutants: list[Mutant], build: Build, jobs: int, keep: Path | None, named: bool) -> dict[Mutant, Verdict]:
     """The verdicts that are kept and fit, and those of the others, each written down as it falls."""
     kept = {}
     if keep is not None and keep.exists():
@@ -260,12 +263,12 @@ def judge_all(mutants: list[Mutant], build: Build, jobs: int, keep: Path | None)
     left = [mutant for mutant in mutants if mutant not in verdicts]
     print(f"{len(verdicts)} verdicts are kept, {len(left)} faults are judged", flush=True)
     with ThreadPoolExecutor(jobs) as pool:
-        waiting = {pool.submit(judge, mutant, build): mutant for mutant in left}
+        waiting = {pool.submit(judge, mutant, build, named): mutant for mutant in left}
         for done in as_completed(waiting):
             mutant, verdict = waiting[done], done.result()
             verdicts[mutant] = verdict
             print(spoken(mutant, verdict), flush=True)
-            if keep is not None:
+            if keep is not None and (verdict.caught_by or not named):
                 with keep.open("a") as record:
                     record.write(json.dumps(asdict(verdict)) + "\n")
     return verdicts
@@ -323,6 +326,8 @@ def main() -> int:
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--sample", action="store_true")
     parser.add_argument("--only", default="")
+    parser.add_argument("--part", default="1/1")
+    parser.add_argument("--named", action="store_true")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--table", type=Path)
@@ -332,11 +337,13 @@ def main() -> int:
     if options.sample:
         mutants = [mutant for mutant in mutants if mutant.sample]
     mutants = [mutant for mutant in mutants if options.only in mutant.label]
+    first, count = map(int, options.part.split("/"))
+    mutants = mutants[first - 1 :: count]
     if check(mutants, build) > 0 or not mutants:
         return 1
     if options.check:
         return 0
-    verdicts = judge_all(mutants, build, options.jobs, options.keep)
+    verdicts = judge_all(mutants, build, options.jobs, options.keep, options.named)
     ncaught = sum(bool(verdict.caught_by) for verdict in verdicts.values())
     good = all(
         not verdict.wrong and bool(verdict.caught_by) != bool(mutant.survives) for mutant, verdict in verdicts.items()
