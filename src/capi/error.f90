@@ -2,7 +2,7 @@
 !> The error of the C interface, and the checks that every function makes of its pointers and structs.
 module symsde_capi_error
    use, intrinsic :: iso_c_binding, only: &
-      c_associated, c_char, c_f_pointer, c_funptr, c_int, c_int32_t, c_ptr, c_size_t
+      c_associated, c_char, c_f_pointer, c_int, c_int32_t, c_ptr, c_size_t
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, status_ok, invalid_argument, too_large, wrong_shape
    use symsde_base_text, only: to_text
@@ -18,11 +18,6 @@ module symsde_capi_error
       integer(c_int32_t) :: code
       character(kind=c_char) :: message(message_size)
    end type c_error
-
-   !> A pointer that is needed must not be NULL.
-   interface require
-      module procedure require_data, require_function
-   end interface require
 
    interface
       !> The C library's copy of n bytes.
@@ -61,23 +56,16 @@ contains
       end if
    end function finish
 
-   subroutine require_data(pointer, what, error)
+   !> A pointer that is needed must not be NULL. (gfortran 12 cannot tell c_ptr from c_funptr where a generic name is
+   !> resolved, and takes the last of them: one for functions would need a name of its own.)
+   subroutine require(pointer, what, error)
       type(c_ptr), intent(in) :: pointer
       character(*), intent(in) :: what   !! name of the argument
       type(error_type), allocatable, intent(inout) :: error
 
       if (.not. c_associated(pointer)) &
          call raise(error, invalid_argument, 'require', what//' is NULL: give its address')
-   end subroutine require_data
-
-   subroutine require_function(pointer, what, error)
-      type(c_funptr), intent(in) :: pointer
-      character(*), intent(in) :: what   !! name of the argument
-      type(error_type), allocatable, intent(inout) :: error
-
-      if (.not. c_associated(pointer)) &
-         call raise(error, invalid_argument, 'require', what//' is NULL: give a function')
-   end subroutine require_function
+   end subroutine require
 
    !> Sizes of an array of the caller: none negative, and its bytes must fit into 62 bits.
    subroutine check_sizes(n1, n2, n3, what, error)

@@ -92,9 +92,11 @@ static void test_builtin_models(void) {
                            &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "twice", symsde_model_get("kubo", 2, twice, values, &model, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "a|finite", symsde_model_get("kubo", 1, twice, nan_value, &model, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "keys is NULL", symsde_model_get("kubo", 1, NULL, values, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "keys is NULL: give its address",
+          symsde_model_get("kubo", 1, NULL, values, &model, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "key 1 is NULL", symsde_model_get("kubo", 1, none, values, &model, &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "values is NULL", symsde_model_get("kubo", 1, keys, NULL, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "values is NULL: give its address",
+          symsde_model_get("kubo", 1, keys, NULL, &model, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "nparameter|negative", symsde_model_get("kubo", -1, keys, values, &model, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "name is NULL", symsde_model_get(NULL, 0, NULL, NULL, &model, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "model is NULL", symsde_model_get("kubo", 0, NULL, NULL, NULL, &error));
