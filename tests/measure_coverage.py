@@ -50,7 +50,7 @@ def count_fortran(build: Path) -> Lines:
         found = subprocess.run(command, check=True, capture_output=True, text=True, cwd=build).stdout
         return json.loads(found)["files"]
 
-    sources = {path.relative_to(ROOT / "src"): path for path in (ROOT / "src").rglob("*.f90")}
+    sources = {path.relative_to(ROOT / "src"): path for path in (ROOT / "src").rglob("*.*")}
     lines: Lines = {}
     with ThreadPoolExecutor() as pool:
         for part in (part for parts in pool.map(read, sorted((build / "src").rglob("*.gcno"))) for part in parts):
