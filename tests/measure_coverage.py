@@ -20,7 +20,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LABELS = "unit|verification|capi|python"
-LONG = "^(test_order|test_beyond_one|check_funit|python_test_paper|python_test_stability)$"
+LONG = "^(test_order|test_beyond_one|check_funit)$"
 WANTED = 97.0  # per cent
 # Lines that are counted, though nothing on them runs: ends of procedures (their clean-up after an early return
 # among them), and what declares or continues.
