@@ -115,7 +115,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     if compiled is None:
         functions = in_numpy.InNumpy(derivatives, parameters).functions()
     else:
-        functions = {**_functions(compiled, parameters), "accepts_null": True}
+        functions = {**_functions(compiled, parameters), "accepts_null": True, "any_lanes": True}
     formula = Formula(
         hamiltonians=texts,
         structure=structure,
