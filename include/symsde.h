@@ -391,8 +391,8 @@ typedef struct symsde_state {
    const int64_t *failed_step; /* [paths]: absolute step that failed, or that a stopped path comes to next; -1 = none */
    int64_t paths;
    int32_t ndof, nnoise;
-   int64_t next_step;          /* absolute index of the step that comes next, after resuming if stopped */
-   double t;                   /* time before it [time] */
+   int64_t next_step; /* absolute index of the step that comes next, after resuming if stopped */
+   double t; /* time before it [time] */
 } symsde_state;
 
 int symsde_state_init(symsde_state *state);
