@@ -61,7 +61,7 @@ contains
       case (13); allocate (two_stage_single_stepper :: stepper)
       case (14); allocate (stages_stepper :: stepper)
       case (15); allocate (general_stepper :: stepper)
-      case (16); allocate (splitting_stepper :: stepper)
+      case default; allocate (splitting_stepper :: stepper)
       end select
    end subroutine offer
 

@@ -64,7 +64,7 @@ contains
          character(*), intent(in) :: how
 
          if (allocated(error)) return
-         call raise(error, false_trait, 'probe_flow', "the whole steps of scheme "//scheme%name//" that model '"// &
+         call raise(error, false_trait, 'probe_flow', 'the whole steps of scheme '//scheme%name//" that model '"// &
                     model%name//"' brings have other bits "//how//' than all at once: let each step depend on the '// &
                     'state before it and on its own increments alone')
       end subroutine refuse
@@ -78,7 +78,7 @@ contains
          if (all(abs(given - right) <= tolerance*(1 + maxval(abs(right))))) return
          at = maxloc(abs(given - right), mask=.not. abs(given - right) <= tolerance*(1 + maxval(abs(right))))
          if (any(at == 0)) at = 1
-         call raise(error, false_trait, 'probe_flow', "the whole steps of scheme "//scheme%name//" that model '"// &
+         call raise(error, false_trait, 'probe_flow', 'the whole steps of scheme '//scheme%name//" that model '"// &
                     model%name//"' brings are not those of the library: near the initial state they give "//what// &
                     '_'//to_text(at(2))//' = '//to_text(given(at(1), at(2), at(3)))//' after '//to_text(at(3))// &
                     ' steps, and not '//to_text(right(at(1), at(2), at(3)))//': mend them, or leave them out')

@@ -151,6 +151,7 @@ contains
       real(wp), intent(in) :: q(nlane, n), p(nlane, n)
       real(wp), intent(out) :: bad(nlane)
       integer, intent(out) :: nbad
+      integer(i8) :: count
       integer :: lane, i
 
       bad = 0
@@ -159,10 +160,11 @@ contains
             bad(lane) = bad(lane) + (0*q(lane, i) + 0*p(lane, i))  ! NaN where one is not finite
          end do
       end do
-      nbad = 0
+      count = 0
       do lane = 1, nreal
-         nbad = nbad + merge(0, 1, abs(bad(lane)) <= 0 .and. status(lane) == 0)
+         count = count + merge(0_i8, 1_i8, abs(bad(lane)) <= 0 .and. status(lane) == 0)
       end do
+      nbad = int(count)
    end subroutine find_bad_states
 
    !> VEC The last good state in lanes with a status.
