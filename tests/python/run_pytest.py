@@ -4,10 +4,16 @@
 import importlib.util
 import sys
 
-if importlib.util.find_spec("pytest") is None:
-    print("skipped: pytest is not installed; ./bootstrap test installs it in .venv")
-    sys.exit(77)
 
-import pytest
+def main() -> int:
+    """The exit code of pytest."""
+    if importlib.util.find_spec("pytest") is None:
+        print("skipped: pytest is not installed; ./bootstrap test installs it in .venv")
+        return 77
+    import pytest
 
-sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", *sys.argv[1:]]))
+    return pytest.main(["-q", "-p", "no:cacheprovider", *sys.argv[1:]])
+
+
+if __name__ == "__main__":  # processes that a test spawns import this file, too
+    sys.exit(main())
