@@ -23,8 +23,10 @@ def test_every_member_of_a_report():
     given.stepper, given.left_out, given.warnings = b"a stepper", b"one; two", b"first\nsecond"
     for i, name in enumerate(_abi.COUNTERS):
         setattr(given, name, 100 + i)
+    result = report.Reported()
     with pytest.warns(ss.PathsFailedWarning, match="^11 paths failed"):
-        found = report.make_report(given)
+        result._take_report(given)
+    found = result.report
     expected = {"outcome": "some paths failed", "status": 6, "stepper": "a stepper", "correction": "mean"}
     expected |= {"left_out": ("one", "two"), "warnings": ("first", "second"), "failed": 11, "stopped": 12}
     expected |= {"threads": 13, "lanes": 16, "lost_variance": 0.015, "timings": {"setup": 1.25, "run": 2.5}}
