@@ -162,7 +162,8 @@ contains
       end do
       count = 0
       do lane = 1, nreal
-         count = count + merge(0_i8, 1_i8, abs(bad(lane)) <= 0 .and. status(lane) == 0)
+         bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
+         count = count + merge(0_i8, 1_i8, bad(lane) <= 0)
       end do
       nbad = int(count)
    end subroutine find_bad_states
