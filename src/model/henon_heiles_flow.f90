@@ -24,8 +24,10 @@ contains
       real(wp), intent(in) :: q(steps%nlane, 2), p(steps%nlane, 2)
       real(wp), intent(out) :: qn(steps%nlane, 2, steps%nstep/steps%every), pn(steps%nlane, 2, steps%nstep/steps%every)
       type(counters_type), intent(inout) :: counters
+      real(wp), contiguous, pointer :: w(:, :, :)
       integer :: out, first, n, m
 
+      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       m = merge(1, steps%nlane, steps%nreal == 1)  ! a path that is alone is lane 1
       do out = 1, steps%nstep/steps%every
          if (out == 1) then
@@ -40,7 +42,7 @@ contains
             n = merge(group, 1, out*steps%every - first + 1 >= group)
             if (steps%nreal == 1) n = steps%every
             call pass(steps%nlane, n, steps%nreal == 1, steps%h, alpha, sigma1, sigma2, &
-                      steps%w(:, :, first:first + n - 1), qn(:, 1, out), qn(:, 2, out), pn(:, 1, out), pn(:, 2, out))
+                      w(:, :, first:first + n - 1), qn(:, 1, out), qn(:, 2, out), pn(:, 1, out), pn(:, 2, out))
             first = first + n
          end do
       end do
@@ -61,6 +63,7 @@ contains
          x2 = q2(1)
          y1 = p1(1)
          y2 = p2(1)
+         !GCC$ novector  ! each step waits for the one before it
          do step = 1, nstep
             call verlet(h, alpha, sigma1*w(1, 1, step), sigma2*w(1, 2, step), x1, x2, y1, y2)
          end do

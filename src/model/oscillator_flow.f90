@@ -65,8 +65,10 @@ contains
       real(wp), intent(in) :: q(steps%nlane), p(steps%nlane)
       real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       type(counters_type), intent(inout) :: counters
+      real(wp), contiguous, pointer :: w(:, :, :)
       integer :: which, out, n, m
 
+      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       m = merge(1, steps%nlane, steps%nreal == 1)  ! a path that is alone is lane 1
       which = index_of(scheme)
       if (terms%noise_a == 0 .and. terms%noise_c == 0) then
@@ -82,7 +84,7 @@ contains
             pn(:m, out) = pn(:m, out - 1)
          end if
          call advance(terms, which, steps%nreal == 1, steps%nlane, steps%nnoise, steps%every, terms%rate*steps%h, &
-                      steps%w(:, :, (out - 1)*steps%every + 1:out*steps%every), qn(:, out), pn(:, out))
+                      w(:, :, (out - 1)*steps%every + 1:out*steps%every), qn(:, out), pn(:, out))
       end do
       n = steps%nstep*steps%nreal
       if (which == midpoint) then
@@ -144,6 +146,7 @@ contains
       if (alone) then
          x = q(1)
          y = p(1)
+         !GCC$ novector  ! each step waits for the one before it
          do step = 1, nstep
             call kick_and_drift(h + ca*w(1, i, step), cb*w(1, j, step), h + cc*w(1, k, step), ce*w(1, l, step), x, y)
          end do
@@ -186,6 +189,7 @@ contains
       if (alone) then
          x = q(1)
          y = p(1)
+         !GCC$ novector  ! each step waits for the one before it
          do step = 1, nstep
             call kick_and_drift(h, cb*w(1, j, step), h, ce*w(1, l, step), x, y)
          end do
@@ -234,6 +238,7 @@ contains
       if (alone) then
          x = q(1)
          y = p(1)
+         !GCC$ novector  ! each step waits for the one before it
          do step = 1, nstep
             call verlet_step(h + ca*w(1, i, step), cb*w(1, j, step), h + cc*w(1, k, step), ce*w(1, l, step), x, y)
          end do
@@ -283,6 +288,7 @@ contains
       if (alone) then
          x = q(1)
          y = p(1)
+         !GCC$ novector  ! each step waits for the one before it
          do step = 1, nstep
             call midpoint_step(h + ca*w(1, i, step), cb*w(1, j, step), h + cc*w(1, k, step), ce*w(1, l, step), x, y)
          end do
