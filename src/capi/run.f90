@@ -77,6 +77,8 @@ contains
       type(c_ptr), pointer :: made
       integer :: info
 
+      holder => null()
+      made => null()
       call require(run, 'run', refusal)
       call require_memory(0.0_wp, 'a prepared run', 'free some', 'symsde_run_new', refusal)
       if (.not. allocated(refusal)) then

@@ -143,8 +143,8 @@ contains
    subroutine reduce(self, it, at, n, values, counts)
       class(moment_collector), intent(inout) :: self
       integer, intent(in) :: it, at, n
-      real(wp), intent(in) :: values(:, :)   !! (nlane, n)
-      logical, intent(in) :: counts(:)       !! (nlane)
+      real(wp), intent(in), contiguous :: values(:, :)   !! (nlane, n)
+      logical, intent(in), contiguous :: counts(:)       !! (nlane)
       integer :: i, j, a, b
 
       do i = 1, self%npiece
@@ -201,6 +201,7 @@ contains
       class(moment_collector), intent(inout) :: self
       integer, intent(in) :: nlane, ndof
       real(wp) :: values(nlane, self%waiting%n, self%observables%nvalue)
+      real(wp), allocatable :: q(:, :, :), p(:, :, :), of_time(:, :)
       integer :: i, n, at
 
       n = self%waiting%n
@@ -208,11 +209,14 @@ contains
          if (n == w%nplace) then
             call self%observables%evaluate(nlane*n, ndof, w%t, w%q, w%p, values)
          else
-            call self%observables%evaluate(nlane*n, ndof, w%t, w%q(:, :n, :), w%p(:, :n, :), values)
+            q = w%q(:, :n, :)
+            p = w%p(:, :n, :)
+            call self%observables%evaluate(nlane*n, ndof, w%t, q, p, values)
          end if
          at = self%nvalue - self%observables%nvalue
          do i = 1, n
-            call reduce(self, w%it + i - 1, at, self%observables%nvalue, values(:, i, :), w%counts(:, i))
+            of_time = values(:, i, :)
+            call reduce(self, w%it + i - 1, at, self%observables%nvalue, of_time, w%counts(:, i))
          end do
          w%n = 0
       end associate

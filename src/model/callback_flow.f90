@@ -100,7 +100,7 @@ contains
       real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
       integer(i8), intent(inout) :: status(steps%nlane)
       integer(i4), intent(out) :: code
-      real(wp), allocatable :: xq(:, :, :), xp(:, :, :)
+      real(wp), allocatable :: few_q(:, :), few_p(:, :), xq(:, :, :), xp(:, :, :)
       integer :: i, lane
 
       i = self%place_of(scheme)
@@ -108,8 +108,10 @@ contains
          call take_lanes(self%slots(i), n, ndof, steps, user, q, p, qn, pn, status, code)
          return
       end if
+      few_q = q(:n, :)
+      few_p = p(:n, :)
       allocate (xq(n, ndof, size(qn, 3)), xp(n, ndof, size(pn, 3)))
-      call take_lanes(self%slots(i), n, ndof, steps, user, q(:n, :), p(:n, :), xq, xp, status(:n), code)
+      call take_lanes(self%slots(i), n, ndof, steps, user, few_q, few_p, xq, xp, status(:n), code)
       qn(:n, :, :) = xq
       pn(:n, :, :) = xp
       do lane = n + 1, steps%nlane
@@ -129,6 +131,8 @@ contains
       integer(i8), intent(inout) :: status(n)
       integer(i4), intent(out) :: code
       type(functional_room), target :: few(nfunctional)
+      real(wp), contiguous, pointer :: w(:, :, :)
+      real(wp), allocatable :: few_w(:, :, :)
       type(c_ptr) :: functionals(nfunctional)
       integer :: f
 
@@ -140,11 +144,13 @@ contains
       end do
       associate (s => steps)
          if (n == s%nlane) then
-            code = slot%take(n, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, s%h, s%w, functionals, q, p, &
+            w => s%w  ! contiguous, as gfortran 12 does not see of a component
+            code = slot%take(n, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, s%h, w, functionals, q, p, &
                              qn, pn, status, user)
          else
-            code = slot%take(n, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, s%h, s%w(:n, :, :), &
-                             functionals, q, p, qn, pn, status, user)
+            few_w = s%w(:n, :, :)
+            code = slot%take(n, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, s%h, few_w, functionals, q, p, &
+                             qn, pn, status, user)
          end if
       end associate
    end subroutine take_lanes

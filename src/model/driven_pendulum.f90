@@ -50,14 +50,15 @@ contains
       real(wp), intent(in) :: sigma2   !! noise of the point of suspension [1/time^(3/2)]
       real(wp), intent(in) :: alpha    !! depth of the swing of the noises' strength [1]
       type(error_type), allocatable, intent(inout) :: error
-      real(wp) :: given(6), strength
-      integer :: i
+      real(wp) :: strength
 
       if (allocated(error)) return
-      given = [omega, epsilon, nu, sigma1, sigma2, alpha]
-      do i = 1, size(given)
-         call require_finite('new_driven_pendulum', trim(driven_pendulum_names(i)), given(i), error)
-      end do
+      call require_finite('new_driven_pendulum', 'omega', omega, error)
+      call require_finite('new_driven_pendulum', 'epsilon', epsilon, error)
+      call require_finite('new_driven_pendulum', 'nu', nu, error)
+      call require_finite('new_driven_pendulum', 'sigma1', sigma1, error)
+      call require_finite('new_driven_pendulum', 'sigma2', sigma2, error)
+      call require_finite('new_driven_pendulum', 'alpha', alpha, error)
       call require_finite('new_driven_pendulum', 'omega**2', omega**2, error)
       if (allocated(error)) return
       self%omega2 = omega**2

@@ -24,12 +24,14 @@ contains
       real(wp), intent(in) :: q(steps%nlane), p(steps%nlane)
       real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       type(counters_type), intent(inout) :: counters
+      real(wp), contiguous, pointer :: w(:, :, :)
 
+      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       associate (s => steps, n => steps%nstep*steps%nreal)
          if (s%nreal == 1) then
-            call turn_one_lane(s%nlane, s%nstep, s%every, a*s%h, sigma, s%w, q(1), p(1), qn, pn)
+            call turn_one_lane(s%nlane, s%nstep, s%every, a*s%h, sigma, w, q(1), p(1), qn, pn)
          else
-            call turn_lanes(s%nlane, s%nstep, s%every, a*s%h, sigma, s%w, q, p, qn, pn)
+            call turn_lanes(s%nlane, s%nstep, s%every, a*s%h, sigma, w, q, p, qn, pn)
          end if
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
