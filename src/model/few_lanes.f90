@@ -54,8 +54,13 @@ contains
 
    impure elemental subroutine release(self)
       type(few_lanes_model), intent(inout) :: self
+      integer :: i
 
-      if (associated(self%room)) deallocate (self%room)
+      if (.not. associated(self%room)) return
+      do i = 1, size(self%room)  ! gfortran 12 frees the rooms without what they hold
+         if (allocated(self%room(i)%x)) deallocate (self%room(i)%x)
+      end do
+      deallocate (self%room)
    end subroutine release
 
    !> Gradient of sum_j w_j H_j.
