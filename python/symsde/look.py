@@ -91,14 +91,15 @@ def drawing(path: Path, width: float, height: float, dpi: int, *, pdf: bool = Fa
 
 
 def readable(figure) -> None:
-    """Labels on logarithmic axes: every decade or every few, and 1, 2, 5 where there are less than 1.5 decades."""
+    """Labels on logarithmic axes: every decade or every few, and 1, 2, 5 where fewer than two would be seen."""
     ticker = importlib.import_module("matplotlib.ticker")
     for axes in figure.axes:
         for axis, limits, most in ((axes.xaxis, axes.get_xlim(), 5), (axes.yaxis, axes.get_ylim(), 9)):
             if axis.get_scale() != "log":
                 continue
             axis.set_minor_formatter(ticker.NullFormatter())
-            if np.log10(limits[1] / limits[0]) < 1.5:
+            first, last = np.log10(limits)
+            if np.floor(last) - np.ceil(first) < 1:
                 axis.set_major_locator(ticker.LogLocator(base=10, subs=(1, 2, 5), numticks=12))
                 axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
             else:

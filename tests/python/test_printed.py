@@ -124,6 +124,19 @@ def test_convergence_is_drawn_as_it_is(kubo):
     assert {"color": bars[0].get_color(), "marker": bars[0].get_marker()} == look.of_scheme("midpoint")
 
 
+@pytest.mark.parametrize("low, high", [(0.011, 0.7), (0.012, 1.3), (0.2, 0.7), (1e-7, 2e-4), (1e-12, 10.0)])
+def test_logarithmic_axes_have_at_least_two_labels(low, high):
+    figure = pytest.importorskip("matplotlib.figure").Figure()
+    axes = figure.subplots()
+    axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
+    look.readable(figure)
+    for axis in (axes.xaxis, axes.yaxis):
+        ticks = axis.get_majorticklocs()
+        labels = zip(ticks, axis.get_major_formatter().format_ticks(ticks), strict=True)
+        seen = [label for at, label in labels if label and low <= at <= high]
+        assert len(seen) >= 2, seen
+
+
 def test_lists_say_what_the_library_says(capsys):
     assert cli.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
