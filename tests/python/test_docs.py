@@ -202,16 +202,10 @@ def test_command_lines(elsewhere, capsys):
     assert (elsewhere / "kubo" / "moments.csv").exists()
 
 
-# Drawn before data were kept beside figures; their pages hold run times, and the next writing on an idle machine
-# brings the data. Take a name off this list with it.
-WITHOUT_DATA = {f"work-precision-{path.stem}" for path in (ROOT / "examples" / "scenes").glob("*.toml")}
-
-
 def test_every_figure_has_its_data():
     pictures = {path.stem for path in (ROOT / "docs" / "figures").glob("*.png")}
     data = {path.stem for path in (ROOT / "docs" / "figures").glob("*.json")}
-    assert "kubo_invariant" in data and data <= pictures
-    assert pictures - data <= WITHOUT_DATA
+    assert "kubo_invariant" in data and pictures == data
 
 
 @pytest.mark.parametrize("data", sorted((ROOT / "docs" / "figures").glob("*.json")), ids=lambda path: path.stem)
