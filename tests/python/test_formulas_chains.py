@@ -118,6 +118,69 @@ def hessian_vector(model, at, vq, vp):
     return uq, up
 
 
+ON_SITE = "Sum(p[i]**2/2 + cos(q[i])*cos(t), i)"
+ROWS = [  # springs alone; looking back, on-site terms, time, noises of the state; noises linear in p and q
+    (FPU, ["-sigma*q[k]"]),
+    (f"{FPU} + Sum(exp(q[i]-q[i-1]), i) + {ON_SITE[:-4]} - p[i]**2/2, i)", ["Sum(sigma*q[i]*q[i+1], i)", "sin(q[k])"]),
+    (FPU, ["sigma*p[k]", "Sum(sigma*q[i], i)"]),
+]
+
+
+@pytest.mark.parametrize("ends", ["free", "fixed"])
+@pytest.mark.parametrize(("H", "noise"), ROWS)
+@pytest.mark.parametrize("lanes", [5, 16, 37])
+def test_rows_are_those_of_gradient_and_hessian(H, noise, ends, lanes):
+    n = 9
+    model = ss.model_from_sympy(H, noise, params=PARAMS, n=n, ends=ends)
+    x, _, w = points(model, lanes)
+    force, _ = model.gradient(x, x, w, t=0.7)
+    hessian = model.hessian(x, x, w, t=0.7)[0]
+    beyond = np.zeros((1, lanes))
+    padded = np.concatenate([beyond, x, beyond])
+    for first, last in ((0, n - 1), (0, 0), (2, 5), (n - 1, n - 1)):
+        f, k = rows(model, padded[first : last + 3], w, first, last)
+        for i in range(first, last + 1):
+            np.testing.assert_allclose(f[i - first], force[i], rtol=1e-13, atol=1e-13)
+            np.testing.assert_allclose(k[i - first, 0], hessian[i, i], rtol=1e-13, atol=1e-13)
+            if i < n - 1:
+                np.testing.assert_allclose(k[i - first, 1], hessian[i + 1, i], rtol=1e-13, atol=1e-13)
+
+
+def rows(model, q, w, first, last):
+    """Force and stiffness as the library asks for them."""
+    function = ctypes.cast(ctypes.CDLL(model.formula.file).formula_chain_rows, _abi.CALLBACKS["chain_rows"])
+    q, w, values = np.ascontiguousarray(q), np.ascontiguousarray(w), np.array([*model.parameters.values(), 0.0])
+    f, k = np.full((last - first + 1, q.shape[1]), np.nan), np.full((last - first + 1, 2, q.shape[1]), np.nan)
+    arrays = [v.ctypes.data for v in (w, q, f, k, values)]
+    assert function(q.shape[1], model.ndof, w.shape[0], first, last, 0.7, *arrays) == 0
+    return f, k
+
+
+@pytest.mark.parametrize(
+    ("H", "noise", "ends"),
+    [
+        (FPU, ["-sigma*q[k]"], "periodic"),
+        (f"{FPU} + Sum(q[i]*q[i+2], i)", ["-sigma*q[k]"], "fixed"),
+        (f"{FPU} + Sum(q[i]*p[i], i)", ["-sigma*q[k]"], "fixed"),
+        (FPU, ["q[k]*p[k]"], "fixed"),
+        (f"{FPU} + Sum(q[i+2]*q[i+1], i)", ["-sigma*q[k]"], "free"),
+        (FPU, ["q[k+1]*q[k]"], "fixed"),
+    ],
+)
+def test_other_chains_have_no_rows(H, noise, ends):
+    model = ss.model_from_sympy(H, noise, params=PARAMS, n=9, ends=ends)
+    assert "formula_chain_rows" not in model.formula.source
+
+
+def test_midpoint_by_rows_is_the_general_step():
+    H, noise = ROWS[1]
+    model = ss.model_from_sympy(H, noise, params=PARAMS, n=37, ends="fixed")
+    run = {"q0": 0.3 * np.sin(np.arange(37.0)), "p0": 0.0, "step": 0.1, "steps": 10, "paths": 21, "seed": 3}
+    fast, plain = ss.simulate(model, **run), ss.simulate(model, general=True, **run)
+    assert "tridiagonal" in fast.report.stepper
+    np.testing.assert_allclose(fast.q, plain.q, rtol=0, atol=1e-12)
+
+
 def test_a_far_lane_changes_no_other():
     model = chain("periodic")
     at = points(model)

@@ -6,6 +6,8 @@ derivatives    gradients and Hessians of weighted sums, as nodes of one graph
 graph          expressions in which equal parts are one node
 structure      traits and invariants, derived
 emit_c         C for the callbacks of the library
+sites          sums over the sites of a chain; emit_sites, emit_rows their C
+in_numpy       the same callbacks without a compiler
 compiler       the system's compiler, and a cache on disk
 model          `model_from_sympy`
 """

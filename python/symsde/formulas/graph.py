@@ -68,16 +68,20 @@ class Graph:
         return node.what == "number" and float(node.value) == value
 
     def multiply(self, a: int, b: int) -> int:
-        """A product of two; factors of one and minus one are no products."""
-        a, b = sorted((a, b))
+        """A product of two; a factor of one is none, and signs, which rounding does not see, stand before it."""
+        minus = (self._sign(a) < 0) != (self._sign(b) < 0)
+        a, b = sorted((self._size(a), self._size(b)))
+        result = self.node("*", a, b) if self._trivial(a, b) is None else self._trivial(a, b)
+        return self.negative(result) if minus else result
+
+    def _trivial(self, a: int, b: int) -> int | None:
+        """A product with one or zero."""
         for x, y in ((a, b), (b, a)):
             if self.is_number(x, 1.0):
                 return y
             if self.is_number(x, 0.0):
                 return x
-            if self.is_number(x, -1.0):
-                return self.negative(y)
-        return self.node("*", a, b)
+        return None
 
     def negative(self, x: int) -> int:
         """Change of sign."""
@@ -95,22 +99,28 @@ class Graph:
         return result
 
     def sum(self, terms: Iterable[int]) -> int:
-        """A sum from the left; terms with a sign are subtracted."""
-        ordered = sorted(terms, key=lambda x: (self.nodes[x].lane, self._sign(x) < 0, x))
-        result = None
-        for x in ordered:
-            if self.is_number(x, 0.0):
-                continue
-            if result is None:
-                result = x
-            elif self._sign(x) < 0:
-                result = self.node("-", result, self.nodes[x].arguments[0])
+        """A sum from the left; terms with a sign are subtracted, and where all have one it stands before the sum."""
+        ordered = [x for x in terms if not self.is_number(x, 0.0)]
+        if not ordered:
+            return self.number(0.0)
+        if all(self._sign(x) < 0 for x in ordered):
+            return self.negative(self.sum(self._size(x) for x in ordered))
+        ordered.sort(key=lambda x: (self.nodes[x].lane, self._sign(x) < 0, self._size(x)))
+        result = ordered[0]
+        for x in ordered[1:]:
+            if self._sign(x) < 0:
+                result = self.node("-", result, self._size(x))
             else:
                 result = self.node("+", *sorted((result, x)))
-        return self.number(0.0) if result is None else result
+        return result
 
     def _sign(self, x: int) -> int:
-        return -1 if self.nodes[x].what == "negative" else 1
+        node = self.nodes[x]
+        return -1 if node.what == "negative" or (node.what == "number" and float(node.value) < 0) else 1
+
+    def _size(self, x: int) -> int:
+        """A node without its sign."""
+        return self.negative(x) if self._sign(x) < 0 else x
 
     def power(self, x: int, exponent: int) -> int:
         """A whole power by multiplication."""

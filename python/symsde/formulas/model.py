@@ -21,7 +21,7 @@ from .problem import make_problem
 from .sites import Chain, make_chain
 from .structure import Structure, structure_of
 
-KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian")
+KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "chain_rows")
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def _functions(compiled: compiler.Compiled, parameters: Mapping[str, float]) -> 
     functions = {}
     for kind in KINDS:
         if not hasattr(compiled.library, f"formula_{kind}"):
-            continue  # chains have no joint function
+            continue  # chains have no joint function, and other models no rows
         address = ctypes.cast(getattr(compiled.library, f"formula_{kind}"), ctypes.c_void_p)
         functions[kind] = _callbacks.WithData(address, ctypes.c_void_p(values.ctypes.data), (values, compiled.library))
     return functions

@@ -40,6 +40,7 @@ class Density:
     last: str
     offsets: tuple[int, ...]  #: coordinate k of `derivatives` belongs to site + offsets[k]
     derivatives: Derivatives
+    is_rest: bool = False  #: of another density, where it reaches beyond the ends
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Chain:
 
     n: int
     nnoise: int
-    periodic: bool
+    ends: str
     densities: tuple[Density, ...]
     texts: tuple[str, ...]
     parameters: dict[str, float]
@@ -145,7 +146,7 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
     return Chain(
         n=count,
         nnoise=nham - 1,
-        periodic=ends == "periodic",
+        ends=ends,
         densities=tuple(densities),
         texts=tuple(texts),
         parameters=names.values,
@@ -198,10 +199,10 @@ def _at_ends(body: Any, whose: _Whose, ends: str, count: int) -> list[Density]:
     pieces = [whole]
     for site in range(0 if whose.family else -high, before):  # some neighbours lie before the first site
         cut = body.xreplace({x: 0 for x, o in symbols.items() if site + o < 0})
-        pieces.append(_density(cut, whose, str(site), str(site)))
+        pieces.append(_density(cut, whose, str(site), str(site), is_rest=True))
     for back in range(1 - after, 1 if whose.family else 1 - low):  # some lie beyond the last one
         cut = body.xreplace({x: 0 for x, o in symbols.items() if back + o > 0})
-        pieces.append(_density(cut, whose, f"sites - 1 + ({back})", f"sites - 1 + ({back})"))
+        pieces.append(_density(cut, whose, f"sites - 1 + ({back})", f"sites - 1 + ({back})", is_rest=True))
     return [x for x in pieces if x is not None]
 
 
@@ -210,7 +211,7 @@ def _is_local(symbol: Any) -> bool:
     return symbol.name[1:2] in ("+", "-")
 
 
-def _density(expression: Any, whose: _Whose, first: str, last: str) -> Density | None:
+def _density(expression: Any, whose: _Whose, first: str, last: str, is_rest: bool = False) -> Density | None:
     """A density with its derivatives, in the names q0 .. and p0 .. of its own; None where it is constant."""
     sympy = optional("sympy", "sympy")
     local = [x for x in expression.free_symbols if _is_local(x)]
@@ -219,7 +220,7 @@ def _density(expression: Any, whose: _Whose, first: str, last: str) -> Density |
         return None
     places = {x: sympy.Symbol(f"{x.name[0]}{offsets.index(int(x.name[1:]))}", real=True) for x in local}
     problem = Problem((expression.xreplace(places),), (), (whose.text,), len(offsets), whose.parameters)
-    return Density(whose.weight, whose.family, first, last, tuple(offsets), Derivatives(problem))
+    return Density(whose.weight, whose.family, first, last, tuple(offsets), Derivatives(problem), is_rest)
 
 
 def _traits(densities: list[Density], count: int, periodic: bool) -> dict[str, Any]:
