@@ -287,6 +287,7 @@ typedef struct symsde_options {
    void *progress_user;
    double area_time;       /* time scale of areas by the path; 0 = derived from the model [time] */
    int32_t areas;          /* enum symsde_areas */
+   uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; the other noises are each path's own */
 } symsde_options;
 
 int symsde_options_init(symsde_options *options);

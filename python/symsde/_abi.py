@@ -103,6 +103,7 @@ class Options(Structure):
         ("progress_user", c_void_p),
         ("area_time", c_double),
         ("areas", c_int32),
+        ("common_noise", c_uint64),
     )
 
     def __reduce__(self) -> tuple:

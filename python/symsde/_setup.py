@@ -70,6 +70,7 @@ class Setup:
         names = [name for name, *_ in _abi.Options._fields_ if name not in left_out]
         chosen = {name: getattr(self.options, name) for name in names}
         chosen["areas"] = _abi.AREAS[self.options.areas]
+        chosen["common_noise"] = [k for k in range(1, 65) if self.options.common_noise >> (k - 1) & 1]
         chosen["correction"] = _abi.CORRECTIONS[self.options.correction]
         return {
             "model": self.model.name,
@@ -108,6 +109,7 @@ def make_options(
     truncation: tuple[float, float] | None = None,
     areas: str = "path",
     area_time: float | None = None,
+    common_noise: object = (),
     compensated: bool = False,
     threads: int | None = None,
     general: bool = False,
@@ -142,6 +144,7 @@ def make_options(
     options.truncation, options.truncation_time = _truncation(truncation)
     options.areas = _checks.choice("areas", areas, _abi.AREAS)
     options.area_time = 0.0 if area_time is None else _checks.number("area_time", area_time)
+    options.common_noise = _common_noise(common_noise)
     options.compensated = _checks.flag("compensated", compensated)
     options.general = _checks.flag("general", general)
     options.max_iter = integer("max_iter", max_iter, INT32)
@@ -208,6 +211,18 @@ def increments_array(value: object) -> np.ndarray:
 def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray | None:
     """Low parts of a compensated state, for every path."""
     return None if value is None else _checks.full(_checks.state(name, value, ndof, paths), paths)
+
+
+def _common_noise(value: object) -> int:
+    """Numbers of noises as bits."""
+    several = isinstance(value, list | tuple | np.ndarray)
+    numbers = [_checks.integer("common_noise", k, INT32) for k in (value if several else [value])]
+    for k in numbers:
+        if not 1 <= k <= 64:
+            raise InvalidArgumentError(
+                f"common_noise holds {k}: noises count from 1, and those that all paths share are among the first 64"
+            )
+    return sum(1 << (k - 1) for k in set(numbers))
 
 
 def _truncation(value: object) -> tuple[float, float]:

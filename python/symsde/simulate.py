@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -121,6 +122,7 @@ def simulate(
     truncation: tuple[float, float] | None = None,
     areas: str = "path",
     area_time: float | None = None,
+    common_noise: int | Sequence[int] = (),
     compensated: bool = False,
     threads: int | None = None,
     progress: Progress = False,
@@ -149,6 +151,8 @@ def simulate(
     - areas: how schemes with Levy areas draw them: "path", those of the path, or "law", right in law at bounded cost
     - area_time: time scale of areas by the path, area_time/(12 step) sub-increments a step; derived from the model if
       None
+    - common_noise: noises k, from 1 to 64, of which every path gets the W_k of path 0, with all that belongs to it; the
+      other noises are each path's own. Standard errors of moments are then those of paths given the common noises
     - compensated: compensated summation of the state; q0_low, p0_low, (dof, path), resume it
     - threads: default SYMSDE_NUM_THREADS, else OpenMP's; one for Python callbacks and in forked processes
     - progress: True shows a bar; a function f(done, total) may return True to stop
@@ -179,6 +183,7 @@ def simulate(
             truncation=truncation,
             areas=areas,
             area_time=area_time,
+            common_noise=common_noise,
             compensated=compensated,
             threads=threads,
             general=general,

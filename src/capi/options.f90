@@ -37,6 +37,7 @@ module symsde_capi_options
       type(c_ptr) :: progress_user
       real(c_double) :: area_time
       integer(c_int32_t) :: areas
+      integer(c_int64_t) :: common_noise  ! unsigned in C: bit k - 1 for noise k
    end type c_options
 
 contains
@@ -91,6 +92,7 @@ contains
       c%truncation_time = o%truncation_time
       c%area_time = o%area_time
       c%areas = o%areas
+      c%common_noise = 0
       c%compensated = merge(1, 0, o%compensated)
       c%general = merge(1, 0, o%general)
       c%max_iter = o%max_iter
@@ -104,6 +106,7 @@ contains
    function to_options(c) result(o)
       type(c_options), intent(in) :: c
       type(run_options) :: o
+      integer :: k
 
       o%step = c%step
       o%nstep = c%steps
@@ -119,6 +122,8 @@ contains
       o%truncation_time = c%truncation_time
       o%area_time = c%area_time
       o%areas = c%areas
+      o%common_noise = pack([(k, k=1, bit_size(c%common_noise))], [(btest(c%common_noise, k - 1), &
+                                                                    k=1, bit_size(c%common_noise))])
       o%compensated = c%compensated /= 0
       o%general = c%general /= 0
       o%max_iter = c%max_iter

@@ -97,7 +97,7 @@ contains
             if (allocated(error)) return
             if (noise%nnoise > 0 .and. (mod(n, 2_i8) == 0 .or. n == fine%first_step)) &
                call fill(work, noise, system, fine, n/2)
-            call advance(work, system, fine, n)
+            call advance(work, noise, system, fine, n)
             done = done + 1
             if (mod(done, fine%save_every) /= 0) cycle
             if (.not. system%additive) call rotate(work, system, real(done, wp)*fine%step)
@@ -134,7 +134,7 @@ contains
       type(oscillator), intent(in) :: system
       type(run_options), intent(in) :: options
       integer(i8), intent(in) :: pair
-      integer(i8) :: drawn
+      integer(i8) :: drawn, from(work%nlane)
       integer :: k
 
       work%request%pair = pair
@@ -146,7 +146,9 @@ contains
       if (.not. system%additive) return
       do k = 1, noise%nnoise
          if (noise%silent(k)) cycle
-         call shape_draws(work%nlane, options%seed, work%request%path, pair, k, options%step, work%shape(:, k, 0), &
+         from = work%request%path
+         if (noise%common(k)) from = 0
+         call shape_draws(work%nlane, options%seed, from, pair, k, options%step, work%shape(:, k, 0), &
                           work%shape(:, k, 1), drawn)
       end do
    end subroutine fill
@@ -277,11 +279,13 @@ contains
 
    !> Step n: add to W(t) (compensated), or the recursion Y + (F - I) Y + u, whose rounding does not
    !> accumulate in the radius as that of F Y would.
-   subroutine advance(work, system, options, n)
+   subroutine advance(work, noise, system, options, n)
       type(exact_block), intent(inout) :: work
+      class(noise_type), intent(in) :: noise
       type(oscillator), intent(in) :: system
       type(run_options), intent(in) :: options
       integer(i8), intent(in) :: n
+      integer(i8) :: from(work%nlane)
       real(wp) :: versine, sine
       integer :: half, k
 
@@ -295,7 +299,9 @@ contains
       call turn(work%nlane, versine, sine, work%q, work%p)
       do k = 1, size(system%to_q)
          if (abs(system%to_q(k)) <= 0 .and. abs(system%to_p(k)) <= 0) cycle
-         call oscillator_draws(work%nlane, options%seed, work%request%path, n, k, work%xi1, work%xi2)
+         from = work%request%path
+         if (noise%common(k)) from = 0
+         call oscillator_draws(work%nlane, options%seed, from, n, k, work%xi1, work%xi2)
          call oscillator_integrals(work%nlane, options%step, work%store%w(:, k, half), work%shape(:, k, half), &
                                    work%xi1, work%xi2, work%c, work%s)
          work%q = work%q + (system%to_q(k)*work%c + system%to_p(k)*work%s)

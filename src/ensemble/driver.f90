@@ -315,12 +315,33 @@ contains
       end if
       noise%asked = asked
       noise%areas = areas
+      call share_noises(noise, options, error)
+      if (allocated(error)) return
       if (.not. abs(options%truncation) <= 0) then
          call truncation_bound(options%step, options%truncation, options%truncation_time, cut, error)
          noise%bound = cut*sqrt(abs(options%step))
          lost = lost_variance(cut)
       end if
    end subroutine new_noise
+
+   !> The noises that all paths share, chosen by the user; prescribed increments are shared as they are given.
+   subroutine share_noises(noise, options, error)
+      class(noise_type), intent(inout) :: noise
+      type(run_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: i, k
+
+      if (.not. allocated(options%common_noise)) return
+      do i = 1, size(options%common_noise)
+         k = options%common_noise(i)
+         if (k < 1 .or. k > noise%nnoise) then
+            call raise(error, invalid_argument, 'run_ensemble', 'common_noise holds '//to_text(k)//', and the '// &
+                       'model has '//to_text(noise%nnoise)//' noises, counted from 1: give numbers of these')
+            return
+         end if
+         noise%common(k) = .true.
+      end do
+   end subroutine share_noises
 
    !> What a scheme asks for beyond increments must be there: in prescribed increments it comes from finer
    !> rows.

@@ -32,6 +32,7 @@ module symsde_ensemble_options
       real(wp) :: truncation_time = 0       !! time scale tau of the truncation [time]
       integer :: areas = areas_by_path      !! how areas are drawn, of base/area_rule
       real(wp) :: area_time = 0             !! their time scale, 0 = derived from the model [time]
+      integer, allocatable :: common_noise(:) !! noises whose W_k is that of path 0 in every path
       logical :: compensated = .false.      !! compensated summation of the state
       logical :: general = .false.          !! the general stepper, the oracle
       integer :: max_iter = 100             !! Newton iterations a step

@@ -8,6 +8,8 @@
 !>              repeated at half its step on the same path: W_1 = W/2 + sqrt(H)/2 xi, W_2 = W - W_1
 !>
 !> Increments of a discrete law are sums of discrete draws at refine > 0, and have no bridge.
+!>
+!> A noise that is common to all paths is drawn with the counters of path 0 for each of them.
 module symsde_noise_brownian
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
@@ -73,6 +75,7 @@ contains
       self%signed_h = h
       self%refine = refine
       self%silent = silent
+      allocate (self%common(nnoise), source=.false.)
    end subroutine new_brownian_noise
 
    !> Several pairs at once are the same numbers as pair by pair: no word of a draw is left over, and few
@@ -156,10 +159,12 @@ contains
       integer, intent(in) :: nlane, npair, k
       integer(i8), intent(in) :: path(nlane), pair
       real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
+      integer(i8) :: from(nlane)
       integer :: j, step
 
+      from = merge(0_i8, path, self%common(k))
       do j = 0, npair - 1, pairs_of_steps
-         call scaled_normal_steps(nlane, self%seed, path, pair + j, min(pairs_of_steps, npair - j), k, 0, &
+         call scaled_normal_steps(nlane, self%seed, from, pair + j, min(pairs_of_steps, npair - j), k, 0, &
                                   purpose_increment, sqrt(self%h), self%nnoise, w(1, 0, 2*j))
       end do
       if (.not. self%bound < huge(1.0_wp)) return
@@ -182,7 +187,7 @@ contains
       m = padded(n)
       do i = 1, m  ! a full vector: the last one again and again
          j = (min(i, n) - 1)/nreal
-         paths(i) = path(min(i, n) - j*nreal)
+         paths(i) = merge(0_i8, path(min(i, n) - j*nreal), self%common(k))
          draws(i) = pair/2 + j
       end do
       call scaled_normals_at(m, self%seed, paths, draws, k, 0, purpose_increment, sqrt(self%h), x)
@@ -222,8 +227,8 @@ contains
       type(path_interval) :: steps(0:1)
       integer :: i, f
 
-      draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%asked, &
-                             self%areas)
+      draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%common, &
+                             self%asked, self%areas)
       if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
          call fill_direct(draws, request, store, drawn)
          return
@@ -249,13 +254,15 @@ contains
       real(wp), intent(in) :: scale
       real(wp), intent(out) :: even(nlane), odd(nlane)
       integer(i8), intent(inout) :: drawn
+      integer(i8) :: from(nlane)
       integer :: lane
 
+      from = merge(0_i8, path, self%common(k))
       if (self%law == law_gaussian) then
-         call scaled_normal_pairs(nlane, self%seed, path, pair, k, level, &
+         call scaled_normal_pairs(nlane, self%seed, from, pair, k, level, &
                                   merge(purpose_increment, purpose_bridge, level == 0), scale, even, odd)
       else
-         call discrete_pairs(nlane, self%seed, path, pair, k, self%law, even, odd)
+         call discrete_pairs(nlane, self%seed, from, pair, k, self%law, even, odd)
          do lane = 1, nlane
             even(lane) = scale*even(lane)
             odd(lane) = scale*odd(lane)

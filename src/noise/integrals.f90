@@ -52,6 +52,7 @@ module symsde_noise_integrals
       real(wp) :: h = 0                    !! step of the run, with its sign [time]
       integer :: refine = 0
       logical, allocatable :: silent(:)    !! noises for which nothing is drawn (nnoise)
+      logical, allocatable :: common(:)    !! noises drawn with the counters of path 0 for all paths (nnoise)
       type(functional_set) :: asked        !! functionals that are wanted
       type(area_rule) :: areas             !! how areas are drawn
    contains
@@ -88,6 +89,7 @@ contains
       type(step_request), intent(in) :: request
       type(step_store), intent(inout) :: store
       integer(i8), intent(inout) :: drawn
+      integer(i8) :: from(request%nlane)
       integer :: k, j, step, n
       real(wp) :: root
 
@@ -100,6 +102,7 @@ contains
                if (allocated(bend%x)) bend%x(:, k, :) = 0
                cycle
             end if
+            from = merge(0_i8, request%path, d%common(k))
             do j = 0, request%npair - 1, pairs_of_steps
                n = min(pairs_of_steps, request%npair - j)
                call draw_column(purpose_increment, root, m + 1, w(1, k, 2*j))
@@ -120,7 +123,7 @@ contains
          real(wp), intent(in) :: scale
          real(wp), intent(inout) :: x(request%nlane*(ncolumn*(2*n - 1) + 1))
 
-         call scaled_normal_column(request%nlane, d%seed, request%path, request%pair + j, n, k, 0, purpose, scale, &
+         call scaled_normal_column(request%nlane, d%seed, from, request%pair + j, n, k, 0, purpose, scale, &
                                    ncolumn, x)
          drawn = drawn + 2*n
       end subroutine draw_column
@@ -235,7 +238,8 @@ contains
       if (d%in_law()) call draw_rests(d, nlane, path, pair, abs(length)/sqrt(20.0_wp), even%rest, odd%rest, drawn)
    end subroutine draw_shapes
 
-   !> Scaled normals of all pairs of noises for the intervals 2*pair and 2*pair+1; zero where one is silent.
+   !> Scaled normals of all pairs of noises for the intervals 2*pair and 2*pair+1; zero where one is silent, those of
+   !> path 0 where both are common.
    subroutine draw_rests(d, nlane, path, pair, scale, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -243,6 +247,7 @@ contains
       real(wp), intent(in) :: scale
       real(wp), allocatable, intent(out) :: even(:, :), odd(:, :)  !! (nlane, pairs of noises)
       integer(i8), intent(inout) :: drawn
+      integer(i8) :: from(nlane)
       integer :: k, l, kl
 
       allocate (even(nlane, functional_count(path_areas, d%nnoise)), source=0.0_wp)
@@ -251,7 +256,8 @@ contains
          do k = 1, l - 1
             if (d%silent(k) .or. d%silent(l)) cycle
             kl = area_index(k, l)
-            call scaled_normal_pairs(nlane, d%seed, path, pair, kl, 0, purpose_rest, scale, even(:, kl), odd(:, kl))
+            from = merge(0_i8, path, d%common(k) .and. d%common(l))
+            call scaled_normal_pairs(nlane, d%seed, from, pair, kl, 0, purpose_rest, scale, even(:, kl), odd(:, kl))
             drawn = drawn + 2
          end do
       end do
@@ -427,6 +433,7 @@ contains
       real(wp), intent(in) :: scale
       real(wp), allocatable, intent(inout) :: even(:, :), odd(:, :)  !! (nlane, nnoise)
       integer(i8), intent(inout) :: drawn
+      integer(i8) :: from(nlane)
       integer :: k
 
       if (.not. allocated(even)) allocate (even(nlane, d%nnoise), odd(nlane, d%nnoise))
@@ -436,7 +443,8 @@ contains
             odd(:, k) = 0
             cycle
          end if
-         call scaled_normal_pairs(nlane, d%seed, path, pair, k, level, purpose, scale, even(:, k), odd(:, k))
+         from = merge(0_i8, path, d%common(k))
+         call scaled_normal_pairs(nlane, d%seed, from, pair, k, level, purpose, scale, even(:, k), odd(:, k))
          drawn = drawn + 2
       end do
    end subroutine draw

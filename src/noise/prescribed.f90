@@ -42,6 +42,7 @@ contains
       self%first_step = first_step
       self%refine = refine
       allocate (self%silent(self%nnoise), source=.false.)
+      allocate (self%common(self%nnoise), source=.false.)
    end subroutine new_prescribed_noise
 
    subroutine fill_prescribed(self, request, store, drawn)

@@ -15,6 +15,7 @@ module symsde_noise_source
    type, abstract :: noise_type
       integer :: nnoise = 0                  !! m, number of noises
       logical, allocatable :: silent(:)      !! noises for which nothing is drawn: dW_k = 0 (nnoise)
+      logical, allocatable :: common(:)      !! noises that all paths share: their draws are those of path 0 (nnoise)
       real(wp) :: bound = huge(1.0_wp)       !! truncation: |dW_k| <= bound [sqrt(time)]
       type(functional_set) :: asked          !! functionals to give beside the increments
       type(area_rule) :: areas               !! how areas are drawn

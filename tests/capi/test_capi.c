@@ -46,7 +46,7 @@ static void test_inits(void) {
    CHECK(symsde_options_init(&options) == 0 && options.struct_size == sizeof options);
    CHECK(options.step == 0 && options.steps == 0 && options.paths == 1 && options.save_every == 1);
    CHECK(options.seed == 0 && options.correction == SYMSDE_CORRECTION_AUTO && options.max_iter == 100);
-   CHECK(options.areas == SYMSDE_AREAS_PATH && options.area_time == 0);
+   CHECK(options.areas == SYMSDE_AREAS_PATH && options.area_time == 0 && options.common_noise == 0);
    CHECK(options.compensated == 0 && options.lanes == 0 && options.threads == 0 && options.refine == 0);
    CHECK(symsde_input_init(&input) == 0 && input.struct_size == sizeof input);
    CHECK(input.q0 == NULL && input.q0_paths == 1 && input.increments == NULL && input.progress == NULL);

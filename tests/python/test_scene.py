@@ -71,7 +71,7 @@ KEYS = {
     "step": "0.01", "steps": "550", "q0": "0.25", "p0": "-0.5", "t0": "1.5", "scheme": '"gauss2"', "paths": "1001",
     "seed": "12", "save_every": "25", "refine": "1", "first_path": "256", "first_step": "7", "correction": '"none"',
     "truncation": "[1.2, 1.0]", "compensated": "true", "threads": "1", "general": "true", "fixed_point": "9",
-    "max_iter": "50", "lanes": "64", "areas": '"law"', "area_time": "2.0",
+    "max_iter": "50", "lanes": "64", "areas": '"law"', "area_time": "2.0", "common_noise": "[2]",
 }  # fmt: skip
 
 
@@ -100,7 +100,8 @@ def test_every_key_of_a_run_reaches_it(file):
             assert (getattr(mine, key[0])[0] == value).all()
         elif key not in {"threads", "lanes"}:
             assert mine.setup.attributes() != plain.setup.attributes(), key
-        if key in {"q0", "p0", "step", "scheme", "paths", "seed", "refine", "first_path", "first_step", "truncation"}:
+        other_paths = {"paths", "seed", "refine", "first_path", "first_step", "truncation", "common_noise"}
+        if key in {"q0", "p0", "step", "scheme", *other_paths}:
             assert moments.mean_p[-1, 0] != ss.moments(loaded.model, **default).mean_p[-1, 0], key
 
 
