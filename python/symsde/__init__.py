@@ -20,8 +20,13 @@ from .batch.ensemble import ensemble
 from .batch.opened import OpenRun, open_run
 from .commutator import Commutator, commutator
 from .convergence import Convergence, convergence
-from .errors import PathsFailedWarning, ReferenceWarning, SymsdeError
+from .errors import BudgetWarning, PathsFailedWarning, ReferenceWarning, SymsdeError
+from .expect.answer import Alternative, Answer
+from .expect.expect import expect
 from .formulas import FormulaModel, model_from_sympy
+from .mlmc.answer import Multilevel
+from .mlmc.mlmc import mlmc
+from .mlmc.sampler import LevelSampler, level_sampler
 from .model import Model, Traits
 from .moments import Moments, moments
 from .prepared import PreparedRun, prepare
@@ -34,11 +39,16 @@ from .study import WorkPrecision, work_precision
 __version__ = build_info()["version"]
 
 __all__ = [
+    "Alternative",
+    "Answer",
+    "BudgetWarning",
     "Commutator",
     "Convergence",
     "FormulaModel",
+    "LevelSampler",
     "Model",
     "Moments",
+    "Multilevel",
     "OpenRun",
     "PathsFailedWarning",
     "PreparedRun",
@@ -56,7 +66,10 @@ __all__ = [
     "diagnose",
     "ensemble",
     "errors",
+    "expect",
     "increments",
+    "level_sampler",
+    "mlmc",
     "model_from_sympy",
     "models",
     "moments",

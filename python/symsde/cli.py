@@ -19,11 +19,12 @@ from ._setup import build_info
 from .batch import command as batch
 from .batch import merge
 from .errors import NotWrittenError, PathsFailedWarning, SymsdeError
+from .expect import command as expect
 from .stability import command as stability
 from .study import command as study
 
 OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED, NOT_WRITTEN = 0, 1, 2, 3, 4, 5
-_WITH_SCENES = ("run", "merge", "check", "study")
+_WITH_SCENES = ("run", "merge", "check", "study", "expect")
 _EPILOG = "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed, 4 stopped, 5 a file or folder failed"
 
 
@@ -85,6 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     add("info", _info, "Print versions, compiler and optional packages.")
     work = add("study", study.run, study.HELP)
     study.arguments(work)
+    expect.arguments(add("expect", expect.run, expect.HELP))
     extremes = add("stability", stability.run, stability.HELP)
     stability.arguments(extremes)
     paper = add("paper", _paper, "Run every experiment of the paper; write results.json and figures.")

@@ -102,6 +102,10 @@ class SlowFormulaWarning(UserWarning):
     """Formulas are evaluated without a compiler, at a cost that the sentence tells."""
 
 
+class BudgetWarning(UserWarning):
+    """The time that was given is too short for the interval that was asked for."""
+
+
 class ReferenceWarning(UserWarning):
     """An error that was asked for is not above that of the reference it is measured against."""
 

@@ -29,6 +29,7 @@ RUN_KEYS = [key for key in inspect.signature(simulate).parameters if key not in 
 _REQUIRED = ("step", "steps", "q0", "p0")
 OUTPUT_KEYS = ["moments", "paths"]
 STUDY_KEYS = ["schemes", "steps", "horizon", "paths", "reference", "reference_steps", "repeats", "interval"]
+EXPECT_KEYS = ["f", "abs", "rel", "horizon", "scheme", "method", "max_time"]
 
 #: whether scenes may name Python functions; the command line asks by --allow-python
 PYTHON_ALLOWED: contextvars.ContextVar[bool] = contextvars.ContextVar("PYTHON_ALLOWED", default=False)
@@ -44,6 +45,7 @@ class Scene:
     moments: bool  #: moments are wanted
     paths: list[int] | range  #: global indices of the paths to save, ascending
     study: dict[str, Any] = field(default_factory=dict)  #: options of `work_precision`
+    expect: dict[str, Any] = field(default_factory=dict)  #: options of `expect`
     tables: dict[str, Any] = field(default_factory=dict)  #: the file as it stands
 
     def compute_moments(self, progress=False) -> Moments:
@@ -87,7 +89,7 @@ def load(path: str | os.PathLike) -> Scene:
     """Read and check a scene; SceneError names the file and the key."""
     file = str(path)
     tables = _read(file)
-    _known(file, "table", tables, ["model", "run", "output", "study"])
+    _known(file, "table", tables, ["model", "run", "output", "study", "expect"])
     for name in ("model", "run"):
         if name not in tables:
             raise SceneError(f"{file}: there is no table [{name}]: `symsde template kubo` prints a whole scene")
@@ -106,7 +108,9 @@ def load(path: str | os.PathLike) -> Scene:
         raise SceneError(f"{file}: [output] moments = {wants_moments!r}: give true or false")
     study = dict(tables.get("study", {}))
     _known(file, "key of [study]", study, STUDY_KEYS)
-    scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [], study, tables)
+    expect = dict(tables.get("expect", {}))
+    _known(file, "key of [expect]", expect, EXPECT_KEYS)
+    scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [], study, expect, tables)
     tried = scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
     try:

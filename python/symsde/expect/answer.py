@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The answer: a number with its interval, how it came about, and what else there was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A way that was not taken."""
+
+    method: str
+    scheme: str
+    step: float
+    cost: float  #: seconds of the processor that it is reckoned to take; infinite where it cannot reach the interval
+
+    def __str__(self) -> str:
+        """One line."""
+        return f"{self.method:18s} {self.scheme:20s} h = {self.step:<10.4g} {self.cost:10.3g} s"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """E f with a 95 % interval; everything dimensionless."""
+
+    value: float
+    interval: tuple[float, float]  #: low, high, 95 %; noise and bias together
+    error: float  #: standard error of the value
+    bias: float  #: size of E f - value that the step leaves and that is reckoned with
+    method: str  #: plain, antithetic, control variate, multilevel, quasi-Monte Carlo
+    scheme: str
+    step: float  #: of multilevel the finest
+    paths: int  #: computed for the value
+    cost: float  #: seconds of the processor, the pilot included
+    pilot: float  #: of these, for the choice
+    alternatives: tuple[Alternative, ...]  #: the cheapest first
+    reached: bool  #: the interval is as narrow as asked
+    why: str  #: reason of the choice
+    notes: tuple[str, ...]  #: doubts, each a sentence
+
+    @property
+    def half_width(self) -> float:
+        """Of the interval."""
+        return (self.interval[1] - self.interval[0]) / 2
+
+    def __str__(self) -> str:
+        """Value, choice and alternatives."""
+        lines = [
+            f"{self.value:.10g} +- {self.half_width:.2g}, 95 %: standard error {self.error:.2g}, bias {self.bias:.1g}",
+            f"{self.method} by {self.scheme}, h = {self.step:.4g}, {self.paths} paths, {self.cost:.3g} s of the "
+            f"processor ({self.pilot:.2g} s for the pilot)",
+            self.why,
+            *self.notes,
+        ]
+        if self.alternatives:
+            lines.append("others, as the pilot reckons:")
+            lines += [f"  {x}" for x in self.alternatives[:8]]
+        return "\n".join(lines)

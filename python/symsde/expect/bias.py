@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is left of the error of a step, from differences of means on the same paths at h and h/2.
+
+E f(x_h) - E f(x_{h/2}) falls as h^a, a the weak order: so the finer of the two is off by that over 2^a - 1, and every
+coarser difference tells the same of it after another factor 2^-a. What coarser steps tell is trusted less: the powers
+of h beyond the first may change it by a half for every halving in between.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+_DOUBT = 0.5  #: relative change for each halving between a difference and the step it is used for
+_EXACT = 1e300  #: weight of a difference without noise
+_SURE = 4.0  #: standard errors above which a difference counts as seen
+
+
+def estimate(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> tuple[float, float]:
+    """E f - E f(x_h) of the finest step, and the standard error of this estimate.
+
+    means, errors: of the differences fine minus coarse, from the coarsest on; extra: halvings from the finest of them
+    to the step that is asked for.
+    """
+    scale = [2.0 ** (-order * (len(means) - 1 - i + extra)) / (2**order - 1) for i in range(len(means))]
+    told = [m * s for m, s in zip(means, scale, strict=True)]
+    noise = [e * s for e, s in zip(errors, scale, strict=True)]
+    doubts = [_DOUBT * (len(means) - 1 - i + extra) for i in range(len(means))]
+    best = told[-1]
+    for _ in range(8):  # the doubt of a coarse step is a share of what is estimated
+        weights = [1 / max(e**2 + (d * best) ** 2, 1 / _EXACT) for e, d in zip(noise, doubts, strict=True)]
+        total = sum(weights)
+        best = sum(w * x for w, x in zip(weights, told, strict=True)) / total
+    return best, math.sqrt(1 / total) if total < _EXACT else 0.0
+
+
+def size(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> float:
+    """Root mean square of the bias that has to be reckoned with: what is seen, and what noise may hide."""
+    return math.hypot(*estimate(means, errors, order, extra))
+
+
+def order_of(means: Sequence[float], errors: Sequence[float], known: float) -> float:
+    """The weak order that the two finest differences show, where both are seen; else the one that is known.
+
+    It is kept between the known order and one above it: a difference that passes through zero shows any.
+    """
+    seen = [abs(m) > _SURE * e for m, e in zip(means, errors, strict=True)]
+    if len(means) < 2 or not (seen[-1] and seen[-2]):
+        return known
+    return min(max(math.log2(abs(means[-2] / means[-1])), known), known + 1)

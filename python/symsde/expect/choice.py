@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What every way to the interval would cost, and the cheapest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from ..mlmc.sampler import driven_by_more
+from . import control, quasi
+from .estimators import Antithetic, Estimator, Plain
+from .quasi import Quasi
+from .tolerance import BIAS_SHARE
+from .trial import LEVELS, MOST_HALVINGS, Trial
+
+
+@dataclass(eq=False)
+class Plan:
+    """A way to the interval: a method, a scheme, a step, and what it is reckoned to cost."""
+
+    method: str
+    trial: Trial
+    level: int  #: of the ladder; of multilevel the finest
+    seconds: float  #: of the processor, predicted
+    note: str = ""
+    coarsest: int = 0  #: level of the ladder that multilevel begins with
+    options: dict = field(default_factory=dict)
+
+    @property
+    def steps(self) -> int:
+        """To the horizon."""
+        return self.trial.steps(self.level)
+
+    def estimator(self, first: int) -> Estimator:
+        """What draws it, from a path on."""
+        kinds = {kind.name: kind for kind in (Plain, Antithetic, control.Control, Quasi)}
+        return kinds[self.method](self.trial.problem, self.trial.scheme, self.steps, first, **self.options)
+
+
+def coarse_enough(trial: Trial, error: float) -> int | None:
+    """The longest step of the ladder whose bias is small beside this error; None where none is."""
+    for level in range(LEVELS + MOST_HALVINGS):
+        if math.hypot(*trial.bias(level)) <= math.sqrt(BIAS_SHARE) * error:
+            return level
+    return None
+
+
+def plain(trial: Trial, error: float) -> Plan | None:
+    """Independent paths of one step."""
+    level = coarse_enough(trial, error)
+    if level is None:
+        return None
+    units = max(2.0, trial.variance / ((1 - BIAS_SHARE) * error**2)) if trial.variance > 0 else 2.0
+    return Plan(Plain.name, trial, level, units * trial.seconds(level))
+
+
+def multilevel(trial: Trial, error: float) -> Plan | None:
+    """Levels from the best coarsest one to the one whose bias is small."""
+    finest = coarse_enough(trial, error)
+    if not finest or trial.variance <= 0:
+        return None
+    best = None
+    for coarsest in range(finest):
+        total = math.sqrt(trial.variance * trial.seconds(coarsest))
+        for level in range(coarsest + 1, finest + 1):
+            total += math.sqrt(trial.spread(level) * (trial.seconds(level) + trial.seconds(level - 1)))
+        seconds = total**2 / ((1 - BIAS_SHARE) * error**2)
+        if best is None or seconds < best.seconds:
+            best = Plan("multilevel", trial, finest, seconds, coarsest=coarsest)
+    return best
+
+
+def variants(trial: Trial, level: int, error: float, budget: float) -> list[Plan]:
+    """Antithetic, control variate and quasi-Monte Carlo at a step, by what a pilot of each shows."""
+    problem, steps = trial.problem, trial.steps(level)
+    found = []
+    allowed = max((1 - BIAS_SHARE) * error**2, 1e-300)
+    if control.applies(problem, steps):
+        found.append(_measured(Plan(control.Control.name, trial, level, math.inf), allowed, budget))
+    if not driven_by_more(trial.scheme) and problem.model.nnoise:
+        if problem.options.get("truncation") is None:
+            found.append(_measured(Plan(Antithetic.name, trial, level, math.inf), allowed, budget))
+        if quasi.applies(problem, steps):
+            found.append(_quasi(trial, level, allowed, budget))
+    return [plan for plan in found if plan is not None]
+
+
+_PILOT = 1024  #: units of a variant
+_FIRST = 2**45  #: path that the pilots of variants begin at, far from those of levels and of answers
+
+
+def _measured(plan: Plan, allowed: float, budget: float) -> Plan | None:
+    """With the seconds that variance and cost of few units tell."""
+    if _PILOT * plan.trial.seconds(plan.level) * 3 > budget:
+        return None
+    drawn = plan.estimator(_FIRST).draw(_PILOT)
+    plan.trial.seconds_spent += drawn.seconds
+    units = max(2.0, drawn.units.variance / allowed)
+    plan.seconds = units * drawn.seconds / drawn.units.n
+    return plan
+
+
+_SHORT, _LONG, _SCRAMBLINGS = 6, 9, 8  #: of the pilot: log2 of points, randomisations
+
+
+def _quasi(trial: Trial, level: int, allowed: float, budget: float) -> Plan | None:
+    """Points a unit such that LEAST_UNITS units are enough, by how the variance fell from few to more points."""
+    if _SCRAMBLINGS * 2**_LONG * trial.seconds(level) * 4 > budget:
+        return None
+    variance, seconds = {}, 0.0
+    for points in (_SHORT, _LONG):
+        plan = Plan(Quasi.name, trial, level, math.inf, options={"log2_points": points})
+        drawn = plan.estimator(_FIRST).draw(_SCRAMBLINGS)
+        trial.seconds_spent += drawn.seconds
+        variance[points], seconds = drawn.units.variance, drawn.seconds / drawn.units.n
+    fall = math.log2(max(variance[_SHORT], 1e-300) / max(variance[_LONG], 1e-300)) / (_LONG - _SHORT)
+    fall = min(max(fall - 0.3, 1.0), 3.0)  # of eight units the variance is known to a half
+    needed = allowed * Quasi.least_units
+    points = _LONG
+    while variance[_LONG] * 2.0 ** (-fall * (points - _LONG)) > needed and points < 40:
+        points += 1
+    plan.options = {"log2_points": points}
+    plan.seconds = Quasi.least_units * seconds * 2.0 ** (points - _LONG)
+    return plan

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An expectation to a tolerance: pilot, choice, work, interval."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .. import _checks
+from .._progress import Progress
+from ..model import Model
+from ..schemes import Scheme, as_scheme
+from .answer import Answer
+from .candidates import suitable
+from .pilot import METHODS, Pilot
+from .problem import make_problem
+from .target import Function
+from .tolerance import make_tolerance
+from .watch import Watch
+from .work import Work
+
+
+def expect(
+    model: Model,
+    f: Function | str,
+    *,
+    q0: Any,
+    p0: Any,
+    horizon: float,
+    abs: float | None = None,
+    rel: float | None = None,
+    seed: int = 0,
+    scheme: str | Scheme | None = None,
+    method: str | None = None,
+    max_time: float | None = None,
+    progress: Progress = False,
+    **options: Any,
+) -> Answer:
+    """E f(q, p) at t0 + horizon, with a 95 % interval of the half width asked for, by the cheapest way there is.
+
+    - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as "q**2"
+    - q0, p0: initial state of all paths, a number or (dof,)
+    - abs, rel: half width of the interval, or that over the value; one of the two
+    - scheme, method: to take that one; method is plain, antithetic, control variate, multilevel or quasi-Monte Carlo
+    - max_time: seconds of the clock after which the interval is given as it is then
+    - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
+
+    A pilot measures variance, weak error and cost of every scheme that fits the model; then the plan is taken that is
+    reckoned to need the fewest seconds. The answer tells the choice, why, and what the others would have cost. The
+    choice depends on measured seconds: give scheme and method to have the same bits again.
+
+    Misuse raises a ValueError with a sentence before long work: f of another shape, no number, or of infinite variance,
+    a tolerance below rounding. Ctrl-C raises KeyboardInterrupt, whose attribute `partial` is the answer until then.
+    """
+    problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
+    tolerance = make_tolerance(abs, rel)
+    watch = Watch(max_time, progress)
+    if method is not None:
+        _checks.choice("method", method, METHODS)
+    schemes = suitable(problem) if scheme is None else [as_scheme(scheme)]
+    try:
+        pilot = Pilot(problem, tolerance, watch, schemes, method)
+        return Work(pilot, pilot.choose()).answer()
+    finally:
+        watch.close()

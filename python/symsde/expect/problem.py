@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an expectation is asked of: a model, where it begins, when it ends, and a function of where it is then."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .. import _checks
+from ..errors import InvalidArgumentError, PathsFailedWarning, WrongTypeError
+from ..model import Model
+from ..schemes import Scheme
+from ..simulate import Run, simulate
+from .target import Function, Target, require_numbers
+
+OPTIONS = ("t0", "correction", "truncation", "areas", "area_time", "compensated", "threads")  #: of `simulate`
+_GONE = 1e100  #: states beyond this have left, whatever f makes of them
+_NUMBERS = 2**17  #: of the saved states of one call of `simulate`: what a cache holds
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Values of f on some paths, and what they took."""
+
+    values: np.ndarray  #: (path,), of the paths that are ok
+    failed: int  #: paths left out
+    seconds: float  #: of the processor
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A checked question; paths of it are computed by `sample`."""
+
+    model: Model
+    target: Target
+    q0: np.ndarray  #: (dof, 1)
+    p0: np.ndarray
+    horizon: float
+    seed: int
+    options: dict[str, Any] = field(default_factory=dict)  #: of `simulate`
+
+    @property
+    def chunk(self) -> int:
+        """Paths of one call."""
+        return max(256, _NUMBERS // (4 * self.model.ndof) // 256 * 256)
+
+    def run(self, scheme: str | Scheme, steps: int, **more: Any) -> Run:
+        """Paths to the horizon, of which the last state is kept."""
+        options = {"save_every": steps, "seed": self.seed, **self.options, **more}
+        step = self.horizon / steps
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PathsFailedWarning)  # counted, and judged by who asked
+            return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=step, steps=steps, **options)
+
+    def try_out(self, scheme: str | Scheme) -> None:
+        """Set a run up, but make no step: what does not fit raises a SymsdeError."""
+        options = {key: value for key, value in self.options.items() if key != "threads"}
+        simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon, steps=0, **options)
+
+    def values(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
+        """f at the end of every path, and which of them are ok: did not fail, and are not on their way to infinity."""
+        ok = run.status == 0
+        for state in (run.q[-1], run.p[-1]):
+            ok &= (np.abs(state) < _GONE).all(axis=0)
+        with np.errstate(all="ignore"):  # of paths that failed; the others are looked at
+            values = self.target(run.q[-1], run.p[-1])
+        require_numbers(self.target, values, ok, run)
+        return values, ok
+
+    def sample(self, scheme: str | Scheme, steps: int, first: int, count: int) -> Sample:
+        """f on the paths first .. first + count - 1."""
+        begin = time.process_time()
+        values, ok = self.values(self.run(scheme, steps, first_path=first, paths=count))
+        return Sample(values[ok], int((~ok).sum()), time.process_time() - begin)
+
+
+def make_problem(
+    model: Model, f: Function | str, *, q0: Any, p0: Any, horizon: float, seed: int = 0, **options: Any
+) -> Problem:
+    """Check everything that is given; each refusal is a sentence."""
+    if not isinstance(model, Model):
+        raise WrongTypeError(
+            f"model = {_checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
+        )
+    for key in options:
+        if key not in OPTIONS:
+            raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}")
+    horizon = _checks.finite("horizon", horizon)
+    if horizon <= 0:
+        raise InvalidArgumentError(f"horizon = {horizon:g} is not allowed: give a time above 0, counted from t0")
+    states = {name: _checks.state(name, value, model.ndof, 1) for name, value in (("q0", q0), ("p0", p0))}
+    for name, state in states.items():
+        if not np.isfinite(state).all():
+            raise InvalidArgumentError(f"{name} is not finite: give finite numbers")
+    seed = _checks.integer("seed", seed, _checks.UINT64)
+    problem = Problem(model, Target(f, model), states["q0"], states["p0"], horizon, seed, options)
+    problem.target.try_at(problem.q0, problem.p0)
+    return problem

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Counts, means and central moments of samples that arrive in parts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Tally:
+    """A sample as far as it is kept: its size, mean, and sums of powers of deviations from the mean."""
+
+    n: int = 0
+    mean: float = 0.0
+    m2: float = 0.0
+    m3: float = 0.0
+    m4: float = 0.0
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> Tally:
+        """Of values (n,), all finite."""
+        if not values.size:
+            return cls()
+        with np.errstate(over="ignore", invalid="ignore"):  # of values that blow up, whose variance then says so
+            mean = float(values.mean())
+            deviations = values - mean
+            squares = deviations * deviations
+            powers = (squares, squares * deviations, squares * squares)
+            return cls(values.size, mean, *(float(power.sum()) for power in powers))
+
+    def __add__(self, other: Tally) -> Tally:
+        """Both samples together (Pebay 2008, arbitrary orders of central moments)."""
+        if not self.n or not other.n:
+            return self if self.n else other
+        n, a, b = self.n + other.n, self.n, other.n
+        d = other.mean - self.mean
+        return Tally(
+            n,
+            self.mean + d * b / n,
+            self.m2 + other.m2 + d**2 * a * b / n,
+            self.m3 + other.m3 + d**3 * a * b * (a - b) / n**2 + 3 * d * (a * other.m2 - b * self.m2) / n,
+            self.m4
+            + other.m4
+            + d**4 * a * b * (a * a - a * b + b * b) / n**3
+            + 6 * d**2 * (a * a * other.m2 + b * b * self.m2) / n**2
+            + 4 * d * (a * other.m3 - b * self.m3) / n,
+        )
+
+    @property
+    def variance(self) -> float:
+        """Unbiased; infinite for fewer than two values."""
+        return self.m2 / (self.n - 1) if self.n > 1 else math.inf
+
+    @property
+    def error(self) -> float:
+        """Standard error of the mean."""
+        return math.sqrt(self.variance / self.n) if self.n > 1 else math.inf
+
+    @property
+    def kurtosis(self) -> float:
+        """Fourth central moment over the squared second: 3 for a normal law, 0 where nothing varies."""
+        return self.n * self.m4 / self.m2**2 if self.m2 > 0 else 0.0

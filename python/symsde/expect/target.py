@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The function of the final state whose mean is wanted: a callable f(q, p), or a formula."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .. import _checks
+from ..errors import InvalidArgumentError, WrongShapeError, WrongTypeError
+from ..formulas.derivatives import Derivatives
+from ..formulas.in_numpy import InNumpy
+from ..formulas.problem import make_problem
+from ..model import Model
+
+Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_TRIED = 5  #: points that f is tried at before any work; no other size of a run is likely to be the same
+
+
+class Target:
+    """f as it is called: with q, p of shape (dof, path), it returns (path,) real numbers."""
+
+    def __init__(self, f: Function | str, model: Model):
+        """A callable or a formula in q, p (or q1, q2, .., p1, ..) and the parameters of the model."""
+        self.name = f if isinstance(f, str) else getattr(f, "__name__", "f")
+        self._function = _of_formula(f, model) if isinstance(f, str) else f
+        if not callable(self._function):
+            raise WrongTypeError(
+                f"f = {_checks.shown(f)} is not allowed: give a function f(q, p) of arrays (dof, path), or a formula "
+                "as text, such as 'q**2'"
+            )
+
+    def __call__(self, q: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Values (path,); WrongShapeError tells what came instead."""
+        values = self._function(q, p)
+        paths = q.shape[1]
+        array = np.asarray(values)
+        if array.shape != (paths,):
+            raise WrongShapeError(
+                f"f returned shape {array.shape} for {paths} paths: q and p have shape {q.shape}, (dof, path), and f "
+                f"must return one number a path, shape ({paths},), as in lambda q, p: q[0]**2"
+            )
+        if array.dtype.kind not in "biuf":
+            raise WrongTypeError(f"f returned {array.dtype} values: give real numbers, or truth values")
+        return array.astype(np.float64, copy=False)
+
+    def try_at(self, q0: np.ndarray, p0: np.ndarray) -> None:
+        """Refuse an f that does not work, at the initial state (dof, 1), before any path is computed."""
+        self(_checks.full(q0, _TRIED), _checks.full(p0, _TRIED))
+
+
+def require_numbers(target: Target, values: np.ndarray, ok: np.ndarray, run) -> None:
+    """Refuse values that are no numbers on paths that are ok, and show where they came from."""
+    bad = ok & ~np.isfinite(values)
+    if not bad.any():
+        return
+    i = int(np.flatnonzero(bad)[0])
+    q, p = (np.array2string(x[-1, :, i], precision=6, threshold=6) for x in (run.q, run.p))
+    raise InvalidArgumentError(
+        f"f = {target.name} is {values[i]} on {int(bad.sum())} of {len(values)} paths, as at q = {q}, p = {p}: "
+        "its mean does not exist as a number; give an f that is finite wherever paths go"
+    )
+
+
+def _of_formula(text: str, model: Model) -> Function:
+    """The formula as a function of NumPy; its names are q, p, or q1, .., p1, .. where there are several."""
+    several = model.ndof > 1
+    names = {x: [f"{x}{i + 1}" for i in range(model.ndof)] if several else [x] for x in "qp"}
+    taken = {*names["q"], *names["p"], "t"}
+    params = {key: value for key, value in model.parameters.items() if key not in taken and key.isidentifier()}
+    problem = make_problem(H=text, noise=(), q=names["q"], p=names["p"], params=params, t=None)
+    compiled = InNumpy(Derivatives(problem), problem.parameters)
+    one = np.ones((1, 1))
+
+    def formula(q: np.ndarray, p: np.ndarray) -> Any:
+        return compiled.value(0.0, one, q, p)
+
+    return formula

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a pilot knows of one scheme: weak error and cost by the step, from coupled paths of few levels."""
+
+from __future__ import annotations
+
+import math
+
+from ..mlmc.sampler import NOTHING, Draw, LevelSampler
+from ..schemes import Scheme
+from . import bias as weak
+from .candidates import weak_order
+from .estimators import Plain
+from .problem import Problem
+
+LEVELS = 4  #: of a pilot, the first without differences
+MOST_HALVINGS = 10  #: of the finest of them
+UNSTABLE = 4  #: doublings of the coarsest steps that are tried where paths fail
+
+
+class Trial:
+    """A scheme on a ladder of steps, each half of the one before."""
+
+    def __init__(self, problem: Problem, scheme: Scheme, coarsest: int, paths: int):
+        """Try the ladder with few paths; `usable` tells whether any of it holds."""
+        self.problem, self.scheme = problem, scheme
+        self.order = weak_order(problem, scheme)
+        self.seconds_spent = 0.0
+        self.usable = False
+        for _ in range(UNSTABLE):
+            self.sampler = LevelSampler(problem, scheme, coarsest)
+            self.draws: list[Draw] = [NOTHING] * LEVELS
+            self.more(paths)
+            if self._holds():
+                self.usable = True
+                self._time(paths)
+                return
+            coarsest *= 2
+
+    def _holds(self) -> bool:
+        """No path failed, and the levels come nearer to each other."""
+        if any(draw.failed for draw in self.draws):
+            return False
+        spread = [draw.variance for draw in self.draws[1:]]
+        return all(map(math.isfinite, spread)) and spread[-1] <= 4 * max(spread[0], self.draws[0].fine.variance)
+
+    def more(self, paths: int) -> None:
+        """More paths on every level."""
+        for level in range(LEVELS):
+            self._draw(level, paths)
+
+    def double(self) -> None:
+        """Twice the paths of the levels with differences."""
+        for level in range(1, LEVELS):
+            self._draw(level, self.draws[level].difference.n)
+
+    def _draw(self, level: int, paths: int) -> None:
+        drawn = self.sampler.draw(level, paths)
+        self.draws[level] += drawn
+        self.seconds_spent += drawn.seconds
+
+    def _time(self, paths: int) -> None:
+        """Seconds of a path as a + b steps, each the least of two."""
+        known = []
+        for level in (0, LEVELS - 1):
+            steps = self.sampler.steps(level)
+            count = max(paths, 1024)
+            least = min(Plain(self.problem, self.scheme, steps, 0).draw(count).seconds for _ in range(2))
+            known.append((steps, least / count))
+            self.seconds_spent += 2 * least
+        (few, short), (many, long) = known
+        self._slope = max((long - short) / (many - few), 0.2 * long / many)
+        self._once = max(short - self._slope * few, 0.0)
+
+    def seconds(self, level: float) -> float:
+        """Of a path at a level of the ladder."""
+        return self._once + self._slope * self.sampler.coarsest * 2.0**level
+
+    def steps(self, level: int) -> int:
+        """Steps to the horizon at a level."""
+        return self.sampler.steps(level)
+
+    @property
+    def variance(self) -> float:
+        """Of f."""
+        return self.draws[-1].fine.variance
+
+    @property
+    def value(self) -> float:
+        """Mean of f at the finest level that was tried."""
+        return self.draws[-1].fine.mean
+
+    def bias(self, level: int) -> tuple[float, float]:
+        """E f - E f(x_h) at a level of the ladder, and the standard error of this estimate."""
+        means = [draw.difference.mean for draw in self.draws[1:]]
+        errors = [draw.error for draw in self.draws[1:]]
+        slope = weak.order_of(means, errors, self.order)
+        if level >= LEVELS - 1:
+            return weak.estimate(means, errors, slope, level - LEVELS + 1)
+        tail, noise = weak.estimate(means, errors, slope)
+        return tail + sum(means[level:]), math.hypot(noise, *errors[level:])
+
+    def spread(self, level: int) -> float:
+        """Variance of f(x_h) - f(x_2h) at a level above 0; beyond those tried, it falls as there."""
+        known = [draw.variance for draw in self.draws]
+        if level < LEVELS:
+            return known[level]
+        fall = known[-1] / known[-2] if known[-2] > 0 else 1.0
+        return known[-1] * min(fall, 1.0) ** (level - LEVELS + 1)

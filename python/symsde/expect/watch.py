@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The clock of long work: how much time is left, and who is told how far it is."""
+
+from __future__ import annotations
+
+import math
+import time
+
+from .. import _checks
+from .._progress import Progress, _Bar
+from ..errors import InvalidArgumentError, WrongTypeError
+
+_TICKS = 1000  #: of the whole, told to a progress function
+
+
+class Watch:
+    """Counts processor seconds of work done against what is planned, and the time of the clock against max_time."""
+
+    def __init__(self, max_time: float | None, progress: Progress):
+        """Start."""
+        if not isinstance(progress, bool) and not callable(progress):
+            raise WrongTypeError(
+                f"progress = {_checks.shown(progress)} is not allowed: give True, False, or a function f(done, total) "
+                "that returns True to stop"
+            )
+        self.max_time = math.inf if max_time is None else _checks.finite("max_time", max_time)
+        if self.max_time <= 0:
+            raise InvalidArgumentError(f"max_time = {self.max_time:g} is not allowed: give seconds above 0")
+        self._begin = time.monotonic()
+        self._bar = _Bar() if progress is True else None
+        self._tell = progress if callable(progress) else self._bar
+        self._stopped = False
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds of the clock since the start."""
+        return time.monotonic() - self._begin
+
+    @property
+    def over(self) -> bool:
+        """No work is to be begun any more."""
+        return self._stopped or self.elapsed >= self.max_time
+
+    @property
+    def stopped(self) -> bool:
+        """The progress function asked to stop."""
+        return self._stopped
+
+    def tell(self, share: float) -> None:
+        """This share of the work is done."""
+        if self._tell:
+            self._stopped |= bool(self._tell(round(_TICKS * min(1.0, share)), _TICKS))
+
+    def close(self) -> None:
+        """End the line of the bar."""
+        if self._bar is not None:
+            self._bar.close()

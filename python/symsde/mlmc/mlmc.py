@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Multilevel Monte Carlo (Giles 2008, Oper. Res. 56, 607; 2015, Acta Numerica 24, 259)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from .. import _checks
+from .._progress import Progress
+from ..errors import InvalidArgumentError
+from ..expect import bias as weak
+from ..expect.candidates import best_coupled, weak_order
+from ..expect.problem import make_problem
+from ..expect.stability import fewest_steps
+from ..expect.target import Function
+from ..expect.tolerance import BIAS_SHARE, Tolerance, half_width, make_tolerance
+from ..expect.watch import Watch
+from ..model import Model
+from ..schemes import Scheme, as_scheme
+from .answer import Level, Multilevel
+from .rates import fall
+from .sampler import MOST_LEVELS, NOTHING, Draw, LevelSampler
+
+FIRST_LEVELS = 3
+_HEAVY = 100.0  #: kurtosis above which the variance of a level is doubtful
+_INCONSISTENT = 1.5  #: 4.5 standard errors
+_TIMING = 0.1  #: relative error of seconds
+_NOISE_SHARE = 0.5  #: of the allowed bias that may be noise in it, before the finest level is given more paths
+
+
+def mlmc(
+    model: Model,
+    f: Function | str,
+    *,
+    q0: Any,
+    p0: Any,
+    horizon: float,
+    abs: float | None = None,
+    rel: float | None = None,
+    scheme: str | Scheme | None = None,
+    steps: int | None = None,
+    levels: int = 12,
+    first: int = 1024,
+    seed: int = 0,
+    antithetic: bool = False,
+    max_time: float | None = None,
+    progress: Progress = False,
+    **options: Any,
+) -> Multilevel:
+    """E f(q, p) at t0 + horizon by multilevel Monte Carlo, with a 95 % interval of the half width asked for.
+
+    - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as "q**2"
+    - q0, p0: initial state of all paths, a number or (dof,)
+    - abs, rel: half width of the interval, or that over the value; one of the two
+    - scheme: default gauss_dkdkd where noises depend on position and H = p.p/2 + U(q), else midpoint
+    - steps: of level 0, by default as few as the fastest frequency allows; level l has steps 2^l
+    - levels: the most there may be, 2 .. 31; first: paths that a new level begins with
+    - antithetic: fine paths in pairs with the halves of each coarse step exchanged, for noises that do not commute
+    - max_time: seconds of the clock after which the interval is given as it is then
+    - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
+
+    The paths of each level are as many as its measured variance and cost ask for. Levels are added until the bias,
+    estimated from the means of the finest ones, is small beside the noise; both are in the interval. Everything is
+    dimensionless. Misuse raises a ValueError with a sentence before long work. Ctrl-C raises KeyboardInterrupt, whose
+    attribute `partial` is the estimate until then.
+    """
+    problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
+    tolerance = make_tolerance(abs, rel)
+    chosen = best_coupled(problem) if scheme is None else as_scheme(scheme)
+    coarsest = fewest_steps(problem) if steps is None else steps
+    most = _checks.integer("levels", levels, (2, MOST_LEVELS))
+    first = _checks.integer("first", first, (16, 2**30))
+    sampler = LevelSampler(problem, chosen, coarsest, antithetic=antithetic)
+    estimate = Estimate(sampler, tolerance, levels=most, first=first, watch=Watch(max_time, progress))
+    return estimate.run()
+
+
+class Estimate:
+    """A multilevel estimate that grows until it is narrow enough."""
+
+    def __init__(self, sampler: LevelSampler, tolerance: Tolerance, *, levels: int, first: int, watch: Watch):
+        """Nothing is drawn yet."""
+        self.sampler, self.tolerance, self.watch = sampler, tolerance, watch
+        self.most, self.first = levels, first
+        self.order = weak_order(sampler.problem, sampler.scheme)
+        self.draws: list[Draw] = []
+        self.notes: list[str] = []
+
+    def run(self) -> Multilevel:
+        """Draw until the interval is narrow enough, the levels or the time are used up."""
+        try:
+            for _ in range(FIRST_LEVELS):
+                self._add_level()
+            self._check()
+            while not self.watch.over and self._work():
+                pass
+            return self.answer()
+        except KeyboardInterrupt as stop:
+            stop.partial = self.answer()
+            raise
+        finally:
+            self.watch.close()
+
+    def _work(self) -> bool:
+        """Draw what is missing, or add a level; false where nothing is left to do."""
+        wanted = self._wanted()
+        missing = [max(0, n - draw.difference.n) for n, draw in zip(wanted, self.draws, strict=True)]
+        if any(missing):
+            # the estimates of variance improve as paths come: a part at a time, the level most behind first
+            level = max(range(len(missing)), key=lambda i: missing[i] * self._seconds(i))
+            held = self.draws[level].difference.n
+            self._draw(level, min(missing[level], max(held, self.first)))
+            self._tell(wanted)
+            return True
+        allowed = self._allowed()
+        seen, noise = weak.estimate(*self._means(), self._slope())
+        if math.hypot(seen, noise) <= allowed:
+            return False
+        if noise > _NOISE_SHARE * allowed and math.fabs(seen) < 2 * noise and self._finest_is_cheap():
+            self._draw(len(self.draws) - 1, self.draws[-1].difference.n)
+            return True
+        if len(self.draws) == self.most:
+            self.notes.append(
+                f"the bias is not small at {self.sampler.steps(self.most - 1)} steps, the finest of {self.most} "
+                "levels: give more levels, or a scheme of higher weak order"
+            )
+            return False
+        self._add_level()
+        return True
+
+    def _add_level(self) -> None:
+        self.draws.append(NOTHING)
+        self._draw(len(self.draws) - 1, self.first)
+
+    def _draw(self, level: int, count: int) -> None:
+        """So many samples more, in parts between which the clock is looked at."""
+        part = max(256, self.sampler.problem.chunk)
+        while count > 0 and not (self.watch.over and self.draws[level].difference.n):
+            self.draws[level] += self.sampler.draw(level, min(part, count))
+            count -= part
+
+    def _finest_is_cheap(self) -> bool:
+        """Twice the paths of the finest level cost less than a fifth of what was spent."""
+        return self.draws[-1].seconds < 0.2 * sum(draw.seconds for draw in self.draws)
+
+    def _check(self) -> None:
+        """What the first samples show that makes further work vain."""
+        fine = self.draws[0].fine
+        self.tolerance.check(self.value, math.sqrt(fine.mean**2 + (fine.variance if fine.n > 1 else 0.0)))
+        if self.tolerance.relative is not None and math.fabs(self.value) < self.error and self.error > 0:
+            raise InvalidArgumentError(
+                f"the mean of f is {self.value:.3g} +- {self.error:.3g}: a half width relative to it cannot be kept "
+                "where it may be 0; give abs, the half width itself"
+            )
+
+    def _wanted(self) -> list[int]:
+        """Paths of each level that give the noise its share of the error at the least cost."""
+        noise = (1 - BIAS_SHARE) * self.tolerance.error(self.value) ** 2
+        spread = [math.sqrt(draw.variance / self._seconds(i)) for i, draw in enumerate(self.draws)]
+        total = sum(math.sqrt(draw.variance * self._seconds(i)) for i, draw in enumerate(self.draws))
+        if total == 0:
+            return [self.first] * len(self.draws)
+        return [min(2**40, math.ceil(s * total / max(noise, 1e-300))) for s in spread]
+
+    def _seconds(self, level: int) -> float:
+        """Of a path."""
+        draw = self.draws[level]
+        return max(draw.seconds, 1e-9) / max(1, draw.difference.n)
+
+    def _tell(self, wanted: list[int]) -> None:
+        done = sum(draw.seconds for draw in self.draws)
+        missing = sum(
+            max(0, n - draw.difference.n) * self._seconds(i)
+            for i, (n, draw) in enumerate(zip(wanted, self.draws, strict=True))
+        )
+        self.watch.tell(done / (done + missing))
+
+    def _allowed(self) -> float:
+        """Size of the bias that may be left."""
+        return math.sqrt(BIAS_SHARE) * self.tolerance.error(self.value)
+
+    def _means(self) -> tuple[list[float], list[float]]:
+        """Of the differences, and their errors."""
+        finer = self.draws[1:]
+        return [draw.difference.mean for draw in finer], [draw.error for draw in finer]
+
+    def _slope(self) -> float:
+        return weak.order_of(*self._means(), self.order)
+
+    @property
+    def value(self) -> float:
+        """Sum of the means."""
+        return math.fsum(draw.difference.mean for draw in self.draws)
+
+    @property
+    def error(self) -> float:
+        """Its standard error."""
+        return math.sqrt(math.fsum(draw.error**2 for draw in self.draws))
+
+    def answer(self) -> Multilevel:
+        """What is known so far."""
+        value, error = self.value, self.error
+        bias = weak.size(*self._means(), self._slope()) if len(self.draws) > 1 else math.inf
+        half = half_width(error, bias, min(draw.difference.n for draw in self.draws))
+        reached = half <= 1.05 * self.tolerance.half_width(value)
+        levels = tuple(_level(self.sampler, self.draws, i) for i in range(len(self.draws)))
+        finer = range(1, len(levels))
+        spread = [math.sqrt(max(levels[i].kurtosis - 1, 0) / levels[i].paths) * levels[i].variance for i in finer]
+        speeds = [levels[i].paths / max(levels[i].seconds, 1e-9) for i in finer]
+        slopes = {
+            "alpha": fall([levels[i].mean for i in finer], [levels[i].error for i in finer]),
+            "beta": fall([levels[i].variance for i in finer], spread),
+            "gamma": fall(speeds, [_TIMING * x for x in speeds]),
+        }
+        notes = [*self.notes, *_doubts(levels)]
+        if not reached and self.watch.over:
+            notes.append(
+                f"max_time = {self.watch.max_time:g} s was over: the half width is {half:.3g}, asked was "
+                f"{self.tolerance.half_width(value):.3g}"
+            )
+        return Multilevel(
+            value=value,
+            interval=(value - half, value + half),
+            error=error,
+            bias=bias,
+            scheme=self.sampler.scheme.name,
+            levels=levels,
+            **slopes,
+            reached=reached,
+            notes=tuple(notes),
+            cost=sum(draw.seconds for draw in self.draws),
+        )
+
+
+def _level(sampler: LevelSampler, draws: list[Draw], i: int) -> Level:
+    draw = draws[i]
+    consistency = 0.0
+    if i:
+        apart = math.fabs(draws[i - 1].fine.mean - draw.coarse.mean)
+        error = math.hypot(draws[i - 1].fine.error, draw.coarse.error)
+        consistency = apart / (3 * error) if error > 0 else float(apart > 0) * math.inf
+    d = draw.difference
+    return Level(
+        sampler.steps(i), d.n, d.mean, draw.error, draw.variance, d.kurtosis, draw.fine.mean, draw.fine.variance,
+        consistency, draw.seconds, draw.failed,
+    )  # fmt: skip
+
+
+def _doubts(levels: tuple[Level, ...]) -> list[str]:
+    """What the levels show that the interval does not."""
+    notes = []
+    failed = sum(x.failed for x in levels)
+    if failed:
+        notes.append(
+            f"{failed} of {failed + sum(x.paths for x in levels)} paths failed and are left out: the mean is that of "
+            "the others; give more steps on level 0, or another scheme"
+        )
+    for i, x in enumerate(levels):
+        if x.kurtosis > _HEAVY and x.paths < x.kurtosis * 100:
+            notes.append(
+                f"level {i}: the kurtosis {x.kurtosis:.0f} makes its variance uncertain by "
+                f"{100 * math.sqrt(x.kurtosis / x.paths):.0f} %: f may jump; give more first paths"
+            )
+        if x.consistency > _INCONSISTENT:
+            notes.append(
+                f"level {i}: its coarse paths and the paths of level {i - 1} have different means, {x.consistency:.1f} "
+                "times what noise allows: areas by the path depend on the step, give areas='law'"
+            )
+    return notes
