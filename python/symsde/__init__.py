@@ -16,6 +16,7 @@ from . import diagnose, errors, models, schemes
 from ._callbacks import numba_signature, numba_sincos
 from ._handles import status_text
 from ._setup import build_info
+from .advise.advise import Advice, advise
 from .batch.ensemble import ensemble
 from .batch.opened import OpenRun, open_run
 from .commutator import Commutator, commutator
@@ -39,6 +40,7 @@ from .study import WorkPrecision, work_precision
 __version__ = build_info()["version"]
 
 __all__ = [
+    "Advice",
     "Alternative",
     "Answer",
     "BudgetWarning",
@@ -60,6 +62,7 @@ __all__ = [
     "Traits",
     "WorkPrecision",
     "__version__",
+    "advise",
     "build_info",
     "commutator",
     "convergence",

@@ -283,5 +283,11 @@ def test_plan_makes_the_estimator_it_names(nonlinear):
     trial = type("Trial", (), {"problem": make_problem(nonlinear, "q", **PLACE), "scheme": as_scheme("midpoint")})()
     trial.steps = lambda level: 4 << level
     for kind in (Plain, Antithetic, control.Control):
-        made = Plan(kind.name, trial, 1, 0.0).estimator(0)
+        made = Plan(kind.name, trial, 1, 0.0).estimator(0, trial.problem)
         assert type(made) is kind and made.steps == 8
+
+
+def test_frequency_follows_the_way():
+    """A pendulum that begins near the top is linearised where it comes to, too: frequency 1 below."""
+    problem = make_problem(ss.models.synchrotron(omega=1.0), "q", q0=3.0, p0=0.0, horizon=8.0)
+    assert frequency(problem) == pytest.approx(1.0, abs=0.1)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from ..mlmc.sampler import driven_by_more
 from . import control, quasi
 from .estimators import Antithetic, Estimator, Plain
+from .problem import Problem
 from .quasi import Quasi
 from .tolerance import BIAS_SHARE
 from .trial import LEVELS, MOST_HALVINGS, Trial
@@ -31,10 +32,10 @@ class Plan:
         """To the horizon."""
         return self.trial.steps(self.level)
 
-    def estimator(self, first: int) -> Estimator:
+    def estimator(self, first: int, problem: Problem) -> Estimator:
         """What draws it, from a path on."""
         kinds = {kind.name: kind for kind in (Plain, Antithetic, control.Control, Quasi)}
-        return kinds[self.method](self.trial.problem, self.trial.scheme, self.steps, first, **self.options)
+        return kinds[self.method](problem, self.trial.scheme, self.steps, first, **self.options)
 
 
 def coarse_enough(trial: Trial, error: float) -> int | None:
@@ -93,7 +94,7 @@ def _measured(plan: Plan, allowed: float, budget: float) -> Plan | None:
     """With the seconds that variance and cost of few units tell."""
     if _PILOT * plan.trial.seconds(plan.level) * 3 > budget:
         return None
-    drawn = plan.estimator(_FIRST).draw(_PILOT)
+    drawn = plan.estimator(_FIRST, plan.trial.problem).draw(_PILOT)
     plan.trial.seconds_spent += drawn.seconds
     units = max(2.0, drawn.units.variance / allowed)
     plan.seconds = units * drawn.seconds / drawn.units.n
@@ -110,7 +111,7 @@ def _quasi(trial: Trial, level: int, allowed: float, budget: float) -> Plan | No
     variance, seconds = {}, 0.0
     for points in (_SHORT, _LONG):
         plan = Plan(Quasi.name, trial, level, math.inf, options={"log2_points": points})
-        drawn = plan.estimator(_FIRST).draw(_SCRAMBLINGS)
+        drawn = plan.estimator(_FIRST, plan.trial.problem).draw(_SCRAMBLINGS)
         trial.seconds_spent += drawn.seconds
         variance[points], seconds = drawn.units.variance, drawn.seconds / drawn.units.n
     fall = math.log2(max(variance[_SHORT], 1e-300) / max(variance[_LONG], 1e-300)) / (_LONG - _SHORT)

@@ -46,7 +46,7 @@ class Pilot:
         paths = _PATHS if problem.model.nnoise else 2
         self.trials: list[Trial] = []
         for scheme in schemes:
-            trial = Trial(problem, scheme, coarsest, paths)
+            trial = Trial(problem.on_one_thread(), scheme, coarsest, paths)
             self.seconds_of_others = 0.0
             if trial.usable:
                 self.trials.append(trial)
@@ -63,7 +63,7 @@ class Pilot:
     def _look_at_f(self) -> None:
         """Values of f at a trustworthy step: their variance, their mean, their tails."""
         trial = min(self.trials, key=lambda x: x.spread(LEVELS - 1) + x.seconds(LEVELS - 1) * 1e-12)
-        plain = Plain(self.problem, trial.scheme, trial.steps(LEVELS - 1), _FIRST)
+        plain = Plain(trial.problem, trial.scheme, trial.steps(LEVELS - 1), _FIRST)
         values, ok = plain.sample(_LOOKED_AT if self.problem.model.nnoise else 2)
         require_variance(values[ok], self.problem.target.name)
         self.looked_at = Drawn(Tally.of(values[ok]), 0.0, 0, values.size)

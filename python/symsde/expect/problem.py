@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 import warnings
 from dataclasses import dataclass, field
@@ -55,6 +56,10 @@ class Problem:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PathsFailedWarning)  # counted, and judged by who asked
             return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=step, steps=steps, **options)
+
+    def on_one_thread(self) -> Problem:
+        """The same question: short runs are not worth waking threads, and their seconds tell more on one."""
+        return dataclasses.replace(self, options={**self.options, "threads": 1})
 
     def try_out(self, scheme: str | Scheme) -> None:
         """Set a run up, but make no step: what does not fit raises a SymsdeError."""

@@ -62,7 +62,7 @@ class Work:
         return self._multilevel() if self.plan.method == "multilevel" else self._one_step()
 
     def _one_step(self) -> Answer:
-        estimator = self.plan.estimator(FIRST)
+        estimator = self.plan.estimator(FIRST, self.pilot.problem)
         bias = math.hypot(*self.plan.trial.bias(self.plan.level))
         least = estimator.least_units if self.plan.trial.variance > 0 else 2
         drawn = NOTHING
@@ -93,7 +93,7 @@ class Work:
 
     def _multilevel(self) -> Answer:
         trial = self.plan.trial
-        sampler = LevelSampler(trial.problem, trial.scheme, trial.steps(self.plan.coarsest), first=FIRST_OF_LEVEL)
+        sampler = LevelSampler(self.pilot.problem, trial.scheme, trial.steps(self.plan.coarsest), first=FIRST_OF_LEVEL)
         found = Estimate(sampler, self.tolerance, levels=MOST_LEVELS, first=_LEAST, watch=self.watch).run()
         paths = sum(x.paths for x in found.levels)
         outcome = _Outcome(found.value, found.half_width, found.error, found.bias, paths, found.cost, list(found.notes))

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Scheme and step for a tolerance, with the reasons."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import _checks
+from ..commutator import commutator
+from ..errors import InvalidArgumentError, MissingOperationError, NumericalError, SymsdeError
+from ..expect.problem import Problem, make_problem
+from ..expect.stability import fewest_steps, frequency
+from ..model import Model, Traits
+from ..schemes import Scheme, as_scheme
+from .ladder import Ladder
+from .wants import KINDS
+
+_LONGER = 4  #: times the longest step of explicit schemes, that implicit ones are tried with
+_SHORTEST = 1e-13  #: relative tolerance below which rounding decides
+
+
+@dataclass(frozen=True)
+class Option:
+    """A scheme at the longest step that keeps the tolerance."""
+
+    scheme: str
+    steps: int
+    step: float
+    seconds: float  #: of the processor for a path
+
+    def __str__(self) -> str:
+        """One line."""
+        return f"{self.scheme:24s} h = {self.step:<10.4g} {1e6 * self.seconds:10.3g} us a path"
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to run."""
+
+    scheme: str
+    step: float
+    steps: int  #: to the horizon
+    seconds: float  #: of the processor for a path
+    reasons: tuple[str, ...]
+    alternatives: tuple[Option, ...]  #: the cheapest first
+
+    def __str__(self) -> str:
+        """Advice, reasons, alternatives."""
+        lines = [f"{self.scheme}, h = {self.step:.4g} ({self.steps} steps), {1e6 * self.seconds:.3g} us a path"]
+        lines += [f"- {reason}" for reason in self.reasons]
+        if self.alternatives:
+            lines += ["others:", *(f"  {x}" for x in self.alternatives[:8])]
+        return "\n".join(lines)
+
+
+def advise(
+    model: Model, *, q0: Any, p0: Any, horizon: float, tolerance: float, want: str = "paths", seed: int = 0,
+    **options: Any,
+) -> Advice:  # fmt: skip
+    """The scheme and the step that keep a tolerance at the least cost a path, from short runs.
+
+    - tolerance: of the error at t0 + horizon; dimensionless, of invariants relative to H
+    - want: "paths", the root mean square distance in (q, p); "moments", the largest error of the means of q, p and H;
+      "invariants", the largest change of H on the way: with noise where that keeps H, else without
+    - q0, p0: initial state, a number or (dof,); options: those of `expect`
+
+    Errors come from differences to half the step on the same Brownian paths, cost from timed runs on one thread; steps
+    are never longer than what the fastest frequency allows. Schemes that are not symplectic are no candidates.
+    Everything is dimensionless. Misuse raises a ValueError; NumericalError tells that no scheme keeps the tolerance.
+    """
+    if want not in KINDS:
+        _checks.choice("want", want, list(KINDS))
+    problem = make_problem(model, _nothing, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
+    tolerance = _checks.finite("tolerance", tolerance)
+    if tolerance <= _SHORTEST:
+        raise InvalidArgumentError(
+            f"tolerance = {tolerance:g} is not allowed: give one above {_SHORTEST:g}, below which rounding decides"
+        )
+    if want == "invariants" and not model.traits.has_value:
+        raise MissingOperationError("want = 'invariants' needs H itself: give the model a value function")
+    kind = KINDS[want](problem)
+    fewest = fewest_steps(problem)
+    found, tried, cheapest = [], [], math.inf
+    for scheme in candidates(problem):
+        explicit = scheme.info.explicit_for != "never"
+        ladder = Ladder(problem, scheme, kind, fewest=fewest if explicit else max(1, fewest // _LONGER))
+        steps = ladder.climb(tolerance, cheapest)
+        tried.append(scheme.name)
+        if steps is not None:
+            count = max(1, math.ceil(steps))
+            found.append((Option(scheme.name, count, problem.horizon / count, ladder.seconds(count)), ladder))
+            cheapest = min(cheapest, found[-1][0].seconds)
+    if not found:
+        raise NumericalError(
+            f"none of {', '.join(tried)} keeps an error of {tolerance:g} at steps that a pilot can afford: give a "
+            "larger tolerance or a shorter horizon"
+        )
+    found.sort(key=lambda pair: pair[0].seconds)
+    best, ladder = found[0]
+    others = tuple(option for option, _ in found[1:])
+    reasons = _reasons(problem, kind, best, ladder, others)
+    return Advice(best.scheme, best.step, best.steps, best.seconds, reasons, others)
+
+
+def candidates(problem: Problem) -> list[Scheme]:
+    """Symplectic schemes that the traits of a model let in, each set up once."""
+    return [scheme for scheme in map(as_scheme, _names(problem.model, problem.model.traits)) if _fits(problem, scheme)]
+
+
+def _names(model: Model, traits: Traits) -> list[str]:
+    names = ["midpoint"]
+    if traits.separable:
+        names.append("stormer_verlet")
+    if traits.separable and (traits.position_noise or traits.additive):
+        names.append("symplectic_euler")
+    kicked = traits.position_noise and traits.identity_mass
+    if kicked:
+        names += ["gauss_dkdkd", "chin4a"]
+    if traits.additive:
+        names += ["verlet_dz"] if kicked else ["averaged_shift_midpoint"]
+    brackets = commutator(model) if model.nnoise else None
+    if brackets is None or brackets.flows_commute:
+        names += ["gauss2", "gauss3"]
+    elif not brackets.commutative:
+        names += ["midpoint_areas", "gauss2_strong32_areas"]
+    elif not kicked:
+        names.append("gauss2_strong32")
+    return names
+
+
+def _fits(problem: Problem, scheme: Scheme) -> bool:
+    try:
+        problem.try_out(scheme)
+    except SymsdeError:
+        return False
+    return True
+
+
+def _nothing(q: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """No function is asked for."""
+    return np.zeros(q.shape[1])
+
+
+def _reasons(problem: Problem, kind, best: Option, ladder: Ladder, others: tuple[Option, ...]) -> tuple[str, ...]:
+    """Sentences: pilot, stability, brackets, cost."""
+    info = ladder.scheme.info
+    turn = frequency(problem) * best.step
+    made = "explicit here" if info.explicit_for == "separable models" and problem.model.traits.separable else "implicit"
+    reasons = [
+        f"pilot on {kind.count} paths: {kind.words} falls with order {ladder.order:.2f}, is {ladder.error(-1):.2g} at "
+        f"{ladder.steps[-1]} steps",
+        f"the fastest frequency times h is {turn:.2g}; {best.scheme} is {made}, and symplectic",
+    ]
+    if problem.model.nnoise:
+        reasons.append(commutator(problem.model).text)
+    if others:
+        reasons.append(f"{others[0].scheme} would take {others[0].seconds / best.seconds:.2g} times as long")
+    return tuple(reasons)

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Advice beside the measured front of error against run time: what keeps the tolerance, and at what cost."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import scene
+from symsde.advise.wants import Seen
+
+ROOT = Path(__file__).resolve().parents[2]
+DEARER = 2.5  #: times the cheapest of the front, on a busy machine
+ROOM = 1.25  #: of the error, beyond the tolerance: 192 paths know it to a tenth
+
+
+def along(x: float, xs, ys) -> float:
+    """On the broken line through points, in logarithms; NaN outside."""
+    order = np.argsort(xs)
+    xs, ys = np.log(np.asarray(xs)[order]), np.log(np.asarray(ys)[order])
+    return float(np.exp(np.interp(math.log(x), xs, ys, left=np.nan, right=np.nan)))
+
+
+def table(name: str) -> tuple[float, dict[str, list[dict]]]:
+    """Horizon of a scene, and its measured points by scheme, those that count."""
+    data = json.loads((ROOT / f"docs/figures/work-precision-{name}.json").read_text())
+    rows: dict[str, list[dict]] = {}
+    for row in data["rows"]:
+        if row["status"] in ("ok", "reference", "rounding"):
+            rows.setdefault(row["scheme"], []).append(row)
+    return data["horizon"], rows
+
+
+def cheapest(points: dict[str, list[dict]], tolerance: float) -> float:
+    """Seconds of a path of the best scheme of the front."""
+    best = math.inf
+    for rows in points.values():
+        error, cost = [r["err_strong"] for r in rows], [r["seconds"] for r in rows]
+        if error[0] <= tolerance:
+            best = min(best, cost[0])
+        elif min(error) <= tolerance:
+            best = min(best, along(tolerance, error, cost))
+    return best
+
+
+@pytest.mark.parametrize(
+    ("name", "tolerance"),
+    [
+        ("kubo", 1e-1), ("kubo", 1e-3), ("kubo", 1e-5), ("synchrotron", 1e-1), ("synchrotron", 1e-3),
+        ("synchrotron", 1e-5), ("additive_oscillator", 1e-1), ("additive_oscillator", 1e-3),
+        ("pendulum", 1e-2), ("pendulum", 1e-3), ("noncommutative_oscillator", 3e-2), ("henon_heiles", 1e-1),
+        ("henon_heiles", 1e-3), ("driven_pendulum", 1e-1), ("driven_pendulum", 1e-3), ("fpu_chain", 1e-1),
+    ],
+)  # fmt: skip
+def test_advice_is_near_the_measured_front(name, tolerance):
+    """Error and cost of what is advised are read off the table that was measured; nothing of the pilot judges itself.
+
+    Seconds decide between schemes that cost nearly the same, and on a busy machine they are noisy.
+    """
+    chosen = scene.load(ROOT / f"examples/scenes/{name}.toml")
+    horizon, points = table(name)
+    place = {"q0": chosen.run["q0"], "p0": chosen.run["p0"], "horizon": horizon}
+    advice = ss.advise(chosen.model, **place, tolerance=tolerance)
+    assert ss.schemes.get(advice.scheme).info.symplectic and advice.step * advice.steps == pytest.approx(horizon)
+    run = ss.simulate(
+        chosen.model, q0=place["q0"], p0=place["p0"], step=advice.step, steps=advice.steps, save_every=advice.steps,
+        scheme=advice.scheme, paths=64, seed=99,
+    )  # fmt: skip
+    assert not run.status.any()
+    rows = points.get(advice.scheme, [])
+    steps = [r["steps"] for r in rows]
+    if len(rows) < 2 or not steps[0] <= advice.steps <= steps[-1]:
+        return  # at a step that was not measured
+    error = along(advice.steps, steps, [r["err_strong"] for r in rows])
+    cost = along(advice.steps, steps, [r["seconds"] for r in rows])
+    assert error < ROOM * tolerance
+    assert cost < DEARER * cheapest(points, tolerance)
+
+
+@pytest.mark.parametrize("aligned", [0.0, 1.0])
+@pytest.mark.parametrize("order", [0.5, 1.0, 2.0])
+def test_error_from_three_steps(aligned, order):
+    """Differences of size 2^(-order l) that are independent, or point the same way: their infinite sum is known."""
+    fall = 2.0**-order
+    first, second = 1.0, fall
+    both = first + second if aligned else math.hypot(first, second)
+    exact = 1 / (1 - fall) if aligned else 1 / math.sqrt(1 - fall**2)
+    assert Seen(first, second, both).error(order) == pytest.approx(exact, rel=1e-12)
+
+
+def test_moments_are_as_near_as_asked():
+    """E q and E p of the synchrotron to 1e-2, beside a run at a step 60 times shorter; 4.5 standard errors (1e-5)."""
+    model = ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
+    advice = ss.advise(model, q0=1.0, p0=0.0, horizon=2.0, tolerance=1e-2, want="moments")
+    fine, own = (
+        ss.moments(model, q0=1.0, p0=0.0, step=2 / n, steps=n, save_every=n, scheme=scheme, paths=2**15, seed=5)
+        for scheme, n in (("chin4a", 512), (advice.scheme, advice.steps))
+    )
+    for key in ("mean_q", "mean_p"):
+        noise = np.hypot(getattr(fine, f"se_{key}")[-1], getattr(own, f"se_{key}")[-1])
+        assert np.abs(getattr(fine, key)[-1] - getattr(own, key)[-1]) < 1e-2 + 4.5 * noise
+    assert "means of q, p and H" in str(advice)
+
+
+def test_invariants_of_kubo_are_kept_by_quadratic_schemes():
+    """Midpoint keeps p^2 + q^2 to rounding at any step, Verlet does not."""
+    advice = ss.advise(ss.models.kubo(), q0=1.0, p0=0.0, horizon=4.0, tolerance=1e-9, want="invariants")
+    assert ss.schemes.get(advice.scheme).info.keeps_quadratic
+    assert advice.steps <= 4
+
+
+def test_invariants_without_noise_are_those_of_the_path():
+    advice = ss.advise(ss.models.synchrotron(), q0=1.0, p0=0.0, horizon=20.0, tolerance=1e-4, want="invariants")
+    still = ss.models.synchrotron(sigma1=0.0, sigma2=0.0)
+    run = ss.simulate(still, q0=1.0, p0=0.0, step=advice.step, steps=advice.steps, scheme=advice.scheme)
+    energy = np.array([still.value(q, p)[0] for q, p in zip(run.q, run.p, strict=True)])
+    assert np.abs(energy / energy[0] - 1).max() < 1.5e-4
+
+
+def test_advice_is_stable_and_told_why():
+    """A tolerance that anything keeps: the step ends where explicit schemes do, at 2 over the fastest frequency, 2."""
+    advice = ss.advise(ss.models.fpu_chain(n=8), q0=0.1, p0=0.0, horizon=8.0, tolerance=10.0)
+    assert ss.schemes.get(advice.scheme).info.explicit_for == "never" or advice.step < 1.0
+    text = str(advice)
+    assert "pilot on" in text and "fastest frequency" in text and advice.scheme in text
+    assert [x.seconds for x in advice.alternatives] == sorted(x.seconds for x in advice.alternatives)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"tolerance": 0.0}, ss.errors.InvalidArgumentError, "tolerance"),
+        ({"tolerance": 1e-15}, ss.errors.InvalidArgumentError, "rounding"),
+        ({"tolerance": 1e-12}, ss.errors.NumericalError, "larger tolerance"),
+        ({"want": "path"}, ss.errors.UnknownNameError, "paths"),
+        ({"horizon": -1.0}, ss.errors.InvalidArgumentError, "horizon"),
+        ({"step": 0.1}, ss.errors.WrongTypeError, "no option 'step'"),
+        ({"model": 3}, ss.errors.WrongTypeError, "is not a model"),
+    ],
+)
+def test_misuse_gets_a_sentence(change, error, words):
+    given = {"model": ss.models.pendulum(), "q0": 1.0, "p0": 0.0, "horizon": 1.0, "tolerance": 1e-2, **change}
+    with pytest.raises(error, match=words):
+        ss.advise(**given)
