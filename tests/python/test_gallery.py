@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The scenes of examples/gallery: each against its exact solution, and with its invariants."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -164,3 +165,117 @@ def body(angle, momentum):
     """Angular momentum in the body, (3, time, path)."""
     across = np.sqrt(1 - momentum**2)
     return np.array([across * np.sin(angle), across * np.cos(angle), momentum])
+
+
+def by_kutta(slope, state, t, substeps, dw=None):
+    """States at the times t, by the classical method of order four; dw (step,) moves the second component before."""
+    states, n = [np.array(state, float)], 0
+    for begin, end in itertools.pairwise(t):
+        y, h = states[-1], (end - begin) / substeps
+        for i in range(substeps):
+            at = begin + i * h
+            if dw is not None:
+                y = y + np.array([0.0, dw[n] / 2])
+            a = slope(at, y)
+            b = slope(at + h / 2, y + h / 2 * a)
+            c = slope(at + h / 2, y + h / 2 * b)
+            y = y + h / 6 * (a + 2 * b + 2 * c + slope(at + h, y + h * c))
+            if dw is not None:
+                y = y + np.array([0.0, dw[n] / 2])
+            n += 1
+        states.append(y)
+    return np.array(states)
+
+
+def test_driven_pendulum():
+    model, run = load("driven_pendulum")
+    a, nu = 0.1, 30.0
+
+    def slope(t, y):
+        return np.array([y[1], -(1 - a * nu**2 * np.cos(nu * t)) * np.sin(y[0])])
+
+    def error(run):
+        quiet = ss.simulate(model.with_parameters(sigma=0), **{**run, "paths": 1})
+        exact = by_kutta(slope, [3.3, 0.0], quiet.t, 1000)
+        return np.abs(quiet.q[:, 0, 0] - exact[:, 0]).max()
+
+    second_order(error, run)
+    noisy = ss.simulate(model, **run)
+    assert np.abs(noisy.q - np.pi).max() < 1.0  # upright all the time, and fallen where it is not shaken
+    assert np.abs(ss.simulate(model.with_parameters(a=0), **run).q - np.pi).max() > 2
+    kicks = 0.02 * ss.increments(model, **{key: run[key] for key in ("step", "steps", "paths", "seed")})[:, 0, 0]
+    exact = by_kutta(slope, [3.3, 0.0], noisy.t, run["save_every"], kicks)
+    assert np.abs(noisy.q[:, 0, 0] - exact[:, 0]).max() < 0.01
+    assert np.abs(noisy.q[:, 0, 1] - exact[:, 0]).max() > 0.02
+
+
+def area(q, p):
+    """Of a polygon."""
+    return 0.5 * np.abs(np.sum(q * np.roll(p, -1) - p * np.roll(q, -1)))
+
+
+def test_ring():
+    model, run = load("ring")
+    quiet = model.with_parameters(D=0)
+    angle = np.arange(400) * 2 * np.pi / 400
+    curve = {"q0": 0.5 + 0.3 * np.cos(angle)[None], "p0": 0.3 * np.sin(angle)[None], "paths": 400, "steps": 400}
+    found = ss.simulate(quiet, **{**run, **curve})
+    areas = [area(q[0], p[0]) for q, p in zip(found.q, found.p, strict=True)]
+    np.testing.assert_allclose(areas, areas[0], rtol=2e-3)  # a polygon of 400 corners
+    private = ss.simulate(quiet, **{**run, **curve, "common_noise": ()})
+    assert abs(area(private.q[-1, 0], private.p[-1, 0]) / areas[0] - 1) > 0.01
+    # one particle at the centre: q = Omega A int sin(Omega (t-s)) dW(s); five standard errors of a variance
+    law = ss.moments(quiet, **{**run, "q0": 0.0, "paths": 4000, "common_noise": (), "steps": 400})
+    t = law.t[-1]
+    variance = (1.3 * 0.02) ** 2 * (t / 2 - np.sin(2.6 * t) / 5.2)
+    assert abs(law.var_q[-1, 0] / variance - 1) < 5 * np.sqrt(2 / 4000)
+    louder = ss.moments(
+        quiet.with_parameters(A=0.023), **{**run, "q0": 0.0, "paths": 4000, "common_noise": (), "steps": 400}
+    )
+    assert abs(louder.var_q[-1, 0] / variance - 1) > 5 * np.sqrt(2 / 4000)
+
+
+def test_schroedinger_lattice():
+    model, run = load("schroedinger_lattice")
+
+    def error(run):
+        found = ss.simulate(model, **{**run, "paths": 20})
+        norm = (found.q**2 + found.p**2).sum(axis=1)
+        assert np.abs(norm - 2).max() < 1e-12
+        turn = (4 * np.sin(np.pi / 8) ** 2 + 0.25) * found.t[:, None] + 0.2 * brownian(model, run)
+        psi = (found.q[0] + 1j * found.p[0]) * np.exp(-1j * turn)[:, None]
+        return np.abs(found.q + 1j * found.p - psi).max()
+
+    coarse = error(run)
+    assert coarse < 0.02
+    quiet = model.with_parameters(sigma=0)
+
+    def quiet_turn(run):
+        found = ss.simulate(quiet, **{**run, "paths": 1})
+        return np.abs(found.q[:, 0, 0] - 0.5 * np.cos((4 * np.sin(np.pi / 8) ** 2 + 0.25) * found.t)).max()
+
+    second_order(quiet_turn, run)
+    wrong = ss.simulate(model.with_parameters(g=1.05), **run)
+    assert np.abs(wrong.q - ss.simulate(model, **run).q).max() > 2 * coarse
+
+
+def test_peakons():
+    model, run = load("peakons")
+    total, energy = 1.4, (0.97**2 + 0.43**2) / 2 + 0.97 * 0.43 * np.exp(-3.25)
+    spread = np.sqrt(4 * energy - total**2)
+    begin = 2 / spread * np.arctanh(0.54 / spread)
+
+    def error(run):
+        found = ss.simulate(model, **run)
+        exact = -spread * np.tanh(spread * (found.t - begin) / 2)
+        assert np.abs(found.p.sum(axis=1) - total).max() < 1e-12
+        return np.abs(found.p[:, 0] - found.p[:, 1] - exact[:, None]).max()
+
+    second_order(error, run)
+    found, quiet = ss.simulate(model, **run), ss.simulate(model.with_parameters(sigma=0), **run)
+    assert np.ptp(found.p[:, 0, 0]) > 0.4  # the speeds are exchanged
+    np.testing.assert_allclose(found.q, quiet.q + 0.3 * brownian(model, run)[:, None], rtol=0, atol=1e-11)
+    gap = np.exp(found.q[:, 0] - found.q[:, 1])
+    difference = found.p[:, 0] - found.p[:, 1]
+    product = (total**2 - spread**2) / (total**2 - difference**2)  # 1 - exp(q_1 - q_2)
+    assert np.abs(1 - gap - product).max() < 1e-4
