@@ -60,7 +60,6 @@ class _File:
         self.outputs = dict(derivatives.outputs)
         formulas = "\n".join(f" *    H_{j} = {h}" for j, h in enumerate(derivatives.problem.hamiltonians))
         self.head = HEAD.format(formulas=formulas)
-        self.uses_lanes = any(node.what in NEAR and node.lane for node in self.graph.nodes)
         self._along(derivatives)
         separable = all(self.graph.is_number(node, 0.0) for node in self.outputs["hqp"])
         together = SETS["separable" if separable else "mixed"] if len(self.graph.nodes) <= MAX_TOGETHER else ()
@@ -93,9 +92,7 @@ class _File:
 
     def text(self) -> str:
         """Functions for sets of outputs, one for lanes that are far, then the callbacks."""
-        includes = "#include <math.h>\n#include <stddef.h>\n#include <stdint.h>\n"
-        parts = [self.head, lane_functions() if self.uses_lanes else includes]
-        parts.append(MACROS)
+        parts = [self.head, lane_functions(), MACROS]
         parts += [self._far(family) for family in (("value",), ("uq", "up"), tuple(BLOCKS))]
         for outputs in (("value",), ("uq", "up"), *self.sets):
             parts.append(self._function(outputs))

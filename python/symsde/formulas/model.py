@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from .. import _callbacks, _checks
-from ..errors import InvalidArgumentError, SlowFormulaWarning
+from ..errors import IncompatibleError, InvalidArgumentError, SlowFormulaWarning
 from ..model import Model
-from . import compiler, emit_c, emit_sites, in_numpy
+from . import compiler, emit_c, emit_flow, emit_sites, in_numpy
 from .derivatives import Derivatives
-from .problem import make_problem
+from .problem import make_problem, quoted
 from .sites import Chain, make_chain
 from .structure import Structure, structure_of
 
@@ -41,6 +41,27 @@ class FormulaModel(Model):
     """A model from formulas; `formula` says what was derived and generated."""
 
     formula: Formula
+    _derivatives: Derivatives | None  #: nodes of all derivatives; None of sums over sites
+
+    def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
+        """As of every model; what does not fit the model is told with its formulas."""
+        try:
+            return super().call(name, *arguments, allow=allow)
+        except IncompatibleError as error:
+            raise type(error)(f"{error} ({self._quoted()})") from None
+
+    def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
+        """Refuse one state for all paths at which a derivative is singular: no scheme is right there."""
+        if q0.shape[1] != 1 or p0.shape[1] != 1:
+            return  # each path has its own status
+        every = np.concatenate(self.gradient(q0, p0, np.ones(self.nnoise + 1), t0))
+        if not np.isfinite(every).all():
+            at = f"q0 = {_shown(q0)}, p0 = {_shown(p0)}"
+            raise InvalidArgumentError(f"a derivative is not finite at {at}: begin elsewhere ({self._quoted()})")
+
+    def _quoted(self) -> str:
+        texts = (f"{'H' if j == 0 else f'H_{j}'} = {quoted(h)}" for j, h in enumerate(self.formula.hamiltonians[:4]))
+        return ", ".join([*texts, *(["..."] if len(self.formula.hamiltonians) > 4 else [])])
 
     def with_parameters(self, **values: float) -> FormulaModel:
         """The same model with other values of some parameters; nothing is compiled again."""
@@ -105,7 +126,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         ndof, nnoise, parameters, traits = problem.ndof, problem.nnoise, problem.parameters, structure.traits()
         texts = problem.texts[: nnoise + 1]
         derivatives = Derivatives(problem)
-        source = emit_c.source(derivatives)
+        source = emit_c.source(derivatives) + emit_flow.source(derivatives)
     else:
         chain = _chain(**chosen, n=given["n"], ends=given["ends"])
         structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
@@ -116,6 +137,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         functions = in_numpy.InNumpy(derivatives, parameters).functions()
     else:
         functions = {**_functions(compiled, parameters), "accepts_null": True, "any_lanes": True}
+        functions["flows"] = _flows(compiled, emit_flow.flows(derivatives) if derivatives else [], parameters)
     formula = Formula(
         hamiltonians=texts,
         structure=structure,
@@ -126,10 +148,16 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         file=str(compiled.path) if compiled else "",
     )
     model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], **traits, **functions)
-    model.formula = formula
+    model.formula, model._derivatives = formula, derivatives
     model.parameters = dict(parameters)
     model._remade = (_made, (given,))
     return model
+
+
+def _shown(state: np.ndarray) -> str:
+    """The first numbers of a state."""
+    numbers = ", ".join(f"{x:g}" for x in state[:4, 0])
+    return numbers if len(state) == 1 else f"[{numbers}{', ..' if len(state) > 4 else ''}]"
 
 
 def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
@@ -153,10 +181,16 @@ def _chain(*, H, noise, q, p, params, t, invariants, n, ends) -> Chain:
 def _functions(compiled: compiler.Compiled, parameters: Mapping[str, float]) -> dict[str, Any]:
     """The compiled callbacks, each with the values of the parameters."""
     values = np.array(list(parameters.values()) or [0.0])
-    functions = {}
-    for kind in KINDS:
-        if not hasattr(compiled.library, f"formula_{kind}"):
-            continue  # chains have no joint function, and other models no rows
-        address = ctypes.cast(getattr(compiled.library, f"formula_{kind}"), ctypes.c_void_p)
-        functions[kind] = _callbacks.WithData(address, ctypes.c_void_p(values.ctypes.data), (values, compiled.library))
-    return functions
+    there = [kind for kind in KINDS if hasattr(compiled.library, f"formula_{kind}")]
+    return {kind: _with_values(compiled, f"formula_{kind}", values) for kind in there}
+
+
+def _flows(compiled: compiler.Compiled, schemes: list[str], parameters: Mapping[str, float]) -> dict[str, Any]:
+    """The compiled whole steps by scheme; the values of the parameters are those of the callbacks."""
+    values = np.array(list(parameters.values()) or [0.0])
+    return {scheme: _with_values(compiled, f"formula_flow_{scheme}", values) for scheme in schemes}
+
+
+def _with_values(compiled: compiler.Compiled, name: str, values: np.ndarray) -> _callbacks.WithData:
+    address = ctypes.cast(getattr(compiled.library, name), ctypes.c_void_p)
+    return _callbacks.WithData(address, ctypes.c_void_p(values.ctypes.data), (values, compiled.library))

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""C for whole steps of a scheme (symsde_flow in symsde.h), where they pay: few degrees of freedom, no time.
+
+What depends on the formulas, gradients and Hessian of one lane, is generated; the steps are the texts flow_*.h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from .derivatives import BLOCKS, Derivatives
+from .emit_c import NEAR, Writer, reachable
+
+MAX_DOF = 4
+MAX_OPERATIONS = 400  #: of gradient and Hessian: above, the callbacks are not what takes the time
+STRIP = 64  #: lanes whose states stay in the nearest cache
+EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
+HEAD = """
+/* ---- whole steps ---- */
+
+#include <string.h>
+enum {{ NOT_CONVERGED = 1, NONFINITE = 3 }}; /* of symsde.h */
+#define DOF {dof}
+#define STRIP {strip}
+#define GROUP {group}
+#define MAY_BE_FAR {far}
+
+typedef struct {{
+   double q[DOF], p[DOF];
+}} state;
+"""
+
+
+def flows(made: Derivatives) -> list[str]:
+    """The schemes whose steps are generated."""
+    separable = all(made.graph.is_number(x, 0.0) for x in made.outputs["hqp"])
+    few = made.problem.ndof <= MAX_DOF and len(_needed(made, BLOCKS)) <= MAX_OPERATIONS
+    if not few or "t" in _leaves(made, BLOCKS):
+        return []
+    schemes = list(EXPLICIT) if separable else []
+    if (separable or made.problem.ndof == 1) and not (separable and _has_one_equation(made)):
+        schemes.append("midpoint")
+    if separable and made.problem.ndof == 1 and not _is_quadratic(made):
+        schemes.append("gauss2")
+    return schemes
+
+
+def source(made: Derivatives) -> str:
+    """The functions of these schemes, after those of emit_c; empty where there are none."""
+    schemes = flows(made)
+    if not schemes:
+        return ""
+    operations = len(_needed(made, BLOCKS))
+    may_be_far = any(made.graph.nodes[x].what in NEAR and made.graph.nodes[x].lane for x in _needed(made, BLOCKS))
+    group = 1 if operations > 160 else 2 if may_be_far else 8
+    parts = [HEAD.format(dof=made.problem.ndof, strip=STRIP, group=group, far=int(may_be_far))]
+    parts += [_function(made, "force", ["hq"]), _function(made, "velocity", ["hp"])]
+    parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _text("midpoint")]
+    if "gauss2" in schemes:
+        parts.append(_text("gauss2"))
+    newton = [x for x in schemes if x == "gauss2" or (x == "midpoint" and not _is_quadratic(made))]
+    parts += [_text("verdict")] if newton else []
+    for scheme in schemes:
+        how = _text("newton") if scheme in newton else _text("closed")
+        unknowns = 4 if scheme == "gauss2" else 2 * made.problem.ndof
+        how = how.replace("STEP_UNKNOWNS", str(unknowns))
+        parts.append((how + _text("call")).replace("STEP", scheme))
+    return "\n".join(parts)
+
+
+def _text(name: str) -> str:
+    return Path(__file__).with_name(f"flow_{name}.h").read_text(encoding="utf-8")
+
+
+def _needed(made: Derivatives, blocks: Iterable[str]) -> list[int]:
+    return reachable(made.graph, [x for block in blocks for x in made.outputs[block]])
+
+
+def _leaves(made: Derivatives, blocks: Iterable[str]) -> set[str]:
+    nodes = (made.graph.nodes[x] for x in _needed(made, blocks))
+    return {node.value for node in nodes if node.what == "leaf"}
+
+
+def _is_quadratic(made: Derivatives) -> bool:
+    """Whether no second derivative depends on the state, whatever the parameters are."""
+    return not any(x[0] in "qp" for x in _leaves(made, ("hqq", "hqp", "hpp")))
+
+
+def _has_one_equation(made: Derivatives) -> bool:
+    """Whether the library's midpoint step is one equation for each lane, which nothing here is faster than."""
+    nodes, (hpp, *more) = made.graph.nodes, made.outputs["hpp"]
+    return not more and nodes[hpp].what == "leaf" and nodes[hpp].value == "w0" and not _is_quadratic(made)
+
+
+def _function(made: Derivatives, name: str, blocks: list[str]) -> str:
+    """Blocks of derivatives of one lane."""
+
+    def load(leaf: str) -> str:
+        return f"w[{leaf[1:]} * n]" if leaf[0] == "w" else f"s->{leaf[0]}[{leaf[1:]}]"
+
+    outputs = [(f"{block}[{k}]", x) for block in blocks for k, x in enumerate(made.outputs[block])]
+    before, inside, _ = Writer(made.graph, load).lines([x for _, x in outputs])
+    writer = Writer(made.graph, load)
+    given = "".join(f", double *restrict {block}" for block in blocks)
+    head = (
+        f"INLINE {name}(const double *restrict w, const ptrdiff_t n, const double *restrict c, const state *s{given},"
+    )
+    lines = [head, "       const int far) {", "   int64_t beyond = 0;", *before, *(line[3:] for line in inside)]
+    lines += [f"   {target} = {writer.operand(x)};" for target, x in outputs]
+    return "\n".join([*lines, "   return beyond;", "}", ""])

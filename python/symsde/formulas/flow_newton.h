@@ -1,0 +1,110 @@
+
+/* ---- STEP by Newton's iteration, each lane until its own corrections stagnate ---- */
+
+/* A correction of the unknowns z of lane i into v, and the verdict on it; 1 where the lane goes on. */
+LANE int64_t STEP_correct(const double *z, const double *d, const double last, const int i, double *restrict v) {
+   double largest = 0, size = 0, sum = 0;
+   for (int k = 0; k < STEP_UNKNOWNS; k++) {
+      const double next = last >= 0 ? z[k] - d[k] : z[k];
+      largest = fabs(d[k]) > largest ? fabs(d[k]) : largest;
+      size = fabs(next) > size ? fabs(next) : size;
+      sum += d[k];
+      v[k * STRIP + i] = next;
+   }
+   const double next = verdict(largest + 0 * sum, size, last); /* 0 * sum keeps a NaN */
+   v[STEP_UNKNOWNS * STRIP + i] = next;
+   return 1 + (bits_of(next) >> 63);
+}
+
+/* The first iteration, from a guess, in lanes without a status; how many lanes go on. */
+INLINE STEP_first(const int lanes, LANE_IN, const double *restrict x, const int64_t *restrict status,
+                  double *restrict v, int64_t *running, const int far) {
+   int64_t beyond = 0, going = 0;
+#pragma GCC ivdep
+   for (int i = 0; i < lanes; i++) {
+      double z[STEP_UNKNOWNS], d[STEP_UNKNOWNS];
+      const state s = state_of(x, i);
+      beyond |= STEP_guess(w + i, n, c, &s, z, far);
+      beyond |= STEP_correction(w + i, n, c, &s, z, d, far);
+      going += STEP_correct(z, d, status[i] == 0 ? 0 : -2, i, v);
+   }
+   *running = going;
+   return beyond;
+}
+
+/* One iteration more, from the unknowns u. */
+INLINE STEP_next(const int lanes, LANE_IN, const double *restrict x, const double *restrict u, double *restrict v,
+                 int64_t *running, const int far) {
+   int64_t beyond = 0, going = 0;
+#pragma GCC ivdep
+   for (int i = 0; i < lanes; i++) {
+      double z[STEP_UNKNOWNS], d[STEP_UNKNOWNS];
+      const state s = state_of(x, i);
+      for (int k = 0; k < STEP_UNKNOWNS; k++)
+         z[k] = u[k * STRIP + i];
+      beyond |= STEP_correction(w + i, n, c, &s, z, d, far);
+      going += STEP_correct(z, d, u[STEP_UNKNOWNS * STRIP + i], i, v);
+   }
+   *running = going;
+   return beyond;
+}
+
+SELDOM STEP_far(const int lanes, LANE_IN, const double *restrict x, const int64_t *restrict status,
+                const double *restrict u, double *restrict v, int64_t *running) {
+   if (u == NULL)
+      STEP_first(lanes, LANE_OF, x, status, v, running, 1);
+   else
+      STEP_next(lanes, LANE_OF, x, u, v, running, 1);
+}
+
+/* Lanes that found no solution get a status; negative where there are some. */
+SELDOM STEP_fail(const int lanes, const double *restrict u, int64_t *restrict status) {
+   for (int i = 0; i < lanes; i++) {
+      const double last = u[STEP_UNKNOWNS * STRIP + i];
+      if (status[i] == 0 && (last >= 0 || last < -1.5))
+         status[i] = last >= 0 ? NOT_CONVERGED : NONFINITE;
+   }
+}
+
+INLINE STEP_one(const int lanes, const int max_iter, LANE_IN, double *restrict x, int64_t *restrict status) {
+   double a[(STEP_UNKNOWNS + 1) * STRIP], b[(STEP_UNKNOWNS + 1) * STRIP], *u = a, *v = b;
+   int64_t running, bad = 0;
+   if (STEP_first(lanes, LANE_OF, x, status, u, &running, 0) < 0)
+      STEP_far(lanes, LANE_OF, x, status, NULL, u, &running);
+   for (int iteration = 1; iteration < max_iter && running > 0; iteration++) {
+      if (STEP_next(lanes, LANE_OF, x, u, v, &running, 0) < 0)
+         STEP_far(lanes, LANE_OF, x, status, u, v, &running);
+      double *const swap = u;
+      u = v;
+      v = swap;
+   }
+#pragma GCC ivdep
+   for (int i = 0; i < lanes; i++) {
+      double z[STEP_UNKNOWNS], dq[DOF], dp[DOF];
+      const state s = state_of(x, i);
+      for (int k = 0; k < STEP_UNKNOWNS; k++)
+         z[k] = u[k * STRIP + i];
+      STEP_increment(w + i, n, c, &s, z, dq, dp);
+      for (int k = 0; k < DOF; k++) {
+         x[k * STRIP + i] = s.q[k] + dq[k];
+         x[(DOF + k) * STRIP + i] = s.p[k] + dp[k];
+      }
+      bad |= bits_of(u[STEP_UNKNOWNS * STRIP + i] + 1.5); /* done is -1, failed -2 */
+   }
+   if (running > 0 || bad < 0) {
+      STEP_fail(lanes, u, status);
+      return -1;
+   }
+   return 0;
+}
+
+/* A lane that fails ends the steps: the library takes them again, one by one. */
+static void STEP_strip(const int lanes, const int nstep, const int max_iter, const ptrdiff_t stride, LANE_IN,
+                       double *restrict x, int64_t *restrict status) {
+   for (int step = 0; step < nstep; step++, w += stride) {
+      const int64_t outcome = lanes == 1 ? STEP_one(1, max_iter, LANE_OF, x, status)
+                                         : STEP_one(lanes, max_iter, LANE_OF, x, status);
+      if (outcome < 0)
+         return;
+   }
+}

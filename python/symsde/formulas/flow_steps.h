@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: BSD-3-Clause
+ * Whole steps of one lane, from functions that are generated before this text: with S = sum_j w_j H_j,
+ *
+ *    force, velocity   S_q, S_p
+ *    slopes            S_q and S_p with S_qq, S_qp, S_pp
+ *
+ * DOF degrees of freedom; the weights of a lane stand n apart. A step is told `far`, and returns a negative number where
+ * some argument was far, as the functions do.
+ */
+#define LANE_IN const double *restrict w, const ptrdiff_t n, const double *restrict c
+#define LANE_OF w, n, c
+
+LANE state state_of(const double *restrict x, const int i) {
+   state s;
+   for (int k = 0; k < DOF; k++) {
+      s.q[k] = x[k * STRIP + i];
+      s.p[k] = x[(DOF + k) * STRIP + i];
+   }
+   return s;
+}
+
+LANE void put_state(const state s, double *restrict x, const int i) {
+   for (int k = 0; k < DOF; k++) {
+      x[k * STRIP + i] = s.q[k];
+      x[(DOF + k) * STRIP + i] = s.p[k];
+   }
+}
+
+/* p' = p - S_q(q), q' = q + S_p(p') */
+INLINE symplectic_euler(LANE_IN, state *s, const int far) {
+   double d[DOF];
+   int64_t beyond = force(LANE_OF, s, d, far);
+   for (int k = 0; k < DOF; k++)
+      s->p[k] -= d[k];
+   beyond |= velocity(LANE_OF, s, d, far);
+   for (int k = 0; k < DOF; k++)
+      s->q[k] += d[k];
+   return beyond;
+}
+
+/* q' = q + S_p(p), p' = p - S_q(q') */
+INLINE symplectic_euler_adjoint(LANE_IN, state *s, const int far) {
+   double d[DOF];
+   int64_t beyond = velocity(LANE_OF, s, d, far);
+   for (int k = 0; k < DOF; k++)
+      s->q[k] += d[k];
+   beyond |= force(LANE_OF, s, d, far);
+   for (int k = 0; k < DOF; k++)
+      s->p[k] -= d[k];
+   return beyond;
+}
+
+/* half a kick, a drift, half a kick */
+INLINE stormer_verlet(LANE_IN, state *s, const int far) {
+   double d[DOF];
+   int64_t beyond = force(LANE_OF, s, d, far);
+   for (int k = 0; k < DOF; k++)
+      s->p[k] -= 0.5 * d[k];
+   beyond |= velocity(LANE_OF, s, d, far);
+   for (int k = 0; k < DOF; k++)
+      s->q[k] += d[k];
+   beyond |= force(LANE_OF, s, d, far);
+   for (int k = 0; k < DOF; k++)
+      s->p[k] -= 0.5 * d[k];
+   return beyond;
+}

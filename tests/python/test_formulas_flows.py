@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whole steps that are generated: those of the general stepper to ulps, the same bits in blocks, statuses, twins."""
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import errors
+
+pytest.importorskip("sympy")
+
+from symsde.formulas import compiler, emit_flow
+
+if compiler.command() is None:
+    pytest.skip("no C compiler", allow_module_level=True)
+
+ALL = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "midpoint", "gauss2")
+KINETIC = "(p1**2 + p2**2 + p3**2)/2"
+MODELS = {  # H, noises, which schemes are generated
+    "kubo": ("a*(p**2 + q**2)/2", ["b*(p**2 + q**2)/2"], ALL[:4]),
+    "mixed": ("p**2/2 + a*q*p + q**2/2", ["b*q*p"], ALL[3:4]),
+    "magnetic": ("(p - a*q**2)**2/2 + cos(q)", ["b*q*p"], ALL[3:4]),
+    "pendulum": ("p**2/2 - cos(q)", ["b*(p**2 + q**2)/2"], ALL),
+    "relativistic": ("sqrt(1 + p**2) + a*cosh(q)", ["b*sin(q)", "b*p"], ALL),
+    "one equation": ("p**2/2 - a*cos(q)", ["b*sin(q)"], (*ALL[:3], "gauss2")),
+    "several": ("(p1**2 + a*p1*p2 + p2**2)/2 + q1**2*q2 + q1**2 + q2**2", ["b*q1", "b*p2**2"], ALL[:4]),
+    "three": (f"{KINETIC} + exp(q1 - q2) + exp(q2 - q3) + exp(q3 - q1)", ["b*q1*q2"], ALL[:4]),
+}
+PARAMS = {"a": 0.7, "b": 0.3}
+RUN = {"q0": 0.4, "p0": 0.3, "step": 0.05, "seed": 5, "correction": "none"}
+
+
+def model(name: str, **values: float) -> ss.Model:
+    H, noise, _ = MODELS[name]
+    return ss.model_from_sympy(H, noise, params={**PARAMS, **values})
+
+
+CASES = [(name, scheme) for name, (*_, schemes) in MODELS.items() for scheme in schemes]
+
+
+@pytest.mark.parametrize(("name", "scheme"), CASES)
+def test_steps_are_those_of_the_general_stepper(name, scheme):
+    """To rounding, after 37 steps of 85 paths; a single path, small blocks and single steps give the same bits."""
+    mine = model(name)
+    run = ss.simulate(mine, scheme=scheme, **RUN, steps=37, paths=85)
+    assert run.report.stepper == f"whole steps of {scheme} by the model"
+    plain = ss.simulate(mine, scheme=scheme, **RUN, steps=37, paths=85, general=True)
+    for x, y in ((run.q, plain.q), (run.p, plain.p)):
+        np.testing.assert_allclose(x, y, rtol=0, atol=30 * np.spacing(np.abs(y).max()))
+    alone = ss.simulate(mine, scheme=scheme, **RUN, steps=37, paths=1, first_path=84)
+    np.testing.assert_array_equal(alone.q[:, :, 0], run.q[:, :, 84])
+    other = ss.simulate(mine, scheme=scheme, **RUN, steps=37, paths=85, save_every=37, lanes=16, threads=2)
+    np.testing.assert_array_equal(other.p[-1], run.p[-1])
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_what_is_generated(name):
+    schemes = MODELS[name][-1]
+    mine = model(name)
+    assert tuple(s for s in ALL if f"formula_flow_{s}(" in mine.formula.source) == schemes
+
+
+@pytest.mark.parametrize(
+    "H", ["p**2/2 + q**2*cos(t)/2", "q1*p2*q3 + (p1**2+p2**2+p3**2)/2", "+".join(f"p{i}**2*q{i}" for i in range(1, 6))]
+)
+def test_time_mixed_products_and_many_coordinates_have_none(H):
+    mine = ss.model_from_sympy(H)
+    assert "formula_flow" not in mine.formula.source
+
+
+def test_parameters_are_given_when_it_runs():
+    mine, other = model("pendulum"), model("pendulum").with_parameters(b=0.1)
+    assert other.formula.file == mine.formula.file
+    for scheme in ("stormer_verlet", "midpoint"):
+        run, plain = (ss.simulate(other, scheme=scheme, **RUN, steps=20, general=g) for g in (False, True))
+        np.testing.assert_allclose(run.q, plain.q, rtol=0, atol=1e-14)
+        assert abs(run.q[-1, 0, 0] - ss.simulate(mine, scheme=scheme, **RUN, steps=20).q[-1, 0, 0]) > 1e-4
+
+
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint", "gauss2"])
+def test_a_far_path_changes_no_other(scheme):
+    """Arguments beyond those of the inlined sine: the same path as by the general stepper, and the others' bits."""
+    mine = model("pendulum")
+    starts = np.full((1, 40), 0.4)
+    near = ss.simulate(mine, scheme=scheme, **{**RUN, "q0": starts}, steps=20, paths=40)
+    starts[0, 7] = 3e5
+    far = ss.simulate(mine, scheme=scheme, **{**RUN, "q0": starts}, steps=20, paths=40)
+    plain = ss.simulate(mine, scheme=scheme, **{**RUN, "q0": starts}, steps=20, paths=40, general=True)
+    others = [i for i in range(40) if i != 7]
+    np.testing.assert_array_equal(far.q[:, :, others], near.q[:, :, others])
+    np.testing.assert_allclose(far.q[:, :, 7], plain.q[:, :, 7], rtol=1e-12)
+
+
+def test_paths_fail_as_they_do_without():
+    """A potential without bottom: the same paths fail in the same steps, not finite."""
+    mine = ss.model_from_sympy("p**2/2 - q**6", ["sigma*q"], params={"sigma": 1.0})
+    run = {**RUN, "scheme": "stormer_verlet", "step": 0.1, "steps": 60, "paths": 50}
+    with pytest.warns(errors.PathsFailedWarning):
+        mine, plain = (ss.simulate(mine, **run, general=g) for g in (False, True))
+    assert mine.report.stepper.startswith("whole steps")
+    assert (mine.status == 3).any()
+    np.testing.assert_array_equal(mine.status != 0, plain.status != 0)
+    np.testing.assert_array_equal(mine.failed_step, plain.failed_step)
+
+
+def test_paths_fail_alike_in_any_block():
+    """Equations without a solution near: what becomes of a path does not depend on its neighbours."""
+    mine = ss.model_from_sympy("p**2/2 + sigma*p**2*q**2 - q**6", ["sigma*q"], params={"sigma": 1.0})
+    run = {**RUN, "scheme": "midpoint", "step": 0.1, "steps": 60}
+    with pytest.warns(errors.PathsFailedWarning):
+        whole = ss.simulate(mine, **run, paths=50)
+        small = ss.simulate(mine, **run, paths=50, lanes=8)
+        alone = [ss.simulate(mine, **run, paths=1, first_path=i) for i in range(10)]
+    assert whole.report.stepper.startswith("whole steps")
+    assert set(whole.status) >= {0} and (whole.status != 0).sum() > 5
+    for other, first in ((small, 0), *((run, i) for i, run in enumerate(alone))):
+        some = slice(first, first + len(other.status))
+        np.testing.assert_array_equal(other.status, whole.status[some])
+        np.testing.assert_array_equal(other.failed_step, whole.failed_step[some])
+        np.testing.assert_array_equal(other.q, whole.q[:, :, some])
+
+
+def test_iterations_are_bounded():
+    """One iteration does not solve a nonlinear equation; the general stepper cannot either."""
+    mine = model("pendulum")
+    with pytest.warns(errors.PathsFailedWarning):
+        run = ss.simulate(mine, scheme="midpoint", **RUN, steps=3, paths=9, max_iter=1)
+    assert (run.status == 1).all() and (run.failed_step == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "scheme"),
+    [
+        ("steps", "s->p[k] -= 0.5 * d[k];", "s->p[k] -= 0.505 * d[k];", "stormer_verlet"),
+        ("steps", "s->q[k] += d[k];", "s->q[k] += 1.01 * d[k];", "symplectic_euler"),
+        ("midpoint", "s->q[k] + 0.5 * z[k]", "s->q[k] + 0.505 * z[k]", "midpoint"),
+        ("gauss2", "{0.5386751345948129, 0.25}", "{0.5386751345948129, 0.2525}", "gauss2"),
+    ],
+)
+def test_wrong_steps_are_refused(monkeypatch, text, old, new, scheme):
+    """The twin: one coefficient one per cent off."""
+    whole = emit_flow._text
+    assert old in whole(text)
+    monkeypatch.setattr(emit_flow, "_text", lambda name: whole(name).replace(old, new) if name == text else whole(name))
+    with pytest.raises(errors.FalseTraitError, match=f"the whole steps of scheme {scheme} .* are not those"):
+        ss.simulate(model("pendulum"), scheme=scheme, **RUN, steps=3)
