@@ -183,12 +183,14 @@ def make_setup(
     """Check everything that goes into a run."""
     chosen = make_options(model, **options)
     ndof, paths = model.ndof, chosen.paths
+    start = _checks.state("q0", q0, ndof, paths), _checks.state("p0", p0, ndof, paths)
+    model.check_start(*start, chosen.t0)
     return Setup(
         model=model,
         scheme=as_scheme(scheme),
         options=chosen,
-        q0=_checks.state("q0", q0, ndof, paths),
-        p0=_checks.state("p0", p0, ndof, paths),
+        q0=start[0],
+        p0=start[1],
         increments=None if increments is None else increments_array(increments),
         q0_low=_low("q0_low", q0_low, ndof, paths),
         p0_low=_low("p0_low", p0_low, ndof, paths),

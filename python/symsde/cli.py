@@ -20,6 +20,7 @@ from .batch import command as batch
 from .batch import merge
 from .errors import NotWrittenError, PathsFailedWarning, SymsdeError
 from .expect import command as expect
+from .export import command as export
 from .stability import command as stability
 from .study import command as study
 
@@ -84,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     catalogue.add_argument("what", nargs="?", choices=("models", "schemes"), help="one of the two (default: both)")
     catalogue.add_argument("--markdown", action="store_true", help="as the page of the documentation")
     add("info", _info, "Print versions, compiler and optional packages.")
+    export.arguments(add("export", export.run, export.HELP))
     work = add("study", study.run, study.HELP)
     study.arguments(work)
     expect.arguments(add("expect", expect.run, expect.HELP))

@@ -396,3 +396,28 @@ def test_a_folder_that_cannot_be_written_is_no_hindrance(tmp_path, monkeypatch):
 def test_bad_input_gets_a_sentence(H, more, words):
     with pytest.raises(errors.InvalidArgumentError, match=words):
         ss.model_from_sympy(H, **{"q": q, "p": p, **more})
+
+
+@pytest.mark.parametrize("H", ["p**2/2 - 1/q", "p**2/2 + log(q)", "sqrt(q**2 + p**2 - 1)", "p**2/2 + q**2/(q - t)"])
+def test_singular_starts_are_told_with_the_formula(H):
+    """Also where a scheme would step over the singularity; paths with states of their own have a status each."""
+    model = ss.model_from_sympy(H, ["0.1*q"])
+    start = {"q0": 1.0, "p0": 0.0, "t0": 1.0} if "sqrt" in H or "t" in H else {"q0": 0.0, "p0": 1.0}
+    for function, more in ((ss.simulate, {"steps": 3}), (ss.moments, {"steps": 3}), (ss.prepare, {})):
+        with pytest.raises(errors.InvalidArgumentError, match="not finite at q0 = .*: begin elsewhere .*H = '"):
+            function(model, **start, step=0.1, **more)
+    assert ss.simulate(model, q0=2.0, p0=1.0, step=0.01, steps=3).status[0] == 0
+    with pytest.warns(errors.PathsFailedWarning):
+        many = {
+            **start,
+            "q0": [[start["q0"], 2.0]],
+            "scheme": "stormer_verlet" if "sqrt" not in H else "symplectic_euler",
+        }
+        assert (ss.simulate(model, **many, step=0.01, steps=3, paths=2).status != 0).tolist() == [True, False]
+
+
+def test_noises_that_a_scheme_forbids_are_quoted():
+    model = ss.model_from_sympy("p**2/2 + cos(q)", ["0.1*q*p"])
+    for scheme in ("chin4a", "verlet_dz"):
+        with pytest.raises(errors.IncompatibleError, match=r"needs .*noise.*H_1 = '0.1\*q\*p'"):
+            ss.simulate(model, q0=0.0, p0=1.0, step=0.1, steps=3, scheme=scheme)

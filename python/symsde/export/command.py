@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The verb export."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+from .. import _library, scene
+from ..errors import InvalidArgumentError, NotWrittenError
+from . import in_c, in_fortran
+from .given import given_of
+
+HELP = "Write a scene as a program in Fortran or C: the model, with its formulas, and a run that prints its moments."
+ENDING = {"fortran": ".f90", "c": ".c"}
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `symsde export`."""
+    parser.add_argument("scene", metavar="SCENE.toml")
+    parser.add_argument("--to", choices=tuple(ENDING), required=True, help="the language")
+    parser.add_argument("--out", metavar="FILE", help="where (the name of the scene, with .f90 or .c, in this folder)")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the program; print the line that compiles it."""
+    target = Path(options.out or f"{Path(options.scene).stem}{ENDING[options.to]}")
+    stem = re.sub(r"\W", "_", target.stem, flags=re.ASCII)
+    stem = stem if re.match(r"[A-Za-z]", stem) else f"scene_{stem}"
+    if target.suffix != ENDING[options.to]:
+        raise InvalidArgumentError(f"--out {target}: a program in {options.to} ends in {ENDING[options.to]}")
+    line = compile_line(options.to, target)
+    text = (in_fortran if options.to == "fortran" else in_c).source(
+        given_of(scene.load(options.scene), stem[:50]), line
+    )
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise NotWrittenError(f"{target} cannot be written: {error.strerror}") from error
+    print(line)
+    return 0
+
+
+def compile_line(language: str, target: Path) -> str:
+    """How to compile: against what pkg-config knows, else against the library of this package."""
+    compiler = "gfortran -O2 -frecursive" if language == "fortran" else "cc -O2"
+    out = f"{compiler} {target.name} -o {target.stem}"
+    if shutil.which("pkg-config") and not subprocess.run(["pkg-config", "--exists", "symsde"], check=False).returncode:
+        return f"{out} $(pkg-config --cflags --libs symsde) -lm"
+    library = Path(_library.library._name).resolve()
+    folders = [library.parent / "include", *(parent / "include" for parent in library.parents)]
+    wanted = "symsde/*/symsde.mod" if language == "fortran" else "symsde.h"
+    found = next((file for folder in folders for file in sorted(folder.glob(wanted))), None)
+    if found is None:
+        return f"{out} $(pkg-config --cflags --libs symsde) -lm"
+    return f"{out} -I{found.parent} {library} -Wl,-rpath,{library.parent} -lm"

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Nodes of a graph as expressions that can be read: what is used once stands where it is used.
+
+Operations keep the order that the graph gives them, by parentheses, so that numbers agree with those of the compiled
+formulas to the rounding of sine and the like.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+
+from ..formulas.emit_c import reachable
+from ..formulas.graph import Graph
+
+SUM, PRODUCT, ATOM = 1, 2, 9  #: how strongly parts hold together
+MAX_CHARACTERS = 90  #: of one expression; parts of longer ones get a name
+
+
+class Expressions:
+    """Some outputs as statements: `parts` with names, then `results`."""
+
+    def __init__(self, graph: Graph, roots: Iterable[int], leaf: Callable[[str], str], number: Callable[[str], str]):
+        """`leaf`: how something given is written; `number`: how a number is."""
+        self.graph, self.leaf, self.number = graph, leaf, number
+        roots = list(roots)
+        uses = Counter(a for x in reachable(graph, roots) for a in graph.nodes[x].arguments)
+        uses.update(roots)
+        self.parts: list[tuple[str, str]] = []
+        self._text: dict[int, tuple[str, int]] = {}
+        for x in reachable(graph, roots):
+            text, strength = self._written(x)
+            simple = graph.nodes[x].what in ("leaf", "number", "negative")
+            if not simple and (uses[x] > 1 or len(text) > MAX_CHARACTERS) and x not in roots:
+                name = f"x{len(self.parts) + 1}"
+                self.parts.append((name, text))
+                text, strength = name, ATOM
+            self._text[x] = text, strength
+        self.results = [self._text[x][0] for x in roots]
+
+    def _written(self, x: int) -> tuple[str, int]:
+        node = self.graph.nodes[x]
+        if node.what == "number":
+            text = self.number(node.value)
+            return text, SUM if text.startswith("-") else ATOM
+        if node.what == "leaf":
+            return self.leaf(node.value), ATOM
+        if node.what == "negative":
+            return f"-{self._held(node.arguments[0], PRODUCT)}", SUM
+        if node.what in ("+", "-"):
+            a, b = node.arguments
+            return f"{self._held(a, SUM)} {node.what} {self._held(b, PRODUCT)}", SUM
+        if node.what in ("*", "/"):
+            a, b = node.arguments
+            return f"{self._held(a, PRODUCT)}{node.what}{self._held(b, ATOM)}", PRODUCT
+        arguments = [self._text[a][0] for a in node.arguments]
+        return self.called(node.what, arguments), ATOM
+
+    def called(self, function: str, arguments: list[str]) -> str:
+        """A function of its arguments."""
+        return f"{function}({', '.join(arguments)})"
+
+    def _held(self, x: int, strength: int) -> str:
+        text, own = self._text[x]
+        return text if own >= strength else f"({text})"
+
+
+def wrapped(text: str, width: int, indent: str, mark: str = "") -> list[str]:
+    """A statement on several lines, broken at blanks, after commas where there are some."""
+    lines, rest = [], text
+    while len(rest) > width:
+        last = width - len(mark)
+        cut = rest.rfind(", ", width // 2, last) + 1 or rest.rfind(" ", 0, last)
+        if cut <= len(indent):
+            break
+        lines.append(rest[:cut] + mark)
+        rest = indent + rest[cut + 1 :]
+    return [*lines, rest]

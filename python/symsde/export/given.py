@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a program needs of a scene, checked, in names that a compiler takes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import _abi
+from .._setup import make_options, make_setup
+from ..errors import InvalidArgumentError
+from ..formulas import FormulaModel
+from ..scene import Scene
+
+#: words of either language, names that the programs use, and macros of C in lower case
+_TAKEN = frozenset(
+    [
+        "auto",
+        "break",
+        "case",
+        "char",
+        "const",
+        "continue",
+        "default",
+        "do",
+        "double",
+        "else",
+        "enum",
+        "extern",
+        "float",
+        "for",
+        "goto",
+        "if",
+        "inline",
+        "int",
+        "long",
+        "register",
+        "restrict",
+        "return",
+        "short",
+        "signed",
+        "sizeof",
+        "static",
+        "struct",
+        "switch",
+        "typedef",
+        "union",
+        "unsigned",
+        "void",
+        "volatile",
+        "while",
+        "errno",
+        "stdin",
+        "stdout",
+        "stderr",
+        "bool",
+        "true",
+        "false",
+        "linux",
+        "unix",
+        "model",
+        "scheme",
+        "options",
+        "input",
+        "moments",
+        "report",
+        "error",
+        "traits",
+        "name",
+        "gradient",
+        "value",
+        "hessian",
+        "hessian_vector",
+        "gradient_hessian",
+        "hessian_banded",
+        "force_stiffness",
+        "chain_rows",
+        "brings",
+        "flow",
+        "failure_code",
+        "self",
+        "asm",
+        "clear_failure",
+        "main",
+        "wp",
+        "i4",
+        "i8",
+        "nlane",
+        "ndof",
+        "nnoise",
+        "lane",
+        "user",
+        "t",
+        "w",
+        "q",
+        "p",
+    ]
+)
+#: options of a run that programs leave alone: how many threads there are is the machine's
+_LEFT_OUT = {"struct_size", "progress", "progress_user", "threads", "lanes"}
+
+
+@dataclass(frozen=True)
+class Given:
+    """A scene as a program sees it."""
+
+    stem: str  #: name of the program, and its file
+    title: tuple[str, ...]  #: what the comment at the top says
+    model: FormulaModel | None  #: with formulas; None = built-in
+    name: str  #: of the model
+    parameters: dict[str, float]  #: by the names that the scene gives them
+    identifiers: dict[str, str]  #: the same by names that a compiler takes
+    scheme: str
+    options: dict[str, int | float]  #: members of symsde_options that are not their default
+    q0: tuple[float, ...]
+    p0: tuple[float, ...]
+    ntime: int
+    has_energy: bool
+
+
+def given_of(scene: Scene, stem: str) -> Given:
+    """Read a scene; what a program cannot say is refused."""
+    setup = make_setup(scene.model, **scene.run)
+    model = scene.model
+    if not isinstance(model, FormulaModel) and "name" not in scene.tables["model"]:
+        raise InvalidArgumentError(f"{scene.file}: a model that is a Python function cannot be exported: give formulas")
+    if setup.q0.shape[1] != 1 or setup.p0.shape[1] != 1:
+        raise InvalidArgumentError(
+            f"{scene.file}: [run] q0, p0 differ from path to path, and a program holds one state: give one for all"
+        )
+    default = make_options(model, step=1.0, steps=0)
+    names = [name for name, *_ in _abi.Options._fields_ if name not in _LEFT_OUT]
+    options = {x: getattr(setup.options, x) for x in names if getattr(setup.options, x) != getattr(default, x)}
+    is_formula = isinstance(model, FormulaModel)
+    return Given(
+        stem=stem,
+        title=_title(scene, model),
+        model=model if is_formula else None,
+        name=harmless(model.name),
+        parameters=dict(model.parameters),
+        identifiers=identifiers(model.parameters),
+        scheme=setup.scheme.name,
+        options=options,
+        q0=tuple(np.asarray(setup.q0)[:, 0].tolist()),
+        p0=tuple(np.asarray(setup.p0)[:, 0].tolist()),
+        ntime=setup.ntime,
+        has_energy=model.traits.has_value,
+    )
+
+
+def _title(scene: Scene, model) -> tuple[str, ...]:
+    lines = [f"From the scene {harmless(Path(scene.file).name)}."]
+    if isinstance(model, FormulaModel):
+        hamiltonians = model.formula.hamiltonians
+        lines += ["", *(f"   {'H' if j == 0 else f'H_{j}'} = {harmless(h)}" for j, h in enumerate(hamiltonians))]
+        for letter, what in (("q", "coordinates"), ("p", "momenta")):
+            given = model._remade[1][0][letter]
+            names = given if isinstance(given, list | tuple) else [given] if given is not None else []
+            lines += [f"   {what} {', '.join(harmless(x) for x in names)}: the rows of {letter}"] if names else []
+    return tuple(lines)
+
+
+def harmless(text: str) -> str:
+    """A text for comments and names: one line, and no character that could end a comment or a literal."""
+    lines = (part.partition("#")[0] for part in str(text).splitlines())
+    line = re.sub(r"[^A-Za-z0-9_ +\-*/().,\[\]=]", " ", " ".join(lines))
+    while "*/" in line or "/*" in line:
+        line = line.replace("*/", "* /").replace("/*", "/ *")
+    return " ".join(line.split())[:400]
+
+
+def identifiers(names: Iterable[str]) -> dict[str, str]:
+    """Names for a compiler: the user's where they will do, in a language that does not tell A from a."""
+    result: dict[str, str] = {}
+    used = set(_TAKEN)
+    for k, name in enumerate(names):
+        plain = re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]{0,30}", name) and not (name.isupper() and len(name) > 2)
+        fits = plain and name not in ("I", "E") and name.lower() not in used and not re.fullmatch(r"[xwqpc]\d+", name)
+        result[name] = name if fits else f"parameter_{k + 1}"
+        used.add(result[name].lower())
+    return result

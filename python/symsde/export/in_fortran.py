@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The program in Fortran: a module with the model, and a main program."""
+
+from __future__ import annotations
+
+from ..errors import InvalidArgumentError
+from .expressions import Expressions, wrapped
+from .given import Given
+
+WIDTH = 118
+BLOCKS = {"value": ("value",), "gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp")}
+ABOUT = {
+    "value": "S = sum_j w_j H_j, lane by lane: one lane is one path",
+    "gradient": "S_q and S_p; what is absent is not wanted",
+    "hessian": "S_qq, S_qp and S_pp; hqp(:, i, j) = d2 S/(dq_i dp_j)",
+}
+#: members of symsde_options -> components of run_options
+OPTIONS = {"steps": "nstep", "paths": "npath"}
+_LONG = ("steps", "paths", "seed", "save_every", "first_path", "first_step")
+_LOGICAL = ("compensated", "general")
+
+
+def source(given: Given, compile_line: str) -> str:
+    """The whole file."""
+    if given.model is not None and given.model._remade[1][0]["n"] is not None:
+        raise InvalidArgumentError("sums over sites are exported to C only: say --to c")
+    lines = [*(f"!> {line}".rstrip() for line in given.title), "!>", f"!>    {compile_line}"]
+    if given.model is not None:
+        lines += _module(given)
+    return "\n".join([*lines, *_program(given)]) + "\n"
+
+
+def _module(given: Given) -> list[str]:
+    lines = [f"module formula_of_{given.stem}", "   use symsde, only: wp, model_type", "   implicit none", "   private"]
+    lines += ["   public :: formula_model", "", "   type, extends(model_type) :: formula_model"]
+    lines += [f"      real(wp) :: {given.identifiers[x]} = {_number(v)}" for x, v in given.parameters.items()]
+    lines += [
+        "   contains",
+        *(f"      procedure :: {kind} => weighted_{kind}" for kind in BLOCKS),
+        "   end type formula_model",
+        "",
+        "contains",
+    ]
+    for kind in BLOCKS:
+        lines += ["", *_procedure(given, kind)]
+    return [*lines, "", f"end module formula_of_{given.stem}", ""]
+
+
+def _procedure(given: Given, kind: str) -> list[str]:
+    n, optional = given.model.ndof, "" if kind == "value" else ", optional"
+    arguments = ", ".join(BLOCKS[kind])
+    shape = {"value": "(nlane)", "gradient": "(nlane, ndof)", "hessian": "(nlane, ndof, ndof)"}[kind]
+    blocks = [_block(given, kind, block, n) for block in BLOCKS[kind]]
+    most = max(count for count, _ in blocks)
+    lines = [f"   !> {ABOUT[kind]}"]
+    lines += [f"   subroutine weighted_{kind}(self, nlane, ndof, nnoise, t, w, q, p, {arguments})"]
+    lines += ["      class(formula_model), intent(in) :: self", "      integer, intent(in) :: nlane, ndof, nnoise"]
+    lines += ["      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)"]
+    lines += [f"      real(wp), intent(out){optional} :: {', '.join(x + shape for x in BLOCKS[kind])}"]
+    if most:
+        lines += wrapped(f"      real(wp) :: {', '.join(f'x{k + 1}' for k in range(most))}", WIDTH, " " * 9, " &")
+    lines += ["      integer :: i", ""]
+    for _, body in blocks:
+        lines += body
+    return [*lines, f"   end subroutine weighted_{kind}"]
+
+
+def _block(given: Given, kind: str, block: str, n: int) -> tuple[int, list[str]]:
+    """One output: how many parts have names, and its loop over the lanes."""
+    made = given.model._derivatives
+    names = list(given.identifiers.values())
+
+    def leaf(name: str) -> str:
+        letter, number = name[0], int(name[1:]) if name[1:] else 0
+        if letter == "c":
+            return f"self%{names[number]}"
+        return "t" if letter == "t" else f"w(i, {number})" if letter == "w" else f"{letter}(i, {number + 1})"
+
+    text = _Fortran(made.graph, made.outputs[block], leaf, _number)
+    body = [f"{name} = {value}" for name, value in text.parts]
+    places = {
+        "value": lambda k: "i",
+        "gradient": lambda k: f"i, {k + 1}",
+        "hessian": lambda k: f"i, {k % n + 1}, {k // n + 1}",
+    }
+    body += [f"{block}({places[kind](k)}) = {value}" for k, value in enumerate(text.results)]
+    indent = " " * (6 if kind == "value" else 9)
+    lines = [f"{indent}do i = 1, nlane"]
+    for statement in body:
+        lines += wrapped(f"{indent}   {statement}", WIDTH, indent + " " * 6, " &")
+    lines += [f"{indent}end do"]
+    if kind != "value":
+        lines = [f"      if (present({block})) then", *lines, "      end if"]
+    return len(text.parts), lines
+
+
+class _Fortran(Expressions):
+    """Expressions with Fortran's powers."""
+
+    def called(self, function: str, arguments: list[str]) -> str:
+        if function == "pow":
+            return f"(({arguments[0]})**({arguments[1]}))"
+        return super().called(function, arguments)
+
+
+def _program(given: Given) -> list[str]:
+    n = len(given.q0)
+    own = [f"   use formula_of_{given.stem}, only: formula_model"] if given.model is not None else []
+    kind = "type(formula_model)" if given.model is not None else "class(model_type), allocatable"
+    lines = [f"program run_of_{given.stem}", "   use symsde", *own, "   implicit none", "", f"   {kind} :: model"]
+    lines += ["   type(scheme_type) :: scheme", "   type(run_options) :: options", "   type(moments_type) :: averages"]
+    lines += ["   type(error_type), allocatable :: error", "   integer :: i, k", "", *_model(given)]
+    lines += [f"   call get_scheme(scheme, '{given.scheme}', error)"]
+    lines += [f"   options%{OPTIONS.get(x, x)} = {_option(x, v)}" for x, v in given.options.items()]
+    lines += [f"   call moments(model, scheme, options, q0={_array(given.q0)}, p0={_array(given.p0)}, &"]
+    lines += ["                result=averages, error=error)", "   if (allocated(error)) then"]
+    lines += ["      print '(a)', error%message", "      error stop 1", "   end if", ""]
+    names = [f"{x}{i + 1}" if n > 1 else x for x in "qp" for i in range(n)] + (["H"] if given.has_energy else [])
+    lines += [f"   print '(a)', '# t, then the mean and its standard error of {' '.join(names)}'"]
+    lines += ["   do i = 1, size(averages%t)", "      print '(*(es25.17e3, 1x))', averages%t(i), &"]
+    lines += ["         (averages%mean(k, i), averages%se_mean(k, i), k=1, size(averages%mean, 1))", "   end do"]
+    return [*(line for x in lines for line in wrapped(x, WIDTH, " " * 16, " &")), f"end program run_of_{given.stem}"]
+
+
+def _model(given: Given) -> list[str]:
+    if given.model is None:
+        keys = ", ".join(f"'{x}'" for x in given.parameters)
+        values = ", ".join(_number(v) for v in given.parameters.values())
+        return [
+            f"   call get_model(model, '{given.name}', [character(len=32) :: {keys}], [real(wp) :: {values}], error)"
+        ]
+    traits = given.model.traits
+    flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass")
+    lines = [f"   model%name = '{given.name}'", "   ! what may be left out; false ones are refused"]
+    lines += [f"   model%traits%ndof = {traits.ndof}", f"   model%traits%nnoise = {traits.nnoise}"]
+    lines += [
+        f"   model%traits%{x} = .true." for x in (*(f for f in flags if getattr(traits, f)), "has_value", "has_hessian")
+    ]
+    if traits.bandwidth is not None:
+        lines += [f"   model%traits%bandwidth = {traits.bandwidth}"]
+    return [*lines, f"   model%traits%rotation = {_array(traits.rotation)}"] if traits.rotation else lines
+
+
+def _option(name: str, value: float) -> str:
+    if name == "common_noise":
+        return "[" + ", ".join(str(k) for k in range(1, 65) if value >> (k - 1) & 1) + "]"
+    if name in _LOGICAL:
+        return ".true." if value else ".false."
+    if name in _LONG:
+        signed = value - 2**64 if value >= 2**63 else value  # all 64 bits of a seed
+        return f"{signed}_i8" if signed > -(2**63) else "-huge(1_i8) - 1_i8"
+    return str(value) if isinstance(value, int) else _number(value)
+
+
+def _number(value: float | str) -> str:
+    return f"{float(value)!r}_wp"
+
+
+def _array(values) -> str:
+    return "[" + ", ".join(_number(float(x)) for x in values) + "]"

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Scenes as programs: compiled by the printed line, they print the moments of the scene."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from symsde import cli, scene
+
+pytest.importorskip("sympy")
+
+from symsde.export import given
+
+if shutil.which("cc") is None:
+    pytest.skip("no C compiler", allow_module_level=True)
+
+RUN = "[run]\nstep = 0.05\nsteps = 40\nsave_every = 20\npaths = 30\nseed = 18446744073709551615\nq0 = 0.4\np0 = 0.3\n"
+SCENES = {
+    # every kind of function and operation, names that languages keep for themselves or do not tell apart, time
+    "names": '[model]\nH = "double**2/2*A0 - cos(E*q)*a0 + exp(-I*q**2)/(1+q**2)**(3/2) + sqrt(1 + t**2)*q"\n'
+    'noise = ["value*sin(q)*double", "-NULL*log(2+q**2)*tanh(q)"]\nq = "q"\np = "double"\n'
+    "[model.params]\nA0 = 1.2\na0 = 0.7\nE = 1.1\nI = 0.5\nvalue = 0.2\nNULL = 0.3\n" + RUN + 'scheme = "gauss2"\n',
+    "options": '[model]\nH = "(p1**2+p2**2)/2 + q1**2*q2 + (q1**2+q2**2)/2"\nnoise = ["s*q1", "s*q2"]\n'
+    "[model.params]\ns = 0.2\n" + RUN + 'refine = 1\nfirst_path = 256\nfirst_step = 4\nt0 = 0.5\ncommon_noise = [2]\n'
+    'compensated = true\ntruncation = [2.0, 1.0]\nscheme = "stormer_verlet"\n',
+    "builtin": '[model]\nname = "synchrotron"\nsigma1 = 0.3\n' + RUN + 'general = true\ncorrection = "none"\n',
+    "chain": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(cosh(q[i+1]-q[i]), i)"\nnoise = ["-s*q[k]"]\nn = 9\n'
+    'ends = "fixed"\n'
+    "[model.params]\ns = 0.2\n" + RUN,
+}  # fmt: skip
+
+
+def export(folder, name, language, capsys):
+    """The line that compiles a scene as a program."""
+    (folder / f"{name}.toml").write_text(SCENES[name])
+    ending = {"fortran": "f90", "c": "c"}[language]
+    target = folder / f"{name}.{ending}"
+    assert cli.main(["export", str(folder / f"{name}.toml"), "--to", language, "--out", str(target)]) == 0
+    return capsys.readouterr().out.strip(), target.read_text()
+
+
+def numbers(folder, line, name):
+    """What the program prints."""
+    subprocess.run(line, shell=True, check=True, cwd=folder, timeout=300)
+    done = subprocess.run([f"./{name}"], check=True, cwd=folder, capture_output=True, text=True, timeout=300)
+    return np.array([[float(x) for x in row.split()] for row in done.stdout.splitlines()[1:]])
+
+
+CASES = [
+    (name, language) for name in SCENES for language in ("c", "fortran") if (name, language) != ("chain", "fortran")
+]
+
+
+@pytest.mark.parametrize(("name", "language"), CASES)
+def test_programs_give_the_numbers_of_the_scene(name, language, tmp_path, capsys):
+    if language == "fortran" and shutil.which("gfortran") is None:
+        pytest.skip("no gfortran")
+    line, text = export(tmp_path, name, language, capsys)
+    assert line in text and (name == "chain" or max(len(row) for row in text.splitlines() if line not in row) <= 132)
+    found = numbers(tmp_path, line, name)
+    known = scene.load(tmp_path / f"{name}.toml").compute_moments()
+    n = known.mean_q.shape[1]
+    columns = np.concatenate([known.mean_q, known.mean_p, known.mean_energy[:, None]], axis=1)
+    errors = np.concatenate([known.se_mean_q, known.se_mean_p, known.se_mean_energy[:, None]], axis=1)
+    assert found.shape == (3, 1 + 2 * (2 * n + 1))
+    np.testing.assert_allclose(found[:, 0], known.t, rtol=1e-15)
+    np.testing.assert_allclose(found[:, 1::2], columns, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(found[:, 2::2], errors, rtol=1e-9, atol=1e-11)
+
+
+def test_the_program_is_written_from_the_formulas(tmp_path, capsys):
+    """The twin: another parameter gives other numbers."""
+    line, text = export(tmp_path, "names", "c", capsys)
+    assert "H = double**2/2*A0 - cos(E*q)*a0" in text
+    assert ".A0 = 1.2" in text
+    (tmp_path / "names.c").write_text(text.replace(".A0 = 1.2", ".A0 = 1.212"))
+    found = numbers(tmp_path, line, "names")
+    known = scene.load(tmp_path / "names.toml").compute_moments()
+    assert abs(found[-1, 1] - known.mean_q[-1, 0]) > 1e-4
+
+
+def test_no_text_of_a_scene_reaches_the_code(tmp_path, capsys):
+    """Comments in formulas are Python's, names are anything: neither ends a comment or begins a line."""
+    text = SCENES["names"].replace('H = "', "H = '''(p**2/2 # */ int evil; /*\n + q**2/2) #''' #")
+    text = text.replace('q = "q"\np = "double"\n', 'name = "x*/\\" ; evil"\n').replace('*double"', '"')
+    SCENES["hostile"] = text
+    for language in ("c", "fortran"):
+        text = export(tmp_path, "hostile", language, capsys)[1]
+        assert "evil" in text  # in a literal, without its quotation mark
+        assert "int evil" not in text and '"x*/' not in text and "' ;" not in text and '" ;' not in text
+    assert given.harmless("a */ b\n /* c # d\n*/*/") == "a * / b / * c * /* /".replace("/* /", "/ * /")
+
+
+def test_names_that_compilers_take():
+    names = ["omega", "double", "I", "E", "A", "a", "q1", "x2", "EOF", "9x", "a-b", "h" * 40, "t", "ü", "self"]
+    made = given.identifiers(names)
+    assert made["omega"] == "omega" and made["A"] == "A"
+    assert all(made[x] == f"parameter_{names.index(x) + 1}" for x in names if x not in ("omega", "A"))
+
+
+@pytest.mark.parametrize(
+    ("text", "language", "words"),
+    [
+        (SCENES["chain"], "fortran", "sums over sites are exported to C only: say --to c"),
+        (SCENES["builtin"].replace("q0 = 0.4", f"q0 = [{[0.1] * 30}]"), "c", "differ from path to path"),
+        ('[model]\npython = "m:f"\n' + RUN, "c", "would execute code"),
+    ],
+)
+def test_what_cannot_be_exported_gets_a_sentence(text, language, words, tmp_path, capsys):
+    file = tmp_path / "scene.toml"
+    file.write_text(text)
+    out = tmp_path / f"out.{'f90' if language == 'fortran' else 'c'}"
+    assert cli.main(["export", str(file), "--to", language, "--out", str(out)]) == 2
+    assert words in capsys.readouterr().err and not out.exists()
+    assert cli.main(["export", str(file), "--to", language, "--out", str(tmp_path / "out.txt")]) == 2
+    assert "ends in" in capsys.readouterr().err
