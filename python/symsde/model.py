@@ -228,7 +228,7 @@ class Model:
         return status
 
     def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
-        """Refuse an initial state, (dof, 1 or path), with which no run can begin; models that know their formulas do."""
+        """Refuse an initial state, (dof, 1 or path), from which no run can begin: formulas know."""
 
     def value(self, q, p, w=None, t: float = 0.0) -> np.ndarray:
         """sum_j w[j] H_j at many points: shape (path,). Without w: H alone.

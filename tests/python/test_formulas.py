@@ -404,7 +404,7 @@ def test_singular_starts_are_told_with_the_formula(H):
     model = ss.model_from_sympy(H, ["0.1*q"])
     start = {"q0": 1.0, "p0": 0.0, "t0": 1.0} if "sqrt" in H or "t" in H else {"q0": 0.0, "p0": 1.0}
     for function, more in ((ss.simulate, {"steps": 3}), (ss.moments, {"steps": 3}), (ss.prepare, {})):
-        with pytest.raises(errors.InvalidArgumentError, match="not finite at q0 = .*: begin elsewhere .*H = '"):
+        with pytest.raises(errors.InvalidArgumentError, match=r"not finite at q0 = .*: begin elsewhere .*H = '"):
             function(model, **start, step=0.1, **more)
     assert ss.simulate(model, q0=2.0, p0=1.0, step=0.01, steps=3).status[0] == 0
     with pytest.warns(errors.PathsFailedWarning):
