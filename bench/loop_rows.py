@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import formula_models
 import loop_models
 import loops
 import numpy as np
@@ -130,6 +131,20 @@ def scene(name, paths, **how) -> tuple[Run, Run]:
     return library(model(), scheme, paths, step, **how), loop(function(), n, paths, step)
 
 
+def formula(name, paths) -> tuple[Run, Run]:
+    """A model by its formula beside the loop."""
+    model, scheme, step, n, function = SCENES[name]
+    mine = formula_models.by_formula(model())
+    return library(mine, scheme, paths, step), loop(function(), n, paths, step)
+
+
+def formula_beside_built_in(name, paths) -> tuple[Run, Run]:
+    """A model by its formula beside the one of the catalogue."""
+    maker, scheme, step, _, _ = SCENES[name]
+    known = maker()
+    return library(formula_models.by_formula(known), scheme, paths, step), library(known, scheme, paths, step)
+
+
 def chain(scheme, n) -> tuple[Run, Run]:
     """A chain, 256 paths."""
     function = loops.collocation(loops.fpu_force, n, n, scheme)
@@ -205,6 +220,11 @@ def rows() -> Iterator[Row]:
     for name in SCENES:
         for paths in (1, 2, 8, 32):
             yield Row(f"few{paths}", name, paths, 1.5, partial(scene, name, paths))
+    for name in SCENES:
+        if not name.startswith("cfunc") and "lobatto" not in name:
+            paths = 1024 if "fpu" in name else 4096
+            yield Row("formula", name, paths, 1.05, partial(formula_beside_built_in, name, paths))
+            yield Row("formula1", name, 1, 1.2, partial(formula, name, 1))
     yield Row("error", "synchrotron chin4a beside Taylor 3/2, rms 1e-5", 1000, 0.4, accurate)
     yield Row("saved", "kubo midpoint", 1, 1.5, saved)
     for name in ("kubo midpoint", "synchrotron midpoint", "henon_heiles stormer_verlet", "cfunc synchrotron midpoint"):

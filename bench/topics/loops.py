@@ -13,6 +13,8 @@ GROUPS = {
     "few2": "2 paths",
     "few8": "8 paths",
     "few32": "32 paths",
+    "formula": "formulas beside the built-in model",
+    "formula1": "formulas, 1 path",
     "saved": "1 path, every step saved",
     "saved_unsaved": "1 path, every step saved, beside the library without",
     "moments": "1000 paths, moments at every step",
