@@ -11,7 +11,7 @@
 !>    done       where the next change would vanish, d_k r <= eps |G|/4, or d_k is not smaller than d_{k-1} and
 !>               within 2^-33 |G|, rounding
 !>    left       where d_k/d_{k-1} > too_slow and d_k > 2^-20 |G|: the caller has a faster way to go on with what it has
-!>    given up   where d_k/d_{k-1} > steepest beyond rounding, or where something is not finite: the caller
+!>    given up   where d_k/d_{k-1} > too_steep beyond rounding, or where something is not finite: the caller
 !>               has another way
 !>
 !> by its own numbers alone.
@@ -21,10 +21,9 @@ module symsde_step_stage_iteration
    use symsde_step_stage_plan, only: stage_group
    implicit none
    private
-   public :: iterate_group, solved, slow, steep, untried, steepest
+   public :: iterate_group, solved, slow, steep, untried
 
-   real(wp), parameter :: steepest = 0.2_wp   !! contraction from which Newton's iteration is cheaper
-   integer, parameter :: most_sweeps = 60     !! enough for 0.2 and rounding
+   integer, parameter :: most_sweeps = 160   !! enough for a contraction of 0.8 and rounding
    real(wp), parameter :: done = -1, left = -2, given_up = -3  !! values of `last` beside the size of the last change
 
    integer(i8), parameter :: solved = 0, slow = 1, steep = 2  !! what becomes of a lane
@@ -33,10 +32,11 @@ module symsde_step_stage_iteration
 contains
 
    !> Iterate in lanes whose fate is `solved`, until each is, or is left with what it has (slow), or given up (steep).
-   subroutine iterate_group(self, group, too_slow, fate)
+   subroutine iterate_group(self, group, too_slow, too_steep, fate)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group
       real(wp), intent(in) :: too_slow     !! contraction from which a lane is left to a faster iteration
+      real(wp), intent(in) :: too_steep    !! contraction from which a lane is given up, at most 0.8
       integer(i8), intent(inout) :: fate(self%ham%nlane)
       integer :: nrunning, sweep, m
 
@@ -61,7 +61,7 @@ contains
             end do
             counters%iterations = counters%iterations + nrunning
             if (group%explicit) return
-            call judge_sweep(nlane, sweep, too_slow, change, extent, last, nrunning)
+            call judge_sweep(nlane, sweep, too_slow, too_steep, change, extent, last, nrunning)
          end do
          where (fate == solved .and. abs(last - left) <= 0) fate = slow
          where (fate == solved .and. (last >= 0 .or. last < left)) fate = steep
@@ -125,9 +125,9 @@ contains
    end subroutine take
 
    !> VEC Which lanes are done, and which are given up.
-   pure subroutine judge_sweep(nlane, sweep, too_slow, change, extent, last, nrunning)
+   pure subroutine judge_sweep(nlane, sweep, too_slow, too_steep, change, extent, last, nrunning)
       integer, intent(in) :: nlane, sweep
-      real(wp), intent(in) :: too_slow
+      real(wp), intent(in) :: too_slow, too_steep
       real(wp), intent(in) :: change(nlane), extent(nlane)
       real(wp), intent(inout) :: last(nlane)
       integer, intent(out) :: nrunning
@@ -147,7 +147,7 @@ contains
             ends = d*max(d/last(lane), slow) <= rounding*extent(lane)
             ends = ends .or. (d >= last(lane) .and. d <= near*extent(lane))
             next = merge(d, left, d <= max(too_slow*last(lane), far*extent(lane)))
-            next = merge(next, given_up, d <= max(steepest*last(lane), near*extent(lane)))
+            next = merge(next, given_up, d <= max(too_steep*last(lane), near*extent(lane)))
             next = merge(done, next, ends)
          end if
          next = merge(next, given_up, d <= huge(d))

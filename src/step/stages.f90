@@ -20,7 +20,7 @@ module symsde_step_stages
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stage_equations, only: stage_equations, new_stage_equations
-   use symsde_step_stage_iteration, only: iterate_group, solved, untried, steepest
+   use symsde_step_stage_iteration, only: iterate_group, solved, untried
    use symsde_step_stage_plan, only: stage_group
    use symsde_step_stage_newton, only: stage_newton, new_stage_newton
    use symsde_step_stage_rows, only: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once
@@ -32,6 +32,11 @@ module symsde_step_stages
    integer, parameter :: cached_values = 1024  !! of one array of a part
    !> Contraction from which Newton's iteration by rows is cheaper, for groups of one, two and three stages.
    real(wp), parameter :: slow_rate(3) = [1e-2_wp, 5e-3_wp, 3e-2_wp]
+
+   !> Contraction from which Newton's iteration is cheaper: by matrices, or by the general stepper's dense ones of all
+   !> unknowns, whose work grows as the cube of their number.
+   real(wp), parameter :: steepest = 0.2_wp, steepest_dense = 0.8_wp
+   integer, parameter :: small = 12  !! unknowns up to which a dense matrix is worth as little
 
    !> What solves a group where iteration does not, made when the first lane needs it.
    type :: solver_slot
@@ -152,19 +157,21 @@ contains
    subroutine solve_part(self, status)
       type(stages_stepper), intent(inout) :: self
       integer(i8), intent(inout) :: status(self%width)
-      real(wp) :: too_slow
+      real(wp) :: too_slow, too_steep
       integer :: g
 
       self%left = -1
+      too_steep = steepest
+      if (.not. self%equations%eliminated .and. 2*self%ham%ndof*self%scheme%nstage > small) too_steep = steepest_dense
       do g = 1, size(self%solver)
          self%fate = merge(solved, -1_i8, status == 0 .and. self%left < 0)
          associate (group => self%equations%plan%group(g), solver => self%solver(g))
-            too_slow = steepest
+            too_slow = too_steep
             if (solver%has_rows) too_slow = slow_rate(group%nmember)
             if (solver%at_once) then
                where (self%fate == solved) self%fate = untried
             else
-               call iterate_group(self%equations, group, too_slow, self%fate)
+               call iterate_group(self%equations, group, too_slow, too_steep, self%fate)
             end if
             if (.not. any(self%fate > solved)) cycle
             if (self%equations%eliminated) then
