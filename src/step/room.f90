@@ -19,7 +19,7 @@ module symsde_step_room
    private
    public :: stepper_numbers
 
-   integer, parameter :: vectors = 100           !! of the length of q that a lane may hold at once
+   integer, parameter :: vectors = 60            !! of the length of q that a lane may hold at once
    integer, parameter :: small_matrix = 2048     !! numbers of one that elimination takes, whatever else is true
    integer, parameter :: krylov_vectors = 65
    integer, parameter :: most_rescued = 512      !! unknowns up to which failed lanes are tried again
