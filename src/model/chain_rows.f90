@@ -36,30 +36,27 @@ contains
                  'need: declare bandwidth 1, identity_mass, and position_noise or additive, or give no rows')
    end subroutine check_chain
 
-   !> What force_stiffness gives with b = 1, of a model that offers chain_rows. The last strip repeats its last lane.
+   !> What force_stiffness gives with b = 1, of a model that offers chain_rows, for at most a strip of lanes. The strip
+   !> is filled up with the last one.
    subroutine block_from_rows(model, nlane, ndof, nnoise, t, w, q, hq, hqq)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof)
       real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:1, ndof)
       real(wp), allocatable :: ws(:, :), qs(:, :), f(:, :), k(:, :, :)  !! of a strip
-      integer :: before, lane, from, n
+      integer :: lane
 
       allocate (ws(strip_lanes, 0:nnoise), qs(strip_lanes, 0:ndof + 1), f(strip_lanes, ndof), &
                 k(strip_lanes, 0:1, ndof))
       qs(:, 0) = 0
       qs(:, ndof + 1) = 0
-      do before = 0, nlane - 1, strip_lanes
-         n = min(strip_lanes, nlane - before)
-         do lane = 1, strip_lanes
-            from = before + min(lane, n)
-            ws(lane, :) = w(from, :)
-            qs(lane, 1:ndof) = q(from, :)
-         end do
-         call model%chain_rows(ndof, nnoise, 1, ndof, t, ws, qs, f, k)
-         hq(before + 1:before + n, :) = f(:n, :)
-         hqq(before + 1:before + n, :, :) = k(:n, :, :)
+      do lane = 1, strip_lanes
+         ws(lane, :) = w(min(lane, nlane), :)
+         qs(lane, 1:ndof) = q(min(lane, nlane), :)
       end do
+      call model%chain_rows(ndof, nnoise, 1, ndof, t, ws, qs, f, k)
+      hq = f(:nlane, :)
+      hqq = k(:nlane, :, :)
    end subroutine block_from_rows
 
 end module symsde_model_chain_rows
