@@ -106,7 +106,7 @@ contains
    function to_options(c) result(o)
       type(c_options), intent(in) :: c
       type(run_options) :: o
-      integer :: k
+      integer :: k, n
 
       o%step = c%step
       o%nstep = c%steps
@@ -122,8 +122,13 @@ contains
       o%truncation_time = c%truncation_time
       o%area_time = c%area_time
       o%areas = c%areas
-      o%common_noise = pack([(k, k=1, bit_size(c%common_noise))], [(btest(c%common_noise, k - 1), &
-                                                                    k=1, bit_size(c%common_noise))])
+      allocate (o%common_noise(popcnt(c%common_noise)))
+      n = 0
+      do k = 1, bit_size(c%common_noise)
+         if (.not. btest(c%common_noise, k - 1)) cycle
+         n = n + 1
+         o%common_noise(n) = k
+      end do
       o%compensated = c%compensated /= 0
       o%general = c%general /= 0
       o%max_iter = c%max_iter
