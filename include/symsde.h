@@ -207,7 +207,7 @@ typedef struct symsde_scheme_info {
    int32_t order_noise_free;
    double measured_order[SYMSDE_ORDERS], measured_half_width[SYMSDE_ORDERS]; /* 95 %; NaN = not measured */
    double measured_floor[SYMSDE_ORDERS]; /* error of the reference over the smallest error that counts */
-   int32_t uses_dz, uses_areas, uses_bend, uses_magnus; /* functionals of the path beside dW: dZ, A, K, J */
+   int32_t uses_dz, uses_areas, uses_stt_area, uses_magnus; /* functionals of the path beside dW: dZ, A, K, J */
    int32_t uses_nested_bracket;
    int32_t law;          /* of the increments: 0 Gaussian, 1 three-point, 2 two-point */
    int32_t explicit_for; /* 0 no model, 1 separable models, 2 every model */
@@ -332,7 +332,7 @@ typedef struct symsde_paths {
    int32_t *status;            /* [paths]: 0 or a status above 0 */
    int64_t *failed_step;       /* [paths]: absolute step that failed, -1 = none */
    double *last_q, *last_p;    /* [ndof][paths], last good state; NULL = not wanted */
-   double *low_q, *low_p;      /* [ndof][paths], its low parts if compensated; NULL = not wanted */
+   double *q_low, *p_low;      /* [ndof][paths], its low parts if compensated; NULL = not wanted */
 } symsde_paths;
 
 int symsde_paths_init(symsde_paths *paths);
@@ -370,7 +370,7 @@ int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsd
                            symsde_error *error);
 
 /* Parts of an ensemble merge to the bits of the whole: a part is the paths j 2^k .. (j+1) 2^k - 1 with k >= 8, by their
- * global indices (the last one may end earlier), and two sisters, j even on the left and j + 1 on the right, merge into
+ * global indices (the last one may end earlier), and two siblings, j even on the left and j + 1 on the right, merge into
  * the part j/2 of 2^(k+1) paths. n_ok[ntime], mean and m2[ntime][nvalue] of the left part become those of both. */
 int symsde_merge_moments(int64_t ntime, int64_t nvalue, int64_t *n_ok, double *mean, double *m2,
                          const int64_t *n_ok_right, const double *mean_right, const double *m2_right,

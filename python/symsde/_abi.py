@@ -69,7 +69,7 @@ class SchemeInfo(Structure):
         ("order_evidence", c_int32 * ORDERS),
         ("order_noise_free", c_int32),
         *((name, c_double * ORDERS) for name in ("measured_order", "measured_half_width", "measured_floor")),
-        *((name, c_int32) for name in ("uses_dz", "uses_areas", "uses_bend", "uses_magnus")),
+        *((name, c_int32) for name in ("uses_dz", "uses_areas", "uses_stt_area", "uses_magnus")),
         *((name, c_int32) for name in ("uses_nested_bracket", "law")),
         *((name, c_int32) for name in ("explicit_for", "gradients_per_step", "unknowns", "unknowns_if_separable")),
         ("name", c_char * 64),
@@ -175,7 +175,7 @@ class Paths(Structure):
     _fields_ = (
         ("struct_size", c_size_t),
         *((name, c_void_p) for name in ("t", "q", "p", "status", "failed_step")),
-        *((name, c_void_p) for name in ("last_q", "last_p", "low_q", "low_p")),
+        *((name, c_void_p) for name in ("last_q", "last_p", "q_low", "p_low")),
     )
 
 

@@ -235,7 +235,7 @@ class PreparedRun:
             run.status, run.failed_step = self._status.copy(), self._failed_step.copy()
             run.last_q, run.last_p = self._q.copy(), self._p.copy()
             if self._q_low is not None:
-                run.low_q, run.low_p = self._q_low.copy(), self._p_low.copy()
+                run.q_low, run.p_low = self._q_low.copy(), self._p_low.copy()
             run.report = self.report
         return run
 

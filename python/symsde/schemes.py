@@ -63,7 +63,7 @@ class SchemeInfo:
     order_noise_free: int
     uses_dz: bool
     uses_areas: bool
-    uses_bend: bool  #: K, the space-time-time Levy area
+    uses_stt_area: bool  #: K, the space-time-time Levy area
     uses_magnus: bool  #: J, the second Magnus term of the kicks
     uses_nested_bracket: bool
     law: str  #: of the increments: Gaussian, three-point or two-point

@@ -30,8 +30,8 @@ class Run(Reported):
     failed_step: np.ndarray  #: (path,), absolute step that failed; -1 = none
     last_q: np.ndarray  #: (dof, path), last good state
     last_p: np.ndarray
-    low_q: np.ndarray | None  #: (dof, path), low parts of the last state of a compensated run
-    low_p: np.ndarray | None
+    q_low: np.ndarray | None  #: (dof, path), low parts of the last state of a compensated run
+    p_low: np.ndarray | None
 
     def __init__(self, setup: Setup):
         """Room for the paths; `fill` computes them."""
@@ -44,9 +44,9 @@ class Run(Reported):
         self.status = np.empty(paths, np.int32)
         self.failed_step = np.empty(paths, np.int64)
         self.last_q, self.last_p = (np.empty((ndof, paths)) for _ in "qp")
-        self.low_q = self.low_p = None
+        self.q_low = self.p_low = None
         if setup.options.compensated:
-            self.low_q, self.low_p = (np.empty((ndof, paths)) for _ in "qp")
+            self.q_low, self.p_low = (np.empty((ndof, paths)) for _ in "qp")
 
     def fill(self, progress: Progress) -> None:
         """Let the library integrate."""

@@ -104,7 +104,7 @@ def _structure(found: list[tuple[str, schemes.Scheme]]) -> str:
 
 def _extras(info: schemes.SchemeInfo) -> str:
     """What a step needs beside Gaussian increments."""
-    integrals = {"dZ": info.uses_dz, "areas": info.uses_areas, "K": info.uses_bend, "J": info.uses_magnus}
+    integrals = {"dZ": info.uses_dz, "areas": info.uses_areas, "K": info.uses_stt_area, "J": info.uses_magnus}
     found = [word for word, used in integrals.items() if used]
     found += ["nested bracket"] * info.uses_nested_bracket
     found += [f"{info.law} increments"] * (info.law != "Gaussian")

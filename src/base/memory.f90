@@ -18,12 +18,12 @@ module symsde_base_memory
 
    interface
       !> 1 where so many bytes, and threads besides the calling one, can be had.
-      function symsde_room(bytes, threads) result(room) bind(c, name='symsde_room')
+      function symsde_memory_available(bytes, threads) result(available) bind(c, name='symsde_memory_available')
          import :: c_double, c_int
          real(c_double), value :: bytes
          integer(c_int), value :: threads
-         integer(c_int) :: room
-      end function symsde_room
+         integer(c_int) :: available
+      end function symsde_memory_available
    end interface
 
 contains
@@ -33,7 +33,7 @@ contains
       real(wp), intent(in) :: numbers  !! of eight bytes
       integer, intent(in) :: threads
 
-      memory_for = symsde_room(share*8*numbers + reserve, int(threads, c_int)) /= 0
+      memory_for = symsde_memory_available(share*8*numbers + reserve, int(threads, c_int)) /= 0
    end function memory_for
 
    !> Refuse (out_of_memory) what cannot be held, with the bytes that it needs.

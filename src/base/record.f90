@@ -17,7 +17,7 @@ module symsde_base_record
    end type functional_values
 
    type :: functional_steps
-      real(wp), allocatable :: x(:, :, :)  !! (nlane, functional_count, 0:room-1)
+      real(wp), allocatable :: x(:, :, :)  !! (nlane, functional_count, 0:capacity-1)
    end type functional_steps
 
    !> One step. The record lives no longer than what it points to.
@@ -50,10 +50,10 @@ module symsde_base_record
    !> Steps that follow each other.
    type :: step_store
       integer :: nlane = 0, nnoise = 0
-      integer :: room = 0                       !! steps that fit, an even number
+      integer :: capacity = 0                       !! steps that fit, an even number
       real(wp) :: h = 0                         !! of every step [time]
       type(functional_set) :: asked             !! the functionals that are filled in
-      real(wp), allocatable :: w(:, :, :)       !! weights h, dW_1 .. dW_m (nlane, 0:nnoise, 0:room-1)
+      real(wp), allocatable :: w(:, :, :)       !! weights h, dW_1 .. dW_m (nlane, 0:nnoise, 0:capacity-1)
       type(functional_steps) :: of(nfunctional)
    contains
       procedure :: show
@@ -72,31 +72,31 @@ module symsde_base_record
 contains
 
    !> Room for steps of nlane lanes: zero but for h.
-   subroutine new_step_store(self, nlane, nnoise, room, h, asked)
+   subroutine new_step_store(self, nlane, nnoise, capacity, h, asked)
       type(step_store), intent(out) :: self
       integer, intent(in) :: nlane, nnoise
-      integer, intent(in) :: room           !! steps, an even number
+      integer, intent(in) :: capacity           !! steps, an even number
       real(wp), intent(in) :: h             !! step with its sign [time]
       type(functional_set), intent(in) :: asked
       integer :: i
 
       self%nlane = nlane
       self%nnoise = nnoise
-      self%room = room
+      self%capacity = capacity
       self%h = h
       self%asked = asked
-      allocate (self%w(nlane, 0:nnoise, 0:room - 1), source=0.0_wp)
+      allocate (self%w(nlane, 0:nnoise, 0:capacity - 1), source=0.0_wp)
       self%w(:, 0, :) = h
       do i = 1, nfunctional
          if (asked%has(i)) &
-            allocate (self%of(i)%x(nlane, functional_count(i, nnoise), 0:room - 1), source=0.0_wp)
+            allocate (self%of(i)%x(nlane, functional_count(i, nnoise), 0:capacity - 1), source=0.0_wp)
       end do
    end subroutine new_step_store
 
    !> Step i of the store, which begins at the time t.
    subroutine show(self, i, t, step)
       class(step_store), intent(in), target :: self
-      integer, intent(in) :: i                !! 0 .. room-1
+      integer, intent(in) :: i                !! 0 .. capacity-1
       real(wp), intent(in) :: t
       type(step_record), intent(inout) :: step  !! the last one shown, or a new one
       integer :: f
@@ -113,7 +113,7 @@ contains
    !> Steps i .. i+nstep-1 of the store, the first of which begins at the time t: what the store knows of them.
    subroutine show_several(self, i, nstep, t, steps)
       class(step_store), intent(in), target :: self
-      integer, intent(in) :: i                !! 0 .. room-nstep
+      integer, intent(in) :: i                !! 0 .. capacity-nstep
       integer, intent(in) :: nstep
       real(wp), intent(in) :: t
       type(steps_record), intent(inout) :: steps

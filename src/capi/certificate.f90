@@ -4,7 +4,7 @@
 module symsde_capi_certificate
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int32_t, c_null_char, c_size_t, c_sizeof
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-   use symsde_base_functionals, only: path_dz, path_areas, path_bend, path_magnus
+   use symsde_base_functionals, only: path_dz, path_areas, path_stt_area, path_magnus
    use symsde_base_kinds, only: wp
    use symsde_capi_text, only: put_chars
    use symsde_scheme_certificate, only: certificate, certificate_text, certificate_type
@@ -26,7 +26,7 @@ module symsde_capi_certificate
       integer(c_int32_t) :: order_evidence(5)
       integer(c_int32_t) :: order_noise_free
       real(c_double) :: measured_order(5), measured_half_width(5), measured_floor(5)
-      integer(c_int32_t) :: uses_dz, uses_areas, uses_bend, uses_magnus, uses_nested_bracket, law
+      integer(c_int32_t) :: uses_dz, uses_areas, uses_stt_area, uses_magnus, uses_nested_bracket, law
       integer(c_int32_t) :: explicit_for, gradients_per_step, unknowns, unknowns_if_separable
       character(kind=c_char) :: name(64)
       character(kind=c_char) :: reference(256)
@@ -51,7 +51,7 @@ contains
                            symmetry_residual=0, quadratic_residual=0, stratonovich_sum=0, correction_coefficient=0, &
                            correction_needed=0, correction_exists=0, order=0, order_evidence=0, order_noise_free=0, &
                            measured_order=0, measured_half_width=0, measured_floor=0, uses_dz=0, uses_areas=0, &
-                           uses_bend=0, uses_magnus=0, &
+                           uses_stt_area=0, uses_magnus=0, &
                            uses_nested_bracket=0, law=0, explicit_for=0, gradients_per_step=0, unknowns=0, &
                            unknowns_if_separable=0, name=c_null_char, reference=c_null_char)
    end function blank_info
@@ -81,7 +81,7 @@ contains
       call fill_orders(c, info)
       info%uses_dz = truth(c%asks%has(path_dz))
       info%uses_areas = truth(c%asks%has(path_areas))
-      info%uses_bend = truth(c%asks%has(path_bend))
+      info%uses_stt_area = truth(c%asks%has(path_stt_area))
       info%uses_magnus = truth(c%asks%has(path_magnus))
       info%uses_nested_bracket = truth(c%brackets%nested)
       info%law = c%law

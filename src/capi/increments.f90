@@ -16,7 +16,7 @@ module symsde_capi_increments
    use symsde_ensemble_driver, only: new_noise
    use symsde_ensemble_increments, only: collect_increments
    use symsde_ensemble_options, only: run_options
-   use symsde_ensemble_room, only: noise_numbers
+   use symsde_ensemble_memory, only: noise_numbers
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type

@@ -13,7 +13,7 @@ module symsde_capi_merge
 
 contains
 
-   !> The left part becomes both sisters together.
+   !> The left part becomes both siblings together.
    function symsde_merge_moments(ntime, nvalue, n_ok, mean, m2, n_ok_right, mean_right, m2_right, error) &
       result(status) bind(c, name='symsde_merge_moments')
       integer(c_int64_t), intent(in), value :: ntime, nvalue

@@ -33,12 +33,12 @@ module symsde_capi_paths
       type(c_ptr) :: status
       type(c_ptr) :: failed_step
       type(c_ptr) :: last_q, last_p
-      type(c_ptr) :: low_q, low_p
+      type(c_ptr) :: q_low, p_low
    end type c_paths
 
    !> Arrays that the caller does not want, but the recorder writes.
    type :: scratch_type
-      real(wp), allocatable :: last_q(:, :), last_p(:, :), low_q(:, :), low_p(:, :)  !! (npath, ndof)
+      real(wp), allocatable :: last_q(:, :), last_p(:, :), q_low(:, :), p_low(:, :)  !! (npath, ndof)
    end type scratch_type
 
 contains
@@ -110,8 +110,8 @@ contains
       call view(copy%failed_step, npath, recorder%failed_step)
       call choose(copy%last_q, .true., npath, n, scratch%last_q, recorder%last_q, error)
       call choose(copy%last_p, .true., npath, n, scratch%last_p, recorder%last_p, error)
-      call choose(copy%low_q, options%compensated, npath, n, scratch%low_q, recorder%low_q, error)
-      call choose(copy%low_p, options%compensated, npath, n, scratch%low_p, recorder%low_p, error)
+      call choose(copy%q_low, options%compensated, npath, n, scratch%q_low, recorder%q_low, error)
+      call choose(copy%p_low, options%compensated, npath, n, scratch%p_low, recorder%p_low, error)
    end subroutine read_paths
 
    !> The same with room for what is saved alone: of a prepared run, which has arrays of its own for the rest.
@@ -201,8 +201,8 @@ contains
       paths%failed_step = c_null_ptr
       paths%last_q = c_null_ptr
       paths%last_p = c_null_ptr
-      paths%low_q = c_null_ptr
-      paths%low_p = c_null_ptr
+      paths%q_low = c_null_ptr
+      paths%p_low = c_null_ptr
    end function blank_paths
 
 end module symsde_capi_paths

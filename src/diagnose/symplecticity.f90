@@ -25,7 +25,7 @@ module symsde_diagnose_symplecticity
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: stepper_options, new_stepper
-   use symsde_step_room, only: stepper_numbers
+   use symsde_step_memory, only: stepper_numbers
    use symsde_step_stepper, only: stepper_type
    implicit none
    private

@@ -14,7 +14,7 @@ module symsde_ensemble_block
    use symsde_ensemble_initial_state, only: initial_state
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
-   use symsde_model_few_lanes, only: few_lanes_model
+   use symsde_model_real_lanes, only: real_lanes_model
    use symsde_noise_source, only: noise_type
    use symsde_step_rescue, only: rescue_type
    use symsde_step_state, only: lane_state, new_lane_state
@@ -31,7 +31,7 @@ module symsde_ensemble_block
       type(rescue_type) :: rescue          !! for paths that the stepper cannot solve
       class(observer_type), allocatable :: observer
       type(step_record) :: record          !! the step that is taken, where the model does not take it as a whole
-      type(few_lanes_model), pointer :: few => null()  !! the model, where it is asked for real lanes alone; owned
+      type(real_lanes_model), pointer :: real_lanes => null()  !! the model without padding, where it allows; owned
       class(noise_type), pointer :: noise => null()
       type(lane_state) :: state
       integer :: nreal = 0
@@ -170,13 +170,13 @@ contains
       self%nahead = 0
       self%normals = 0
       self%stepper%ham%nreal = nreal
-      if (associated(self%few)) self%few%nreal = nreal
+      if (associated(self%real_lanes)) self%real_lanes%nreal = nreal
       self%request%nreal = nreal
       call path_of_lane(self%state%nlane, first, nreal, self%request%path)
       associate (s => self%state, offset => first - self%options%first_path)
          s%status = 0
          s%failed_step = -1
-         if (associated(start%status)) call take_fates(self, offset, nreal, start)
+         if (associated(start%status)) call take_statuses(self, offset, nreal, start)
          s%status(nreal + 1:) = stopped  ! padding: nothing is solved for it, nothing counted
          s%failed_step(nreal + 1:) = self%step
          s%nfailed = count(s%status /= 0)
@@ -193,7 +193,7 @@ contains
 
    !> Paths that have been run before: those that failed stay failed. Where a drive is resumed, those that were stopped,
    !> which is done to all of a block at once, go on where they are, and blocks without such paths are done.
-   subroutine take_fates(self, offset, nreal, start)
+   subroutine take_statuses(self, offset, nreal, start)
       type(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: offset   !! paths of the run before this block
       integer, intent(in) :: nreal
@@ -211,7 +211,7 @@ contains
             s%failed_step(lane) = -1
          end do
       end associate
-   end subroutine take_fates
+   end subroutine take_statuses
 
    !> Steps until the chunk or the run is over, or all paths of the block have failed.
    subroutine run_chunk(self)
@@ -447,7 +447,7 @@ contains
    impure elemental subroutine release(self)
       type(block_runner), intent(inout) :: self
 
-      if (associated(self%few)) deallocate (self%few)
+      if (associated(self%real_lanes)) deallocate (self%real_lanes)
    end subroutine release
 
    subroutine save_point(self)

@@ -21,13 +21,13 @@ module symsde_ensemble_driver
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_ensemble_report, only: run_report, describe_left_out
-   use symsde_ensemble_room, only: fit_threads
+   use symsde_ensemble_memory, only: fit_threads
    use symsde_ensemble_threads, only: shared_state, run_blocks, choose_nthread, usable_threads
    use symsde_ensemble_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
    use symsde_model_catalogue, only: is_built_in
-   use symsde_model_few_lanes, only: few_lanes_model, new_few_lanes
+   use symsde_model_real_lanes, only: real_lanes_model, new_real_lanes
    use symsde_model_probe, only: probe_model
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
@@ -215,7 +215,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       class(stepper_type), allocatable :: stepper
       type(stepper_options) :: choice
-      type(few_lanes_model), pointer :: few
+      type(real_lanes_model), pointer :: view
       class(model_type), pointer :: seen
       integer :: i, info
 
@@ -233,12 +233,12 @@ contains
             return
          end if
          do i = 1, report%nthread
-            call look_at_real_lanes(model, self%options%npath, report%nlane, few, seen)
+            call look_at_real_lanes(model, self%options%npath, report%nlane, view, seen)
             call new_stepper(stepper, seen, scheme, choice, report%nlane, error)
             if (allocated(error)) return
             if (i == 1) report%stepper = stepper%name
             call new_block_runner(self%runners(i), self%options, report%nlane, stepper, self%noise%asked)
-            self%runners(i)%few => few
+            self%runners(i)%real_lanes => view
             call new_rescue(self%runners(i)%rescue, model, scheme, self%runners(i)%stepper, choice%newton)
          end do
          call describe_left_out(model, scheme, report%correction, self%runners(1)%stepper, report%left_out)
@@ -246,22 +246,22 @@ contains
    end subroutine new_runners
 
    !> The model as a stepper sees it: padding is kept from functions whose lanes do not need it.
-   subroutine look_at_real_lanes(model, npath, nlane, few, seen)
+   subroutine look_at_real_lanes(model, npath, nlane, view, seen)
       class(model_type), intent(in), target :: model
       integer(i8), intent(in) :: npath
       integer, intent(in) :: nlane
-      type(few_lanes_model), pointer, intent(out) :: few  !! a view to be owned by the runner, or null
+      type(real_lanes_model), pointer, intent(out) :: view  !! a view to be owned by the runner, or null
       class(model_type), pointer, intent(out) :: seen
 
-      nullify (few)
+      nullify (view)
       seen => model
       if (mod(npath, int(nlane, i8)) == 0) return
       select type (model)
       type is (callback_model)
          if (.not. model%any_lanes .or. model%traits%has_chain_rows) return  ! rows come in strips of a fixed width
-         allocate (few)
-         call new_few_lanes(few, model)
-         seen => few
+         allocate (view)
+         call new_real_lanes(view, model)
+         seen => view
       end select
    end subroutine look_at_real_lanes
 

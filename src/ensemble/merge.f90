@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Moments of two parts of an ensemble together, on the same dyadic tree as within one run.
 !>
-!> A part is the paths j 2^k .. (j+1) 2^k - 1, k >= 8, of which the last one may lack some at its end. Two sisters
-!> (j even, and j + 1) become their mother; merged so up to the root, the parts of any division give the bits of
+!> A part is the paths j 2^k .. (j+1) 2^k - 1, k >= 8, of which the last one may lack some at its end. Two siblings
+!> (j even, and j + 1) become their parent; merged so up to the root, the parts of any division give the bits of
 !> the whole run.
 module symsde_ensemble_merge
    use symsde_base_kinds, only: wp, i8

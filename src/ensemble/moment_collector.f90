@@ -237,7 +237,7 @@ contains
       end do
    end subroutine end_block
 
-   !> Nodes over all saved times: the pieces of each thread's block, one of each level that waits for its sister
+   !> Nodes over all saved times: the pieces of each thread's block, one of each level that waits for its sibling
    !> in the tree, and the root.
    real(wp) function numbers(self, npath, nthread)
       class(moment_collector), intent(in) :: self

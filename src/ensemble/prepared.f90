@@ -35,7 +35,7 @@ module symsde_ensemble_prepared
       integer(i8), allocatable :: failed_step(:)         !! absolute step, -1 = none (npath)
       type(ensemble_type), private :: ensemble
       type(run_options), private :: given     !! where a reset begins
-      logical, private :: halted = .false.    !! the last call was stopped
+      logical, private :: was_stopped = .false.    !! the last call was stopped
       integer(i8), private :: goal = 0        !! absolute step that comes next, or is to come next where it was stopped
       integer, private :: at_work = 0         !! 1 during a call
    contains
@@ -116,7 +116,7 @@ contains
       if (.not. allocated(error)) then
          self%given = wanted
          self%goal = wanted%first_step
-         self%halted = .false.
+         self%was_stopped = .false.
          self%status = 0
          self%failed_step = -1
          call take_rows(self%q, q0)
@@ -200,7 +200,7 @@ contains
 
       call self%enter('advance', error)
       if (allocated(error)) return
-      if (self%halted) then
+      if (self%was_stopped) then
          call raise(error, incompatible, 'advance', 'the last call was stopped on its way to step '// &
                     to_text(self%goal)//', with paths at different steps: resume or reset the run first')
       else
@@ -222,7 +222,7 @@ contains
 
       call self%enter('resume', error)
       if (allocated(error)) return
-      if (self%halted) then
+      if (self%was_stopped) then
          call self%go(recorder, error, dw, monitor)
       else
          call raise(error, incompatible, 'resume', 'the last call was not stopped: there is nothing to resume')
@@ -238,7 +238,7 @@ contains
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
       class(monitor_type), intent(inout), optional :: monitor
       type(initial_state) :: from
-      type(monitor_type) :: silence
+      type(monitor_type) :: no_monitor
 
       call check_own_state(self, error)
       call require_memory(0.0_wp, 'a call of a prepared run', 'free some', 'advance', error)
@@ -247,7 +247,7 @@ contains
       from%p => self%p
       from%status => self%status
       from%failed_step => self%failed_step
-      from%resumed = self%halted
+      from%resumed = self%was_stopped
       recorder%last_q => self%q
       recorder%last_p => self%p
       recorder%status => self%status
@@ -255,18 +255,18 @@ contains
       if (allocated(self%q_low)) then
          from%q_low => self%q_low
          from%p_low => self%p_low
-         recorder%low_q => self%q_low
-         recorder%low_p => self%p_low
+         recorder%q_low => self%q_low
+         recorder%p_low => self%p_low
       end if
       recorder%first_path = self%ensemble%options%first_path
       if (present(monitor)) then
          call self%ensemble%drive(from, recorder, monitor, error, dw)
       else
-         call self%ensemble%drive(from, recorder, silence, error, dw)
+         call self%ensemble%drive(from, recorder, no_monitor, error, dw)
       end if
       if (allocated(error)) return
       self%goal = self%ensemble%options%first_step + self%ensemble%options%nstep
-      self%halted = self%ensemble%report%nstopped > 0
+      self%was_stopped = self%ensemble%report%nstopped > 0
    end subroutine go
 
    !> The host may have changed the state: of paths that are ok it must be finite.
@@ -375,8 +375,8 @@ contains
       saved%last_q = self%q
       saved%last_p = self%p
       if (allocated(self%q_low)) then
-         saved%low_q = self%q_low
-         saved%low_p = self%p_low
+         saved%q_low = self%q_low
+         saved%p_low = self%p_low
       end if
       saved%report = self%ensemble%report
    end subroutine show_state

@@ -20,7 +20,7 @@ module symsde_ensemble_recorder
       integer(i4), pointer, contiguous :: status(:) => null()      !! (npath)
       integer(i8), pointer, contiguous :: failed_step(:) => null() !! (npath)
       real(wp), pointer, contiguous :: last_q(:, :) => null(), last_p(:, :) => null()  !! last good state (npath, ndof)
-      real(wp), pointer, contiguous :: low_q(:, :) => null(), low_p(:, :) => null()    !! its low parts (npath, ndof)
+      real(wp), pointer, contiguous :: q_low(:, :) => null(), p_low(:, :) => null()    !! its low parts (npath, ndof)
       integer(i8), private :: offset = 0
       integer, private :: nreal = 0
    contains
@@ -130,8 +130,8 @@ contains
       self%last_q(a:b, :) = state%q(:self%nreal, :)
       self%last_p(a:b, :) = state%p(:self%nreal, :)
       if (allocated(state%q_low)) then
-         self%low_q(a:b, :) = state%q_low(:self%nreal, :)
-         self%low_p(a:b, :) = state%p_low(:self%nreal, :)
+         self%q_low(a:b, :) = state%q_low(:self%nreal, :)
+         self%p_low(a:b, :) = state%p_low(:self%nreal, :)
       end if
    end subroutine end_block
 

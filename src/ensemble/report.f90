@@ -53,7 +53,7 @@ contains
       end if
       if (stepper%explicit) call add('solver: the step is explicit')
       if (stepper%one_solve) call add('iteration: the equations are linear, one solve a step')
-      if (allocated(stepper%spares)) call add(stepper%spares)
+      if (allocated(stepper%left_out)) call add(stepper%left_out)
 
    contains
 

@@ -26,7 +26,7 @@ module symsde_ensemble_simulate
       integer(i4), allocatable :: status(:)         !! 0 = ok, else a code of base/status (npath)
       integer(i8), allocatable :: failed_step(:)    !! absolute step that failed, -1 = none (npath)
       real(wp), allocatable :: last_q(:, :), last_p(:, :)  !! last good state (npath, ndof)
-      real(wp), allocatable :: low_q(:, :), low_p(:, :)    !! its low parts, zero unless compensated (npath, ndof)
+      real(wp), allocatable :: q_low(:, :), p_low(:, :)    !! its low parts, zero unless compensated (npath, ndof)
       type(run_report) :: report
    end type paths_type
 
@@ -61,7 +61,7 @@ contains
       real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
       type(path_recorder) :: recorder
       real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
-      type(monitor_type) :: silence
+      type(monitor_type) :: no_monitor
 
       if (allocated(error)) return
       call check_options(options, error)
@@ -75,8 +75,8 @@ contains
       recorder%failed_step => run%failed_step
       recorder%last_q => run%last_q
       recorder%last_p => run%last_p
-      recorder%low_q => run%low_q
-      recorder%low_p => run%low_p
+      recorder%q_low => run%q_low
+      recorder%p_low => run%p_low
       call by_path(q0, model%traits%ndof, q_rows, error)
       call by_path(p0, model%traits%ndof, p_rows, error)
       if (allocated(error)) return
@@ -84,7 +84,7 @@ contains
          call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, monitor, &
                            run%report, error, dw, q0_low, p0_low)
       else
-         call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, silence, &
+         call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, no_monitor, &
                            run%report, error, dw, q0_low, p0_low)
       end if
    end subroutine simulate
@@ -105,7 +105,7 @@ contains
       type(moment_collector) :: collector
       type(moment_node) :: root
       real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
-      type(monitor_type) :: silence
+      type(monitor_type) :: no_monitor
 
       if (allocated(error)) return
       call check_options(options, error)
@@ -122,7 +122,7 @@ contains
          call run_ensemble(model, scheme, options, q_rows, p_rows, collector, monitor, &
                            result%report, error, dw, q0_low, p0_low)
       else
-         call run_ensemble(model, scheme, options, q_rows, p_rows, collector, silence, &
+         call run_ensemble(model, scheme, options, q_rows, p_rows, collector, no_monitor, &
                            result%report, error, dw, q0_low, p0_low)
       end if
       if (allocated(error)) return
@@ -238,7 +238,7 @@ contains
       allocate (run%q(options%npath, ndof, ntime), run%p(options%npath, ndof, ntime), &
                 run%status(options%npath), run%failed_step(options%npath), &
                 run%last_q(options%npath, ndof), run%last_p(options%npath, ndof), stat=info)
-      if (info == 0) allocate (run%low_q(options%npath, ndof), run%low_p(options%npath, ndof), &
+      if (info == 0) allocate (run%q_low(options%npath, ndof), run%p_low(options%npath, ndof), &
                                source=0.0_wp, stat=info)
       if (info == 0) allocate (run%t(ntime), stat=info)
       if (info /= 0) then

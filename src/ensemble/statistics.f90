@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Mean and variance of many values over paths and times, merged on one fixed dyadic tree of paths.
 !>
-!> A node of level k and index j holds the paths j 2^k .. (j+1) 2^k - 1 that were given. Two sisters merge
-!> into their mother by the pairwise update of Chan, Golub and LeVeque; nothing else is ever added up, so
+!> A node of level k and index j holds the paths j 2^k .. (j+1) 2^k - 1 that were given. Two siblings merge
+!> into their parent by the pairwise update of Chan, Golub and LeVeque; nothing else is ever added up, so
 !> the result is the same, bit for bit, for any number of threads and any size of blocks.
 module symsde_ensemble_statistics
    use symsde_base_kinds, only: wp, i8
@@ -20,7 +20,7 @@ module symsde_ensemble_statistics
 
    integer, parameter :: highest_level = 62  !! no index has more bits
 
-   !> The complete nodes that have not found their sisters yet: O(threads log paths) of them.
+   !> The complete nodes that have not found their siblings yet: O(threads log paths) of them.
    type :: moment_tree
       type(moment_node), allocatable :: nodes(:)
       integer :: nnode = 0
@@ -28,7 +28,7 @@ module symsde_ensemble_statistics
 
 contains
 
-   !> Put a node into the tree; while its sister is there, the two become their mother.
+   !> Put a node into the tree; while its sibling is there, the two become their parent.
    subroutine insert_node(tree, node)
       type(moment_tree), intent(inout) :: tree
       type(moment_node), intent(inout) :: node  !! taken over: empty afterwards
@@ -37,7 +37,7 @@ contains
       i = 1
       do while (i <= tree%nnode)
          if (tree%nodes(i)%level == node%level .and. tree%nodes(i)%index == ieor(node%index, 1_i8)) then
-            call merge_sisters(node, tree%nodes(i))
+            call merge_siblings(node, tree%nodes(i))
             call move_node(tree%nodes(tree%nnode), tree%nodes(i))
             tree%nnode = tree%nnode - 1
             i = 1
@@ -50,7 +50,7 @@ contains
       call move_node(node, tree%nodes(tree%nnode))
    end subroutine insert_node
 
-   !> The root: what has no sister rises to its mother's place alone. The tree is empty afterwards.
+   !> The root: what has no sibling rises to its parent's place alone. The tree is empty afterwards.
    subroutine final_node(tree, root)
       type(moment_tree), intent(inout) :: tree
       type(moment_node), intent(out) :: root
@@ -71,26 +71,26 @@ contains
       tree%nnode = 0
    end subroutine final_node
 
-   !> node becomes the mother of node and sister; the left one is always the first of the two.
-   subroutine merge_sisters(node, sister)
+   !> node becomes the parent of node and sibling; the left one is always the first of the two.
+   subroutine merge_siblings(node, sibling)
       type(moment_node), intent(inout) :: node
-      type(moment_node), intent(inout) :: sister  !! used up
+      type(moment_node), intent(inout) :: sibling  !! used up
       type(moment_node) :: left
       integer :: it
 
-      if (node%index > sister%index) then
-         call move_node(sister, left)
-         call move_node(node, sister)
+      if (node%index > sibling%index) then
+         call move_node(sibling, left)
+         call move_node(node, sibling)
          call move_node(left, node)
       end if
       do it = 1, size(node%n)
          call merge_values(size(node%mean, 1), node%n(it), node%mean(:, it), node%m2(:, it), &
-                           sister%n(it), sister%mean(:, it), sister%m2(:, it))
-         node%n(it) = node%n(it) + sister%n(it)
+                           sibling%n(it), sibling%mean(:, it), sibling%m2(:, it))
+         node%n(it) = node%n(it) + sibling%n(it)
       end do
       node%level = node%level + 1
       node%index = node%index/2
-   end subroutine merge_sisters
+   end subroutine merge_siblings
 
    !> Chan, Golub, LeVeque: d = mean_b - mean_a, mean = mean_a + d n_b/n, m2 = m2_a + m2_b + d^2 n_a n_b/n.
    pure subroutine merge_values(nvalue, na, mean_a, m2_a, nb, mean_b, m2_b)
@@ -192,7 +192,7 @@ contains
       m2 = sa(1)
    end subroutine reduce_lanes
 
-   !> The same where every lane counts: sisters are of one size and share is 1/2, so that these are the same bits.
+   !> The same where every lane counts: siblings are of one size and share is 1/2, so that these are the same bits.
    pure subroutine reduce_full(level, x, mean, m2)
       integer, intent(in) :: level
       real(wp), intent(in) :: x(2**level)
@@ -211,7 +211,7 @@ contains
       m2 = merge(sb(1), sa(1), mod(level, 2) == 1)
    end subroutine reduce_full
 
-   !> VEC Sisters of 2*weight lanes each become their mothers: means from ma to mb, sums from sa to sb.
+   !> VEC Siblings of 2*weight lanes each become their parents: means from ma to mb, sums from sa to sb.
    pure subroutine halve(half, weight, ma, sa, mb, sb)
       integer, intent(in) :: half
       real(wp), intent(in) :: weight, ma(2*half), sa(2*half)

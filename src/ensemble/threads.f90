@@ -14,11 +14,11 @@ module symsde_ensemble_threads
    private
    public :: shared_state, run_blocks, choose_nthread, usable_threads
 
-   integer(c_int), parameter :: longest_nap = 200  !! of a thread that waits for the others [us]
+   integer(c_int), parameter :: longest_wait = 200  !! of a thread that waits for the others [us]
 
    !> What the threads of one drive share.
    type :: shared_state
-      logical :: halted = .false.
+      logical :: stopping = .false.
       integer(i8) :: next = 0, finished = 0       !! blocks
       integer(i8) :: done = 0, total = 0          !! path-steps
       integer(i8) :: nfailed = 0, nstopped = 0    !! paths
@@ -50,11 +50,11 @@ contains
       type(shared_state), intent(inout) :: shared
       integer(i8) :: iblock, nblock, nlane
       integer :: me, nreal
-      logical :: halted
+      logical :: stopping
 
       nlane = runners(1)%state%nlane
       nblock = (options%npath + nlane - 1)/nlane
-      !$omp parallel num_threads(size(runners)) default(none) private(me, nreal, iblock, halted) &
+      !$omp parallel num_threads(size(runners)) default(none) private(me, nreal, iblock, stopping) &
       !$omp shared(runners, options, start, monitor, shared, nblock, nlane)
       me = omp_get_thread_num() + 1
       do
@@ -65,8 +65,8 @@ contains
          if (iblock >= nblock) exit
          nreal = int(min(nlane, options%npath - iblock*nlane))
          !$omp atomic read
-         halted = shared%halted
-         if (halted) then
+         stopping = shared%stopping
+         if (stopping) then
             call runners(me)%pass_over(options%first_path + iblock*nlane, nreal, start)
          else
             call runners(me)%begin(options%first_path + iblock*nlane, nreal, start)
@@ -92,22 +92,22 @@ contains
       class(monitor_type), intent(inout) :: monitor
       type(shared_state), intent(inout) :: shared
       integer(i8) :: finished, done
-      integer(c_int) :: ignored, nap
+      integer(c_int) :: ignored, wait_time
       logical :: stop_now
 
-      nap = 5
+      wait_time = 5
       do
          !$omp atomic read
          finished = shared%finished
          if (finished >= nblock) exit
-         ignored = usleep(nap)
-         nap = min(2*nap, longest_nap)
+         ignored = usleep(wait_time)
+         wait_time = min(2*wait_time, longest_wait)
          !$omp atomic read
          done = shared%done
          call monitor%ask(done, shared%total, stop_now)
          if (stop_now) then
             !$omp atomic write
-            shared%halted = .true.
+            shared%stopping = .true.
          end if
       end do
    end subroutine watch
@@ -123,7 +123,7 @@ contains
 
       do while (.not. runner%is_done())
          !$omp atomic read
-         stop_now = shared%halted
+         stop_now = shared%stopping
          if (stop_now) exit
          before = runner%step
          call runner%run_chunk()
@@ -135,7 +135,7 @@ contains
          if (is_caller .and. .not. stop_now) call monitor%ask(done, shared%total, stop_now)
          if (stop_now) then
             !$omp atomic write
-            shared%halted = .true.
+            shared%stopping = .true.
          end if
       end do
       call runner%finish()

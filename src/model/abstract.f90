@@ -39,7 +39,7 @@ module symsde_model_abstract
       procedure :: hessian_banded => hessian_banded_by_differences
       procedure :: force_stiffness => force_stiffness_composed
       procedure :: chain_rows => chain_rows_missing
-      procedure :: brings => brings_nothing
+      procedure :: has_flow => has_no_flow
       procedure :: flow => no_flow
       procedure :: failure_code => never_failed
       procedure :: clear_failure => nothing_to_clear
@@ -216,12 +216,12 @@ contains
    !> Whether flow takes steps of this scheme. Schemes are asked for by the names of the catalogue; midpoint,
    !> symplectic_euler, symplectic_euler_adjoint and stormer_verlet stand for every scheme that is one of these.
    !> A flow is of the scheme as it stands, without the correction of one-sided schemes.
-   pure logical function brings_nothing(self, scheme) result(brings)
+   pure logical function has_no_flow(self, scheme) result(has_flow)
       class(model_type), intent(in) :: self
       character(*), intent(in) :: scheme
 
-      brings = .false.
-   end function brings_nothing
+      has_flow = .false.
+   end function has_no_flow
 
    !> Steps of a scheme that the model brings, taken as a whole: from (q, p) to the states after every
    !> steps%every-th step. What is promised: the result of a lane depends on its own numbers alone, and is the same,

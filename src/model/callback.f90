@@ -52,7 +52,7 @@ module symsde_model_callback
       procedure :: hessian
       procedure :: hessian_vector
       procedure :: gradient_hessian
-      procedure :: brings
+      procedure :: has_flow
       procedure :: flow
       procedure :: set_gradient_hessian
       procedure :: set_flow
@@ -187,12 +187,12 @@ contains
    end subroutine set_flow
 
    !> Whether the user gave a flow of this scheme.
-   pure logical function brings(self, scheme)
+   pure logical function has_flow(self, scheme)
       class(callback_model), intent(in) :: self
       character(*), intent(in) :: scheme
 
-      brings = self%flows%place_of(scheme) > 0
-   end function brings
+      has_flow = self%flows%place_of(scheme) > 0
+   end function has_flow
 
    !> Whole steps, of the real lanes alone where the user's functions take any number of lanes.
    subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)

@@ -30,7 +30,7 @@ module symsde_model_henon_heiles
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
-      procedure :: brings
+      procedure :: has_flow
       procedure :: flow
    end type henon_heiles_model
 
@@ -109,12 +109,12 @@ contains
    end subroutine evaluate
 
    !> Whether flow takes steps of this scheme.
-   pure logical function brings(self, scheme)
+   pure logical function has_flow(self, scheme)
       class(henon_heiles_model), intent(in) :: self
       character(*), intent(in) :: scheme
 
-      brings = scheme == 'stormer_verlet'
-   end function brings
+      has_flow = scheme == 'stormer_verlet'
+   end function has_flow
 
    !> Whole steps, see model_type.
    subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)

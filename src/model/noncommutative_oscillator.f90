@@ -11,7 +11,7 @@ module symsde_model_noncommutative_oscillator
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow, oscillator_brings
+   use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow, oscillator_has_flow
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
    implicit none
@@ -30,7 +30,7 @@ module symsde_model_noncommutative_oscillator
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
-      procedure :: brings
+      procedure :: has_flow
       procedure :: flow
    end type noncommutative_oscillator_model
 
@@ -89,12 +89,12 @@ contains
    end subroutine evaluate
 
    !> Whether flow takes steps of this scheme.
-   pure logical function brings(self, scheme)
+   pure logical function has_flow(self, scheme)
       class(noncommutative_oscillator_model), intent(in) :: self
       character(*), intent(in) :: scheme
 
-      brings = oscillator_brings(scheme)
-   end function brings
+      has_flow = oscillator_has_flow(scheme)
+   end function has_flow
 
    !> Whole steps, see model_type.
    subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)

@@ -16,7 +16,7 @@ module symsde_model_oscillator_flow
    use symsde_base_record, only: steps_record
    implicit none
    private
-   public :: oscillator_terms, oscillator_flow, oscillator_brings
+   public :: oscillator_terms, oscillator_flow, oscillator_has_flow
 
    !> The angular velocity r; strengths of the noises, and which they are, 0 where the strength is zero.
    type :: oscillator_terms
@@ -34,11 +34,11 @@ module symsde_model_oscillator_flow
 contains
 
    !> Whether these steps are offered here.
-   pure logical function oscillator_brings(scheme) result(brings)
+   pure logical function oscillator_has_flow(scheme) result(has_flow)
       character(*), intent(in) :: scheme
 
-      brings = index_of(scheme) > 0
-   end function oscillator_brings
+      has_flow = index_of(scheme) > 0
+   end function oscillator_has_flow
 
    pure integer function index_of(scheme)
       character(*), intent(in) :: scheme

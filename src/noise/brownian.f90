@@ -204,9 +204,9 @@ contains
    end subroutine fill_few
 
    !> One path in all lanes of the smallest block: x holds the steps 4j + i of draw j in column i.
-   pure subroutine spread_one(nnoise, k, ndraw, room, x, w)
-      integer, intent(in) :: nnoise, k, ndraw, room
-      real(wp), intent(in) :: x(0:room - 1, 0:3)
+   pure subroutine spread_one(nnoise, k, ndraw, capacity, x, w)
+      integer, intent(in) :: nnoise, k, ndraw, capacity
+      real(wp), intent(in) :: x(0:capacity - 1, 0:3)
       real(wp), intent(inout) :: w(lane_unit, 0:nnoise, 0:3, 0:ndraw - 1)
       integer :: j, i
 

@@ -16,7 +16,7 @@
 !>    K = (K_1 + K_2)/4 + (H_1 - H_2)/8  (halves),     J_kl = J_1 + J_2 + Z_k1 dW_l2 + dW_k1 (h_2 dW_l2 - Z_l2)
 module symsde_noise_functionals
    use symsde_base_functionals, only: functional_set, functional_count, area_index, pair_index, nfunctional, &
-                                      path_dz, path_areas, path_bend, path_magnus
+                                      path_dz, path_areas, path_stt_area, path_magnus
    use symsde_base_kinds, only: wp
    implicit none
    private
@@ -69,7 +69,7 @@ contains
                                                            + 12*(kk(:, k)*hh(:, l) - kk(:, l)*hh(:, k))
             end do
          end do
-      case (path_bend)
+      case (path_stt_area)
          x = 0
          if (present(kk)) x = kk
       case (path_magnus)
@@ -106,10 +106,10 @@ contains
       if (asked%has(path_areas)) &
          call merge_areas(nlane, nnoise, left%w, right%w, left%of(path_areas)%x, right%of(path_areas)%x, &
                           whole%of(path_areas)%x)
-      if (asked%has(path_bend)) &
-         whole%of(path_bend)%x = 0.25_wp*(left%of(path_bend)%x + right%of(path_bend)%x) &
-                                 + 0.125_wp*(left%of(path_dz)%x/left%length - right%of(path_dz)%x/right%length &
-                                             - 0.5_wp*(left%w - right%w))
+      if (asked%has(path_stt_area)) &
+         whole%of(path_stt_area)%x = 0.25_wp*(left%of(path_stt_area)%x + right%of(path_stt_area)%x) &
+                                     + 0.125_wp*(left%of(path_dz)%x/left%length - right%of(path_dz)%x/right%length &
+                                                 - 0.5_wp*(left%w - right%w))
       if (asked%has(path_magnus)) &
          call merge_magnus(nlane, nnoise, right%length, left%w, right%w, left%of(path_dz)%x, right%of(path_dz)%x, &
                            left%of(path_magnus)%x, right%of(path_magnus)%x, whole%of(path_magnus)%x)
@@ -187,8 +187,8 @@ contains
       end do
       if (allocated(step%of(path_areas)%x)) &
          call clip_increments(size(step%of(path_areas)%x), 0.5_wp*bound**2, step%of(path_areas)%x)
-      if (allocated(step%of(path_bend)%x)) &
-         call clip_increments(size(step%of(path_bend)%x), bound/sqrt(720.0_wp), step%of(path_bend)%x)
+      if (allocated(step%of(path_stt_area)%x)) &
+         call clip_increments(size(step%of(path_stt_area)%x), bound/sqrt(720.0_wp), step%of(path_stt_area)%x)
       if (allocated(step%of(path_magnus)%x)) &
          call clip_increments(size(step%of(path_magnus)%x), 0.5_wp*abs(step%length)*bound**2, step%of(path_magnus)%x)
    end subroutine clip_interval

@@ -26,7 +26,7 @@
 module symsde_noise_integrals
    use symsde_base_area_rule, only: area_rule, areas_in_law
    use symsde_base_functionals, only: functional_set, functional_count, area_index, nfunctional, path_areas, &
-                                      path_dz, path_bend, path_magnus
+                                      path_dz, path_stt_area, path_magnus
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_request, step_store
    use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals
@@ -40,8 +40,8 @@ module symsde_noise_integrals
    integer, parameter :: purpose_shape = 3      !! H at the finest step
    integer, parameter :: purpose_halving = 4    !! Z of a halving
    integer, parameter :: purpose_halves = 5     !! N of the same, or M
-   integer, parameter :: purpose_bend = 6       !! K at the finest step
-   integer, parameter :: purpose_bends = 7      !! D of a halving
+   integer, parameter :: purpose_stt_area = 6       !! K at the finest step
+   integer, parameter :: purpose_stt_halving = 7      !! D of a halving
    integer, parameter :: purpose_rest = 8       !! rest of an area in law; its noise word is the index of the pair
    integer, parameter :: magnus_levels = 2      !! halvings of a step whose J is wanted
 
@@ -58,7 +58,7 @@ module symsde_noise_integrals
    contains
       procedure :: are_direct
       procedure :: in_law
-      procedure :: knows_bend
+      procedure :: needs_stt_area
    end type integral_draws
 
    !> What is known of the path on an interval: dW, H and, where it is asked for, K (nlane, nnoise); the rest of
@@ -94,12 +94,12 @@ contains
       real(wp) :: root
 
       root = sqrt(abs(d%h))
-      associate (w => store%w, dz => store%of(path_dz), bend => store%of(path_bend), m => d%nnoise)
+      associate (w => store%w, dz => store%of(path_dz), stt_area => store%of(path_stt_area), m => d%nnoise)
          do k = 1, m
             if (d%silent(k)) then
                w(:, k, :) = 0
                dz%x(:, k, :) = 0
-               if (allocated(bend%x)) bend%x(:, k, :) = 0
+               if (allocated(stt_area%x)) stt_area%x(:, k, :) = 0
                cycle
             end if
             from = merge(0_i8, request%path, d%common(k))
@@ -107,7 +107,8 @@ contains
                n = min(pairs_of_steps, request%npair - j)
                call draw_column(purpose_increment, root, m + 1, w(1, k, 2*j))
                call draw_column(purpose_shape, sqrt(abs(d%h)/12), m, dz%x(1, k, 2*j))
-               if (allocated(bend%x)) call draw_column(purpose_bend, sqrt(abs(d%h)/720), m, bend%x(1, k, 2*j))
+               if (allocated(stt_area%x)) &
+                  call draw_column(purpose_stt_area, sqrt(abs(d%h)/720), m, stt_area%x(1, k, 2*j))
             end do
             do step = 0, 2*request%npair - 1
                call dz_of_shape(request%nlane, d%h, w(:, k, step), dz%x(:, k, step))
@@ -150,11 +151,11 @@ contains
    end function in_law
 
    !> The path is known by its K, too.
-   pure logical function knows_bend(self)
+   pure logical function needs_stt_area(self)
       class(integral_draws), intent(in) :: self
 
-      knows_bend = self%asked%has(path_bend) .or. self%in_law()
-   end function knows_bend
+      needs_stt_area = self%asked%has(path_stt_area) .or. self%in_law()
+   end function needs_stt_area
 
    !> The steps 2*pair and 2*pair+1 of the run.
    subroutine fill_pair(d, nlane, path, pair, even, odd, drawn)
@@ -233,8 +234,8 @@ contains
 
       call draw(d, nlane, path, pair, 0, purpose_increment, sqrt(abs(length)), even%w, odd%w, drawn)
       call draw(d, nlane, path, pair, 0, purpose_shape, sqrt(abs(length)/12), even%hh, odd%hh, drawn)
-      if (d%knows_bend()) &
-         call draw(d, nlane, path, pair, 0, purpose_bend, sqrt(abs(length)/720), even%kk, odd%kk, drawn)
+      if (d%needs_stt_area()) &
+         call draw(d, nlane, path, pair, 0, purpose_stt_area, sqrt(abs(length)/720), even%kk, odd%kk, drawn)
       if (d%in_law()) call draw_rests(d, nlane, path, pair, abs(length)/sqrt(20.0_wp), even%rest, odd%rest, drawn)
    end subroutine draw_shapes
 
@@ -406,9 +407,9 @@ contains
 
       parts = 12
       call draw(d, nlane, path, pair, level, purpose_halving, sqrt(abs(length)/16), even%z, odd%z, drawn)
-      if (d%knows_bend()) then
+      if (d%needs_stt_area()) then
          parts = 192
-         call draw(d, nlane, path, pair, level, purpose_bends, sqrt(abs(length)/180), even%d, odd%d, drawn)
+         call draw(d, nlane, path, pair, level, purpose_stt_halving, sqrt(abs(length)/180), even%d, odd%d, drawn)
       end if
       call draw(d, nlane, path, pair, level, purpose_halves, sqrt(abs(length)/parts), even%n, odd%n, drawn)
    end subroutine draw_halving

@@ -8,7 +8,7 @@
 !>    .._strong2             the same with the second Magnus term of the noise sampled
 !>    gauss_dkdkd_rotation   drifts are the exact flow of a linear part that the model declares
 module symsde_scheme_splitting
-   use symsde_base_functionals, only: functionals, path_dz, path_bend, path_magnus
+   use symsde_base_functionals, only: functionals, path_dz, path_stt_area, path_magnus
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_scheme_kicks, only: kicks_type, new_kicks, moment_residual
@@ -80,7 +80,7 @@ contains
       scheme%needs = model_needs(position_noise=.true., identity_mass=.true., rotation=kicks%rotates, &
                                  instead='gauss2_strong32 for strong order 3/2, or midpoint')
       scheme%asks = functionals([path_dz])
-      scheme%asks%has(path_bend) = any(abs(kicks%eta) > 0)
+      scheme%asks%has(path_stt_area) = any(abs(kicks%eta) > 0)
       scheme%asks%has(path_magnus) = kicks%samples
       scheme%symplectic = .true.
       scheme%symmetric = is_palindrome(kicks)

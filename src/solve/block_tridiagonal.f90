@@ -7,7 +7,7 @@
 !> matrix is block tridiagonal: C + diag(K_m(i,i)) on the diagonal, diag(K_m(i,i+1)) beside it. A block is inverted by
 !> its minors, which takes one division a site.
 !>
-!> A lane is sound while all principal minors of its blocks are positive; a NaN is not. So they are where every K_m is
+!> A lane is trusted while all principal minors of its blocks are positive; a NaN is not. So they are where every K_m is
 !> positive semidefinite and the stages can be scaled so that C has a positive definite symmetric part, as those of
 !> Gauss schemes: the blocks that are left have one, too, and nothing grows.
 !>
@@ -25,7 +25,7 @@ module symsde_solve_block_tridiagonal
       real(wp), allocatable :: factor(:, :, :)   !! S^{-1} E (strip_lanes, s, s)
       real(wp), allocatable :: beside(:, :)      !! (strip_lanes, s)
       real(wp), allocatable :: rhs(:, :)         !! eliminated (strip_lanes, s)
-      real(wp) :: sound(strip_lanes) = 1         !! 1, or 0 where the lane is not
+      real(wp) :: trusted(strip_lanes) = 1         !! 1, or 0 where the lane is not
    contains
       procedure :: start
    end type site_above
@@ -48,27 +48,27 @@ contains
       self%factor = 0
       self%beside = 0
       self%rhs = 0
-      self%sound = 1
+      self%trusted = 1
    end subroutine start
 
    !> Sites first .. last of residuals g + f and matrices, eliminated after the sites above them.
-   pure subroutine eliminate_down_blocks(s, n, first, last, room, c, g, f, k, above, factor, rhs)
+   pure subroutine eliminate_down_blocks(s, n, first, last, capacity, c, g, f, k, above, factor, rhs)
       integer, intent(in) :: s                                   !! stages: 2 or 3
       integer, intent(in) :: n, first, last                      !! sites
-      integer, intent(in) :: room                                !! of f and k: last - first + 1 or more
+      integer, intent(in) :: capacity                                !! of f and k: last - first + 1 or more
       real(wp), intent(in) :: c(s, s)
       real(wp), intent(in) :: g(strip_lanes, s, n)
-      real(wp), intent(in) :: f(strip_lanes, room, s), k(strip_lanes, 0:1, room, s)
+      real(wp), intent(in) :: f(strip_lanes, capacity, s), k(strip_lanes, 0:1, capacity, s)
       type(site_above), intent(inout) :: above
       real(wp), intent(inout) :: factor(strip_lanes, s, s, n)    !! S^{-1} E of every site
       real(wp), intent(inout) :: rhs(strip_lanes, s, n)          !! S^{-1} L^{-1} residual
 
       if (s == 2) then
-         call eliminate_pairs(n, first, last, room, c, g, f, k, above%factor, above%beside, above%rhs, above%sound, &
-                              factor, rhs)
+         call eliminate_pairs(n, first, last, capacity, c, g, f, k, above%factor, above%beside, above%rhs, &
+                              above%trusted, factor, rhs)
       else
-         call eliminate_triples(n, first, last, room, c, g, f, k, above%factor, above%beside, above%rhs, above%sound, &
-                                factor, rhs)
+         call eliminate_triples(n, first, last, capacity, c, g, f, k, above%factor, above%beside, above%rhs, &
+                                above%trusted, factor, rhs)
       end if
    end subroutine eliminate_down_blocks
 
@@ -90,12 +90,12 @@ contains
    ! ---- kernels ----------------------------------------------------------------------------------
 
    !> VEC
-   pure subroutine eliminate_pairs(n, first, last, room, c, g, f, k, above, beside, r, sound, factor, rhs)
-      integer, intent(in) :: n, first, last, room
+   pure subroutine eliminate_pairs(n, first, last, capacity, c, g, f, k, above, beside, r, trusted, factor, rhs)
+      integer, intent(in) :: n, first, last, capacity
       real(wp), intent(in) :: c(2, 2), g(strip_lanes, 2, n)
-      real(wp), intent(in) :: f(strip_lanes, room, 2), k(strip_lanes, 0:1, room, 2)
+      real(wp), intent(in) :: f(strip_lanes, capacity, 2), k(strip_lanes, 0:1, capacity, 2)
       real(wp), intent(inout) :: above(strip_lanes, 2, 2), beside(strip_lanes, 2), r(strip_lanes, 2)
-      real(wp), intent(inout) :: sound(strip_lanes)
+      real(wp), intent(inout) :: trusted(strip_lanes)
       real(wp), intent(inout) :: factor(strip_lanes, 2, 2, n), rhs(strip_lanes, 2, n)
       real(wp) :: a11, a12, a21, a22, b1, b2, det, inverse, right1, right2, least
       integer :: i, at, lane
@@ -113,7 +113,7 @@ contains
             inverse = 1/det
             least = merge(a11, a22, a11 < a22)
             least = merge(least, inverse, least < inverse)
-            sound(lane) = merge(sound(lane), 0.0_wp, least > 0)
+            trusted(lane) = merge(trusted(lane), 0.0_wp, least > 0)
             r(lane, 1) = (a22*b1 - a12*b2)*inverse
             r(lane, 2) = (a11*b2 - a21*b1)*inverse
             beside(lane, 1) = k(lane, 1, at, 1)
@@ -173,12 +173,12 @@ contains
    end subroutine correct_pairs
 
    !> VEC
-   pure subroutine eliminate_triples(n, first, last, room, c, g, f, k, above, beside, r, sound, factor, rhs)
-      integer, intent(in) :: n, first, last, room
+   pure subroutine eliminate_triples(n, first, last, capacity, c, g, f, k, above, beside, r, trusted, factor, rhs)
+      integer, intent(in) :: n, first, last, capacity
       real(wp), intent(in) :: c(3, 3), g(strip_lanes, 3, n)
-      real(wp), intent(in) :: f(strip_lanes, room, 3), k(strip_lanes, 0:1, room, 3)
+      real(wp), intent(in) :: f(strip_lanes, capacity, 3), k(strip_lanes, 0:1, capacity, 3)
       real(wp), intent(inout) :: above(strip_lanes, 3, 3), beside(strip_lanes, 3), r(strip_lanes, 3)
-      real(wp), intent(inout) :: sound(strip_lanes)
+      real(wp), intent(inout) :: trusted(strip_lanes)
       real(wp), intent(inout) :: factor(strip_lanes, 3, 3, n), rhs(strip_lanes, 3, n)
       real(wp) :: a11, a12, a13, a21, a22, a23, a31, a32, a33, m11, m12, m13, m21, m22, m23, m31, m32, m33
       real(wp) :: b1, b2, b3, inverse, right1, right2, right3, least
@@ -213,7 +213,7 @@ contains
             least = merge(m11, m33, m11 < m33)
             least = merge(least, a11, least < a11)
             least = merge(least, inverse, least < inverse)
-            sound(lane) = merge(sound(lane), 0.0_wp, least > 0)
+            trusted(lane) = merge(trusted(lane), 0.0_wp, least > 0)
             r(lane, 1) = (m11*b1 + m12*b2 + m13*b3)*inverse
             r(lane, 2) = (m21*b1 + m22*b2 + m23*b3)*inverse
             r(lane, 3) = (m31*b1 + m32*b2 + m33*b3)*inverse

@@ -150,19 +150,19 @@ contains
 
    !> Begin a step with one unknown, x + f(base + g x) = 0, and do its first iteration from x = 0 in the same
    !> pass: f(base) in r, f' in a. Neither start nor the passes that clear x and set its point are needed.
-   subroutine first_scalar(self, g, base, x, point, steep, status, counters)
+   subroutine first_scalar(self, g, base, x, point, stiff, status, counters)
       class(newton_type), intent(inout) :: self
       real(wp), intent(in) :: g, base(self%nlane)
       real(wp), intent(out) :: x(self%nlane)
       real(wp), intent(out) :: point(self%nlane)  !! base + g x
-      logical, intent(out) :: steep               !! g f' > 1 in some lane
+      logical, intent(out) :: stiff               !! g f' > 1 in some lane
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
       integer :: nrunning
       logical :: failures
 
       call correct_first(self%nlane, self%test%stagnation, g, self%r, self%a, base, status, &
-                         x, point, self%last, nrunning, failures, steep)
+                         x, point, self%last, nrunning, failures, stiff)
       self%iteration = 0
       self%nrunning = self%nlane
       if (failures) then

@@ -70,14 +70,14 @@ contains
 
    !> VEC One unknown, from x = 0: x = -f/(1 + g f') in lanes without a status, and the test of every lane.
    !> Where something is not finite, fail_nonfinite must follow.
-   pure subroutine correct_first(nlane, stagnation, g, f, df, base, status, x, point, last, nrunning, failures, steep)
+   pure subroutine correct_first(nlane, stagnation, g, f, df, base, status, x, point, last, nrunning, failures, stiff)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: stagnation, g, f(nlane), df(nlane), base(nlane)
       integer(i8), intent(in) :: status(nlane)  !! >= 0
       real(wp), intent(out) :: x(nlane), point(nlane), last(nlane)
       integer, intent(out) :: nrunning
       logical, intent(out) :: failures  !! some lane has a status, or something is not finite
-      logical, intent(out) :: steep     !! g f' > 1 in some lane
+      logical, intent(out) :: stiff     !! g f' > 1 in some lane
       real(wp) :: slope, new, next
       integer(i8) :: stopped, bad, gentle
       integer :: lane
@@ -99,7 +99,7 @@ contains
       end do
       nrunning = nlane - int(stopped)
       failures = bad < 0
-      steep = gentle < 0
+      stiff = gentle < 0
    end subroutine correct_first
 
    !> VEC One unknown and the quadratic test: x = x - (x + s f)/(1 + g f') in running lanes, and the test of

@@ -53,7 +53,7 @@ contains
             beside = c*k(lane, 1, i)
             pivot = entry - carried(lane)**2*inverse(lane)
             scale = 1/(pivot*next - beside**2)
-            trusted(lane) = merge(trusted(lane), 0.0_wp, is_sound(pivot, scale, entry*next))
+            trusted(lane) = merge(trusted(lane), 0.0_wp, is_trusted(pivot, scale, entry*next))
             entry = merge(entry, next, entry > next)
             largest(lane) = merge(entry, largest(lane), entry > largest(lane))
             y1 = x(lane, i) + f(lane, i) - carried(lane)*r(lane)
@@ -71,7 +71,7 @@ contains
          do lane = 1, strip_lanes
             entry = 1 + c*k(lane, 0, m)
             pivot = entry - carried(lane)**2*inverse(lane)
-            trusted(lane) = merge(trusted(lane), 0.0_wp, is_sound(pivot, 1/pivot, entry))
+            trusted(lane) = merge(trusted(lane), 0.0_wp, is_trusted(pivot, 1/pivot, entry))
             largest(lane) = merge(entry, largest(lane), entry > largest(lane))
             factor(lane, m) = 0
             rhs(lane, m) = (x(lane, m) + f(lane, m) - carried(lane)*r(lane))/pivot
@@ -86,13 +86,13 @@ contains
 
    !> Whether the pivot and the inverse determinant of a pair are positive, or the determinant within bounds of what it
    !> would be without what is beside the diagonal. False for a NaN.
-   pure logical function is_sound(pivot, scale, plain)
+   pure logical function is_trusted(pivot, scale, plain)
       real(wp), intent(in) :: pivot, scale, plain
       real(wp) :: ratio
 
       ratio = abs(plain*scale)
-      is_sound = (pivot > 0 .and. scale > 0) .or. (ratio > pivot_floor .and. ratio < 1/pivot_floor)
-   end function is_sound
+      is_trusted = (pivot > 0 .and. scale > 0) .or. (ratio > pivot_floor .and. ratio < 1/pivot_floor)
+   end function is_trusted
 
    !> VEC Solve upwards in a strip, x = x - d in running lanes, with the sizes of correction and unknowns.
    pure subroutine correct_up_strip(n, factor, rhs, last, x, step, size)

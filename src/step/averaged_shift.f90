@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Midpoint around the mean of the path, for any H with additive noise: strong order 3/2.
 !>
-!> With x = z + B (W - W_n), B_k the constant field of H_k, z has no noise but a moving Hamiltonian, and
+!> With x = z + B (W - W_n), B_k the constant field of H_k, z has no noise but a time_dependent Hamiltonian, and
 !>
 !>    z' = z + h J^{-1} grad H*((z + z')/2 + B dZ/h),   H* = H + (|h|/12) sum_k B_k^T Hess H B_k,
 !>    x_{n+1} = z' + B dW
@@ -27,7 +27,7 @@ module symsde_step_averaged_shift
 
    type, extends(stepper_type) :: averaged_shift_stepper
       private
-      logical :: moving = .false.                      !! B changes in time
+      logical :: time_dependent = .false.                      !! B changes in time
       type(midpoint_full_stepper) :: inner             !! under h H*, without noise
       real(wp), allocatable :: v(:, :), drift(:, :)    !! weights 0, b_k and h, 0 (nlane, 0:nnoise)
       real(wp), allocatable :: qs(:, :), ps(:, :), hq(:, :), hp(:, :)  !! (nlane, ndof)
@@ -62,7 +62,7 @@ contains
       type(newton_options), intent(in) :: options
 
       self%name = 'midpoint, averaged shift'
-      self%moving = noise_changes_in_time(model)
+      self%time_dependent = noise_changes_in_time(model)
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       call new_midpoint_full_stepper(self%inner, model, nlane, options, brackets=bracket_terms(nested=.true.))
       associate (n => model%traits%ndof, m => model%traits%nnoise)
@@ -89,7 +89,7 @@ contains
       call drift_midpoint(self, step, dq, dp, status)
       self%v(:, 1:) = step%w(:, 1:)
       call add_shift(self, tm, dq, dp)
-      if (.not. (self%moving .and. associated(step%of(path_dz)%x))) return
+      if (.not. (self%time_dependent .and. associated(step%of(path_dz)%x))) return
       self%v(:, 1:) = 0.5_wp*step%w(:, 1:) - step%of(path_dz)%x/h
       call add_shift(self, step%t + h, dq, dp)
       self%v = -self%v

@@ -70,7 +70,7 @@ contains
 
       call new_drift_preserving_stepper(self, task%model, task%scheme, task%nlane, task%newton)
       self%one_solve = self%newton%affine
-      self%spares = 'half of the unknowns: identity mass'
+      self%left_out = 'half of the unknowns: identity mass'
    end subroutine make
 
    !> A stepper for blocks of nlane lanes; nodes and weights are those of the scheme.

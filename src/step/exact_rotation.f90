@@ -13,7 +13,7 @@ module symsde_step_exact_rotation
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none, frame_rotation
-   use symsde_step_flight, only: flight_type, new_flight
+   use symsde_step_drift_flow, only: drift_flow, new_drift_flow
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -22,7 +22,7 @@ module symsde_step_exact_rotation
 
    type, extends(stepper_type) :: exact_rotation_stepper
       private
-      type(flight_type) :: flight                !! the rotation
+      type(drift_flow) :: between_kicks                !! the rotation
       real(wp), allocatable :: v(:, :)           !! weights of a kick (nlane, 0:nnoise)
       real(wp), allocatable :: x(:, :), f(:, :)  !! (nlane, ndof)
    contains
@@ -56,7 +56,7 @@ contains
       self%name = 'exact rotation'
       self%explicit = .true.
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_flight(self%flight, 1, model%traits%rotation)
+      call new_drift_flow(self%between_kicks, 1, model%traits%rotation)
       associate (n => model%traits%ndof)
          allocate (self%v(nlane, 0:model%traits%nnoise), source=0.0_wp)
          allocate (self%x(nlane, n), self%f(nlane, n))
@@ -74,14 +74,14 @@ contains
          self%v = step%w
          self%v(:, 0) = half
          call self%ham%gradient(step%t, self%v, q, p, hq=self%f)
-         call self%flight%remove_linear(half, nlane, n, q, self%f)
+         call self%between_kicks%remove_linear(half, nlane, n, q, self%f)
          dq = 0
          dp = -self%f
-         call self%flight%move(1, step%h, nlane, n, q, p, dq, dp)
+         call self%between_kicks%move(1, step%h, nlane, n, q, p, dq, dp)
          self%x = q + dq
          self%v(:, 1:) = 0
          call self%ham%gradient(step%t + step%h, self%v, self%x, p, hq=self%f)
-         call self%flight%remove_linear(half, nlane, n, self%x, self%f)
+         call self%between_kicks%remove_linear(half, nlane, n, self%x, self%f)
          dp = dp - self%f
       end associate
    end subroutine increment

@@ -93,7 +93,7 @@ contains
                                     scheme%brackets)
       call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, &
                       model%traits%one_solve(.false.) .and. &
-                      .not. allocated(self%ham%extra), -1, -1)
+                      .not. allocated(self%ham%modified), -1, -1)
       allocate (self%v(nlane, 0:model%traits%nnoise, self%npart))
       allocate (self%x(nlane, 2*n*nstage*self%npart), self%qs(nlane, n), self%ps(nlane, n))
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))

@@ -68,10 +68,10 @@ contains
 
       call new_midpoint_stepper(self, task%model, task%nlane, task%newton)
       self%one_solve = self%part%newton%affine
-      self%spares = 'half of the unknowns: identity mass'
+      self%left_out = 'half of the unknowns: identity mass'
       select type (part => self%part)
       type is (midpoint_by_products)
-         self%spares = 'matrices: products with the Hessian take their place; '//self%spares
+         self%left_out = 'matrices: products with the Hessian take their place; '//self%left_out
       end select
    end subroutine make
 
@@ -178,7 +178,7 @@ contains
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(inout) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
-      integer(i8) :: fate(self%eq%nlane)
+      integer(i8) :: lane_status(self%eq%nlane)
       integer :: lane, last
 
       associate (left => self%ham%nlane - before, together => self%eq%nlane)
@@ -188,13 +188,13 @@ contains
             self%q(lane, :) = q(last, :)
             self%p(lane, :) = p(last, :)
          end do
-         fate = copy_rests
-         fate(:left) = status(before + 1:)
+         lane_status = copy_rests
+         lane_status(:left) = status(before + 1:)
          self%eq%nreal = max(0, min(left, self%ham%nreal - before))
-         call step_together(self, together, 0, self%w, self%q, self%p, self%dq, self%dp, fate)
+         call step_together(self, together, 0, self%w, self%q, self%p, self%dq, self%dp, lane_status)
          dq(before + 1:, :) = self%dq(:left, :)
          dp(before + 1:, :) = self%dp(:left, :)
-         status(before + 1:) = fate(:left)
+         status(before + 1:) = lane_status(:left)
       end associate
    end subroutine fill_up
 
@@ -208,14 +208,14 @@ contains
 
       associate (eq => self%eq, n => self%eq%n, together => self%eq%nlane)
          eq%for_dq = .false.
-         eq%steep = .false.
+         eq%stiff = .false.
          eq%c = 0.25_wp*eq%h
          call free_flight(nlane, n, before, together, eq%h, q, p, eq%base(1, 1))
          if (self%has_shift) call add_shift(self, w)
          call self%part%solve(self%ham, eq, w, status)
          call find_increments(nlane, n, before, together, eq%h, p, eq%x, dq, dp)
          if (self%has_shift) dq(before + 1:before + together, :) = dq(before + 1:before + together, :) + self%shift
-         if (eq%steep) call step_stiff(self, nlane, before, w, q, p, dq, dp, status)
+         if (eq%stiff) call step_stiff(self, nlane, before, w, q, p, dq, dp, status)
       end associate
    end subroutine step_together
 
@@ -238,24 +238,24 @@ contains
       real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m), q(nlane, self%eq%n), p(nlane, self%eq%n)
       real(wp), intent(inout) :: dq(nlane, self%eq%n), dp(nlane, self%eq%n)
       integer(i8), intent(inout) :: status(self%eq%nlane)
-      integer(i8) :: fate(self%eq%nlane)
+      integer(i8) :: lane_status(self%eq%nlane)
       integer :: i
 
       associate (eq => self%eq, n => self%eq%n, first => before + 1, last => before + self%eq%nlane)
-         fate = merge(0_i8, -1_i8, eq%steepness > 1 .and. status == 0)
-         if (all(fate < 0)) return
+         lane_status = merge(0_i8, -1_i8, eq%stiff_ratio > 1 .and. status == 0)
+         if (all(lane_status < 0)) return
          eq%for_dq = .true.
          eq%c = 0.5_wp
          eq%base(:, 1:n) = q(first:last, :)
          eq%drift = eq%h*p(first:last, :)
          if (self%has_shift) eq%drift = eq%drift + self%shift
          eq%x = dq(first:last, :)
-         call self%part%solve(self%ham, eq, w, fate)
+         call self%part%solve(self%ham, eq, w, lane_status)
          do i = 1, n
-            dq(first:last, i) = merge(eq%x(:, i), dq(first:last, i), fate == 0)
-            dp(first:last, i) = merge(2*(eq%x(:, i) - eq%drift(:, i))/eq%h, dp(first:last, i), fate == 0)
+            dq(first:last, i) = merge(eq%x(:, i), dq(first:last, i), lane_status == 0)
+            dp(first:last, i) = merge(2*(eq%x(:, i) - eq%drift(:, i))/eq%h, dp(first:last, i), lane_status == 0)
          end do
-         where (fate > 0) status = fate
+         where (lane_status > 0) status = lane_status
       end associate
    end subroutine step_stiff
 

@@ -53,8 +53,8 @@ contains
             return
          end if
          call linearise(self, ham, eq, w, eq%base(1, 1))
-         call newton%first_scalar(quarter, eq%base(1, 1), eq%x, self%q, eq%steep, status, ham%counters)
-         if (eq%steep) call eq%note_steepness(quarter*newton%a(:, 1, 1), .true.)
+         call newton%first_scalar(quarter, eq%base(1, 1), eq%x, self%q, eq%stiff, status, ham%counters)
+         if (eq%stiff) call eq%note_stiff_ratio(quarter*newton%a(:, 1, 1), .true.)
          do while (newton%running)
             if (newton%iteration > 1) call position(eq%nlane, eq%c, eq%base(1, 1), eq%x, self%q)
             call linearise(self, ham, eq, w, self%q)
@@ -73,7 +73,7 @@ contains
       associate (newton => self%newton, nlane => eq%nlane, n => eq%n)
          if (eq%starts(newton)) then
             call linearise(self, ham, eq, w, eq%base(1, 1))
-            call find_steepness(self, eq)
+            call find_stiff_ratio(self, eq)
          else
             call position(nlane*n, eq%c, eq%base(1, 1), eq%x, self%q)
             call linearise(self, ham, eq, w, self%q)
@@ -114,7 +114,7 @@ contains
 
    !> By the diagonals of the Hessians: where these are positive, h omega stays below 2 sqrt(ndof) in a lane
    !> that they call mild.
-   subroutine find_steepness(self, eq)
+   subroutine find_stiff_ratio(self, eq)
       class(midpoint_by_matrix), intent(in) :: self
       type(midpoint_equation), intent(inout) :: eq
       integer :: i
@@ -122,13 +122,13 @@ contains
       if (self%newton%options%fixed_point > 0) return
       do i = 1, eq%n
          if (self%band == dense) then
-            call eq%note_steepness(0.25_wp*eq%h*self%newton%a(:, i, i), i == 1)
+            call eq%note_stiff_ratio(0.25_wp*eq%h*self%newton%a(:, i, i), i == 1)
          else
-            call eq%note_steepness(0.25_wp*eq%h*self%newton%bands(:, 0, i), i == 1)
+            call eq%note_stiff_ratio(0.25_wp*eq%h*self%newton%bands(:, 0, i), i == 1)
          end if
       end do
-      eq%steep = any(eq%steepness > 1)
-   end subroutine find_steepness
+      eq%stiff = any(eq%stiff_ratio > 1)
+   end subroutine find_stiff_ratio
 
    ! ---- kernels ----------------------------------------------------------------------------------
 

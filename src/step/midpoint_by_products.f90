@@ -52,8 +52,8 @@ contains
       call add_unknown(eq%nlane*eq%n, eq%x, self%r)
       call self%corrector%correct(ham, 0.25_wp*eq%h, eq%t, w, self%q, eq%still, self%r, self%newton, eq%x, status)
       if (.not. first) return
-      eq%steepness = self%corrector%krylov%largest - 1  ! the largest |A v| of vectors of size one
-      eq%steep = any(eq%steepness > 1)
+      eq%stiff_ratio = self%corrector%krylov%largest - 1  ! the largest |A v| of vectors of size one
+      eq%stiff = any(eq%stiff_ratio > 1)
    end subroutine iterate
 
 end module symsde_step_midpoint_by_products

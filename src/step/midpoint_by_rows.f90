@@ -107,7 +107,7 @@ contains
       call eq%weigh(first, last, self%hq)
    end subroutine linearise
 
-   !> Correct the unknowns of a strip, and tell how steep its equations are.
+   !> Correct the unknowns of a strip, and tell how stiff its equations are.
    subroutine correct(self, ham, eq, w, before, x, status)
       type(midpoint_by_rows), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -119,8 +119,8 @@ contains
 
       associate (newton => self%newton, trusted => self%above(:, 4), first => before + 1, last => before + strip_lanes)
          if (eq%starts(newton)) then
-            eq%steepness(first:last) = self%above(:, 5) - 1
-            eq%steep = eq%steep .or. any(eq%steepness(first:last) > 1)
+            eq%stiff_ratio(first:last) = self%above(:, 5) - 1
+            eq%stiff = eq%stiff .or. any(eq%stiff_ratio(first:last) > 1)
          end if
          if (any(trusted <= 0 .and. newton%last(first:last) >= 0)) call solve_suspects(self, ham, eq, w, before, status)
          call correct_up_strip(eq%n, self%factor, self%rhs, newton%last(first), x, newton%step(first), &

@@ -31,12 +31,12 @@ module symsde_step_midpoint_equation
       real(wp), allocatable :: x(:, :)           !! the unknown (nlane, n)
       real(wp), allocatable :: drift(:, :)       !! h p_n + g, set for dq (nlane, n)
       real(wp), allocatable :: still(:, :)       !! zero: the momentum for which the force is asked (nlane, n)
-      logical :: steep = .false.                 !! of V: (h omega)^2/4 > 1 in some lane
-      real(wp), allocatable :: steepness(:)      !! where steep: (h omega)^2/4 of each lane, about (nlane)
+      logical :: stiff = .false.                 !! of V: (h omega)^2/4 > 1 in some lane
+      real(wp), allocatable :: stiff_ratio(:)      !! where stiff: (h omega)^2/4 of each lane, about (nlane)
    contains
       procedure :: starts
       procedure :: weigh
-      procedure :: note_steepness
+      procedure :: note_stiff_ratio
    end type midpoint_equation
 
    !> How the equation is solved.
@@ -48,7 +48,7 @@ module symsde_step_midpoint_equation
    end type midpoint_part
 
    abstract interface
-      !> One of Newton's iterations; the first one for V notes the steepness.
+      !> One of Newton's iterations; the first one for V notes the stiff_ratio.
       subroutine iterate_interface(self, ham, eq, w, status)
          import :: midpoint_part, midpoint_equation, one_step_hamiltonian, wp, i8
          class(midpoint_part), intent(inout) :: self
@@ -70,7 +70,7 @@ contains
       self%n = n
       self%m = m
       allocate (self%base(nlane, 0:n + 1), self%still(nlane, n), self%x(nlane, n), source=0.0_wp)
-      allocate (self%drift(nlane, n), self%steepness(nlane))
+      allocate (self%drift(nlane, n), self%stiff_ratio(nlane))
    end subroutine new_midpoint_equation
 
    !> Newton from V = 0, or from the dq that V gave.
@@ -106,14 +106,14 @@ contains
    end subroutine weigh
 
    !> Take in a slope of f, (h/4) Hhat_ii, of every lane; the first one of a step has `first` true.
-   subroutine note_steepness(self, slope, first)
+   subroutine note_stiff_ratio(self, slope, first)
       class(midpoint_equation), intent(inout) :: self
       real(wp), intent(in) :: slope(self%nlane)
       logical, intent(in) :: first
 
-      if (first) self%steepness = 0
-      call take_larger(self%nlane, slope, self%steepness)
-   end subroutine note_steepness
+      if (first) self%stiff_ratio = 0
+      call take_larger(self%nlane, slope, self%stiff_ratio)
+   end subroutine note_stiff_ratio
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
@@ -154,14 +154,14 @@ contains
    end subroutine weigh_force
 
    !> VEC
-   pure subroutine take_larger(nlane, slope, steepness)
+   pure subroutine take_larger(nlane, slope, stiff_ratio)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: slope(nlane)
-      real(wp), intent(inout) :: steepness(nlane)
+      real(wp), intent(inout) :: stiff_ratio(nlane)
       integer :: lane
 
       do lane = 1, nlane
-         steepness(lane) = merge(slope(lane), steepness(lane), slope(lane) > steepness(lane))
+         stiff_ratio(lane) = merge(slope(lane), stiff_ratio(lane), slope(lane) > stiff_ratio(lane))
       end do
    end subroutine take_larger
 

@@ -51,7 +51,7 @@ contains
 
       call new_midpoint_full_stepper(self, task%model, task%nlane, task%newton)
       self%one_solve = self%newton%affine
-      if (allocated(self%products)) self%spares = 'matrices: products with the Hessian take their place'
+      if (allocated(self%products)) self%left_out = 'matrices: products with the Hessian take their place'
    end subroutine make
 
    !> A midpoint stepper for blocks of nlane lanes.

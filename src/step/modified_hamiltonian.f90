@@ -45,7 +45,7 @@ module symsde_step_modified_hamiltonian
       type(bracket_terms) :: active               !! parts that have an effect on this model
       logical, allocatable, private :: noisy(:)   !! noises that are not silent (nnoise)
       logical, private :: simple = .false.        !! position noise, H = p.p/2 + U(q)
-      logical :: moving = .false.                 !! some noise changes in time, in a way that has an effect
+      logical :: time_dependent = .false.                 !! some noise changes in time, in a way that has an effect
       logical, private :: turning = .false.       !! {H_k(t_1),H_k(t_0)} has an effect
       real(wp), allocatable, private :: f(:, :), g(:, :)   !! weights of two sums (nlane, 0:nnoise)
       real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
@@ -92,7 +92,7 @@ contains
       self%active = active_brackets(brackets, model%traits)
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
       self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
-      if (self%active%single .or. self%turning) self%moving = noise_changes_in_time(model)
+      if (self%active%single .or. self%turning) self%time_dependent = noise_changes_in_time(model)
       allocate (self%noisy(m), source=.true.)
       if (allocated(model%traits%silent)) self%noisy = .not. model%traits%silent
       allocate (self%f(nlane, 0:m), self%g(nlane, 0:m), self%c(nlane, 0:m), source=0.0_wp)
@@ -126,7 +126,7 @@ contains
          if (self%active%areas) call add_areas(self, t, step, q, p, counters, nreal)
          if (self%active%nested) call add_nested(self, t, step%h, q, p, counters, nreal)
       end if
-      if (self%moving) call add_motion(self, step, q, p, counters, nreal)
+      if (self%time_dependent) call add_motion(self, step, q, p, counters, nreal)
       if (present(hq)) hq = hq + self%sq
       if (present(hp)) hp = hp + self%sp
    end subroutine add_gradient

@@ -34,7 +34,7 @@ module symsde_step_one_step_hamiltonian
       integer :: correction = correction_none
       real(wp) :: coefficient = 0             !! 1/2 - lambda
       type(counters_type) :: counters
-      type(modified_hamiltonian), allocatable :: extra  !! brackets of schemes beyond order one
+      type(modified_hamiltonian), allocatable :: modified  !! brackets of schemes beyond order one
       real(wp), allocatable, private :: v(:, :)       !! weights of the noise alone (nlane, 0:nnoise)
       real(wp), allocatable, private :: factor(:)     !! of the product of gradients (nlane)
       type(algebra_work), private :: work
@@ -68,8 +68,8 @@ contains
       self%coefficient = coefficient
       if (present(brackets)) active = active_brackets(brackets, model%traits)
       if (active%are_added()) then
-         allocate (self%extra)
-         call new_modified_hamiltonian(self%extra, model, active, nlane)
+         allocate (self%modified)
+         call new_modified_hamiltonian(self%modified, model, active, nlane)
       end if
       if (correction == correction_none) return
       allocate (self%v(nlane, 0:self%nnoise), self%factor(nlane))
@@ -89,7 +89,7 @@ contains
       call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hq, hp)
       self%counters%gradients = self%counters%gradients + self%nreal
       if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
-      if (allocated(self%extra)) call self%extra%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
+      if (allocated(self%modified)) call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
 
    !> Hessian of sum_j w_j H_j times (vq, vp), without correction and brackets.
@@ -124,7 +124,8 @@ contains
          call add_correction(self, t, w, q, p, hq, hp)
          call add_correction_hessian(self, t, w, q, p, hqq, hqp, hpp)
       end if
-      if (allocated(self%extra)) call self%extra%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal, hqp)
+      if (allocated(self%modified)) &
+         call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal, hqp)
    end subroutine gradient_hessian
 
    !> The same with the bands of the Hessian blocks, for schemes without correction.

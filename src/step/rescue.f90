@@ -56,7 +56,7 @@ contains
 
       if (scheme%form /= tableau_form .or. options%fixed_point > 0) return
       if (stepper%explicit) return              ! no equations
-      if (allocated(stepper%ham%extra)) return  ! its brackets have increments of their own
+      if (allocated(stepper%ham%modified)) return  ! its brackets have increments of their own
       if (4*model%traits%ndof*scheme%nstage > max_unknowns) return
       self%available = .true.
       self%model => model
@@ -114,7 +114,7 @@ contains
       real(wp), intent(inout) :: dq(:, :), dp(:, :)
       integer(i8), intent(inout) :: status(:)
       type(step_record) :: few
-      integer(i8) :: fate(lane_unit)
+      integer(i8) :: lane_status(lane_unit)
       integer :: i, saved
 
       do i = 1, lane_unit
@@ -126,35 +126,35 @@ contains
       few%h = step%h
       few%w(1:, 0:) => self%w
       self%stepper%ham%nreal = n
-      fate = nonfinite
-      fate(:n) = 0
-      call self%stepper%increment(few, self%q, self%p, self%dq, self%dp, fate)
-      call keep(self, n, lanes, fate, dq, dp, status, saved)
+      lane_status = nonfinite
+      lane_status(:n) = 0
+      call self%stepper%increment(few, self%q, self%p, self%dq, self%dp, lane_status)
+      call keep(self, n, lanes, lane_status, dq, dp, status, saved)
       self%counters%damped = self%counters%damped + saved
-      if (any(fate(:n) /= 0)) then
-         call continue_increments(self, n, few, fate)
-         call keep(self, n, lanes, fate, dq, dp, status, saved)
+      if (any(lane_status(:n) /= 0)) then
+         call continue_increments(self, n, few, lane_status)
+         call keep(self, n, lanes, lane_status, dq, dp, status, saved)
          self%counters%continued = self%counters%continued + saved
       end if
    end subroutine rescue_lanes
 
    !> Scale (h, dW) by k/16, k = 1..16, starting from the slopes found for k-1. Lanes already solved rest.
-   subroutine continue_increments(self, n, step, fate)
+   subroutine continue_increments(self, n, step, lane_status)
       type(rescue_type), intent(inout), target :: self
       integer, intent(in) :: n    !! lanes in use
       type(step_record), intent(in) :: step
-      integer(i8), intent(inout) :: fate(lane_unit)
+      integer(i8), intent(inout) :: lane_status(lane_unit)
       type(step_record) :: fraction
       integer :: k
 
       fraction = step
       fraction%w(1:, 0:) => self%part
-      fate(:n) = merge(0_i8, int(nonfinite, i8), fate(:n) /= 0)  ! only what rung 2 left is tried
+      lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! only what rung 2 left is tried
       self%stepper%x = 0
       do k = 1, parts
          if (k > 1) self%stepper%x = self%stepper%x*(real(k, wp)/(k - 1))
          self%part = self%w*(real(k, wp)/parts)
-         call self%stepper%solve_stages(fraction, self%q, self%p, fate)
+         call self%stepper%solve_stages(fraction, self%q, self%p, lane_status)
       end do
       call self%stepper%add_up(self%dq, self%dp)
    end subroutine continue_increments
@@ -172,11 +172,11 @@ contains
       call add_counters(total, own)
    end subroutine tally
 
-   !> Hand back the lanes whose fate is ok, and how many these are.
-   subroutine keep(self, n, lanes, fate, dq, dp, status, saved)
+   !> Hand back the lanes whose lane_status is ok, and how many these are.
+   subroutine keep(self, n, lanes, lane_status, dq, dp, status, saved)
       type(rescue_type), intent(in) :: self
       integer, intent(in) :: n, lanes(lane_unit)
-      integer(i8), intent(in) :: fate(lane_unit)
+      integer(i8), intent(in) :: lane_status(lane_unit)
       real(wp), intent(inout) :: dq(:, :), dp(:, :)
       integer(i8), intent(inout) :: status(:)
       integer, intent(out) :: saved
@@ -184,7 +184,7 @@ contains
 
       saved = 0
       do i = 1, n
-         if (fate(i) /= 0) cycle
+         if (lane_status(i) /= 0) cycle
          dq(lanes(i), :) = self%dq(i, :)
          dp(lanes(i), :) = self%dp(i, :)
          status(lanes(i)) = 0

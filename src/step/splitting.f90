@@ -10,13 +10,13 @@
 !> Linear noises have no such part. With one degree of freedom one gradient and Hessian of each Hamiltonian at the
 !> point of the kick serve all of its parts.
 module symsde_step_splitting
-   use symsde_base_functionals, only: path_dz, path_bend, path_magnus, pair_index
+   use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, pair_index
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient
    use symsde_scheme_scheme, only: scheme_type, correction_none, splitting_form
-   use symsde_step_flight, only: flight_type, new_flight
+   use symsde_step_drift_flow, only: drift_flow, new_drift_flow
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -28,7 +28,7 @@ module symsde_step_splitting
       type(kicks_type) :: kicks
       logical :: products = .false.                !! noises are not linear: H_k,q . H_l,q matters
       real(wp) :: c = 0                            !! of the mean form
-      type(flight_type) :: flight                  !! what happens between kicks
+      type(drift_flow) :: between_kicks                  !! what happens between kicks
       integer, allocatable :: noisy(:)             !! the noises that are not silent
       real(wp), allocatable :: a(:, :)             !! a_k (nlane, nnoise)
       real(wp), allocatable :: w(:, :, :)          !! w_ik with b_i h in front (nlane, 0:nnoise, nkick)
@@ -39,7 +39,7 @@ module symsde_step_splitting
       real(wp), allocatable :: f(:, :)             !! gradient of a kick (nlane, ndof)
       real(wp), allocatable :: g(:, :, :)          !! H_k,q (nlane, ndof, nnoise)
       real(wp), allocatable :: slope(:, :)         !! H_j' (nlane, 0:nnoise), one degree of freedom
-      real(wp), allocatable :: bend(:, :, :)       !! H_j'' (nlane, 1, 0:nnoise), the same
+      real(wp), allocatable :: curvature(:, :, :)       !! H_j'' (nlane, 1, 0:nnoise), the same
       real(wp), allocatable :: s(:, :), zero(:, :), u(:, :), up(:, :)  !! a product (nlane, ndof)
    contains
       procedure :: fits
@@ -86,9 +86,9 @@ contains
       self%c = mean_coefficient(self%kicks)
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       if (self%kicks%rotates) then
-         call new_flight(self%flight, size(self%kicks%c) + 1, model%traits%rotation)
+         call new_drift_flow(self%between_kicks, size(self%kicks%c) + 1, model%traits%rotation)
       else
-         call new_flight(self%flight, size(self%kicks%c) + 1)
+         call new_drift_flow(self%between_kicks, size(self%kicks%c) + 1)
       end if
       self%noisy = [(k, k=1, m)]
       if (allocated(model%traits%silent)) self%noisy = pack(self%noisy, .not. model%traits%silent)
@@ -97,7 +97,7 @@ contains
       allocate (self%x(nlane, n), self%f(nlane, n))
       allocate (self%v(nlane, 0:m), self%unit(nlane, 0:m), self%zero(nlane, n), source=0.0_wp)
       allocate (self%s(nlane, n), self%u(nlane, n), self%up(nlane, n))
-      if (n == 1) allocate (self%slope(nlane, 0:m), self%bend(nlane, 1, 0:m), source=0.0_wp)
+      if (n == 1) allocate (self%slope(nlane, 0:m), self%curvature(nlane, 1, 0:m), source=0.0_wp)
       if (self%products) allocate (self%g(nlane, n, m), self%d(nlane, pair_index(m, m)), source=0.0_wp)
    end subroutine new_splitting_stepper
 
@@ -116,11 +116,12 @@ contains
       reached = 0
       associate (kicks => self%kicks, nlane => self%ham%nlane, n => self%ham%ndof)
          do i = 1, size(kicks%c)
-            if (kicks%c(i) > reached) call self%flight%move(i, (kicks%c(i) - reached)*step%h, nlane, n, q, p, dq, dp)
+            if (kicks%c(i) > reached) &
+               call self%between_kicks%move(i, (kicks%c(i) - reached)*step%h, nlane, n, q, p, dq, dp)
             reached = kicks%c(i)
             call kick(self, i, step%t + reached*step%h, step%h, q, p, dq, dp)
          end do
-         if (reached < 1) call self%flight%move(size(kicks%c) + 1, (1 - reached)*step%h, nlane, n, q, p, dq, dp)
+         if (reached < 1) call self%between_kicks%move(size(kicks%c) + 1, (1 - reached)*step%h, nlane, n, q, p, dq, dp)
       end associate
    end subroutine increment
 
@@ -142,10 +143,10 @@ contains
             do i = 1, size(kicks%c)
                self%w(:, k, i) = kicks%beta(i)*step%w(:, k) + kicks%gamma(i)*self%a(:, k)
             end do
-            if (.not. associated(step%of(path_bend)%x)) cycle
-            self%v(:, k) = self%v(:, k) + kicks%zeta*step%of(path_bend)%x(:, k)
+            if (.not. associated(step%of(path_stt_area)%x)) cycle
+            self%v(:, k) = self%v(:, k) + kicks%zeta*step%of(path_stt_area)%x(:, k)
             do i = 1, size(kicks%c)
-               self%w(:, k, i) = self%w(:, k, i) + kicks%eta(i)*step%of(path_bend)%x(:, k)
+               self%w(:, k, i) = self%w(:, k, i) + kicks%eta(i)*step%of(path_stt_area)%x(:, k)
             end do
          end do
          if (self%products .and. kicks%samples) call find_d(self, step)
@@ -194,7 +195,7 @@ contains
             return
          end if
          call self%ham%gradient(t, self%w(:, :, i), self%x, p, hq=self%f)
-         call self%flight%remove_linear(kicks%b(i)*h, nlane, n, self%x, self%f)
+         call self%between_kicks%remove_linear(kicks%b(i)*h, nlane, n, self%x, self%f)
          if (abs(kicks%kappa(i)) > 0) call add_force_gradient(self, 2*kicks%kappa(i)*h, t, h, p)
          if (self%products .and. abs(kicks%share(i)) > 0 .and. (kicks%samples .or. abs(self%c) > 0)) &
             call add_products(self, kicks%share(i), t, h, p)
@@ -219,28 +220,28 @@ contains
       integer :: j, k, l
 
       associate (nlane => self%ham%nlane, noisy => self%noisy, kicks => self%kicks, slope => self%slope, &
-                 bend => self%bend)
+                 curvature => self%curvature)
          do j = 0, size(noisy)
             k = 0
             if (j > 0) k = noisy(j)
             self%unit(:, k) = 1
-            call self%ham%gradient_hessian(t, self%unit, self%x, p, hq=slope(:, k:k), hqq=bend(:, :, k:k))
+            call self%ham%gradient_hessian(t, self%unit, self%x, p, hq=slope(:, k:k), hqq=curvature(:, :, k:k))
             self%unit(:, k) = 0
          end do
-         call self%flight%remove_linear(1.0_wp, nlane, 1, self%x, slope(:, 0:0))
+         call self%between_kicks%remove_linear(1.0_wp, nlane, 1, self%x, slope(:, 0:0))
          self%s = 1
-         call self%flight%remove_linear(1.0_wp, nlane, 1, self%s, bend(:, 1, 0:0))
+         call self%between_kicks%remove_linear(1.0_wp, nlane, 1, self%s, curvature(:, 1, 0:0))
          call weighted_sum(nlane, self%ham%nnoise, self%w(:, :, i), slope, self%f)
          if (abs(kicks%kappa(i)) > 0) then
             call weighted_sum(nlane, self%ham%nnoise, self%v, slope, self%s)
-            call weighted_sum(nlane, self%ham%nnoise, self%v, bend(:, 1, :), self%u)
+            call weighted_sum(nlane, self%ham%nnoise, self%v, curvature(:, 1, :), self%u)
             call add_product(nlane, 2*kicks%kappa(i)*h, self%s, self%u, self%f)
          end if
          if (.not. self%products .or. abs(kicks%share(i)) <= 0) return
          do j = 1, size(noisy)
             k = noisy(j)
             if (.not. kicks%samples) then
-               call add_product(nlane, kicks%share(i)*self%c*h*abs(h), slope(:, k), bend(:, 1, k), self%f)
+               call add_product(nlane, kicks%share(i)*self%c*h*abs(h), slope(:, k), curvature(:, 1, k), self%f)
                cycle
             end if
             self%s = 0
@@ -248,7 +249,7 @@ contains
                call add_product(nlane, kicks%share(i), self%d(:, pair_index(min(k, noisy(l)), max(k, noisy(l)))), &
                                 slope(:, noisy(l)), self%s)
             end do
-            call add_product(nlane, 1.0_wp, self%s, bend(:, 1, k), self%f)
+            call add_product(nlane, 1.0_wp, self%s, curvature(:, 1, k), self%f)
          end do
       end associate
    end subroutine find_single
@@ -261,9 +262,9 @@ contains
 
       associate (nlane => self%ham%nlane, n => self%ham%ndof)
          call self%ham%gradient(t, self%v, self%x, p, hq=self%s)
-         call self%flight%remove_linear(h, nlane, n, self%x, self%s)
+         call self%between_kicks%remove_linear(h, nlane, n, self%x, self%s)
          call self%ham%hessian_vector(t, self%v, self%x, p, self%s, self%zero, self%u, self%up)
-         call self%flight%remove_linear(h, nlane, n, self%s, self%u)
+         call self%between_kicks%remove_linear(h, nlane, n, self%s, self%u)
          call add_times(nlane*n, factor, self%u, self%f)
       end associate
    end subroutine add_force_gradient

@@ -68,15 +68,16 @@ contains
       associate (t => model%traits)
          self%identity_mass = t%identity_mass
          self%eliminated = t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0)
-         if (allocated(self%ham%extra)) &
-            self%eliminated = self%eliminated .and. t%additive .and. t%position_noise .and. .not. self%ham%extra%moving
-         self%has_c = .not. self%eliminated .or. allocated(self%ham%extra) .or. &
+         if (allocated(self%ham%modified)) &
+            self%eliminated = self%eliminated .and. t%additive .and. t%position_noise .and. &
+                              .not. self%ham%modified%time_dependent
+         self%has_c = .not. self%eliminated .or. allocated(self%ham%modified) .or. &
                       .not. (t%position_noise .or. t%nnoise == 0)
       end associate
       call new_stage_plan(self%plan, scheme, self%eliminated)
-      if (allocated(self%ham%extra)) then
-         asked%has(path_dz) = self%ham%extra%active%single
-         asked%has(path_areas) = self%ham%extra%active%areas
+      if (allocated(self%ham%modified)) then
+         asked%has(path_dz) = self%ham%modified%active%single
+         asked%has(path_areas) = self%ham%modified%active%areas
       end if
       call new_step_store(self%store, nlane, model%traits%nnoise, 2, 0.0_wp, asked)
       allocate (self%q(nlane, n), self%p(nlane, n))

@@ -11,7 +11,7 @@
 !>    done       where the next change would vanish, d_k r <= eps |G|/4, or d_k is not smaller than d_{k-1} and
 !>               within 2^-33 |G|, rounding
 !>    left       where d_k/d_{k-1} > too_slow and d_k > 2^-20 |G|: the caller has a faster way to go on with what it has
-!>    given up   where d_k/d_{k-1} > too_steep beyond rounding, or where something is not finite: the caller
+!>    given up   where d_k/d_{k-1} > too_stiff beyond rounding, or where something is not finite: the caller
 !>               has another way
 !>
 !> by its own numbers alone.
@@ -21,28 +21,29 @@ module symsde_step_stage_iteration
    use symsde_step_stage_plan, only: stage_group
    implicit none
    private
-   public :: iterate_group, solved, slow, steep, untried
+   public :: iterate_group, solved, slow, stiff, untried
 
    integer, parameter :: most_sweeps = 160   !! enough for a contraction of 0.8 and rounding
    real(wp), parameter :: done = -1, left = -2, given_up = -3  !! values of `last` beside the size of the last change
 
-   integer(i8), parameter :: solved = 0, slow = 1, steep = 2  !! what becomes of a lane
+   integer(i8), parameter :: solved = 0, slow = 1, stiff = 2  !! what becomes of a lane
    integer(i8), parameter :: untried = 3                       !! for callers that do not iterate
 
 contains
 
-   !> Iterate in lanes whose fate is `solved`, until each is, or is left with what it has (slow), or given up (steep).
-   subroutine iterate_group(self, group, too_slow, too_steep, fate)
+   !> Iterate in lanes whose outcome is `solved`, until each is solved, or left with what it has (slow), or given up
+   !> (stiff).
+   subroutine iterate_group(self, group, too_slow, too_stiff, outcome)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group
       real(wp), intent(in) :: too_slow     !! contraction from which a lane is left to a faster iteration
-      real(wp), intent(in) :: too_steep    !! contraction from which a lane is given up, at most 0.8
-      integer(i8), intent(inout) :: fate(self%ham%nlane)
+      real(wp), intent(in) :: too_stiff    !! contraction from which a lane is given up, at most 0.8
+      integer(i8), intent(inout) :: outcome(self%ham%nlane)
       integer :: nrunning, sweep, m
 
       associate (nlane => self%ham%nlane, counters => self%ham%counters, last => self%last, change => self%change, &
                  extent => self%extent)
-         last = merge(0.0_wp, done, fate == solved)
+         last = merge(0.0_wp, done, outcome == solved)
          nrunning = count(last >= 0)
          do sweep = 1, most_sweeps
             if (nrunning == 0) exit
@@ -61,10 +62,10 @@ contains
             end do
             counters%iterations = counters%iterations + nrunning
             if (group%explicit) return
-            call judge_sweep(nlane, sweep, too_slow, too_steep, change, extent, last, nrunning)
+            call judge_sweep(nlane, sweep, too_slow, too_stiff, change, extent, last, nrunning)
          end do
-         where (fate == solved .and. abs(last - left) <= 0) fate = slow
-         where (fate == solved .and. (last >= 0 .or. last < left)) fate = steep
+         where (outcome == solved .and. abs(last - left) <= 0) outcome = slow
+         where (outcome == solved .and. (last >= 0 .or. last < left)) outcome = stiff
       end associate
    end subroutine iterate_group
 
@@ -125,9 +126,9 @@ contains
    end subroutine take
 
    !> VEC Which lanes are done, and which are given up.
-   pure subroutine judge_sweep(nlane, sweep, too_slow, too_steep, change, extent, last, nrunning)
+   pure subroutine judge_sweep(nlane, sweep, too_slow, too_stiff, change, extent, last, nrunning)
       integer, intent(in) :: nlane, sweep
-      real(wp), intent(in) :: too_slow, too_steep
+      real(wp), intent(in) :: too_slow, too_stiff
       real(wp), intent(in) :: change(nlane), extent(nlane)
       real(wp), intent(inout) :: last(nlane)
       integer, intent(out) :: nrunning
@@ -147,7 +148,7 @@ contains
             ends = d*max(d/last(lane), slow) <= rounding*extent(lane)
             ends = ends .or. (d >= last(lane) .and. d <= near*extent(lane))
             next = merge(d, left, d <= max(too_slow*last(lane), far*extent(lane)))
-            next = merge(next, given_up, d <= max(too_steep*last(lane), near*extent(lane)))
+            next = merge(next, given_up, d <= max(too_stiff*last(lane), near*extent(lane)))
             next = merge(done, next, ends)
          end if
          next = merge(next, given_up, d <= huge(d))

@@ -69,26 +69,26 @@ contains
       end associate
    end subroutine new_stage_newton
 
-   !> The slopes of the group's stages, in lanes whose fate is 0; others rest. A lane that fails gets its code.
-   subroutine solve(self, equations, group, fate)
+   !> The slopes of the group's stages, in lanes whose outcome is 0; others rest. A lane that fails gets its code.
+   subroutine solve(self, equations, group, outcome)
       class(stage_newton), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
-      integer(i8), intent(inout) :: fate(equations%ham%nlane)
+      integer(i8), intent(inout) :: outcome(equations%ham%nlane)
 
       self%z = 0
       call find_known(self, equations, group)
-      call self%newton%start(fate)
+      call self%newton%start(outcome)
       do while (self%newton%running)
          if (allocated(self%products)) then
             call find_residual(self, equations, group)
-            call self%products%correct(equations, group, self%r, self%newton, self%z, fate)
+            call self%products%correct(equations, group, self%r, self%newton, self%z, outcome)
          else
             call linearise(self, equations, group)
-            call correct(self, equations, fate)
+            call correct(self, equations, outcome)
          end if
       end do
-      call find_slopes(self, equations, group, fate)
+      call find_slopes(self, equations, group, outcome)
    end subroutine solve
 
    !> d: base - q_n and the slopes of earlier groups.
@@ -178,26 +178,26 @@ contains
    end subroutine add_stage
 
    !> Newton's correction. One unknown: z + r = 0 with the derivative 1 + a.
-   subroutine correct(self, equations, fate)
+   subroutine correct(self, equations, outcome)
       type(stage_newton), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
-      integer(i8), intent(inout) :: fate(equations%ham%nlane)
+      integer(i8), intent(inout) :: outcome(equations%ham%nlane)
 
       if (self%newton%n > 1) then
-         call self%newton%update(self%z, fate, equations%ham%counters)
+         call self%newton%update(self%z, outcome, equations%ham%counters)
       else
          self%newton%r = self%newton%r - self%z(:, :, 1)
          self%newton%a = self%newton%a - 1
-         call self%newton%update_scalar(1.0_wp, 1.0_wp, self%z, fate, equations%ham%counters)
+         call self%newton%update_scalar(1.0_wp, 1.0_wp, self%z, outcome, equations%ham%counters)
       end if
    end subroutine correct
 
    !> h B G = Z - d in lanes that Newton's iteration has solved; by one more evaluation where B is singular.
-   subroutine find_slopes(self, equations, group, fate)
+   subroutine find_slopes(self, equations, group, outcome)
       type(stage_newton), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
-      integer(i8), intent(in) :: fate(equations%ham%nlane)
+      integer(i8), intent(in) :: outcome(equations%ham%nlane)
       integer :: m, k, i
 
       associate (e => equations)
@@ -212,7 +212,7 @@ contains
                call e%evaluate(group%stage(m))
             end if
             do i = 1, e%ham%ndof
-               e%g(:, i, group%stage(m)) = merge(-e%hq(:, i), e%g(:, i, group%stage(m)), fate == 0)
+               e%g(:, i, group%stage(m)) = merge(-e%hq(:, i), e%g(:, i, group%stage(m)), outcome == 0)
             end do
          end do
       end associate

@@ -21,7 +21,7 @@ module symsde_step_stage_rows
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_solve_tridiagonal, only: eliminate_down_strip, correct_up_strip, before_first_row, nabove
    use symsde_step_stage_equations, only: stage_equations
-   use symsde_step_stage_iteration, only: slow, steep
+   use symsde_step_stage_iteration, only: slow, stiff
    use symsde_step_stage_plan, only: stage_group
    implicit none
    private
@@ -107,18 +107,18 @@ contains
    end subroutine new_stage_rows
 
    !> The slopes of the group's stages in lanes where they are wanted. Lanes that are not solved stay wanted.
-   subroutine solve(self, equations, group, fate, wanted)
+   subroutine solve(self, equations, group, outcome, wanted)
       class(stage_rows), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
-      integer(i8), intent(in) :: fate(self%nlane)   !! where the iteration before has left it
+      integer(i8), intent(in) :: outcome(self%nlane)   !! where the iteration before has left it
       logical, intent(inout) :: wanted(self%nlane)
       integer(i8) :: failures
       integer :: strip
 
       self%status = -1
       self%status(:self%nlane) = merge(0_i8, -1_i8, wanted)
-      call take_lanes(self, equations, group, fate)
+      call take_lanes(self, equations, group, outcome)
       self%c = group%inverse/equations%step%h
       self%hb = equations%step%h*transpose(group%b)
       failures = equations%ham%counters%failures
@@ -140,11 +140,11 @@ contains
    end subroutine solve
 
    !> Weights, bases and first slopes of all strips. Lanes that fill up the last one stay zero, and rest.
-   subroutine take_lanes(self, equations, group, fate)
+   subroutine take_lanes(self, equations, group, outcome)
       type(stage_rows), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
-      integer(i8), intent(in) :: fate(self%nlane)
+      integer(i8), intent(in) :: outcome(self%nlane)
       integer :: m, strip, i, before, until
 
       do m = 1, self%s
@@ -154,25 +154,25 @@ contains
             do i = 1, self%n
                self%base(:until, i, m, strip) = equations%qs(before + 1:before + until, i)
                self%g(:until, m, i, strip) = merge(equations%g(before + 1:before + until, i, group%stage(m)), 0.0_wp, &
-                                                   fate(before + 1:before + until) == slow)
+                                                   outcome(before + 1:before + until) == slow)
             end do
             self%w(:until, :, strip) = equations%store%w(before + 1:before + until, :, 0)
          end do
       end do
-      if (.not. any(fate == steep)) return
+      if (.not. any(outcome == stiff)) return
       do strip = 1, self%nstrip
          call find_strip(self, strip, before, until)
-         call stand_still(self, equations, group, strip, before, until, fate(before + 1:before + until))
+         call stand_still(self, equations, group, strip, before, until, outcome(before + 1:before + until))
       end do
    end subroutine take_lanes
 
    !> The slopes of Q = q_n in stiff lanes.
-   subroutine stand_still(self, equations, group, strip, before, until, fate)
+   subroutine stand_still(self, equations, group, strip, before, until, outcome)
       type(stage_rows), intent(inout) :: self
       type(stage_equations), intent(in) :: equations
       type(stage_group), intent(in) :: group
       integer, intent(in) :: strip, before, until
-      integer(i8), intent(in) :: fate(until)
+      integer(i8), intent(in) :: outcome(until)
       real(wp) :: g(strip_lanes)
       integer :: i, m, k
 
@@ -183,7 +183,7 @@ contains
                g(:until) = g(:until) + group%inverse(m, k)/equations%step%h* &
                            (equations%q(before + 1:before + until, i) - self%base(:until, i, k, strip))
             end do
-            self%g(:until, m, i, strip) = merge(g(:until), self%g(:until, m, i, strip), fate == steep)
+            self%g(:until, m, i, strip) = merge(g(:until), self%g(:until, m, i, strip), outcome == stiff)
          end do
       end do
    end subroutine stand_still
@@ -226,7 +226,7 @@ contains
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer, intent(in) :: strip
-      real(wp) :: sound(strip_lanes)
+      real(wp) :: trusted(strip_lanes)
       integer :: first, last, before, lane
 
       before = (strip - 1)*strip_lanes
@@ -245,9 +245,9 @@ contains
                                          self%above_one, self%factor(1, 1, 1, first), self%rhs(1, 1, first))
             end if
          end do
-         sound = merge(self%above%sound, self%above_one(:, 4), s > 1)
+         trusted = merge(self%above%trusted, self%above_one(:, 4), s > 1)
          do lane = 1, strip_lanes
-            if (sound(lane) <= 0 .and. newton%last(before + lane) >= 0) &
+            if (trusted(lane) <= 0 .and. newton%last(before + lane) >= 0) &
                call newton%fail(before + lane, int(singular, i8), self%status, equations%ham%counters)
          end do
          if (s > 1) then

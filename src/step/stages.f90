@@ -35,7 +35,7 @@ module symsde_step_stages
 
    !> Contraction from which Newton's iteration is cheaper: by matrices, or by the general stepper's dense ones of all
    !> unknowns, whose work grows as the cube of their number.
-   real(wp), parameter :: steepest = 0.2_wp, steepest_dense = 0.8_wp
+   real(wp), parameter :: stiff_rate = 0.2_wp, stiff_rate_dense = 0.8_wp
    integer, parameter :: small = 12  !! unknowns up to which a dense matrix is worth as little
 
    !> What solves a group where iteration does not, made when the first lane needs it.
@@ -54,7 +54,7 @@ module symsde_step_stages
       type(solver_slot), allocatable :: solver(:)       !! of each group
       type(scheme_type) :: scheme
       type(general_stepper), allocatable :: general     !! of lanes that are given up with their momenta
-      integer(i8), allocatable, dimension(:) :: left, fate  !! of the part (width)
+      integer(i8), allocatable, dimension(:) :: left, outcome  !! of the part (width)
       logical, allocatable :: wanted(:)                 !! (width)
       real(wp), allocatable, dimension(:, :) :: dq, dp, dq_left, dp_left  !! of the part (width, ndof)
    contains
@@ -79,7 +79,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       call new_stages_stepper(self, task%model, task%scheme, task%nlane, task%newton)
-      if (self%equations%eliminated) self%spares = 'half of the unknowns: identity mass'
+      if (self%equations%eliminated) self%left_out = 'half of the unknowns: identity mass'
    end subroutine make
 
    !> Whether this stepper serves a model, scheme and options.
@@ -125,7 +125,7 @@ contains
                                   .not. self%equations%plan%group(g)%explicit
       end do
       self%one_solve = all(self%equations%plan%group%explicit .or. self%solver%at_once)
-      allocate (self%left(self%width), self%fate(self%width), self%wanted(self%width))
+      allocate (self%left(self%width), self%outcome(self%width), self%wanted(self%width))
       allocate (self%dq(self%width, model%traits%ndof), self%dp(self%width, model%traits%ndof))
    end subroutine new_stages_stepper
 
@@ -157,27 +157,27 @@ contains
    subroutine solve_part(self, status)
       type(stages_stepper), intent(inout) :: self
       integer(i8), intent(inout) :: status(self%width)
-      real(wp) :: too_slow, too_steep
+      real(wp) :: too_slow, too_stiff
       integer :: g
 
       self%left = -1
-      too_steep = steepest
-      if (.not. self%equations%eliminated .and. 2*self%ham%ndof*self%scheme%nstage > small) too_steep = steepest_dense
+      too_stiff = stiff_rate
+      if (.not. self%equations%eliminated .and. 2*self%ham%ndof*self%scheme%nstage > small) too_stiff = stiff_rate_dense
       do g = 1, size(self%solver)
-         self%fate = merge(solved, -1_i8, status == 0 .and. self%left < 0)
+         self%outcome = merge(solved, -1_i8, status == 0 .and. self%left < 0)
          associate (group => self%equations%plan%group(g), solver => self%solver(g))
-            too_slow = too_steep
+            too_slow = too_stiff
             if (solver%has_rows) too_slow = slow_rate(group%nmember)
             if (solver%at_once) then
-               where (self%fate == solved) self%fate = untried
+               where (self%outcome == solved) self%outcome = untried
             else
-               call iterate_group(self%equations, group, too_slow, too_steep, self%fate)
+               call iterate_group(self%equations, group, too_slow, too_stiff, self%outcome)
             end if
-            if (.not. any(self%fate > solved)) cycle
+            if (.not. any(self%outcome > solved)) cycle
             if (self%equations%eliminated) then
                call solve_group(self, group, solver, status)
             else
-               self%left = merge(0_i8, self%left, self%fate > solved)
+               self%left = merge(0_i8, self%left, self%outcome > solved)
             end if
          end associate
       end do
@@ -190,22 +190,22 @@ contains
       type(solver_slot), intent(inout) :: solver
       integer(i8), intent(inout) :: status(self%width)
 
-      self%wanted = self%fate > solved
+      self%wanted = self%outcome > solved
       if (solver%has_rows) then
          if (.not. allocated(solver%rows)) then
             allocate (solver%rows)
             call new_stage_rows(solver%rows, self%equations, group, self%options)
          end if
-         call solver%rows%solve(self%equations, group, self%fate, self%wanted)
+         call solver%rows%solve(self%equations, group, self%outcome, self%wanted)
          if (.not. any(self%wanted)) return
       end if
       if (.not. allocated(solver%newton)) then
          allocate (solver%newton)
          call new_stage_newton(solver%newton, self%equations, group, self%options)
       end if
-      self%fate = merge(0_i8, -1_i8, self%wanted)
-      call solver%newton%solve(self%equations, group, self%fate)
-      status = merge(self%fate, status, self%fate > 0)
+      self%outcome = merge(0_i8, -1_i8, self%wanted)
+      call solver%newton%solve(self%equations, group, self%outcome)
+      status = merge(self%outcome, status, self%outcome > 0)
    end subroutine solve_group
 
    !> Increments of the lanes that are left, by the general stepper.

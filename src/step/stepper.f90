@@ -4,7 +4,7 @@
 !> Increments, not new states, so that one place adds them (with or without compensation), checks that
 !> they are finite and freezes failed paths. A stepper owns its workspace: every thread has its own.
 !>
-!> A stepper describes itself: which tasks it fits, how it is made for one, what it spares, and whether it is the
+!> A stepper describes itself: which tasks it fits, how it is made for one, what it leaves out, and whether it is the
 !> oracle of its schemes. The factory only keeps them in order.
 module symsde_step_stepper
    use symsde_base_counters, only: counters_type, add_counters
@@ -37,7 +37,7 @@ module symsde_step_stepper
       character(:), allocatable :: name      !! which stepper this is, for the run report
       logical :: explicit = .false.          !! no solver is called
       logical :: one_solve = .false.         !! its equations are linear for this model: no iteration
-      character(:), allocatable :: spares    !! what else it does without, for the run report
+      character(:), allocatable :: left_out    !! what else it does without, for the run report
       type(one_step_hamiltonian) :: ham
    contains
       procedure(fits_interface), deferred :: fits

@@ -80,12 +80,12 @@ contains
       self%c = scheme%c
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
       call new_newton(self%newton, nlane, 4, options, &
-                      model%traits%one_solve(.false.) .and. .not. allocated(self%ham%extra), -1, -1, &
-                      exact=model%traits%has_hessian .and. .not. allocated(self%ham%extra))
+                      model%traits%one_solve(.false.) .and. .not. allocated(self%ham%modified), -1, -1, &
+                      exact=model%traits%has_hessian .and. .not. allocated(self%ham%modified))
       allocate (self%x(nlane, 4), self%qs(nlane, 1), self%ps(nlane, 1))
       allocate (self%hq(nlane, 1, 2), self%hp(nlane, 1, 2))
       ! where one solve must do, the elimination of the F would lose digits at h omega = 1000
-      self%separable = model%traits%separable .and. .not. allocated(self%ham%extra) .and. .not. self%newton%affine
+      self%separable = model%traits%separable .and. .not. allocated(self%ham%modified) .and. .not. self%newton%affine
       allocate (self%hqq(nlane, 1, 1, 2), self%hpp(nlane, 1, 1, 2))
       if (.not. self%separable) allocate (self%hqp(nlane, 1, 1, 2))
    end subroutine new_two_stage_single_stepper

@@ -21,7 +21,7 @@ module symsde_step_verlet_dz
 
    type, extends(stepper_type) :: verlet_dz_stepper
       private
-      logical :: moving = .false.                     !! g changes in time
+      logical :: time_dependent = .false.                     !! g changes in time
       real(wp), allocatable :: v(:, :)                !! weights 0, dZ_k - h dW_k/2 (nlane, 0:nnoise)
       real(wp), allocatable :: qs(:, :), shift(:, :)  !! (nlane, ndof)
    contains
@@ -54,7 +54,7 @@ contains
 
       self%name = 'Verlet with dZ'
       self%explicit = .true.
-      self%moving = noise_changes_in_time(model)
+      self%time_dependent = noise_changes_in_time(model)
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       allocate (self%v(nlane, 0:model%traits%nnoise), source=0.0_wp)
       allocate (self%qs(nlane, model%traits%ndof), self%shift(nlane, model%traits%ndof))
@@ -81,7 +81,7 @@ contains
       do k = 1, self%ham%nnoise
          self%v(:, k) = step%of(path_dz)%x(:, k) - 0.5_wp*h*step%w(:, k)
       end do
-      if (self%moving) then
+      if (self%time_dependent) then
          call self%ham%gradient(step%t + h, self%v, self%qs, p, hq=self%shift)
          dp = dp + self%shift/h
          call self%ham%gradient(step%t, self%v, self%qs, p, hq=self%shift)

@@ -40,7 +40,7 @@ contains
       if (.not. fits) return
       call name_of_flow(task%scheme, name)
       fits = .false.
-      if (task%model%brings(name)) fits = is_of_catalogue(task%scheme, name)
+      if (task%model%has_flow(name)) fits = is_of_catalogue(task%scheme, name)
    end function fits
 
    subroutine make(self, task)

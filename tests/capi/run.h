@@ -12,7 +12,7 @@ enum { PATHS = 300, STEPS = 40, SAVE = 4, NTIME = STEPS / SAVE + 1 };
 /* arrays of a run with one degree of freedom */
 typedef struct arrays {
    double t[STEPS + 1], q[(STEPS + 1) * PATHS], p[(STEPS + 1) * PATHS];
-   double last_q[PATHS], last_p[PATHS], low_q[PATHS], low_p[PATHS];
+   double last_q[PATHS], last_p[PATHS], q_low[PATHS], p_low[PATHS];
    int32_t status[PATHS];
    int64_t failed_step[PATHS];
 } arrays;
@@ -28,8 +28,8 @@ static inline symsde_paths paths_in(arrays *a, int all) {
    if (all) {
       paths.last_q = a->last_q;
       paths.last_p = a->last_p;
-      paths.low_q = a->low_q;
-      paths.low_p = a->low_p;
+      paths.q_low = a->q_low;
+      paths.p_low = a->p_low;
    }
    return paths;
 }

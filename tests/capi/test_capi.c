@@ -51,7 +51,7 @@ static void test_inits(void) {
    CHECK(symsde_input_init(&input) == 0 && input.struct_size == sizeof input);
    CHECK(input.q0 == NULL && input.q0_paths == 1 && input.increments == NULL && input.progress == NULL);
    CHECK(symsde_report_init(&report) == 0 && report.struct_size == sizeof report && report.stepper[0] == 0);
-   CHECK(symsde_paths_init(&paths) == 0 && paths.struct_size == sizeof paths && paths.low_p == NULL);
+   CHECK(symsde_paths_init(&paths) == 0 && paths.struct_size == sizeof paths && paths.p_low == NULL);
    CHECK(symsde_moments_init(moments) == 0 && moments->struct_size == sizeof *moments);
    CHECK(moments->nobservable == 0 && moments->observables == NULL && moments->nfailed_listed == 0);
    CHECK(symsde_traits_init(NULL) == SYMSDE_INVALID_ARGUMENT);

@@ -19,14 +19,14 @@ static void test_simulate(void) {
    double worst = 0;
 
    symsde_report_init(&report);
-   a.low_q[3] = 7;
+   a.q_low[3] = 7;
    OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
    for (int i = 0; i < NTIME * PATHS; i++) {
       worst = fmax(worst, fabs(a.q[i] * a.q[i] + a.p[i] * a.p[i] - 1));
    }
    CHECK(worst < 1e-13 && a.q[0] == 1 && a.p[PATHS - 1] == 0 && a.q[PATHS] != a.q[PATHS + 1]);
    CHECK(a.t[0] == 2 && a.t[NTIME - 1] == 2 + 40 * 0.1);
-   CHECK(a.status[0] == 0 && a.failed_step[PATHS - 1] == -1 && a.low_q[3] == 0);
+   CHECK(a.status[0] == 0 && a.failed_step[PATHS - 1] == -1 && a.q_low[3] == 0);
    CHECK(memcmp(a.last_q, a.q + (NTIME - 1) * PATHS, sizeof a.last_q) == 0);
    CHECK(report.status == 0 && report.path_steps == STEPS * PATHS && report.normals == STEPS * PATHS);
    CHECK(report.correction == SYMSDE_CORRECTION_NONE && report.stepper[0] != 0 && report.left_out[0] != 0);
@@ -67,24 +67,24 @@ static void test_resume(void) {
    options.compensated = 1;
    options.save_every = 1;
    OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
-   CHECK(a.low_q[0] != 0 || a.low_q[1] != 0);
+   CHECK(a.q_low[0] != 0 || a.q_low[1] != 0);
    first = rest = options;
    first.steps = 17; /* odd: the rest begins with the second step of a pair */
    rest.first_step = 17;
    rest.steps = STEPS - 17;
    OK(symsde_simulate(model, scheme, &first, &input, &parts, NULL, &error));
-   static double q[PATHS], p[PATHS], low_q[PATHS], low_p[PATHS];
+   static double q[PATHS], p[PATHS], q_low[PATHS], p_low[PATHS];
    memcpy(q, b.last_q, sizeof q);
    memcpy(p, b.last_p, sizeof p);
-   memcpy(low_q, b.low_q, sizeof q);
-   memcpy(low_p, b.low_p, sizeof p);
+   memcpy(q_low, b.q_low, sizeof q);
+   memcpy(p_low, b.p_low, sizeof p);
    input = some_input(q, p);
    input.q0_paths = input.p0_paths = PATHS;
-   input.q0_low = low_q;
-   input.p0_low = low_p;
+   input.q0_low = q_low;
+   input.p0_low = p_low;
    OK(symsde_simulate(model, scheme, &rest, &input, &parts, NULL, &error));
    CHECK(memcmp(a.q + 17 * PATHS, b.q, sizeof(double) * (STEPS - 16) * PATHS) == 0);
-   CHECK(memcmp(a.low_p, b.low_p, sizeof a.low_p) == 0 && b.t[0] == a.t[17] && b.t[1] == a.t[18]);
+   CHECK(memcmp(a.p_low, b.p_low, sizeof a.p_low) == 0 && b.t[0] == a.t[17] && b.t[1] == a.t[18]);
    OK(symsde_increments(model, NULL, &options, dw, &error));
    OK(symsde_increments(model, NULL, &rest, odd, &error));
    CHECK(memcmp(dw + 17 * PATHS, odd, sizeof(double) * (STEPS - 17) * PATHS) == 0);
@@ -100,8 +100,8 @@ static void test_resume(void) {
    m->variance = variance;
    m->se_mean = se;
    for (int i = 0; i < PATHS; i++) {
-      low_q[i] = 0.25;
-      low_p[i] = 0;
+      q_low[i] = 0.25;
+      p_low[i] = 0;
    }
    OK(symsde_compute_moments(model, scheme, &rest, &input, m, NULL, &error));
    OK(symsde_simulate(model, scheme, &rest, &input, &parts, NULL, &error));

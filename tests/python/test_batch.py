@@ -148,7 +148,7 @@ def test_parts_that_are_added_up_in_a_row_have_other_bits(parts):
 def test_a_second_run_computes_nothing(known, file, tmp_path, monkeypatch):
     assert run(file, "--out", tmp_path / "out", "--shard-paths", 512) == cli.PATHS_FAILED
     before = digest(tmp_path / "out")
-    monkeypatch.setattr("symsde.batch.conduct.compute", lambda *_: pytest.fail("computed again"))
+    monkeypatch.setattr("symsde.batch.dispatch.compute", lambda *_: pytest.fail("computed again"))
     assert run(file, "--out", tmp_path / "out") == cli.PATHS_FAILED
     assert digest(tmp_path / "out") == before
 

@@ -54,7 +54,7 @@ def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monk
         known = ss.simulate(model, **options)
         found, sittings = interrupted(work.Task(model, options), piece, 4)
     assert sittings > 10 and known.failed_step[2] > 30 and (known.status == 0).sum() == 3
-    names = ["t", "q", "p", "status", "failed_step", "last_q", "last_p", *(["low_q", "low_p"] if compensated else [])]
+    names = ["t", "q", "p", "status", "failed_step", "last_q", "last_p", *(["q_low", "p_low"] if compensated else [])]
     for name in names:
         np.testing.assert_array_equal(found.arrays[name], getattr(known, name), err_msg=name)
     assert found.facts["failed"] == 1

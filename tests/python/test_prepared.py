@@ -45,7 +45,7 @@ def test_options_are_those_of_simulate(model, how):
         last = run.run(5)
     assert np.array_equal(last.q, whole.q[15:])
     if how.get("compensated"):
-        assert np.array_equal(run.q_low, whole.low_q) and np.array_equal(last.low_p, whole.low_p)
+        assert np.array_equal(run.q_low, whole.q_low) and np.array_equal(last.p_low, whole.p_low)
 
 
 def test_increments_of_the_host(model):

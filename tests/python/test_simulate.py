@@ -109,21 +109,21 @@ def test_compensated_resume(kubo):
     common = {"step": 1e-3, "paths": 4, "seed": 5, "compensated": True}
     whole = ss.simulate(kubo, q0=1.0, p0=0.0, steps=1000, save_every=500, **common)
     half = ss.simulate(kubo, q0=1.0, p0=0.0, steps=500, save_every=500, **common)
-    assert np.abs(half.low_q).max() > 0
+    assert np.abs(half.q_low).max() > 0
     rest = ss.simulate(
         kubo,
         q0=half.last_q,
         p0=half.last_p,
-        q0_low=half.low_q,
-        p0_low=half.low_p,
+        q0_low=half.q_low,
+        p0_low=half.p_low,
         first_step=500,
         steps=500,
         save_every=500,
         **common,
     )
     np.testing.assert_array_equal(rest.last_q, whole.last_q)
-    np.testing.assert_array_equal(rest.low_p, whole.low_p)
-    assert ss.simulate(kubo, q0=1.0, p0=0.0, step=0.1, steps=1).low_q is None
+    np.testing.assert_array_equal(rest.p_low, whole.p_low)
+    assert ss.simulate(kubo, q0=1.0, p0=0.0, step=0.1, steps=1).q_low is None
 
 
 def test_truncation_is_reported(kubo, options):

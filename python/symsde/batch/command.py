@@ -17,12 +17,12 @@ from pathlib import Path
 from ..moments import Moments
 from . import manifest, results, share
 from .batch import Batch, extent_of
-from .conduct import Desk, conduct
-from .crew import Crew
+from .dispatch import Context, dispatch
 from .dry import need
 from .error_check import error_check
 from .folder import RunFolder
 from .plan import Piece
+from .ranks import Ranks
 from .share import Share
 from .show import Show, display
 from .stop import Stop, seconds
@@ -59,8 +59,8 @@ def run(options: argparse.Namespace) -> int:
         print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved))
         return OK
     record = manifest.of_scene(batch.scene, batch.size)
-    crew = Crew.launched()
-    options.quiet = options.quiet or crew.rank > 0
+    ranks = Ranks.launched()
+    options.quiet = options.quiet or ranks.rank > 0
     with (
         logged(options.quiet),
         Stop(limit) as stop,
@@ -68,8 +68,8 @@ def run(options: argparse.Namespace) -> int:
     ):
         begin = time.monotonic()
         folder.checkpoint_seconds = between
-        fine = compute(batch.task, crew.of(part.of(batch.pieces)), folder, Hands(stop, crew, options.quiet))
-        if crew.rank > 0 or not fine:
+        fine = compute(batch.task, ranks.of(part.of(batch.pieces)), folder, Conditions(stop, ranks, options.quiet))
+        if ranks.rank > 0 or not fine:
             return OK if fine else INTERNAL  # the rank that failed says why, rank 0 the rest
         missing = folder.missing()
         if missing and (stop.reason or part.n == 1):
@@ -86,28 +86,28 @@ def run(options: argparse.Namespace) -> int:
 
 
 @dataclass(frozen=True)
-class Hands:
+class Conditions:
     """Who computes, until when, and how loud."""
 
     stop: Stop
-    crew: Crew
+    ranks: Ranks
     quiet: bool
 
 
-def compute(task: Task, mine: list[Piece], folder: RunFolder, hands: Hands) -> bool:
+def compute(task: Task, mine: list[Piece], folder: RunFolder, conditions: Conditions) -> bool:
     """The shards of some pieces that are not there; whether all went well, here and with the other ranks."""
-    shown = display(hands.quiet)
+    shown = display(conditions.quiet)
     done = sum(piece.work for piece in mine if folder.is_done(piece))
     failure: Exception | None = None
     try:
         show = Show(sum(piece.work for piece in mine), done, shown)
-        conduct(task, mine, Desk(folder, hands.stop, show))
+        dispatch(task, mine, Context(folder, conditions.stop, show))
     except Exception as error:
         failure = error
     finally:
         if shown:
             shown.close()
-    return hands.crew.agree(failure)
+    return conditions.ranks.agree(failure)
 
 
 def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:

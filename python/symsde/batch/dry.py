@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..moments import moments
-from .conduct import division
+from .dispatch import division
 from .plan import Piece
 from .work import Task
 

@@ -16,7 +16,7 @@ from .._setup import make_setup
 from ..errors import PathsFailedWarning, SymsdeError
 from ..model import Model
 from ..moments import Moments, Observable, check_observables
-from .conduct import Desk, conduct
+from .dispatch import Context, dispatch
 from .plan import Extent, Piece, plan
 from .plan import shard_paths as paths_of_a_shard
 from .results import MomentsInWork
@@ -48,7 +48,7 @@ class _Memory:
         """Nobody else waits."""
 
     @staticmethod
-    def store(_piece: Piece) -> None:
+    def checkpoint(_piece: Piece) -> None:
         """Nothing is kept of what is not done."""
         return None
 
@@ -95,7 +95,7 @@ def ensemble(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PathsFailedWarning)  # once, below
-            done = conduct(task, pieces, Desk(memory, Stop(), show), executor)
+            done = dispatch(task, pieces, Context(memory, Stop(), show), executor)
     finally:
         if bar:
             bar.close()

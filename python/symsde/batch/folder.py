@@ -118,7 +118,7 @@ class RunFolder:
         """Where the checkpoint of a long piece is."""
         return self.path / "shards" / f"{piece.name}.checkpoint"
 
-    def store(self, piece: Piece) -> _Checkpoint:
+    def checkpoint(self, piece: Piece) -> _Checkpoint:
         """Where a long piece keeps its state."""
         return _Checkpoint(self, piece)
 

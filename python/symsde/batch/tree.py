@@ -21,7 +21,7 @@ class Node:
 
 
 class Tree:
-    """Parts that have not found their sisters yet: as many as the levels of the tree, if they come in order."""
+    """Parts that have not found their siblings yet: as many as the levels of the tree, if they come in order."""
 
     def __init__(self) -> None:
         """No part yet."""
@@ -29,14 +29,14 @@ class Tree:
 
     def insert(self, level: int, index: int, node: Node) -> None:
         """Put in the part of the paths index*2^level .. (index + 1)*2^level - 1; its arrays are used up."""
-        while (sister := self._waiting.pop((level, index ^ 1), None)) is not None:
-            left, right = (node, sister) if index % 2 == 0 else (sister, node)
+        while (sibling := self._waiting.pop((level, index ^ 1), None)) is not None:
+            left, right = (node, sibling) if index % 2 == 0 else (sibling, node)
             _merge(left, right)
             level, index, node = level + 1, index // 2, left
         self._waiting[level, index] = node
 
     def root(self) -> Node:
-        """All that was put in; what has no sister rises to its mother's place alone. The tree is empty then."""
+        """All that was put in; what has no sibling rises to its parent's place alone. The tree is empty then."""
         while len(self._waiting) > 1:
             level, index = min(self._waiting)
             self.insert(level + 1, index // 2, self._waiting.pop((level, index)))

@@ -51,7 +51,7 @@ class Task:
         return here
 
 
-class Store(Protocol):
+class Checkpoint(Protocol):
     """Where a long piece keeps its state."""
 
     seconds: float  #: between two states that are written; more where they take long to write
@@ -69,21 +69,21 @@ def never(_done: int, _total: int) -> bool:
 
 
 def compute(
-    task: Task, piece: Piece, threads: int | None = None, tell: Tell = never, store: Store | None = None
+    task: Task, piece: Piece, threads: int | None = None, tell: Tell = never, checkpoint: Checkpoint | None = None
 ) -> Shard | None:
     """The shard of a piece; None where it was stopped before. In a process of its own it says nothing of failed paths:
     the shard does, and who merges the shards."""
     if threading.current_thread() is threading.main_thread():  # filters are those of the process
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PathsFailedWarning)
-            return _compute(task, piece, threads, tell, store)
-    return _compute(task, piece, threads, tell, store)
+            return _compute(task, piece, threads, tell, checkpoint)
+    return _compute(task, piece, threads, tell, checkpoint)
 
 
-def _compute(task: Task, piece: Piece, threads: int | None, tell: Tell, store: Store | None) -> Shard | None:
+def _compute(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint: Checkpoint | None) -> Shard | None:
     if piece.kind == "moments":
         return _moments(task, piece, threads, tell)
-    return _paths(task, piece, threads, tell, store)
+    return _paths(task, piece, threads, tell, checkpoint)
 
 
 def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell) -> Shard | None:
@@ -102,7 +102,7 @@ def facts_of(report: Report) -> dict[str, Any]:
     return {**facts, "left_out": list(report.left_out), "warnings": list(report.warnings), "counters": report.counters}
 
 
-_STATE = ("last_q", "last_p", "low_q", "low_p", "status", "failed_step")
+_STATE = ("last_q", "last_p", "q_low", "p_low", "status", "failed_step")
 
 
 class _Saved:
@@ -153,14 +153,14 @@ class _Saved:
         return Shard({**points, **self.state}, {**self.facts, **facts})
 
 
-def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, store: Store | None) -> Shard | None:
+def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint: Checkpoint | None) -> Shard | None:
     options = task.of(piece, threads)
     steps, every = int(options["steps"]), int(options.get("save_every", 1))
-    found = store.read() if store else None
+    found = checkpoint.read() if checkpoint else None
     saved = _Saved() if found is None else _Saved.of(found)
     saved.facts = saved.facts or _facts_of_whole(task, options)
     wanted = max(1, _FIRST // (piece.paths * task.model.ndof))
-    clock = _Clock(store.seconds if store else math.inf)
+    clock = _Clock(checkpoint.seconds if checkpoint else math.inf)
     while saved.step < steps or not saved.state:
         length, save, keeps_last = _segment(saved.step, steps, every, wanted)
         before = saved.step * piece.paths
@@ -174,8 +174,8 @@ def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, store: Sto
         stops = bool(run.report.stopped) or tell(saved.step * piece.paths, piece.work)
         if saved.step >= steps:
             break
-        if store and saved.state and (stops or clock.is_time()):
-            clock.measure(lambda: store.write(saved.shard(step=saved.step)))
+        if checkpoint and saved.state and (stops or clock.is_time()):
+            clock.measure(lambda: checkpoint.write(saved.shard(step=saved.step)))
         if stops:
             return None
     return saved.shard(**saved.counted(options.get("first_step", 0)))
@@ -202,7 +202,7 @@ def _options_from(options: dict[str, Any], saved: _Saved, length: int, save: int
     here["first_step"] = options.get("first_step", 0) + saved.step
     if saved.state:
         here |= {"q0": saved.state["last_q"], "p0": saved.state["last_p"]}
-        here |= {"q0_low": saved.state.get("low_q"), "p0_low": saved.state.get("low_p")}
+        here |= {"q0_low": saved.state.get("q_low"), "p0_low": saved.state.get("p_low")}
     return here
 
 

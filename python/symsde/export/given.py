@@ -79,7 +79,7 @@ _TAKEN = frozenset(
         "hessian_banded",
         "force_stiffness",
         "chain_rows",
-        "brings",
+        "has_flow",
         "flow",
         "failure_code",
         "self",

@@ -172,14 +172,14 @@ class LevelSampler:
 def driven_by_more(scheme: Scheme) -> bool:
     """The scheme takes more of the Brownian path than its increments."""
     info = scheme.info
-    return info.uses_dz or info.uses_areas or info.uses_bend or info.uses_magnus
+    return info.uses_dz or info.uses_areas or info.uses_stt_area or info.uses_magnus
 
 
 def level_sampler(
     model, f, *, q0: Any, p0: Any, horizon: float, scheme: str | Scheme = "midpoint", steps: int = 1, seed: int = 0,
     antithetic: bool = False, **options: Any,
 ) -> LevelSampler:  # fmt: skip
-    """A `LevelSampler` for drivers of multilevel Monte Carlo of your own; `mlmc` is one that symsde brings.
+    """A `LevelSampler` for drivers of multilevel Monte Carlo of your own; `mlmc` is one in symsde.
 
     steps: of level 0. antithetic: fine paths come in pairs whose halves of every coarse step are exchanged, for noises
     that do not commute. The other arguments are those of `mlmc`.

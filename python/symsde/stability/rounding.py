@@ -100,7 +100,7 @@ def tiny_steps(quick: bool) -> Scenario:
     model = ss.models.kubo(a=1.0, sigma=0.0)
     common = {"q0": 1.0, "p0": 1.0, "step": 1e-16, "steps": steps, "save_every": steps}
     kept = simulate(model, compensated=True, **common)
-    moved = (kept.q[-1, 0, 0] - 1) + kept.low_q[0, 0]
+    moved = (kept.q[-1, 0, 0] - 1) + kept.q_low[0, 0]
     result.add(
         "compensated: q moves by", "1e-10", f"{moved:.8e}", "within 1e-5, relative", abs(moved / 1e-10 - 1) <= 1e-5
     )

@@ -4,7 +4,7 @@
 !> Upper bounds: vectors of the system's size, and for each lane of an implicit scheme the matrix of its unknowns,
 !> dense or by bands, with the blocks of the Hessian. tests/python/test_memory.py runs models and schemes under a
 !> limit of memory and finds a bound that is too low; one that is too high refuses large systems for nothing.
-module symsde_step_room
+module symsde_step_memory
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
    use symsde_model_abstract, only: model_type
@@ -116,4 +116,4 @@ contains
       is_midpoint = abs(scheme%a(1, 1) - 0.5_wp) <= 0 .and. abs(scheme%abar(1, 1) - 0.5_wp) <= 0
    end function is_midpoint
 
-end module symsde_step_room
+end module symsde_step_memory

@@ -20,7 +20,7 @@ log = logging.getLogger("symsde")
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "PALS_SIZE")  # what launchers tell
 
 
-class Crew:
+class Ranks:
     """The ranks; one that is alone where nobody launched more."""
 
     def __init__(self, comm: Any = None):
@@ -30,7 +30,7 @@ class Crew:
         self.size = 1 if comm is None else comm.Get_size()
 
     @classmethod
-    def launched(cls) -> Crew:
+    def launched(cls) -> Ranks:
         """As launched; MPI is begun only where a launcher says that there are several."""
         if not any(os.environ.get(name, "1").isdigit() and int(os.environ.get(name, "1")) > 1 for name in _SIZES):
             return cls()

@@ -16,13 +16,13 @@ from .plan import Piece
 from .shard_file import Shard
 from .show import Show
 from .stop import Stop
-from .work import Store, Task, compute
+from .work import Checkpoint, Task, compute
 
 _LOOK = 0.2  # seconds between looks at signals and progress
 _ELSEWHERE = 0.5  # seconds between looks at what other processes do
 
 
-class Shelf(Protocol):
+class ShardStore(Protocol):
     """Where shards are kept: a folder, or memory."""
 
     def is_done(self, piece: Piece) -> bool:
@@ -37,33 +37,33 @@ class Shelf(Protocol):
     def write(self, piece: Piece, shard: Shard) -> None:
         """Keep a shard."""
 
-    def store(self, piece: Piece) -> Store | None:
+    def checkpoint(self, piece: Piece) -> Checkpoint | None:
         """Where a long piece keeps its state; None for nowhere."""
 
 
 @dataclass(frozen=True)
-class Desk:
+class Context:
     """Where work is kept, when it ends, and who is told."""
 
-    shelf: Shelf
+    shards: ShardStore
     stop: Stop
     show: Show
 
 
-def conduct(task: Task, pieces: Sequence[Piece], desk: Desk, executor: Executor | None = None) -> bool:
+def dispatch(task: Task, pieces: Sequence[Piece], context: Context, executor: Executor | None = None) -> bool:
     """Compute the pieces whose shards are not there; whether all are there at the end. Pieces that other processes work
     on are waited for, and computed here if those die."""
-    shelf = desk.shelf
-    todo = [piece for piece in pieces if not shelf.is_done(piece)]
+    shards = context.shards
+    todo = [piece for piece in pieces if not shards.is_done(piece)]
     if not todo:
         return True
     if executor is not None:
         here = _Many(task, executor, _workers_of(executor))
-        return _Loop(todo, desk, here).run()
+        return _Loop(todo, context, here).run()
     workers, threads = division(task, len(todo))
     with ThreadPoolExecutor(workers) as own:
-        here = _Here(task, own, (workers, threads), desk)
-        return _Loop(todo, desk, here).run()
+        here = _Here(task, own, (workers, threads), context)
+        return _Loop(todo, context, here).run()
 
 
 def division(task: Task, pieces: int) -> tuple[int, int | None]:
@@ -96,26 +96,26 @@ def _workers_of(executor: Executor) -> int:
 class _Here:
     """Pieces on threads of this process, which tell of their progress and can be stopped within."""
 
-    def __init__(self, task: Task, executor: Executor, division: tuple[int, int | None], desk: Desk):
+    def __init__(self, task: Task, executor: Executor, division: tuple[int, int | None], context: Context):
         workers, self._threads = division
         self.window = workers + 1  # one waits, so that no thread rests while a shard is written
-        self._task, self._executor, self._desk = task, executor, desk
+        self._task, self._executor, self._context = task, executor, context
 
     def submit(self, piece: Piece) -> Future:
         """Begin."""
         return self._executor.submit(self._compute, piece)
 
     def _compute(self, piece: Piece) -> Shard | None:
-        desk = self._desk
-        if desk.stop.reason:
+        context = self._context
+        if context.stop.reason:
             return None
         begun = time.monotonic()
 
         def tell(done: int, _total: int) -> bool:
-            desk.show.piece(piece.name, done)
-            return desk.stop.gives_up(done, piece.work, begun)
+            context.show.piece(piece.name, done)
+            return context.stop.gives_up(done, piece.work, begun)
 
-        return compute(self._task, piece, self._threads, tell, desk.shelf.store(piece))
+        return compute(self._task, piece, self._threads, tell, context.shards.checkpoint(piece))
 
 
 class _Many:
@@ -134,11 +134,11 @@ class _Many:
 class _Loop:
     """The pieces that are still to do, in work here, or in work elsewhere."""
 
-    def __init__(self, todo: list[Piece], desk: Desk, here: _Here | _Many):
+    def __init__(self, todo: list[Piece], context: Context, here: _Here | _Many):
         self._todo = deque(todo)
         self._elsewhere: list[Piece] = []
         self._running: dict[Future, Piece] = {}
-        self._shelf, self._stop, self._show, self._here = desk.shelf, desk.stop, desk.show, here
+        self._shards, self._stop, self._show, self._here = context.shards, context.stop, context.show, here
         self._took = 0.0
         self._begun: dict[str, float] = {}
 
@@ -166,10 +166,10 @@ class _Loop:
     def _begin_some(self) -> None:
         while self._todo and len(self._running) < self._here.window and self._stop.leaves_time_for(self._took):
             piece = self._todo.popleft()
-            if not self._shelf.claim(piece):
+            if not self._shards.claim(piece):
                 self._elsewhere.append(piece)
-            elif self._shelf.is_done(piece):  # by another process, since we looked
-                self._shelf.release(piece)
+            elif self._shards.is_done(piece):  # by another process, since we looked
+                self._shards.release(piece)
                 self._show.finish(piece.name, piece.work)
             else:
                 self._begun[piece.name] = time.monotonic()
@@ -183,16 +183,16 @@ class _Loop:
                 if shard is None:  # stopped
                     self._todo.append(piece)
                     continue
-                self._shelf.write(piece, shard)
+                self._shards.write(piece, shard)
             finally:
-                self._shelf.release(piece)
+                self._shards.release(piece)
             self._took = max(self._took, time.monotonic() - self._begun[piece.name])
             self._show.finish(piece.name, piece.work)
 
     def _look_elsewhere(self) -> None:
         """Pieces of other processes: those that are there now are done, the others are tried again."""
         for piece in self._elsewhere:
-            if self._shelf.is_done(piece):
+            if self._shards.is_done(piece):
                 self._show.finish(piece.name, piece.work)
             else:
                 self._todo.append(piece)
@@ -204,4 +204,4 @@ class _Loop:
             future.cancel()
         wait(self._running)
         for piece in self._running.values():
-            self._shelf.release(piece)
+            self._shards.release(piece)

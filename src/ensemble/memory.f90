@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How much memory a run takes at most, and on how many threads it fits.
-module symsde_ensemble_room
+module symsde_ensemble_memory
    use symsde_base_functionals, only: functional_set, path_areas
    use symsde_base_kinds, only: wp
    use symsde_base_memory, only: memory_for, require_memory
@@ -12,7 +12,7 @@ module symsde_ensemble_room
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_newton, only: newton_options
-   use symsde_step_room, only: stepper_numbers
+   use symsde_step_memory, only: stepper_numbers
    implicit none
    private
    public :: fit_threads, noise_numbers
@@ -77,4 +77,4 @@ contains
       if (asked%has(path_areas)) noise_numbers = noise_numbers + nlane*levels*m*(m - 1)
    end function noise_numbers
 
-end module symsde_ensemble_room
+end module symsde_ensemble_memory

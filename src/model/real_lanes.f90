@@ -4,27 +4,27 @@
 !> For models whose lanes have the same bits whatever their number (callback_model%any_lanes): a function that goes
 !> from lane to lane takes as long for one path as for one lane, and not for eight. Inputs of the real lanes are
 !> gathered, outputs spread; padding gets those of the last real lane, as if it had been computed.
-module symsde_model_few_lanes
+module symsde_model_real_lanes
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: steps_record
    use symsde_model_abstract, only: model_type
    implicit none
    private
-   public :: few_lanes_model, new_few_lanes
+   public :: real_lanes_model, new_real_lanes
 
    integer, parameter :: narray = 8  !! w, q, p; a product's vectors or qq and qp; gradient; pp
 
-   type :: room_type
+   type :: buffer_type
       real(wp), allocatable :: x(:)
-   end type room_type
+   end type buffer_type
 
-   !> One for each thread: its room is used by one call at a time.
-   type, extends(model_type) :: few_lanes_model
+   !> One for each thread: its buffers are used by one call at a time.
+   type, extends(model_type) :: real_lanes_model
       private
       class(model_type), pointer :: model => null()
       integer, public :: nreal = 0                        !! lanes past it are padding
-      type(room_type), pointer :: room(:) => null()       !! (narray); behind a pointer, for a model is intent(in)
+      type(buffer_type), pointer :: buffer(:) => null()       !! (narray); behind a pointer, for a model is intent(in)
    contains
       procedure :: gradient
       procedure :: value => weighted_value
@@ -32,40 +32,40 @@ module symsde_model_few_lanes
       procedure :: hessian_vector
       procedure :: gradient_hessian
       procedure :: hessian_banded
-      procedure :: brings
+      procedure :: has_flow
       procedure :: flow
       procedure :: failure_code
       procedure :: clear_failure
       final :: release
-   end type few_lanes_model
+   end type real_lanes_model
 
 contains
 
    !> A view of a model, which must outlive it.
-   subroutine new_few_lanes(self, model)
-      type(few_lanes_model), intent(inout) :: self
+   subroutine new_real_lanes(self, model)
+      type(real_lanes_model), intent(inout) :: self
       class(model_type), intent(in), target :: model
 
       self%traits = model%traits
       self%name = model%name
       self%model => model
-      allocate (self%room(narray))
-   end subroutine new_few_lanes
+      allocate (self%buffer(narray))
+   end subroutine new_real_lanes
 
    impure elemental subroutine release(self)
-      type(few_lanes_model), intent(inout) :: self
+      type(real_lanes_model), intent(inout) :: self
       integer :: i
 
-      if (.not. associated(self%room)) return
-      do i = 1, size(self%room)  ! gfortran 12 frees the rooms without what they hold
-         if (allocated(self%room(i)%x)) deallocate (self%room(i)%x)
+      if (.not. associated(self%buffer)) return
+      do i = 1, size(self%buffer)  ! gfortran 12 frees the array of buffers without what they hold
+         if (allocated(self%buffer(i)%x)) deallocate (self%buffer(i)%x)
       end do
-      deallocate (self%room)
+      deallocate (self%buffer)
    end subroutine release
 
    !> Gradient of sum_j w_j H_j.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
-      class(few_lanes_model), intent(in) :: self
+      class(real_lanes_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
@@ -76,9 +76,9 @@ contains
          return
       end if
       call take_inputs(self, nlane, ndof, nnoise, w, q, p)
-      call take_room(self, 6, ndof, present(hq), a)
-      call take_room(self, 7, ndof, present(hp), b)
-      associate (r => self%room, n => self%nreal)
+      call take_buffer(self, 6, ndof, present(hq), a)
+      call take_buffer(self, 7, ndof, present(hp), b)
+      associate (r => self%buffer, n => self%nreal)
          call self%model%gradient(n, ndof, nnoise, t, r(1)%x, r(2)%x, r(3)%x, a, b)
          if (present(hq)) call spread_lanes(nlane, n, ndof, a, hq)
          if (present(hp)) call spread_lanes(nlane, n, ndof, b, hp)
@@ -87,7 +87,7 @@ contains
 
    !> Value of sum_j w_j H_j, of all lanes: it is no part of a step.
    subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
-      class(few_lanes_model), intent(in) :: self
+      class(real_lanes_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: value(nlane)
@@ -97,7 +97,7 @@ contains
 
    !> Blocks of the Hessian of sum_j w_j H_j.
    subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
-      class(few_lanes_model), intent(in) :: self
+      class(real_lanes_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
@@ -109,10 +109,10 @@ contains
          return
       end if
       call take_inputs(self, nlane, ndof, nnoise, w, q, p)
-      call take_room(self, 4, ndof**2, present(hqq), c)
-      call take_room(self, 5, ndof**2, present(hqp), d)
-      call take_room(self, 8, ndof**2, present(hpp), e)
-      associate (r => self%room, n => self%nreal)
+      call take_buffer(self, 4, ndof**2, present(hqq), c)
+      call take_buffer(self, 5, ndof**2, present(hqp), d)
+      call take_buffer(self, 8, ndof**2, present(hpp), e)
+      associate (r => self%buffer, n => self%nreal)
          call self%model%hessian(n, ndof, nnoise, t, r(1)%x, r(2)%x, r(3)%x, c, d, e)
          if (present(hqq)) call spread_lanes(nlane, n, ndof**2, c, hqq)
          if (present(hqp)) call spread_lanes(nlane, n, ndof**2, d, hqp)
@@ -122,7 +122,7 @@ contains
 
    !> Gradient and Hessian at one point.
    subroutine gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
-      class(few_lanes_model), intent(in) :: self
+      class(real_lanes_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
@@ -135,12 +135,12 @@ contains
          return
       end if
       call take_inputs(self, nlane, ndof, nnoise, w, q, p)
-      call take_room(self, 6, ndof, present(hq), a)
-      call take_room(self, 7, ndof, present(hp), b)
-      call take_room(self, 4, ndof**2, present(hqq), c)
-      call take_room(self, 5, ndof**2, present(hqp), d)
-      call take_room(self, 8, ndof**2, present(hpp), e)
-      associate (r => self%room, n => self%nreal)
+      call take_buffer(self, 6, ndof, present(hq), a)
+      call take_buffer(self, 7, ndof, present(hp), b)
+      call take_buffer(self, 4, ndof**2, present(hqq), c)
+      call take_buffer(self, 5, ndof**2, present(hqp), d)
+      call take_buffer(self, 8, ndof**2, present(hpp), e)
+      associate (r => self%buffer, n => self%nreal)
          call self%model%gradient_hessian(n, ndof, nnoise, t, r(1)%x, r(2)%x, r(3)%x, a, b, c, d, e)
          if (present(hq)) call spread_lanes(nlane, n, ndof, a, hq)
          if (present(hp)) call spread_lanes(nlane, n, ndof, b, hp)
@@ -152,7 +152,7 @@ contains
 
    !> Hessian of sum_j w_j H_j times (vq, vp).
    subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
-      class(few_lanes_model), intent(in) :: self
+      class(real_lanes_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
@@ -164,11 +164,11 @@ contains
          return
       end if
       call take_inputs(self, nlane, ndof, nnoise, w, q, p)
-      call gather(nlane, self%nreal, ndof, vq, self%room(4)%x)
-      call gather(nlane, self%nreal, ndof, vp, self%room(5)%x)
-      call take_room(self, 6, ndof, .true., a)
-      call take_room(self, 7, ndof, .true., b)
-      associate (r => self%room, n => self%nreal)
+      call gather(nlane, self%nreal, ndof, vq, self%buffer(4)%x)
+      call gather(nlane, self%nreal, ndof, vp, self%buffer(5)%x)
+      call take_buffer(self, 6, ndof, .true., a)
+      call take_buffer(self, 7, ndof, .true., b)
+      associate (r => self%buffer, n => self%nreal)
          call self%model%hessian_vector(n, ndof, nnoise, t, r(1)%x, r(2)%x, r(3)%x, r(4)%x, r(5)%x, a, b)
          call spread_lanes(nlane, n, ndof, a, uq)
          call spread_lanes(nlane, n, ndof, b, up)
@@ -177,7 +177,7 @@ contains
 
    !> Bands of the Hessian blocks.
    subroutine hessian_banded(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
-      class(few_lanes_model), intent(in) :: self
+      class(real_lanes_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       integer, intent(in) :: b
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
@@ -193,10 +193,10 @@ contains
       end if
       m = (2*b + 1)*ndof
       call take_inputs(self, nlane, ndof, nnoise, w, q, p)
-      call take_room(self, 4, m, present(hqq), c)
-      call take_room(self, 5, m, present(hqp), d)
-      call take_room(self, 8, m, present(hpp), e)
-      associate (r => self%room, n => self%nreal)
+      call take_buffer(self, 4, m, present(hqq), c)
+      call take_buffer(self, 5, m, present(hqp), d)
+      call take_buffer(self, 8, m, present(hpp), e)
+      associate (r => self%buffer, n => self%nreal)
          call self%model%hessian_banded(n, ndof, nnoise, b, t, r(1)%x, r(2)%x, r(3)%x, c, d, e)
          if (present(hqq)) call spread_lanes(nlane, n, m, c, hqq)
          if (present(hqp)) call spread_lanes(nlane, n, m, d, hqp)
@@ -204,16 +204,16 @@ contains
       end associate
    end subroutine hessian_banded
 
-   pure logical function brings(self, scheme)
-      class(few_lanes_model), intent(in) :: self
+   pure logical function has_flow(self, scheme)
+      class(real_lanes_model), intent(in) :: self
       character(*), intent(in) :: scheme
 
-      brings = self%model%brings(scheme)
-   end function brings
+      has_flow = self%model%has_flow(scheme)
+   end function has_flow
 
    !> Whole steps are told the number of real lanes.
    subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
-      class(few_lanes_model), intent(in) :: self
+      class(real_lanes_model), intent(in) :: self
       character(*), intent(in) :: scheme
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ndof
@@ -227,40 +227,40 @@ contains
    end subroutine flow
 
    integer function failure_code(self) result(code)
-      class(few_lanes_model), intent(in) :: self
+      class(real_lanes_model), intent(in) :: self
 
       code = self%model%failure_code()
    end function failure_code
 
    subroutine clear_failure(self)
-      class(few_lanes_model), intent(in) :: self
+      class(real_lanes_model), intent(in) :: self
 
       call self%model%clear_failure()
    end subroutine clear_failure
 
    !> Weights and state of the real lanes.
    subroutine take_inputs(self, nlane, ndof, nnoise, w, q, p)
-      class(few_lanes_model), intent(in) :: self
+      class(real_lanes_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
 
-      call gather(nlane, self%nreal, nnoise + 1, w, self%room(1)%x)
-      call gather(nlane, self%nreal, ndof, q, self%room(2)%x)
-      call gather(nlane, self%nreal, ndof, p, self%room(3)%x)
+      call gather(nlane, self%nreal, nnoise + 1, w, self%buffer(1)%x)
+      call gather(nlane, self%nreal, ndof, q, self%buffer(2)%x)
+      call gather(nlane, self%nreal, ndof, p, self%buffer(3)%x)
    end subroutine take_inputs
 
    !> Room for an output of so many columns; null where it is not wanted, which a call takes for absent.
-   subroutine take_room(self, i, ncol, wanted, x)
-      class(few_lanes_model), intent(in), target :: self
+   subroutine take_buffer(self, i, ncol, wanted, x)
+      class(real_lanes_model), intent(in), target :: self
       integer, intent(in) :: i, ncol
       logical, intent(in) :: wanted
       real(wp), pointer, contiguous, intent(out) :: x(:)
 
       nullify (x)
       if (.not. wanted) return
-      call fit(self%room(i)%x, self%nreal*ncol)
-      x => self%room(i)%x
-   end subroutine take_room
+      call fit(self%buffer(i)%x, self%nreal*ncol)
+      x => self%buffer(i)%x
+   end subroutine take_buffer
 
    !> Room for n numbers at least.
    pure subroutine fit(x, n)
@@ -274,30 +274,30 @@ contains
       allocate (x(n))
    end subroutine fit
 
-   pure subroutine gather(nlane, n, ncol, x, few)
+   pure subroutine gather(nlane, n, ncol, x, real_ones)
       integer, intent(in) :: nlane, n, ncol
       real(wp), intent(in) :: x(nlane, ncol)
-      real(wp), allocatable, intent(inout) :: few(:)
+      real(wp), allocatable, intent(inout) :: real_ones(:)
       integer :: i, lane
 
-      call fit(few, n*ncol)
+      call fit(real_ones, n*ncol)
       do i = 1, ncol
          do lane = 1, n
-            few((i - 1)*n + lane) = x(lane, i)
+            real_ones((i - 1)*n + lane) = x(lane, i)
          end do
       end do
    end subroutine gather
 
-   pure subroutine spread_lanes(nlane, n, ncol, few, x)
+   pure subroutine spread_lanes(nlane, n, ncol, real_ones, x)
       integer, intent(in) :: nlane, n, ncol
-      real(wp), intent(in) :: few(n, ncol)
+      real(wp), intent(in) :: real_ones(n, ncol)
       real(wp), intent(out) :: x(nlane, ncol)
       integer :: i
 
       do i = 1, ncol
-         x(:n, i) = few(:, i)
-         x(n + 1:, i) = few(n, i)
+         x(:n, i) = real_ones(:, i)
+         x(n + 1:, i) = real_ones(n, i)
       end do
    end subroutine spread_lanes
 
-end module symsde_model_few_lanes
+end module symsde_model_real_lanes

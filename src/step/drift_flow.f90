@@ -1,13 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> What happens to a state between two kicks: free flight, or the exact rotation of a declared linear part,
 !> p.p/2 + sum_i omega_i^2 q_i^2/2. Increments are moved, not states, so that rounding stays that of increments.
-module symsde_step_flight
+module symsde_step_drift_flow
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: flight_type, new_flight
+   public :: drift_flow, new_drift_flow
 
-   type :: flight_type
+   type :: drift_flow
       private
       logical, public :: rotates = .false.
       real(wp), allocatable :: omega(:)            !! (ndof)
@@ -17,13 +17,13 @@ module symsde_step_flight
    contains
       procedure :: move
       procedure :: remove_linear
-   end type flight_type
+   end type drift_flow
 
 contains
 
    !> Flights of nleg different durations in a step; free where omega is not given.
-   pure subroutine new_flight(self, nleg, omega)
-      type(flight_type), intent(out) :: self
+   pure subroutine new_drift_flow(self, nleg, omega)
+      type(drift_flow), intent(out) :: self
       integer, intent(in) :: nleg
       real(wp), intent(in), optional :: omega(:)  !! frequencies (ndof)
 
@@ -33,11 +33,11 @@ contains
       allocate (self%duration(nleg), source=0.0_wp)
       allocate (self%cosine_less_one(size(omega), nleg), self%sine(size(omega), nleg), source=0.0_wp)
       allocate (self%sine_over(size(omega), nleg), source=0.0_wp)
-   end subroutine new_flight
+   end subroutine new_drift_flow
 
    !> Move (q + dq, p + dp) over the time tau, the leg-th of the step.
    subroutine move(self, leg, tau, nlane, ndof, q, p, dq, dp)
-      class(flight_type), intent(inout) :: self
+      class(drift_flow), intent(inout) :: self
       integer, intent(in) :: leg, nlane, ndof
       real(wp), intent(in) :: tau                                   !! with its sign [time]
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
@@ -57,7 +57,7 @@ contains
 
    !> Take the linear part out of the gradient of weight*U: the rotation has it.
    pure subroutine remove_linear(self, weight, nlane, ndof, x, f)
-      class(flight_type), intent(in) :: self
+      class(drift_flow), intent(in) :: self
       real(wp), intent(in) :: weight
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: x(nlane, ndof)
@@ -73,7 +73,7 @@ contains
    !> Coefficients of the rotation over tau, which may be negative. cos - 1 without cancellation; omega = 0 is
    !> free flight.
    pure subroutine rotate_over(self, leg, tau)
-      type(flight_type), intent(inout) :: self
+      type(drift_flow), intent(inout) :: self
       integer, intent(in) :: leg
       real(wp), intent(in) :: tau
 
@@ -117,4 +117,4 @@ contains
       end do
    end subroutine rotate
 
-end module symsde_step_flight
+end module symsde_step_drift_flow

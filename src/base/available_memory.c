@@ -50,8 +50,8 @@ static size_t stack_size(void) {
 }
 
 /* 1 where so many bytes, and so many threads besides the calling one, can be had now. */
-__attribute__((visibility("hidden"))) int symsde_room(double bytes, int threads);
-int symsde_room(double bytes, int threads) {
+__attribute__((visibility("hidden"))) int symsde_memory_available(double bytes, int threads);
+int symsde_memory_available(double bytes, int threads) {
    const double machine = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
    if (!(bytes < 4e18) || (machine > 0 && bytes > machine))
       return 0;
@@ -60,6 +60,6 @@ int symsde_room(double bytes, int threads) {
    return can_map((size_t)bytes, PROT_READ | PROT_WRITE);
 }
 #else
-int symsde_room(double bytes, int threads);
-int symsde_room(double bytes, int threads) { return bytes < 4e18; }
+int symsde_memory_available(double bytes, int threads);
+int symsde_memory_available(double bytes, int threads) { return bytes < 4e18; }
 #endif
