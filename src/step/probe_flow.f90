@@ -2,7 +2,8 @@
 !> Whether whole steps that a user's model brings are those of the library, near the initial state.
 !>
 !> Four steps of eight paths: as the general stepper takes them, to the root of rounding, and bit for bit whether asked
-!> for one by one, two by two or all at once. It refutes, as every probe does; it proves nothing.
+!> for one by one, two by two or all at once. Where the model gives up on a lane, which runs then rescue, nothing
+!> is compared. It refutes, as every probe does; it proves nothing.
 module symsde_step_probe_flow
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
@@ -45,10 +46,11 @@ contains
       call new_stepper(whole, model, scheme, stepper_options(correction=correction_none), nlane, refusal)
       if (allocated(refusal)) return
       call draw(store, model, scheme, h)
-      call take(whole, store, t, q0, p0, nstep, q, p)
-      call take(whole, store, t, q0, p0, 1, q1, p1)
+      call take(whole, store, t, q0, p0, nstep, q, p, comparable)
+      if (.not. comparable) return
+      call take(whole, store, t, q0, p0, 1, q1, p1, comparable)
       if (.not. (same(q, q1) .and. same(p, p1))) call refuse('one by one')
-      call take(whole, store, t, q0, p0, 2, q1, p1)
+      call take(whole, store, t, q0, p0, 2, q1, p1, comparable)
       if (.not. (same(q, q1) .and. same(p, p1))) call refuse('two by two')
       if (allocated(error)) return
       call new_stepper(general, model, scheme, stepper_options(correction=correction_none, general=.true.), nlane, &
@@ -108,13 +110,14 @@ contains
       end do
    end subroutine draw
 
-   !> States after each step, asked for so many at a time.
-   subroutine take(stepper, store, t, q0, p0, n, q, p)
+   !> States after each step, asked for so many at a time; not comparable where the model gives up on a lane.
+   subroutine take(stepper, store, t, q0, p0, n, q, p, comparable)
       class(stepper_type), intent(inout) :: stepper
       type(step_store), intent(in), target :: store
       real(wp), intent(in) :: t, q0(:), p0(:)
       integer, intent(in) :: n
       real(wp), intent(out) :: q(:, :, :), p(:, :, :)
+      logical, intent(out) :: comparable
       type(steps_record) :: steps
       real(wp), dimension(nlane, size(q0)) :: x, y
       real(wp), dimension(nlane, size(q0), n) :: xn, yn
@@ -137,6 +140,7 @@ contains
             y = yn(:, :, n)
          end do
       end select
+      comparable = all(status == 0)
    end subroutine take
 
    !> The same by the general stepper; not comparable where it finds no solution.

@@ -421,3 +421,14 @@ def test_noises_that_a_scheme_forbids_are_quoted():
     for scheme in ("chin4a", "verlet_dz"):
         with pytest.raises(errors.IncompatibleError, match=r"needs .*noise.*H_1 = '0.1\*q\*p'"):
             ss.simulate(model, q0=0.0, p0=1.0, step=0.1, steps=3, scheme=scheme)
+
+
+def test_compilation_is_bounded_in_processor_time(monkeypatch):
+    """A compiler that computes for long is stopped, with all that it started; one that waits is waited for."""
+    monkeypatch.setattr(compiler, "TIME_LIMIT", 1.0)
+    busy = compiler._bounded(
+        [sys.executable, "-c", "import subprocess, sys; subprocess.run([sys.executable, '-c', 'while 1: 1'])"]
+    )
+    assert busy is not None  # the computing child was ended
+    patient = compiler._bounded([sys.executable, "-c", "import time; time.sleep(1.5); print('done')"])
+    assert patient.stdout == "done\n"

@@ -39,7 +39,7 @@ def flows(made: Derivatives) -> list[str]:
     if not few or "t" in _leaves(made, BLOCKS):
         return []
     schemes = list(EXPLICIT) if separable else []
-    if (separable or made.problem.ndof == 1) and not (separable and _has_one_equation(made)):
+    if separable or made.problem.ndof == 1:
         schemes.append("midpoint")
     if separable and made.problem.ndof == 1 and not _is_quadratic(made):
         schemes.append("gauss2")
@@ -56,14 +56,18 @@ def source(made: Derivatives) -> str:
     group = 1 if operations > 160 else 2 if may_be_far else 8
     parts = [HEAD.format(dof=made.problem.ndof, strip=STRIP, group=group, far=int(may_be_far))]
     parts += [_function(made, "force", ["hq"]), _function(made, "velocity", ["hp"])]
-    parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _text("midpoint")]
+    parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _text("eliminate")]
+    eliminated = _eliminates(made)
+    if eliminated:
+        parts += [_function(made, "mobility", ["hpp"]), _function(made, "stiffness", ["hq", "hqq"])]
+    parts.append(_text("midpoint_eliminated" if eliminated else "midpoint"))
     if "gauss2" in schemes:
         parts.append(_text("gauss2"))
     newton = [x for x in schemes if x == "gauss2" or (x == "midpoint" and not _is_quadratic(made))]
     parts += [_text("verdict")] if newton else []
     for scheme in schemes:
         how = _text("newton") if scheme in newton else _text("closed")
-        unknowns = 4 if scheme == "gauss2" else 2 * made.problem.ndof
+        unknowns = 4 if scheme == "gauss2" else made.problem.ndof * (1 if eliminated else 2)
         how = how.replace("STEP_UNKNOWNS", str(unknowns))
         parts.append((how + _text("call")).replace("STEP", scheme))
     return "\n".join(parts)
@@ -87,10 +91,10 @@ def _is_quadratic(made: Derivatives) -> bool:
     return not any(x[0] in "qp" for x in _leaves(made, ("hqq", "hqp", "hpp")))
 
 
-def _has_one_equation(made: Derivatives) -> bool:
-    """Whether the library's midpoint step is one equation for each lane, which nothing here is faster than."""
-    nodes, (hpp, *more) = made.graph.nodes, made.outputs["hpp"]
-    return not more and nodes[hpp].what == "leaf" and nodes[hpp].value == "w0" and not _is_quadratic(made)
+def _eliminates(made: Derivatives) -> bool:
+    """Whether midpoint has the momenta eliminated: separable, velocities linear in p, and Newton's iteration."""
+    separable = all(made.graph.is_number(x, 0.0) for x in made.outputs["hqp"])
+    return separable and not _is_quadratic(made) and not any(x[0] in "qp" for x in _leaves(made, ["hpp"]))
 
 
 def _function(made: Derivatives, name: str, blocks: list[str]) -> str:

@@ -32,6 +32,7 @@ INLINE gauss2_correction_at(LANE_IN, const state *s, const double *z, double *d,
    d[3] = (matrix[0][0] * g[1] - matrix[1][0] * g[0]) * inverse;
    for (int i = 0; i < 2; i++)
       d[i] = r[i] + hpp[i] * (gauss2_a[i][0] * d[2] + gauss2_a[i][1] * d[3]);
+   d[4] = 0;
    return beyond;
 }
 
@@ -41,7 +42,7 @@ INLINE gauss2_correction(LANE_IN, const state *s, const double *z, double *d, co
 
 /* one correction with both stages at the beginning of the step */
 INLINE gauss2_guess(LANE_IN, const state *s, double *z, const int far) {
-   double d[4];
+   double d[5];
    for (int k = 0; k < 4; k++)
       z[k] = 0;
    const int64_t beyond = gauss2_correction_at(LANE_OF, s, z, d, 0, far);
@@ -54,3 +55,5 @@ LANE void gauss2_increment(LANE_IN, const state *s, const double *z, double *dq,
    dq[0] = 0.5 * z[0] + 0.5 * z[1];
    dp[0] = 0.5 * z[2] + 0.5 * z[3];
 }
+
+#define gauss2_steep_increment gauss2_increment /* both unknowns are there */

@@ -1,24 +1,4 @@
 
-/* matrix^{-1} r in place of r, without pivots: near the identity none are needed; elsewhere what comes out is no solution,
- * does not converge, and the step is left to the library. */
-LANE void eliminate(double matrix[DOF][DOF], double *r) {
-   for (int k = 0; k < DOF; k++) {
-      const double inverse = 1 / matrix[k][k];
-      for (int i = k + 1; i < DOF; i++) {
-         const double factor = matrix[i][k] * inverse;
-         for (int j = k + 1; j < DOF; j++)
-            matrix[i][j] -= factor * matrix[k][j];
-         r[i] -= factor * r[k];
-      }
-      r[k] *= inverse;
-      for (int j = k + 1; j < DOF; j++)
-         matrix[k][j] *= inverse;
-   }
-   for (int k = DOF - 1; k > 0; k--)
-      for (int i = 0; i < k; i++)
-         r[i] -= matrix[i][k] * r[k];
-}
-
 /* Newton's correction of (F, G) = (S_p, -S_q) at (q + F/2, p + G/2): in closed form for one degree of freedom, the F
  * eliminated for several, whose S_qp vanish. */
 INLINE midpoint_correction(LANE_IN, const state *s, const double *z, double *d, const int far) {
@@ -54,6 +34,7 @@ INLINE midpoint_correction(LANE_IN, const state *s, const double *z, double *d, 
          d[i] += 0.5 * hpp[i * DOF + k] * r[k];
    }
 #endif
+   d[2 * DOF] = 0;
    return beyond;
 }
 
@@ -74,7 +55,7 @@ LANE void midpoint_increment(LANE_IN, const state *s, const double *z, double *d
 
 /* of quadratic Hamiltonians: one correction is the solution */
 INLINE midpoint(LANE_IN, state *s, const int far) {
-   double z[2 * DOF], d[2 * DOF];
+   double z[2 * DOF], d[2 * DOF + 1];
    for (int k = 0; k < 2 * DOF; k++)
       z[k] = 0;
    const int64_t beyond = midpoint_correction(LANE_OF, s, z, d, far);
@@ -84,3 +65,5 @@ INLINE midpoint(LANE_IN, state *s, const int far) {
    }
    return beyond;
 }
+
+#define midpoint_steep_increment midpoint_increment /* both unknowns are there */

@@ -1,8 +1,10 @@
 
 /* ---- STEP by Newton's iteration, each lane until its own corrections stagnate ---- */
 
-/* A correction of the unknowns z of lane i into v, and the verdict on it; 1 where the lane goes on. */
-LANE int64_t STEP_correct(const double *z, const double *d, const double last, const int i, double *restrict v) {
+/* A correction of the unknowns z of lane i into v, the verdict on it, and how steep the equations are where it was made;
+ * 1 where the lane goes on. */
+LANE int64_t STEP_correct(const double *z, const double *d, const double last, const double steep, const int i,
+                          double *restrict v) {
    double largest = 0, size = 0, sum = 0;
    for (int k = 0; k < STEP_UNKNOWNS; k++) {
       const double next = last >= 0 ? z[k] - d[k] : z[k];
@@ -13,6 +15,7 @@ LANE int64_t STEP_correct(const double *z, const double *d, const double last, c
    }
    const double next = verdict(largest + 0 * sum, size, last); /* 0 * sum keeps a NaN */
    v[STEP_UNKNOWNS * STRIP + i] = next;
+   v[(STEP_UNKNOWNS + 1) * STRIP + i] = last >= 0 ? d[STEP_UNKNOWNS] : steep; /* of the lane, not of its neighbours */
    return 1 + (bits_of(next) >> 63);
 }
 
@@ -22,11 +25,11 @@ INLINE STEP_first(const int lanes, LANE_IN, const double *restrict x, const int6
    int64_t beyond = 0, going = 0;
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
-      double z[STEP_UNKNOWNS], d[STEP_UNKNOWNS];
+      double z[STEP_UNKNOWNS], d[STEP_UNKNOWNS + 1];
       const state s = state_of(x, i);
       beyond |= STEP_guess(w + i, n, c, &s, z, far);
       beyond |= STEP_correction(w + i, n, c, &s, z, d, far);
-      going += STEP_correct(z, d, status[i] == 0 ? 0 : -2, i, v);
+      going += STEP_correct(z, d, status[i] == 0 ? 0 : -2, 0, i, v);
    }
    *running = going;
    return beyond;
@@ -38,12 +41,12 @@ INLINE STEP_next(const int lanes, LANE_IN, const double *restrict x, const doubl
    int64_t beyond = 0, going = 0;
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
-      double z[STEP_UNKNOWNS], d[STEP_UNKNOWNS];
+      double z[STEP_UNKNOWNS], d[STEP_UNKNOWNS + 1];
       const state s = state_of(x, i);
       for (int k = 0; k < STEP_UNKNOWNS; k++)
          z[k] = u[k * STRIP + i];
       beyond |= STEP_correction(w + i, n, c, &s, z, d, far);
-      going += STEP_correct(z, d, u[STEP_UNKNOWNS * STRIP + i], i, v);
+      going += STEP_correct(z, d, u[STEP_UNKNOWNS * STRIP + i], u[(STEP_UNKNOWNS + 1) * STRIP + i], i, v);
    }
    *running = going;
    return beyond;
@@ -66,9 +69,44 @@ SELDOM STEP_fail(const int lanes, const double *restrict u, int64_t *restrict st
    }
 }
 
+LANE void STEP_add(const double *restrict dq, const double *restrict dp, const int i, double *restrict x) {
+   for (int k = 0; k < DOF; k++) {
+      x[k * STRIP + i] += dq[k];
+      x[(DOF + k) * STRIP + i] += dp[k];
+   }
+}
+
+/* From the unknowns to the new state. */
+LANE void STEP_finish(const int lanes, LANE_IN, const double *restrict u, double *restrict x) {
+#pragma GCC ivdep
+   for (int i = 0; i < lanes; i++) {
+      double z[STEP_UNKNOWNS], dq[DOF], dp[DOF];
+      const state s = state_of(x, i);
+      for (int k = 0; k < STEP_UNKNOWNS; k++)
+         z[k] = u[k * STRIP + i];
+      STEP_increment(w + i, n, c, &s, z, dq, dp);
+      STEP_add(dq, dp, i, x);
+   }
+}
+
+/* The same where some lanes are steep. */
+SELDOM STEP_finish_steep(const int lanes, LANE_IN, const double *restrict u, double *restrict x) {
+   for (int i = 0; i < lanes; i++) {
+      double z[STEP_UNKNOWNS], dq[DOF], dp[DOF];
+      const state s = state_of(x, i);
+      for (int k = 0; k < STEP_UNKNOWNS; k++)
+         z[k] = u[k * STRIP + i];
+      if (u[(STEP_UNKNOWNS + 1) * STRIP + i] > 1)
+         STEP_steep_increment(w + i, n, c, &s, z, dq, dp);
+      else
+         STEP_increment(w + i, n, c, &s, z, dq, dp);
+      STEP_add(dq, dp, i, x);
+   }
+}
+
 INLINE STEP_one(const int lanes, const int max_iter, LANE_IN, double *restrict x, int64_t *restrict status) {
-   double a[(STEP_UNKNOWNS + 1) * STRIP], b[(STEP_UNKNOWNS + 1) * STRIP], *u = a, *v = b;
-   int64_t running, bad = 0;
+   double a[(STEP_UNKNOWNS + 2) * STRIP], b[(STEP_UNKNOWNS + 2) * STRIP], *u = a, *v = b;
+   int64_t running, bad = 0, gentle = 0;
    if (STEP_first(lanes, LANE_OF, x, status, u, &running, 0) < 0)
       STEP_far(lanes, LANE_OF, x, status, NULL, u, &running);
    for (int iteration = 1; iteration < max_iter && running > 0; iteration++) {
@@ -78,19 +116,14 @@ INLINE STEP_one(const int lanes, const int max_iter, LANE_IN, double *restrict x
       u = v;
       v = swap;
    }
-#pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
-      double z[STEP_UNKNOWNS], dq[DOF], dp[DOF];
-      const state s = state_of(x, i);
-      for (int k = 0; k < STEP_UNKNOWNS; k++)
-         z[k] = u[k * STRIP + i];
-      STEP_increment(w + i, n, c, &s, z, dq, dp);
-      for (int k = 0; k < DOF; k++) {
-         x[k * STRIP + i] = s.q[k] + dq[k];
-         x[(DOF + k) * STRIP + i] = s.p[k] + dp[k];
-      }
       bad |= bits_of(u[STEP_UNKNOWNS * STRIP + i] + 1.5); /* done is -1, failed -2 */
+      gentle |= bits_of(1 - u[(STEP_UNKNOWNS + 1) * STRIP + i]);
    }
+   if (gentle < 0)
+      STEP_finish_steep(lanes, LANE_OF, u, x);
+   else
+      STEP_finish(lanes, LANE_OF, u, x);
    if (running > 0 || bad < 0) {
       STEP_fail(lanes, u, status);
       return -1;
