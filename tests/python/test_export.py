@@ -115,3 +115,6 @@ def test_what_cannot_be_exported_gets_a_sentence(text, language, words, tmp_path
     assert words in capsys.readouterr().err and not out.exists()
     assert cli.main(["export", str(file), "--to", language, "--out", str(tmp_path / "out.txt")]) == 2
     assert "ends in" in capsys.readouterr().err
+    for name in ("a b.c", "a;b.c", "1.c", "a\nb.c", "$(x).c"):
+        assert cli.main(["export", str(file), "--to", "c", "--out", str(tmp_path / name)]) == 2
+        assert "name programs by a letter" in capsys.readouterr().err

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
@@ -27,14 +28,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the program; print the line that compiles it."""
-    target = Path(options.out or f"{Path(options.scene).stem}{ENDING[options.to]}")
-    stem = re.sub(r"\W", "_", target.stem, flags=re.ASCII)
-    stem = stem if re.match(r"[A-Za-z]", stem) else f"scene_{stem}"
+    plain = re.sub(r"\W", "_", Path(options.scene).stem, flags=re.ASCII)
+    target = Path(options.out or f"{plain}{ENDING[options.to]}")
     if target.suffix != ENDING[options.to]:
         raise InvalidArgumentError(f"--out {target}: a program in {options.to} ends in {ENDING[options.to]}")
+    if not re.fullmatch(r"[A-Za-z]\w*", target.stem, flags=re.ASCII):  # it names a program, and stands in a command
+        raise InvalidArgumentError(f"--out {target.name!r}: name programs by a letter, then letters, digits and _")
     line = compile_line(options.to, target)
     text = (in_fortran if options.to == "fortran" else in_c).source(
-        given_of(scene.load(options.scene), stem[:50]), line
+        given_of(scene.load(options.scene), target.stem[:50]), line
     )
     try:
         target.write_text(text, encoding="utf-8")
@@ -56,4 +58,5 @@ def compile_line(language: str, target: Path) -> str:
     found = next((file for folder in folders for file in sorted(folder.glob(wanted))), None)
     if found is None:
         return f"{out} $(pkg-config --cflags --libs symsde) -lm"
-    return f"{out} -I{found.parent} {library} -Wl,-rpath,{library.parent} -lm"
+    places = (f"-I{found.parent}", str(library), f"-Wl,-rpath,{library.parent}")
+    return f"{out} {shlex.join(places)} -lm"
