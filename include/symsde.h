@@ -38,7 +38,7 @@ enum symsde_status {
    SYMSDE_INCOMPATIBLE = -2, /* scheme, model and options do not fit together */
    SYMSDE_UNKNOWN_NAME = -3,
    SYMSDE_WRONG_SHAPE = -4,
-   SYMSDE_TOO_LARGE = -5,   /* a product of sizes overflows */
+   SYMSDE_TOO_LARGE = -5,   /* sizes beyond what can be counted, addressed or held */
    SYMSDE_FALSE_TRAIT = -6, /* a declared trait or Hessian is refuted by a probe */
    SYMSDE_NULL_HANDLE = -7,
    SYMSDE_OUT_OF_MEMORY = -8,
@@ -258,7 +258,7 @@ enum symsde_areas {
    SYMSDE_AREAS_LAW = 1   /* right in law given dW and dZ, at bounded cost; of no path that refine < 0 could halve */
 };
 
-/* Told now and then how much is done of how much - path-steps of a run, blocks of work of a diagnosis - on the calling
+/* Told now and then how much is done of how much - path-steps of a run, parts of a diagnosis - on the calling
  * thread, at most twenty times a second; nonzero stops the work. A stopped run (SYMSDE_STOPPED) gives what it had
  * reached; a stopped diagnosis has no result. */
 typedef int (*symsde_progress)(int64_t done, int64_t total, void *user);

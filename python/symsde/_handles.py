@@ -80,7 +80,7 @@ class Handle:
 
 
 class Pool:
-    """Handles of one model, one for each call that is at work: the library lets a handle serve one call at a time.
+    """Handles of one model, one for each call at work: a handle keeps the exceptions of its call's callbacks.
 
     A lock would not do: a callback may ask its own model from another thread of the run, and would wait for the call
     that waits for it.

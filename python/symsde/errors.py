@@ -43,7 +43,7 @@ class WrongShapeError(SymsdeError, ValueError):
 
 
 class TooLargeError(SymsdeError, ValueError):
-    """Sizes whose product overflows or exceeds the memory of the machine."""
+    """Sizes beyond what the library can count or address, or what the memory of the machine can hold."""
 
     code = -5
 

@@ -343,7 +343,7 @@ def _checked_flows(flows: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def _with_flows(make: Callable[[], ModelHandle], flows: dict[str, Any], any_lanes: bool) -> ModelHandle:
-    """A handle of a user's model that brings whole steps, or whose functions take any number of lanes."""
+    """A handle of a user's model that defines whole steps, or whose functions take any number of lanes."""
     handle = make()
     handle.flows = []  # lives as long as the handle
     for scheme, function in flows.items():

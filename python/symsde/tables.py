@@ -166,7 +166,7 @@ general, and flows that commute with each other and the drift's (Kubo oscillator
 own error over the smallest error that counted ([measured.json](measured.json) has the problems and the references).
 Additive noise was measured on a pendulum with noise in q and p, where no bracket is constant; schemes that refuse it
 on a chain of one mass. Weak orders were measured without sampling, on second moments of linear problems against exp(T
-L): an order above the claim is one of these problems (no drift of third order, one noise). One-sided schemes have
+L): an order above the claim holds for these problems only (no drift of third order, one noise). One-sided schemes have
 their orders with the correction "increments". A dash: does not converge path by path, or is not made for such noise.
 Nothing in parentheses: refused by these models. "no noise" is the order of the deterministic scheme.
 """

@@ -18,7 +18,7 @@ module symsde_base_status
    integer(i4), parameter :: incompatible = -2       !! scheme, model and options do not fit together
    integer(i4), parameter :: unknown_name = -3
    integer(i4), parameter :: wrong_shape = -4
-   integer(i4), parameter :: too_large = -5          !! a product of sizes overflows
+   integer(i4), parameter :: too_large = -5          !! beyond what can be counted, addressed or held
    integer(i4), parameter :: false_trait = -6        !! a declared trait or Hessian is refuted by a probe
    integer(i4), parameter :: null_handle = -7
    integer(i4), parameter :: out_of_memory = -8

@@ -197,7 +197,7 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_scheme_delete
 
-   !> What a scheme declares.
+   !> What the certificate of a scheme says, as a struct.
    function symsde_scheme_get_info(scheme, info, error) result(status) bind(c, name='symsde_scheme_get_info')
       type(c_ptr), intent(in), value :: scheme, info, error
       integer(c_int) :: status
@@ -215,7 +215,7 @@ contains
       status = finish(refusal, error)
    end function symsde_scheme_get_info
 
-   !> What is proved about a scheme, as readable lines.
+   !> What is derived, claimed and measured of a scheme, as readable lines.
    function symsde_scheme_certificate(scheme, buffer, size, needed, error) result(status) &
       bind(c, name='symsde_scheme_certificate')
       type(c_ptr), intent(in), value :: scheme, buffer, needed, error

@@ -66,7 +66,7 @@ contains
       blocks: do first = 1, size(q, 1), work%nlane
          work%status = 0
          do n = 1, size(dw, 3)
-            call look_up(work, first, n, dw, 'discrete_action', error, monitor)
+            call ask_monitor(work, first, n, dw, 'discrete_action', error, monitor)
             if (allocated(error)) exit blocks
             call load_step(work, first, n, q, p, dw)
             call lagrangian%value(time_of(options, n), work%w, work%q0, work%p0, work%q1, work%p1, &
@@ -108,7 +108,7 @@ contains
       blocks: do first = 1, size(q, 1), work%nlane
          work%status = 0
          do n = 1, size(dw, 3)
-            call look_up(work, first, n, dw, 'action_gradient', error, monitor)
+            call ask_monitor(work, first, n, dw, 'action_gradient', error, monitor)
             if (allocated(error)) exit blocks
             call load_step(work, first, n, q, p, dw)
             call differentiate(lagrangian, work, options, n)
@@ -178,7 +178,7 @@ contains
          work%status = 0
          largest = 0
          do n = 1, size(dw, 3)
-            call look_up(work, first, n, dw, 'euler_lagrange_residual', error, monitor)
+            call ask_monitor(work, first, n, dw, 'euler_lagrange_residual', error, monitor)
             if (allocated(error)) exit blocks
             before_q = work%right_q
             before_p = work%right_p
@@ -236,7 +236,7 @@ contains
    end subroutine prepare
 
    !> Ask the monitor before step n (from 1) of the block of paths from first (from 1).
-   subroutine look_up(work, first, n, dw, place, error, monitor)
+   subroutine ask_monitor(work, first, n, dw, place, error, monitor)
       type(step_block), intent(in) :: work
       integer, intent(in) :: first, n
       real(wp), intent(in) :: dw(:, :, :)
@@ -248,7 +248,7 @@ contains
       nstep = size(dw, 3)
       nblock = (size(dw, 1) + work%nlane - 1)/work%nlane
       call stop_if_wanted(monitor, (first - 1)/work%nlane*nstep + n - 1, nblock*nstep, place, error)
-   end subroutine look_up
+   end subroutine ask_monitor
 
    !> largest = max(largest, |x + y|) in every lane, NaN where that is not finite.
    pure subroutine enlarge(x, y, largest)

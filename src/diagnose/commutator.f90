@@ -42,7 +42,7 @@ contains
    !> each bracket.
    subroutine commutator(model, t, q, p, result, error, monitor)
       class(model_type), intent(in) :: model
-      real(wp), intent(in) :: t                  !! time [1]
+      real(wp), intent(in) :: t                  !! time [time]
       real(wp), intent(in) :: q(:, :), p(:, :)   !! sample points (npoint, ndof)
       type(commutator_type), intent(out) :: result
       type(error_type), allocatable, intent(inout) :: error

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Where the paths of a run begin: the caller's arrays, as one argument for all threads.
 !>
-!> Low parts are there to resume compensated runs, fates to go on with paths of which some failed or were stopped;
-!> where none are given they are null. An absent array is not handed to
-!> a parallel region: gfortran computes the extents of such an argument from what happens to lie in memory.
+!> Low parts are there to resume compensated runs, statuses to go on with paths of which some failed or were stopped;
+!> null where not given. An absent array is not handed to a parallel region: gfortran computes the extents of such an
+!> argument from what happens to lie in memory.
 module symsde_ensemble_initial_state
    use symsde_base_kinds, only: wp, i4, i8
    implicit none

@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The observer that keeps moments only: memory independent of the number of paths and steps.
+!> The observer that keeps moments only: memory grows with the saved times, and with the logarithm of the
+!> number of paths.
 !>
 !> Values, in this order: q_1 .. q_n, p_1 .. p_n, the energy H(q,p) where the model can evaluate it, and
 !> the user's observables. Moments at time t are over the paths that are ok up to t.

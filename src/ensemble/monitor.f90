@@ -20,8 +20,8 @@ module symsde_ensemble_monitor
 
 contains
 
-   !> Told how much is done of how much (path-steps of a run, blocks of a diagnosis); true stops the work where
-   !> it can next be left.
+   !> Told how much is done of how much: path-steps of a run, parts of a diagnosis in a unit of its own. True stops the
+   !> work where it can next be left.
    logical function wants_stop(self, done, total)
       class(monitor_type), intent(inout) :: self
       integer(i8), intent(in) :: done, total
@@ -29,7 +29,7 @@ contains
       wants_stop = .false.
    end function wants_stop
 
-   !> Tell it, unless that was done a moment ago. To be called as often as is convenient.
+   !> Call `wants_stop`, unless that was done a moment ago.
    subroutine ask(self, done, total, stop_now)
       class(monitor_type), intent(inout) :: self
       integer(i8), intent(in) :: done, total

@@ -89,7 +89,7 @@ contains
       end if
    end subroutine simulate
 
-   !> Integrate all paths and keep moments only; memory does not depend on paths and steps.
+   !> Integrate all paths and keep moments only; memory grows with the saved times, not with the paths.
    subroutine moments(model, scheme, options, q0, p0, result, error, observables, dw, monitor, q0_low, p0_low)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme

@@ -29,7 +29,7 @@ module symsde_model_abstract
    !> A model is immutable once constructed: shared by all threads, intent(in) wherever it is used.
    type, abstract :: model_type
       type(model_traits) :: traits
-      character(:), allocatable :: name  !! name in the catalogue
+      character(:), allocatable :: name  !! for messages and reports
    contains
       procedure(gradient_interface), deferred :: gradient
       procedure :: value => value_missing
@@ -51,7 +51,7 @@ module symsde_model_abstract
          import :: model_type, wp
          class(model_type), intent(in) :: self
          integer, intent(in) :: nlane, ndof, nnoise
-         real(wp), intent(in) :: t                          !! time [1]
+         real(wp), intent(in) :: t                          !! time [time]
          real(wp), intent(in) :: w(nlane, 0:nnoise)         !! weights of H_0 .. H_m
          real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
          real(wp), intent(out), optional :: hq(nlane, ndof) !! d/dq
@@ -223,11 +223,11 @@ contains
       has_flow = .false.
    end function has_no_flow
 
-   !> Steps of a scheme that the model brings, taken as a whole: from (q, p) to the states after every
-   !> steps%every-th step. What is promised: the result of a lane depends on its own numbers alone, and is the same,
-   !> bit for bit, whether steps are asked for one by one or many at once. A lane that fails gets a code of
-   !> base/status, or a state that is not finite and stays so; then steps are asked for one by one, and the
-   !> library finds out in which it was, and tries what it can. A lane with a status is not looked at any more.
+   !> Steps of a scheme, taken by the model as a whole: from (q, p) to the states after every
+   !> steps%every-th step. The result of a lane must depend on its own numbers alone, and be the same, bit for bit,
+   !> whether steps are asked for one by one or many at once. A lane that fails gets a code of base/status, or a
+   !> state that is not finite and stays so; then steps are asked for one by one, and the library finds out which
+   !> one failed and tries to solve it. A lane with a status is not looked at any more.
    subroutine no_flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       class(model_type), intent(in) :: self

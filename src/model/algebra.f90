@@ -37,7 +37,7 @@ contains
    subroutine poisson_bracket(model, nlane, ndof, nnoise, t, wf, wg, q, p, bracket, work)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t                                        !! time [1]
+      real(wp), intent(in) :: t                                        !! time [time]
       real(wp), intent(in) :: wf(nlane, 0:nnoise), wg(nlane, 0:nnoise) !! weights of F and of G
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: bracket(nlane)
@@ -56,7 +56,7 @@ contains
    subroutine bracket_gradient(model, nlane, ndof, nnoise, t, wf, wg, q, p, bq, bp, work)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t                                        !! time [1]
+      real(wp), intent(in) :: t                                        !! time [time]
       real(wp), intent(in) :: wf(nlane, 0:nnoise), wg(nlane, 0:nnoise) !! weights of F and of G
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: bq(nlane, ndof), bp(nlane, ndof)
@@ -77,7 +77,7 @@ contains
    subroutine correction_value(model, nlane, ndof, nnoise, t, w, q, p, product, work)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise)  !! time [1], weights of F
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise)  !! time [time], weights of F
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: product(nlane)
       type(algebra_work), intent(inout) :: work      !! for these nlane and ndof
@@ -94,7 +94,7 @@ contains
    subroutine correction_gradient(model, nlane, ndof, nnoise, t, w, q, p, cq, cp, work)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise)  !! time [1], weights of F
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise)  !! time [time], weights of F
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: cq(nlane, ndof), cp(nlane, ndof)
       type(algebra_work), intent(inout) :: work      !! for these nlane and ndof

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Whole steps that a user's model brings: C functions, one for each scheme (model_type%flow says what they promise).
+!> Flows of a user's model: C functions, one for each scheme (model_type%flow says what they promise).
 module symsde_model_callback_flow
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_int64_t
    use, intrinsic :: iso_c_binding, only: c_loc, c_null_ptr, c_ptr

@@ -38,7 +38,7 @@ contains
    !> Points where the model is not finite are passed over.
    subroutine probe_model(model, t, q0, p0, error)
       class(model_type), intent(in) :: model
-      real(wp), intent(in) :: t             !! initial time [1]
+      real(wp), intent(in) :: t             !! initial time [time]
       real(wp), intent(in) :: q0(:), p0(:)  !! initial state of one path (ndof)
       type(error_type), allocatable, intent(inout) :: error
       type(probe_points) :: points

@@ -26,7 +26,7 @@ module symsde_model_separable
          import :: separable_model, wp
          class(separable_model), intent(in) :: self
          integer, intent(in) :: nlane, ndof, nnoise
-         real(wp), intent(in) :: t                   !! time [1]
+         real(wp), intent(in) :: t                   !! time [time]
          real(wp), intent(in) :: w(nlane, 0:nnoise)  !! weights of H_0 .. H_m
          real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
          real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)

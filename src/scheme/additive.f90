@@ -49,7 +49,7 @@ contains
          scheme%asks = functionals([path_dz])
          scheme%reference = 'midpoint of z = x - B (W - W_n) under a modified Hamiltonian (docs/method.md)'
       case ('exact_rotation')
-         ! where nothing is declared stiff the rotation is a free flight: the tableau of Verlet
+         ! with frequencies zero the rotation is a drift at constant p: the tableau of Verlet
          call scheme_from_tableau(scheme, abar, a, halves, name, .false., error, c=ends)
          call claim(scheme, 1.0_wp, 1.0_wp)
          scheme%frame = frame_rotation

@@ -142,7 +142,7 @@ contains
       scheme%degree = 0
    end subroutine swap
 
-   !> The contrasts that are not symplectic: Heun's method, consistent with Stratonovich, and
+   !> Schemes that are not symplectic, for comparison: Heun's method, consistent with Stratonovich, and
    !> Euler-Maruyama, which steps the Ito form.
    subroutine contrast(scheme, name, error)
       type(scheme_type), intent(out) :: scheme

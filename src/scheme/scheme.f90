@@ -46,7 +46,7 @@ module symsde_scheme_scheme
       enumerator :: frame_none = 0      !! nothing: the tableau is the step
       enumerator :: frame_shift = 1     !! a shift of q by dZ - h dW/2 comes last
       enumerator :: frame_mean_path = 2 !! positions and momenta are seen from the mean of the path, which dZ tells
-      enumerator :: frame_rotation = 3  !! the noise comes first, then free flights that are rotations
+      enumerator :: frame_rotation = 3  !! the noise comes first, then drifts that are rotations
    end enum
 
    !> What a model must declare. Each is the name of a trait.

@@ -4,7 +4,7 @@
  *
  * The number belongs to the whole process, and calls of several host threads overlap. So they are counted: the first one
  * in remembers what the host chose, the last one out gives it back. This, with the two functions of the BLAS, is the one
- * storage of the library that threads share. The lock is POSIX's, which the thread sanitizer knows. */
+ * storage of the library that several threads write. The lock is POSIX's, which the thread sanitizer knows. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <pthread.h>

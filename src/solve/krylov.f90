@@ -11,8 +11,8 @@
 !>    end do
 !>    ... krylov%x, and krylov%unsolved where the goal was not reached ...
 !>
-!> A may be any regular matrix: symmetric where momenta are eliminated, not so elsewhere. Arnoldi's
-!> vectors by modified Gram-Schmidt, least squares by rotations, no restart: Saad & Schultz, SIAM J. Sci.
+!> A may be any nonsingular matrix: symmetric where momenta are eliminated, not so elsewhere. Arnoldi's
+!> vectors by modified Gram-Schmidt, least squares by Givens rotations, no restart: Saad & Schultz, SIAM J. Sci.
 !> Stat. Comput. 7 (1986) 856. Sizes are Euclidean. The solution of a lane is made of the vectors up to
 !> the one that reached its goal, whatever its neighbours still need.
 module symsde_solve_krylov
@@ -37,7 +37,7 @@ module symsde_solve_krylov
       real(wp), allocatable, private :: goal(:)     !! (nlane)
       integer, allocatable, private :: length(:)    !! vectors of a lane's solution; -1: it has none (nlane)
       real(wp), allocatable, private :: h(:, :, :)  !! Hessenberg matrix, then its triangle (nlane, most+1, most)
-      real(wp), allocatable, private :: c(:, :), s(:, :)  !! rotations (nlane, most)
+      real(wp), allocatable, private :: c(:, :), s(:, :)  !! Givens rotations (nlane, most)
       real(wp), allocatable, private :: g(:, :)     !! right-hand side of the triangle (nlane, most+1)
    contains
       procedure :: start

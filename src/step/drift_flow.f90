@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What happens to a state between two kicks: free flight, or the exact rotation of a declared linear part,
-!> p.p/2 + sum_i omega_i^2 q_i^2/2. Increments are moved, not states, so that rounding stays that of increments.
+!> The flow between two kicks: of p.p/2 (p is constant), or of a declared linear part,
+!> p.p/2 + sum_i omega_i^2 q_i^2/2, an exact rotation. Increments are moved, not states, so that rounding stays that
+!> of increments.
 module symsde_step_drift_flow
    use symsde_base_kinds, only: wp
    implicit none
@@ -21,7 +22,7 @@ module symsde_step_drift_flow
 
 contains
 
-   !> Flights of nleg different durations in a step; free where omega is not given.
+   !> Drifts of nleg different durations in a step; rotations where omega is given.
    pure subroutine new_drift_flow(self, nleg, omega)
       type(drift_flow), intent(out) :: self
       integer, intent(in) :: nleg
@@ -70,8 +71,8 @@ contains
       end do
    end subroutine remove_linear
 
-   !> Coefficients of the rotation over tau, which may be negative. cos - 1 without cancellation; omega = 0 is
-   !> free flight.
+   !> Coefficients of the rotation over tau, which may be negative. cos - 1 without cancellation; omega = 0 leaves p
+   !> constant.
    pure subroutine rotate_over(self, leg, tau)
       type(drift_flow), intent(inout) :: self
       integer, intent(in) :: leg

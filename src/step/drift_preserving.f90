@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The energy-drift-preserving scheme of Chen, Cohen, D'Ambrosio, Lang (2020), for H = p.p/2 + V(q) with
-!> additive noise in p. Not symplectic; a contrast.
+!> additive noise in p. Not symplectic: it is there for comparison.
 !>
 !>    Psi = p_n + g - (h/2) F,   F = int_0^1 V'(q_n + s h Psi) ds,   q_{n+1} = q_n + h Psi,   p_{n+1} = p_n + g - h F
 !>

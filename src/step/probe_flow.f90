@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Whether whole steps that a user's model brings are those of the library, near the initial state.
+!> Whether the flow of a user's model takes the steps of the library, near the initial state.
 !>
 !> Four steps of eight paths: as the general stepper takes them, to the root of rounding, and bit for bit whether asked
 !> for one by one, two by two or all at once. Where the model gives up on a lane, which runs then rescue, nothing
@@ -67,7 +67,7 @@ contains
 
          if (allocated(error)) return
          call raise(error, false_trait, 'probe_flow', 'the whole steps of scheme '//scheme%name//" that model '"// &
-                    model%name//"' brings have other bits "//how//' than all at once: let each step depend on the '// &
+                    model%name//"' defines have other bits "//how//' than all at once: let each step depend on the '// &
                     'state before it and on its own increments alone')
       end subroutine refuse
 
@@ -81,7 +81,7 @@ contains
          at = maxloc(abs(given - right), mask=.not. abs(given - right) <= tolerance*(1 + maxval(abs(right))))
          if (any(at == 0)) at = 1
          call raise(error, false_trait, 'probe_flow', 'the whole steps of scheme '//scheme%name//" that model '"// &
-                    model%name//"' brings are not those of the library: near the initial state they give "//what// &
+                    model%name//"' defines are not those of the library: near the initial state they give "//what// &
                     '_'//to_text(at(2))//' = '//to_text(given(at(1), at(2), at(3)))//' after '//to_text(at(3))// &
                     ' steps, and not '//to_text(right(at(1), at(2), at(3)))//': mend them, or leave them out')
       end subroutine compare

@@ -38,7 +38,7 @@ module symsde_step_rescue
       type(general_stepper), allocatable :: stepper  !! made when the first path needs it
       real(wp), allocatable :: w(:, :), q(:, :), p(:, :), dq(:, :), dp(:, :)  !! of eight lanes
       real(wp), allocatable :: part(:, :)     !! a fraction of w
-      type(counters_type) :: counters         !! paths saved
+      type(counters_type) :: counters         !! path-steps saved
    contains
       procedure :: attempt
       procedure :: tally

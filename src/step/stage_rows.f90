@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's iteration for a group of stages of a chain, whose momenta are eliminated and whose Hessian is tridiagonal.
 !>
-!> Unknown are the slopes of a strip of lanes, as long as the group has a regular matrix B:
+!> Unknown are the slopes of a strip of lanes, where the group has a nonsingular matrix B:
 !>
 !>    G_m + Hhat_q(base_m + h sum_k B_mk G_k) = 0       base_m: q_n and what Q_m has of p_n and of known slopes
 !>

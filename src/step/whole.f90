@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The stepper that leaves the steps to the model, where it brings them (model_type%flow).
+!> The stepper of models that define whole steps of a scheme themselves (model_type%flow).
 !>
-!> What equations a step solves, and how, is the model's; here is what remains the library's: which scheme is meant,
-!> what a failure means, and increments for those who want these. A flow agrees with the general stepper to
+!> The model solves the equations of a step; this stepper finds the name of the scheme, handles failures, and makes
+!> increments for callers that want these. A flow agrees with the general stepper to
 !> rounding, and gives the bits of single steps (tests/verification/test_whole.pf).
 module symsde_step_whole
    use symsde_base_kinds, only: wp, i8

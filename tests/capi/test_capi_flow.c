@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  *
- * Whole steps that a user's model brings (symsde_model_set_flow), and functions that take any number of lanes.
+ * Whole steps that a user's model defines (symsde_model_set_flow), and functions that take any number of lanes.
  */
 #include "run.h"
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_wheel.py ROOT WORK: build the wheel, unpack it elsewhere, and load the library that it brings.
+"""check_wheel.py ROOT WORK: build the wheel, unpack it elsewhere, and load the library that it contains.
 
 Exit 77 (skipped) where the build backend is not installed; nothing is downloaded.
 """

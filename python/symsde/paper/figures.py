@@ -17,7 +17,7 @@ def colour(scheme):
 
 @contextmanager
 def figure(path, mosaic, height=HEIGHT, pdf=True, **options):
-    """Give the axes of a mosaic by name; write the PNG, and on request a PDF beside it, at the end."""
+    """Give the axes of a mosaic by name; write the PNG, and a PDF beside it unless pdf is False, at the end."""
     with look.drawing(path, WIDTH, height, DPI, pdf=pdf, style=STYLE) as page:
         axes = page.subplot_mosaic(mosaic, **options)
         yield axes

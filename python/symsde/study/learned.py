@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What several studies say together; every sentence is said only where the numbers do."""
+"""Lessons of several studies together; a lesson is printed only where the numbers show it."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ def learned(studies: list) -> list[str]:
 
 
 def point(study, scheme: str, status: str = "ok") -> dict | None:
-    """The finest point of a scheme that counts."""
+    """The point of smallest step that a scheme has with this status."""
     rows = [row for row in study.rows if row["scheme"] == scheme and row["status"] == status]
     return min(rows, key=lambda row: row["h"]) if rows else None
 
 
 def _increments_only(study) -> list[dict]:
-    """Finest points, at one step, of the symplectic schemes of more than one-sided order that need dW alone."""
+    """Finest points, at one step, of the symplectic schemes that need dW alone and no correction."""
     found = []
     for name in study.schemes:
         info = schemes.get(name).info

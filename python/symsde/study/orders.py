@@ -63,7 +63,7 @@ def slope(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def pareto(rows: list[dict]) -> set[int]:
-    """Positions of the points than which no other is both faster and at least as exact."""
+    """Positions of the points than which no other is both faster and at least as accurate."""
     usable = [i for i, row in enumerate(rows) if row["status"] in ("ok", "rounding")]
     front, best = set(), np.inf
     for i in sorted(usable, key=lambda i: (rows[i]["seconds"], rows[i]["err_strong"])):

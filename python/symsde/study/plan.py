@@ -57,7 +57,7 @@ class Plan:
     invariants: dict[str, Any] = field(default_factory=dict)
 
     def reference_run(self, scheme: str, steps: int):
-        """Follow the Brownian paths themselves: nothing truncated, consistent as the scheme stands."""
+        """Follow the shared paths with increments not truncated and the correction that the scheme needs."""
         return self.run(scheme, steps, shared=True, correction="auto", truncation=None)
 
     def run(self, scheme: str | Scheme, steps: int, *, shared: bool, paths: int | None = None, **more):
@@ -253,7 +253,7 @@ def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Re
 
 
 def _halvings_of(scheme: Scheme, reference: Scheme) -> int:
-    """Halvings from the finest step to a reference, such that it does not judge itself."""
+    """Halvings from the finest step to a reference, more where its order may be that of the scheme."""
     if not uses_integrals(reference):
         return PLAIN
     if not uses_integrals(scheme):

@@ -15,8 +15,8 @@ COLUMNS = {
     "steps": "number of steps to the horizon",
     "h": "step",
     "status": "ok; failed: some paths failed; diverged: finite, but far larger than the solution; saturated: as large "
-    "as the solution; reference: not above the reference's own error; rounding",
-    "pareto": "1 where no other point is both faster and as exact",
+    "as the solution; reference: not above the reference's own error; rounding: of the size of rounding errors",
+    "pareto": "1 where no other point is both faster and as accurate",
     "reference": "what the paths are compared with",
     "ref_error": "rms error of the reference itself: its difference to half as many steps; 0 = exact",
     "paths": "paths of the error run",

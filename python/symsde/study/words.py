@@ -60,7 +60,7 @@ def recommend(usable: list[dict], target: float) -> str:
 
 
 def _losers(usable: list[dict]) -> str:
-    """The symplectic scheme that costs most for the error that most schemes reach."""
+    """The scheme that costs most for the error that most schemes reach."""
     counts = {target: cheapest(usable, target) for target in targets(usable)}
     found = max(counts.values(), key=len)
     if len(found) < 3:
