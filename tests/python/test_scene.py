@@ -63,7 +63,8 @@ def test_scene_is_the_run_it_says(file):
     np.testing.assert_array_equal(moments.mean_q, ss.moments(model, paths=1000, **common).mean_q)
     whole = ss.simulate(model, paths=1000, **common)
     np.testing.assert_array_equal(run.path, [0, 1, 7])
-    np.testing.assert_array_equal(run.q, whole.q[:, :, [0, 1, 7]])
+    for name in ("q", "p", "status", "failed_step", "last_q", "last_p"):
+        np.testing.assert_array_equal(getattr(run, name), getattr(whole, name)[..., [0, 1, 7]], err_msg=name)
 
 
 # Every key of [run] with a value that is not its default, and what must differ in the run because of it.
