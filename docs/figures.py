@@ -2,7 +2,7 @@
 """Draw every committed figure again from its data, the JSON file beside it.
 
     .venv/bin/python docs/figures.py                     # draw all
-    .venv/bin/python docs/figures.py --measure           # compute the data of kubo_invariant first (seconds)
+    .venv/bin/python docs/figures.py --measure           # compute the data of kubo_invariant and mean-square first
 
 The other data are written with their pages, which hold run times: `symsde stability --markdown docs/stability.md` and
 `symsde study --all examples/scenes --markdown docs/work-precision.md`. A test draws all figures and compares them.
@@ -15,8 +15,10 @@ from pathlib import Path
 from symsde import _files, study
 from symsde.paper import symplecticity
 from symsde.stability import figure as stability_figure
+from symsde.stability import mean_square_map
 
 FOLDER = Path(__file__).with_name("figures")
+OTHERS = {"stability": stability_figure.save, "mean-square": mean_square_map.save}  #: stem of the data -> drawing
 
 
 def draw(data: Path, picture: Path) -> None:
@@ -24,16 +26,17 @@ def draw(data: Path, picture: Path) -> None:
     found = json.loads(data.read_text(encoding="utf-8"))
     if data.stem == "kubo_invariant":
         symplecticity.draw_invariant(found, picture)
-    elif data.stem == "stability":
-        stability_figure.save(picture, found)
+    elif data.stem in OTHERS:
+        OTHERS[data.stem](picture, found)
     else:
         study.of_data(found).plot(picture)
 
 
 def measure() -> None:
-    """Compute the data of the README's figure."""
+    """Compute the data of the README's figure (seconds), and of mean-square stability (a minute)."""
     text = _files.json_text(symplecticity.invariant_curves())
     (FOLDER / "kubo_invariant.json").write_text(text, encoding="utf-8")
+    (FOLDER / "mean-square.json").write_text(_files.json_text(mean_square_map.compute()), encoding="utf-8")
 
 
 def main() -> None:

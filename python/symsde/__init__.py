@@ -25,6 +25,7 @@ from .errors import BudgetWarning, PathsFailedWarning, ReferenceWarning, SymsdeE
 from .expect.answer import Alternative, Answer
 from .expect.expect import expect
 from .formulas import FormulaModel, model_from_sympy
+from .mean_square import MeanSquare, mean_square
 from .mlmc.answer import Multilevel
 from .mlmc.mlmc import mlmc
 from .mlmc.sampler import LevelSampler, level_sampler
@@ -48,6 +49,7 @@ __all__ = [
     "Convergence",
     "FormulaModel",
     "LevelSampler",
+    "MeanSquare",
     "Model",
     "Moments",
     "Multilevel",
@@ -72,6 +74,7 @@ __all__ = [
     "expect",
     "increments",
     "level_sampler",
+    "mean_square",
     "mlmc",
     "model_from_sympy",
     "models",

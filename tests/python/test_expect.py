@@ -9,13 +9,13 @@ import symsde as ss
 from symsde.cli import main
 from symsde.expect import choice, control, quasi, tails, tolerance
 from symsde.expect.choice import Plan
-from symsde.expect.estimators import Antithetic, Plain
+from symsde.expect.estimators import Antithetic, Extrapolated, Plain
 from symsde.expect.problem import make_problem
 from symsde.expect.stability import frequency
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
-METHODS = ["plain", "antithetic", "control variate", "multilevel", "quasi-Monte Carlo"]
+METHODS = ["plain", "antithetic", "extrapolated", "control variate", "multilevel", "quasi-Monte Carlo"]
 
 
 def exact_square(t: float) -> float:
@@ -89,6 +89,33 @@ def test_antithetic_paths_cancel_what_is_odd():
     assert drawn.units.mean == pytest.approx(math.cos(2.0), abs=3e-3)
 
 
+def second_moment(scheme: str, steps: int) -> float:
+    """E q^2 at t = 1 of the oscillator whose noises do not commute by a scheme, from its matrix: no sampling."""
+    model = ss.models.noncommutative_oscillator()
+    matrix = ss.mean_square(model, scheme, step=1 / steps).matrix
+    return float((np.linalg.matrix_power(matrix, steps) @ np.kron([1.0, 0.0], [1.0, 0.0]))[0])
+
+
+def test_extrapolation_raises_the_weak_order():
+    """Noises that do not commute: E q^2 of Verlet's rule falls with order 1, extrapolated with order 2, exactly."""
+    means = {n: second_moment("stormer_verlet", n) for n in (8, 16, 32, 64, 128)}
+    exact = second_moment("stormer_verlet", 2**14)
+    exact += exact - second_moment("stormer_verlet", 2**13)
+    plain = [abs(means[n] - exact) for n in (32, 64, 128)]
+    twice = [abs(2 * means[n] - means[n // 2] - exact) for n in (32, 64, 128)]
+    assert 0.9 < math.log2(plain[1] / plain[2]) < 1.1
+    assert 1.8 < math.log2(twice[1] / twice[2]) < 2.2
+
+
+def test_extrapolated_units_have_the_mean_of_both_steps():
+    """Within 4.5 standard errors (7e-6) of the exact mean at these two steps; the coarse one alone is refuted."""
+    problem = make_problem(ss.models.noncommutative_oscillator(), "q**2", q0=1.0, p0=0.0, horizon=1.0)
+    found = units(Extrapolated, problem, "stormer_verlet", 2, 60_000, order=1.0)
+    expected = 2 * second_moment("stormer_verlet", 2) - second_moment("stormer_verlet", 1)
+    assert abs(found.mean - expected) < 4.5 * found.error
+    assert abs(found.mean - second_moment("stormer_verlet", 1)) > 4.5 * found.error
+
+
 def test_bridge_makes_brownian_increments():
     """Covariance h times unity for any number of steps, exactly: the map is linear in the normals."""
     for steps in (1, 2, 7, 16):
@@ -132,6 +159,11 @@ class FakeTrial:
     def seconds(self, level):
         return 1e-6 * 2.0**level
 
+    order = 1.0
+
+    def rest(self, level):
+        return 0.1 * 4.0**-level, 0.0
+
     def spread(self, level):
         return self._spread * 4.0**-level
 
@@ -147,6 +179,13 @@ def test_multilevel_is_reckoned_as_giles_has_it():
     single = choice.plain(trial, error)
     assert single.level == 5 and single.seconds == pytest.approx(32e-6 / (0.9 * error**2))
     assert plan.seconds < single.seconds
+
+
+def test_extrapolation_is_reckoned_with_two_steps():
+    """0.1/4^3 < 1e-2 sqrt(0.1): level 3 and the one before; variances add at worst."""
+    plan = choice.extrapolated(FakeTrial(1.0), 1e-2)
+    assert plan.level == 3 and plan.seconds == pytest.approx((1 + 2.0**-3) ** 2 * 12e-6 / (0.9 * 1e-4))
+    assert math.hypot(*plan.bias) == pytest.approx(0.1 / 64)
 
 
 def test_multilevel_is_not_chosen_where_paths_dephase():

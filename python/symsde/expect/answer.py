@@ -28,7 +28,7 @@ class Answer:
     interval: tuple[float, float]  #: low, high, 95 %; noise and bias together
     error: float  #: standard error of the value
     bias: float  #: size of E f - value that the step leaves and that is reckoned with
-    method: str  #: plain, antithetic, control variate, multilevel, quasi-Monte Carlo
+    method: str  #: plain, antithetic, extrapolated, control variate, multilevel, quasi-Monte Carlo
     scheme: str
     step: float  #: of multilevel the finest
     paths: int  #: computed for the value

@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from ..mlmc.sampler import driven_by_more
 from . import control, quasi
-from .estimators import Antithetic, Estimator, Plain
+from .estimators import Antithetic, Estimator, Extrapolated, Plain
 from .problem import Problem
 from .quasi import Quasi
 from .tolerance import BIAS_SHARE
@@ -32,32 +33,47 @@ class Plan:
         """To the horizon."""
         return self.trial.steps(self.level)
 
+    @property
+    def bias(self) -> tuple[float, float]:
+        """What the step leaves of E f, and the standard error of this estimate."""
+        return (self.trial.rest if self.method == Extrapolated.name else self.trial.bias)(self.level)
+
     def estimator(self, first: int, problem: Problem) -> Estimator:
         """What draws it, from a path on."""
-        kinds = {kind.name: kind for kind in (Plain, Antithetic, control.Control, Quasi)}
+        kinds = {kind.name: kind for kind in (Plain, Antithetic, Extrapolated, control.Control, Quasi)}
         return kinds[self.method](problem, self.trial.scheme, self.steps, first, **self.options)
 
 
-def coarse_enough(trial: Trial, error: float) -> int | None:
-    """The longest step of the ladder whose bias is small beside this error; None where none is."""
-    for level in range(LEVELS + MOST_HALVINGS):
-        if math.hypot(*trial.bias(level)) <= math.sqrt(BIAS_SHARE) * error:
+def coarse_enough(left: Callable[[int], tuple[float, float]], error: float, first: int = 0) -> int | None:
+    """The longest step of the ladder that leaves little beside this error; None where none does."""
+    for level in range(first, LEVELS + MOST_HALVINGS):
+        if math.hypot(*left(level)) <= math.sqrt(BIAS_SHARE) * error:
             return level
     return None
 
 
 def plain(trial: Trial, error: float) -> Plan | None:
     """Independent paths of one step."""
-    level = coarse_enough(trial, error)
+    level = coarse_enough(trial.bias, error)
     if level is None:
         return None
     units = max(2.0, trial.variance / ((1 - BIAS_SHARE) * error**2)) if trial.variance > 0 else 2.0
     return Plan(Plain.name, trial, level, units * trial.seconds(level))
 
 
+def extrapolated(trial: Trial, error: float) -> Plan | None:
+    """Two steps on the same paths."""
+    level = coarse_enough(trial.rest, error, first=1)
+    if level is None or trial.variance <= 0:
+        return None
+    spread = (math.sqrt(trial.variance) + math.sqrt(trial.spread(level)) / (2**trial.order - 1)) ** 2
+    seconds = spread / ((1 - BIAS_SHARE) * error**2) * (trial.seconds(level) + trial.seconds(level - 1))
+    return Plan(Extrapolated.name, trial, level, seconds, options={"order": trial.order})
+
+
 def multilevel(trial: Trial, error: float) -> Plan | None:
     """Levels from the best coarsest one to the one whose bias is small."""
-    finest = coarse_enough(trial, error)
+    finest = coarse_enough(trial.bias, error)
     if not finest or trial.variance <= 0:
         return None
     best = None

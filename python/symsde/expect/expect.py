@@ -40,7 +40,8 @@ def expect(
     - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as "q**2"
     - q0, p0: initial state of all paths, a number or (dof,)
     - abs, rel: half width of the interval, or that over the value; one of the two
-    - scheme, method: to take that one; method is plain, antithetic, control variate, multilevel or quasi-Monte Carlo
+    - scheme, method: to take that one; method is plain, antithetic, extrapolated, control variate, multilevel or
+      quasi-Monte Carlo
     - max_time: seconds of the clock after which the interval is given as it is then
     - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
 

@@ -22,7 +22,7 @@ from .tolerance import Tolerance
 from .trial import LEVELS, UNSTABLE, Trial
 from .watch import Watch
 
-METHODS = ("plain", "antithetic", "control variate", "multilevel", "quasi-Monte Carlo")
+METHODS = ("plain", "antithetic", "extrapolated", "control variate", "multilevel", "quasi-Monte Carlo")
 _PATHS = 512  #: of each level of a trial
 _LOOKED_AT = 4096  #: values of f that tell of its tails
 _MOST_LOOKED_AT = 2**17  #: the same where the mean is to be told from 0
@@ -119,10 +119,10 @@ class Pilot:
         )
 
     def _simple(self) -> list[Plan]:
-        """Plain and multilevel plans of every trial."""
+        """Plans of every trial that need no pilot of their own."""
         found = []
         for trial in self.trials:
-            found += [choice.plain(trial, self.error), choice.multilevel(trial, self.error)]
+            found += [kind(trial, self.error) for kind in (choice.plain, choice.extrapolated, choice.multilevel)]
         return [plan for plan in found if plan is not None]
 
     def _learn(self, best: Plan | None) -> bool:
@@ -131,7 +131,7 @@ class Pilot:
             trial = min(self.trials, key=lambda x: x.seconds_spent)
             trial.double()
             return True
-        seen, noise = best.trial.bias(best.level)
+        seen, noise = best.bias
         doubled = sum(draw.seconds for draw in best.trial.draws[1:])
         afforded = _SHARE * min(best.seconds, self.watch.max_time, _LONG)
         if best.level == 0 or noise < math.fabs(seen) or doubled > afforded:

@@ -91,13 +91,20 @@ class Trial:
 
     def bias(self, level: int) -> tuple[float, float]:
         """E f - E f(x_h) at a level of the ladder, and the standard error of this estimate."""
-        means = [draw.difference.mean for draw in self.draws[1:]]
-        errors = [draw.error for draw in self.draws[1:]]
-        slope = weak.order_of(means, errors, self.order)
-        if level >= LEVELS - 1:
-            return weak.estimate(means, errors, slope, level - LEVELS + 1)
-        tail, noise = weak.estimate(means, errors, slope)
-        return tail + sum(means[level:]), math.hypot(noise, *errors[level:])
+        means, errors = self._differences()
+        return _left(means, errors, weak.order_of(means, errors, self.order), level)
+
+    def rest(self, level: int) -> tuple[float, float]:
+        """The same of what extrapolation from this level and the one before leaves; its order is taken as no higher."""
+        means, errors = self._differences()
+        up, whole = 2**self.order, 2**self.order - 1
+        pairs = range(1, len(means))
+        changes = [(up * means[i] - means[i - 1]) / whole for i in pairs]
+        return _left(changes, [math.hypot(up * errors[i], errors[i - 1]) / whole for i in pairs], self.order, level)
+
+    def _differences(self) -> tuple[list[float], list[float]]:
+        """Means of f(x_h) - f(x_2h) at levels above 0, and their errors."""
+        return [draw.difference.mean for draw in self.draws[1:]], [draw.error for draw in self.draws[1:]]
 
     def spread(self, level: int) -> float:
         """Variance of f(x_h) - f(x_2h) at a level above 0; beyond those tried, it falls as there."""
@@ -106,3 +113,12 @@ class Trial:
             return known[level]
         fall = known[-1] / known[-2] if known[-2] > 0 else 1.0
         return known[-1] * min(fall, 1.0) ** (level - LEVELS + 1)
+
+
+def _left(means: list[float], errors: list[float], order: float, level: int) -> tuple[float, float]:
+    """What all finer levels add to a level, and its error, from differences up to the last level that was tried."""
+    if level >= LEVELS - 1:
+        return weak.estimate(means, errors, order, level - LEVELS + 1)
+    tail, noise = weak.estimate(means, errors, order)
+    finer = len(means) - (LEVELS - 1 - level)
+    return tail + sum(means[finer:]), math.hypot(noise, *errors[finer:])

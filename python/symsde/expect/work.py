@@ -63,7 +63,7 @@ class Work:
 
     def _one_step(self) -> Answer:
         estimator = self.plan.estimator(FIRST, self.pilot.problem)
-        bias = math.hypot(*self.plan.trial.bias(self.plan.level))
+        bias = math.hypot(*self.plan.bias)
         least = estimator.least_units if self.plan.trial.variance > 0 else 2
         drawn = NOTHING
         wanted = least

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Mean-square stability over omega h and sigma sqrt(h): what schemes add to the growth of second moments in a step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from .. import look
+from ..errors import SymsdeError
+from ..mean_square import mean_square
+from ..model import Model
+from ..models import kubo
+from .systems import noisy_spring
+
+SCHEMES = ("symplectic_euler", "stormer_verlet", "midpoint", "gauss2", "heun")
+STABLE = 0.01  #: log of the growth beyond the exact one, in a step, up to which a scheme counts as stable
+_OMEGA = np.geomspace(0.05, 3.2, 25)  #: omega h
+_SIGMA = np.geomspace(0.01, 1.0, 17)  #: sigma sqrt(h), with sigma in units of omega
+
+
+def soft(sigma: float) -> Model:
+    """H = (p^2 + q^2)/2 with noise on the mass, H_1 = sigma p^2/2."""
+
+    def gradient(t, w, q, p):
+        return w[0] * q, (w[0] + sigma * w[1]) * p
+
+    def hessian(t, w, q, p):
+        zero = np.zeros((1, 1, q.shape[1]))
+        return zero + w[0], zero, zero + w[0] + sigma * w[1]
+
+    return Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, separable=True, quadratic=True)
+
+
+EQUATIONS = {
+    "noise on the stiffness, H_1 = sigma q^2/2": lambda sigma: noisy_spring(1.0, sigma),
+    "noise on the mass, H_1 = sigma p^2/2": soft,
+    "Kubo, H_1 = sigma (p^2 + q^2)/2": lambda sigma: kubo(1.0, sigma),
+}
+
+
+def compute() -> dict:
+    """Excess of every scheme and equation, (sigma, omega); infinite as null."""
+    maps = []
+    for equation, make in EQUATIONS.items():
+        for scheme in SCHEMES:
+            rows = [[_excess(make, scheme, x, y) for x in _OMEGA] for y in _SIGMA]
+            maps.append({"equation": equation, "scheme": scheme, "excess": rows, "stable_up_to": _limits(rows)})
+    return {"omega_h": _OMEGA.tolist(), "sigma_sqrt_h": _SIGMA.tolist(), "stable": STABLE, "maps": maps}
+
+
+def _excess(make, scheme: str, omega_h: float, sigma_sqrt_h: float) -> float | None:
+    """With omega = 1, h = omega h: sigma sqrt(h)/... is the strength over a step."""
+    try:
+        found = mean_square(make(sigma_sqrt_h / np.sqrt(omega_h)), scheme, step=omega_h).excess
+    except SymsdeError:
+        return None
+    return float(f"{found:.4e}") if np.isfinite(found) else None
+
+
+def _limits(rows: list[list[float | None]]) -> list[float]:
+    """For each sigma sqrt(h), the largest omega h below which every step is stable; 0 = none."""
+    limits = []
+    for row in rows:
+        good = [x is not None and x <= STABLE for x in row]
+        last = next((i for i, ok in enumerate(good) if not ok), len(good))
+        limits.append(float(f"{_OMEGA[last - 1]:.4g}") if last else 0.0)
+    return limits
+
+
+def save(path: Path, data: dict) -> None:
+    """Draw the excess with the line up to which schemes are stable."""
+    x, y = np.array(data["omega_h"]), np.array(data["sigma_sqrt_h"])
+    rows = list(dict.fromkeys(one["equation"] for one in data["maps"]))
+    with look.drawing(path, 9.5, 6.0, 110) as page:
+        axes = page.subplots(len(rows), len(SCHEMES), sharex=True, sharey=True)
+        for one in data["maps"]:
+            here = axes[rows.index(one["equation"]), SCHEMES.index(one["scheme"])]
+            excess = np.array([[np.nan if v is None else v for v in row] for row in one["excess"]])
+            shown = np.log10(np.clip(np.nan_to_num(excess, nan=1e3), 1e-6, 1e1))
+            image = here.pcolormesh(x, y, shown, vmin=-6, vmax=1, cmap="magma_r", shading="nearest", rasterized=True)
+            here.contour(x, y, np.nan_to_num(excess, nan=1e3), [data["stable"]], colors=look.BLUE, linewidths=1.2)
+            here.set(xscale="log", yscale="log")
+            here.grid(False)
+            if one["equation"] == rows[0]:
+                here.set_title(one["scheme"])
+            if one["scheme"] == SCHEMES[0]:
+                here.set_ylabel(one["equation"].split(",")[0] + "\n$\\sigma\\sqrt{h}$")
+            if one["equation"] == rows[-1]:
+                here.set_xlabel(r"$\omega h$")
+        page.colorbar(image, ax=axes, label="log$_{10}$ of what a step adds to log E$|z|^2$", shrink=0.7)

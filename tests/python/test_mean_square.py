@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Mean-square stability: the matrix of second moments beside hand calculations and beside paths."""
+
+import math
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde.stability.systems import noisy_spring
+
+
+def spring(sigma: float = 0.4) -> ss.Model:
+    """H = (p^2 + q^2)/2, H_1 = sigma q^2/2."""
+    return noisy_spring(1.0, sigma)
+
+
+@pytest.mark.parametrize(("a", "sigma", "h"), [(1.0, 0.3, 0.2), (2.0, 0.5, 0.5)])
+def test_kubo_by_hand(a, sigma, h):
+    """x = a h + sigma dW: midpoint turns; Heun multiplies |z|^2 by 1 + x^4/4; Euler-Maruyama in Ito's form by
+    (1 - sigma^2 h/2)^2 + E x^2."""
+    model = ss.models.kubo(a=a, sigma=sigma)
+    mu, s2 = a * h, sigma**2 * h
+    fourth = mu**4 + 6 * mu**2 * s2 + 3 * s2**2
+    found = {name: ss.mean_square(model, name, step=h) for name in ("midpoint", "gauss2", "heun", "euler_maruyama")}
+    assert found["midpoint"].growth == pytest.approx(1.0, abs=1e-12)
+    assert found["gauss2"].growth == pytest.approx(1.0, abs=1e-12)
+    assert found["heun"].growth == pytest.approx(1 + fourth / 4, rel=1e-12)
+    assert found["euler_maruyama"].growth == pytest.approx((1 - s2 / 2) ** 2 + mu**2 + s2, rel=1e-12)
+    for one in found.values():
+        assert one.exact == pytest.approx(1.0, abs=1e-12)
+    assert found["midpoint"].mean < 1  # E z decays, E |z|^2 does not
+
+
+def test_exact_growth_of_noise_on_the_stiffness():
+    """d E(q^2, q p, p^2)/dt has the matrix ((0, 2, 0), (-1, 0, 1), (s^2, -2, 0)): its largest eigenvalue."""
+    rates = np.linalg.eigvals([[0, 2, 0], [-1, 0, 1], [0.16, -2, 0]]).real.max()
+    found = ss.mean_square(spring(), "stormer_verlet", step=0.3)
+    assert found.exact == pytest.approx(math.exp(0.3 * rates), rel=1e-10)
+    assert found.growth == pytest.approx(found.exact, rel=2e-2) and found.excess == pytest.approx(0, abs=2e-2)
+
+
+def test_verlet_ends_at_two():
+    """Without noise: |M| = 1 up to omega h = 2, and beyond it grows."""
+    model = ss.models.linear_oscillator()
+    assert ss.mean_square(model, "stormer_verlet", step=1.99).growth == pytest.approx(1.0, abs=1e-9)
+    assert ss.mean_square(model, "stormer_verlet", step=2.05).growth > 1.2
+    assert ss.mean_square(model, "midpoint", step=30.0).growth == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "symplectic_euler", "heun"])
+def test_paths_grow_as_the_matrix_says(scheme):
+    """E q^2, q p, p^2 after 12 steps over 4e4 paths, each within 4.5 standard errors (2e-5 for nine)."""
+    model, h, steps = spring(), 0.4, 12
+    matrix = ss.mean_square(model, scheme, step=h).matrix
+    start = np.array([1.0, 0.5])
+    expected = np.linalg.matrix_power(matrix, steps) @ np.kron(start, start)
+    run = ss.simulate(
+        model, q0=1.0, p0=0.5, step=h, steps=steps, save_every=steps, scheme=scheme, paths=40_000, seed=8, threads=1
+    )
+    z = np.concatenate([run.q[-1], run.p[-1]])
+    pairs = np.einsum("in,jn->ijn", z, z).reshape(4, -1)
+    mean, error = pairs.mean(axis=1), pairs.std(axis=1) / math.sqrt(z.shape[1])
+    assert (np.abs(mean - expected) < 4.5 * error).all()
+    wrong = ss.mean_square(model, scheme, step=1.05 * h).matrix  # the planted twin
+    assert (np.abs(mean - np.linalg.matrix_power(wrong, steps) @ np.kron(start, start)) > 4.5 * error).any()
+
+
+def test_a_step_that_may_be_singular_has_no_second_moments():
+    """Midpoint divides by 1 + h^2/4 + sigma h dW/4, which vanishes at three standard deviations here."""
+    assert ss.mean_square(spring(4.0), "midpoint", step=0.5).growth == math.inf
+
+
+def test_misuse_gets_a_sentence():
+    for model, scheme, words in (
+        (ss.models.pendulum(), "midpoint", "not quadratic"),
+        (ss.models.linear_oscillator(), "chin4a", "more than Gaussian increments"),
+        (ss.models.linear_oscillator(), "midpoint_weak1", "more than Gaussian increments"),
+    ):
+        with pytest.raises(ss.errors.IncompatibleError, match=words):
+            ss.mean_square(model, scheme, step=0.1)
