@@ -146,6 +146,7 @@ def test_a_stopped_run_is_given_back(kubo):
 
 def test_stopped_moments_are_given_back(kubo):
     common = {"q0": 1.0, "p0": 0.0, "step": 1e-3, "paths": 8, "seed": 4, "threads": 1}
+    common["observables"] = {"square": lambda q, p: (q * q)[0]}  # asked of several saved times at once
     with pytest.raises(KeyboardInterrupt) as caught:
         ss.moments(kubo, steps=10**9, save_every=10**5, progress=stopping(signal.SIGINT), **common)
     found = caught.value.partial
@@ -154,6 +155,7 @@ def test_stopped_moments_are_given_back(kubo):
     known = ss.moments(kubo, steps=10**5 * (reached - 1), save_every=10**5, **common)
     np.testing.assert_array_equal(found.mean_q[:reached], known.mean_q)
     np.testing.assert_array_equal(found.n_ok[:reached], known.n_ok)
+    np.testing.assert_array_equal(found.mean["square"][:reached], known.mean["square"])
 
 
 def test_what_progress_raises_carries_the_run(kubo):
