@@ -179,11 +179,11 @@ def mean_map(model, scheme, h):
     law = LAWS.get(scheme, gauss)
     silent = model.nnoise - 1  # the noise that acts is the last one
     shapes = gauss if scheme not in LAWS else ((0.0,), (1.0,))
-    bends = gauss if scheme.startswith("chin4a") else ((0.0,), (1.0,))
+    stt_areas = gauss if scheme.startswith("chin4a") else ((0.0,), (1.0,))
     total = np.zeros((9, 9))
     points = [
         ((x, y, z), u * v * w)
-        for (x, u), (y, v), (z, w) in itertools.product(*(zip(*each, strict=True) for each in (law, shapes, bends)))
+        for (x, u), (y, v), (z, w) in itertools.product(*(zip(*each, strict=True) for each in (law, shapes, stt_areas)))
     ]
     starts = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     rows = np.zeros((4, model.nnoise, 3 * len(points)))

@@ -25,9 +25,9 @@ module symsde_model_callback_flow
       procedure :: take
    end type user_flows
 
-   type :: functional_room
+   type :: functional_buffer
       real(wp), allocatable :: x(:, :, :)
-   end type functional_room
+   end type functional_buffer
 
    abstract interface
       !> Whole steps of a scheme: see model_type%flow.
@@ -130,7 +130,7 @@ contains
       real(wp), intent(out) :: qn(n, ndof, steps%nstep/steps%every), pn(n, ndof, steps%nstep/steps%every)
       integer(i8), intent(inout) :: status(n)
       integer(i4), intent(out) :: code
-      type(functional_room), target :: few(nfunctional)
+      type(functional_buffer), target :: real_ones(nfunctional)
       real(wp), contiguous, pointer :: w(:, :, :)
       real(wp), allocatable :: few_w(:, :, :)
       type(c_ptr) :: functionals(nfunctional)
@@ -139,8 +139,8 @@ contains
       functionals = c_null_ptr
       do f = 1, nfunctional
          if (.not. associated(steps%of(f)%x)) cycle
-         few(f)%x = steps%of(f)%x(:n, :, :)
-         if (size(few(f)%x) > 0) functionals(f) = c_loc(few(f)%x)
+         real_ones(f)%x = steps%of(f)%x(:n, :, :)
+         if (size(real_ones(f)%x) > 0) functionals(f) = c_loc(real_ones(f)%x)
       end do
       associate (s => steps)
          if (n == s%nlane) then

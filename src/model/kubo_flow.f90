@@ -105,16 +105,16 @@ contains
       integer, intent(in) :: nlane, nstep, every
       real(wp), intent(in) :: turn, sigma, w(nlane, 0:1, nstep), q, p
       real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
-      integer, parameter :: room = 128
-      real(wp) :: half(room), factor(room), x, y
+      integer, parameter :: chunk = 128
+      real(wp) :: half(chunk), factor(chunk), x, y
       integer :: step, i, n, first, out, left
 
       x = q
       y = p
       out = 0
       left = every
-      do first = 0, nstep - 1, room
-         n = min(room, nstep - first)
+      do first = 0, nstep - 1, chunk
+         n = min(chunk, nstep - first)
          do step = 1, n
             call find_factor(turn + sigma*w(1, 1, first + step), half(step), factor(step))
          end do

@@ -210,7 +210,7 @@ contains
          eq%for_dq = .false.
          eq%stiff = .false.
          eq%c = 0.25_wp*eq%h
-         call free_flight(nlane, n, before, together, eq%h, q, p, eq%base(1, 1))
+         call half_drift(nlane, n, before, together, eq%h, q, p, eq%base(1, 1))
          if (self%has_shift) call add_shift(self, w)
          call self%part%solve(self%ham, eq, w, status)
          call find_increments(nlane, n, before, together, eq%h, p, eq%x, dq, dp)
@@ -262,7 +262,7 @@ contains
    ! ---- kernels: lanes before+1 .. before+together of a block, a vector at a time
 
    !> VEC base = q + h p/2
-   pure subroutine free_flight(nlane, n, before, together, h, q, p, base)
+   pure subroutine half_drift(nlane, n, before, together, h, q, p, base)
       integer, intent(in) :: nlane, n, before, together
       real(wp), intent(in) :: h, q(nlane, n), p(nlane, n)
       real(wp), intent(out) :: base(together, n)
@@ -276,7 +276,7 @@ contains
             end do
          end do
       end do
-   end subroutine free_flight
+   end subroutine half_drift
 
    !> VEC dp = V and dq = h (p + V/2)
    pure subroutine find_increments(nlane, n, before, together, h, p, v, dq, dp)
