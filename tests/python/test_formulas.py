@@ -18,6 +18,7 @@ from symsde import _abi, errors
 sp = pytest.importorskip("sympy")
 
 from symsde.formulas import compiler  # noqa: E402
+from symsde.formulas.graph import Graph  # noqa: E402
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
@@ -432,3 +433,16 @@ def test_compilation_is_bounded_in_processor_time(monkeypatch):
     assert busy is not None  # the computing child was ended
     patient = compiler._bounded([sys.executable, "-c", "import time; time.sleep(1.5); print('done')"])
     assert patient.stdout == "done\n"
+
+
+def test_signs_stand_before_products_and_sums():
+    graph = Graph()
+    a, b = graph.leaf("q0", True), graph.leaf("q1", True)
+    minus_a, minus_b, product = graph.negative(a), graph.negative(b), graph.multiply(a, b)
+    assert graph.multiply(minus_a, minus_b) == product
+    assert graph.multiply(minus_a, b) == graph.multiply(a, minus_b) == graph.negative(product)
+    assert graph.multiply(graph.number(-2.0), minus_a) == graph.multiply(graph.number(2.0), a)
+    assert graph.multiply(graph.number(-1.0), a) == minus_a
+    assert graph.sum([minus_a, minus_b]) == graph.negative(graph.sum([a, b]))
+    difference = graph.nodes[graph.sum([minus_a, b])]
+    assert (difference.what, difference.arguments) == ("-", (b, a))
