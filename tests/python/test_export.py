@@ -11,6 +11,8 @@ from symsde import cli, scene
 pytest.importorskip("sympy")
 
 from symsde.export import given
+from symsde.export.expressions import Expressions
+from symsde.formulas.graph import Graph
 
 if shutil.which("cc") is None:
     pytest.skip("no C compiler", allow_module_level=True)
@@ -118,3 +120,21 @@ def test_what_cannot_be_exported_gets_a_sentence(text, language, words, tmp_path
     for name in ("a b.c", "a;b.c", "1.c", "a\nb.c", "$(x).c"):
         assert cli.main(["export", str(file), "--to", "c", "--out", str(tmp_path / name)]) == 2
         assert "name programs by a letter" in capsys.readouterr().err
+
+
+def test_parentheses_keep_the_order_of_operations():
+    graph = Graph()
+    a, b, c = (graph.leaf(name, True) for name in "abc")
+    both, product = graph.sum([b, c]), graph.multiply(b, c)
+    cases = {
+        graph.node("-", a, both): "a - (b + c)",
+        graph.node("+", a, both): "a + (b + c)",
+        graph.node("/", a, product): "a/(b*c)",
+        graph.node("*", both, graph.node("/", a, b)): "(b + c)*(a/b)",
+        graph.negative(both): "-(b + c)",
+        graph.node("-", a, graph.negative(product)): "a - (-b*c)",
+        graph.node("sin", both): "sin(b + c)",
+        graph.multiply(graph.number(2.0), both): "(b + c)*2.0",
+    }
+    for node, text in cases.items():
+        assert Expressions(graph, [node], str, str).results == [text]
