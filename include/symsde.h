@@ -48,7 +48,8 @@ enum symsde_status {
    SYMSDE_NONFINITE = 3,
    SYMSDE_CALLBACK_FAILED = 4,
    SYMSDE_STOPPED = 5,
-   SYMSDE_PATHS_FAILED = 6 /* the run is complete, some of its paths are not ok */
+   SYMSDE_PATHS_FAILED = 6, /* the run is complete, some of its paths are not ok */
+   SYMSDE_ABSORBED = 7      /* status of a path: it has left the region of an observer, which ends it */
 };
 
 #define SYMSDE_MESSAGE_SIZE 1024
@@ -343,6 +344,40 @@ int symsde_simulate(symsde_model model, symsde_scheme scheme, const symsde_optio
 typedef int (*symsde_observables)(int nlane, int ndof, double t, const double *q, const double *p, double *values,
                                   void *user);
 
+/* Streaming observers: statistics that a run of moments keeps in memory independent of paths and steps (docs/observers.md) */
+enum symsde_observer_kind {
+   SYMSDE_OBSERVE_HISTOGRAM = 1,       /* a value in `bins` bins of one width from low to high */
+   SYMSDE_OBSERVE_QUANTILES = 2,       /* magnitudes from low to high in bins of one relative width, both signs */
+   SYMSDE_OBSERVE_COVARIANCE = 3,      /* of nvalue values */
+   SYMSDE_OBSERVE_AUTOCORRELATION = 4, /* of a value along time, lags 0 .. `bins` saved points; low: near its mean */
+   SYMSDE_OBSERVE_EXTREMES = 5,        /* lowest and highest of a value on each path until each saved time */
+   SYMSDE_OBSERVE_PASSAGE = 6,         /* paths whose value leaves low < x < high; looked at after every step */
+   SYMSDE_OBSERVE_PATHS = 7            /* nvalue values of the paths with the indices `paths`, ascending */
+};
+typedef struct symsde_observer {
+   size_t struct_size;
+   int32_t kind, nvalue;
+   const int32_t *values; /* [nvalue] which of those of symsde_moments, counted from 0 */
+   double low, high;
+   int32_t bins, nshare; /* nshare: quantiles that the answer of a histogram has, in the place of shares */
+   const double *shares; /* [nshare], 0 .. 1 */
+   int64_t npath;
+   const int64_t *paths; /* [npath] global indices */
+   int32_t absorbs, bridges; /* passage: paths that leave end there; they may leave between two steps (default 1) */
+   int64_t *counts;          /* output, as sums: by these parts merge; NULL = not wanted */
+   double *sums;
+} symsde_observer;
+int symsde_observer_init(symsde_observer *observer);
+/* sizes[3]: of counts, of sums, of an answer, in a run with these options and observables of the user's own */
+int symsde_observer_sizes(symsde_model model, const symsde_options *options, int nobservable,
+                          const symsde_observer *observer, int64_t *sizes, symsde_error *error);
+/* two sisters of the tree of symsde_merge_moments: the left part becomes both */
+int symsde_observer_merge(symsde_model model, const symsde_options *options, int nobservable, symsde_observer *left,
+                          const symsde_observer *right, symsde_error *error);
+/* what has been kept says, with standard errors, [answers]; NaN where nothing is known */
+int symsde_observer_answer(symsde_model model, const symsde_options *options, int nobservable,
+                           const symsde_observer *observer, double *values, double *errors, symsde_error *error);
+
 #define SYMSDE_MAX_FAILED_LISTED 1000
 
 /* Moments over the paths that are ok up to each time. Values: q_1 .. q_n, p_1 .. p_n, the energy where the
@@ -362,6 +397,8 @@ typedef struct symsde_moments {
    double *m2; /* [ntime][nvalue]: sums of squared deviations, by which parts merge; may be NULL */
    int32_t observables_lanes; /* input: n > 0 where the observables do not depend on t: they are given the paths of
                                  several saved times as up to n lanes (one time at least), and t of the first one */
+   int32_t nobserver; /* what is kept besides: */
+   symsde_observer *const *observers; /* [nobserver] */
 } symsde_moments;
 
 int symsde_moments_init(symsde_moments *moments);

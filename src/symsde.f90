@@ -27,7 +27,7 @@ module symsde
    use symsde_base_status, only: status_missing_operation => missing_operation, status_not_converged => not_converged
    use symsde_base_status, only: status_singular => singular, status_nonfinite => nonfinite
    use symsde_base_status, only: status_callback_failed => callback_failed, status_stopped => stopped
-   use symsde_base_status, only: status_paths_failed => paths_failed
+   use symsde_base_status, only: status_paths_failed => paths_failed, status_absorbed => absorbed
    use symsde_base_traits, only: model_traits, dense_hessian => dense
    use symsde_base_version, only: library_version
    ! models: the type to extend, the built-in ones, one by name, one from C functions
@@ -64,6 +64,10 @@ module symsde
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_merge, only: merge_moments
    use symsde_ensemble_observables, only: observables_type
+   use symsde_ensemble_observer_list, only: observe_histogram, observe_quantiles, observe_covariance, &
+                                            observe_autocorrelation, observe_extremes, observe_passage, observe_paths, &
+                                            merge_observed, observed_answer
+   use symsde_ensemble_streaming, only: observer_request, observed_type
    use symsde_ensemble_options, only: run_options
    use symsde_ensemble_prepared, only: prepared_run, prepare
    use symsde_ensemble_report, only: run_report

@@ -12,7 +12,7 @@ Everything is dimensionless. The path is the last axis of every array. [WHSB] in
 paper "Dynamics and variational integrators of stochastic Hamiltonian systems" with its equation numbers.
 """
 
-from . import diagnose, errors, models, schemes
+from . import diagnose, errors, models, observe, schemes
 from ._callbacks import numba_signature, numba_sincos
 from ._handles import status_text
 from ._setup import build_info
@@ -81,6 +81,7 @@ __all__ = [
     "moments",
     "numba_signature",
     "numba_sincos",
+    "observe",
     "open_run",
     "prepare",
     "schemes",

@@ -24,7 +24,7 @@ from ctypes import (
 
 MESSAGE_SIZE = 1024
 MAX_FAILED_LISTED = 1000
-OK, NOT_CONVERGED, SINGULAR, NONFINITE, CALLBACK_FAILED, STOPPED, PATHS_FAILED = range(7)
+OK, NOT_CONVERGED, SINGULAR, NONFINITE, CALLBACK_FAILED, STOPPED, PATHS_FAILED, ABSORBED = range(8)
 INVALID_ARGUMENT = -1
 MISSING_OPERATION = -9
 CORRECTIONS = ("auto", "none", "mean", "increments")
@@ -224,6 +224,34 @@ class Moments(Structure):
         ("failed_step", c_int64 * MAX_FAILED_LISTED),
         ("m2", c_void_p),
         ("observables_lanes", c_int32),
+        ("nobserver", c_int32),
+        ("observers", c_void_p),
+    )
+
+
+#: enum symsde_observer_kind, from 1
+OBSERVERS = ("histogram", "quantiles", "covariance", "autocorrelation", "extremes", "passage", "paths")
+
+
+class Observer(Structure):
+    """symsde_observer."""
+
+    _fields_ = (
+        ("struct_size", c_size_t),
+        ("kind", c_int32),
+        ("nvalue", c_int32),
+        ("values", c_void_p),
+        ("low", c_double),
+        ("high", c_double),
+        ("bins", c_int32),
+        ("nshare", c_int32),
+        ("shares", c_void_p),
+        ("npath", c_int64),
+        ("paths", c_void_p),
+        ("absorbs", c_int32),
+        ("bridges", c_int32),
+        ("counts", c_void_p),
+        ("sums", c_void_p),
     )
 
 
@@ -293,6 +321,10 @@ FUNCTIONS = {
     "moments_init": (POINTER(Moments),),
     "compute_moments": (*_run, _input, POINTER(Moments), POINTER(Report), _error),
     "merge_moments": (c_int64, c_int64, *_arrays(6), _error),
+    "observer_init": (POINTER(Observer),),
+    "observer_sizes": (_handle, _options, c_int, POINTER(Observer), c_void_p, _error),
+    "observer_merge": (_handle, _options, c_int, POINTER(Observer), POINTER(Observer), _error),
+    "observer_answer": (_handle, _options, c_int, POINTER(Observer), c_void_p, c_void_p, _error),
     "state_init": (POINTER(State),),
     "run_new": (*_run, _input, _handle_out, _error),
     "run_advance": (_handle, c_int64, c_int64, _input, POINTER(Paths), _error),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import ctypes
+import functools
 import os
 import re
 from collections.abc import Callable, Iterable
@@ -19,6 +20,7 @@ from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
 from .errors import InvalidArgumentError, WrongTypeError
 from .model import Model
+from .observe import kept, requests, results
 from .report import Reported
 
 Observable = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -37,10 +39,12 @@ class Moments(Reported):
     mean: dict[str, np.ndarray]  #: (time,) of each observable; likewise var, se_mean
     m2: np.ndarray  #: (time, value), sums of squared deviations, by which parts of an ensemble merge exactly
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
+    kept: dict[str, kept.Kept]  #: what each observer has kept, by which parts of an ensemble merge exactly
 
-    def __init__(self, setup: Setup, observables: Iterable[str]):
-        """Room for the moments, of these observables too; `fill` computes them."""
+    def __init__(self, setup: Setup, observables: Iterable[str], observers: kept.Kinds | None = None):
+        """Room for the moments, of these observables too, and for these observers; `fill` computes them."""
         self.setup = setup
+        self.observers = dict(observers or {})
         self._observables = tuple(observables)
         self._has_energy = setup.model.traits.has_value
         ndof = setup.model.ndof
@@ -51,6 +55,7 @@ class Moments(Reported):
         self._tables = {kind: np.empty((setup.ntime, nvalue)) for kind in ("mean", "var", "se_mean")}
         self.m2 = np.empty((setup.ntime, nvalue))
         self._name_columns()
+        self.kept = {name: self.scope.room(observer) for name, observer in self.observers.items()}
 
     def _name_columns(self) -> None:
         """Attributes that show the columns of the tables."""
@@ -67,6 +72,16 @@ class Moments(Reported):
         self.__dict__.update(state)
         self._name_columns()
 
+    @property
+    def scope(self) -> kept.Scope:
+        """What observers look at."""
+        return kept.Scope(self.setup, self.columns(), len(self._observables))
+
+    @functools.cached_property
+    def observed(self) -> dict[str, results.Observed]:
+        """Results of the observers, by their names."""
+        return results.observed(self.scope, self.t, self.observers, self.kept)
+
     def fill(self, observables: dict[str, Observable], progress: Progress) -> None:
         """Let the library integrate."""
         failures = _callbacks.Failures()
@@ -78,6 +93,8 @@ class Moments(Reported):
             moments.nobservable = len(observables)
             moments.observables = _callbacks.observables(observables, failures)
             moments.observables_lanes = _PYTHON_NUMBERS // self.setup.model.ndof
+        addresses, _made = kept.structs(self.scope, self.observers, self.kept)
+        moments.nobserver, moments.observers = len(self.observers), ctypes.addressof(addresses)
         report = _handles.new(_abi.Report, "report")
         with Monitor(progress, result=self) as monitor:
             self._integrate(moments, report, monitor, failures)
@@ -133,6 +150,8 @@ class Moments(Reported):
                 variables[f"{kind}_energy"] = (("time",), getattr(self, f"{kind}_energy"))
             for name, values in getattr(self, kind).items():
                 variables[f"{kind}_{name}"] = (("time",), values)
+        for name, result in self.observed.items():
+            variables |= result.variables(name)
         return variables
 
     def to_xarray(self):
@@ -173,21 +192,23 @@ def moments(
     step: float,
     steps: int,
     observables: dict[str, Observable] | None = None,
+    observers: dict[str, requests.Observer] | None = None,
     progress: Progress = False,
     **options: Any,
 ) -> Moments:
     """Moments of q, p, the energy H and observables, in memory that does not depend on paths and steps.
 
     The options are those of `simulate`. observables: name -> function of q, p, (dof, lane) each, that returns
-    (lane,) values; lanes are paths, of several saved times where these are few. first_path is a multiple of 256, so
-    that parts of an ensemble merge to the same bits.
+    (lane,) values; lanes are paths, of several saved times where these are few. observers: name -> what else is kept
+    of these values, one of `symsde.observe`; the results are in `observed`. first_path is a multiple of 256, so that
+    parts of an ensemble merge to the same bits.
 
     Misuse raises a ValueError (`symsde.errors`); an exception of an observable stops the run and is raised.
     """
     functions = check_observables(observables)
     in_python = bool(functions)
     setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=in_python, **options)
-    result = Moments(setup, functions)
+    result = Moments(setup, functions, requests.check_observers(observers))
     result.fill(functions, progress)
     return result
 

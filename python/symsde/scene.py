@@ -22,6 +22,7 @@ from .errors import InvalidArgumentError, SceneError, SymsdeError
 from .formulas import scenes as formulas
 from .model import Model
 from .moments import Moments, moments
+from .observe import requests
 from .simulate import Run, simulate
 
 _NOT_IN_SCENES = {"model", "increments", "progress", "q0_low", "p0_low"}
@@ -47,10 +48,11 @@ class Scene:
     study: dict[str, Any] = field(default_factory=dict)  #: options of `work_precision`
     expect: dict[str, Any] = field(default_factory=dict)  #: options of `expect`
     tables: dict[str, Any] = field(default_factory=dict)  #: the file as it stands
+    observers: dict[str, requests.Observer] = field(default_factory=dict)  #: what is kept beside moments
 
     def compute_moments(self, progress=False) -> Moments:
-        """Moments of all paths."""
-        return moments(self.model, progress=progress, **self.run)
+        """Moments of all paths, and what observers keep of them."""
+        return moments(self.model, progress=progress, observers=self.observers, **self.run)
 
     def compute_paths(self, progress=False) -> Run:
         """The wanted paths: one run for each stretch of consecutive indices, joined."""
@@ -89,12 +91,12 @@ def load(path: str | os.PathLike) -> Scene:
     """Read and check a scene; SceneError names the file and the key."""
     file = str(path)
     tables = _read(file)
-    _known(file, "table", tables, ["model", "run", "output", "study", "expect"])
+    _known(file, "table", tables, ["model", "run", "output", "observe", "study", "expect"])
     for name in ("model", "run"):
         if name not in tables:
             raise SceneError(f"{file}: there is no table [{name}]: `symsde template kubo` prints a whole scene")
     for name, table in tables.items():
-        if not isinstance(table, dict):
+        if name != "observe" and not isinstance(table, dict):
             raise SceneError(f"{file}: {name} is not a table: write it as [{name}] with keys below")
     run = dict(tables["run"])
     _known(file, "key of [run]", run, RUN_KEYS)
@@ -113,12 +115,27 @@ def load(path: str | os.PathLike) -> Scene:
     scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [], study, expect, tables)
     tried = scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
+    scene.observers = _observers(file, scene)
     try:
         ntime = int(run["steps"]) // int(run.get("save_every", 1)) + 1
         _checks.room((2, ntime, tried.model.ndof, len(scene.paths)), "the saved paths (q and p; time, dof, path)")
     except SymsdeError as error:
         raise SceneError(f"{file}: [output] paths: {error}") from error
     return scene
+
+
+def _observers(file: str, scene: Scene) -> dict[str, requests.Observer]:
+    """The tables [[observe]], tried on the run."""
+    if "observe" not in scene.tables:
+        return {}
+    try:
+        found = requests.from_tables(scene.tables["observe"])
+        Moments(make_setup(scene.model, **scene.run), (), found)
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [[observe]]: {error}") from error
+    if not scene.moments:
+        raise SceneError(f"{file}: [[observe]] goes with moments: leave out moments = false of [output]")
+    return found
 
 
 NESTED = re.compile(r"(?:[\[{][\s\w.,=]*){50}")  #: more brackets than any scene opens in a row

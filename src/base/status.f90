@@ -10,7 +10,7 @@ module symsde_base_status
    public :: error_type, raise, status_text
    public :: status_ok, invalid_argument, incompatible, unknown_name, wrong_shape, too_large
    public :: false_trait, null_handle, out_of_memory, missing_operation
-   public :: not_converged, singular, nonfinite, callback_failed, stopped, paths_failed
+   public :: not_converged, singular, nonfinite, callback_failed, stopped, paths_failed, absorbed
 
    integer(i4), parameter :: status_ok = 0
    ! misuse: the call was refused
@@ -23,13 +23,14 @@ module symsde_base_status
    integer(i4), parameter :: null_handle = -7
    integer(i4), parameter :: out_of_memory = -8
    integer(i4), parameter :: missing_operation = -9  !! the model does not offer what was asked of it
-   ! numerical outcomes: 1 to 5 are also the status of a path
+   ! numerical outcomes: 1 to 5 and 7 are also the status of a path
    integer(i4), parameter :: not_converged = 1
    integer(i4), parameter :: singular = 2
    integer(i4), parameter :: nonfinite = 3
    integer(i4), parameter :: callback_failed = 4
    integer(i4), parameter :: stopped = 5
    integer(i4), parameter :: paths_failed = 6        !! the run is complete, some of its paths are not ok
+   integer(i4), parameter :: absorbed = 7            !! the path has left the region of an observer, which ends it
 
    !> What went wrong at set-up. Procedures return it allocatable: allocated means failed.
    type :: error_type
@@ -74,6 +75,7 @@ contains
       case (callback_failed); text = 'a user callback reported failure'
       case (stopped); text = 'stopped on request'
       case (paths_failed); text = 'some paths failed'
+      case (absorbed); text = 'left the region that an observer watches'
       case default; text = 'unknown status code'
       end select
    end function padded_text

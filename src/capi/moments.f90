@@ -11,6 +11,7 @@ module symsde_capi_moments
    use symsde_capi_error, only: finish, require, check_sizes, take_struct, give_struct
    use symsde_capi_input, only: run_input, read_input
    use symsde_capi_model, only: use_model
+   use symsde_capi_observer, only: read_observers, give_observed
    use symsde_capi_observables, only: callback_observables, new_callback_observables
    use symsde_capi_options, only: read_options
    use symsde_capi_report, only: check_report, end_run
@@ -18,6 +19,7 @@ module symsde_capi_moments
    use symsde_ensemble_moment_collector, only: max_failed_listed
    use symsde_ensemble_options, only: run_options
    use symsde_ensemble_simulate, only: moments_type, moments
+   use symsde_ensemble_streaming, only: observer_request
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
@@ -41,7 +43,8 @@ module symsde_capi_moments
       integer(c_int32_t) :: failed_status(max_failed_listed)
       integer(c_int64_t) :: failed_step(max_failed_listed)
       type(c_ptr) :: m2
-      integer(c_int32_t) :: observables_lanes
+      integer(c_int32_t) :: observables_lanes, nobserver
+      type(c_ptr) :: observers
    end type c_moments
 
 contains
@@ -75,6 +78,7 @@ contains
       type(c_moments), target :: copy
       type(callback_observables) :: observables
       type(moments_type) :: result
+      type(observer_request), allocatable :: observers(:)
       integer :: code
 
       call use_model(model, own, m, refusal)
@@ -83,24 +87,29 @@ contains
       call check_report(report, refusal)
       if (.not. allocated(refusal)) call read_input(input, m%traits%ndof, o%npath, from, refusal)
       if (.not. allocated(refusal)) call read_moments(moments, m, o, copy, refusal)
+      if (.not. allocated(refusal)) call read_observers(copy%observers, copy%nobserver, observers, refusal)
       if (.not. allocated(refusal)) then
          call new_callback_observables(observables, copy%nobservable, copy%observables, copy%observables_user, &
                                        copy%observables_lanes)
-         call run(m, s, o, from, observables, result, refusal)
+         call run(m, s, o, from, observables, observers, result, refusal)
       end if
-      if (.not. allocated(refusal)) call give_moments(result, copy, moments)
+      if (.not. allocated(refusal)) then
+         call give_observed(result%observed, copy%observers)
+         call give_moments(result, copy, moments)
+      end if
       code = observables%failure_code()
       if (associated(m) .and. code == 0) code = m%failure_code()
       status = end_run(refusal, code, result%report, report, error)
    end function symsde_compute_moments
 
    !> The run, with the state as one list, path first.
-   subroutine run(model, scheme, options, from, observables, result, error)
+   subroutine run(model, scheme, options, from, observables, observers, result, error)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
       type(run_input), intent(inout) :: from
       type(callback_observables), intent(in), target :: observables
+      type(observer_request), intent(in) :: observers(:)
       type(moments_type), intent(out) :: result
       type(error_type), allocatable, intent(inout) :: error
       real(wp), pointer, contiguous :: q0(:), p0(:)
@@ -108,7 +117,7 @@ contains
       q0(1:size(from%q0, kind=i8)) => from%q0
       p0(1:size(from%p0, kind=i8)) => from%p0
       call moments(model, scheme, options, q0, p0, result, error, observables, from%dw, from%monitor, &
-                   from%q0_low, from%p0_low)
+                   from%q0_low, from%p0_low, observers)
    end subroutine run
 
    !> The caller's struct, its arrays there, its observables a function where there are any.
@@ -190,6 +199,8 @@ contains
       moments%failed = -1
       moments%failed_status = 0
       moments%observables_lanes = 0
+      moments%nobserver = 0
+      moments%observers = c_null_ptr
       moments%failed_step = -1
       moments%m2 = c_null_ptr
    end subroutine clear

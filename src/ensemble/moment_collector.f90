@@ -3,11 +3,14 @@
 !> number of paths.
 !>
 !> Values, in this order: q_1 .. q_n, p_1 .. p_n, the energy H(q,p) where the model can evaluate it, and
-!> the user's observables. Moments at time t are over the paths that are ok up to t.
+!> the user's observables. Moments at time t are over the paths that are ok up to t. Streaming observers are shown the
+!> same values; where one of them watches every step, every step is shown here, and saved times are some of these.
 module symsde_ensemble_moment_collector
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_status, only: absorbed
    use symsde_ensemble_observables, only: observables_type
    use symsde_ensemble_observer, only: observer_type
+   use symsde_ensemble_observer_list, only: observer_plan, observer_list, new_observer_list
    use symsde_ensemble_statistics, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes
    use symsde_model_abstract, only: model_type
    use symsde_step_state, only: lane_state
@@ -33,7 +36,7 @@ module symsde_ensemble_moment_collector
       integer :: n = 0                            !! that wait
       integer :: it = 0                           !! which time the first of them is
       real(wp) :: t = 0                           !! it [time]
-      real(wp), allocatable :: q(:, :, :), p(:, :, :)  !! (nlane, nplace, ndof)
+      real(wp), allocatable :: own(:, :, :)       !! q, p and the energy (nlane, nplace, own values)
       logical, allocatable :: counts(:, :)        !! (nlane, nplace)
    end type waiting_states
 
@@ -43,6 +46,9 @@ module symsde_ensemble_moment_collector
       class(observables_type), pointer :: observables => null()
       type(moment_store), pointer :: store => null()
       integer, public :: nvalue = 0
+      type(observer_plan), pointer :: plan => null() !! of streaming observers
+      type(observer_list) :: list                   !! those of this thread
+      integer(i8) :: every = 1                      !! steps shown between saved times
       type(waiting_states) :: waiting
       integer :: ntime = 0, nreal = 0, npiece = 0
       integer :: offset(64) = 0, level(64) = 0
@@ -54,20 +60,24 @@ module symsde_ensemble_moment_collector
       procedure :: observe
       procedure :: skip
       procedure :: end_block
+      procedure :: gather
       procedure :: failure_code
       procedure :: numbers
    end type moment_collector
 
 contains
 
-   !> A collector for ntime saved times that delivers its nodes to store.
-   subroutine new_moment_collector(self, model, nlane, ntime, store, observables)
+   !> A collector for ntime saved times that delivers its nodes to store. Where there is a plan of observers who watch
+   !> steps, it is shown every step, and every `every`-th of them is a saved time.
+   subroutine new_moment_collector(self, model, nlane, ntime, store, observables, plan, every)
       type(moment_collector), intent(out) :: self
       class(model_type), intent(in), target :: model
       integer, intent(in) :: nlane
       integer, intent(in) :: ntime
       type(moment_store), intent(in), target :: store
       class(observables_type), intent(in), target, optional :: observables
+      type(observer_plan), intent(in), target, optional :: plan
+      integer(i8), intent(in), optional :: every
 
       self%model => model
       self%store => store
@@ -83,6 +93,10 @@ contains
       end if
       self%w = 0
       self%w(:, 0) = 1
+      nullify (self%plan)
+      if (.not. present(plan)) return
+      self%plan => plan
+      if (plan%watches_steps) self%every = every
    end subroutine new_moment_collector
 
    subroutine begin_block(self, first, nreal)
@@ -94,6 +108,10 @@ contains
       self%nreal = nreal
       call dyadic_pieces(first, nreal, self%npiece, self%offset, self%level)
       if (allocated(self%pieces)) deallocate (self%pieces)
+      if (associated(self%plan)) then
+         if (.not. allocated(self%list%slots)) call new_observer_list(self%list, self%plan)
+         call self%list%begin_block(first, nreal)
+      end if
    end subroutine begin_block
 
    !> Room for the pieces of a block that has begun; one that a stop leaves out needs none.
@@ -115,21 +133,38 @@ contains
       class(moment_collector), intent(inout) :: self
       integer(i8), intent(in) :: isave
       real(wp), intent(in) :: t
-      type(lane_state), intent(in) :: state
+      type(lane_state), intent(inout) :: state
       logical :: counts(state%nlane)
       integer :: it
 
+      call self%list%watch(isave, t, state)
+      if (mod(isave, self%every) /= 0) return
       if (.not. allocated(self%pieces)) call new_pieces(self)
-      it = int(isave) + 1
+      it = int(isave/self%every) + 1
       call evaluate(self, t, state)
       counts = state%status == 0
-      call reduce(self, it, 0, size(self%values, 2), self%values, counts)
-      if (.not. associated(self%observables)) return
-      if (self%observables%nvalue == 0) return
-      call let_wait(self%waiting, it, t, state, counts)
-      if (self%waiting%n == self%waiting%nplace .or. it == self%ntime) &
-         call ask_observables(self, state%nlane, state%ndof)
+      if (associated(self%observables)) then
+         if (self%observables%nvalue > 0) then
+            call let_wait(self%waiting, it, t, self%values, counts)
+            if (self%waiting%n == self%waiting%nplace .or. it == self%ntime) &
+               call ask_observables(self, state%nlane, state%ndof)
+            return
+         end if
+      end if
+      call take(self, it, t, self%values, counts)
    end subroutine observe
+
+   !> All values of the lanes at a saved time.
+   subroutine take(self, it, t, values, counts)
+      class(moment_collector), intent(inout) :: self
+      integer, intent(in) :: it
+      real(wp), intent(in) :: t
+      real(wp), intent(in), contiguous :: values(:, :)   !! (nlane, nvalue)
+      logical, intent(in), contiguous :: counts(:)       !! (nlane)
+
+      call reduce(self, it, values, counts)
+      call self%list%take(it, t, values, counts)
+   end subroutine take
 
    !> The rest of the times is left out: what waits is all there is.
    subroutine skip(self, isave)
@@ -137,14 +172,14 @@ contains
       integer(i8), intent(in) :: isave
 
       if (self%waiting%n > 0) &
-         call ask_observables(self, size(self%waiting%q, 1), size(self%waiting%q, 3))
+         call ask_observables(self, size(self%waiting%own, 1), self%model%traits%ndof)
    end subroutine skip
 
-   !> Moments of n values, the ones after the first `at`, of the lanes of each piece.
-   subroutine reduce(self, it, at, n, values, counts)
+   !> Moments of all values of the lanes of each piece.
+   subroutine reduce(self, it, values, counts)
       class(moment_collector), intent(inout) :: self
-      integer, intent(in) :: it, at, n
-      real(wp), intent(in), contiguous :: values(:, :)   !! (nlane, n)
+      integer, intent(in) :: it
+      real(wp), intent(in), contiguous :: values(:, :)   !! (nlane, nvalue)
       logical, intent(in), contiguous :: counts(:)       !! (nlane)
       integer :: i, j, a, b
 
@@ -152,9 +187,9 @@ contains
          a = self%offset(i) + 1
          b = self%offset(i) + 2**self%level(i)
          associate (node => self%pieces(i))
-            do j = 1, n
+            do j = 1, self%nvalue
                call reduce_lanes(self%level(i), values(a:b, j), counts(a:b), &
-                                 node%n(it), node%mean(at + j, it), node%m2(at + j, it))
+                                 node%n(it), node%mean(j, it), node%m2(j, it))
             end do
          end associate
       end do
@@ -176,23 +211,21 @@ contains
    end subroutine evaluate
 
    !> Keep a state for the user's observables.
-   subroutine let_wait(self, it, t, state, counts)
+   subroutine let_wait(self, it, t, own, counts)
       type(waiting_states), intent(inout) :: self
       integer, intent(in) :: it
       real(wp), intent(in) :: t
-      type(lane_state), intent(in) :: state
+      real(wp), intent(in) :: own(:, :)         !! q, p and the energy (nlane, own values)
       logical, intent(in) :: counts(:)
 
-      if (.not. allocated(self%q)) &
-         allocate (self%q(state%nlane, self%nplace, state%ndof), self%p(state%nlane, self%nplace, state%ndof), &
-                   self%counts(state%nlane, self%nplace))
+      if (.not. allocated(self%own)) &
+         allocate (self%own(size(own, 1), self%nplace, size(own, 2)), self%counts(size(own, 1), self%nplace))
       if (self%n == 0) then
          self%it = it
          self%t = t
       end if
       self%n = self%n + 1
-      self%q(:, self%n, :) = state%q
-      self%p(:, self%n, :) = state%p
+      self%own(:, self%n, :) = own
       self%counts(:, self%n) = counts
    end subroutine let_wait
 
@@ -203,21 +236,19 @@ contains
       integer, intent(in) :: nlane, ndof
       real(wp) :: values(nlane, self%waiting%n, self%observables%nvalue)
       real(wp), allocatable :: q(:, :, :), p(:, :, :), of_time(:, :)
-      integer :: i, n, at
+      integer :: i, n, nown
 
       n = self%waiting%n
+      nown = size(self%values, 2)
+      allocate (of_time(nlane, self%nvalue))
       associate (w => self%waiting)
-         if (n == w%nplace) then
-            call self%observables%evaluate(nlane*n, ndof, w%t, w%q, w%p, values)
-         else
-            q = w%q(:, :n, :)
-            p = w%p(:, :n, :)
-            call self%observables%evaluate(nlane*n, ndof, w%t, q, p, values)
-         end if
-         at = self%nvalue - self%observables%nvalue
+         q = w%own(:, :n, 1:ndof)
+         p = w%own(:, :n, ndof + 1:2*ndof)
+         call self%observables%evaluate(nlane*n, ndof, w%t, q, p, values)
          do i = 1, n
-            of_time = values(:, i, :)
-            call reduce(self, w%it + i - 1, at, self%observables%nvalue, of_time, w%counts(:, i))
+            of_time(:, :nown) = w%own(:, i, :)
+            of_time(:, nown + 1:) = values(:, i, :)
+            call take(self, w%it + i - 1, w%t, of_time, w%counts(:, i))
          end do
          w%n = 0
       end associate
@@ -232,11 +263,18 @@ contains
       do i = 1, self%npiece
          call insert_node(self%store%tree, self%pieces(i))
       end do
+      call self%list%end_block(state)
       do lane = 1, self%nreal
-         if (state%status(lane) == 0) cycle
+         if (state%status(lane) == 0 .or. state%status(lane) == absorbed) cycle
          call list_failure(self%store, self%first + lane - 1, int(state%status(lane), i4), state%failed_step(lane))
       end do
    end subroutine end_block
+
+   subroutine gather(self)
+      class(moment_collector), intent(inout) :: self
+
+      call self%list%gather()
+   end subroutine gather
 
    !> Nodes over all saved times: the pieces of each thread's block, one of each level that waits for its sibling
    !> in the tree, and the root.
@@ -254,6 +292,7 @@ contains
       pieces = int(min(int(pieces, i8), npath))
       waiting = int(min(int(exponent(real(npath, wp)), i8), npath))
       numbers = node*(real(nthread, wp)*pieces + waiting + 2) + nthread*real(size(self%values), wp)
+      if (associated(self%plan)) numbers = numbers + self%plan%numbers(npath, nthread)
       if (associated(self%observables)) &
          numbers = numbers + nthread*real(size(self%values, 1), wp)*self%waiting%nplace* &
                    (4*self%model%traits%ndof + 3*self%observables%nvalue + 1)

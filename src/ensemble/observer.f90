@@ -17,6 +17,7 @@ module symsde_ensemble_observer
       procedure(end_interface), deferred :: end_block
       procedure :: observe_several => observe_each
       procedure :: skip => nothing_to_skip
+      procedure :: gather => nothing_to_gather
       procedure :: numbers => nothing_held
       procedure :: failure_code => never_failed
    end type observer_type
@@ -30,13 +31,14 @@ module symsde_ensemble_observer
          integer, intent(in) :: nreal
       end subroutine begin_interface
 
-      !> The state at saved time number isave (0 is t0). Lanes with a status have failed before t.
+      !> The state at saved time number isave (0 is t0). Lanes with a status have failed before t. It may retire lanes
+      !> (state%retire): these are not shown any more, and a block of such lanes alone ends.
       subroutine observe_interface(self, isave, t, state)
          import :: observer_type, lane_state, i8, wp
          class(observer_type), intent(inout) :: self
          integer(i8), intent(in) :: isave
          real(wp), intent(in) :: t
-         type(lane_state), intent(in) :: state
+         type(lane_state), intent(inout) :: state
       end subroutine observe_interface
 
       !> The block is done: its final state, with the status of each lane. Called by one thread at a time.
@@ -74,6 +76,11 @@ contains
       class(observer_type), intent(inout) :: self
       integer(i8), intent(in) :: isave
    end subroutine nothing_to_skip
+
+   !> This thread has no block left. Called by one thread at a time.
+   subroutine nothing_to_gather(self)
+      class(observer_type), intent(inout) :: self
+   end subroutine nothing_to_gather
 
    !> Numbers of eight bytes that the copies of nthread threads allocate, at most, while npath paths are run.
    real(wp) function nothing_held(self, npath, nthread) result(numbers)

@@ -46,7 +46,7 @@ contains
       class(path_recorder), intent(inout) :: self
       integer(i8), intent(in) :: isave
       real(wp), intent(in) :: t
-      type(lane_state), intent(in) :: state
+      type(lane_state), intent(inout) :: state
       real(wp) :: nan
       integer :: i, lane
 

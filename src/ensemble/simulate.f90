@@ -8,10 +8,12 @@ module symsde_ensemble_simulate
    use symsde_ensemble_moment_collector, only: moment_collector, new_moment_collector, moment_store
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observables, only: observables_type
+   use symsde_ensemble_observer_list, only: observer_plan, new_observer_plan, new_observed_run
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_ensemble_recorder, only: path_recorder
    use symsde_ensemble_report, only: run_report
    use symsde_ensemble_statistics, only: moment_node, final_node
+   use symsde_ensemble_streaming, only: observer_request, observed_type, observed_run
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
    implicit none
@@ -43,6 +45,7 @@ module symsde_ensemble_simulate
       integer(i8), allocatable :: failed(:)         !! global indices of the first failed paths, at most 1000
       integer(i4), allocatable :: failed_status(:)
       integer(i8), allocatable :: failed_step(:)
+      type(observed_type), allocatable :: observed(:)  !! what the observers have kept, in the order of their requests
       type(run_report) :: report
    end type moments_type
 
@@ -89,8 +92,9 @@ contains
       end if
    end subroutine simulate
 
-   !> Integrate all paths and keep moments only; memory grows with the saved times, not with the paths.
-   subroutine moments(model, scheme, options, q0, p0, result, error, observables, dw, monitor, q0_low, p0_low)
+   !> Integrate all paths and keep moments only, and what observers keep; memory grows with the saved times, not the paths.
+   subroutine moments(model, scheme, options, q0, p0, result, error, observables, dw, monitor, q0_low, p0_low, &
+                      observers)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -101,9 +105,12 @@ contains
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
       class(monitor_type), intent(inout), optional :: monitor
       real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
+      type(observer_request), intent(in), optional :: observers(:)
       type(moment_store), allocatable, target :: store
+      type(observer_plan), target :: plan
       type(moment_collector) :: collector
       type(moment_node) :: root
+      type(run_options) :: shown
       real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
       type(monitor_type) :: no_monitor
 
@@ -113,25 +120,52 @@ contains
       if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
       if (allocated(error)) return
       allocate (store)
-      call new_moment_collector(collector, model, choose_nlane(options, model), size(result%t), &
-                                store, observables)
+      call plan_observers(plan, model, options, error, observables, observers)
+      if (allocated(error)) return
+      call new_moment_collector(collector, model, choose_nlane(options, model), size(result%t), store, observables, &
+                                plan, options%save_every)
+      shown = options
+      if (plan%watches_steps) shown%save_every = 1
       call by_path(q0, model%traits%ndof, q_rows, error)
       call by_path(p0, model%traits%ndof, p_rows, error)
       if (allocated(error)) return
       if (present(monitor)) then
-         call run_ensemble(model, scheme, options, q_rows, p_rows, collector, monitor, &
+         call run_ensemble(model, scheme, shown, q_rows, p_rows, collector, monitor, &
                            result%report, error, dw, q0_low, p0_low)
       else
-         call run_ensemble(model, scheme, options, q_rows, p_rows, collector, no_monitor, &
+         call run_ensemble(model, scheme, shown, q_rows, p_rows, collector, no_monitor, &
                            result%report, error, dw, q0_low, p0_low)
       end if
       if (allocated(error)) return
+      call plan%deliver(result%observed)
       call final_node(store%tree, root)
       call to_moments(root, result)
       result%failed = store%failed(:store%nlisted)
       result%failed_status = store%status(:store%nlisted)
       result%failed_step = store%failed_step(:store%nlisted)
    end subroutine moments
+
+   !> The observers that are wanted, if any.
+   subroutine plan_observers(plan, model, options, error, observables, observers)
+      type(observer_plan), intent(out) :: plan
+      class(model_type), intent(in), target :: model
+      type(run_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      class(observables_type), intent(in), optional :: observables
+      type(observer_request), intent(in), optional :: observers(:)
+      type(observer_request) :: none(0)
+      type(observed_run) :: run
+      integer :: nobservable
+
+      nobservable = 0
+      if (present(observables)) nobservable = observables%nvalue
+      call new_observed_run(run, model, options, choose_nlane(options, model), nobservable)
+      if (present(observers)) then
+         call new_observer_plan(plan, observers, run, error)
+      else
+         call new_observer_plan(plan, none, run, error)
+      end if
+   end subroutine plan_observers
 
    !> Shards of moments begin at multiples of 256, so that they merge on the same tree as a whole run.
    subroutine check_shard(options, error)

@@ -6,6 +6,7 @@
 !> the result is the same, bit for bit, for any number of threads and any size of blocks.
 module symsde_ensemble_statistics
    use symsde_base_kinds, only: wp, i8
+   use symsde_ensemble_comoments, only: merge_pairs, pair_count
    implicit none
    private
    public :: moment_node, moment_tree, insert_node, final_node, dyadic_pieces, reduce_lanes
@@ -16,6 +17,7 @@ module symsde_ensemble_statistics
       real(wp), allocatable :: n(:)         !! paths that count at each time (ntime)
       real(wp), allocatable :: mean(:, :)   !! (nvalue, ntime)
       real(wp), allocatable :: m2(:, :)     !! sums of squared deviations (nvalue, ntime)
+      real(wp), allocatable :: pairs(:, :)  !! where wanted, sums of products of every pair (order*pairs, ntime)
    end type moment_node
 
    integer, parameter :: highest_level = 62  !! no index has more bits
@@ -38,7 +40,7 @@ contains
       do while (i <= tree%nnode)
          if (tree%nodes(i)%level == node%level .and. tree%nodes(i)%index == ieor(node%index, 1_i8)) then
             call merge_siblings(node, tree%nodes(i))
-            call move_node(tree%nodes(tree%nnode), tree%nodes(i))
+            if (i < tree%nnode) call move_node(tree%nodes(tree%nnode), tree%nodes(i))  ! never onto itself
             tree%nnode = tree%nnode - 1
             i = 1
          else
@@ -76,15 +78,19 @@ contains
       type(moment_node), intent(inout) :: node
       type(moment_node), intent(inout) :: sibling  !! used up
       type(moment_node) :: left
-      integer :: it
+      integer :: it, nvalue
 
       if (node%index > sibling%index) then
          call move_node(sibling, left)
          call move_node(node, sibling)
          call move_node(left, node)
       end if
+      nvalue = size(node%mean, 1)
       do it = 1, size(node%n)
-         call merge_values(size(node%mean, 1), node%n(it), node%mean(:, it), node%m2(:, it), &
+         if (allocated(node%pairs)) &
+            call merge_pairs(nvalue, size(node%pairs, 1)/pair_count(nvalue), node%n(it), node%mean(:, it), &
+                             node%pairs(:, it), sibling%n(it), sibling%mean(:, it), sibling%pairs(:, it))
+         call merge_values(nvalue, node%n(it), node%mean(:, it), node%m2(:, it), &
                            sibling%n(it), sibling%mean(:, it), sibling%m2(:, it))
          node%n(it) = node%n(it) + sibling%n(it)
       end do
@@ -117,6 +123,7 @@ contains
       call move_alloc(from%n, to%n)
       call move_alloc(from%mean, to%mean)
       call move_alloc(from%m2, to%m2)
+      call move_alloc(from%pairs, to%pairs)
    end subroutine move_node
 
    subroutine make_room(tree)

@@ -4,7 +4,7 @@ module symsde_ensemble_threads
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_max_threads, omp_get_thread_num
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_status, only: error_type, raise, invalid_argument, stopped
+   use symsde_base_status, only: error_type, raise, invalid_argument, stopped, absorbed
    use symsde_base_text, only: to_text
    use symsde_ensemble_block, only: block_runner
    use symsde_ensemble_initial_state, only: initial_state
@@ -74,13 +74,17 @@ contains
          end if
          !$omp critical (symsde_end_block)
          call runners(me)%observer%end_block(runners(me)%state)
-         shared%nstopped = shared%nstopped + count(runners(me)%state%status(:nreal) == stopped)
-         shared%nfailed = shared%nfailed + count(runners(me)%state%status(:nreal) /= 0 .and. &
-                                                 runners(me)%state%status(:nreal) /= stopped)
+         associate (status => runners(me)%state%status(:nreal))
+            shared%nstopped = shared%nstopped + count(status == stopped)
+            shared%nfailed = shared%nfailed + count(status /= 0 .and. status /= stopped .and. status /= absorbed)
+         end associate
          !$omp end critical (symsde_end_block)
          !$omp atomic update
          shared%finished = shared%finished + 1
       end do
+      !$omp critical (symsde_end_block)
+      call runners(me)%observer%gather()
+      !$omp end critical (symsde_end_block)
       if (me == 1) call watch(nblock, monitor, shared)
       !$omp end parallel
    end subroutine run_blocks

@@ -20,6 +20,7 @@ module symsde_step_state
       procedure :: advance
       procedure :: judge
       procedure :: settle
+      procedure :: retire
    end type lane_state
 
 contains
@@ -98,6 +99,19 @@ contains
       end do
       self%nfailed = count(self%status /= 0)
    end subroutine settle
+
+   !> Take lanes out that are ok: from here on they are like those that failed, with a status of their own.
+   subroutine retire(self, leaves, status, step)
+      class(lane_state), intent(inout) :: self
+      logical, intent(in) :: leaves(self%nlane)
+      integer(i8), intent(in) :: status, step               !! absolute step that they would have taken next
+
+      where (leaves .and. self%status == 0)
+         self%status = status
+         self%failed_step = step
+      end where
+      self%nfailed = count(self%status /= 0)
+   end subroutine retire
 
    !> Give the lanes that failed in this step their status and step.
    subroutine record(self, step, dq, dp)

@@ -136,6 +136,7 @@ def read_sources(root):
         root / "src/scheme/scheme.f90",
         root / "src/scheme/orders.f90",
         root / "src/ensemble/moment_collector.f90",
+        root / "src/ensemble/observer_list.f90",
     ]
     capi = sorted((root / "src/capi").glob("*.f90"))
     for file in files + capi:

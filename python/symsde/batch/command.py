@@ -116,6 +116,8 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
     if pieces := batch.of_kind("moments"):
         moments = results.moments_of(batch.task, batch.size, pieces, folder.read, seconds=took)
         moments.save(folder.path / "moments.csv")
+        if moments.observers:
+            moments.save(folder.path / ("moments.nc" if has_netcdf() else "moments.npz"))
         report, failed = moments.report, moments.report.failed
         if not quiet:
             print_moments(moments)

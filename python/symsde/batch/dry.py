@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..moments import moments
+from .._setup import make_setup
+from ..moments import Moments, moments
 from .dispatch import division
 from .plan import Piece
 from .work import Task
@@ -43,7 +44,7 @@ class Need:
 def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int) -> Need:
     """What the pieces take; saved: times that are saved."""
     ndof = task.model.ndof
-    numbers = saved * (2 * (2 * ndof + task.model.traits.has_value) + 2)
+    numbers = saved * (2 * (2 * ndof + task.model.traits.has_value) + 2) + _observed(task)
     of_moments = [piece for piece in pieces if piece.kind == "moments"]
     paths = sum(piece.paths for piece in pieces if piece.kind == "paths")
     largest = max((piece.paths for piece in pieces if piece.kind == "paths"), default=0)
@@ -61,14 +62,22 @@ def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int) -> Need:
     )
 
 
+def _observed(task: Task) -> int:
+    """Numbers that observers keep of a piece."""
+    rooms = Moments(make_setup(task.model, **task.options), task.observables, task.observers).kept.values()
+    return sum(room.counts.size + room.sums.size for room in rooms)
+
+
 def _rate(task: Task, piece: Piece) -> float:
     """Path-steps a second on one thread: more and more steps of some paths, until that takes long enough to tell."""
     few = Piece(piece.name, piece.kind, piece.first // 256 * 256, min(piece.paths, _PILOT_PATHS), 0)
     options = task.of(few, 1)
+    observers = {name: x for name, x in task.observers.items() if x.KIND != "autocorrelation"}  # these want all times
+    shown = {"observables": task.observables or None, "observers": observers}
     steps, most = 1, int(options["steps"])
     while True:
         here = {**options, "steps": steps, "save_every": steps}
-        took = moments(task.model, observables=task.observables or None, **here).report.timings["run"]
+        took = moments(task.model, **shown, **here).report.timings["run"]
         if took > _PILOT or steps == most:
             return few.paths * steps / max(took, 1e-6)
         steps = min(most, steps * max(2, min(16, int(_PILOT / max(took, 1e-6)))))

@@ -16,6 +16,7 @@ from .._setup import make_setup
 from ..errors import PathsFailedWarning, SymsdeError
 from ..model import Model
 from ..moments import Moments, Observable, check_observables
+from ..observe import requests
 from .dispatch import Context, dispatch
 from .plan import Extent, Piece, plan
 from .plan import shard_paths as paths_of_a_shard
@@ -66,6 +67,7 @@ def ensemble(
     step: float,
     steps: int,
     observables: dict[str, Observable] | None = None,
+    observers: dict[str, requests.Observer] | None = None,
     executor: Executor | None = None,
     shard_paths: int | None = None,
     progress: Progress = False,
@@ -86,7 +88,7 @@ def ensemble(
     setup = make_setup(model, in_python=bool(functions), **given)
     size = _size(setup, shard_paths)
     pieces = plan(_extent(setup), size, moments=True, saved=())
-    task = Task(model, given, functions)
+    task = Task(model, given, functions, requests.check_observers(observers))
     work = MomentsInWork(task, size)
     memory = _Memory(work)
     bar = _Bar() if progress is True else None

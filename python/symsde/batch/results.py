@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from .. import _abi
 from .._handles import status_text
 from .._setup import build_info, make_setup
 from ..moments import Moments
+from ..observe import kept
 from ..report import Report
 from ..simulate import Run
 from .plan import Piece
@@ -28,7 +29,8 @@ class MomentsInWork:
     def __init__(self, task: Task, size: int):
         """None yet; size: paths of a piece."""
         self._task, self._size = task, size
-        self._tree = Tree()
+        self._found = Moments(make_setup(task.model, **task.options), task.observables, task.observers)
+        self._tree = Tree(self._merge_kept)
         self._t: np.ndarray | None = None
         self._failed: list[np.ndarray] = []
         self._reports: list[tuple[int, dict[str, Any]]] = []
@@ -36,19 +38,28 @@ class MomentsInWork:
     def add(self, piece: Piece, shard: Shard) -> None:
         """One piece more."""
         arrays = shard.arrays
-        node = Node(*(np.array(arrays[name]) for name in ("n_ok", "mean", "m2")))
+        node = Node(*(np.array(arrays[name]) for name in ("n_ok", "mean", "m2")), self._kept_of(arrays))
         self._tree.insert(self._size.bit_length() - 1, piece.first // self._size, node)
         self._t = arrays["t"]
         self._failed.append(np.stack([arrays[name] for name in ("failed", "failed_status", "failed_step")]))
         self._reports.append((piece.first, dict(shard.facts)))
 
+    def _kept_of(self, arrays: Mapping[str, np.ndarray]) -> dict[str, kept.Kept]:
+        return {
+            name: kept.Kept(*(np.array(arrays[f"observed.{name}.{what}"]) for what in ("counts", "sums")), room.answers)
+            for name, room in self._found.kept.items()
+        }
+
+    def _merge_kept(self, name: str, left: kept.Kept, right: kept.Kept) -> None:
+        kept.merge(self._found.scope, self._task.observers[name], left, right)
+
     def result(self, seconds: float = 0.0, threads: int = 1) -> Moments:
         """Moments of all paths that came, with the bits of one run over them."""
-        setup = make_setup(self._task.model, **self._task.options)
-        found = Moments(setup, self._task.observables)
+        found = self._found
         root = self._tree.root()
         found.t[...] = self._t
         found.fill_from_sums(root.n_ok, root.mean, root.m2)
+        found.kept = root.kept
         failed = np.concatenate(self._failed, axis=1)
         failed = failed[:, np.argsort(failed[0], kind="stable")][:, : _abi.MAX_FAILED_LISTED]
         found.failed, found.failed_status, found.failed_step = failed

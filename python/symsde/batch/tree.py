@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .. import _handles
 from .._checks import address
+from ..observe import kept
 
 
 @dataclass
@@ -18,20 +20,27 @@ class Node:
     n_ok: np.ndarray  #: (time,)
     mean: np.ndarray  #: (time, value)
     m2: np.ndarray  #: (time, value)
+    kept: dict[str, kept.Kept] = field(default_factory=dict)  #: by observers
+
+
+MergeKept = Callable[[str, kept.Kept, kept.Kept], None]
 
 
 class Tree:
     """Parts that have not found their siblings yet: as many as the levels of the tree, if they come in order."""
 
-    def __init__(self) -> None:
-        """No part yet."""
+    def __init__(self, merge_kept: MergeKept | None = None) -> None:
+        """No part yet; what observers have kept merges by a function of the name and two parts."""
         self._waiting: dict[tuple[int, int], Node] = {}
+        self._merge_kept = merge_kept
 
     def insert(self, level: int, index: int, node: Node) -> None:
         """Put in the part of the paths index*2^level .. (index + 1)*2^level - 1; its arrays are used up."""
         while (sibling := self._waiting.pop((level, index ^ 1), None)) is not None:
             left, right = (node, sibling) if index % 2 == 0 else (sibling, node)
             _merge(left, right)
+            for name, part in left.kept.items():
+                self._merge_kept(name, part, right.kept[name])
             level, index, node = level + 1, index // 2, left
         self._waiting[level, index] = node
 

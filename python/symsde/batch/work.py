@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import PathsFailedWarning
 from ..model import Model
 from ..moments import Moments, Observable, moments
+from ..observe import kept, requests
 from ..report import Report
 from ..simulate import Run, simulate
 from .plan import Piece
@@ -36,6 +37,7 @@ class Task:
     model: Model
     options: dict[str, Any]  #: of `simulate`
     observables: dict[str, Observable] = field(default_factory=dict)
+    observers: dict[str, requests.Observer] = field(default_factory=dict)
 
     def of(self, piece: Piece, threads: int | None) -> dict[str, Any]:
         """Options of the paths of a piece."""
@@ -87,13 +89,20 @@ def _compute(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoi
 
 
 def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell) -> Shard | None:
-    observables = task.observables or None
-    found: Moments = moments(task.model, observables=observables, progress=tell, **task.of(piece, threads))
+    shown = {"observables": task.observables or None, "observers": task.observers}
+    found: Moments = moments(task.model, progress=tell, **shown, **task.of(piece, threads))
     if found.report.stopped:
         return None
     arrays = {name: getattr(found, name) for name in ("t", "n_ok", "m2", "failed", "failed_status", "failed_step")}
     arrays["mean"] = found.to_arrays()[0]
-    return Shard(arrays, facts_of(found.report))
+    return Shard({**arrays, **kept_arrays(found.kept)}, facts_of(found.report))
+
+
+def kept_arrays(parts: dict[str, kept.Kept]) -> dict[str, np.ndarray]:
+    """What observers have kept, as arrays of a shard."""
+    return {
+        f"observed.{name}.{what}": getattr(part, what) for name, part in parts.items() for what in ("counts", "sums")
+    }
 
 
 def facts_of(report: Report) -> dict[str, Any]:
