@@ -324,6 +324,33 @@ def test_a_signal_ends_the_run_cleanly(number, tmp_path):
     assert digest(out) == digest(tmp_path / "alone")
 
 
+def test_a_long_piece_of_moments_gives_back_what_it_has(tmp_path, monkeypatch, capsys):
+    """One shard alone, stopped in its midst: moments until the times that its paths have reached; gone at the end."""
+    (tmp_path / "scene.toml").write_text(
+        '[model]\nname = "kubo"\n[run]\nstep = 0.02\nsteps = 400000\nsave_every = 4000\npaths = 8\nq0 = 1.0\np0 = 0.0\n'
+    )
+    file = tmp_path / "scene.toml"
+    out = tmp_path / "out"
+
+    def gives_up(self, done, total, _begun):
+        if done > total // 4:
+            self._wish("a test")
+        return done > total // 4
+
+    with monkeypatch.context() as change:
+        change.setattr(stop.Stop, "gives_up", gives_up)
+        assert run(file, "--out", out) == cli.STOPPED
+    assert "moments.partial.csv holds moments" in capsys.readouterr().err
+    rows = np.genfromtxt(out / "moments.partial.csv", delimiter=",", skip_header=1)
+    known = rows[:, 1] == 8
+    assert 1 <= known.sum() < 101 and known[: known.sum()].all() and (rows[known.sum() :, 1] == 0).all()
+    assert np.isfinite(rows[known, 2:]).all() and np.isnan(rows[~known, 2]).all()
+    assert run(file, "--out", out) == cli.OK
+    whole = np.genfromtxt(out / "moments.csv", delimiter=",", skip_header=1)
+    np.testing.assert_array_equal(rows[known], whole[known])
+    assert not (out / "moments.partial.csv").exists()
+
+
 def wait_for(condition, process, seconds=60):
     end = time.monotonic() + seconds
     while not condition():

@@ -29,6 +29,7 @@ from .stop import Stop, seconds
 from .work import Task
 
 OK, INTERNAL, PATHS_FAILED, STOPPED = 0, 1, 3, 4
+PARTIAL = "moments.partial.csv"
 log = logging.getLogger("symsde")
 
 
@@ -73,7 +74,8 @@ def run(options: argparse.Namespace) -> int:
             return OK if fine else INTERNAL  # the rank that failed says why, rank 0 the rest
         missing = folder.missing()
         if missing and (stop.reason or part.n == 1):
-            return _stopped(stop, options, folder, missing)
+            partial = save_partial(batch, folder)
+            return _stopped(stop, options, folder, missing, partial)
         if missing:
             return _partly(options, batch, folder, missing, part)
         code = finish(batch, folder, options.quiet, time.monotonic() - begin)
@@ -110,12 +112,25 @@ def compute(task: Task, mine: list[Piece], folder: RunFolder, conditions: Condit
     return conditions.ranks.agree(failure)
 
 
+def save_partial(batch: Batch, folder: RunFolder) -> Path | None:
+    """Moments of a run that is stopped before any of its shards is done: at each time over the paths that have come so
+    far. None where there are shards: these can be opened, and merging thousands would take too long now."""
+    pieces = batch.of_kind("moments")
+    stopped = [piece for piece in pieces if piece.name in folder.parts]
+    if not stopped or any(folder.is_done(piece) for piece in pieces):
+        return None
+    moments = results.moments_of(batch.task, batch.size, stopped, lambda piece: folder.parts[piece.name])
+    moments.save(folder.path / PARTIAL)
+    return folder.path / PARTIAL
+
+
 def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
     """Put the results together, write and show them."""
     report, failed = None, 0
     if pieces := batch.of_kind("moments"):
         moments = results.moments_of(batch.task, batch.size, pieces, folder.read, seconds=took)
         moments.save(folder.path / "moments.csv")
+        (folder.path / PARTIAL).unlink(missing_ok=True)
         if moments.observers:
             moments.save(folder.path / ("moments.nc" if has_netcdf() else "moments.npz"))
         report, failed = moments.report, moments.report.failed
@@ -132,7 +147,7 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
     return PATHS_FAILED if failed else OK
 
 
-def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing: list[Piece]) -> int:
+def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing: list[Piece], partial) -> int:
     done = len(folder.pieces) - len(missing)
     again = ["symsde", "run", options.scene, "--out", str(folder.path)]
     if options.shard:
@@ -142,6 +157,8 @@ def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing
         f"go on with `{shlex.join(again)}`",
         file=sys.stderr,
     )
+    if partial:
+        print(f"symsde: {partial} holds moments of the paths as far as they have come (n_ok)", file=sys.stderr)
     return STOPPED
 
 

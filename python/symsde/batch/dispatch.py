@@ -37,6 +37,9 @@ class ShardStore(Protocol):
     def write(self, piece: Piece, shard: Shard) -> None:
         """Keep a shard."""
 
+    def set_aside(self, piece: Piece, part: Shard) -> None:
+        """What there is of the moments of a piece that was stopped."""
+
     def checkpoint(self, piece: Piece) -> Checkpoint | None:
         """Where a long piece keeps its state; None for nowhere."""
 
@@ -180,7 +183,9 @@ class _Loop:
             piece = self._running.pop(future)
             try:
                 shard = future.result()
-                if shard is None:  # stopped
+                if shard is None or "stopped" in shard.facts:
+                    if shard is not None:
+                        self._shards.set_aside(piece, shard)
                     self._todo.append(piece)
                     continue
                 self._shards.write(piece, shard)

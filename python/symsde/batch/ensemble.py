@@ -49,6 +49,10 @@ class _Memory:
         """Nobody else waits."""
 
     @staticmethod
+    def set_aside(_piece: Piece, _part: Shard) -> None:
+        """Moments are those of whole shards."""
+
+    @staticmethod
     def checkpoint(_piece: Piece) -> None:
         """Nothing is kept of what is not done."""
         return None

@@ -41,6 +41,7 @@ class RunFolder:
         self._verified: set[str] = set()
         self._claims: Claims | None = None
         self.checkpoint_seconds = 10.0
+        self.parts: dict[str, Shard] = {}  #: of moments of pieces that were stopped, by their names
 
     @classmethod
     @contextlib.contextmanager
@@ -113,6 +114,10 @@ class RunFolder:
         self._verified.add(piece.name)
         with contextlib.suppress(FileNotFoundError):
             self.checkpoint_path(piece).unlink()
+
+    def set_aside(self, piece: Piece, part: Shard) -> None:
+        """Keep in mind what there is of the moments of a piece that was stopped."""
+        self.parts[piece.name] = part
 
     def checkpoint_path(self, piece: Piece) -> Path:
         """Where the checkpoint of a long piece is."""

@@ -27,6 +27,7 @@ Tell = Callable[[int, int], bool]  # (path-steps done, of how many) -> stop now
 _PER_PATH = ("q0", "p0", "q0_low", "p0_low", "increments")
 _FIRST = 2**20  # path-steps times degrees of freedom before the first look at the clock
 _SEGMENT = 1.0  # seconds between two moments at which a long piece may end
+_STEADY = ("path_steps", "normals")  # steps that are taken again, where a path fails, depend on the clock
 _PATIENCE = 5.0  # seconds that a segment may take after all, where there is a wish to stop
 
 
@@ -73,8 +74,8 @@ def never(_done: int, _total: int) -> bool:
 def compute(
     task: Task, piece: Piece, threads: int | None = None, tell: Tell = never, checkpoint: Checkpoint | None = None
 ) -> Shard | None:
-    """The shard of a piece; None where it was stopped before. In a process of its own it says nothing of failed paths:
-    the shard does, and who merges the shards."""
+    """The shard of a piece; None where it was stopped before, or what there is of its moments, with `stopped` among its
+    facts. In a process of its own it says nothing of failed paths: the shard does, and who merges the shards."""
     if threading.current_thread() is threading.main_thread():  # filters are those of the process
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PathsFailedWarning)
@@ -91,11 +92,12 @@ def _compute(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoi
 def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell) -> Shard | None:
     shown = {"observables": task.observables or None, "observers": task.observers}
     found: Moments = moments(task.model, progress=tell, **shown, **task.of(piece, threads))
-    if found.report.stopped:
-        return None
     arrays = {name: getattr(found, name) for name in ("t", "n_ok", "m2", "failed", "failed_status", "failed_step")}
     arrays["mean"] = found.to_arrays()[0]
-    return Shard({**arrays, **kept_arrays(found.kept)}, facts_of(found.report))
+    facts = facts_of(found.report)
+    if found.report.stopped:
+        facts["stopped"] = found.report.stopped
+    return Shard({**arrays, **kept_arrays(found.kept)}, facts)
 
 
 def kept_arrays(parts: dict[str, kept.Kept]) -> dict[str, np.ndarray]:
@@ -108,7 +110,8 @@ def kept_arrays(parts: dict[str, kept.Kept]) -> dict[str, np.ndarray]:
 def facts_of(report: Report) -> dict[str, Any]:
     """What a report says that is the same whenever and on however many threads the piece is computed."""
     facts = {name: getattr(report, name) for name in ("stepper", "correction", "failed", "lanes", "lost_variance")}
-    return {**facts, "left_out": list(report.left_out), "warnings": list(report.warnings), "counters": report.counters}
+    counters = {name: report.counters[name] for name in _STEADY}
+    return {**facts, "left_out": list(report.left_out), "warnings": list(report.warnings), "counters": counters}
 
 
 _STATE = ("last_q", "last_p", "q_low", "p_low", "status", "failed_step")
