@@ -371,7 +371,7 @@ int symsde_observer_init(symsde_observer *observer);
 /* sizes[3]: of counts, of sums, of an answer, in a run with these options and observables of the user's own */
 int symsde_observer_sizes(symsde_model model, const symsde_options *options, int nobservable,
                           const symsde_observer *observer, int64_t *sizes, symsde_error *error);
-/* two sisters of the tree of symsde_merge_moments: the left part becomes both */
+/* two siblings of the tree of symsde_merge_moments: the left part becomes both */
 int symsde_observer_merge(symsde_model model, const symsde_options *options, int nobservable, symsde_observer *left,
                           const symsde_observer *right, symsde_error *error);
 /* what has been kept says, with standard errors, [answers]; NaN where nothing is known */

@@ -76,7 +76,7 @@ contains
       status = finish(refusal, error)
    end function symsde_observer_sizes
 
-   !> The left part becomes both sisters together.
+   !> The left part becomes both siblings together.
    function symsde_observer_merge(model, options, nobservable, left, right, error) result(status) &
       bind(c, name='symsde_observer_merge')
       type(c_ptr), intent(in), value :: model, options

@@ -2,7 +2,7 @@
 !> Sums over paths of products of deviations, of every pair of some values, merged on the dyadic tree.
 !>
 !> With u, v the deviations of two values from their means over a node, a pair holds sum u v, of order four also
-!> sum u^2 v, sum u v^2 and sum u^2 v^2, which tell how well a covariance is known. Two sisters merge by moving each to
+!> sum u^2 v, sum u v^2 and sum u^2 v^2, which tell how well a covariance is known. Two siblings merge by moving each to
 !> the mean of both, u -> u + a, v -> v + b, and adding up (Pebay, Sandia report SAND2008-6212). Compiled without
 !> contraction, like the means: loops over lanes and over pairs must come to the same bits.
 module symsde_ensemble_comoments
@@ -54,7 +54,7 @@ contains
       sums = a(1, uv:uv + size(sums) - 1)
    end subroutine reduce_pair
 
-   !> The pairs of two sisters, na and nb paths, become those of both.
+   !> The pairs of two siblings, na and nb paths, become those of both.
    pure subroutine merge_pairs(nvalue, order, na, mean_a, pairs_a, nb, mean_b, pairs_b)
       integer, intent(in) :: nvalue, order                  !! order: numbers of a pair, 1 or 4
       real(wp), intent(in) :: na, nb
@@ -87,7 +87,7 @@ contains
       end do
    end subroutine merge_pairs
 
-   !> VEC Of n pairs of sisters the left becomes both.
+   !> VEC Of n pairs of siblings the left becomes both.
    pure subroutine join(room, n, n_left, n_right, left, right)
       integer, intent(in) :: room, n
       real(wp), intent(in) :: n_left(n), n_right(n)

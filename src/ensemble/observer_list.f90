@@ -331,7 +331,7 @@ contains
       nullify (observed%of%model)  ! it may not live as long
    end subroutine clear_observed
 
-   !> The left part becomes both sisters together, as by merge_moments: a part is the paths j 2^k .. (j+1) 2^k - 1 with
+   !> The left part becomes both siblings together, as by merge_moments: a part is the paths j 2^k .. (j+1) 2^k - 1 with
    !> k >= 8.
    subroutine merge_observed(left, right, error)
       type(observed_type), intent(inout) :: left

@@ -92,7 +92,7 @@ contains
       end if
    end subroutine simulate
 
-   !> Integrate all paths and keep moments only, and what observers keep; memory grows with the saved times, not the paths.
+   !> Integrate all paths and keep moments only, and what observers keep; memory grows with the saved times alone.
    subroutine moments(model, scheme, options, q0, p0, result, error, observables, dw, monitor, q0_low, p0_low, &
                       observers)
       class(model_type), intent(in), target :: model
