@@ -36,8 +36,38 @@ def dataset(variables: Variables, coordinates: Variables, attributes: Mapping[st
     """An xarray dataset; time is a plain number, not a date."""
     xarray = optional("xarray", "xarray")
     result = xarray.Dataset(dict(variables), coords=dict(coordinates), attrs=dict(attributes))
-    result["time"].attrs.update(units="1", long_name="time")
+    for name, variable in result.variables.items():
+        variable.attrs["long_name"] = long_name(str(name))
+        if variable.dtype.kind in "fiu":
+            variable.attrs["units"] = "1"
     return result
+
+
+_LONG_NAMES = {
+    "q": "coordinates",
+    "p": "momenta",
+    "path": "global index of the path",
+    "status": "status of the path, 0 = ok",
+    "failed_step": "absolute step that failed, -1 = none",
+    "n_ok": "paths that count",
+    "failed": "global indices of failed paths, at most 1000",
+    "failed_status": "status of these paths",
+}
+_KINDS = {
+    "mean": "mean of",
+    "var": "variance of",
+    "se_mean": "standard error of the mean of",
+    "se": "standard error of",
+}
+
+
+def long_name(name: str) -> str:
+    """What a variable of a file is, in words."""
+    for kind in sorted(_KINDS, key=len, reverse=True):
+        if name.startswith(f"{kind}_"):
+            rest = name.removeprefix(f"{kind}_")
+            return f"{_KINDS[kind]} {_LONG_NAMES.get(rest, rest)}"
+    return _LONG_NAMES.get(name, name.replace("_", " "))
 
 
 def path_of(name: str, value: object) -> Path:

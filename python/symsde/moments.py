@@ -156,7 +156,7 @@ class Moments(Reported):
 
     def to_xarray(self):
         """An xarray.Dataset with dims time and dof."""
-        return _files.dataset(self._variables(), {"time": (("time",), self.t)}, self.setup.attributes())
+        return _files.dataset(self._variables(), {"time": (("time",), self.t)}, self.attributes())
 
     def save(self, path: str | os.PathLike) -> None:
         """Write a .csv table, or a .nc (needs xarray and netCDF4) or .npz file."""
@@ -165,7 +165,7 @@ class Moments(Reported):
             _files.replace(target, self._write_csv)
         else:
             variables = {"t": (("time",), self.t), **self._variables()}
-            _files.write(target, self.to_xarray, variables, self.setup.attributes(), also=".csv, ")
+            _files.write(target, self.to_xarray, variables, self.attributes(), also=".csv, ")
 
     def _write_csv(self, path: Path) -> None:
         header = [f"{kind} {name}" for kind in self._tables for name in self.columns()]

@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+import datetime
 import functools
+import os
+import shlex
+import sys
 import warnings
 from dataclasses import dataclass
 
 from . import _abi, _handles
-from ._setup import build_info
+from ._setup import Setup, build_info
 from .errors import PathsFailedWarning
 
 
@@ -52,6 +56,7 @@ class Report:
 class Reported:
     """A result with a report, which is put together when it is looked at: that takes as long as some runs."""
 
+    setup: Setup
     _reported: _abi.Report
 
     def _take_report(self, given: _abi.Report) -> None:
@@ -64,6 +69,22 @@ class Reported:
                 PathsFailedWarning,
                 stacklevel=4,
             )
+
+    def attributes(self) -> dict[str, str]:
+        """What made the result, as text for files: its setup, and which paths came of it, when, by which command."""
+        report, made = self.report, datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]]) if sys.argv else ""
+        paths = self.setup.paths
+        return {
+            **self.setup.attributes(),
+            "Conventions": "CF-1.11",
+            "title": f"{self.setup.model.name} by {self.setup.scheme.name}",
+            "source": f"symsde {report.versions.get('version', '?')}",
+            "history": f"{made} {command}".strip(),
+            "seed": str(self.setup.options.seed),
+            "paths_asked": str(paths),
+            "paths_ok": str(paths - report.failed - report.stopped),
+        }
 
     @functools.cached_property
     def report(self) -> Report:

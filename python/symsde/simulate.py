@@ -86,12 +86,12 @@ class Run(Reported):
     def to_xarray(self):
         """An xarray.Dataset with dims time, dof, path; path is the global index."""
         coordinates = {"time": (("time",), self.t), "path": (("path",), self.path)}
-        return _files.dataset(self._variables(), coordinates, self.setup.attributes())
+        return _files.dataset(self._variables(), coordinates, self.attributes())
 
     def save(self, path: str | os.PathLike) -> None:
         """Write a .nc (needs xarray and netCDF4) or .npz file."""
         variables = {"t": (("time",), self.t), "path": (("path",), self.path), **self._variables()}
-        _files.write(_files.path_of("path", path), self.to_xarray, variables, self.setup.attributes())
+        _files.write(_files.path_of("path", path), self.to_xarray, variables, self.attributes())
 
     def __repr__(self) -> str:
         """One line."""

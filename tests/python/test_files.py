@@ -3,6 +3,7 @@
 
 import copy
 import csv
+import datetime
 import json
 import os
 import pickle
@@ -58,6 +59,20 @@ def check_attributes(given):
     assert not options["compensated"] and not options["general"] and options["fixed_point"] == 0
     for key, value in ss.build_info().items():
         assert given[f"symsde_{key.replace(' ', '_')}"] == value
+    assert given["seed"] == "11" and given["paths_asked"] == "300" and given["paths_ok"] == "298"
+    assert given["Conventions"] == "CF-1.11" and given["source"] == f"symsde {ss.__version__}"
+    when, _, command = given["history"].partition(" ")
+    assert datetime.datetime.fromisoformat(when).tzinfo is not None and "pytest" in command
+
+
+def test_every_variable_says_what_it_is(run, moments):
+    """In words and units, as CF asks."""
+    pytest.importorskip("xarray")
+    for data in (run.to_xarray(), moments.to_xarray()):
+        assert all(variable.attrs["units"] == "1" for variable in data.variables.values())
+        assert all(variable.attrs["long_name"] for variable in data.variables.values())
+    assert moments.to_xarray()["se_mean_q"].attrs["long_name"] == "standard error of the mean of coordinates"
+    assert moments.to_xarray()["mean_energy"].attrs["long_name"] == "mean of energy"
 
 
 @pytest.mark.parametrize("ending", ["nc", "npz"])
