@@ -248,6 +248,7 @@ def test_answer_tells_choice_and_alternatives(nonlinear):
 def test_constants_and_noise_free_models():
     one = ss.expect(ss.models.synchrotron(), lambda q, p: np.ones(q.shape[1]), **PLACE, abs=1e-3)
     assert one.value == 1.0 and one.half_width == 0.0
+    assert "not seen" in one.notes[0]  # it might be 2 on one path of a million
     zero = ss.expect(ss.models.synchrotron(), lambda q, p: np.zeros(q.shape[1]), **PLACE, rel=1e-3)
     assert zero.value == 0.0 and zero.reached
     still = ss.expect(ss.models.synchrotron(sigma1=0.0, sigma2=0.0), "q", **PLACE, abs=1e-5)
@@ -255,6 +256,15 @@ def test_constants_and_noise_free_models():
         ss.models.synchrotron(sigma1=0.0, sigma2=0.0), q0=1.0, p0=0.0, step=2 / 4096, steps=4096, scheme="chin4a"
     )
     assert abs(still.value - fine.q[-1, 0, 0]) < 1e-5 and still.half_width <= 1.05e-5
+
+
+def test_schemes_with_areas_are_taken_when_asked_for():
+    model = ss.models.noncommutative_oscillator()
+    place = {"q0": 1.0, "p0": 0.0, "horizon": 0.5, "areas": "law"}
+    answer = ss.expect(model, "q", **place, abs=2e-2, scheme="midpoint_areas", method="plain")
+    assert answer.reached and answer.scheme == "midpoint_areas"
+    with pytest.raises(ss.errors.InvalidArgumentError, match="give scheme"):
+        ss.expect(model, "q", **place, abs=2e-2)
 
 
 def test_budget_gives_a_warning_and_the_best_interval_so_far():

@@ -236,6 +236,7 @@ def test_progress_function_may_stop():
         ({"f": lambda q, p: q}, ss.errors.WrongShapeError, "one number a path"),
         ({"f": lambda q, p: q[0] / 0 * 1j}, ss.errors.WrongTypeError, "real numbers"),
         ({"f": lambda q, p: np.where(q[0] < 0.9, np.nan, q[0])}, ss.errors.InvalidArgumentError, "is nan on"),
+        ({"f": lambda q, p: 1 / (q[0] + 0.27)}, ss.errors.NumericalError, "no finite variance"),
         ({"f": "q + z"}, ss.errors.InvalidArgumentError, "z, which is not given"),
         ({"f": 3}, ss.errors.WrongTypeError, "give a function"),
         ({"q0": [1.0, 2.0]}, ss.errors.WrongShapeError, "q0 has shape"),

@@ -14,13 +14,14 @@ import itertools
 
 import numpy as np
 
-from ..schemes import Scheme, as_scheme
+from ..schemes import Scheme
 from .estimators import Estimator
 from .problem import Problem
 
 MOST_ROWS = 1024  #: increments of a path, up to which responses are computed
 _FULL = 2  #: degrees of freedom up to which every pair of components is a control
 _BUMP = 1e-4  #: increment, in sqrt(h), by which derivatives are taken
+_BY_INCREMENTS = {"truncation": None, "areas": "path", "area_time": None}  #: options of runs that take these alone
 _FIT = 4096  #: paths that the regression is fitted on, none of which count
 
 
@@ -87,9 +88,8 @@ def responses(problem: Problem, steps: int) -> np.ndarray:
     for sign in (1, -1):
         dw = np.zeros((rows, rows))
         np.fill_diagonal(dw, sign * bump)
-        run = problem.run(
-            as_scheme("midpoint"), steps, increments=dw.reshape(steps, noises, rows), paths=rows, truncation=None
-        )
+        dw = dw.reshape(steps, noises, rows)
+        run = problem.run("midpoint", steps, increments=dw, paths=rows, **_BY_INCREMENTS)
         ends.append(np.concatenate([run.q[-1], run.p[-1]]))
     return (ends[0] - ends[1]) / (2 * bump)
 
@@ -105,7 +105,7 @@ def _directions(problem: Problem, response: np.ndarray) -> np.ndarray:
 def _slope(problem: Problem) -> np.ndarray:
     """The gradient of f at the end of the path without noise, (1, 2 dof), by central differences."""
     model = problem.model
-    run = problem.run("midpoint", 64, increments=np.zeros((64, model.nnoise)), paths=1, truncation=None)
+    run = problem.run("midpoint", 64, increments=np.zeros((64, model.nnoise)), paths=1, **_BY_INCREMENTS)
     z = np.concatenate([run.q[-1], run.p[-1]])
     bump = 1e-6 * (1 + np.abs(z).max())
     moved = z + bump * np.concatenate([np.eye(len(z)), -np.eye(len(z))], axis=1)

@@ -42,6 +42,8 @@ class Pilot:
     ):
         """Try every scheme; refuse what no work could answer."""
         self.problem, self.tolerance, self.watch, self.method = problem, tolerance, watch, method
+        if not schemes:
+            raise InvalidArgumentError("no scheme that is tried by itself fits these options: give scheme")
         coarsest = fewest_steps(problem)
         paths = _PATHS if problem.model.nnoise else 2
         self.trials: list[Trial] = []
@@ -103,7 +105,8 @@ class Pilot:
             if self.watch.over or not self._learn(best):
                 break
         plans = self._simple()
-        plans += self._variants(plans)
+        if self.method is None or not any(plan.method == self.method for plan in plans):
+            plans += self._variants(plans)
         if self.method is not None:
             plans = [plan for plan in plans if plan.method == self.method]
         if not plans:

@@ -38,7 +38,7 @@ def _way(problem: Problem):
     rows = 8 * (_POINTS - 1)
     try:
         increments = np.zeros((rows, problem.model.nnoise))
-        run = problem.run("midpoint", rows, increments=increments, paths=1, save_every=8)
+        run = problem.run("midpoint", rows, increments=increments, paths=1, save_every=8, areas="path", area_time=None)
     except SymsdeError:
         return
     for q, p in zip(run.q[1:], run.p[1:], strict=True):

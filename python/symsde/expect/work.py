@@ -107,6 +107,12 @@ class Work:
         if not reached:
             over = f"max_time = {self.watch.max_time:g} s was over" if self.watch.over else "the pilot misjudged"
             found.notes.append(f"{over}: the half width is {found.half:.3g}, asked was {wanted:.3g}")
+        if self.plan.trial.variance == 0 and self.plan.trial.problem.model.nnoise:
+            seen = self.pilot.looked_at.units.n + found.paths
+            found.notes.append(
+                f"f was {found.value:g} on all of {seen} paths: what happens with a probability below {3 / seen:.1g} "
+                "was not seen"
+            )
         others = (Alternative(x.method, x.trial.scheme.name, horizon / x.steps, x.seconds) for x in self.others)
         return Answer(
             value=found.value,

@@ -11,8 +11,10 @@ from .._progress import Progress
 from ..errors import InvalidArgumentError
 from ..expect import bias as weak
 from ..expect.candidates import best_coupled, weak_order
+from ..expect.estimators import Plain
 from ..expect.problem import make_problem
 from ..expect.stability import fewest_steps
+from ..expect.tails import require_variance
 from ..expect.target import Function
 from ..expect.tolerance import BIAS_SHARE, Tolerance, half_width, make_tolerance
 from ..expect.watch import Watch
@@ -23,6 +25,8 @@ from .rates import fall
 from .sampler import MOST_LEVELS, NOTHING, Draw, LevelSampler
 
 FIRST_LEVELS = 3
+_LOOKED_AT = 4096  #: values of f that tell of its tails
+_LOOKED_AT_FROM = 2**46 + 2**45  #: path that these begin at
 _HEAVY = 100.0  #: kurtosis above which the variance of a level is doubtful
 _INCONSISTENT = 1.5  #: 4.5 standard errors
 _TIMING = 0.1  #: relative error of seconds
@@ -72,6 +76,8 @@ def mlmc(
     most = _checks.integer("levels", levels, (2, MOST_LEVELS))
     first = _checks.integer("first", first, (16, 2**30))
     sampler = LevelSampler(problem, chosen, coarsest, antithetic=antithetic)
+    values, ok = Plain(problem, chosen, sampler.steps(FIRST_LEVELS - 1), _LOOKED_AT_FROM).sample(_LOOKED_AT)
+    require_variance(values[ok], problem.target.name)
     estimate = Estimate(sampler, tolerance, levels=most, first=first, watch=Watch(max_time, progress))
     return estimate.run()
 
