@@ -5,15 +5,13 @@
 !>
 !> so dp = -q dt + gamma dW_2, dq = p dt + sigma dW_1.
 module symsde_model_additive_oscillator
-   use symsde_base_counters, only: counters_type
-   use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: steps_record
+   use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow, oscillator_has_flow
+   use symsde_model_oscillator, only: oscillator_model
+   use symsde_model_oscillator_flow, only: oscillator_terms
    use symsde_model_parameters, only: require_finite, is_zero
-   use symsde_model_separable, only: separable_model
    implicit none
    private
    public :: additive_oscillator_model, new_additive_oscillator
@@ -23,14 +21,12 @@ module symsde_model_additive_oscillator
                               [character(len=name_length) :: 'sigma', 'gamma']
    real(wp), parameter :: additive_oscillator_defaults(2) = [0.0_wp, 1.0_wp]
 
-   type, extends(separable_model) :: additive_oscillator_model
+   type, extends(oscillator_model) :: additive_oscillator_model
       real(wp) :: sigma = 0    !! noise of the position
       real(wp) :: gamma = 0    !! noise of the momentum
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
-      procedure :: has_flow
-      procedure :: flow
    end type additive_oscillator_model
 
 contains
@@ -49,6 +45,7 @@ contains
       self%sigma = sigma
       self%gamma = gamma
       self%name = 'additive_oscillator'
+      self%terms = oscillator_terms(b=-gamma, noise_b=2, e=sigma, noise_e=1)
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=is_zero(sigma), identity_mass=.true., max_frequency=1.0_wp, &
@@ -86,29 +83,5 @@ contains
       if (present(hqq)) hqq(:, 1, 1) = w(:, 0)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate
-
-   !> Whether flow takes steps of this scheme.
-   pure logical function has_flow(self, scheme)
-      class(additive_oscillator_model), intent(in) :: self
-      character(*), intent(in) :: scheme
-
-      has_flow = oscillator_has_flow(scheme)
-   end function has_flow
-
-   !> Whole steps, see model_type.
-   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
-      class(additive_oscillator_model), intent(in) :: self
-      character(*), intent(in) :: scheme
-      type(steps_record), intent(in) :: steps
-      integer, intent(in) :: ndof
-      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
-      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
-      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
-      integer(i8), intent(inout) :: status(steps%nlane)
-      type(counters_type), intent(inout) :: counters
-
-      call oscillator_flow(oscillator_terms(b=-self%gamma, noise_b=2, e=self%sigma, noise_e=1), scheme, steps, &
-                           q, p, qn, pn, counters)
-   end subroutine flow
 
 end module symsde_model_additive_oscillator

@@ -10,9 +10,9 @@ module symsde_model_kubo
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
    use symsde_model_kubo_flow, only: kubo_flow
-   use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow, oscillator_has_flow
+   use symsde_model_oscillator, only: oscillator_model
+   use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow
    use symsde_model_parameters, only: require_finite, is_zero
-   use symsde_model_separable, only: separable_model
    implicit none
    private
    public :: kubo_model, new_kubo, kubo_names, kubo_defaults
@@ -20,13 +20,12 @@ module symsde_model_kubo
    character(*), parameter :: kubo_names(2) = [character(len=name_length) :: 'a', 'sigma']
    real(wp), parameter :: kubo_defaults(2) = [1.0_wp, 0.3_wp]
 
-   type, extends(separable_model) :: kubo_model
+   type, extends(oscillator_model) :: kubo_model
       real(wp) :: a = 0        !! angular velocity [1/time]
       real(wp) :: sigma = 0    !! its noise [1/sqrt(time)]
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
-      procedure :: has_flow
       procedure :: flow
    end type kubo_model
 
@@ -46,6 +45,7 @@ contains
       self%a = a
       self%sigma = sigma
       self%name = 'kubo'
+      self%terms = oscillator_terms(rate=a, a=sigma, noise_a=1, c=sigma, noise_c=1)
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., &
                     additive=is_zero(sigma), position_noise=is_zero(sigma), &
@@ -82,14 +82,6 @@ contains
       if (present(hpp)) hpp(:, 1, 1) = a*w(:, 0) + sigma*w(:, 1)
    end subroutine evaluate
 
-   !> Whether flow takes steps of this scheme.
-   pure logical function has_flow(self, scheme)
-      class(kubo_model), intent(in) :: self
-      character(*), intent(in) :: scheme
-
-      has_flow = oscillator_has_flow(scheme)
-   end function has_flow
-
    !> Whole steps, see model_type.
    subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
       class(kubo_model), intent(in) :: self
@@ -105,9 +97,7 @@ contains
       if (scheme == 'midpoint') then
          call kubo_flow(self%a, self%sigma, steps, q, p, qn, pn, counters)
       else
-         call oscillator_flow(oscillator_terms(rate=self%a, a=self%sigma, noise_a=1, &
-                                               c=self%sigma, noise_c=1), scheme, steps, &
-                              q, p, qn, pn, counters)
+         call oscillator_flow(self%terms, scheme, steps, q, p, qn, pn, counters)
       end if
    end subroutine flow
 

@@ -3,15 +3,13 @@
 !>
 !>    H = (p^2 + q^2)/2,   H_1 = -sigma q        so dp = -q dt + sigma dW, dq = p dt
 module symsde_model_linear_oscillator
-   use symsde_base_counters, only: counters_type
-   use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: steps_record
+   use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow, oscillator_has_flow
+   use symsde_model_oscillator, only: oscillator_model
+   use symsde_model_oscillator_flow, only: oscillator_terms
    use symsde_model_parameters, only: require_finite, is_zero
-   use symsde_model_separable, only: separable_model
    implicit none
    private
    public :: linear_oscillator_model, new_linear_oscillator
@@ -20,13 +18,11 @@ module symsde_model_linear_oscillator
    character(*), parameter :: linear_oscillator_names(1) = [character(len=name_length) :: 'sigma']
    real(wp), parameter :: linear_oscillator_defaults(1) = [1.0_wp]
 
-   type, extends(separable_model) :: linear_oscillator_model
+   type, extends(oscillator_model) :: linear_oscillator_model
       real(wp) :: sigma = 0    !! intensity of the force [1/sqrt(time)]
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
-      procedure :: has_flow
-      procedure :: flow
    end type linear_oscillator_model
 
 contains
@@ -42,6 +38,7 @@ contains
       if (allocated(error)) return
       self%sigma = sigma
       self%name = 'linear_oscillator'
+      self%terms = oscillator_terms(b=-sigma, noise_b=1)
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=.true., identity_mass=.true., &
@@ -75,29 +72,5 @@ contains
       if (present(hqq)) hqq(:, 1, 1) = w(:, 0)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate
-
-   !> Whether flow takes steps of this scheme.
-   pure logical function has_flow(self, scheme)
-      class(linear_oscillator_model), intent(in) :: self
-      character(*), intent(in) :: scheme
-
-      has_flow = oscillator_has_flow(scheme)
-   end function has_flow
-
-   !> Whole steps, see model_type.
-   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
-      class(linear_oscillator_model), intent(in) :: self
-      character(*), intent(in) :: scheme
-      type(steps_record), intent(in) :: steps
-      integer, intent(in) :: ndof
-      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
-      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
-      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
-      integer(i8), intent(inout) :: status(steps%nlane)
-      type(counters_type), intent(inout) :: counters
-
-      call oscillator_flow(oscillator_terms(b=-self%sigma, noise_b=1), scheme, steps, &
-                           q, p, qn, pn, counters)
-   end subroutine flow
 
 end module symsde_model_linear_oscillator

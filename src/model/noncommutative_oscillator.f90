@@ -5,15 +5,13 @@
 !>
 !> With increments alone no scheme has a strong order above 1/2 here (docs/method.md).
 module symsde_model_noncommutative_oscillator
-   use symsde_base_counters, only: counters_type
-   use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: steps_record
+   use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow, oscillator_has_flow
+   use symsde_model_oscillator, only: oscillator_model
+   use symsde_model_oscillator_flow, only: oscillator_terms
    use symsde_model_parameters, only: require_finite, is_zero
-   use symsde_model_separable, only: separable_model
    implicit none
    private
    public :: noncommutative_oscillator_model, new_noncommutative_oscillator
@@ -23,15 +21,13 @@ module symsde_model_noncommutative_oscillator
                               [character(len=name_length) :: 's1', 's2']
    real(wp), parameter :: noncommutative_oscillator_defaults(2) = [0.5_wp, 0.5_wp]
 
-   type, extends(separable_model) :: noncommutative_oscillator_model
+   type, extends(oscillator_model) :: noncommutative_oscillator_model
       private
       real(wp) :: s1 = 0    !! noise of the kinetic energy
       real(wp) :: s2 = 0    !! noise of the potential energy
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
-      procedure :: has_flow
-      procedure :: flow
    end type noncommutative_oscillator_model
 
 contains
@@ -50,6 +46,7 @@ contains
       self%s1 = s1
       self%s2 = s2
       self%name = 'noncommutative_oscillator'
+      self%terms = oscillator_terms(a=s2, noise_a=2, c=s1, noise_c=1)
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., &
                     additive=is_zero(s1) .and. is_zero(s2), position_noise=is_zero(s1), &
@@ -87,29 +84,5 @@ contains
       if (present(hqq)) hqq(:, 1, 1) = w(:, 0) + s2*w(:, 2)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + s1*w(:, 1)
    end subroutine evaluate
-
-   !> Whether flow takes steps of this scheme.
-   pure logical function has_flow(self, scheme)
-      class(noncommutative_oscillator_model), intent(in) :: self
-      character(*), intent(in) :: scheme
-
-      has_flow = oscillator_has_flow(scheme)
-   end function has_flow
-
-   !> Whole steps, see model_type.
-   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
-      class(noncommutative_oscillator_model), intent(in) :: self
-      character(*), intent(in) :: scheme
-      type(steps_record), intent(in) :: steps
-      integer, intent(in) :: ndof
-      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
-      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
-      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
-      integer(i8), intent(inout) :: status(steps%nlane)
-      type(counters_type), intent(inout) :: counters
-
-      call oscillator_flow(oscillator_terms(a=self%s2, noise_a=2, c=self%s1, noise_c=1), scheme, steps, &
-                           q, p, qn, pn, counters)
-   end subroutine flow
 
 end module symsde_model_noncommutative_oscillator

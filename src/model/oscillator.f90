@@ -1,0 +1,45 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Oscillators that say what their noises do to a quadratic Hamiltonian and have their whole steps from it.
+module symsde_model_oscillator
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
+   use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow, oscillator_has_flow
+   use symsde_model_separable, only: separable_model
+   implicit none
+   private
+   public :: oscillator_model
+
+   type, abstract, extends(separable_model) :: oscillator_model
+      type(oscillator_terms) :: terms
+   contains
+      procedure :: has_flow
+      procedure :: flow => oscillator_steps
+   end type oscillator_model
+
+contains
+
+   !> Whether flow takes steps of this scheme.
+   pure logical function has_flow(self, scheme)
+      class(oscillator_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      has_flow = oscillator_has_flow(scheme)
+   end function has_flow
+
+   !> Whole steps, see model_type.
+   subroutine oscillator_steps(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(oscillator_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      call oscillator_flow(self%terms, scheme, steps, q, p, qn, pn, counters)
+   end subroutine oscillator_steps
+
+end module symsde_model_oscillator
