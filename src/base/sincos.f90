@@ -6,11 +6,15 @@ module symsde_base_sincos
    use symsde_base_kinds, only: wp, i4, i8
    implicit none
    private
-   public :: sincos_lanes, sincos_bound
+   public :: sincos_lanes, sincos_bound, sincos_tile
 
    !> Arguments up to this size take the fast path: then x 2/pi rounds to less than 2**16, which
    !> makes the products with the 37-bit parts of pi/2 exact.
    real(wp), parameter :: sincos_bound = 1.0e5_wp
+
+   !> Lanes at once for callers that keep one of the two alone: room on the stack, since gfortran takes arrays as long
+   !> as an argument says from the heap, in every call.
+   integer, parameter :: sincos_tile = 256
 
    !> As integers the bits of |x| are ordered as |x|, with infinities and NaNs above all.
    integer(i8), parameter :: bound_bits = transfer(sincos_bound, 0_i8)

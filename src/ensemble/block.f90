@@ -14,15 +14,17 @@ module symsde_ensemble_block
    use symsde_ensemble_initial_state, only: initial_state
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
+   use symsde_model_abstract, only: model_type
    use symsde_model_real_lanes, only: real_lanes_model
    use symsde_noise_source, only: noise_type
+   use symsde_step_lone, only: lone_stepper
    use symsde_step_rescue, only: rescue_type
    use symsde_step_state, only: lane_state, new_lane_state
    use symsde_step_stepper, only: stepper_type
    use symsde_step_whole, only: whole_stepper
    implicit none
    private
-   public :: block_runner, new_block_runner, pairs_ahead, states_ahead
+   public :: block_runner, new_block_runner, pairs_ahead, states_ahead, lone_paths
 
    !> All that one thread needs: nothing in it is shared with other threads except read-only data.
    type :: block_runner
@@ -46,6 +48,8 @@ module symsde_ensemble_block
       type(counters_type) :: counters      !! steps and normals
       real(wp), allocatable :: dq(:, :), dp(:, :)  !! increments of a step (nlane, ndof)
       logical :: whole = .false.                   !! the model takes steps as a whole, several at once
+      class(lone_stepper), allocatable :: lone     !! takes the paths of a block of few one by one
+      logical :: alone = .false.                   !! this block is one of few
       type(steps_record) :: steps                  !! those
       integer :: nout = 1                          !! states after them that fit
       real(wp), allocatable :: qn(:, :, :), pn(:, :, :)  !! these states (nlane, ndof, nout)
@@ -53,6 +57,7 @@ module symsde_ensemble_block
       integer(i8), allocatable :: status(:)              !! of their lanes (nlane)
    contains
       procedure :: equip
+      procedure :: set_lone
       procedure :: begin
       procedure :: pass_over
       procedure :: run_chunk
@@ -63,6 +68,7 @@ module symsde_ensemble_block
    end type block_runner
 
    integer, parameter :: few_lanes = 8, few_columns = 8
+   integer, parameter :: lone_paths = 4           !! of a block: more are faster side by side
    integer, parameter :: most_increments = 32768  !! of a block that are drawn ahead: 256 kB
    integer(i8), parameter :: most_states = 4096   !! values of q that are kept until they are shown: 32 kB
    real(wp), parameter :: longest_chunk = 0.05_wp  !! seconds
@@ -90,13 +96,34 @@ contains
       class is (whole_stepper)
          self%whole = .true.
          self%steps%max_iter = stepper%max_iter
-         self%nout = states_ahead(nlane, stepper%ham%ndof)
-         associate (n => stepper%ham%ndof)
-            allocate (self%qn(nlane, n, self%nout), self%pn(nlane, n, self%nout), self%times(self%nout))
-         end associate
+         call make_room(self)
          allocate (self%status(nlane))
       end select
    end subroutine new_block_runner
+
+   !> Room for the states after several steps.
+   subroutine make_room(self)
+      type(block_runner), intent(inout) :: self
+
+      associate (nlane => self%state%nlane, n => self%state%ndof)
+         self%nout = states_ahead(nlane, n)
+         allocate (self%qn(nlane, n, self%nout), self%pn(nlane, n, self%nout), self%times(self%nout))
+      end associate
+   end subroutine make_room
+
+   !> What takes the paths of a block of few one by one, if there is such a thing.
+   subroutine set_lone(self, lone, model)
+      class(block_runner), intent(inout) :: self
+      class(lone_stepper), allocatable, intent(inout) :: lone  !! taken over
+      class(model_type), intent(in), target :: model
+
+      if (.not. allocated(lone) .or. self%options%compensated) return
+      call move_alloc(lone, self%lone)
+      self%lone%model => model
+      self%lone%n = self%state%ndof
+      self%lone%m = self%stepper%ham%nnoise
+      call make_room(self)
+   end subroutine set_lone
 
    !> What one drive of the runner needs: which steps and saves, who looks on, what the noise is. All else in the
    !> options is as it was when the runner was made.
@@ -169,65 +196,34 @@ contains
       self%pair = -1
       self%nahead = 0
       self%normals = 0
+      self%alone = allocated(self%lone) .and. nreal <= lone_paths
       self%stepper%ham%nreal = nreal
       if (associated(self%real_lanes)) self%real_lanes%nreal = nreal
       self%request%nreal = nreal
       call path_of_lane(self%state%nlane, first, nreal, self%request%path)
-      associate (s => self%state, offset => first - self%options%first_path)
-         s%status = 0
-         s%failed_step = -1
-         if (associated(start%status)) call take_statuses(self, offset, nreal, start)
-         s%status(nreal + 1:) = stopped  ! padding: nothing is solved for it, nothing counted
-         s%failed_step(nreal + 1:) = self%step
-         s%nfailed = count(s%status /= 0)
-         call load(start%q, offset, nreal, s%q)
-         call load(start%p, offset, nreal, s%p)
-         if (allocated(s%q_low)) then
-            s%q_low = 0
-            s%p_low = 0
-            if (associated(start%q_low)) call load(start%q_low, offset, nreal, s%q_low)
-            if (associated(start%p_low)) call load(start%p_low, offset, nreal, s%p_low)
-         end if
-      end associate
+      call start%give(first - self%options%first_path, nreal, self%options%first_step + self%options%nstep, self%step, &
+                      self%state)
    end subroutine take_state
-
-   !> Paths that have been run before: those that failed stay failed. Where a drive is resumed, those that were stopped,
-   !> which is done to all of a block at once, go on where they are, and blocks without such paths are done.
-   subroutine take_statuses(self, offset, nreal, start)
-      type(block_runner), intent(inout) :: self
-      integer(i8), intent(in) :: offset   !! paths of the run before this block
-      integer, intent(in) :: nreal
-      type(initial_state), intent(in) :: start
-      integer :: lane
-
-      associate (s => self%state)
-         s%status(:nreal) = start%status(offset + 1:offset + nreal)
-         s%failed_step(:nreal) = start%failed_step(offset + 1:offset + nreal)
-         if (start%resumed) self%step = self%options%first_step + self%options%nstep
-         do lane = 1, nreal
-            if (s%status(lane) /= stopped) cycle
-            self%step = s%failed_step(lane)
-            s%status(lane) = 0
-            s%failed_step(lane) = -1
-         end do
-      end associate
-   end subroutine take_statuses
 
    !> Steps until the chunk or the run is over, or all paths of the block have failed.
    subroutine run_chunk(self)
       class(block_runner), intent(inout) :: self
       integer(i8) :: last, ticks, ticks_end, rate
       real(wp) :: seconds
+      logical :: alone
 
       call system_clock(ticks, rate)
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%state%nlane)
          if (self%step/2 /= self%pair) call draw(self)
+         alone = self%alone
+         if (alone) call self%lone%is_rested(alone)
          if (self%whole) then
             call whole_steps(self, last - self%step)
+         else if (alone) then
+            call lone_steps(self, last - self%step)
          else
             call one_step(self)
-            if (steps_to_save(self) == self%options%save_every) call save_point(self)
          end if
       end do
       call system_clock(ticks_end)
@@ -260,25 +256,59 @@ contains
          call s%advance(self%step, self%dq, self%dp)
       end associate
       call account(self, 1)
+      if (steps_to_save(self) == self%options%save_every) call save_point(self)
    end subroutine one_step
 
-   !> Steps that the model takes as a whole: as many as are left and have been drawn, up to the next saved point, or
-   !> from saved point to saved point.
+   !> Steps that the model takes as a whole.
    subroutine whole_steps(self, left)
       type(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: left  !! steps that may be taken
+      integer :: nout, every
+
+      call plan_states(self, left, nout, every)
+      call take_whole(self, nout, every)
+   end subroutine whole_steps
+
+   !> Which steps are taken at once: as many as are left and have been drawn, up to the next saved point, or from saved
+   !> point to saved point.
+   subroutine plan_states(self, left, nout, every)
+      type(block_runner), intent(in) :: self
+      integer(i8), intent(in) :: left       !! steps that may be taken
+      integer, intent(out) :: nout, every   !! states that are asked for, and the steps to each
       integer(i8) :: most, ahead
-      integer :: n
 
       most = min(left, 2*(self%request%pair + self%nahead) - self%step)
       ahead = steps_to_save(self)
-      if (ahead == self%options%save_every .and. ahead <= most) then
-         n = int(min(most/ahead, int(self%nout, i8)))
-         call take_whole(self, n, int(ahead))
+      nout = 1
+      if (ahead == self%options%save_every .and. ahead <= most) nout = int(min(most/ahead, int(self%nout, i8)))
+      every = int(min(ahead, most))
+   end subroutine plan_states
+
+   !> Steps of few paths, one path at a time; an unusual one by the stepper.
+   subroutine lone_steps(self, left)
+      type(block_runner), intent(inout) :: self
+      integer(i8), intent(in) :: left  !! steps that may be taken
+      integer :: nout, every, ntaken, attempt
+
+      call plan_states(self, left, nout, every)
+      do attempt = 1, 2
+         call self%store%show_several(place(self), nout*every, time_of(self, self%step), self%steps)
+         self%steps%every = every
+         self%steps%nreal = self%nreal
+         call self%lone%walk_lanes(self%steps, self%options%t0, self%step, self%state%status, self%state%q, &
+                                   self%state%p, self%qn, self%pn, ntaken)
+         if (ntaken == 0 .or. ntaken == nout*every) exit
+         if (ntaken < every) every = ntaken
+         nout = ntaken/every  ! those that all paths can take, once more
+      end do
+      call self%lone%note_rest(ntaken > 0)
+      if (ntaken > 0) then
+         call show_states(self, nout, every)
       else
-         call take_whole(self, 1, int(min(ahead, most)))
+         call self%state%repeat_last(self%nreal)
+         call one_step(self)
       end if
-   end subroutine whole_steps
+   end subroutine lone_steps
 
    !> nout states, each after `every` more steps; all of these are saved points, or one that may be none. Where a
    !> lane fails the steps are taken again one by one, to say in which.
@@ -439,6 +469,7 @@ contains
       type(counters_type), intent(inout) :: total
 
       call add_counters(total, self%counters)
+      if (allocated(self%lone)) call add_counters(total, self%lone%counters)
       call self%stepper%tally(total)
       call self%rescue%tally(total)
    end subroutine tally
@@ -464,24 +495,5 @@ contains
 
       time_of = self%options%t0 + real(step, wp)*self%options%step
    end function time_of
-
-   !> Copy rows offset+1 .. offset+nreal of x0 (or its only row) into lanes, the last one into the padding.
-   pure subroutine load(x0, offset, nreal, x)
-      real(wp), intent(in) :: x0(:, :)
-      integer(i8), intent(in) :: offset
-      integer, intent(in) :: nreal
-      real(wp), intent(out) :: x(:, :)
-      integer :: lane, i
-
-      do i = 1, size(x, 2)
-         do lane = 1, size(x, 1)
-            if (size(x0, 1) == 1) then
-               x(lane, i) = x0(1, i)
-            else
-               x(lane, i) = x0(offset + min(lane, nreal), i)
-            end if
-         end do
-      end do
-   end subroutine load
 
 end module symsde_ensemble_block

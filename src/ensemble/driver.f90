@@ -15,7 +15,7 @@ module symsde_ensemble_driver
                                  callback_failed, paths_failed, out_of_memory, too_large
    use symsde_base_text, only: to_text
    use symsde_ensemble_areas, only: choose_areas, check_area_counters
-   use symsde_ensemble_block, only: block_runner, new_block_runner
+   use symsde_ensemble_block, only: block_runner, new_block_runner, lone_paths
    use symsde_ensemble_initial_state, only: initial_state, new_initial_state
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observer, only: observer_type
@@ -36,6 +36,7 @@ module symsde_ensemble_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: stepper_options, new_stepper, resolve_correction
+   use symsde_step_lone, only: lone_stepper
    use symsde_step_probe_flow, only: probe_flow
    use symsde_step_rescue, only: new_rescue
    use symsde_step_stepper, only: stepper_type
@@ -214,6 +215,7 @@ contains
       type(ensemble_type), intent(inout) :: self
       type(error_type), allocatable, intent(inout) :: error
       class(stepper_type), allocatable :: stepper
+      class(lone_stepper), allocatable :: lone
       type(stepper_options) :: choice
       type(real_lanes_model), pointer :: view
       class(model_type), pointer :: seen
@@ -239,11 +241,36 @@ contains
             if (i == 1) report%stepper = stepper%name
             call new_block_runner(self%runners(i), self%options, report%nlane, stepper, self%noise%asked)
             self%runners(i)%real_lanes => view
+            if (takes_lone_paths(model, self%options%npath, report%nlane)) then
+               call self%runners(i)%stepper%offer_lone(lone)
+               call self%runners(i)%set_lone(lone, model)
+            end if
             call new_rescue(self%runners(i)%rescue, model, scheme, self%runners(i)%stepper, choice%newton)
          end do
          call describe_left_out(model, scheme, report%correction, self%runners(1)%stepper, report%left_out)
       end associate
    end subroutine new_runners
+
+   !> Whether there is a block of few paths, and the model computes a path by itself with the bits of a full vector.
+   pure logical function takes_lone_paths(model, npath, nlane)
+      class(model_type), intent(in) :: model
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: nlane
+
+      takes_lone_paths = mod(npath, int(nlane, i8)) > 0 .and. mod(npath, int(nlane, i8)) <= lone_paths
+      if (takes_lone_paths) takes_lone_paths = has_any_lanes(model)
+   end function takes_lone_paths
+
+   !> Whether a lane has the same bits whatever their number: so do the models of the catalogue, and users may say so.
+   pure logical function has_any_lanes(model)
+      class(model_type), intent(in) :: model
+
+      has_any_lanes = is_built_in(model)
+      select type (model)
+      type is (callback_model)
+         has_any_lanes = model%any_lanes
+      end select
+   end function has_any_lanes
 
    !> The model as a stepper sees it: padding is kept from functions whose lanes do not need it.
    subroutine look_at_real_lanes(model, npath, nlane, view, seen)

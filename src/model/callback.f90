@@ -14,7 +14,6 @@
 !> Do not copy with allocate(source=): two models would own one record of failure. Assignment is
 !> safe.
 module symsde_model_callback
-   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, &
                                                                              c_int, c_null_ptr, c_ptr
    use symsde_base_counters, only: counters_type
@@ -26,6 +25,7 @@ module symsde_model_callback
                                     hessian_vector_composed
    use symsde_model_callback_flow, only: user_flows
    use symsde_model_chain_rows, only: check_chain, chain_rows_callback
+   use symsde_model_outputs, only: little, find_room, keep, spoil
    use symsde_model_parameters, only: check_traits
    implicit none
    private
@@ -245,21 +245,23 @@ contains
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
-      real(wp), allocatable :: unwanted(:, :)
+      real(wp), target :: few(little)
+      real(wp), allocatable, target :: more(:)
+      real(wp), pointer, contiguous :: unwanted(:)
       integer(i4) :: code
-      integer :: info
 
-      info = 0
-      if (.not. (self%null_accepted .or. (present(hq) .and. present(hp)))) &
-         allocate (unwanted(nlane, ndof), stat=info)
-      if (info /= 0) then
-         code = out_of_memory
-      else if (.not. allocated(unwanted)) then
+      code = out_of_memory
+      if (self%null_accepted .or. (present(hq) .and. present(hp))) then
          code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, self%user)
-      else if (present(hq)) then
-         code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, unwanted, self%user)
       else
-         code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, unwanted, hp, self%user)
+         call find_room(nlane*ndof, few, more, unwanted)
+         if (.not. associated(unwanted)) then
+            continue
+         else if (present(hq)) then
+            code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, unwanted, self%user)
+         else
+            code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, unwanted, hp, self%user)
+         end if
       end if
       if (code == 0) return
       call note(self, code)
@@ -390,17 +392,19 @@ contains
       integer(i4), intent(out) :: code
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
       real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
-      real(wp), allocatable :: blocks(:, :, :, :)
-      integer :: info
+      real(wp), target :: few(little)
+      real(wp), allocatable, target :: more(:)
+      real(wp), pointer, contiguous :: r(:)
 
       code = out_of_memory
-      allocate (blocks(nlane, ndof, ndof, 3), stat=info)
-      if (info /= 0) return
-      code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, blocks(:, :, :, 1), blocks(:, :, :, 2), &
-                             blocks(:, :, :, 3), self%user)
-      if (present(hqq)) hqq = blocks(:, :, :, 1)
-      if (present(hqp)) hqp = blocks(:, :, :, 2)
-      if (present(hpp)) hpp = blocks(:, :, :, 3)
+      associate (b => nlane*ndof**2)
+         call find_room(3*b, few, more, r)
+         if (.not. associated(r)) return
+         code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, r(:b), r(b + 1:2*b), r(2*b + 1:3*b), self%user)
+         call keep(b, r(:b), hqq)
+         call keep(b, r(b + 1:2*b), hqp)
+         call keep(b, r(2*b + 1:3*b), hpp)
+      end associate
    end subroutine whole_hessian
 
    !> The same of the joint function.
@@ -412,19 +416,23 @@ contains
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
       real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
-      real(wp), allocatable :: slopes(:, :, :), blocks(:, :, :, :)
-      integer :: info
+      real(wp), target :: few(little)
+      real(wp), allocatable, target :: more(:)
+      real(wp), pointer, contiguous :: r(:), s(:)
 
       code = out_of_memory
-      allocate (slopes(nlane, ndof, 2), blocks(nlane, ndof, ndof, 3), stat=info)
-      if (info /= 0) return
-      code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, slopes(:, :, 1), slopes(:, :, 2), &
-                                      blocks(:, :, :, 1), blocks(:, :, :, 2), blocks(:, :, :, 3), self%user)
-      if (present(hq)) hq = slopes(:, :, 1)
-      if (present(hp)) hp = slopes(:, :, 2)
-      if (present(hqq)) hqq = blocks(:, :, :, 1)
-      if (present(hqp)) hqp = blocks(:, :, :, 2)
-      if (present(hpp)) hpp = blocks(:, :, :, 3)
+      associate (b => nlane*ndof**2, g => nlane*ndof)
+         call find_room(3*b + 2*g, few, more, r)
+         if (.not. associated(r)) return
+         s => r(3*b + 1:)
+         code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, s(:g), s(g + 1:2*g), r(:b), &
+                                         r(b + 1:2*b), r(2*b + 1:3*b), self%user)
+         call keep(g, s(:g), hq)
+         call keep(g, s(g + 1:2*g), hp)
+         call keep(b, r(:b), hqq)
+         call keep(b, r(b + 1:2*b), hqp)
+         call keep(b, r(2*b + 1:3*b), hpp)
+      end associate
    end subroutine whole_gradient_hessian
 
    !> The first nonzero code that a function returned since clear_failure; 0 = none.
@@ -455,14 +463,6 @@ contains
       !$omp atomic write
       self%failure = code
    end subroutine note
-
-   !> An output of a function that failed; absent outputs stay absent.
-   pure subroutine spoil(nlane, n, x)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(out), optional :: x(nlane, n)
-
-      if (present(x)) x = ieee_value(1.0_wp, ieee_quiet_nan)
-   end subroutine spoil
 
    !> Assignment: the same functions, a record of failure of its own.
    subroutine copy(left, right)

@@ -9,7 +9,7 @@
 !> equation; nu = 2 omega is its main resonance.
 module symsde_model_driven_pendulum
    use symsde_base_kinds, only: wp
-   use symsde_base_sincos, only: sincos_lanes
+   use symsde_base_sincos, only: sincos_lanes, sincos_tile
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
@@ -88,7 +88,7 @@ contains
       real(wp), dimension(nlane) :: sine, cosine, torque, pull
 
       call sincos_lanes(nlane, q(:, 1), sine, cosine)
-      call self%combine(nlane, t, w, torque, pull)
+      call self%combine(nlane, t, w(:, 0), w(:, 1), w(:, 2), torque, pull)
       value = w(:, 0)*p(:, 1)**2/2 - pull*cosine - torque*q(:, 1)
    end subroutine weighted_value
 
@@ -99,30 +99,36 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
-      real(wp), dimension(nlane) :: sine, cosine, torque, pull
+      real(wp), dimension(sincos_tile) :: sine, cosine, torque, pull
+      integer :: first, last, n
 
       if (present(hq) .or. present(hqq)) then
-         call sincos_lanes(nlane, q(:, 1), sine, cosine)
-         call self%combine(nlane, t, w, torque, pull)
+         do first = 1, nlane, sincos_tile
+            n = min(sincos_tile, nlane - first + 1)
+            last = first + n - 1
+            call sincos_lanes(n, q(first, 1), sine, cosine)
+            call self%combine(n, t, w(first, 0), w(first, 1), w(first, 2), torque, pull)
+            if (present(hq)) hq(first:last, 1) = pull(:n)*sine(:n) - torque(:n)
+            if (present(hqq)) hqq(first:last, 1, 1) = pull(:n)*cosine(:n)
+         end do
       end if
-      if (present(hq)) hq(:, 1) = pull*sine - torque
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
-      if (present(hqq)) hqq(:, 1, 1) = pull*cosine
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate
 
    !> The sum is w_0 p^2/2 - pull cos q - torque q.
-   pure subroutine combine(self, nlane, t, w, torque, pull)
+   pure subroutine combine(self, nlane, t, w0, w1, w2, torque, pull)
       class(driven_pendulum_model), intent(in) :: self
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: t, w(nlane, 0:2)
+      real(wp), intent(in) :: t
+      real(wp), intent(in), dimension(nlane) :: w0, w1, w2
       real(wp), intent(out) :: torque(nlane), pull(nlane)
       real(wp) :: frequency2, strength
 
       frequency2 = self%omega2*(1 + self%epsilon*cos(self%nu*t))
       strength = 1 + self%alpha*sin(self%nu*t)
-      torque = self%sigma1*strength*w(:, 1)
-      pull = frequency2*w(:, 0) + self%sigma2*strength*w(:, 2)
+      torque = self%sigma1*strength*w1
+      pull = frequency2*w0 + self%sigma2*strength*w2
    end subroutine combine
 
 end module symsde_model_driven_pendulum

@@ -81,15 +81,10 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
-      real(wp) :: alpha, sigma1, sigma2
+      real(wp) :: alpha
 
       alpha = self%alpha
-      sigma1 = self%sigma1
-      sigma2 = self%sigma2
-      if (present(hq)) then
-         hq(:, 1) = w(:, 0)*(q(:, 1) + 2*alpha*q(:, 1)*q(:, 2)) + sigma1*w(:, 1)
-         hq(:, 2) = w(:, 0)*(q(:, 2) + alpha*(q(:, 1)**2 - q(:, 2)**2)) + sigma2*w(:, 2)
-      end if
+      if (present(hq)) call force(nlane, alpha, self%sigma1, self%sigma2, w, q, hq)
       if (present(hp)) then
          hp(:, 1) = w(:, 0)*p(:, 1)
          hp(:, 2) = w(:, 0)*p(:, 2)
@@ -107,6 +102,19 @@ contains
          hpp(:, 2, 2) = w(:, 0)
       end if
    end subroutine evaluate
+
+   !> VEC Gradient in q.
+   pure subroutine force(nlane, alpha, sigma1, sigma2, w, q, hq)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: alpha, sigma1, sigma2, w(nlane, 0:2), q(nlane, 2)
+      real(wp), intent(out) :: hq(nlane, 2)
+      integer :: lane
+
+      do lane = 1, nlane
+         hq(lane, 1) = w(lane, 0)*(q(lane, 1) + 2*alpha*q(lane, 1)*q(lane, 2)) + sigma1*w(lane, 1)
+         hq(lane, 2) = w(lane, 0)*(q(lane, 2) + alpha*(q(lane, 1)**2 - q(lane, 2)**2)) + sigma2*w(lane, 2)
+      end do
+   end subroutine force
 
    !> Whether flow takes steps of this scheme.
    pure logical function has_flow(self, scheme)

@@ -5,7 +5,7 @@
 !>    H = p^2/2 - cos q,   H_1 = sigma (p^2 + q^2)/2
 module symsde_model_pendulum
    use symsde_base_kinds, only: wp
-   use symsde_base_sincos, only: sincos_lanes
+   use symsde_base_sincos, only: sincos_lanes, sincos_tile
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
@@ -66,13 +66,20 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
-      real(wp) :: sine(nlane), cosine(nlane), sigma
+      real(wp) :: sine(sincos_tile), cosine(sincos_tile), sigma
+      integer :: first, last, n
 
       sigma = self%sigma
-      if (present(hq) .or. present(hqq)) call sincos_lanes(nlane, q(:, 1), sine, cosine)
-      if (present(hq)) hq(:, 1) = w(:, 0)*sine + sigma*w(:, 1)*q(:, 1)
+      if (present(hq) .or. present(hqq)) then
+         do first = 1, nlane, sincos_tile
+            n = min(sincos_tile, nlane - first + 1)
+            last = first + n - 1
+            call sincos_lanes(n, q(first, 1), sine, cosine)
+            if (present(hq)) hq(first:last, 1) = w(first:last, 0)*sine(:n) + sigma*w(first:last, 1)*q(first:last, 1)
+            if (present(hqq)) hqq(first:last, 1, 1) = w(first:last, 0)*cosine(:n) + sigma*w(first:last, 1)
+         end do
+      end if
       if (present(hp)) hp(:, 1) = (w(:, 0) + sigma*w(:, 1))*p(:, 1)
-      if (present(hqq)) hqq(:, 1, 1) = w(:, 0)*cosine + sigma*w(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + sigma*w(:, 1)
    end subroutine evaluate
 

@@ -4,7 +4,7 @@
 !>    H = p^2/2 - omega^2 cos q,   H_1 = sigma1 sin q,   H_2 = -sigma2 cos q
 module symsde_model_synchrotron
    use symsde_base_kinds, only: wp
-   use symsde_base_sincos, only: sincos_lanes
+   use symsde_base_sincos, only: sincos_lanes, sincos_tile
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
@@ -99,10 +99,14 @@ contains
       integer, intent(in) :: nlane
       real(wp), intent(in) :: w(nlane, 0:2), q(nlane)
       real(wp), intent(out) :: hq(nlane)
-      real(wp) :: cosine(nlane)
+      real(wp) :: cosine(sincos_tile)
+      integer :: first, n
 
-      call sincos_lanes(nlane, q, hq, cosine)
-      call force(nlane, self%omega2, self%sigma1, self%sigma2, w, cosine, hq)
+      do first = 1, nlane, sincos_tile
+         n = min(sincos_tile, nlane - first + 1)
+         call sincos_lanes(n, q(first), hq(first), cosine)
+         call force(n, self%omega2, self%sigma1, self%sigma2, w(first, 0), w(first, 1), w(first, 2), cosine, hq(first))
+      end do
    end subroutine force_alone
 
    !> Hessian in q by itself.
@@ -120,16 +124,17 @@ contains
    ! ---- kernels ----------------------------------------------------------------------------------
 
    !> hq = (omega^2 w_0 + sigma2 w_2) sin q + sigma1 w_1 cos q; hq is sin q on entry.
-   pure subroutine force(nlane, omega2, sigma1, sigma2, w, cosine, hq)
+   pure subroutine force(nlane, omega2, sigma1, sigma2, w0, w1, w2, cosine, hq)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: omega2, sigma1, sigma2, w(nlane, 0:2), cosine(nlane)
+      real(wp), intent(in) :: omega2, sigma1, sigma2
+      real(wp), intent(in), dimension(nlane) :: w0, w1, w2, cosine
       real(wp), intent(inout) :: hq(nlane)
       real(wp) :: a, b
       integer :: lane
 
       do lane = 1, nlane
-         a = omega2*w(lane, 0) + sigma2*w(lane, 2)
-         b = sigma1*w(lane, 1)
+         a = omega2*w0(lane) + sigma2*w2(lane)
+         b = sigma1*w1(lane)
          hq(lane) = a*hq(lane) + b*cosine(lane)
       end do
    end subroutine force

@@ -23,7 +23,7 @@ module symsde_solve_stagnation
    private
    public :: stopping_test, linear, quadratic, done_at_once, never_done, failed
    public :: start_lanes, correct_first, correct_exact, fail_nonfinite, correct_scalar, iterate_scalar
-   public :: correct_lanes, test_lanes
+   public :: correct_lanes, test_lanes, ends_exact, verdict_of
 
    real(wp), parameter :: done = -1      !! value of `last` for a lane that has converged
    real(wp), parameter :: failed = -2    !! value of `last` for a lane that has failed
@@ -112,7 +112,7 @@ contains
       real(wp), intent(inout) :: last(nlane), x(nlane)
       integer, intent(out) :: nrunning
       logical, intent(out) :: failures
-      real(wp) :: d, new, next, bound, level, at_slow, at_fast, slow, fast
+      real(wp) :: d, new, next, level, at_slow, at_fast, slow, fast
       integer(i8) :: stopped, bad
       integer :: lane
 
@@ -129,9 +129,7 @@ contains
          x(lane) = new
          d = abs(d)
          new = abs(new)
-         ! min and max instead of comparisons: d <= at_slow |x| and d <= slow*last at once
-         bound = max(min(at_slow*new, slow*last(lane)), level*new)
-         next = merge(done, d, d <= merge(at_fast*new, bound, d <= fast*last(lane)))
+         next = merge(done, d, ends(level, at_slow, at_fast, slow, fast, d, new, last(lane)))
          next = merge(next, last(lane), last(lane) >= 0)
          last(lane) = next
          stopped = stopped + stops(next)
@@ -140,6 +138,27 @@ contains
       nrunning = nlane - int(stopped)
       failures = bad < 0
    end subroutine correct_exact
+
+   !> The quadratic test: the bounds of a correction, and of its part of the one before.
+   pure logical function ends(level, at_slow, at_fast, slow, fast, d, size, last)
+      real(wp), intent(in) :: level, at_slow, at_fast, slow, fast, d, size, last
+      real(wp) :: bound
+
+      ! min and max instead of comparisons: d <= at_slow |x| and d <= slow*last at once
+      bound = max(min(at_slow*size, slow*last), level*size)
+      ends = d <= merge(at_fast*size, bound, d <= fast*last)
+   end function ends
+
+   !> The same of one lane by itself.
+   pure logical function ends_exact(d, size, last)
+      real(wp), intent(in) :: d      !! size of this correction
+      real(wp), intent(in) :: size   !! of the unknown
+      real(wp), intent(in) :: last   !! size of the last correction
+      type(stopping_test), parameter :: test = quadratic
+
+      ends_exact = ends(test%level, test%level*test%at_slow, test%level*test%at_fast, test%slow, test%fast, d, &
+                        size, last)
+   end function ends_exact
 
    !> Lanes with a status, and those whose unknown is not finite, have failed.
    pure subroutine fail_nonfinite(nlane, x, status, last, nrunning)

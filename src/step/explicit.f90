@@ -11,6 +11,8 @@ module symsde_step_explicit
    use symsde_model_abstract, only: model_type
    use symsde_scheme_dependency, only: stages_follow => is_explicit
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -41,6 +43,7 @@ module symsde_step_explicit
       procedure :: fits
       procedure :: make
       procedure :: increment
+      procedure :: offer_lone
    end type explicit_stepper
 
 contains
@@ -108,6 +111,35 @@ contains
          is_one_stage = abs(self%to_q(1, 1) - 1) <= 0 .and. abs(self%to_p(1, 1)) <= 0
       end if
    end function is_one_stage
+
+   !> Euler and Verlet take paths one by one, too.
+   subroutine offer_lone(self, lone)
+      class(explicit_stepper), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+      type(lone_explicit), allocatable :: made
+
+      if (.not. (self%is_euler .or. is_verlet(self)) .or. .not. self%ham%model%traits%separable) return
+      allocate (made)
+      made%c(:self%nstage) = self%c
+      associate (t => self%ham%model%traits)
+         made%mass_alone = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
+      end associate
+      made%kind = kick_drift_kick
+      if (self%is_euler) made%kind = merge(kick_drift, drift_kick, self%plan(1)%force)
+      call move_alloc(made, lone)
+   end subroutine offer_lone
+
+   !> Whether half a kick, a drift of two halves and half a kick make the step.
+   pure logical function is_verlet(self)
+      type(explicit_stepper), intent(in) :: self
+      real(wp), parameter :: to_q(2, 2) = reshape([0.0_wp, 0.0_wp, 0.5_wp, 0.5_wp], [2, 2])
+      real(wp), parameter :: to_p(2, 2) = reshape([-0.5_wp, 0.0_wp, -0.5_wp, 0.0_wp], [2, 2])
+
+      is_verlet = .false.
+      if (self%nstage /= 2) return
+      is_verlet = all(abs(self%to_q - to_q) <= 0) .and. all(abs(self%to_p - to_p) <= 0) .and. &
+                  all(abs(self%alpha - 0.5_wp) <= 0)
+   end function is_verlet
 
    !> The order of evaluations; not allocated where there is none.
    pure subroutine find_plan(scheme, separable, plan)

@@ -24,6 +24,8 @@ module symsde_step_midpoint
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_midpoint, only: lone_midpoint
    use symsde_step_midpoint_by_matrix, only: midpoint_by_matrix, new_midpoint_by_matrix
    use symsde_step_midpoint_by_products, only: midpoint_by_products, new_midpoint_by_products
    use symsde_step_midpoint_by_rows, only: midpoint_by_rows, new_midpoint_by_rows
@@ -51,6 +53,7 @@ module symsde_step_midpoint
       procedure :: fits
       procedure :: make
       procedure :: increment
+      procedure :: offer_lone
    end type midpoint_stepper
 
 contains
@@ -128,6 +131,25 @@ contains
          allocate (self%q(together, n), self%p(together, n), self%dq(together, n), self%dp(together, n))
       end associate
    end subroutine new_midpoint_stepper
+
+   !> Paths one by one, where matrices solve, noise is in position, and one unknown has its derivative.
+   subroutine offer_lone(self, lone)
+      class(midpoint_stepper), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+      type(lone_midpoint), allocatable :: made
+
+      if (self%has_shift) return
+      select type (part => self%part)
+      type is (midpoint_by_matrix)
+         if (part%newton%options%fixed_point > 0 .or. part%newton%options%damped) return
+         if (self%eq%n == 1 .and. .not. self%ham%model%traits%has_hessian) return
+         if (self%eq%n > 1 .and. .not. part%iterates) return
+         allocate (made)
+         made%affine = part%newton%affine
+         made%patience = min(made%patience, part%newton%options%max_iter)
+         call move_alloc(made, lone)
+      end select
+   end subroutine offer_lone
 
    !> What solves the linear systems of a model fastest.
    pure integer function choose_way(model, options) result(way)

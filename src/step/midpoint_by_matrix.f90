@@ -1,6 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The eliminated midpoint by matrices, solved across lanes: closed form for one degree of freedom, dense, banded.
 !> Also by fixed-point iterations, without matrices.
+!>
+!> Where several unknowns are not solved at once, V = -f(base + (h/4) V) is iterated first, in the lanes where the step
+!> is mild, by the test of step/stage_iteration: a few gradients cost less than one matrix.
 module symsde_step_midpoint_by_matrix
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
@@ -8,6 +11,7 @@ module symsde_step_midpoint_by_matrix
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position, add_unknown
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
+   use symsde_step_stage_iteration, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, done
    implicit none
    private
    public :: midpoint_by_matrix, new_midpoint_by_matrix
@@ -15,6 +19,9 @@ module symsde_step_midpoint_by_matrix
    type, extends(midpoint_part) :: midpoint_by_matrix
       private
       integer :: band = dense
+      logical, public :: iterates = .false.  !! mild steps need no matrix
+      real(wp), allocatable, dimension(:) :: last, change, extent  !! of that iteration (nlane)
+      real(wp), allocatable :: kept(:, :)    !! V of the lanes that it solved, while others are (nlane, ndof)
       real(wp), allocatable :: q(:, :)  !! Q (nlane, ndof)
    contains
       procedure :: solve
@@ -36,10 +43,13 @@ contains
          call new_newton(self%newton, nlane, n, options, t%one_solve(b /= dense), b, b, &
                          exact=t%has_hessian_vector .or. (t%has_hessian .and. b == dense))
          allocate (self%q(nlane, n))
+         self%iterates = n > 1 .and. .not. (self%newton%affine .or. options%fixed_point > 0 .or. options%damped)
+         if (self%iterates) allocate (self%last(nlane), self%change(nlane), self%extent(nlane), self%kept(nlane, n))
       end associate
    end subroutine new_midpoint_by_matrix
 
-   !> One degree of freedom begins by one pass over the lanes that does the first iteration from V = 0.
+   !> One degree of freedom begins by one pass over the lanes that does the first iteration from V = 0, several by
+   !> iterating without matrices.
    subroutine solve(self, ham, eq, w, status)
       class(midpoint_by_matrix), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -48,7 +58,10 @@ contains
       integer(i8), intent(inout) :: status(eq%nlane)
 
       associate (newton => self%newton, quarter => 0.25_wp*eq%h)
-         if (eq%n > 1 .or. eq%for_dq .or. newton%options%fixed_point > 0) then
+         if (self%iterates .and. .not. eq%for_dq) then
+            call solve_mildly(self, ham, eq, w, status)
+            return
+         else if (eq%n > 1 .or. eq%for_dq .or. newton%options%fixed_point > 0) then
             call solve_by_iterations(self, ham, eq, w, status)
             return
          end if
@@ -62,6 +75,62 @@ contains
          end do
       end associate
    end subroutine solve
+
+   !> V by iteration without matrices; in lanes where that does not converge fast, by Newton's from V = 0.
+   subroutine solve_mildly(self, ham, eq, w, status)
+      class(midpoint_by_matrix), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer(i8), intent(inout) :: status(eq%nlane)
+      integer(i8) :: outcome(eq%nlane)
+      integer :: i
+
+      call sweep_lanes(self, ham, eq, w, status)
+      outcome = merge(-1_i8, status, abs(self%last - done) <= 0)
+      if (.not. any(outcome == 0)) return
+      self%kept = eq%x
+      call solve_by_iterations(self, ham, eq, w, outcome)
+      do i = 1, eq%n
+         eq%x(:, i) = merge(self%kept(:, i), eq%x(:, i), outcome < 0)
+      end do
+      status = merge(status, outcome, outcome < 0)
+      if (.not. eq%stiff) return
+      eq%stiff_ratio = merge(0.0_wp, eq%stiff_ratio, outcome < 0)  ! no other lane's first matrix calls a lane stiff
+      eq%stiff = any(eq%stiff_ratio > 1)
+   end subroutine solve_mildly
+
+   !> Sweeps until every lane is done or has been given up; what becomes of it stands in last.
+   subroutine sweep_lanes(self, ham, eq, w, status)
+      class(midpoint_by_matrix), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer(i8), intent(in) :: status(eq%nlane)
+      real(wp), parameter :: gone = -3  ! below done: lanes that are not to be solved
+      integer :: sweep, nrunning
+
+      associate (nlane => eq%nlane, n => eq%n, c => ham%counters, force => self%newton%r)
+         self%last = merge(0.0_wp, gone, status == 0)
+         nrunning = count(status == 0)
+         do sweep = 1, most_sweeps
+            if (nrunning == 0) exit
+            self%change = 0
+            self%extent = 0
+            if (sweep == 1) then
+               call ham%model%gradient(nlane, n, eq%m, eq%t, w, eq%base(1, 1), eq%still, hq=force)
+               call take_first(nlane, n, -1.0_wp, force, eq%x, self%change)
+            else
+               call position(nlane*n, eq%c, eq%base(1, 1), eq%x, self%q)
+               call ham%model%gradient(nlane, n, eq%m, eq%t, w, self%q, eq%still, hq=force)
+               call take(nlane, n, -1.0_wp, force, self%last, eq%x, self%change, self%extent)
+            end if
+            c%gradients = c%gradients + eq%nreal
+            c%iterations = c%iterations + nrunning
+            call judge_sweep(nlane, sweep, stiff_rate, stiff_rate, self%change, self%extent, self%last, nrunning)
+         end do
+      end associate
+   end subroutine sweep_lanes
 
    subroutine iterate(self, ham, eq, w, status)
       class(midpoint_by_matrix), intent(inout) :: self

@@ -6,6 +6,8 @@ module symsde_step_slopes
    private
    public :: add_slopes
 
+   integer, parameter :: few = 4  !! numbers that a path by itself has, too few for vectors
+
 contains
 
    !> total = start + factor sum_j coefficient_j slope_j
@@ -49,6 +51,13 @@ contains
       real(wp), intent(out) :: total(n)
       integer :: i
 
+      if (n <= few) then
+         !GCC$ novector
+         do i = 1, n
+            total(i) = start(i) + c*x(i)
+         end do
+         return
+      end if
       do i = 1, n
          total(i) = start(i) + c*x(i)
       end do
@@ -61,6 +70,13 @@ contains
       real(wp), intent(out) :: total(n)
       integer :: i
 
+      if (n <= few) then
+         !GCC$ novector
+         do i = 1, n
+            total(i) = start(i) + (a*x(i) + b*y(i))
+         end do
+         return
+      end if
       do i = 1, n
          total(i) = start(i) + (a*x(i) + b*y(i))
       end do
@@ -73,6 +89,13 @@ contains
       real(wp), intent(out) :: total(n)
       integer :: i
 
+      if (n <= few) then
+         !GCC$ novector
+         do i = 1, n
+            total(i) = start(i) + (a*x(i) + b*y(i) + c*z(i))
+         end do
+         return
+      end if
       do i = 1, n
          total(i) = start(i) + (a*x(i) + b*y(i) + c*z(i))
       end do

@@ -21,8 +21,10 @@ module symsde_step_stage_iteration
    use symsde_step_stage_plan, only: stage_group
    implicit none
    private
-   public :: iterate_group, solved, slow, stiff, untried
+   public :: iterate_group, solved, slow, stiff, untried, stiff_rate
+   public :: take_first, take, judge_sweep, sweep_verdict, most_sweeps, done  ! for other iterations by the same test
 
+   real(wp), parameter :: stiff_rate = 0.2_wp  !! contraction from which Newton's iteration by matrices is cheaper
    integer, parameter :: most_sweeps = 160   !! enough for a contraction of 0.8 and rounding
    real(wp), parameter :: done = -1, left = -2, given_up = -3  !! values of `last` beside the size of the last change
 
@@ -132,30 +134,39 @@ contains
       real(wp), intent(in) :: change(nlane), extent(nlane)
       real(wp), intent(inout) :: last(nlane)
       integer, intent(out) :: nrunning
-      real(wp), parameter :: slow = 2.0_wp**(-13), rounding = 0.25_wp*epsilon(1.0_wp), near = 2.0_wp**(-33)
-      real(wp), parameter :: far = 2.0_wp**(-20)
-      real(wp) :: d, next
-      logical :: ends
+      real(wp) :: next
       integer(i8) :: running
       integer :: lane
 
       running = 0
       do lane = 1, nlane
-         d = change(lane)
-         if (sweep == 1) then
-            next = merge(d, done, d > 0)
-         else
-            ends = d*max(d/last(lane), slow) <= rounding*extent(lane)
-            ends = ends .or. (d >= last(lane) .and. d <= near*extent(lane))
-            next = merge(d, left, d <= max(too_slow*last(lane), far*extent(lane)))
-            next = merge(next, given_up, d <= max(too_stiff*last(lane), near*extent(lane)))
-            next = merge(done, next, ends)
-         end if
-         next = merge(next, given_up, d <= huge(d))
+         next = sweep_verdict(sweep, too_slow, too_stiff, change(lane), extent(lane), last(lane))
          last(lane) = merge(next, last(lane), last(lane) >= 0)
          running = running + merge(1_i8, 0_i8, last(lane) >= 0)
       end do
       nrunning = int(running)
    end subroutine judge_sweep
+
+   !> What becomes of a lane that was running: the size of its last change, or done, or left, or given up.
+   pure real(wp) function sweep_verdict(sweep, too_slow, too_stiff, d, extent, last) result(next)
+      integer, intent(in) :: sweep
+      real(wp), intent(in) :: too_slow, too_stiff
+      real(wp), intent(in) :: d, extent   !! largest change and slope of this sweep
+      real(wp), intent(in) :: last        !! change of the sweep before
+      real(wp), parameter :: slow = 2.0_wp**(-13), rounding = 0.25_wp*epsilon(1.0_wp), near = 2.0_wp**(-33)
+      real(wp), parameter :: far = 2.0_wp**(-20)
+      logical :: ends
+
+      if (sweep == 1) then
+         next = merge(d, done, d > 0)
+      else
+         ends = d*d <= rounding*extent*last .and. d*slow <= rounding*extent  ! d r, without the division
+         ends = ends .or. (d >= last .and. d <= near*extent)
+         next = merge(d, left, d <= max(too_slow*last, far*extent))
+         next = merge(next, given_up, d <= max(too_stiff*last, near*extent))
+         next = merge(done, next, ends)
+      end if
+      next = merge(next, given_up, d <= huge(d))
+   end function sweep_verdict
 
 end module symsde_step_stage_iteration

@@ -18,9 +18,11 @@ module symsde_step_stages
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_general, only: general_stepper, new_general_stepper
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_stages, only: lone_stages
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stage_equations, only: stage_equations, new_stage_equations
-   use symsde_step_stage_iteration, only: iterate_group, solved, untried
+   use symsde_step_stage_iteration, only: iterate_group, solved, untried, stiff_rate
    use symsde_step_stage_plan, only: stage_group
    use symsde_step_stage_newton, only: stage_newton, new_stage_newton
    use symsde_step_stage_rows, only: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once
@@ -33,9 +35,8 @@ module symsde_step_stages
    !> Contraction from which Newton's iteration by rows is cheaper, for groups of one, two and three stages.
    real(wp), parameter :: slow_rate(3) = [1e-2_wp, 5e-3_wp, 3e-2_wp]
 
-   !> Contraction from which Newton's iteration is cheaper: by matrices, or by the general stepper's dense ones of all
-   !> unknowns, whose work grows as the cube of their number.
-   real(wp), parameter :: stiff_rate = 0.2_wp, stiff_rate_dense = 0.8_wp
+   !> The same for the general stepper's dense matrices of all unknowns, whose work grows as the cube of their number.
+   real(wp), parameter :: stiff_rate_dense = 0.8_wp
    integer, parameter :: small = 12  !! unknowns up to which a dense matrix is worth as little
 
    !> What solves a group where iteration does not, made when the first lane needs it.
@@ -61,6 +62,7 @@ module symsde_step_stages
       procedure :: fits
       procedure :: make
       procedure :: increment
+      procedure :: offer_lone
    end type stages_stepper
 
 contains
@@ -157,7 +159,7 @@ contains
    subroutine solve_part(self, status)
       type(stages_stepper), intent(inout) :: self
       integer(i8), intent(inout) :: status(self%width)
-      real(wp) :: too_slow, too_stiff
+      real(wp) :: too_stiff
       integer :: g
 
       self%left = -1
@@ -166,12 +168,11 @@ contains
       do g = 1, size(self%solver)
          self%outcome = merge(solved, -1_i8, status == 0 .and. self%left < 0)
          associate (group => self%equations%plan%group(g), solver => self%solver(g))
-            too_slow = too_stiff
-            if (solver%has_rows) too_slow = slow_rate(group%nmember)
             if (solver%at_once) then
                where (self%outcome == solved) self%outcome = untried
             else
-               call iterate_group(self%equations, group, too_slow, too_stiff, self%outcome)
+               call iterate_group(self%equations, group, slowest(solver, group, too_stiff), too_stiff, &
+                                  self%outcome)
             end if
             if (.not. any(self%outcome > solved)) cycle
             if (self%equations%eliminated) then
@@ -182,6 +183,33 @@ contains
          end associate
       end do
    end subroutine solve_part
+
+   !> Contraction from which a group is left to its solver.
+   pure real(wp) function slowest(solver, group, too_stiff)
+      type(solver_slot), intent(in) :: solver
+      type(stage_group), intent(in) :: group
+      real(wp), intent(in) :: too_stiff
+
+      slowest = too_stiff
+      if (solver%has_rows) slowest = slow_rate(group%nmember)
+   end function slowest
+
+   !> Paths one by one, where momenta are eliminated, slopes iterated and nothing is added to them.
+   subroutine offer_lone(self, lone)
+      class(stages_stepper), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+      type(lone_stages), allocatable :: made
+      integer :: g
+
+      if (.not. self%equations%eliminated .or. self%equations%has_c .or. any(self%solver%at_once)) return
+      allocate (made)
+      made%plan = self%equations%plan
+      allocate (made%too_slow(size(self%solver)))
+      do g = 1, size(self%solver)
+         made%too_slow(g) = slowest(self%solver(g), made%plan%group(g), stiff_rate)
+      end do
+      call move_alloc(made, lone)
+   end subroutine offer_lone
 
    !> The slopes of a group where iteration has not found them, by rows if it may be, and else by its matrices.
    subroutine solve_group(self, group, solver, status)

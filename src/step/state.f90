@@ -21,6 +21,7 @@ module symsde_step_state
       procedure :: judge
       procedure :: settle
       procedure :: retire
+      procedure :: repeat_last
    end type lane_state
 
 contains
@@ -112,6 +113,18 @@ contains
       end where
       self%nfailed = count(self%status /= 0)
    end subroutine retire
+
+   !> Padding is looked at again: it repeats the last real path, which came here without it.
+   subroutine repeat_last(self, nreal)
+      class(lane_state), intent(inout) :: self
+      integer, intent(in) :: nreal
+      integer :: i
+
+      do i = 1, self%ndof
+         self%q(nreal + 1:, i) = self%q(nreal, i)
+         self%p(nreal + 1:, i) = self%p(nreal, i)
+      end do
+   end subroutine repeat_last
 
    !> Give the lanes that failed in this step their status and step.
    subroutine record(self, step, dq, dp)

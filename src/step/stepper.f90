@@ -13,6 +13,7 @@ module symsde_step_stepper
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, correction_none, frame_none
    use symsde_solve_newton, only: newton_options
+   use symsde_step_lone, only: lone_stepper
    use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
@@ -44,6 +45,7 @@ module symsde_step_stepper
       procedure(make_interface), deferred :: make
       procedure(increment_interface), deferred :: increment
       procedure :: is_oracle
+      procedure :: offer_lone
       procedure :: tally
    end type stepper_type
 
@@ -84,6 +86,12 @@ contains
 
       is_oracle = .false.
    end function is_oracle
+
+   !> What takes the same steps of paths one by one; its model is not set. Not allocated where there is none.
+   subroutine offer_lone(self, lone)
+      class(stepper_type), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+   end subroutine offer_lone
 
    !> Whether the scheme's tableau makes the step, with nothing around it.
    pure logical function is_tableau(self)

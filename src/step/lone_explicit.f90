@@ -1,0 +1,93 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Symplectic Euler, its adjoint and Stormer-Verlet for a path by itself, where H_j = T_j(p) + U_j(q).
+!>
+!> The sums are those of step/explicit: of the coefficients one and one half, which multiply without rounding.
+module symsde_step_lone_explicit
+   use symsde_base_kinds, only: wp
+   use symsde_step_lone, only: lone_stepper
+   implicit none
+   private
+   public :: lone_explicit, kick_drift, drift_kick, kick_drift_kick
+
+   enum, bind(c)
+      enumerator :: kick_drift = 1, drift_kick = 2, kick_drift_kick = 3
+   end enum
+
+   type, extends(lone_stepper) :: lone_explicit
+      integer :: kind = kick_drift
+      real(wp) :: c(2) = 0           !! nodes of the stages
+      logical :: mass_alone = .false.  !! the velocity is h p, whenever it is asked for
+      real(wp), allocatable, dimension(:), private :: x, y, first, second, force  !! (n)
+   contains
+      procedure :: take
+   end type lone_explicit
+
+contains
+
+   subroutine take(self, t, h, w, q, p, dq, dp, taken)
+      class(lone_explicit), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
+      real(wp), intent(out) :: dq(self%n), dp(self%n)
+      logical, intent(out) :: taken
+
+      taken = .true.
+      if (.not. allocated(self%x)) &
+         allocate (self%x(self%n), self%y(self%n), self%first(self%n), self%second(self%n), self%force(self%n))
+      associate (n => self%n, m => self%m, model => self%model, c => self%counters, t1 => t + self%c(1)*h, &
+                 x => self%x, force => self%force)
+         select case (self%kind)
+         case (kick_drift)
+            call model%gradient(1, n, m, t1, w, q, p, hq=force)
+            dp = -force
+            x = p - force
+            call model%gradient(1, n, m, t1, w, q, x, hp=dq)
+            c%gradients = c%gradients + 2
+         case (drift_kick)
+            call model%gradient(1, n, m, t1, w, q, p, hp=dq)
+            x = q + dq
+            call model%gradient(1, n, m, t1, w, x, p, hq=force)
+            dp = -force
+            c%gradients = c%gradients + 2
+         case default
+            call verlet(self, t, h, w, q, p, dq, dp)
+         end select
+      end associate
+   end subroutine take
+
+   !> Both stages have the same momentum. Where time matters to the velocity, they differ in it.
+   subroutine verlet(self, t, h, w, q, p, dq, dp)
+      type(lone_explicit), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
+      real(wp), intent(out) :: dq(self%n), dp(self%n)
+      integer :: i
+
+      associate (n => self%n, m => self%m, model => self%model, t1 => t + self%c(1)*h, t2 => t + self%c(2)*h, &
+                 x => self%x, y => self%y, first => self%first, second => self%second, force => self%force)
+         call model%gradient(1, n, m, t1, w, q, p, hq=force)
+         !GCC$ novector  ! few numbers
+         do i = 1, n
+            y(i) = p(i) - 0.5_wp*force(i)
+         end do
+         call model%gradient(1, n, m, t1, w, q, y, hp=first)
+         if (self%mass_alone) then
+            second = first
+         else
+            call model%gradient(1, n, m, t2, w, q, y, hp=second)
+         end if
+         !GCC$ novector  ! few numbers
+         do i = 1, n
+            x(i) = q(i) + 0.5_wp*first(i)
+            x(i) = x(i) + 0.5_wp*second(i)
+            dq(i) = 0.5_wp*first(i) + 0.5_wp*second(i)
+            dp(i) = -0.5_wp*force(i)
+         end do
+         call model%gradient(1, n, m, t2, w, x, y, hq=force)
+         !GCC$ novector  ! few numbers
+         do i = 1, n
+            dp(i) = dp(i) - 0.5_wp*force(i)
+         end do
+         self%counters%gradients = self%counters%gradients + merge(3, 4, self%mass_alone)
+      end associate
+   end subroutine verlet
+
+end module symsde_step_lone_explicit

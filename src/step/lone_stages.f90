@@ -1,0 +1,112 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Implicit stages for a path by itself, where the momenta are eliminated and the step is mild: the fixed-point
+!> iteration of step/stage_iteration, with the sums of step/stage_equations. A group that does not converge by it
+!> is left to step/stages.
+module symsde_step_lone_stages
+   use symsde_base_kinds, only: wp
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_slopes, only: add_slopes
+   use symsde_step_stage_iteration, only: sweep_verdict, stiff_rate, done
+   use symsde_step_stage_plan, only: stage_plan, stage_group
+   implicit none
+   private
+   public :: lone_stages
+
+   type, extends(lone_stepper) :: lone_stages
+      type(stage_plan) :: plan
+      real(wp), allocatable :: too_slow(:)    !! contraction from which a group is left (ngroup)
+      real(wp), allocatable, private :: base(:, :), g(:, :)  !! what Q_i has without slopes; slopes (n, nstage)
+      real(wp), allocatable, dimension(:), private :: x, f, start  !! (n)
+   contains
+      procedure :: take
+   end type lone_stages
+
+contains
+
+   subroutine take(self, t, h, w, q, p, dq, dp, taken)
+      class(lone_stages), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
+      real(wp), intent(out) :: dq(self%n), dp(self%n)
+      logical, intent(out) :: taken
+      integer :: i, k, sweeps, evaluations
+
+      if (.not. allocated(self%g)) then
+         allocate (self%g(self%n, self%plan%nstage), self%base(self%n, self%plan%nstage))
+         allocate (self%x(self%n), self%f(self%n), self%start(self%n))
+      end if
+      sweeps = 0
+      evaluations = 0
+      taken = .true.
+      associate (plan => self%plan, n => self%n, s => self%plan%nstage, start => self%start)
+         do i = 1, s
+            call add_slopes(n, 1, h, plan%r(i:i), p, q, self%base(:, i))
+         end do
+         do k = 1, plan%ngroup
+            call iterate(self, plan%group(k), self%too_slow(k), t, h, w, p, sweeps, evaluations, taken)
+            if (.not. taken) return
+         end do
+         start = h*sum(plan%alpha)*p
+         call add_slopes(n, s, h, plan%v, self%g, start, dq)
+         start = 0
+         call add_slopes(n, s, 1.0_wp, plan%alpha, self%g, start, dp)
+      end associate
+      self%counters%gradients = self%counters%gradients + evaluations
+      self%counters%iterations = self%counters%iterations + sweeps
+   end subroutine take
+
+   !> The slopes of a group.
+   subroutine iterate(self, group, too_slow, t, h, w, p, sweeps, evaluations, taken)
+      type(lone_stages), intent(inout) :: self
+      type(stage_group), intent(in) :: group
+      real(wp), intent(in) :: too_slow, t, h, w(0:self%m), p(self%n)
+      integer, intent(inout) :: sweeps, evaluations
+      logical, intent(out) :: taken
+      real(wp) :: change, extent, last
+      integer :: sweep, k, i
+
+      last = 0
+      sweep = 0
+      do while (last >= 0)
+         sweep = sweep + 1
+         change = 0
+         extent = 0
+         do k = 1, group%nmember
+            i = group%stage(k)
+            associate (plan => self%plan, n => self%n, x => self%x, f => self%f)
+               if (sweep == 1) then
+                  call add_slopes(n, plan%nstage, h, plan%first_b(:, i), self%g, self%base(:, i), x)
+               else
+                  call add_slopes(n, plan%nstage, h, plan%b(:, i), self%g, self%base(:, i), x)
+               end if
+               call self%model%gradient(1, n, self%m, t + plan%c(i)*h, w, x, p, hq=f)
+               call take_slopes(n, sweep == 1, f, self%g(:, i), change, extent)
+            end associate
+         end do
+         if (group%explicit) exit
+         last = sweep_verdict(sweep, too_slow, stiff_rate, change, extent, last)
+      end do
+      sweeps = sweeps + sweep
+      evaluations = evaluations + sweep*group%nmember
+      taken = abs(last - done) <= 0 .or. group%explicit
+   end subroutine iterate
+
+   !> slope = -f, with the largest change and slope; not finite where f is not.
+   pure subroutine take_slopes(n, first, f, slope, change, extent)
+      integer, intent(in) :: n
+      logical, intent(in) :: first
+      real(wp), intent(in) :: f(n)
+      real(wp), intent(inout) :: slope(n), change, extent
+      real(wp) :: d
+      integer :: i
+
+      !GCC$ novector  ! few numbers
+      do i = 1, n
+         d = -f(i)
+         if (.not. first) d = d - slope(i)
+         slope(i) = -f(i)
+         change = max(change, abs(d)) + 0*(change + d)
+         extent = max(extent, abs(slope(i)))
+      end do
+   end subroutine take_slopes
+
+end module symsde_step_lone_stages

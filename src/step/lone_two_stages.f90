@@ -1,0 +1,62 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Two implicit stages of one degree of freedom for a path by itself, where the Hamiltonians are separable: the first
+!> guess and the iterations of step/two_stage_single, by its passes over one lane.
+module symsde_step_lone_two_stages
+   use symsde_base_kinds, only: wp
+   use symsde_solve_stagnation, only: verdict_of, quadratic
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_two_stage_slopes, only: stage_point, add_stages, solve_separable
+   implicit none
+   private
+   public :: lone_two_stages
+
+   type, extends(lone_stepper) :: lone_two_stages
+      real(wp) :: a(2, 2) = 0, abar(2, 2) = 0, alpha(2) = 0, c(2) = 0
+      integer :: max_iter = 0
+   contains
+      procedure :: take
+   end type lone_two_stages
+
+contains
+
+   subroutine take(self, t, h, w, q, p, dq, dp, taken)
+      class(lone_two_stages), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
+      real(wp), intent(out) :: dq(self%n), dp(self%n)
+      logical, intent(out) :: taken
+      real(wp) :: x(4), d(4), last, qs(1), ps(1)
+      real(wp), dimension(1) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2
+      integer :: iteration
+
+      associate (model => self%model, m => self%m, a => self%a, abar => self%abar)
+         x = 0
+         call model%gradient_hessian(1, 1, m, t + 0.5_wp*h, w, q, p, hq1, hp1, hqq=hqq1, hpp=hpp1)
+         call solve_separable(1, a, abar, hq1, hq1, hp1, hp1, hqq1, hqq1, hpp1, hpp1, x, d)
+         x = x - d
+         last = 0
+         iteration = 0
+         do while (last >= 0)
+            taken = iteration < self%max_iter
+            if (.not. taken) return
+            iteration = iteration + 1
+            call stage_point(1, 1, a, abar, q, p, x, qs, ps)
+            call model%gradient_hessian(1, 1, m, t + self%c(1)*h, w, qs, ps, hq1, hp1, hqq=hqq1, hpp=hpp1)
+            call stage_point(1, 2, a, abar, q, p, x, qs, ps)
+            call model%gradient_hessian(1, 1, m, t + self%c(2)*h, w, qs, ps, hq2, hp2, hqq=hqq2, hpp=hpp2)
+            call solve_separable(1, a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, x, d)
+            x = x - d
+            taken = abs(sum(x)) <= huge(x)
+            if (.not. taken) return
+            last = verdict_of(quadratic, maxval(abs(d)), maxval(abs(x)), last)
+         end do
+         call add_stages(1, self%alpha, x, dq, dp)
+      end associate
+      associate (c => self%counters)
+         c%gradients = c%gradients + 1 + 2*iteration
+         c%hessians = c%hessians + 1 + 2*iteration
+         c%iterations = c%iterations + iteration
+         c%solves = c%solves + iteration
+      end associate
+   end subroutine take
+
+end module symsde_step_lone_two_stages
