@@ -15,6 +15,8 @@ from .quasi import Quasi
 from .tolerance import BIAS_SHARE
 from .trial import LEVELS, MOST_HALVINGS, Trial
 
+_BEGUN_WITH = 256  #: paths of every level, before anything is known of it
+
 
 @dataclass(eq=False)
 class Plan:
@@ -78,10 +80,12 @@ def multilevel(trial: Trial, error: float) -> Plan | None:
         return None
     best = None
     for coarsest in range(finest):
-        total = math.sqrt(trial.variance * trial.seconds(coarsest))
+        total, begun = math.sqrt(trial.variance * trial.seconds(coarsest)), 0.0
         for level in range(coarsest + 1, finest + 1):
-            total += math.sqrt(trial.spread(level) * (trial.seconds(level) + trial.seconds(level - 1)))
-        seconds = total**2 / ((1 - BIAS_SHARE) * error**2)
+            pair = trial.seconds(level) + trial.seconds(level - 1)
+            total += math.sqrt(trial.spread(level) * pair)
+            begun += _BEGUN_WITH * pair
+        seconds = total**2 / ((1 - BIAS_SHARE) * error**2) + begun
         if best is None or seconds < best.seconds:
             best = Plan("multilevel", trial, finest, seconds, coarsest=coarsest)
     return best
