@@ -93,7 +93,11 @@ class Invariants:
         """The change itself, which falls as a difference does."""
         problem, model = self.problem, self.problem.model
         every = next(n for n in range(max(1, -(-steps // _MOST_SAVED)), steps + 1) if steps % n == 0)
-        more = {"paths": self.count} if self.kept else {"increments": np.zeros((steps, model.nnoise)), "paths": 1}
+        more = (
+            {"paths": self.count}
+            if self.kept
+            else {"increments": np.zeros((2 * steps, model.nnoise)), "refine": 1, "paths": 1}
+        )
         run = problem.run(scheme, steps, save_every=every, **more)
         energy = np.array([model.value(q, p) for q, p in zip(run.q, run.p, strict=True)])
         scale = np.abs(energy[0]) + np.abs(energy[0] - energy).max() * 1e-300
