@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from . import _files, models, scene, schemes, tables
+from . import _cpu, _files, _library, models, scene, schemes, tables
 from ._output import patient_output
 from ._setup import build_info
 from .batch import command as batch
@@ -142,6 +142,8 @@ def _schemes() -> str:
 def _info(_options: argparse.Namespace) -> int:
     for key, value in build_info().items():
         print(f"{key}: {value}")
+    print(f"library: {_library.found()}")
+    print(f"processor: {', '.join(_cpu.levels()) or 'no levels known'} (SYMSDE_CPU chooses a variant of the library)")
     print(f"python: {sys.version.split()[0]}")
     for package in ("numpy", "xarray", "netCDF4", "matplotlib", "numba", "tqdm"):
         print(f"{package}: {'yes' if importlib.util.find_spec(package) else 'not installed'}")

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_wheel.py ROOT WORK: build the wheel, unpack it elsewhere, and load the library that it contains.
+"""check_wheel.py ROOT WORK: build the wheel, unpack it elsewhere, and run the variants of the library that it contains.
+
+Every variant that this processor can run computes the same bits, and holds the vector registers of its level.
 
 Exit 77 (skipped) where the build backend is not installed; nothing is downloaded.
 """
@@ -13,7 +15,30 @@ import sys
 import zipfile
 from pathlib import Path
 
-LOAD = "import symsde, sys; print(symsde.__file__, symsde.__version__); sys.exit(symsde.__version__ != sys.argv[1])"
+SCENES = [
+    ("kubo", "midpoint"),
+    ("synchrotron", "midpoint"),
+    ("synchrotron", "gauss2"),
+    ("synchrotron", "lobatto3"),
+    ("pendulum", "gauss2_strong32"),
+    ("driven_pendulum", "chin4a"),
+    ("henon_heiles", "stormer_verlet"),
+    ("fpu_chain", "midpoint"),
+    ("noncommutative_oscillator", "midpoint_areas"),
+]
+# The version, the library that was loaded, and a digest of paths of every kind of stepper.
+TRIAL = f"""
+import hashlib, symsde
+from symsde import _cpu, _library
+digest = hashlib.sha256()
+for name, scheme in {SCENES}:
+    model = symsde.models.get(name)
+    run = symsde.simulate(model, q0=0.3, p0=0.2, step=0.05, steps=40, paths=37, scheme=scheme, seed=5, save_every=10)
+    assert not run.status.any(), (name, scheme)
+    digest.update(run.q.tobytes() + run.p.tobytes())
+print(symsde.__version__, _library.found(), digest.hexdigest(), ",".join(_cpu.levels()), sep="\\n")
+"""
+REGISTERS = {"baseline": "xmm", "v3": "ymm", "v4": "zmm"}  # the widest of each level
 
 
 def main():
@@ -36,7 +61,33 @@ def main():
     version = re.search(r"VERSION (\d+\.\d+\.\d+)", (root / "CMakeLists.txt").read_text())[1]
     environment = {**os.environ, "PYTHONPATH": str(work / "site")}
     del environment["SYMSDE_LIBRARY"]  # it must find its own
-    return subprocess.run([sys.executable, "-c", LOAD, version], env=environment, cwd=work, check=False).returncode
+    first = run_trial(environment, work)
+    print(*first, sep="\n")
+    faults = [] if first[0] == version else [f"version {first[0]}, where CMakeLists.txt has {version}"]
+    levels = first[3].split(",") if first[3] else []
+    if levels and f"-{levels[0]}/" not in first[1] and levels[0] != "baseline":
+        faults.append(f"{first[1]} is not the variant {levels[0]} of this processor")
+    for level in levels:
+        found = run_trial({**environment, "SYMSDE_CPU": level}, work)
+        if found[2] != first[2]:
+            faults.append(f"{level} computes other bits than {levels[0]}")
+        if widest(Path(found[1])) != REGISTERS[level]:
+            faults.append(f"{level}: the widest registers are {widest(Path(found[1]))}, not {REGISTERS[level]}")
+    print(*faults or ["every variant as it should be"], sep="\n")
+    return len(faults)
+
+
+def run_trial(environment: dict[str, str], work: Path) -> list[str]:
+    """Version, library, digest and levels that a process with this environment sees."""
+    command = [sys.executable, "-c", TRIAL]
+    done = subprocess.run(command, env=environment, cwd=work, check=True, capture_output=True, text=True)
+    return done.stdout.splitlines()
+
+
+def widest(library: Path) -> str:
+    """The widest vector registers that more than a few instructions use."""
+    text = subprocess.run(["objdump", "-d", library], check=True, capture_output=True, text=True).stdout
+    return next(name for name in ("zmm", "ymm", "xmm") if text.count(f"%{name}") > 1000)
 
 
 if __name__ == "__main__":

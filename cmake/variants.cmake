@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# The library once more for newer processors of x86-64, in folders of the names that glibc searches beside a library
+# which a program was linked with (glibc-hwcaps), and from which Python chooses. It is the portable build but for the
+# vector units: nothing is contracted, so that every variant computes the same bits.
+if(NOT SYMSDE_FLAGS STREQUAL "release" OR NOT CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|amd64|AMD64)$")
+   message(FATAL_ERROR "SYMSDE_VARIANTS is ON, for SYMSDE_FLAGS '${SYMSDE_FLAGS}' on ${CMAKE_SYSTEM_PROCESSOR}: "
+      "variants are those of the flags release on x86-64.")
+endif()
+set(_beside ${CMAKE_INSTALL_LIBDIR})
+if(SKBUILD)
+   set(_beside symsde)
+endif()
+get_target_property(_sources symsde SOURCES)
+foreach(_level x86-64-v3 x86-64-v4)
+   set(_target symsde-${_level})
+   add_library(${_target} SHARED ${_sources})
+   symsde_set_up(${_target} ${PROJECT_BINARY_DIR}/variants/${_level} ${PROJECT_BINARY_DIR}/glibc-hwcaps/${_level})
+   target_compile_options(${_target} PRIVATE -march=${_level})
+   set_target_properties(${_target} PROPERTIES OUTPUT_NAME symsde)
+   install(TARGETS ${_target} LIBRARY DESTINATION ${_beside}/glibc-hwcaps/${_level} NAMELINK_SKIP)
+endforeach()

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which variant of the library a processor is given. tests/install/check_wheel.py runs the variants themselves."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from symsde import _cpu
+from symsde.errors import InvalidArgumentError
+
+NEHALEM = {"cx16", "lahf_lm", "popcnt", "sse4_1", "sse4_2", "ssse3", "sse2"}
+HASWELL = NEHALEM | {"abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "xsave"}
+SKYLAKE = HASWELL | {"avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"}
+
+
+def test_the_flags_of_the_first_processor_are_read():
+    assert _cpu.flags("processor : 0\nflags\t\t: sse2 avx fma\nvmx flags : vnmi\nflags : sse2\n") == {
+        "sse2",
+        "avx",
+        "fma",
+    }
+    assert _cpu.flags("Features : fp asimd\n") == set()
+
+
+@pytest.mark.parametrize(
+    "have, levels",
+    [
+        (SKYLAKE, ["v4", "v3", "baseline"]),
+        (SKYLAKE - {"avx512vl"}, ["v3", "baseline"]),
+        (HASWELL - {"movbe"}, ["baseline"]),
+        (SKYLAKE - {"fma"}, ["baseline"]),  # a level needs those below it
+        (SKYLAKE - {"popcnt"}, ["baseline"]),
+        (set(), ["baseline"]),
+    ],
+)
+def test_levels_of_a_processor(have, levels):
+    assert _cpu.supported(have) == levels
+    assert _cpu.wanted(None, have) == levels
+
+
+def test_a_choice_is_taken_or_refused():
+    assert _cpu.wanted("v3", SKYLAKE) == ["v3"] and _cpu.wanted("baseline", set()) == ["baseline"]
+    with pytest.raises(InvalidArgumentError, match=r"SYMSDE_CPU = 'avx2': give one of baseline, v3, v4"):
+        _cpu.wanted("avx2", SKYLAKE)
+    with pytest.raises(InvalidArgumentError, match=r"lacks .*avx512f.*: give v3 or baseline"):
+        _cpu.wanted("v4", HASWELL)
+
+
+def test_folders_in_the_order_to_look_in(monkeypatch):
+    monkeypatch.setattr(_cpu.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(_cpu, "_flags_here", lambda: HASWELL)
+    monkeypatch.delenv("SYMSDE_CPU", raising=False)
+    package = Path("p")
+    assert [str(folder) for folder in _cpu.folders(package)] == ["p/glibc-hwcaps/x86-64-v3", "p"]
+    monkeypatch.setenv("SYMSDE_CPU", "baseline")
+    assert _cpu.folders(package) == [package]
+    monkeypatch.setattr(_cpu.platform, "machine", lambda: "aarch64")
+    assert _cpu.folders(package) == [package] and _cpu.levels() == []
+
+
+def test_a_variant_that_is_not_there_is_an_error():
+    """Never another one in its place: the tree's own build has no variants."""
+    environment = {key: value for key, value in os.environ.items() if key != "SYMSDE_LIBRARY"}
+    command = [sys.executable, "-c", "import symsde"]
+    done = subprocess.run(
+        command, env={**environment, "SYMSDE_CPU": "baseline"}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1 and "LibraryNotFoundError" in done.stderr and "SYMSDE_CPU" not in done.stdout
