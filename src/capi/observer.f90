@@ -71,7 +71,9 @@ contains
       call find_kept(model, options, nobservable, observer, kept, answers, refusal)
       if (.not. allocated(refusal)) then
          call view(sizes, 3_i8, to)
-         to = [size(kept%counts, kind=i8), size(kept%sums, kind=i8), answers]
+         to(1) = size(kept%counts, kind=i8)
+         to(2) = size(kept%sums, kind=i8)
+         to(3) = answers
       end if
       status = finish(refusal, error)
    end function symsde_observer_sizes
@@ -194,7 +196,7 @@ contains
       type(observer_request), allocatable, intent(out) :: requests(:)
       type(error_type), allocatable, intent(inout) :: error
       type(c_ptr), pointer :: observers(:)
-      integer :: i
+      integer :: i, extent(1)
 
       if (n < 0 .or. n > most_observers) &
          call raise(error, invalid_argument, 'symsde_compute_moments', 'nobserver = '//to_text(n)// &
@@ -202,7 +204,8 @@ contains
       if (n > 0) call require(given, 'observers', error)
       if (allocated(error)) return
       allocate (requests(n))
-      if (n > 0) call c_f_pointer(given, observers, [n])
+      extent = n
+      if (n > 0) call c_f_pointer(given, observers, extent)
       do i = 1, n
          call read_observer(observers(i), requests(i), error)
       end do
@@ -213,10 +216,11 @@ contains
       type(observed_type), intent(in) :: observed(:)
       type(c_ptr), intent(in) :: given
       type(c_ptr), pointer :: observers(:)
-      integer :: i
+      integer :: i, extent(1)
 
       if (size(observed) == 0) return
-      call c_f_pointer(given, observers, [size(observed)])
+      extent = size(observed)
+      call c_f_pointer(given, observers, extent)
       do i = 1, size(observed)
          call give_kept(observed(i), observers(i))
       end do

@@ -66,8 +66,8 @@ contains
       integer(i4), intent(out) :: status(:)                !! (npath)
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
-      real(wp), intent(in), optional :: guess_q(:, :, :)   !! default: a straight line (npath, ndof, nstep+1)
-      real(wp), intent(in), optional :: guess_p(:, :, :)   !! default: its velocity, or 0 (npath, ndof, nstep+1)
+      real(wp), intent(in), target, optional :: guess_q(:, :, :)   !! default: a straight line (npath, ndof, nstep+1)
+      real(wp), intent(in), target, optional :: guess_p(:, :, :)   !! default: its velocity, or 0 (npath, ndof, nstep+1)
       real(wp), intent(out), optional :: rcond(:)          !! 1/condition number, estimated (npath)
       class(monitor_type), intent(inout), optional :: monitor
       type(discrete_lagrangian) :: lagrangian
@@ -76,9 +76,13 @@ contains
       class(noise_type), allocatable :: noise
       real(wp), allocatable :: w(:, :, :)
       real(wp) :: lost
+      real(wp), pointer, dimension(:, :, :) :: given_q, given_p  !! the guesses, or null
       integer :: first, nreal, info
 
-      call check(model, options, q_start, q_end, q, p, status, error, guess_q, guess_p)
+      nullify (given_q, given_p)
+      if (present(guess_q)) given_q => guess_q
+      if (present(guess_p)) given_p => guess_p
+      call check(model, options, q_start, q_end, q, p, status, error, given_q, given_p)
       if (present(rcond)) then
          if (size(rcond) /= size(status)) call refuse_shape('rcond', error)
       end if
@@ -107,7 +111,7 @@ contains
       do first = 1, size(q, 1), lane_unit
          nreal = min(lane_unit, size(q, 1) - first + 1)
          call load(system, first, nreal, q_start, q_end, w)
-         call start_guess(system, model, first, nreal, guess_q, guess_p)
+         call start_guess(system, model, first, nreal, given_q, given_p)
          call solve_block(system, options%max_iter, nreal, states, int(first - 1, i8), options%npath, error, monitor)
          if (allocated(error)) exit
          call store(system, first, nreal, states, q, p, status)
@@ -259,7 +263,7 @@ contains
       type(action_system), intent(inout) :: system
       class(model_type), intent(in) :: model
       integer, intent(in) :: first, nreal
-      real(wp), intent(in), optional :: guess_q(:, :, :), guess_p(:, :, :)
+      real(wp), intent(in), pointer :: guess_q(:, :, :), guess_p(:, :, :)
       real(wp) :: before(system%ndof), now(system%ndof), v(system%ndof), p(system%ndof)
       integer :: lane, path, step, i, at
 
@@ -270,10 +274,10 @@ contains
             do step = 1, nstep
                before = now
                now = before + (system%q_end(lane, :) - system%q_start(lane, :))/nstep
-               if (present(guess_q)) now = guess_q(path, :, step + 1)
+               if (associated(guess_q)) now = guess_q(path, :, step + 1)
                v = now - before
                p = merge(v/system%h, 0.0_wp, model%traits%identity_mass)
-               if (present(guess_p)) p = guess_p(path, :, step + 1)
+               if (associated(guess_p)) p = guess_p(path, :, step + 1)
                do i = 1, system%lagrangian%nstage
                   at = system%stage_at(step, i)
                   system%x(at + 1:at + n, lane) = merge(v, 0.0_wp, system%lagrangian%part(i) == 1)
@@ -321,7 +325,7 @@ contains
       real(wp), intent(in) :: q_start(:, :), q_end(:, :), q(:, :, :), p(:, :, :)
       integer(i4), intent(in) :: status(:)
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), optional :: guess_q(:, :, :), guess_p(:, :, :)
+      real(wp), intent(in), pointer :: guess_q(:, :, :), guess_p(:, :, :)
       integer(i8) :: wanted(3)
 
       call check_options(options, error)
@@ -336,10 +340,10 @@ contains
       if (size(status, kind=i8) /= options%npath) call refuse_shape('status', error)
       call check_ends('q_start', q_start)
       call check_ends('q_end', q_end)
-      if (present(guess_q)) then
+      if (associated(guess_q)) then
          if (any(shape(guess_q, i8) /= wanted)) call refuse_shape('guess_q', error)
       end if
-      if (present(guess_p)) then
+      if (associated(guess_p)) then
          if (any(shape(guess_p, i8) /= wanted)) call refuse_shape('guess_p', error)
       end if
 

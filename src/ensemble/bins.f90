@@ -63,7 +63,7 @@ contains
    !> Count the lanes of x that count.
    pure subroutine count_lanes(self, x, counts, slots)
       class(bin_rule), intent(in) :: self
-      real(wp), intent(in) :: x(:)
+      real(wp), intent(in), contiguous :: x(:)
       logical, intent(in) :: counts(:)
       integer(i8), intent(inout) :: slots(0:)
       integer :: slot(size(x)), lane

@@ -35,7 +35,8 @@ contains
       real(wp), intent(in) :: x(2**level), y(2**level)  !! values in each lane; any number where it does not count
       logical, intent(in) :: counts(2**level)           !! whether a lane counts
       real(wp), intent(out) :: sums(:)                  !! of uv; or of uv, uuv, uvv, uuvv
-      real(wp) :: n(2**level), a(2**level, 8), left(2**level, 8), right(2**level, 8)
+      real(wp), dimension(2**level) :: n, n_left, n_right
+      real(wp), dimension(2**level, 8) :: a, left, right
       integer :: half
 
       n = merge(1.0_wp, 0.0_wp, counts)
@@ -46,9 +47,11 @@ contains
       do while (half > 0)
          left(:half, :) = a(1:2*half:2, :)
          right(:half, :) = a(2:2*half:2, :)
-         call join(2**level, half, n(1:2*half:2), n(2:2*half:2), left, right)
+         n_left(:half) = n(1:2*half:2)
+         n_right(:half) = n(2:2*half:2)
+         call join(2**level, half, n_left, n_right, left, right)
          a(:half, :) = left(:half, :)
-         n(:half) = n(1:2*half:2) + n(2:2*half:2)
+         n(:half) = n_left(:half) + n_right(:half)
          half = half/2
       end do
       sums = a(1, uv:uv + size(sums) - 1)
@@ -75,8 +78,14 @@ contains
       do j = 1, nvalue
          do i = 1, j
             k = pair_place(i, j)
-            left(i, :vv) = [mean_a(i), mean_a(j), own_a(i), own_a(j)]
-            right(i, :vv) = [mean_b(i), mean_b(j), own_b(i), own_b(j)]
+            left(i, mean_u) = mean_a(i)
+            left(i, mean_v) = mean_a(j)
+            left(i, uu) = own_a(i)
+            left(i, vv) = own_a(j)
+            right(i, mean_u) = mean_b(i)
+            right(i, mean_v) = mean_b(j)
+            right(i, uu) = own_b(i)
+            right(i, vv) = own_b(j)
             left(i, uv:uv + order - 1) = pairs_a(:, k)
             right(i, uv:uv + order - 1) = pairs_b(:, k)
          end do
@@ -87,7 +96,7 @@ contains
       end do
    end subroutine merge_pairs
 
-   !> VEC Of n pairs of siblings the left becomes both.
+   !> Of n pairs of siblings the left becomes both.
    pure subroutine join(room, n, n_left, n_right, left, right)
       integer, intent(in) :: room, n
       real(wp), intent(in) :: n_left(n), n_right(n)

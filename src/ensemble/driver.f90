@@ -96,7 +96,9 @@ contains
 
       call new_ensemble(ensemble, model, scheme, options, q0, p0, observer, error, dw)
       if (allocated(error)) return
-      call new_initial_state(from, q0, p0, q0_low, p0_low)
+      call new_initial_state(from, q0, p0)
+      if (present(q0_low)) from%q_low => q0_low
+      if (present(p0_low)) from%p_low => p0_low
       call ensemble%drive(from, observer, monitor, error)
       report = ensemble%report
    end subroutine run_ensemble

@@ -24,16 +24,13 @@ module symsde_ensemble_initial_state
 
 contains
 
-   !> Point to the caller's arrays, which must be targets there.
-   subroutine new_initial_state(self, q, p, q_low, p_low)
+   !> Point to the caller's arrays, which must be targets there. Low parts are set by who has them.
+   subroutine new_initial_state(self, q, p)
       type(initial_state), intent(out) :: self
-      real(wp), intent(in), target :: q(:, :), p(:, :)                     !! (npath or 1, ndof)
-      real(wp), intent(in), target, optional :: q_low(:, :), p_low(:, :)   !! (npath or 1, ndof)
+      real(wp), intent(in), target :: q(:, :), p(:, :)   !! (npath or 1, ndof)
 
       self%q => q
       self%p => p
-      if (present(q_low)) self%q_low => q_low
-      if (present(p_low)) self%p_low => p_low
    end subroutine new_initial_state
 
    !> The initial state of a block; lanes past its last path repeat it.

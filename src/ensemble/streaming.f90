@@ -327,7 +327,9 @@ contains
             table%m2(:, i) = sums(at + 2 + n:at + 1 + 2*n)
          else
             table%pairs(:, i) = sums(at + 2 + n:at + 1 + n + npair)
-            table%m2(:, i) = [(table%pairs(self%kept*(pair_place(j, j) - 1) + 1, i), j=1, n)]
+            do j = 1, n
+               table%m2(j, i) = table%pairs(self%kept*(pair_place(j, j) - 1) + 1, i)
+            end do
          end if
       end do
    end subroutine to_table

@@ -2,12 +2,14 @@
 !> Outputs of a user's functions: room for those that nobody wants, and NaN in those of a function that failed.
 module symsde_model_outputs
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
    use symsde_base_kinds, only: wp
    implicit none
    private
    public :: little, find_room, keep, spoil
 
-   integer, parameter :: little = 512  !! numbers on the stack; more are allocated
+   integer, parameter :: line = 8              !! numbers of a line of the cache, where columns begin
+   integer, parameter :: little = 512 + line   !! numbers on the stack, with what is left out before the first line
 
 contains
 
@@ -17,13 +19,17 @@ contains
       real(wp), intent(in), target :: few(little)
       real(wp), allocatable, intent(inout), target :: more(:)
       real(wp), pointer, contiguous, intent(out) :: room(:)
+      integer(c_intptr_t) :: before
       integer :: info
 
-      room => few
-      if (n <= little) return
+      if (n <= little - line) then
+         before = modulo(-transfer(c_loc(few), before), int(8*line, c_intptr_t))/8
+         room => few(before + 1:)
+         return
+      end if
+      nullify (room)
       allocate (more(n), stat=info)
-      room => more
-      if (info /= 0) nullify (room)
+      if (info == 0) room => more
    end subroutine find_room
 
    !> An output where it is wanted.

@@ -195,7 +195,7 @@ contains
          d = (x(lane) + s*f(lane))/(1 + g*df(lane))
          new = merge(x(lane) - d, x(lane), last(lane) >= 0)
          x(lane) = new
-         new = verdict_of(rule, abs(d), abs(new), last(lane))
+         new = verdict(rule, abs(d), abs(new), last(lane))
          last(lane) = new
          stopped = stopped + stops(new)
          bad = ior(bad, failure(new))
@@ -259,7 +259,7 @@ contains
       stopped = 0
       bad = 0
       do lane = 1, nlane
-         next = verdict_of(rule, step(lane), size(lane), last(lane))
+         next = verdict(rule, step(lane), size(lane), last(lane))
          last(lane) = next
          stopped = stopped + stops(next)
          bad = ior(bad, failure(next))
@@ -270,7 +270,7 @@ contains
 
    !> The stopping test of one lane: the size of the correction, or done, or failed.
    !> One bound is put together and compared with, because comparisons are what this costs.
-   pure function verdict_of(test, d, size, last) result(next)
+   pure function verdict(test, d, size, last) result(next)
       type(stopping_test), intent(in) :: test
       real(wp), intent(in) :: d, size, last
       real(wp) :: next, bound
@@ -281,6 +281,14 @@ contains
       next = merge(done, d, d <= bound)
       next = merge(next, failed, d + size <= huge(d))
       next = merge(next, last, last >= 0)
+   end function verdict
+
+   !> The same for other modules: what they see is not inlined in the loops above.
+   pure real(wp) function verdict_of(test, d, size, last)
+      type(stopping_test), intent(in) :: test
+      real(wp), intent(in) :: d, size, last
+
+      verdict_of = verdict(test, d, size, last)
    end function verdict_of
 
    !> 1 where the verdict is done or failed, else 0: its sign bit, without a comparison.

@@ -140,7 +140,7 @@ contains
 
       running = 0
       do lane = 1, nlane
-         next = sweep_verdict(sweep, too_slow, too_stiff, change(lane), extent(lane), last(lane))
+         next = verdict(sweep, too_slow, too_stiff, change(lane), extent(lane), last(lane))
          last(lane) = merge(next, last(lane), last(lane) >= 0)
          running = running + merge(1_i8, 0_i8, last(lane) >= 0)
       end do
@@ -148,7 +148,7 @@ contains
    end subroutine judge_sweep
 
    !> What becomes of a lane that was running: the size of its last change, or done, or left, or given up.
-   pure real(wp) function sweep_verdict(sweep, too_slow, too_stiff, d, extent, last) result(next)
+   pure real(wp) function verdict(sweep, too_slow, too_stiff, d, extent, last) result(next)
       integer, intent(in) :: sweep
       real(wp), intent(in) :: too_slow, too_stiff
       real(wp), intent(in) :: d, extent   !! largest change and slope of this sweep
@@ -167,6 +167,14 @@ contains
          next = merge(done, next, ends)
       end if
       next = merge(next, given_up, d <= huge(d))
+   end function verdict
+
+   !> The same for other modules: what they see is not inlined in the loop above.
+   pure real(wp) function sweep_verdict(sweep, too_slow, too_stiff, d, extent, last)
+      integer, intent(in) :: sweep
+      real(wp), intent(in) :: too_slow, too_stiff, d, extent, last
+
+      sweep_verdict = verdict(sweep, too_slow, too_stiff, d, extent, last)
    end function sweep_verdict
 
 end module symsde_step_stage_iteration

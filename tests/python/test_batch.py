@@ -327,7 +327,8 @@ def test_a_signal_ends_the_run_cleanly(number, tmp_path):
 def test_a_long_piece_of_moments_gives_back_what_it_has(tmp_path, monkeypatch, capsys):
     """One shard alone, stopped in its midst: moments until the times that its paths have reached; gone at the end."""
     (tmp_path / "scene.toml").write_text(
-        '[model]\nname = "kubo"\n[run]\nstep = 0.02\nsteps = 400000\nsave_every = 4000\npaths = 8\nq0 = 1.0\np0 = 0.0\n'
+        '[model]\nname = "kubo"\n[run]\nstep = 0.02\nsteps = 40000000\nsave_every = 400000\n'
+        "paths = 8\nq0 = 1.0\np0 = 0.0\n"
     )
     file = tmp_path / "scene.toml"
     out = tmp_path / "out"

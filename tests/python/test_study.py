@@ -255,7 +255,8 @@ def test_what_a_scene_left_out(scene):
             assert found.counts[name] == expected, name
     assert found.counts["hessian_vectors"] == 0
     assert found.counts["gradients"] == found.counts["hessians"] or found.counts["hessians"] == 0
-    assert found.counts["iterations"] == found.counts["solves"] < 7
+    assert found.counts["iterations"] < 7
+    assert found.counts["solves"] == (0 if "henon" in scene else found.counts["iterations"])  # mild: no matrix
     # q, p, energy: t, n_ok, mean, variance, error at two times
     values = 2 * (2 + 3 * (2 * (64 if "chain" in scene else 2 if "henon" in scene else 1) + 1))
     assert found.bytes_kept == 8 * values
