@@ -94,7 +94,11 @@ contains
       type(ensemble_type), target :: ensemble
       type(initial_state) :: from
 
-      call new_ensemble(ensemble, model, scheme, options, q0, p0, observer, error, dw)
+      if (present(dw)) then  ! an absent array is not handed on: gfortran 12 reads the bounds that it has not
+         call new_ensemble(ensemble, model, scheme, options, q0, p0, observer, error, dw)
+      else
+         call new_ensemble(ensemble, model, scheme, options, q0, p0, observer, error)
+      end if
       if (allocated(error)) return
       call new_initial_state(from, q0, p0)
       if (present(q0_low)) from%q_low => q0_low
@@ -125,8 +129,12 @@ contains
       if (.not. allocated(error)) call plan_run(self, observer, error)
       if (.not. (allocated(error) .or. is_built_in(model))) &
          call probe_model(model, options%t0, q0(1, :), p0(1, :), error)
-      if (.not. allocated(error)) &
+      if (allocated(error)) return
+      if (present(dw)) then
          call new_noise(self%noise, model, options, self%report%lost_variance, error, dw, scheme)
+      else
+         call new_noise(self%noise, model, options, self%report%lost_variance, error, scheme=scheme)
+      end if
       if (.not. allocated(error)) call new_runners(self, error)
       if (.not. (allocated(error) .or. is_built_in(model))) &
          call probe_flow(self%runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), error)
