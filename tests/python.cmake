@@ -3,12 +3,12 @@
 find_program(SYMSDE_PYTHON NAMES python3 python HINTS ${PROJECT_SOURCE_DIR}/.venv/bin
    DOC "Python (3.11 or later) that runs the tests of the package and of the tree" REQUIRED)
 
-# add_python_test(name label argument...): run Python with the built library, leaving no files in the tree.
+# add_python_test(name labels argument...): run Python with the built library, leaving no files in the tree.
 # A tool that is not installed makes the test skipped (77), not passed.
 function(add_python_test name label)
    add_test(NAME ${name} COMMAND ${SYMSDE_PYTHON} ${ARGN})
    set_tests_properties(${name} PROPERTIES
-      LABELS ${label}
+      LABELS "${label}"
       TIMEOUT 1800
       SKIP_RETURN_CODE 77
       ENVIRONMENT "SYMSDE_LIBRARY=$<TARGET_FILE:symsde>;SYMSDE_CACHE=${PROJECT_BINARY_DIR}/formulas;PYTHONDONTWRITEBYTECODE=1;MPLBACKEND=Agg"
