@@ -23,7 +23,7 @@ module symsde_model_real_lanes
    type, extends(model_type) :: real_lanes_model
       private
       class(model_type), pointer :: model => null()
-      integer, public :: nreal = 0                        !! lanes past it are padding
+      integer, public :: nreal = 0                            !! lanes past it are padding
       type(buffer_type), pointer :: buffer(:) => null()       !! (narray); behind a pointer, for a model is intent(in)
    contains
       procedure :: gradient
@@ -49,6 +49,7 @@ contains
       self%traits = model%traits
       self%name = model%name
       self%model => model
+      self%nreal = huge(0)  ! until a block says how many: what is asked at set-up has no padding
       allocate (self%buffer(narray))
    end subroutine new_real_lanes
 

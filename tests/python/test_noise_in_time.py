@@ -213,3 +213,14 @@ def test_weak_order_where_a_noise_does_not_commute_with_itself(a: float, b: floa
 def test_order_holds_for_several_degrees_of_freedom():
     """Momenta are eliminated only where the bracket is known beforehand."""
     assert slope(driven("kick", ndof=2), "gauss2_strong32", range(3, 6), finest=9) > 1.7
+
+
+@pytest.mark.parametrize("scheme", ["verlet_dz", "averaged_shift_midpoint", "gauss2_strong32"])
+def test_one_path_knows_that_noise_changes_in_time(scheme: str):
+    """Functions that take any lanes are asked of one lane alone; what is asked at set-up must be of lanes, too."""
+    model = ss.model_from_sympy("p**2/2 - cos(q)", ["-(1 + 0.8*sin(4*t))*q"], q="q", p="p")
+    few, many = (
+        ss.simulate(model, q0=0.4, p0=0.7, step=0.1, steps=20, scheme=scheme, paths=n, seed=5) for n in (1, 512)
+    )
+    assert (few.q[..., 0] == many.q[..., 0]).all()
+    assert (few.p[..., 0] == many.p[..., 0]).all()
