@@ -35,7 +35,7 @@ contains
       allocate (self%pivot(n), source=0)
       do j = 1, n
          column = sum(abs(band(kl + 1:, j)))
-         self%norm = max(self%norm, column) + 0*column  ! max may pass over NaN
+         self%norm = max(self%norm, column) + 0*(self%norm + column)  ! max may pass over NaN
       end do
    end subroutine new_banded_factors
 
@@ -60,7 +60,7 @@ contains
             reach = max(reach, min(j + self%ku + at, self%n))
             if (at > 0) call exchange_rows(self, j, at, band)
             band(middle + 1:middle + below, j) = band(middle + 1:middle + below, j)/band(middle, j)
-            do k = j + 1, reach
+            do k = j + 1, merge(reach, j, below > 0)
                row = middle + j - k
                if (abs(band(row, k)) > 0) &
                   call subtract(below, band(row, k), band(middle + 1, j), band(row + 1, k))

@@ -177,7 +177,7 @@ contains
       largest = 0
       do i = 1, n
          do lane = 1, nlane
-            largest(lane) = max(largest(lane), abs(a(lane, i))) + 0*a(lane, i)
+            largest(lane) = max(largest(lane), abs(a(lane, i))) + 0*(largest(lane) + a(lane, i))
          end do
       end do
    end subroutine largest_of
