@@ -2,12 +2,12 @@
 !> The midpoint rule for a path by itself, where H = p.p/2 + U(q) with noise in position.
 !>
 !> One degree of freedom by Newton's iteration, the first and the exact one of solve/stagnation; several by the
-!> fixed-point iteration of step/midpoint_iteration. What is stiff or takes long is left to step/midpoint.
+!> fixed-point iteration of step/midpoint_by_matrix. What is stiff or takes long is left to step/midpoint.
 module symsde_step_lone_midpoint
    use symsde_base_kinds, only: wp
    use symsde_solve_stagnation, only: ends_exact
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_stage_iteration, only: sweep_verdict, stiff_rate, done
+   use symsde_step_stage_iteration, only: sweep_verdict, most_sweeps, stiff_rate, done
    implicit none
    private
    public :: lone_midpoint
@@ -105,7 +105,7 @@ contains
             base(i) = q(i) + 0.5_wp*(h*p(i))
             x(i) = base(i)
          end do
-         do while (last >= 0)
+         do while (last >= 0 .and. sweep < most_sweeps)
             sweep = sweep + 1
             if (sweep > 1) then
                !GCC$ novector  ! few numbers

@@ -6,7 +6,7 @@ module symsde_step_lone_stages
    use symsde_base_kinds, only: wp
    use symsde_step_lone, only: lone_stepper
    use symsde_step_slopes, only: add_slopes
-   use symsde_step_stage_iteration, only: sweep_verdict, stiff_rate, done
+   use symsde_step_stage_iteration, only: sweep_verdict, most_sweeps, stiff_rate, done
    use symsde_step_stage_plan, only: stage_plan, stage_group
    implicit none
    private
@@ -66,7 +66,7 @@ contains
 
       last = 0
       sweep = 0
-      do while (last >= 0)
+      do while (last >= 0 .and. sweep < most_sweeps)
          sweep = sweep + 1
          change = 0
          extent = 0
