@@ -77,9 +77,11 @@ contains
       real(wp), allocatable :: w(:, :, :)
       real(wp) :: lost
       real(wp), pointer, dimension(:, :, :) :: given_q, given_p  !! the guesses, or null
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
       integer :: first, nreal, info
 
-      nullify (given_q, given_p)
+      nullify (given, given_q, given_p)
+      if (present(dw)) given => dw
       if (present(guess_q)) given_q => guess_q
       if (present(guess_p)) given_p => guess_p
       call check(model, options, q_start, q_end, q, p, status, error, given_q, given_p)
@@ -94,7 +96,7 @@ contains
       end if
       call judge_memory(model, scheme, options, error)
       call new_discrete_lagrangian(lagrangian, model, scheme, options, lane_unit, error)
-      if (.not. allocated(error)) call new_noise(noise, model, options, lost, error, dw, scheme)
+      if (.not. allocated(error)) call new_noise(noise, model, options, lost, error, given, scheme)
       if (allocated(error)) return
       call new_action_system(system, lagrangian, int(options%nstep), &
                              options%t0 + real(options%first_step, wp)*options%step, options%step, error)

@@ -74,16 +74,19 @@ contains
       type(oscillator) :: system
       type(exact_block) :: work
       type(run_options) :: fine
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
       real(wp) :: lost
       integer(i8) :: n, done
 
       if (allocated(error)) return
+      nullify (given)
+      if (present(dw)) given => dw
       call check_options(options, error)
       if (.not. allocated(error)) call recognise(model, system, error)
       if (.not. allocated(error)) call check_shapes(options, q0, p0, q, p, error)
       if (allocated(error)) return
       fine = finest(options)
-      call new_noise(noise, model, fine, lost, error, dw)
+      call new_noise(noise, model, fine, lost, error, given)
       if (present(scheme)) call ask_for(scheme, model, noise, error)
       if (allocated(error)) return
       call new_block(work, noise, model%traits%nnoise, fine)

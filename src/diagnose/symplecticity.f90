@@ -55,19 +55,23 @@ contains
       real(wp), intent(out) :: defect(:)             !! (npoint)
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), optional :: spacing      !! of the differences, default 1/32
-      real(wp), intent(in), optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
-      real(wp), intent(in), optional :: areas(:, :)  !! areas of the step, default 0 (npoint, nnoise(nnoise-1)/2)
+      real(wp), intent(in), target, optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
+      real(wp), intent(in), target, optional :: areas(:, :)  !! of the step, default 0 (npoint, nnoise(nnoise-1)/2)
       class(monitor_type), intent(inout), optional :: monitor
+      real(wp), pointer :: z(:, :), area(:, :)  !! dz and areas, or null: absent arrays are not handed on
       real(wp), allocatable :: d(:, :, :)
       integer :: i
 
       if (allocated(error)) return
+      nullify (z, area)
+      if (present(dz)) z => dz
+      if (present(areas)) area => areas
       if (size(defect) /= size(q, 1)) then
          call raise(error, wrong_shape, 'symplecticity_defect', 'defect has room for '// &
                     to_text(size(defect))//' points; '//to_text(size(q, 1))//' states were given')
          return
       end if
-      call differentiate(model, scheme, options, q, p, dw, d, error, spacing, dz, areas, monitor)
+      call differentiate(model, scheme, options, q, p, dw, d, error, spacing, z, area, monitor)
       if (allocated(error)) return
       do i = 1, size(defect)
          defect(i) = defect_of(model%traits%ndof, d(:, :, i))
@@ -85,12 +89,16 @@ contains
       real(wp), intent(out) :: m(:, :, :)            !! (npoint, 2 ndof, 2 ndof)
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), optional :: spacing      !! of the differences, default 1/32
-      real(wp), intent(in), optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
-      real(wp), intent(in), optional :: areas(:, :)  !! areas of the step, default 0 (npoint, nnoise(nnoise-1)/2)
+      real(wp), intent(in), target, optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
+      real(wp), intent(in), target, optional :: areas(:, :)  !! of the step, default 0 (npoint, nnoise(nnoise-1)/2)
+      real(wp), pointer :: z(:, :), area(:, :)  !! dz and areas, or null: absent arrays are not handed on
       real(wp), allocatable :: d(:, :, :)
       integer :: i, j, n
 
       if (allocated(error)) return
+      nullify (z, area)
+      if (present(dz)) z => dz
+      if (present(areas)) area => areas
       n = 2*model%traits%ndof
       if (size(m, 1) /= size(q, 1) .or. size(m, 2) /= n .or. size(m, 3) /= n) then
          call raise(error, wrong_shape, 'tangent_map', 'the tangent map is ('// &
@@ -98,7 +106,7 @@ contains
                     '); it must be ('//to_text(size(q, 1))//','//to_text(n)//','//to_text(n)//')')
          return
       end if
-      call differentiate(model, scheme, options, q, p, dw, d, error, spacing, dz, areas)
+      call differentiate(model, scheme, options, q, p, dw, d, error, spacing, z, area)
       if (allocated(error)) return
       do j = 1, n
          do i = 1, n

@@ -93,12 +93,11 @@ contains
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)       !! low parts, to resume
       type(ensemble_type), target :: ensemble
       type(initial_state) :: from
+      real(wp), pointer, contiguous :: given(:, :, :)
 
-      if (present(dw)) then  ! an absent array is not handed on: gfortran 12 reads the bounds that it has not
-         call new_ensemble(ensemble, model, scheme, options, q0, p0, observer, error, dw)
-      else
-         call new_ensemble(ensemble, model, scheme, options, q0, p0, observer, error)
-      end if
+      nullify (given)  ! an absent array is not handed on: gfortran 12 reads the bounds that it has not
+      if (present(dw)) given => dw
+      call new_ensemble(ensemble, model, scheme, options, q0, p0, observer, error, given)
       if (allocated(error)) return
       call new_initial_state(from, q0, p0)
       if (present(q0_low)) from%q_low => q0_low
@@ -117,6 +116,7 @@ contains
       class(observer_type), intent(in) :: observer    !! like those that will look on
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      real(wp), pointer, contiguous :: given(:, :, :)
       real(wp) :: start
 
       start = seconds()
@@ -130,11 +130,9 @@ contains
       if (.not. (allocated(error) .or. is_built_in(model))) &
          call probe_model(model, options%t0, q0(1, :), p0(1, :), error)
       if (allocated(error)) return
-      if (present(dw)) then
-         call new_noise(self%noise, model, options, self%report%lost_variance, error, dw, scheme)
-      else
-         call new_noise(self%noise, model, options, self%report%lost_variance, error, scheme=scheme)
-      end if
+      nullify (given)
+      if (present(dw)) given => dw
+      call new_noise(self%noise, model, options, self%report%lost_variance, error, given, scheme)
       if (.not. allocated(error)) call new_runners(self, error)
       if (.not. (allocated(error) .or. is_built_in(model))) &
          call probe_flow(self%runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), error)

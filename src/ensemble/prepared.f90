@@ -141,9 +141,12 @@ contains
       integer(i8), intent(in), optional :: save_every                    !! default 1
       type(path_recorder) :: recorder
       type(run_options) :: options
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
       integer(i8) :: every
 
       if (allocated(error)) return
+      nullify (given)
+      if (present(dw)) given => dw
       every = max(1_i8, nstep)
       if (present(saved)) then
          every = 1
@@ -159,7 +162,7 @@ contains
          recorder%q => saved%q
          recorder%p => saved%p
       end if
-      call self%record(nstep, every, recorder, error, dw, monitor)
+      call self%record(nstep, every, recorder, error, given, monitor)
       if (.not. allocated(error)) call show_state(self, saved)
    end subroutine advance
 
@@ -171,8 +174,11 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       type(paths_type), intent(inout), target, optional :: saved
       type(path_recorder) :: recorder
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
 
       if (allocated(error)) return
+      nullify (given)
+      if (present(dw)) given => dw
       if (present(saved)) then
          associate (o => self%ensemble%options)
             if (size(saved%q, 3, i8) /= o%nstep/o%save_every + 1) then
@@ -185,7 +191,7 @@ contains
          recorder%q => saved%q
          recorder%p => saved%p
       end if
-      call self%record_rest(recorder, error, dw, monitor)
+      call self%record_rest(recorder, error, given, monitor)
       if (.not. allocated(error)) call show_state(self, saved)
    end subroutine resume
 
@@ -197,7 +203,10 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(monitor_type), intent(inout), optional :: monitor
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
 
+      nullify (given)
+      if (present(dw)) given => dw
       call self%enter('advance', error)
       if (allocated(error)) return
       if (self%was_stopped) then
@@ -207,7 +216,7 @@ contains
          self%ensemble%options%first_step = self%goal
          self%ensemble%options%nstep = nstep
          self%ensemble%options%save_every = save_every
-         call self%go(recorder, error, dw, monitor)
+         call self%go(recorder, error, given, monitor)
       end if
       call self%leave()
    end subroutine record
@@ -219,11 +228,14 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(monitor_type), intent(inout), optional :: monitor
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
 
+      nullify (given)
+      if (present(dw)) given => dw
       call self%enter('resume', error)
       if (allocated(error)) return
       if (self%was_stopped) then
-         call self%go(recorder, error, dw, monitor)
+         call self%go(recorder, error, given, monitor)
       else
          call raise(error, incompatible, 'resume', 'the last call was not stopped: there is nothing to resume')
       end if
@@ -235,7 +247,7 @@ contains
       class(prepared_run), intent(inout), target :: self
       type(path_recorder), intent(inout) :: recorder
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      real(wp), pointer, contiguous, intent(in) :: dw(:, :, :)  !! null: the noise of the run
       class(monitor_type), intent(inout), optional :: monitor
       type(initial_state) :: from
       type(monitor_type) :: no_monitor

@@ -61,12 +61,18 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(monitor_type), intent(inout), optional :: monitor
-      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
       type(path_recorder) :: recorder
       real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer :: q_low(:, :), p_low(:, :)
       type(monitor_type) :: no_monitor
 
       if (allocated(error)) return
+      nullify (given, q_low, p_low)
+      if (present(dw)) given => dw
+      if (present(q0_low)) q_low => q0_low
+      if (present(p0_low)) p_low => p0_low
       call check_options(options, error)
       if (allocated(error)) return
       call new_paths(run, options, model%traits%ndof, error)
@@ -85,10 +91,10 @@ contains
       if (allocated(error)) return
       if (present(monitor)) then
          call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, monitor, &
-                           run%report, error, dw, q0_low, p0_low)
+                           run%report, error, given, q_low, p_low)
       else
          call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, no_monitor, &
-                           run%report, error, dw, q0_low, p0_low)
+                           run%report, error, given, q_low, p_low)
       end if
    end subroutine simulate
 
@@ -104,7 +110,7 @@ contains
       class(observables_type), intent(in), target, optional :: observables
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
       class(monitor_type), intent(inout), optional :: monitor
-      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
       type(observer_request), intent(in), optional :: observers(:)
       type(moment_store), allocatable, target :: store
       type(observer_plan), target :: plan
@@ -112,9 +118,15 @@ contains
       type(moment_node) :: root
       type(run_options) :: shown
       real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer :: q_low(:, :), p_low(:, :)
       type(monitor_type) :: no_monitor
 
       if (allocated(error)) return
+      nullify (given, q_low, p_low)
+      if (present(dw)) given => dw
+      if (present(q0_low)) q_low => q0_low
+      if (present(p0_low)) p_low => p0_low
       call check_options(options, error)
       if (.not. allocated(error)) call check_shard(options, error)
       if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
@@ -131,10 +143,10 @@ contains
       if (allocated(error)) return
       if (present(monitor)) then
          call run_ensemble(model, scheme, shown, q_rows, p_rows, collector, monitor, &
-                           result%report, error, dw, q0_low, p0_low)
+                           result%report, error, given, q_low, p_low)
       else
          call run_ensemble(model, scheme, shown, q_rows, p_rows, collector, no_monitor, &
-                           result%report, error, dw, q0_low, p0_low)
+                           result%report, error, given, q_low, p_low)
       end if
       if (allocated(error)) return
       call plan%deliver(result%observed)
