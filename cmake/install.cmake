@@ -11,7 +11,8 @@ endif()
 set(_package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/symsde)
 install(TARGETS symsde EXPORT symsde-targets)
 install(EXPORT symsde-targets NAMESPACE symsde:: DESTINATION ${_package_dir})
-install(FILES include/symsde.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(FILES include/symsde.h include/symsde.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(FILES include/symsde/models.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/symsde)
 install(DIRECTORY ${SYMSDE_MODULE_DIR}/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/${SYMSDE_MODULE_SUBDIR})
 
 configure_package_config_file(cmake/symsde-config.cmake.in symsde-config.cmake

@@ -20,7 +20,8 @@ LOWER["capi"] = LOWER["diagnose"] | {"diagnose"}
 
 MAX_FILE, MAX_PROCEDURE, MAX_COLUMNS = 500, 100, 120
 SOURCES = ("src/**/*.f90", "tests/**/*.pf", "tests/**/*.f90", "examples/**/*.f90", "bench/**/*.f90",
-           "include/*.h", "tests/**/*.c", "examples/**/*.c", "bench/**/*.c",
+           "include/**/*.h", "include/**/*.hpp", "tests/**/*.cpp", "examples/**/*.cpp",
+           "tests/**/*.c", "examples/**/*.c", "bench/**/*.c",
            "python/**/*.py", "tests/**/*.py", "examples/**/*.py", "bench/**/*.py")  # fmt: skip
 
 # In src: what, and a pattern of it in code without comments and text.

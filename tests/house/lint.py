@@ -32,7 +32,7 @@ def command(tool, root):
         return ["ruff", "check", "--no-cache"], files(root, PYTHON, ".py")
     if tool == "ruff-format":
         return ["ruff", "format", "--no-cache", "--diff"], files(root, PYTHON, ".py")
-    return ["clang-format", "--dry-run", "-Werror"], files(root, C, ".c", ".h")
+    return ["clang-format", "--dry-run", "-Werror"], files(root, C, ".c", ".h", ".cpp", ".hpp")
 
 
 def main():

@@ -17,6 +17,9 @@ run(${CMAKE_COMMAND} -S ${CONSUMER} -B ${WORK}/build -D CMAKE_PREFIX_PATH=${WORK
 run(${CMAKE_COMMAND} --build ${WORK}/build)
 run(${WORK}/build/consumer_fortran)
 run(${WORK}/build/consumer_c)
+if(CXX)
+   run(${WORK}/build/consumer_cpp)
+endif()
 
 # embedded, in a Debug build: the library's own strictness is not its users'
 run(${CMAKE_COMMAND} -S ${CONSUMER}/../embedding -B ${WORK}/embedding -D CMAKE_BUILD_TYPE=Debug
@@ -36,3 +39,7 @@ run(${FORTRAN} ${CONSUMER}/consumer.f90 -o ${WORK}/pkg_fortran ${flags})
 run(${CC} ${CONSUMER}/consumer.c -o ${WORK}/pkg_c ${flags})
 run(${WORK}/pkg_fortran)
 run(${WORK}/pkg_c)
+if(CXX)
+   run(${CXX} -std=c++17 ${CONSUMER}/consumer.cpp -o ${WORK}/pkg_cpp ${flags})
+   run(${WORK}/pkg_cpp)
+endif()

@@ -5,8 +5,8 @@ run.py BUILD [--check | --sample] [--only WORD] [--part K/N] [--named] [--jobs N
 
 A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it.
 The mutated file alone is compiled, with the command of the build; linked with the build's other objects it makes a
-library of its own, which the test programs are given in place of theirs. Faults of the Python package are planted
-in a copy of it. Neither the tree nor the build is touched.
+library of its own, which the test programs are given in place of theirs. Faults of the Python package, or of
+headers, are planted in a copy of them. Neither the tree nor the build is touched.
 
     --check       only look whether every entry still fits the sources
     --sample      the entries with sample = true
@@ -228,6 +228,10 @@ def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
         shutil.copytree(ROOT / "python", scratch / "python", ignore=shutil.ignore_patterns("__pycache__"))
         (scratch / mutant.file).write_text(text)
         return {"PYTHONPATH": str(scratch / "python")}
+    if mutant.file.startswith("include/"):
+        shutil.copytree(ROOT / "include", scratch / "include")
+        (scratch / mutant.file).write_text(text)
+        return {"SYMSDE_INCLUDE": str(scratch / "include")}
     library = build.make_library(mutant, text, scratch)
     # the programs find it loaded under its own name; Python loads it by its path
     return {"LD_PRELOAD": str(library), "SYMSDE_LIBRARY": str(library), "PYTHONPATH": str(ROOT / "python")}
