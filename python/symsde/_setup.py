@@ -78,7 +78,7 @@ class Setup:
             "scheme": self.scheme.name,
             "options": json.dumps(chosen),
             "increments": "Brownian" if self.increments is None else "prescribed",
-            **{f"symsde_{key.replace(' ', '_')}": value for key, value in build_info().items()},
+            **({"hamiltonians": json.dumps(self.model.formula.hamiltonians)} if hasattr(self.model, "formula") else {}),
         }
 
 

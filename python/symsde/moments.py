@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import csv
 import ctypes
+import dataclasses
 import functools
+import json
 import os
 import re
 from collections.abc import Callable, Iterable
@@ -14,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from . import _abi, _callbacks, _checks, _files, _handles
+from . import _abi, _callbacks, _checks, _files, _handles, provenance
 from ._checks import address
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
@@ -154,12 +156,17 @@ class Moments(Reported):
             variables |= result.variables(name)
         return variables
 
+    def attributes(self) -> dict[str, str]:
+        """What made the moments, as text for files, with what was observed."""
+        wanted = {name: {"kind": x.KIND, **dataclasses.asdict(x)} for name, x in self.observers.items()}
+        return {**super().attributes(), **({"observers": json.dumps(wanted)} if wanted else {})}
+
     def to_xarray(self):
         """An xarray.Dataset with dims time and dof."""
         return _files.dataset(self._variables(), {"time": (("time",), self.t)}, self.attributes())
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write a .csv table, or a .nc (needs xarray and netCDF4) or .npz file."""
+        """Write a .csv table below lines of # that tell what made it, or a .nc (xarray and netCDF4) or .npz file."""
         target = _files.path_of("path", path)
         if target.suffix == ".csv":
             _files.replace(target, self._write_csv)
@@ -170,7 +177,8 @@ class Moments(Reported):
     def _write_csv(self, path: Path) -> None:
         header = [f"{kind} {name}" for kind in self._tables for name in self.columns()]
         rows = np.column_stack(list(self._tables.values())).tolist()
-        with path.open("w", newline="") as file:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            file.writelines(provenance.comments(self.attributes()))
             table = csv.writer(file)
             table.writerow(["t", "n_ok", *header])
             table.writerows([t, n, *row] for t, n, row in zip(self.t.tolist(), self.n_ok.tolist(), rows, strict=True))
@@ -235,8 +243,8 @@ def _check_name(name: object) -> None:
             f"observable {name!r}: this name is taken, files would hold two of it (q, p, energy, q_1, p_1, ...): "
             f"give another one, such as {'my_' + name!r}"
         )
-    if not name.isprintable() or "/" in name or name != name.strip() or not name:
+    if not name.isprintable() or set("/#") & set(name) or name != name.strip() or not name:
         raise InvalidArgumentError(
-            f"observable {name!r}: this cannot be a name in a file: give printable characters, without '/' and "
+            f"observable {name!r}: this cannot be a name in a file: give printable characters, without '/' and '#' and "
             "without spaces around them"
         )

@@ -3,15 +3,11 @@
 
 from __future__ import annotations
 
-import datetime
 import functools
-import os
-import shlex
-import sys
 import warnings
 from dataclasses import dataclass
 
-from . import _abi, _handles
+from . import _abi, _handles, provenance
 from ._setup import Setup, build_info
 from .errors import PathsFailedWarning
 
@@ -57,6 +53,7 @@ class Reported:
     """A result with a report, which is put together when it is looked at: that takes as long as some runs."""
 
     setup: Setup
+    scene: str = ""  #: text of the scene that asked for it, if one did
     _reported: _abi.Report
 
     def _take_report(self, given: _abi.Report) -> None:
@@ -72,18 +69,19 @@ class Reported:
 
     def attributes(self) -> dict[str, str]:
         """What made the result, as text for files: its setup, and which paths came of it, when, by which command."""
-        report, made = self.report, datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-        command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]]) if sys.argv else ""
-        paths = self.setup.paths
+        report, paths, made = self.report, self.setup.paths, provenance.made()
         return {
-            **self.setup.attributes(),
-            "Conventions": "CF-1.11",
             "title": f"{self.setup.model.name} by {self.setup.scheme.name}",
-            "source": f"symsde {report.versions.get('version', '?')}",
-            "history": f"{made} {command}".strip(),
-            "seed": str(self.setup.options.seed),
             "paths_asked": str(paths),
             "paths_ok": str(paths - report.failed - report.stopped),
+            "seed": str(self.setup.options.seed),
+            **self.setup.attributes(),
+            **provenance.start_of(self.setup),
+            "Conventions": "CF-1.11",
+            "source": f"symsde {report.versions.get('version', '?')}",
+            "history": f"{made['date']} {made['command']}".strip(),
+            **made,
+            **({"scene": self.scene} if self.scene else {}),
         }
 
     @functools.cached_property

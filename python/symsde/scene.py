@@ -47,12 +47,15 @@ class Scene:
     paths: list[int] | range  #: global indices of the paths to save, ascending
     study: dict[str, Any] = field(default_factory=dict)  #: options of `work_precision`
     expect: dict[str, Any] = field(default_factory=dict)  #: options of `expect`
-    tables: dict[str, Any] = field(default_factory=dict)  #: the file as it stands
+    tables: dict[str, Any] = field(default_factory=dict)  #: the file, read
+    text: str = ""  #: the file as it stands
     observers: dict[str, requests.Observer] = field(default_factory=dict)  #: what is kept beside moments
 
     def compute_moments(self, progress=False) -> Moments:
         """Moments of all paths, and what observers keep of them."""
-        return moments(self.model, progress=progress, observers=self.observers, **self.run)
+        found = moments(self.model, progress=progress, observers=self.observers, **self.run)
+        found.scene = self.text
+        return found
 
     def compute_paths(self, progress=False) -> Run:
         """The wanted paths: one run for each stretch of consecutive indices, joined."""
@@ -67,7 +70,9 @@ class Scene:
                 if hasattr(stop, "partial"):
                     stop.partial = _joined([*runs, stop.partial])
                 raise
-        return _joined(runs)
+        joined = _joined(runs)
+        joined.scene = self.text
+        return joined
 
     def _columns(self, state, stretch):
         """Columns of an initial state that belong to a stretch of paths."""
@@ -90,7 +95,7 @@ class Scene:
 def load(path: str | os.PathLike) -> Scene:
     """Read and check a scene; SceneError names the file and the key."""
     file = str(path)
-    tables = _read(file)
+    text, tables = _read(file)
     _known(file, "table", tables, ["model", "run", "output", "observe", "study", "expect"])
     for name in ("model", "run"):
         if name not in tables:
@@ -113,6 +118,7 @@ def load(path: str | os.PathLike) -> Scene:
     expect = dict(tables.get("expect", {}))
     _known(file, "key of [expect]", expect, EXPECT_KEYS)
     scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [], study, expect, tables)
+    scene.text = text
     tried = scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
     scene.observers = _observers(file, scene)
@@ -141,13 +147,14 @@ def _observers(file: str, scene: Scene) -> dict[str, requests.Observer]:
 NESTED = re.compile(r"(?:[\[{][\s\w.,=]*){50}")  #: more brackets than any scene opens in a row
 
 
-def _read(file: str) -> dict[str, Any]:
+def _read(file: str) -> tuple[str, dict[str, Any]]:
+    """Its text, and what that says."""
     tomllib = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
     try:
         text = Path(file).read_text(encoding="utf-8")
         if NESTED.search(text):  # the parser would go as deep as Python can, where nothing else works any more
             raise RecursionError
-        return tomllib.loads(text)
+        return text, tomllib.loads(text)
     except OSError as error:
         raise SceneError(f"{file} cannot be read: {error.strerror}") from error
     except RecursionError as error:

@@ -83,6 +83,11 @@ class Run(Reported):
             "failed_step": (("path",), self.failed_step),
         }
 
+    def attributes(self) -> dict[str, str]:
+        """What made the run, as text for files; its paths may be those of several runs."""
+        counted = {"paths_asked": str(len(self.status)), "paths_ok": str(int((self.status == 0).sum()))}
+        return {**super().attributes(), **counted}
+
     def to_xarray(self):
         """An xarray.Dataset with dims time, dof, path; path is the global index."""
         coordinates = {"time": (("time",), self.t), "path": (("path",), self.path)}

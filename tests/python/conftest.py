@@ -1,11 +1,30 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the tests of the package share."""
 
+import io
+
 import numpy as np
 import pytest
 import symsde as ss
 
 A, SIGMA = 1.0, 0.3
+
+
+def table_of(path):
+    """The lines of a table, without those that tell when and how it was made."""
+    return [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+
+
+def told(path):
+    """What the lines that begin with # tell, by name."""
+    found, name = {}, ""
+    for line in io.StringIO(path.read_text(encoding="utf-8")):
+        if line.startswith("#   ") or line == "#\n":
+            found[name] += line[4:] or "\n"
+        elif line.startswith("# "):
+            name, _, value = line[2:].rstrip("\n").partition(":")
+            found[name] = value.removeprefix(" ")
+    return found
 
 
 def rotation_gradient(t, w, q, p):

@@ -13,7 +13,7 @@ import sys
 import numpy as np
 import pytest
 import symsde as ss
-from conftest import rotation_gradient, rotation_value
+from conftest import rotation_gradient, rotation_value, table_of, told
 
 START = np.full((2, 300), 0.1)
 START[:, [5, 270]] = 20.0  # these two escape
@@ -106,8 +106,8 @@ def moments_by_hand(run):
 
 def test_a_table_of_moments_holds_the_moments(run, moments, tmp_path):
     moments.save(tmp_path / "moments.csv")
-    with (tmp_path / "moments.csv").open() as file:
-        names, *rows = csv.reader(file)
+    names, *rows = csv.reader(table_of(tmp_path / "moments.csv"))
+    check_attributes(told(tmp_path / "moments.csv"))
     found = dict(zip(names, np.array(rows, dtype=float).T, strict=True))
     assert len(names) == len(set(names))
     expected = {"t": run.t, **moments_by_hand(run)}
@@ -158,7 +158,7 @@ def test_names_of_observables_that_are_taken(name, kubo, options):
         ss.moments(kubo, observables={name: lambda q, p: q[0]}, **options)
 
 
-@pytest.mark.parametrize("name", ["", "a/b", " a", "a\n", "\0"])
+@pytest.mark.parametrize("name", ["", "a/b", " a", "a\n", "\0", "n#"])
 def test_names_of_observables_that_files_cannot_hold(name, kubo, options):
     with pytest.raises(ss.errors.InvalidArgumentError, match="cannot be a name in a file"):
         ss.moments(kubo, observables={name: lambda q, p: q[0]}, **options)

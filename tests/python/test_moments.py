@@ -6,6 +6,7 @@ import csv
 import numpy as np
 import pytest
 import symsde as ss
+from conftest import table_of
 
 
 def test_equal_to_those_of_saved_paths(options):
@@ -93,8 +94,7 @@ def test_model_without_value():
 def test_files(kubo, options, tmp_path):
     found = ss.moments(kubo, observables={"I": lambda q, p: q[0] ** 2 + p[0] ** 2}, **options)
     found.save(tmp_path / "moments.csv")
-    with (tmp_path / "moments.csv").open() as file:
-        rows = list(csv.reader(file))
+    rows = list(csv.reader(table_of(tmp_path / "moments.csv")))
     assert rows[0][:4] == ["t", "n_ok", "mean q_1", "mean p_1"] and "se_mean I" in rows[0]
     assert len(rows) == 6 and float(rows[3][2]) == found.mean_q[2, 0]
     found.save(tmp_path / "moments.npz")

@@ -14,6 +14,7 @@ import tomllib
 import numpy as np
 import pytest
 import symsde as ss
+from conftest import table_of
 from symsde import cli, scene
 from symsde.batch import work
 from symsde.errors import SceneError
@@ -138,7 +139,7 @@ def test_files_of_a_run_hold_the_run(file, tmp_path, capsys):
     loaded = scene.load(path)
     moments, run = loaded.compute_moments(), loaded.compute_paths()
     moments.save(tmp_path / "known.csv")
-    assert (tmp_path / "out" / "moments.csv").read_text() == (tmp_path / "known.csv").read_text()
+    assert table_of(tmp_path / "out" / "moments.csv") == table_of(tmp_path / "known.csv")
     with xarray.open_dataset(tmp_path / "out" / "run.nc") as data:
         np.testing.assert_array_equal(data.q, run.q)
         np.testing.assert_array_equal(data.path, [0, 1, 7])

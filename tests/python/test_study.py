@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import symsde as ss
+from conftest import told
 from symsde import cli, study
 from symsde.study import left_out, orders, words
 
@@ -166,8 +167,9 @@ def test_files(tmp_path):
     rows = read(tmp_path)
     assert list(rows[0]) == list(study.table.COLUMNS)
     assert [float(row["err_strong"]) for row in rows] == [row["err_strong"] for row in result.rows]
-    comments = [line for line in (tmp_path / "work-precision.csv").read_text().splitlines() if line.startswith("#")]
-    assert len(comments) == len(rows[0])
+    comments = told(tmp_path / "work-precision.csv")
+    assert {name: comments[name] for name in rows[0]} == study.table.COLUMNS
+    assert comments["symsde_version"] == ss.__version__ and "pytest" in comments["command"]
     assert (tmp_path / "work-precision.png").read_bytes().startswith(b"\x89PNG")
 
 

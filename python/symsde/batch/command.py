@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import importlib.util
 import logging
 import shlex
@@ -80,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
             return _partly(options, batch, folder, missing, part)
         code = finish(batch, folder, options.quiet, time.monotonic() - begin)
         if options.error_check:
-            found = error_check(batch.task, extent_of(batch.scene))
+            found = error_check(batch.task, extent_of(batch.scene), scene=batch.scene.text)
             found.save(folder.path / "error-check.csv")
             if not options.quiet:
                 print(found)
@@ -120,6 +121,9 @@ def save_partial(batch: Batch, folder: RunFolder) -> Path | None:
     if not stopped or any(folder.is_done(piece) for piece in pieces):
         return None
     moments = results.moments_of(batch.task, batch.size, stopped, lambda piece: folder.parts[piece.name])
+    others = sum(piece.paths for piece in pieces) - sum(piece.paths for piece in stopped)
+    moments.report = dataclasses.replace(moments.report, stopped=moments.report.stopped + others)
+    moments.scene = batch.scene.text
     moments.save(folder.path / PARTIAL)
     return folder.path / PARTIAL
 
@@ -129,6 +133,7 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
     report, failed = None, 0
     if pieces := batch.of_kind("moments"):
         moments = results.moments_of(batch.task, batch.size, pieces, folder.read, seconds=took)
+        moments.scene = batch.scene.text
         moments.save(folder.path / "moments.csv")
         (folder.path / PARTIAL).unlink(missing_ok=True)
         if moments.observers:
@@ -138,6 +143,7 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
             print_moments(moments)
     if pieces := batch.of_kind("paths"):
         saved = results.run_of(batch.task, pieces, folder.read, seconds=took)
+        saved.scene = batch.scene.text
         saved.save(folder.path / ("run.nc" if has_netcdf() else "run.npz"))
         report, failed = report or saved.report, max(failed, int((saved.status != 0).sum()))
     if not quiet:

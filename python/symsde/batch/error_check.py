@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import _files
+from .. import _files, provenance
 from ..simulate import Run, simulate
 from .plan import Extent, Piece
 from .work import Task
@@ -33,6 +33,7 @@ class ErrorCheck:
     mean: np.ndarray  #: (time, value), differences of means
     se_mean: np.ndarray  #: (time, value), their standard errors
     seconds: tuple[float, float]  #: of the two runs
+    attributes: dict[str, str]  #: what made the run at the full step
 
     def __str__(self) -> str:
         """The last time, and the largest distance."""
@@ -51,20 +52,22 @@ class ErrorCheck:
         rows = np.column_stack([self.t, self.n, self.rms, self.mean, self.se_mean]).tolist()
 
         def put(target: Path) -> None:
-            with target.open("w", newline="") as file:
+            with target.open("w", newline="", encoding="utf-8") as file:
+                file.writelines(provenance.comments(self.attributes))
                 csv.writer(file).writerows([header, *rows])
 
         _files.replace(path, put)
 
 
-def error_check(task: Task, extent: Extent, threads: int | None = None) -> ErrorCheck:
-    """The first paths of a run, as they are and at half the step."""
+def error_check(task: Task, extent: Extent, threads: int | None = None, scene: str = "") -> ErrorCheck:
+    """The first paths of a run, as they are and at half the step; the text of its scene goes into the table."""
     paths = max(2, min(extent.paths, _PATHS, _BYTES // (16 * extent.ndof * extent.saved)))
     options = task.of(Piece("", "paths", extent.first, min(paths, extent.paths), 0), threads)
     halved = {**options, "step": options["step"] / 2, "refine": options.get("refine", 0) - 1}
     halved |= {"steps": 2 * options["steps"], "save_every": 2 * options.get("save_every", 1)}
     halved["first_step"] = 2 * options.get("first_step", 0)
     full, full_seconds = _timed(task, options)
+    full.scene = scene
     half, half_seconds = _timed(task, halved)
     return compare(full, half, (full_seconds, half_seconds))
 
@@ -90,7 +93,7 @@ def compare(full: Run, half: Run, seconds: tuple[float, float]) -> ErrorCheck:
         se_mean = np.sqrt(spread / (count - 1) / count)
         squares = np.nansum(differences[:, : 2 * ndof] ** 2, axis=(1, 2))
         rms = np.sqrt(squares / n)
-    return ErrorCheck(full.t, n, rms, names, mean, se_mean, seconds)
+    return ErrorCheck(full.t, n, rms, names, mean, se_mean, seconds, full.attributes())
 
 
 def _values(run: Run) -> tuple[tuple[str, ...], np.ndarray]:

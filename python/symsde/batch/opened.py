@@ -55,6 +55,7 @@ class OpenRun:
             return None
         found = results.moments_of(self._batch.task, self._batch.size, there, self._folder.read)
         missing = sum(piece.paths for piece in self._batch.of_kind("moments")) - sum(piece.paths for piece in there)
+        found.scene = self.scene.text
         if missing:
             found.report = dataclasses.replace(
                 found.report, stopped=missing, status=_abi.STOPPED, outcome=status_text(_abi.STOPPED)
@@ -65,7 +66,11 @@ class OpenRun:
     def run(self) -> Run | None:
         """The saved paths whose shards are there; None where there is none."""
         there = self._there("paths")
-        return results.run_of(self._batch.task, there, self._folder.read) if there else None
+        if not there:
+            return None
+        found = results.run_of(self._batch.task, there, self._folder.read)
+        found.scene = self.scene.text
+        return found
 
     def __repr__(self) -> str:
         """One line."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from .. import _files
+from .. import _files, provenance
 
 #: columns of the CSV, with what they are; times in seconds, everything else dimensionless
 COLUMNS = {
@@ -52,7 +52,7 @@ def write_csv(path: Path, rows: list[dict]) -> None:
 
     def write(part: Path) -> None:
         with part.open("w", newline="", encoding="utf-8") as file:
-            file.writelines(f"# {name}: {text}\n" for name, text in COLUMNS.items())
+            file.writelines(provenance.comments({**provenance.made(), **COLUMNS}))
             table = csv.writer(file)
             table.writerow(COLUMNS)
             table.writerows([_cell(row.get(name)) for name in COLUMNS] for row in rows)

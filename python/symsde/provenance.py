@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What made a result, as text that its files carry: when, by which command, with which version, from which scene."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+import os
+import shlex
+import sys
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ._setup import Setup, build_info
+
+_MOST = 64  # numbers of an initial state that are written out
+
+
+def made() -> dict[str, str]:
+    """When and by which command, with which version of what; SOURCE_DATE_EPOCH is the time where it is set."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    now = datetime.datetime.now(datetime.UTC)
+    if epoch.isdecimal() and len(epoch) < 12:
+        now = datetime.datetime.fromtimestamp(int(epoch), datetime.UTC)
+    command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]]) if sys.argv else ""
+    build = {f"symsde_{key.replace(' ', '_')}": value for key, value in build_info().items()}
+    return {"date": now.isoformat(timespec="seconds"), "command": command, **build}
+
+
+def start_of(setup: Setup) -> dict[str, str]:
+    """The first states: numbers where these are few, else a hash of them, (dof, path) in float64."""
+    return {name: _numbers(getattr(setup, name)) for name in ("q0", "p0")}
+
+
+def _numbers(values: np.ndarray) -> str:
+    if values.size <= _MOST:
+        return json.dumps((values[:, 0] if values.shape[1] == 1 else values).tolist())
+    digest = hashlib.sha256(np.ascontiguousarray(values, np.float64).tobytes()).hexdigest()
+    return f"sha256 {digest} of {values.shape[0]} x {values.shape[1]} numbers"
+
+
+def comments(attributes: Mapping[str, str]) -> Iterator[str]:
+    """The same as lines of a table that begin with #; a text of several lines stands below its name."""
+    for key, value in attributes.items():
+        first, *others = value.splitlines() or [""]
+        if not others:
+            yield f"# {key}: {first}\n"
+            continue
+        yield f"# {key}:\n"
+        yield from (f"#   {line}".rstrip() + "\n" for line in (first, *others))
