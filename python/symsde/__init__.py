@@ -21,7 +21,7 @@ from .batch.ensemble import ensemble
 from .batch.opened import OpenRun, open_run
 from .commutator import Commutator, commutator
 from .convergence import Convergence, convergence
-from .errors import BudgetWarning, PathsFailedWarning, ReferenceWarning, SymsdeError
+from .errors import BudgetWarning, NotANumberWarning, PathsFailedWarning, ReferenceWarning, SymsdeError
 from .expect.answer import Alternative, Answer
 from .expect.expect import expect
 from .formulas import FormulaModel, model_from_sympy
@@ -53,6 +53,7 @@ __all__ = [
     "Model",
     "Moments",
     "Multilevel",
+    "NotANumberWarning",
     "OpenRun",
     "PathsFailedWarning",
     "PreparedRun",

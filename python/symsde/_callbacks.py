@@ -244,14 +244,13 @@ def numba_sincos():
     return ctypes.cast(library.symsde_sincos, ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, array, array, array))
 
 
-def observables(functions: dict[str, Callable], failures: Failures) -> ctypes._CFuncPtr:
-    """Named Python functions f(q, p) -> (lane,) as one callback."""
+def observables(rows: Callable, failures: Failures) -> ctypes._CFuncPtr:
+    """A function of (t, q, p) that yields names and values, (lane,) each, as a callback."""
 
-    def callback(nlane, ndof, _t, q, p, values, _user):
+    def callback(nlane, ndof, t, *addresses):
+        q, p, values, _user = addresses
         try:
-            state = view(q, (ndof, nlane)), view(p, (ndof, nlane))
-            for i, (name, function) in enumerate(functions.items()):
-                result = function(*(x.copy() for x in state))
+            for i, (name, result) in enumerate(rows(t, view(q, (ndof, nlane)), view(p, (ndof, nlane)))):
                 store_result(f"observable {name!r}", result, values + 8 * nlane * i, (nlane,))
         except BaseException as error:  # raised again by raise_stored
             return failures.store(error)

@@ -18,7 +18,7 @@ from ._output import patient_output
 from ._setup import build_info
 from .batch import command as batch
 from .batch import merge
-from .errors import NotWrittenError, PathsFailedWarning, SymsdeError
+from .errors import NotANumberWarning, NotWrittenError, PathsFailedWarning, SymsdeError
 from .expect import command as expect
 from .export import command as export
 from .stability import command as stability
@@ -33,7 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; the exit code."""
     try:
         with warnings.catch_warnings(), _terminated_as_interrupted(), patient_output():
-            warnings.simplefilter("ignore", PathsFailedWarning)  # the exit code and a line say it
+            for said in (PathsFailedWarning, NotANumberWarning):  # by the exit code and a line
+                warnings.simplefilter("ignore", said)
             options = _parser().parse_args(arguments)
             scene.PYTHON_ALLOWED.set(getattr(options, "allow_python", False))
             return options.verb(options)

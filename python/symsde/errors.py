@@ -98,6 +98,10 @@ class PathsFailedWarning(RuntimeWarning):
     """Some paths of a run failed; they are NaN from there on and left out of moments."""
 
 
+class NotANumberWarning(RuntimeWarning):
+    """A value was no finite number for some path that counts, so that its means are none, either."""
+
+
 class SlowFormulaWarning(UserWarning):
     """Formulas are evaluated without a compiler, at a cost that the sentence tells."""
 

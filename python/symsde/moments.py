@@ -9,8 +9,8 @@ import dataclasses
 import functools
 import json
 import os
-import re
-from collections.abc import Callable, Iterable
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +20,11 @@ from . import _abi, _callbacks, _checks, _files, _handles, provenance
 from ._checks import address
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
-from .errors import InvalidArgumentError, WrongTypeError
+from .errors import NotANumberWarning
 from .model import Model
 from .observe import kept, requests, results
+from .observe.observables import Observable, are_in_python, bind, check_observables, described
 from .report import Reported
-
-Observable = Callable[[np.ndarray, np.ndarray], np.ndarray]
-_PYTHON_NUMBERS = 8192  # of q that an observable is given at once, where there are so many: a call costs microseconds
-_TAKEN = re.compile(r"energy|[qp](_\d+)?")
 
 
 class Moments(Reported):
@@ -43,11 +40,11 @@ class Moments(Reported):
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
     kept: dict[str, kept.Kept]  #: what each observer has kept, by which parts of an ensemble merge exactly
 
-    def __init__(self, setup: Setup, observables: Iterable[str], observers: kept.Kinds | None = None):
+    def __init__(self, setup: Setup, observables: Mapping[str, Observable], observers: kept.Kinds | None = None):
         """Room for the moments, of these observables too, and for these observers; `fill` computes them."""
         self.setup = setup
         self.observers = dict(observers or {})
-        self._observables = tuple(observables)
+        self._observables = described(observables)
         self._has_energy = setup.model.traits.has_value
         ndof = setup.model.ndof
         nvalue = 2 * ndof + self._has_energy + len(self._observables)
@@ -91,10 +88,7 @@ class Moments(Reported):
         moments.t, moments.n_ok, moments.m2 = (address(x) for x in (self.t, self.n_ok, self.m2))
         for member, kind in (("mean", "mean"), ("variance", "var"), ("se_mean", "se_mean")):
             setattr(moments, member, address(self._tables[kind]))
-        if observables:
-            moments.nobservable = len(observables)
-            moments.observables = _callbacks.observables(observables, failures)
-            moments.observables_lanes = _PYTHON_NUMBERS // self.setup.model.ndof
+        _bound = bind(observables, self.setup.model, moments, failures)
         addresses, _made = kept.structs(self.scope, self.observers, self.kept)
         moments.nobserver, moments.observers = len(self.observers), ctypes.addressof(addresses)
         report = _handles.new(_abi.Report, "report")
@@ -159,7 +153,19 @@ class Moments(Reported):
     def attributes(self) -> dict[str, str]:
         """What made the moments, as text for files, with what was observed."""
         wanted = {name: {"kind": x.KIND, **dataclasses.asdict(x)} for name, x in self.observers.items()}
-        return {**super().attributes(), **({"observers": json.dumps(wanted)} if wanted else {})}
+        told = {"observables": self._observables, "observers": wanted}
+        return {**super().attributes(), **{key: json.dumps(x) for key, x in told.items() if x}}
+
+    def doubts(self) -> list[str]:
+        """Sentences about values that were no finite number for some path that counts: means do not leave these out."""
+        found = []
+        for name, mean in zip(self.columns(), self._tables["mean"].T, strict=True):
+            if (bad := np.flatnonzero(~np.isfinite(mean) & (self.n_ok > 0))).size:
+                found.append(
+                    f"{name} is no finite number for some paths at {bad.size} of {len(self.t)} saved times, first at "
+                    f"t = {self.t[bad[0]]:g}: neither are its means there"
+                )
+        return found
 
     def to_xarray(self):
         """An xarray.Dataset with dims time and dof."""
@@ -206,45 +212,19 @@ def moments(
 ) -> Moments:
     """Moments of q, p, the energy H and observables, in memory that does not depend on paths and steps.
 
-    The options are those of `simulate`. observables: name -> function of q, p, (dof, lane) each, that returns
-    (lane,) values; lanes are paths, of several saved times where these are few. observers: name -> what else is kept
-    of these values, one of `symsde.observe`; the results are in `observed`. first_path is a multiple of 256, so that
-    parts of an ensemble merge to the same bits.
+    The options are those of `simulate`. observables: name -> a formula, a text as "q_1**2 + p_1**2" or an expression of
+    sympy in the model's own names and parameters, which is compiled; or a function of q, p, (dof, lane) each, that
+    returns (lane,) values; lanes are paths, of several saved times where these are few. observers: name -> what else is
+    kept of these values, one of `symsde.observe`; the results are in `observed`. first_path is a multiple of 256, so
+    that parts of an ensemble merge to the same bits.
 
-    Misuse raises a ValueError (`symsde.errors`); an exception of an observable stops the run and is raised.
+    Misuse raises a ValueError (`symsde.errors`); an exception of an observable stops the run and is raised. Where a
+    value is no finite number for a path that counts, a NotANumberWarning says so: its means are none, either.
     """
-    functions = check_observables(observables)
-    in_python = bool(functions)
-    setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=in_python, **options)
-    result = Moments(setup, functions, requests.check_observers(observers))
-    result.fill(functions, progress)
+    given = check_observables(observables)
+    setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=are_in_python(given), **options)
+    result = Moments(setup, given, requests.check_observers(observers))
+    result.fill(given, progress)
+    for doubt in result.doubts():
+        warnings.warn(doubt, NotANumberWarning, stacklevel=2)
     return result
-
-
-def check_observables(given: object) -> dict[str, Observable]:
-    """A dict of functions whose names fit files; none for None."""
-    if given is None:
-        return {}
-    if not isinstance(given, dict):
-        raise WrongTypeError(
-            f"observables = {_checks.shown(given)} is not allowed: give a dict of names and functions f(q, p)"
-        )
-    for name, function in given.items():
-        _check_name(name)
-        if not callable(function):
-            raise WrongTypeError(f"observable {name!r} cannot be called: give f(q, p)")
-    return dict(given)
-
-
-def _check_name(name: object) -> None:
-    """Names of observables become names of variables and columns in files, beside those of q, p and the energy."""
-    if _TAKEN.fullmatch(_checks.name_of("name of an observable", name)):
-        raise InvalidArgumentError(
-            f"observable {name!r}: this name is taken, files would hold two of it (q, p, energy, q_1, p_1, ...): "
-            f"give another one, such as {'my_' + name!r}"
-        )
-    if not name.isprintable() or set("/#") & set(name) or name != name.strip() or not name:
-        raise InvalidArgumentError(
-            f"observable {name!r}: this cannot be a name in a file: give printable characters, without '/' and '#' and "
-            "without spaces around them"
-        )

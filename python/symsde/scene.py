@@ -20,9 +20,10 @@ from . import _checks, models
 from ._setup import make_setup
 from .errors import InvalidArgumentError, SceneError, SymsdeError
 from .formulas import scenes as formulas
+from .formulas.observables import FormulaObservables
 from .model import Model
 from .moments import Moments, moments
-from .observe import requests
+from .observe import observables, requests
 from .simulate import Run, simulate
 
 _NOT_IN_SCENES = {"model", "increments", "progress", "q0_low", "p0_low"}
@@ -49,11 +50,13 @@ class Scene:
     expect: dict[str, Any] = field(default_factory=dict)  #: options of `expect`
     tables: dict[str, Any] = field(default_factory=dict)  #: the file, read
     text: str = ""  #: the file as it stands
+    observables: dict[str, str] = field(default_factory=dict)  #: formulas of values of the user's own, by name
     observers: dict[str, requests.Observer] = field(default_factory=dict)  #: what is kept beside moments
 
     def compute_moments(self, progress=False) -> Moments:
         """Moments of all paths, and what observers keep of them."""
-        found = moments(self.model, progress=progress, observers=self.observers, **self.run)
+        wanted = {"observables": self.observables, "observers": self.observers}
+        found = moments(self.model, progress=progress, **wanted, **self.run)
         found.scene = self.text
         return found
 
@@ -96,7 +99,7 @@ def load(path: str | os.PathLike) -> Scene:
     """Read and check a scene; SceneError names the file and the key."""
     file = str(path)
     text, tables = _read(file)
-    _known(file, "table", tables, ["model", "run", "output", "observe", "study", "expect"])
+    _known(file, "table", tables, ["model", "run", "output", "observables", "observe", "study", "expect"])
     for name in ("model", "run"):
         if name not in tables:
             raise SceneError(f"{file}: there is no table [{name}]: `symsde template kubo` prints a whole scene")
@@ -121,6 +124,7 @@ def load(path: str | os.PathLike) -> Scene:
     scene.text = text
     tried = scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
+    scene.observables = _observables(file, scene)
     scene.observers = _observers(file, scene)
     try:
         ntime = int(run["steps"]) // int(run.get("save_every", 1)) + 1
@@ -130,13 +134,31 @@ def load(path: str | os.PathLike) -> Scene:
     return scene
 
 
+def _observables(file: str, scene: Scene) -> dict[str, str]:
+    """The table [observables], compiled for a try."""
+    given = scene.tables.get("observables", {})
+    for name, formula in given.items():
+        if not isinstance(formula, str):
+            raise SceneError(
+                f"{file}: [observables] {name} = {_checks.shown(formula)}: give a formula as text, in quotes"
+            )
+    try:
+        found = observables.check_observables(given)
+        FormulaObservables(scene.model, found)
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [observables]: {error}") from error
+    if found and not scene.moments:
+        raise SceneError(f"{file}: [observables] go with moments: leave out moments = false of [output]")
+    return found
+
+
 def _observers(file: str, scene: Scene) -> dict[str, requests.Observer]:
     """The tables [[observe]], tried on the run."""
     if "observe" not in scene.tables:
         return {}
     try:
         found = requests.from_tables(scene.tables["observe"])
-        Moments(make_setup(scene.model, **scene.run), (), found)
+        Moments(make_setup(scene.model, **scene.run), scene.observables, found)
     except SymsdeError as error:
         raise SceneError(f"{file}: [[observe]]: {error}") from error
     if not scene.moments:

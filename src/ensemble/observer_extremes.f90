@@ -54,10 +54,11 @@ contains
       integer :: lane, side
 
       associate (x => values(:, self%request%values(1)))
-         where (counts)
-            self%reached(:, 1) = min(self%reached(:, 1), x)
-            self%reached(:, 2) = max(self%reached(:, 2), x)
-         end where
+         ! what is not a number stays, and shows in the means
+         where (counts .and. .not. (x >= self%reached(:, 1) .or. ieee_is_nan(self%reached(:, 1)))) &
+            self%reached(:, 1) = x
+         where (counts .and. .not. (x <= self%reached(:, 2) .or. ieee_is_nan(self%reached(:, 2)))) &
+            self%reached(:, 2) = x
          call self%row(it, self%reached, counts)
          if (.not. any(counts)) return
          do side = 1, 2

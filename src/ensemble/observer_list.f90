@@ -328,7 +328,7 @@ contains
       allocate (observed%counts(observer%ncount), observed%sums(observer%nsum()))
       observed%sums = 0
       call observer%clear(observed%counts, observed%sums(:observer%nsingle))
-      nullify (observed%of%model)  ! it may not live as long
+      nullify (observed%of%model, observed%of%observables)  ! they may not live as long
    end subroutine clear_observed
 
    !> The left part becomes both siblings together, as by merge_moments: a part is the paths j 2^k .. (j+1) 2^k - 1 with

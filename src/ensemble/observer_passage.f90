@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Paths that leave an interval, low < x < high: how many until when, through which end, and in what state.
 !>
-!> The value x is a coordinate, a momentum or the energy, looked at after every step. Between two steps a path may
+!> The value x is a coordinate, a momentum, the energy or an observable, looked at after every step. A path of which it
+!> is not a number fails there: it is neither inside nor outside. Between two steps a path may
 !> leave and come back. Where noise acts on a coordinate, x moves like a Brownian bridge between its values x_0 and
 !> x_1, whose variance grows by s^2 = sum_k (dH_k/dp_i)^2 in unit time (for momenta dH_k/dq_i), and it has passed a
 !> with probability exp(-2 (a - x_0)(a - x_1)/(s^2 h)); one number of the generator decides (Gobet, Stoch. Proc. Appl.
@@ -14,9 +15,9 @@
 !> lost paths: time, q, p. Answers are the shares lost below and above until each saved time, of all paths, with
 !> binomial errors.
 module symsde_ensemble_observer_passage
-   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_is_nan
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_base_status, only: error_type, raise, invalid_argument, absorbed
+   use symsde_base_status, only: error_type, raise, invalid_argument, nonfinite, absorbed
    use symsde_base_text, only: to_text
    use symsde_ensemble_streaming, only: streaming_observer, observer_request, observed_run
    use symsde_noise_philox, only: philox_lanes
@@ -77,10 +78,6 @@ contains
             call raise(error, invalid_argument, 'new_passage_observer', 'nothing lies between '// &
                        to_text(request%low)//' and '//to_text(request%high)//': give low < high, one of which may '// &
                        'be infinite')
-         else if (value > 2*n + merge(1, 0, run%has_value)) then
-            call raise(error, invalid_argument, 'new_passage_observer', 'value '//to_text(value)//' is an '// &
-                       'observable of yours: passages are looked for after every step, of coordinates, momenta '// &
-                       'and the energy alone')
          end if
       end associate
    end subroutine new_passage_observer
@@ -123,6 +120,7 @@ contains
       integer :: bridged
 
       call value_of(self, t, state, x)
+      call refuse_nan(self, istep, x, state)
       side = merge(below, 0, x <= self%request%low) + merge(above, 0, x >= self%request%high)
       bridged = 0
       if (self%bridges .and. istep > 0) call cross_bridges(self, istep, state, x, side, bridged)
@@ -139,6 +137,18 @@ contains
       self%x = x
       if (self%bridges .and. .not. all(self%outside)) call noise_on_value(self, t, state)
    end subroutine watch
+
+   !> Paths that are looked at and whose value is not a number.
+   subroutine refuse_nan(self, istep, x, state)
+      class(passage_observer), intent(in) :: self
+      integer(i8), intent(in) :: istep
+      real(wp), intent(in) :: x(:)
+      type(lane_state), intent(inout) :: state
+      logical :: unknown(state%nlane)
+
+      unknown = ieee_is_nan(x) .and. .not. self%outside .and. state%status == 0
+      if (any(unknown)) call state%retire(unknown, int(nonfinite, i8), self%run%first_step + istep)
+   end subroutine refuse_nan
 
    !> Keep what is known of the lanes that leave now.
    subroutine note(self, istep, t, state, side)
@@ -165,17 +175,21 @@ contains
       real(wp), intent(in) :: t
       type(lane_state), intent(in) :: state
       real(wp), intent(out) :: x(state%nlane)
-      real(wp), allocatable :: w(:, :)
+      real(wp), allocatable :: w(:, :), own(:, :)
 
       associate (n => state%ndof, i => self%request%values(1), model => self%run%model)
          if (i <= n) then
             x = state%q(:, i)
          else if (i <= 2*n) then
             x = state%p(:, i - n)
-         else
+         else if (self%run%has_value .and. i == 2*n + 1) then
             allocate (w(state%nlane, 0:model%traits%nnoise), source=0.0_wp)
             w(:, 0) = 1
             call model%value(state%nlane, n, model%traits%nnoise, t, w, state%q, state%p, x)
+         else
+            allocate (own(state%nlane, self%run%observables%nvalue))
+            call self%run%observables%evaluate(state%nlane, n, t, state%q, state%p, own)
+            x = own(:, i - 2*n - merge(1, 0, self%run%has_value))
          end if
       end associate
    end subroutine value_of

@@ -163,7 +163,7 @@ contains
       class(model_type), intent(in), target :: model
       type(run_options), intent(in) :: options
       type(error_type), allocatable, intent(inout) :: error
-      class(observables_type), intent(in), optional :: observables
+      class(observables_type), intent(in), target, optional :: observables
       type(observer_request), intent(in), optional :: observers(:)
       type(observer_request) :: none(0)
       type(observed_run) :: run
@@ -172,6 +172,7 @@ contains
       nobservable = 0
       if (present(observables)) nobservable = observables%nvalue
       call new_observed_run(run, model, options, choose_nlane(options, model), nobservable)
+      if (present(observables)) run%observables => observables
       if (present(observers)) then
          call new_observer_plan(plan, observers, run, error)
       else

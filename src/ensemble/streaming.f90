@@ -11,6 +11,7 @@
 module symsde_ensemble_streaming
    use symsde_base_kinds, only: wp, i8
    use symsde_ensemble_comoments, only: pair_count, pair_place, reduce_pair
+   use symsde_ensemble_observables, only: observables_type
    use symsde_ensemble_statistics, only: moment_node, moment_tree, insert_node, final_node, dyadic_pieces, reduce_lanes
    use symsde_model_abstract, only: model_type
    use symsde_step_state, only: lane_state
@@ -43,6 +44,7 @@ module symsde_ensemble_streaming
       integer :: nnoise = 0
       logical :: position_noise = .false., has_value = .false.  !! traits of the model
       class(model_type), pointer :: model => null()  !! for who asks it for more than values
+      class(observables_type), pointer :: observables => null()  !! the user's own values, likewise
    end type observed_run
 
    !> What an observer has kept: mergeable, and all that its answer needs.

@@ -352,12 +352,6 @@ def test_what_cannot_be_observed_is_refused(observer, error, said):
         ss.moments(model(), observers={"it": observer}, **RUN)
 
 
-def test_passages_of_observables_are_refused():
-    own = {"r": lambda q, p: q[0]}
-    with pytest.raises(InvalidArgumentError, match="coordinates, momenta and the energy"):
-        ss.moments(model(), observables=own, observers={"it": observe.Passage("r", within=1.0)}, **RUN)
-
-
 @pytest.mark.parametrize("given", [[OBSERVERS["x"]], {"a b": OBSERVERS["x"]}, {3: OBSERVERS["x"]}])
 def test_names_of_observers(given):
     with pytest.raises(SymsdeError, match=r"dict of names|letters, digits"):

@@ -33,7 +33,7 @@ class Batch:
         else:
             size = shard_paths(extent, int(wanted) if wanted and wanted.isdigit() else wanted)
         pieces = plan(extent, size, moments=chosen.moments, saved=chosen.paths)
-        return cls(chosen, Task(chosen.model, chosen.run, observers=chosen.observers), size, pieces, out)
+        return cls(chosen, Task(chosen.model, chosen.run, chosen.observables, chosen.observers), size, pieces, out)
 
     def of_kind(self, kind: str) -> list[Piece]:
         """Its pieces of moments, or of paths."""

@@ -130,7 +130,7 @@ def save_partial(batch: Batch, folder: RunFolder) -> Path | None:
 
 def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
     """Put the results together, write and show them."""
-    report, failed = None, 0
+    report, failed, doubts = None, 0, []
     if pieces := batch.of_kind("moments"):
         moments = results.moments_of(batch.task, batch.size, pieces, folder.read, seconds=took)
         moments.scene = batch.scene.text
@@ -138,7 +138,7 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
         (folder.path / PARTIAL).unlink(missing_ok=True)
         if moments.observers:
             moments.save(folder.path / ("moments.nc" if has_netcdf() else "moments.npz"))
-        report, failed = moments.report, moments.report.failed
+        report, failed, doubts = moments.report, moments.report.failed, moments.doubts()
         if not quiet:
             print_moments(moments)
     if pieces := batch.of_kind("paths"):
@@ -150,7 +150,9 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
         print(f"{report or ''}\nwritten to {folder.path}".lstrip())
     if failed:
         print(f"symsde: {failed} paths failed; moments are over the others", file=sys.stderr)
-    return PATHS_FAILED if failed else OK
+    for doubt in doubts:
+        print(f"symsde: {doubt}", file=sys.stderr)
+    return PATHS_FAILED if failed or doubts else OK
 
 
 def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing: list[Piece], partial) -> int:

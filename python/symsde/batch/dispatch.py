@@ -12,6 +12,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from dataclasses import dataclass
 from typing import Protocol
 
+from ..observe.observables import are_in_python
 from .plan import Piece
 from .shard_file import Shard
 from .show import Show
@@ -71,7 +72,7 @@ def dispatch(task: Task, pieces: Sequence[Piece], context: Context, executor: Ex
 
 def division(task: Task, pieces: int) -> tuple[int, int | None]:
     """Pieces at a time, and threads for each."""
-    if task.model.in_python or task.observables:
+    if task.model.in_python or are_in_python(task.observables):
         return 1, task.options.get("threads")  # callbacks in Python: one thread, unless asked for more
     threads = _threads(task.options.get("threads"))
     if threads is None:

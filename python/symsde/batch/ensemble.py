@@ -13,10 +13,11 @@ from .. import _abi
 from .._handles import status_text
 from .._progress import Progress, _Bar
 from .._setup import make_setup
-from ..errors import PathsFailedWarning, SymsdeError
+from ..errors import NotANumberWarning, PathsFailedWarning, SymsdeError
 from ..model import Model
-from ..moments import Moments, Observable, check_observables
+from ..moments import Moments
 from ..observe import requests
+from ..observe.observables import Observable, are_in_python, check_observables
 from .dispatch import Context, dispatch
 from .plan import Extent, Piece, plan
 from .plan import shard_paths as paths_of_a_shard
@@ -89,7 +90,7 @@ def ensemble(
     """
     functions = check_observables(observables)
     given = {"q0": q0, "p0": p0, "step": step, "steps": steps, **options}
-    setup = make_setup(model, in_python=bool(functions), **given)
+    setup = make_setup(model, in_python=are_in_python(functions), **given)
     size = _size(setup, shard_paths)
     pieces = plan(_extent(setup), size, moments=True, saved=())
     task = Task(model, given, functions, requests.check_observers(observers))
@@ -100,7 +101,8 @@ def ensemble(
     begin = time.monotonic()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PathsFailedWarning)  # once, below
+            for said in (PathsFailedWarning, NotANumberWarning):  # once, below
+                warnings.simplefilter("ignore", said)
             done = dispatch(task, pieces, Context(memory, Stop(), show), executor)
     finally:
         if bar:
@@ -119,6 +121,8 @@ def ensemble(
             PathsFailedWarning,
             stacklevel=2,
         )
+    for doubt in found.doubts():
+        warnings.warn(doubt, NotANumberWarning, stacklevel=2)
     return found
 
 

@@ -26,7 +26,7 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     """The manifest of a scene: its inputs with the defaults filled in, seed and hash, and what computes it."""
     run = {key: scene.run.get(key, _DEFAULTS[key]) for key in RUN_KEYS if key not in _NOT_OF_THE_RESULT}
     output = {"moments": scene.moments, "paths": _ranges(scene.paths)}
-    observed = {"observe": scene.tables["observe"]} if scene.observers else {}
+    observed = {key: scene.tables[key] for key in ("observables", "observe") if scene.tables.get(key)}
     inputs = _plain({"model": scene.tables["model"], "run": run, "output": output, **observed})
     if (source := python_source(scene)) is not None:
         inputs["python_sha256"] = hashlib.sha256(source.read_bytes()).hexdigest()

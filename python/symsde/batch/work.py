@@ -13,10 +13,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..errors import PathsFailedWarning
+from ..errors import NotANumberWarning, PathsFailedWarning
 from ..model import Model
-from ..moments import Moments, Observable, moments
+from ..moments import Moments, moments
 from ..observe import kept, requests
+from ..observe.observables import Observable
 from ..report import Report
 from ..simulate import Run, simulate
 from .plan import Piece
@@ -78,7 +79,8 @@ def compute(
     facts. In a process of its own it says nothing of failed paths: the shard does, and who merges the shards."""
     if threading.current_thread() is threading.main_thread():  # filters are those of the process
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PathsFailedWarning)
+            for said in (PathsFailedWarning, NotANumberWarning):
+                warnings.simplefilter("ignore", said)
             return _compute(task, piece, threads, tell, checkpoint)
     return _compute(task, piece, threads, tell, checkpoint)
 

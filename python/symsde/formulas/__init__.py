@@ -9,6 +9,7 @@ emit_c         C for the callbacks of the library
 sites          sums over the sites of a chain; emit_sites, emit_rows their C
 in_numpy       the same callbacks without a compiler
 compiler       the system's compiler, and a cache on disk
+observables    values of the state, of any model
 model          `model_from_sympy`
 """
 

@@ -38,7 +38,7 @@ class Derivatives:
         self._engine = engine()
         self.symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
         try:
-            self.hamiltonians = [self._engine.sympify(_free(h)) for h in problem.hamiltonians]
+            self.hamiltonians = [self._engine.sympify(free(h)) for h in problem.hamiltonians]
         except (TypeError, ValueError, RuntimeError, NotImplementedError):
             raise InvalidArgumentError(f"the formula {quoted(problem.texts[0])} cannot be differentiated") from None
         self._entries: dict[tuple, list[Any]] = {}
@@ -115,7 +115,7 @@ class Derivatives:
         return result
 
 
-def _free(expression: Any) -> Any:
+def free(expression: Any) -> Any:
     """The expression with symbols that assume nothing, as symengine's do."""
     sympy = optional("sympy", "sympy")
     return expression.xreplace({x: sympy.Symbol(x.name) for x in expression.free_symbols})

@@ -50,65 +50,16 @@ def source(derivatives: Derivatives) -> str:
     return _File(derivatives).text()
 
 
-class _File:
-    """One file of C."""
+class Loops:
+    """Functions of C that compute sets of outputs in loops over lanes."""
 
-    def __init__(self, derivatives: Derivatives):
-        self.graph = derivatives.graph
-        self.writer = Writer(self.graph, _load)
-        self.ndof = derivatives.problem.ndof
-        self.outputs = dict(derivatives.outputs)
-        formulas = "\n".join(f" *    H_{j} = {h}" for j, h in enumerate(derivatives.problem.hamiltonians))
-        self.head = HEAD.format(formulas=formulas)
-        self._along(derivatives)
-        separable = all(self.graph.is_number(node, 0.0) for node in self.outputs["hqp"])
-        together = SETS["separable" if separable else "mixed"] if len(self.graph.nodes) <= MAX_TOGETHER else ()
-        self.sets = [s for s in together if self._stores(s) <= MAX_STORES]
-        self.sets += [(block,) for block in BLOCKS]
+    def __init__(self, graph: Graph, outputs: dict[str, list[int]]):
+        """Outputs by name, each a list of nodes of the graph."""
+        self.graph = graph
+        self.writer = Writer(graph, _load)
+        self.outputs = dict(outputs)
 
-    def _stores(self, outputs: Iterable[str]) -> int:
-        return sum(len(self.outputs[x]) for x in outputs)
-
-    def _along(self, derivatives: Derivatives) -> None:
-        """Products of the Hessian with (vq, vp)."""
-        n, graph = self.ndof, self.graph
-        qq, qp, pp = (derivatives.outputs[x] for x in ("hqq", "hqp", "hpp"))
-        vq, vp = ([graph.leaf(f"{name}{i}", True) for i in range(n)] for name in ("vq", "vp"))
-
-        def dot(pairs: Iterable[tuple[int, int]]) -> int:
-            return graph.sum(graph.multiply(a, b) for a, b in pairs)
-
-        for name, own, other, mine, others, turned in (
-            ("uq", vq, vp, qq, qp, False),
-            ("up", vp, vq, pp, qp, True),
-        ):
-            self.outputs[name] = [
-                dot(
-                    [(mine[j * n + i], own[j]) for j in range(n)]
-                    + [(others[i * n + j] if turned else others[j * n + i], other[j]) for j in range(n)]
-                )
-                for i in range(n)
-            ]
-
-    def text(self) -> str:
-        """Functions for sets of outputs, one for lanes that are far, then the callbacks."""
-        parts = [self.head, lane_functions(), MACROS]
-        parts += [self._far(family) for family in (("value",), ("uq", "up"), tuple(BLOCKS))]
-        for outputs in (("value",), ("uq", "up"), *self.sets):
-            parts.append(self._function(outputs))
-        parts += [self._callback("value", ("value",), [("value",)])]
-        parts += [self._callback("hessian_vector", ("uq", "up"), [("uq", "up")], ("vq", "vp"))]
-        for name, blocks in (
-            ("gradient", ("hq", "hp")),
-            ("hessian", ("hqq", "hqp", "hpp")),
-            ("gradient_hessian", tuple(BLOCKS)),
-        ):
-            parts.append(self._callback(name, blocks, [s for s in self.sets if set(s) <= set(blocks)]))
-        return "\n".join(parts)
-
-    # ---- one set of outputs --------------------------------------------------------------------------------
-
-    def _function(self, outputs: tuple[str, ...]) -> str:
+    def function(self, outputs: tuple[str, ...]) -> str:
         """The loops over lanes for a set of outputs; once more where lanes are far."""
         name = _function_name(outputs)
         arguments, parameters = self._arguments(outputs)
@@ -123,7 +74,7 @@ class _File:
                 far = f"   if (beyond < 0)\n      far{_function_name(family)}({wanted});\n"
         return f"{text}static void {name}({parameters}) {{\n   int64_t beyond = 0;\n{calls}{far}}}\n"
 
-    def _far(self, family: tuple[str, ...]) -> str:
+    def far(self, family: tuple[str, ...]) -> str:
         """All outputs of a family for lanes that are far, and NULL for those that are not wanted."""
         stores = [(f"{x}[{_at(i)}]", node) for x in family for i, node in enumerate(self.outputs[x])]
         loop, may_be_far = self._loop(stores, "1")
@@ -165,7 +116,60 @@ class _File:
         lines += ["   }", "   return beyond;"]
         return "\n".join(lines) + "\n", may_be_far
 
-    # ---- callbacks -----------------------------------------------------------------------------------------
+
+class _File(Loops):
+    """One file of C."""
+
+    def __init__(self, derivatives: Derivatives):
+        super().__init__(derivatives.graph, derivatives.outputs)
+        self.ndof = derivatives.problem.ndof
+        formulas = "\n".join(f" *    H_{j} = {h}" for j, h in enumerate(derivatives.problem.hamiltonians))
+        self.head = HEAD.format(formulas=formulas)
+        self._along(derivatives)
+        separable = all(self.graph.is_number(node, 0.0) for node in self.outputs["hqp"])
+        together = SETS["separable" if separable else "mixed"] if len(self.graph.nodes) <= MAX_TOGETHER else ()
+        self.sets = [s for s in together if self._stores(s) <= MAX_STORES]
+        self.sets += [(block,) for block in BLOCKS]
+
+    def _stores(self, outputs: Iterable[str]) -> int:
+        return sum(len(self.outputs[x]) for x in outputs)
+
+    def _along(self, derivatives: Derivatives) -> None:
+        """Products of the Hessian with (vq, vp)."""
+        n, graph = self.ndof, self.graph
+        qq, qp, pp = (derivatives.outputs[x] for x in ("hqq", "hqp", "hpp"))
+        vq, vp = ([graph.leaf(f"{name}{i}", True) for i in range(n)] for name in ("vq", "vp"))
+
+        def dot(pairs: Iterable[tuple[int, int]]) -> int:
+            return graph.sum(graph.multiply(a, b) for a, b in pairs)
+
+        for name, own, other, mine, others, turned in (
+            ("uq", vq, vp, qq, qp, False),
+            ("up", vp, vq, pp, qp, True),
+        ):
+            self.outputs[name] = [
+                dot(
+                    [(mine[j * n + i], own[j]) for j in range(n)]
+                    + [(others[i * n + j] if turned else others[j * n + i], other[j]) for j in range(n)]
+                )
+                for i in range(n)
+            ]
+
+    def text(self) -> str:
+        """Functions for sets of outputs, one for lanes that are far, then the callbacks."""
+        parts = [self.head, lane_functions(), MACROS]
+        parts += [self.far(family) for family in (("value",), ("uq", "up"), tuple(BLOCKS))]
+        for outputs in (("value",), ("uq", "up"), *self.sets):
+            parts.append(self.function(outputs))
+        parts += [self._callback("value", ("value",), [("value",)])]
+        parts += [self._callback("hessian_vector", ("uq", "up"), [("uq", "up")], ("vq", "vp"))]
+        for name, blocks in (
+            ("gradient", ("hq", "hp")),
+            ("hessian", ("hqq", "hqp", "hpp")),
+            ("gradient_hessian", tuple(BLOCKS)),
+        ):
+            parts.append(self._callback(name, blocks, [s for s in self.sets if set(s) <= set(blocks)]))
+        return "\n".join(parts)
 
     def _callback(self, kind: str, outputs: tuple[str, ...], sets: list[tuple[str, ...]], vectors=()) -> str:
         """A function of symsde.h that serves every set of wanted outputs, the largest functions first."""

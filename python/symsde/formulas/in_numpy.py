@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from .derivatives import Derivatives
 from .emit_c import reachable
+from .graph import Graph
 
 SENTENCE = (
     "there is no C compiler, so that the formulas are evaluated by NumPy on one thread, which takes 30 times as long "
@@ -69,15 +70,19 @@ class InNumpy:
         given |= {
             f"{letter}{i}": row for letter, rows in zip("wqp", (w, q, p), strict=True) for i, row in enumerate(rows)
         }
-        roots = self.outputs[name]
-        found: dict[int, Any] = {}
-        with np.errstate(all="ignore"):
-            for x in reachable(self.graph, roots):
-                node = self.graph.nodes[x]
-                if node.what == "number":
-                    found[x] = float(node.value)
-                elif node.what == "leaf":
-                    found[x] = given[node.value]
-                else:
-                    found[x] = _OPERATIONS[node.what](*(np.float64(found[a]) for a in node.arguments))
-        return np.array([np.broadcast_to(found[x], q.shape[-1:]) for x in roots]).reshape(*shape, -1)
+        return values_of(self.graph, self.outputs[name], given, q.shape[-1]).reshape(*shape, -1)
+
+
+def values_of(graph: Graph, roots: Sequence[int], given: Mapping[str, Any], lanes: int) -> np.ndarray:
+    """Nodes of a graph as (node, lane), from its leaves by their names."""
+    found: dict[int, Any] = {}
+    with np.errstate(all="ignore"):
+        for x in reachable(graph, roots):
+            node = graph.nodes[x]
+            if node.what == "number":
+                found[x] = float(node.value)
+            elif node.what == "leaf":
+                found[x] = given[node.value]
+            else:
+                found[x] = _OPERATIONS[node.what](*(np.float64(found[a]) for a in node.arguments))
+    return np.array([np.broadcast_to(found[x], (lanes,)) for x in roots])

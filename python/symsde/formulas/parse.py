@@ -210,9 +210,14 @@ class Reader:
             raise FormulaTextError(f"it holds {name} of a constant, which is no finite real number") from None
 
 
+def is_name(name: str) -> bool:
+    """Whether a text can hold a name."""
+    return name.isidentifier() and name not in _RESERVED
+
+
 def check_name(name: str) -> None:
     """Refuse a name that a text could not mean."""
-    if not name.isidentifier() or name in _RESERVED:
+    if not is_name(name):
         known = f"{', '.join(sorted(_RESERVED))} have a meaning"
         raise InvalidArgumentError(f"{_checks.shown(name)} is no name for texts: letters, digits and _, and {known}")
 

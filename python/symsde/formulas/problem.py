@@ -157,7 +157,7 @@ class Names:
         self._refuse_strangers(expression, text)
         expression = expression.xreplace({**{x: self.known[x.name] for x in expression.free_symbols}, **self.moving})
         if expression.has(sympy.I, sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
-            raise InvalidArgumentError(f"the formula {text} is not real and finite: Hamiltonians are real")
+            raise InvalidArgumentError(f"the formula {text} is not real and finite: formulas are real")
         return expression
 
     def _read(self, text: str) -> Any:
@@ -169,7 +169,7 @@ class Names:
         except FormulaTextError as error:
             raise InvalidArgumentError(f"the formula {quoted(text)} cannot be used: {error}") from None
         if not isinstance(expression, self.sympy.Expr) or expression.is_finite is False:
-            raise InvalidArgumentError(f"the formula {quoted(text)} is not real and finite: Hamiltonians are real")
+            raise InvalidArgumentError(f"the formula {quoted(text)} is not real and finite: formulas are real")
         return expression
 
     def _refuse_strangers(self, expression: Any, text: str) -> None:

@@ -133,10 +133,10 @@ class Extremes(Observer):
 class Passage(Observer):
     """Paths whose value leaves an interval: how many until when, through which end, when and in what state.
 
-    The value is a coordinate, a momentum or the energy, and is looked at after every step, not only where it is saved.
+    The value is looked at after every step, not only where it is saved; a path of which it is no number fails there.
     within=a stands for low=-a, high=a; one end may be infinite. absorb: a path that leaves ends there, and counts
-    nowhere from then on. bridge: where noise acts on the value, paths may leave between two steps too, by the law of a
-    Brownian bridge; the result says whether that was so (`bridged`).
+    nowhere from then on. bridge: where noise acts on a coordinate or momentum, paths may leave between two steps too,
+    by the law of a Brownian bridge; the result says whether that was so (`bridged`).
     """
 
     KIND: ClassVar[str] = "passage"

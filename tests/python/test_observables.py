@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Observables from formulas and functions: values against saved paths, the bits of any division, what is no number."""
+
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import cli, observe, scene
+from symsde.errors import InvalidArgumentError, SceneError, WrongTypeError
+
+RUN = {"q0": [0.3, 0.2], "p0": [0.1, 0.0], "step": 0.05, "steps": 60, "save_every": 20, "paths": 1500, "seed": 3}
+FORMULAS = {
+    "r^2": "q1**2 + q_2**2",
+    "angle": "atan(p1/(2 + q1)) + tanh(q2)*exp(-t)",
+    "alpha * q": "alpha*q_1 - sigma1",
+    "three": "3",
+}
+OBSERVERS = {
+    "hist": observe.Histogram("r^2", 0, 0.4, 10),
+    "cov": observe.Covariance(("r^2", "angle")),
+    "far": observe.Extremes("angle"),
+    "loss": observe.Passage("r^2", high=0.3, absorb=False),
+    "some": observe.Paths((0, 700), of=("alpha * q", "q_1")),
+}
+
+
+def model():
+    return ss.models.henon_heiles(alpha=1.2, sigma1=0.07)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return ss.moments(model(), observables=FORMULAS, observers=OBSERVERS, **RUN)
+
+
+@pytest.fixture(scope="module")
+def run():
+    saved = ss.simulate(model(), **RUN)
+    assert saved.report.failed == 0
+    return saved
+
+
+def values(run):
+    """The formulas by hand, (time, path) each."""
+    q, p, t = run.q.swapaxes(0, 1), run.p.swapaxes(0, 1), run.t[:, None]
+    return {
+        "r^2": q[0] ** 2 + q[1] ** 2,
+        "angle": np.arctan(p[0] / (2 + q[0])) + np.tanh(q[1]) * np.exp(-t),
+        "alpha * q": 1.2 * q[0] - 0.07,
+        "three": np.full(q[0].shape, 3.0),
+    }
+
+
+def test_formulas_are_what_they_say(found, run):
+    for name, x in values(run).items():
+        np.testing.assert_allclose(found.mean[name], x.mean(axis=1), rtol=1e-12, atol=1e-15, err_msg=name)
+        np.testing.assert_allclose(found.var[name], x.var(axis=1, ddof=1), rtol=1e-9, atol=1e-25, err_msg=name)
+    assert found.columns()[-4:] == list(FORMULAS)
+
+
+def test_observers_see_formulas(found, run):
+    x = values(run)
+    hist, some = found.observed["hist"], found.observed["some"]
+    for i, radius in enumerate(x["r^2"]):
+        np.testing.assert_array_equal(hist.counts[i], np.histogram(radius[radius < 0.4], hist.edges)[0])
+    np.testing.assert_allclose(some.values[1, :, 0], x["alpha * q"][:, 700], rtol=1e-14)
+    far = np.maximum.accumulate(x["angle"], axis=0).mean(axis=1)
+    np.testing.assert_allclose(found.observed["far"].mean_highest, far, rtol=1e-12)
+    covariance = [np.cov(a, b) for a, b in zip(x["r^2"], x["angle"], strict=True)]
+    np.testing.assert_allclose(found.observed["cov"].covariance[1:], covariance[1:], rtol=1e-9)
+
+
+def test_passages_of_formulas(found):
+    """After every step, not only where values are saved; without a bridge, of which nothing is known."""
+    every = ss.simulate(model(), **{**RUN, "save_every": 1})
+    outside = every.q[:, 0] ** 2 + every.q[:, 1] ** 2 >= 0.3  # (step, path)
+    lost = np.logical_or.accumulate(outside, axis=0)[::20].mean(axis=1)
+    loss = found.observed["loss"]
+    assert 0.05 < lost[-1] < 0.95
+    np.testing.assert_allclose(loss.lost, lost, rtol=1e-14)
+    assert loss.bridged is None
+    first = np.argmax(outside, axis=0)[loss.path]
+    np.testing.assert_array_equal(loss.step, first)
+    assert (loss.step % 20 != 0).sum() > 50  # not at saved times
+
+
+def same(one, other):
+    for name in ("n_ok", "m2"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    np.testing.assert_array_equal(one.to_arrays()[0], other.to_arrays()[0])
+    for name, part in one.kept.items():
+        np.testing.assert_array_equal(part.counts, other.kept[name].counts, err_msg=name)
+        np.testing.assert_array_equal(part.sums, other.kept[name].sums, err_msg=name)
+
+
+@pytest.mark.parametrize("options", [{"threads": 3}, {"lanes": 8}, {"lanes": 64, "threads": 2}, {"general": False}])
+def test_the_same_bits_for_any_threads_and_blocks(options, found):
+    same(ss.moments(model(), observables=FORMULAS, observers=OBSERVERS, **RUN, **options), found)
+
+
+@pytest.mark.parametrize("kind", ["here", "processes"])
+def test_the_same_bits_for_any_shards(kind, found):
+    wanted = {"observables": FORMULAS, "observers": OBSERVERS, "shard_paths": 256}
+    if kind == "here":
+        same(ss.ensemble(model(), **wanted, **RUN), found)
+        return
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+        same(ss.ensemble(model(), **wanted, executor=executor, **RUN), found)
+
+
+def total(q, p):
+    return q[0] + q[1]
+
+
+def test_formulas_beside_functions(found):
+    """In the order in which they are given; with the time of each saved point, which functions do not get."""
+    mixed = {"r^2": FORMULAS["r^2"], "total": total, **{name: FORMULAS[name] for name in list(FORMULAS)[1:]}}
+    both = ss.moments(model(), observables=mixed, **RUN)
+    for name in FORMULAS:
+        np.testing.assert_array_equal(both.mean[name], found.mean[name], err_msg=name)
+    np.testing.assert_allclose(both.mean["total"], both.mean_q.sum(axis=1), rtol=1e-12)
+    told = both.attributes()["observables"]
+    assert '"r^2": "q1**2 + q_2**2"' in told and '"total": "Python: ' in told and "total" in told
+    assert pickle.loads(pickle.dumps(both)).mean["total"][-1] == both.mean["total"][-1]
+
+
+def test_functions_are_watched_too(found):
+    def square(q, p):
+        return q[0] ** 2 + q[1] ** 2
+
+    loss = {"loss": observe.Passage("square", high=0.3, absorb=False)}
+    mine = ss.moments(model(), observables={"square": square}, observers=loss, **RUN)
+    np.testing.assert_array_equal(mine.observed["loss"].lost, found.observed["loss"].lost)
+
+
+def test_without_a_compiler(found, monkeypatch):
+    monkeypatch.setenv("SYMSDE_CC", "")
+    monkeypatch.setattr("symsde.formulas.compiler.command", lambda: None)
+    from symsde.formulas import observables
+
+    observables._read.cache_clear()
+    try:
+        slow = ss.moments(model(), observables=FORMULAS, **RUN)
+    finally:
+        observables._read.cache_clear()
+    for name in FORMULAS:
+        np.testing.assert_allclose(slow.mean[name], found.mean[name], rtol=1e-13, atol=1e-15, err_msg=name)
+
+
+def test_names_are_those_of_the_model():
+    """Coordinates and parameters as its formulas have them; q_1, p_1 beside these."""
+    mine = ss.model_from_sympy("px**2/2 + k*x**2/2", ["s*x"], q="x", p="px", params={"k": 2.0, "s": 0.1})
+    run = {"q0": 1.0, "p0": 0.5, "step": 0.1, "steps": 10, "paths": 20}
+    wanted = {"a": "k*x*px", "b": "2*q_1*p_1", "c": "2*q1*p"}
+    found = ss.moments(mine, observables=wanted, **run)
+    saved = ss.simulate(mine, **run)
+    np.testing.assert_allclose(found.mean["a"], (2 * saved.q[:, 0] * saved.p[:, 0]).mean(axis=1), rtol=1e-12)
+    for name in "bc":
+        np.testing.assert_allclose(found.mean[name], found.mean["a"], rtol=1e-14)
+    other = mine.with_parameters(k=4.0)
+    again = ss.moments(other, observables={"k": "k"}, **run)
+    assert (again.mean["k"] == 4.0).all()
+
+
+def test_expressions_of_sympy():
+    sympy = pytest.importorskip("sympy")
+    x, y = sympy.symbols("x y")
+    mine = ss.model_from_sympy(y**2 / 2 + x**4, [x], q=x, p=y)
+    run = {"q0": 1.0, "p0": 0.5, "step": 0.1, "steps": 10, "paths": 20}
+    found = ss.moments(mine, observables={"e": y**2 / 2 + x**4, "xy": x * y}, **run)
+    np.testing.assert_allclose(found.mean["e"], found.mean_energy, rtol=1e-12)
+
+
+BAD = {
+    "__import__('os')": "calls __import__",
+    "q3": "'q3'|q3",
+    "q1 +": "written as a formula",
+    "": "written as a formula",
+    "q[1]": "index in brackets",
+    "1/0": "no finite real number",
+    "sqrt(-1)": "real",
+    "I*q1": "holds I, which is not given: there are q_1",
+    "q1 > 0": "comparison",
+    "foo(q1)": "foo",
+    "9**9**9**9": "exponent",
+    "-" * 60 + "q1": "deep|nested",
+    "energy": "energy.*there are.*q_1.*p2$",
+    "sigma9": "sigma",
+}
+
+
+@pytest.mark.parametrize(("formula", "sentence"), BAD.items())
+def test_bad_formulas_are_refused(formula, sentence):
+    with pytest.raises(InvalidArgumentError, match=f"(?s)observable 'x'.*({sentence})"):
+        ss.moments(model(), observables={"x": formula}, **RUN)
+
+
+@pytest.mark.parametrize("given", [3, None, [1], {"a": 1}, b"q1"])
+def test_what_is_no_observable(given):
+    with pytest.raises(WrongTypeError, match="observable 'x' cannot be called: give f"):
+        ss.moments(model(), observables={"x": given}, **RUN)
+
+
+def test_what_is_no_number_is_said():
+    """log(q1) of the paths that are below zero: the means say so, and the warning says which and when."""
+    start = np.full((1, 20), 1.0)
+    start[0, 3] = -1.0
+    run = {"q0": start, "p0": 0.0, "step": 0.1, "steps": 4, "save_every": 2, "paths": 20}
+    wanted = {"fine": "q1**2", "log": "log(q1)", "late": "1/(t - 0.2)"}
+    watched = {
+        "hist": observe.Histogram("log", -1, 1, 4),
+        "far": observe.Extremes("log"),
+        "loss": observe.Passage("log", high=5.0),
+    }
+    pendulum = ss.models.pendulum()
+    with pytest.warns(ss.NotANumberWarning) as warned:
+        found = ss.moments(pendulum, observables=wanted, observers={"hist": watched["hist"]}, **run)
+    told = [str(w.message) for w in warned]
+    assert len(told) == 2 and told == found.doubts()
+    assert told[0].startswith("log is no finite number for some paths at 3 of 3 saved times, first at t = 0:")
+    assert "late is no finite number for some paths at 1 of 3 saved times, first at t = 0.2" in told[1]
+    assert np.isnan(found.mean["log"]).all() and np.isfinite(found.mean["fine"]).all()
+    np.testing.assert_array_equal(found.observed["hist"].not_a_number, 1)
+    with pytest.warns(ss.NotANumberWarning, match="log|late"):
+        far = ss.moments(pendulum, observables=wanted, observers={"far": watched["far"]}, **run).observed["far"]
+    assert np.isnan(far.mean_highest).all() and np.isnan(far.mean_lowest).all()
+    with pytest.warns(ss.PathsFailedWarning, match="1 paths failed"):
+        lost = ss.moments(pendulum, observables={"log": "log(q1)"}, observers={"loss": watched["loss"]}, **run)
+    assert lost.failed.tolist() == [3] and lost.failed_step.tolist() == [0]
+    assert ss.status_text(int(lost.failed_status[0])) == ss.status_text(3)
+    assert (lost.n_ok == 19).all() and np.isfinite(lost.mean["log"]).all()
+
+
+SCENE = """
+[model]
+name = "henon_heiles"
+alpha = 1.2
+sigma1 = 0.07
+[run]
+step = 0.05
+steps = 60
+save_every = 20
+paths = 1500
+seed = 3
+q0 = [0.3, 0.2]
+p0 = [0.1, 0.0]
+[observables]
+"r^2" = "q1**2 + q_2**2"
+angle = "atan(p1/(2 + q1)) + tanh(q2)*exp(-t)"
+[[observe]]
+kind = "passage"
+name = "loss"
+of = "r^2"
+high = 0.3
+absorb = false
+"""
+
+
+def write(path, text=SCENE, old="", new=""):
+    assert old in text
+    path.write_text(text.replace(old, new) if old else text)
+    return str(path)
+
+
+def test_scenes_with_formulas(found, tmp_path, capsys):
+    file = write(tmp_path / "scene.toml")
+    for size in (256, 2048):
+        out = tmp_path / f"out{size}"
+        assert cli.main(["run", file, "--out", str(out), "--shard-paths", str(size), "--quiet"]) == 0
+        mine = ss.open_run(out).moments
+        for name in ("r^2", "angle"):
+            np.testing.assert_array_equal(mine.mean[name], found.mean[name])
+            np.testing.assert_array_equal(mine.se_mean[name], found.se_mean[name])
+        np.testing.assert_array_equal(mine.observed["loss"].lost, found.observed["loss"].lost)
+    np.testing.assert_array_equal(scene.load(file).compute_moments().m2, mine.m2)
+    other = write(tmp_path / "other.toml", old="q_2**2", new="q_2**4")
+    assert cli.main(["run", other, "--out", str(out), "--quiet"]) == cli.BAD_INPUT
+    assert "observables.r^2 = 'q1**2 + q_2**2' there, 'q1**2 + q_2**4' here" in capsys.readouterr().err
+
+
+def test_scenes_say_what_is_no_number(tmp_path, capsys):
+    file = write(tmp_path / "scene.toml", old="q1**2 + q_2**2", new="log(q1 - 0.3)")
+    text = (tmp_path / "scene.toml").read_text().partition("[[observe]]")[0]
+    file = write(tmp_path / "scene.toml", text)
+    assert cli.main(["run", file, "--out", str(tmp_path / "out"), "--quiet"]) == cli.PATHS_FAILED
+    assert "symsde: r^2 is no finite number for some paths at 4 of 4 saved times" in capsys.readouterr().err
+
+
+HOSTILE = {
+    '"r^2" = 3': r"\[observables\] r\^2 = 3: give a formula as text",
+    '"r^2" = ["q1"]': "give a formula as text",
+    '"r^2" = {python = "os:system"}': "give a formula as text",
+    '"r^2" = ""': r"\[observables\]: observable 'r\^2'",
+    "\"r^2\" = \"__import__('os').system('false')\"": r"observable 'r\^2'",
+    'q_1 = "q2"\n"r^2" = "1"': "q_1.*taken",
+    '"" = "q2"\n"r^2" = "1"': "cannot be a name in a file",
+    '"a/b" = "q2"\n"r^2" = "1"': "cannot be a name in a file",
+    '"r^2" = "q7"': "q7",
+    '"R^2" = "q1"': "no such value: there are",
+}
+
+
+@pytest.mark.parametrize(("line", "sentence"), HOSTILE.items())
+def test_hostile_scenes(line, sentence, tmp_path):
+    file = write(tmp_path / "scene.toml", old='"r^2" = "q1**2 + q_2**2"', new=line)
+    with pytest.raises(SceneError, match=f"scene.toml: .*{sentence}"):
+        scene.load(file)
+
+
+def test_observables_need_moments(tmp_path):
+    file = write(tmp_path / "scene.toml", SCENE.partition("[[observe]]")[0] + "[output]\nmoments = false\npaths=[0]\n")
+    with pytest.raises(SceneError, match=r"\[observables\] go with moments"):
+        scene.load(file)
