@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write docs/models.md and docs/schemes.md, as the library describes itself: .venv/bin/python docs/generate.py.
+"""Write docs/models.md, schemes.md and which-scheme.md, from the library and docs/figures: .venv/bin/python docs/generate.py.
 
 src/scheme/measured.f90 is written from docs/measured.json first; where it changes, build the library and run again.
 docs/measure_orders.py measures anew (a quarter of an hour).
@@ -9,13 +9,18 @@ import sys
 from pathlib import Path
 
 import measured_module
+import which_scheme
 from symsde import tables
 
-PAGES = {"models.md": tables.models_markdown, "schemes.md": tables.schemes_markdown}
+PAGES = {
+    "models.md": tables.models_markdown,
+    "schemes.md": tables.schemes_markdown,
+    "which-scheme.md": which_scheme.page,
+}
 
 
 def main() -> int:
-    """Write both pages beside this file; 1 where the library must be built first."""
+    """Write the pages beside this file; 1 where the library must be built first."""
     if measured_module.TARGET.read_text(encoding="utf-8") != measured_module.module():
         measured_module.write()
         print(f"{measured_module.TARGET} was not current: build the library, then run this again")

@@ -14,7 +14,7 @@ from ..commutator import commutator
 from ..errors import InvalidArgumentError, MissingOperationError, NumericalError, SymsdeError
 from ..expect.problem import Problem, make_problem
 from ..expect.stability import fewest_steps, frequency
-from ..model import Model, Traits
+from ..model import Model
 from ..schemes import Scheme, as_scheme
 from .ladder import Ladder
 from .wants import KINDS
@@ -108,10 +108,12 @@ def advise(
 
 def candidates(problem: Problem) -> list[Scheme]:
     """Symplectic schemes that the traits of a model let in, each set up once."""
-    return [scheme for scheme in map(as_scheme, _names(problem.model, problem.model.traits)) if _fits(problem, scheme)]
+    return [scheme for scheme in map(as_scheme, scheme_names(problem.model)) if _fits(problem, scheme)]
 
 
-def _names(model: Model, traits: Traits) -> list[str]:
+def scheme_names(model: Model) -> list[str]:
+    """Names of the schemes that are tried, by the traits and brackets of a model."""
+    traits = model.traits
     names = ["midpoint"]
     if traits.separable:
         names.append("stormer_verlet")

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sphinx: how the site is built. `./bootstrap docs` calls build.py beside this file."""
+
+import re
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from plain import as_rest
+
+ROOT = Path(__file__).resolve().parents[2]
+project = "symsde"
+author = "symsde developers"
+copyright = "symsde developers, BSD-3-Clause"  # noqa: A001 - Sphinx wants this name
+release = re.search(r"VERSION (\d+\.\d+\.\d+)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8"))[1]
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_design", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
+exclude_patterns = ["gallery/*"]  # programs; their pages are made in examples/
+myst_enable_extensions = ["colon_fence", "dollarmath"]
+myst_heading_anchors = 3
+html_theme = "furo"
+html_title = f"symsde {release}"
+html_show_sphinx = False
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+templates_path = []
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+copybutton_exclude = ".linenos, .gp, .go"
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "examples",
+    "filename_pattern": r"\.py$",
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "remove_config_comments": True,
+    "min_reported_time": 3600,
+    "show_signature": False,
+    "copyfile_regex": r".*\.(toml|npz)$",
+}
+
+
+def _docstring(_app, _what, _name, _obj, _options, lines):
+    """Docstrings are plain text: nothing in them is markup but backquotes, lists and indented formulas."""
+    lines[:] = as_rest("\n".join(lines)).splitlines()
+
+
+def setup(app):
+    """Connect the reader of docstrings."""
+    app.connect("autodoc-process-docstring", _docstring)

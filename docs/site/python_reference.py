@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The Python reference: every public name of the package in one of these groups, described by its docstring."""
+
+import symsde
+
+INTRODUCTION = """\
+# Python interface
+
+`import symsde as ss`. Everything is dimensionless; the path is the last axis of every array. The user guide is
+[python.md](../python.md).
+"""
+GROUPS = {
+    "Models": ("Model", "Traits", "FormulaModel", "model_from_sympy", "numba_signature", "numba_sincos"),
+    "Runs": ("simulate", "Run", "moments", "Moments", "prepare", "PreparedRun", "Report", "step", "increments"),
+    "Ensembles in shards": ("ensemble", "open_run", "OpenRun"),
+    "Schemes": ("Scheme", "advise", "Advice"),
+    "Errors of an answer": ("expect", "Answer", "Alternative", "mlmc", "Multilevel", "level_sampler", "LevelSampler"),
+    "Errors of a scheme": ("convergence", "Convergence", "work_precision", "WorkPrecision", "commutator", "Commutator")
+    + ("mean_square", "MeanSquare"),
+    "The library itself": ("build_info", "status_text"),
+    "Exceptions and warnings": ("SymsdeError", "PathsFailedWarning", "BudgetWarning", "ReferenceWarning"),
+}
+MODULES = ("models", "schemes", "observe", "diagnose", "errors")
+SKIPPED = ("__version__", *MODULES)
+
+
+def page():
+    """The page; ValueError where a public name is in no group, or in two."""
+    grouped = [name for names in GROUPS.values() for name in names]
+    wanted = [name for name in symsde.__all__ if name not in SKIPPED]
+    if sorted(grouped) != sorted(wanted):
+        odd = sorted(set(grouped) ^ set(wanted)) or sorted(name for name in grouped if grouped.count(name) > 1)
+        raise ValueError(f"names that are public and in no group, or the other way round: {', '.join(odd)}")
+    found = [INTRODUCTION]
+    for title, names in GROUPS.items():
+        found += [f"## {title}\n", *map(_entry, names)]
+    for name in MODULES:
+        found += [f"## `symsde.{name}`\n", _block(f".. automodule:: symsde.{name}\n   :members:\n   :no-index:")]
+    return "\n".join(found)
+
+
+def _entry(name):
+    thing = getattr(symsde, name)
+    kind = "function"
+    if isinstance(thing, type):
+        kind = "exception" if issubclass(thing, BaseException) else "class"
+    more = "\n   :members:" if kind == "class" else ""
+    return _block(f".. auto{kind}:: symsde.{name}{more}\n")
+
+
+def _block(text):
+    return f"```{{eval-rst}}\n{text.rstrip()}\n```\n"

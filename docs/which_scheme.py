@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""docs/which-scheme.md: from the candidates of `symsde.advise` and from the measurements in docs/figures."""
+
+import json
+from pathlib import Path
+
+import symsde as ss
+from symsde.advise import advise
+from symsde.study import of_data, words
+
+FIGURES = Path(__file__).with_name("figures")
+TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-5)
+KINDS = {
+    "commuting flows": ("kubo",),
+    "additive": ("linear_oscillator", "additive_oscillator", "henon_heiles", "fpu_chain"),
+    "additive, stiff": ("stiff_chain",),
+    "in position": ("synchrotron", "driven_pendulum"),
+    "one noise, in p": ("pendulum",),
+    "does not commute": ("noncommutative_oscillator",),
+}
+USE = {
+    "midpoint": "the first choice: any model, any noise, stiff or not; keeps every quadratic invariant",
+    "symplectic_euler": "separable models with noise in position or additive: the cheapest step",
+    "symplectic_euler_adjoint": "the adjoint of symplectic_euler: compositions, checks",
+    "stormer_verlet": "separable models that are not stiff: explicit, second order without noise",
+    "gauss2": "flows that commute (Kubo), or little noise: order 4 without noise",
+    "gauss3": "as gauss2 for small tolerances: order 6 without noise",
+    "gauss4": "as gauss3 at tolerances near rounding: order 8 without noise",
+    "lobatto2": "stormer_verlet by its tableau",
+    "lobatto2_swapped": "the same with q and p exchanged",
+    "lobatto3": "little noise where stages at the ends of a step are wanted; order 4 without noise",
+    "lobatto3_swapped": "the same with q and p exchanged",
+    "lobatto4": "as lobatto3 with order 6 without noise",
+    "lobatto4_swapped": "the same with q and p exchanged",
+    "gauss2_strong32": "paths under commuting noise at small tolerances: order 3/2, with dZ",
+    "gauss2_strong32_areas": "paths at small tolerances under noise that does not commute: order 1 there, 3/2 elsewhere",
+    "gauss2_weak2": "means under commuting noise, no paths: weak order 2 with three-point increments",
+    "midpoint_areas": "paths under noise that does not commute: order 1 instead of 1/2, with areas",
+    "midpoint_weak1": "means, no paths: bounded two-point increments, so implicit steps always have their solution",
+    "verlet_dz": "additive noise on momenta, separable: explicit, strong order 2, with dZ",
+    "averaged_shift_midpoint": "additive noise on q and p, or stiff: strong order 3/2, with dZ",
+    "drift_preserving": "the exact growth of E H under additive noise; not symplectic",
+    "exact_rotation": "a stiff linear part whose frequencies are declared, noise in position: explicit at any h omega",
+    "gauss_dkdkd": "H = p.p/2 + U(q), noise in position: explicit, orders 2 (additive) and 3/2",
+    "verlet_kdk": "the same with kicks at the ends of the step",
+    "chin4a": "H = p.p/2 + U(q), noise in position, small tolerances or long horizons: the cheapest that was measured",
+    "gauss_dkdkd_strong2": "as gauss_dkdkd with strong order 2 for every noise in position",
+    "verlet_kdk_strong2": "as verlet_kdk with strong order 2 for every noise in position",
+    "chin4a_strong2": "the finest explicit paths under noise in position: references for other schemes",
+    "gauss_dkdkd_rotation": "as gauss_dkdkd around the exact flow of a stiff linear part",
+    "heun": "comparison only: not symplectic, its second moments grow",
+    "euler_maruyama": "comparison only: not symplectic, second moments grow, strong order 1/2",
+    "dirk:0.25": "two midpoint steps of unequal length: comparisons within the family",
+    "lambda:0.3": "between the two Euler schemes: what the correction of one-sided schemes does",
+}
+GALERKIN = "a Galerkin scheme of the action: variational experiments; where r = s it is a tableau of the rows above"
+
+
+def page():
+    """The whole page."""
+    studies = {path.stem.partition("precision-")[2]: _study(path) for path in FIGURES.glob("work-precision-*.json")}
+    return "\n".join(
+        [
+            *(_HEAD, _BY_NOISE, _noise_table(studies)),
+            *(_BY_HORIZON, _horizons(_data("horizons"))),
+            *(_BY_STIFFNESS, _stiffness(_data("mean-square"))),
+            *(_BY_WANT, _wants()),
+            *("## Every scheme in a line\n", _uses()),
+        ]
+    )
+
+
+def _data(stem):
+    return json.loads((FIGURES / f"{stem}.json").read_text(encoding="utf-8"))
+
+
+def _study(path):
+    return of_data(json.loads(path.read_text(encoding="utf-8")))
+
+
+def _noise_table(studies):
+    rows = []
+    for kind, scenes in KINDS.items():
+        for scene in scenes:
+            study = studies[scene]
+            usable = [r for r in study.rows if r["status"] == "ok" and ss.schemes.get(r["scheme"]).info.symplectic]
+            cells = [_cell(scene, words.cheapest(usable, tolerance)) for tolerance in TOLERANCES]
+            rows.append([kind, f"{scene}, to t = {study.horizon:g}", _candidates(study.model), *cells])
+    missing = set(studies) - {scene for scenes in KINDS.values() for scene in scenes}
+    if missing:
+        raise ValueError(f"scenes without a kind of noise: {', '.join(sorted(missing))}")
+    return _table(["noise", "measured on", "`advise` tries", *(f"paths to {x:g}" for x in TOLERANCES)], rows)
+
+
+def _candidates(text):
+    """What advise tries on a model, by its repr."""
+    name, _, parameters = text.partition("(")
+    given = dict(item.split("=") for item in parameters.rstrip(")").split(", "))
+    model = ss.models.get(name, **{key: float(value) for key, value in given.items()})
+    return ", ".join(advise.scheme_names(model))
+
+
+def _cell(scene, found):
+    if not found:
+        return f"[-](work-precision.md#{scene})"
+    best = found[0]
+    text = f"{best['scheme']}, h = {best['h']:.3g}, {1e6 * best['seconds']:.3g} us"
+    return f"[{text}](work-precision.md#{scene})"
+
+
+def _horizons(data):
+    rows = []
+    for want in dict.fromkeys(row["want"] for row in data["rows"]):
+        for horizon in sorted({row["horizon"] for row in data["rows"]}):
+            here = [r for r in data["rows"] if r["want"] == want and r["horizon"] == horizon and r["microseconds"]]
+            kept = [r for r in here if ss.schemes.get(r["scheme"]).info.symplectic]
+            best = min(kept, key=lambda row: row["microseconds"], default=None)
+            heun = next((r for r in here if r["scheme"] == "heun"), None)
+            factor = f"{heun['microseconds'] / best['microseconds']:.2g} times as much" if heun and best else "-"
+            text = f"{best['scheme']}, {best['steps']} steps, {best['microseconds']:.3g} us" if best else "-"
+            rows.append([want, f"{horizon:g}", f"[{text}](expect.md#as-the-horizon-grows)", factor])
+    return _table(["wanted", "horizon", "cheapest symplectic scheme", "Heun's rule"], rows)
+
+
+def _stiffness(data):
+    """Largest omega h up to which every shorter step grows no more than the limit, for two strengths of noise."""
+    rows = []
+    for equation in dict.fromkeys(found["equation"] for found in data["maps"]):
+        for index, sigma in enumerate(data["sigma_sqrt_h"]):
+            if index not in (0, len(data["sigma_sqrt_h"]) * 3 // 4):
+                continue
+            cells = [_longest(found, data, index) for found in data["maps"] if found["equation"] == equation]
+            rows.append([equation, f"{sigma:.2g}", *cells])
+    names = list(dict.fromkeys(found["scheme"] for found in data["maps"]))
+    return _table(["noise", "sigma sqrt(h)", *names], rows)
+
+
+def _longest(found, data, index):
+    allowed = 0.0
+    for row, omega_h in enumerate(data["omega_h"]):
+        excess = found["excess"][index][row]
+        if excess is None or not excess <= data["stable"]:
+            break
+        allowed = omega_h
+    text = f"{allowed:.2g}" if allowed else "none"
+    return f"[{text}](expect.md#mean-square-stability)"
+
+
+def _wants():
+    rows = []
+    for name in ss.schemes.names():
+        info = ss.schemes.get(name).info
+        if info.form == "Galerkin":
+            continue
+        kept = "quadratic ones" if info.keeps_quadratic else "q^T D p" if info.keeps_bilinear else "none"
+        values = [info.orders[kind].value for kind in ("additive", "commutative", "general", "weak")]
+        orders = [f"[{value:g}](schemes.md#orders)" if value else "-" for value in values]
+        rows.append([f"`{name}`", *orders, kept, "yes" if info.symplectic else "no"])
+    return _table(["scheme", "additive", "commuting", "general", "weak order", "invariants kept", "symplectic"], rows)
+
+
+def _uses():
+    rows = []
+    for name in (*ss.schemes.names(), "dirk:0.25", "lambda:0.3"):
+        text = USE.get(name) or (GALERKIN if name.startswith("P") else None)
+        if text is None:
+            raise ValueError(f"docs/which_scheme.py says of {name} nothing: add its line to USE")
+        rows.append([f"`{name}`", text])
+    return _table(["scheme", "use it for"], rows)
+
+
+def _table(header, rows):
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+_HEAD = """\
+<!-- Generated by docs/generate.py; do not edit. -->
+
+# Which scheme for my problem
+
+In one line: **midpoint**, unless the model is separable and not stiff; then **stormer_verlet**, or **chin4a** where
+H = p.p/2 + U(q), the noise depends on position alone and the paths themselves are wanted. The library measures it for you:
+
+```python
+import symsde as ss
+
+print(ss.advise(ss.models.synchrotron(), q0=1.0, p0=0.0, horizon=4.0, tolerance=1e-3))
+```
+
+It tries the schemes that the traits let in at three steps on the same Brownian paths, and takes the cheapest one at its
+longest step ([how](expect.md#scheme-and-step-for-a-tolerance)); `want="moments"` and `want="invariants"` ask for other
+errors. The tables below are what was measured on the models of the catalogue; each number leads to its measurement.
+"""
+_BY_NOISE = """\
+## By noise, for paths
+
+The cheapest symplectic scheme that was measured whose paths end within the tolerance (root mean square, with its 95 %
+bound), its step, and microseconds a path on one thread. A dash: none of those measured, at steps that were measured.
+"""
+_BY_HORIZON = """\
+## By horizon
+
+A synchrotron with little noise. Schemes that are not symplectic cost about the same over one period, and more and more
+beyond. A dash: no affordable step keeps the tolerance, or it was not measured.
+"""
+_BY_STIFFNESS = """\
+## By stiffness
+
+Largest omega h, omega the fastest frequency, up to which a step adds less than 1 % to the growth of the second moments of
+linear equations; 3.2 is where the map ends. Explicit schemes end at
+[omega h = 2](stability.md#s09-stability-limit-of-explicit-steps) without noise, too. A step that is stable resolves nothing
+beyond omega h = 1: `report.warnings` says so.
+"""
+_BY_WANT = """\
+## By what is wanted
+
+Paths: strong order for the noise at hand. Means: weak order; the cost of sampling decides more often than the step, see
+[an answer with an error bar](expect.md). Invariants: quadratic ones (norms, Casimirs, p^2 + q^2 of Kubo's oscillator) are
+kept to rounding by schemes with equal tableaux for q and p, q^T D p (angular momentum) by every symplectic one here.
+"""

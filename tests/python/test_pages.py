@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pages of the site are true: blocks run, the table of schemes is current and says the cheapest measured points."""
+
+import contextlib
+import io
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+import symsde as ss
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "docs"))
+import which_scheme  # noqa: E402
+from symsde.advise import advise  # noqa: E402
+
+WORDS = {
+    "first-ten-minutes": ("(501, 1, 100)", "midpiont", "save_every"),
+    "which-scheme": ("us a path", "others:"),
+    "own-model": ("True True True", "order"),
+    "results": ("E q =", "outcome"),
+    "reproducibility": ("version",),
+}
+
+
+@pytest.mark.parametrize("page", WORDS)
+def test_blocks_of_a_page(page, tmp_path, monkeypatch):
+    if page == "own-model":
+        pytest.importorskip("sympy")
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    code = re.findall(r"^```python\n(.*?)^```", text, re.M | re.S)
+    names, printed = {}, io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        for block in code:
+            exec(compile(block, page, "exec"), names)
+    for words in WORDS[page]:
+        assert words in printed.getvalue(), words
+
+
+def test_which_scheme_is_current():
+    committed = (ROOT / "docs" / "which-scheme.md").read_text(encoding="utf-8")
+    assert committed == which_scheme.page(), "docs/generate.py writes it again"
+
+
+@pytest.mark.parametrize("data", sorted(which_scheme.FIGURES.glob("work-precision-*.json")), ids=lambda path: path.stem)
+def test_the_table_names_the_cheapest_points(data):
+    """Every cell against the rows of the measurement, by another way of looking."""
+    study = json.loads(data.read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / "which-scheme.md").read_text(encoding="utf-8")
+    row = next(line for line in page.splitlines() if f"| {study['name']}, to t" in line)
+    for tolerance, cell in zip(which_scheme.TOLERANCES, row.strip("|").split(" | ")[3:], strict=True):
+        assert f"(work-precision.md#{study['name']})" in cell
+        good = [
+            (r["seconds"], r["scheme"], r["h"])
+            for r in study["rows"]
+            if r["status"] == "ok" and r["err_strong_high"] <= tolerance and ss.schemes.get(r["scheme"]).info.symplectic
+        ]
+        if not good:
+            assert "[-]" in cell
+            continue
+        seconds, scheme, h = min(good)
+        assert f"[{scheme}, h = {h:.3g}, {1e6 * seconds:.3g} us]" in cell
+
+
+def test_every_scheme_has_a_use():
+    page = (ROOT / "docs" / "which-scheme.md").read_text(encoding="utf-8").partition("in a line")[2]
+    for name in ss.schemes.names():
+        assert page.count(f"| `{name}` |") == 1, name
+    assert set(which_scheme.USE) <= {*ss.schemes.names(), "dirk:0.25", "lambda:0.3"}
+
+
+def test_explicit_uses_are_explicit():
+    """What a line calls explicit needs no solver for separable models, and what it calls no paths converges to none."""
+    for name, text in which_scheme.USE.items():
+        info = ss.schemes.get(name).info
+        if "explicit" in text:
+            assert info.explicit_for != "never", name
+        if "no paths" in text:
+            assert not any(info.orders[kind].value for kind in ("additive", "commutative", "general")), name
+        assert ("not symplectic" in text) == (not info.symplectic), name
+
+
+def test_candidates_are_those_of_advise():
+    assert advise.scheme_names(ss.models.kubo()) == ["midpoint", "stormer_verlet", "gauss2", "gauss3"]
+    assert "midpoint_areas" in advise.scheme_names(ss.models.noncommutative_oscillator())
