@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write docs/models.md, schemes.md and which-scheme.md, from the library and docs/figures: .venv/bin/python docs/generate.py.
+"""Write docs/models.md, schemes.md and which-scheme.md from the library and docs/figures.
+
+    .venv/bin/python docs/generate.py
 
 src/scheme/measured.f90 is written from docs/measured.json first; where it changes, build the library and run again.
 docs/measure_orders.py measures anew (a quarter of an hour).

@@ -33,7 +33,7 @@ USE = {
     "lobatto4": "as lobatto3 with order 6 without noise",
     "lobatto4_swapped": "the same with q and p exchanged",
     "gauss2_strong32": "paths under commuting noise at small tolerances: order 3/2, with dZ",
-    "gauss2_strong32_areas": "paths at small tolerances under noise that does not commute: order 1 there, 3/2 elsewhere",
+    "gauss2_strong32_areas": "paths at small tolerances under any noise: order 1 where it does not commute, else 3/2",
     "gauss2_weak2": "means under commuting noise, no paths: weak order 2 with three-point increments",
     "midpoint_areas": "paths under noise that does not commute: order 1 instead of 1/2, with areas",
     "midpoint_weak1": "means, no paths: bounded two-point increments, so implicit steps always have their solution",
@@ -79,17 +79,19 @@ def _study(path):
 
 
 def _noise_table(studies):
-    rows = []
+    rows, tried = [], []
     for kind, scenes in KINDS.items():
         for scene in scenes:
             study = studies[scene]
             usable = [r for r in study.rows if r["status"] == "ok" and ss.schemes.get(r["scheme"]).info.symplectic]
             cells = [_cell(scene, words.cheapest(usable, tolerance)) for tolerance in TOLERANCES]
-            rows.append([kind, f"{scene}, to t = {study.horizon:g}", _candidates(study.model), *cells])
+            rows.append([kind, f"{scene}, to t = {study.horizon:g}", *cells])
+            tried.append([kind, f"`{study.model}`", _candidates(study.model)])
     missing = set(studies) - {scene for scenes in KINDS.values() for scene in scenes}
     if missing:
         raise ValueError(f"scenes without a kind of noise: {', '.join(sorted(missing))}")
-    return _table(["noise", "measured on", "`advise` tries", *(f"paths to {x:g}" for x in TOLERANCES)], rows)
+    measured = _table(["noise", "measured on", *(f"paths to {x:g}" for x in TOLERANCES)], rows)
+    return f"{measured}\nWhat `ss.advise` tries on these models:\n\n" + _table(["noise", "model", "schemes"], tried)
 
 
 def _candidates(text):
@@ -180,7 +182,7 @@ _HEAD = """\
 # Which scheme for my problem
 
 In one line: **midpoint**, unless the model is separable and not stiff; then **stormer_verlet**, or **chin4a** where
-H = p.p/2 + U(q), the noise depends on position alone and the paths themselves are wanted. The library measures it for you:
+H = p.p/2 + U(q), noise depends on position alone and the paths themselves are wanted. The library measures it:
 
 ```python
 import symsde as ss
@@ -189,8 +191,9 @@ print(ss.advise(ss.models.synchrotron(), q0=1.0, p0=0.0, horizon=4.0, tolerance=
 ```
 
 It tries the schemes that the traits let in at three steps on the same Brownian paths, and takes the cheapest one at its
-longest step ([how](expect.md#scheme-and-step-for-a-tolerance)); `want="moments"` and `want="invariants"` ask for other
-errors. The tables below are what was measured on the models of the catalogue; each number leads to its measurement.
+longest step ([how](expect.md#scheme-and-step-for-a-tolerance)); `want="moments"` and `want="invariants"` ask for
+other errors. The tables below are what was measured on the models of the catalogue; each number leads to its
+measurement.
 """
 _BY_NOISE = """\
 ## By noise, for paths
@@ -207,15 +210,16 @@ beyond. A dash: no affordable step keeps the tolerance, or it was not measured.
 _BY_STIFFNESS = """\
 ## By stiffness
 
-Largest omega h, omega the fastest frequency, up to which a step adds less than 1 % to the growth of the second moments of
-linear equations; 3.2 is where the map ends. Explicit schemes end at
-[omega h = 2](stability.md#s09-stability-limit-of-explicit-steps) without noise, too. A step that is stable resolves nothing
-beyond omega h = 1: `report.warnings` says so.
+Largest omega h, omega the fastest frequency, up to which a step adds less than 1 % to the growth of the second
+moments of linear equations; 3.2 is where the map ends. Explicit schemes end at
+[omega h = 2](stability.md#s09-stability-limit-of-explicit-steps) without noise, too. A step that is stable resolves
+nothing beyond omega h = 1: `report.warnings` says so.
 """
 _BY_WANT = """\
 ## By what is wanted
 
 Paths: strong order for the noise at hand. Means: weak order; the cost of sampling decides more often than the step, see
-[an answer with an error bar](expect.md). Invariants: quadratic ones (norms, Casimirs, p^2 + q^2 of Kubo's oscillator) are
-kept to rounding by schemes with equal tableaux for q and p, q^T D p (angular momentum) by every symplectic one here.
+[an answer with an error bar](expect.md). Invariants: quadratic ones (norms, Casimirs, p^2 + q^2 of Kubo's oscillator)
+are kept to rounding by schemes with equal tableaux for q and p; q^T D p (angular momentum) by every symplectic one
+here.
 """

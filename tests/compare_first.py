@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The first ten minutes say the same numbers in every language: compare_first.py ROOT PROGRAM... [--cxx COMPILER ARGUMENT...].
+"""The first ten minutes say the same numbers in every language.
 
-Runs examples/first in Python and on the command line, the programs, and, where a C++ compiler is given, the C++ one.
+compare_first.py ROOT PROGRAM... [--cxx COMPILER ARGUMENT...] runs examples/first in Python and on the command line, the
+programs, and, where a C++ compiler is given, the C++ one.
 """
 
 import csv

@@ -13,7 +13,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 SKIPPED = 77
-NEEDED = ("sphinx", "myst_parser", "furo", "sphinx_design", "sphinx_copybutton", "sphinx_gallery")
+NEEDED = (
+    "sphinx",
+    "myst_parser",
+    "furo",
+    "sphinx_design",
+    "sphinx_copybutton",
+    "sphinx_gallery",
+    "sphinx-mathjax-offline",
+)
 LINKED = ("examples", "include", "python", "src")
 
 
@@ -54,7 +62,16 @@ def main():
     sys.path.insert(0, str(Path(__file__).resolve().parent))
     os.environ.setdefault("MPLBACKEND", "Agg")
     docs = assemble(out / "tree")
-    options = ["-q", "-W", "--keep-going", "-E", "-c", str(Path(__file__).resolve().parent), "-d", str(out / "doctrees")]
+    options = [
+        "-q",
+        "-W",
+        "--keep-going",
+        "-E",
+        "-c",
+        str(Path(__file__).resolve().parent),
+        "-d",
+        str(out / "doctrees"),
+    ]
     status = sphinx([*options, str(docs), str(out / "html")])
     if status == 0:
         print(f"the site is {out / 'html' / 'index.html'}")

@@ -8,8 +8,8 @@ from plain import as_markdown
 INTRODUCTION = """\
 # C interface
 
-`#include <symsde.h>`, and link with `pkg-config --cflags --libs symsde`. This page is made from the header when the site is
-built. A comment of the header stands over what it speaks of.
+`#include <symsde.h>`, and link with `pkg-config --cflags --libs symsde`. This page is made from the header when the
+site is built. A comment of the header stands over what it speaks of.
 """
 PROTOTYPE = re.compile(r"^int (symsde_\w+)\(", re.M)
 

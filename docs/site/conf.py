@@ -11,10 +11,11 @@ from plain import as_rest
 ROOT = Path(__file__).resolve().parents[2]
 project = "symsde"
 author = "symsde developers"
-copyright = "symsde developers, BSD-3-Clause"  # noqa: A001 - Sphinx wants this name
+copyright = "symsde developers, BSD-3-Clause"
 release = re.search(r"VERSION (\d+\.\d+\.\d+)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8"))[1]
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_design", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
+extensions += ["sphinx-mathjax-offline"]  # formulas show without a network
 exclude_patterns = ["gallery/*"]  # programs; their pages are made in examples/
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
@@ -27,15 +28,19 @@ templates_path = []
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 copybutton_exclude = ".linenos, .gp, .go"
+
 sphinx_gallery_conf = {
     "examples_dirs": "gallery",
     "gallery_dirs": "examples",
-    "filename_pattern": r"\.py$",
+    "filename_pattern": r"/p\d\d_.*\.py$",
     "abort_on_example_error": True,
+    "capture_repr": (),
+    "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "remove_config_comments": True,
     "min_reported_time": 3600,
     "show_signature": False,
+    "reset_modules": ("matplotlib", "gallery_style.apply"),
     "copyfile_regex": r".*\.(toml|npz)$",
 }
 

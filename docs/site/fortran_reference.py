@@ -8,8 +8,8 @@ from plain import as_markdown
 INTRODUCTION = """\
 # Fortran interface
 
-`use symsde` is all a program needs. This page is made from the sources when the site is built: `!>` stands before what it
-describes, `!!` behind an argument or a component. Path or lane first in every array: `q(npath, ndof, ntime)`.
+`use symsde` is all a program needs. This page is made from the sources when the site is built: `!>` stands before what
+it describes, `!!` behind an argument or a component. Path or lane first in every array: `q(npath, ndof, ntime)`.
 Every procedure that can fail has an argument `error`: allocated on return means refused, `error%message` says why.
 """
 USE = re.compile(r"^   use (\w+), only: ((?:.*&\n)*.*)$", re.M)

@@ -15,8 +15,8 @@ GROUPS = {
     "Ensembles in shards": ("ensemble", "open_run", "OpenRun"),
     "Schemes": ("Scheme", "advise", "Advice"),
     "Errors of an answer": ("expect", "Answer", "Alternative", "mlmc", "Multilevel", "level_sampler", "LevelSampler"),
-    "Errors of a scheme": ("convergence", "Convergence", "work_precision", "WorkPrecision", "commutator", "Commutator")
-    + ("mean_square", "MeanSquare"),
+    "Errors of a scheme": ("convergence", "Convergence", "work_precision", "WorkPrecision"),
+    "Brackets and growth": ("commutator", "Commutator", "mean_square", "MeanSquare"),
     "The library itself": ("build_info", "status_text"),
     "Exceptions and warnings": ("SymsdeError", "PathsFailedWarning", "BudgetWarning", "ReferenceWarning"),
 }

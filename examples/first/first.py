@@ -10,7 +10,7 @@ import symsde as ss
 
 # dp = -a q dt - sigma q o dW, dq = a p dt + sigma p o dW: a rotation with a random angular velocity
 model = ss.models.kubo(a=1.0, sigma=0.3)
-common = dict(q0=1.0, p0=0.0, step=0.02, steps=500, save_every=50, scheme="midpoint", seed=1)
+common = {"q0": 1.0, "p0": 0.0, "step": 0.02, "steps": 500, "save_every": 50, "scheme": "midpoint", "seed": 1}
 
 mean = ss.moments(model, paths=10_000, **common)
 exact = math.exp(-0.045 * mean.t[-1]) * math.cos(mean.t[-1])

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""
+The growth of a noisy oscillator
+================================
+
+The linear stochastic oscillator of the paper, dp = -q dt + sigma dW, dq = p dt: :math:`E(p^2+q^2) = 1 +
+\\sigma^2 t`. The midpoint rule grows with the slope :math:`\\sigma^2/(1+h^2/4)`, for ever; Euler-Maruyama's
+grows exponentially.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import symsde as ss
+from symsde.look import of_scheme
+
+model, step = ss.models.linear_oscillator(sigma=1.0), 0.2
+for scheme in ("midpoint", "stormer_verlet", "euler_maruyama"):
+    mom = ss.moments(
+        model, q0=1.0, p0=0.0, step=step, steps=500, save_every=5, paths=20_000, seed=1, scheme=scheme
+    )  # fmt: skip
+    size, error = 2 * mom.mean_energy, 2 * mom.se_mean_energy
+    plt.plot(mom.t, size, label=scheme, color=of_scheme(scheme)["color"])
+    if scheme == "midpoint":
+        expected = 1 + mom.t / (1 + step**2 / 4)
+        assert np.all(np.abs(size - expected)[1:] < 5 * error[1:])
+    if scheme == "euler_maruyama":
+        assert size[-1] > 100 * mom.t[-1]
+plt.plot(mom.t, 1 + mom.t, "k:", label="exact")
+plt.yscale("log")
+plt.ylim(0.8, 1e4)
+plt.xlabel("t")
+plt.ylabel(r"$E(p^2+q^2)$")
+plt.legend()

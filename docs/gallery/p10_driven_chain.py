@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""
+A chain driven by noise
+=======================
+
+A Fermi-Pasta-Ulam chain of 64 masses, each shaken by its own noise: the mean energy grows by
+:math:`n\\sigma^2/2` in a unit of time, whatever the nonlinearity. Left one path, right the ensemble.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import symsde as ss
+
+n, sigma = 64, 0.1
+model = ss.models.fpu_chain(n=n, beta=1.0, sigma=sigma)
+common = {"q0": 0.0, "p0": 0.0, "step": 0.1, "steps": 600, "save_every": 6, "seed": 1, "scheme": "midpoint"}
+path = ss.simulate(model, **common)
+mom = ss.moments(model, paths=2000, **common)
+
+figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.5))
+picture = left.imshow(path.q[:, :, 0].T, aspect="auto", origin="lower", extent=[0, path.t[-1], 1, n], cmap="RdBu")
+left.set_xlabel("t")
+left.set_ylabel("mass")
+left.grid(False)
+figure.colorbar(picture, ax=left, label="q")
+right.plot(mom.t, mom.mean_energy, label="midpoint, h = 0.1")
+right.plot(mom.t, n * sigma**2 / 2 * mom.t, "k:", label=r"$n\sigma^2 t/2$")
+right.set_xlabel("t")
+right.set_ylabel("mean energy")
+right.legend()
+
+assert np.all(np.abs(mom.mean_energy - n * sigma**2 / 2 * mom.t)[1:] < 5 * mom.se_mean_energy[1:] + 2e-3 * mom.t[1:])

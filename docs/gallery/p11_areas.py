@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""
+Noise that does not commute
+===========================
+
+Two noises whose Hamiltonians do not commute: with increments alone no scheme does better than the square root
+of the step; Lévy areas of the same paths bring order one.
+"""
+
+import matplotlib.pyplot as plt
+import symsde as ss
+from symsde.look import of_scheme
+
+model = ss.models.noncommutative_oscillator(s1=0.5, s2=0.5)
+print(ss.commutator(model))
+orders = {}
+for scheme in ("midpoint", "gauss2", "midpoint_areas"):
+    table = ss.convergence(model, scheme, q0=1.0, p0=0.0, steps=[4, 8, 16, 32], time=1.0, paths=150, seed=1)
+    orders[scheme] = table.order
+    plt.loglog(table.step, table.error, label=f"{scheme}: {table.order:.2f}", **of_scheme(scheme))
+plt.xlabel("h")
+plt.ylabel("root mean square error at t = 1")
+plt.legend(title="order")
+
+assert orders["midpoint"] < 0.75 < orders["midpoint_areas"]
