@@ -35,7 +35,7 @@ def on_the_command_line(scene, folder):
     """The same numbers from the files of a run; those of path 0 where netCDF4 is installed."""
     output(sys.executable, "-m", "symsde", "run", str(scene), "--out", str(folder), "--quiet")
     with (folder / "moments.csv").open(encoding="utf-8") as file:
-        last = list(csv.DictReader(file))[-1]
+        last = list(csv.DictReader(line for line in file if not line.startswith("#")))[-1]
     found = [float(last["mean q_1"]), float(last["se_mean q_1"]), float(last["t"])]
     ends = []
     if importlib.util.find_spec("netCDF4"):

@@ -9,7 +9,8 @@ INTRODUCTION = """\
 # C interface
 
 `#include <symsde.h>`, and link with `pkg-config --cflags --libs symsde`. This page is made from the header when the
-site is built. A comment of the header stands over what it speaks of.
+site is built. A comment of the header stands over what it speaks of. For C++17 there is `symsde.hpp`, a thin layer over
+it, which describes itself.
 """
 PROTOTYPE = re.compile(r"^int (symsde_\w+)\(", re.M)
 
