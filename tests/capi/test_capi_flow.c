@@ -118,6 +118,57 @@ static void test_flow(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* H = p^2/2, H_1 = 0.3 p: wrong positions never reach the momenta */
+static int free_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                         double *hq, double *hp, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)q, (void)user;
+   for (int i = 0; i < nlane; i++) {
+      hq[i] = 0;
+      hp[i] = w[i] * p[i] + 0.3 * w[nlane + i];
+   }
+   return 0;
+}
+
+static int free_flow(int nlane, int ndof, int nham, int nstep, int every, int max_iter, double t, double h,
+                     const double *w, const double *const *functionals, const double *q, const double *p, double *qn,
+                     double *pn, int64_t *status, void *user) {
+   (void)ndof, (void)max_iter, (void)t, (void)functionals, (void)status;
+   for (int i = 0; i < nlane; i++) {
+      double x = q[i];
+      for (int n = 0; n < nstep; n++) {
+         x += *(const double *)user * h * p[i] + 0.3 * w[(n * nham + 1) * nlane + i];
+         if ((n + 1) % every == 0) {
+            qn[n / every * nlane + i] = x;
+            pn[n / every * nlane + i] = p[i];
+         }
+      }
+   }
+   return 0;
+}
+
+static void test_wrong_positions(void) {
+   double velocity = 1;
+   symsde_traits traits;
+   symsde_model model;
+   symsde_scheme scheme = new_scheme("midpoint");
+   const symsde_options options = some_options();
+   const symsde_input input = some_input(&one, &one);
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_report report;
+
+   symsde_report_init(&report);
+   symsde_traits_init(&traits);
+   traits.ndof = traits.nnoise = traits.separable = traits.quadratic = 1;
+   OK(symsde_model_new("free particle", &traits, free_gradient, NULL, NULL, NULL, &velocity, &model, &error));
+   OK(symsde_model_set_flow(model, "midpoint", free_flow, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   velocity = 1.01;
+   EXPECT(SYMSDE_FALSE_TRAIT, "whole steps of scheme midpoint|not those of the library|q_1",
+          symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
 /* one path: eight lanes are asked for, or one */
 static void test_any_lanes(void) {
    kubo_user user = {1, 0, 0, 0, 1 << 30};
@@ -141,6 +192,7 @@ static void test_any_lanes(void) {
 
 int main(void) {
    test_flow();
+   test_wrong_positions();
    test_any_lanes();
    return close_report();
 }
