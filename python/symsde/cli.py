@@ -21,11 +21,12 @@ from .batch import merge
 from .errors import NotANumberWarning, NotWrittenError, PathsFailedWarning, SymsdeError
 from .expect import command as expect
 from .export import command as export
+from .plot import command as plot
 from .stability import command as stability
 from .study import command as study
 
 OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED, NOT_WRITTEN = 0, 1, 2, 3, 4, 5
-_WITH_SCENES = ("run", "merge", "check", "study", "expect")
+_WITH_SCENES = ("run", "merge", "plot", "check", "study", "expect")
 _EPILOG = "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed, 4 stopped, 5 a file or folder failed"
 
 
@@ -78,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     run = add("run", batch.run, "Run a scene in a folder of shards, or go on with it; moments.csv and run.nc.")
     batch.arguments(run)
     merge.arguments(add("merge", merge.run, merge.HELP))
+    plot.arguments(add("plot", plot.run, plot.HELP))
     add("check", _check, "Check a scene without running it.").add_argument("scene", metavar="SCENE.toml")
     add("template", _template, "Print a scene of a built-in model, or of a formula.").add_argument(
         "model", metavar="MODEL", help="a name, or formula"

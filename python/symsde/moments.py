@@ -7,16 +7,17 @@ import csv
 import ctypes
 import dataclasses
 import functools
+import importlib
 import json
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from . import _abi, _callbacks, _checks, _files, _handles, provenance
+from . import _abi, _callbacks, _checks, _files, _handles, provenance, tabular
 from ._checks import address
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
@@ -130,6 +131,23 @@ class Moments(Reported):
         ndof = self.setup.model.ndof
         names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
         return [*names, *(["energy"] if self._has_energy else []), *self._observables]
+
+    def table(self, kind: str) -> np.ndarray:
+        """Of a kind, mean, var or se_mean: (time, value), the values as in `columns`."""
+        return self._tables[kind]
+
+    def plot(self, path=None, *, what: str = "moments", of: Sequence[str] | None = None):
+        """A matplotlib figure of means with bands of two standard errors and of the standard deviation, written where a
+        path is given. what: "moments" or "energy"; of: names of values, as in `columns`."""
+        return importlib.import_module("symsde.plot").moments(self, path, what, of)
+
+    def to_pandas(self):
+        """A pandas.DataFrame, one row for each time, the columns of the .csv table."""
+        return tabular.of_moments(self)
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return tabular.html_of_moments(self)
 
     def to_arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Means and their standard errors, each (time, value), the values as in `columns`."""

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import ctypes
+import importlib
 import os
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from . import _abi, _checks, _files, _handles
+from . import _abi, _checks, _files, _handles, tabular
 from ._checks import address
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
@@ -87,6 +88,22 @@ class Run(Reported):
         """What made the run, as text for files; its paths may be those of several runs."""
         counted = {"paths_asked": str(len(self.status)), "paths_ok": str(int((self.status == 0).sum()))}
         return {**super().attributes(), **counted}
+
+    def plot(self, path=None, *, what: str = "paths", of: Sequence[str] | None = None, most: int = 50):
+        """A matplotlib figure, written where a path is given.
+
+        what: "paths" (values along time), "phase" (p_i over q_i) or "energy"; of: names of values, as ["q_2"]; most:
+        paths that are drawn.
+        """
+        return importlib.import_module("symsde.plot").run(self, path, what, of, most)
+
+    def to_pandas(self):
+        """A pandas.DataFrame, one row for each path and time, indexed by both: q_1 .., p_1 .. ."""
+        return tabular.of_run(self)
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return tabular.html_of_run(self)
 
     def to_xarray(self):
         """An xarray.Dataset with dims time, dof, path; path is the global index."""

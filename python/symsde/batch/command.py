@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from .. import tabular
 from ..moments import Moments
 from . import manifest, results, share
 from .batch import Batch, extent_of
@@ -203,12 +204,9 @@ def has_netcdf() -> bool:
 
 def print_moments(moments: Moments, rows: int = 11, columns: int = 4) -> None:
     """At most eleven times; q_1, p_1 and the energy first."""
-    names = moments.columns()
-    ndof = moments.setup.model.ndof
-    wanted = [0, ndof, *range(2 * ndof, len(names))][:columns]
-    means, errors = moments.to_arrays()
+    names, (means, errors) = moments.columns(), moments.to_arrays()
+    wanted = tabular.first_values(moments, columns)
     print(f"{'t':>10s} {'paths':>9s}" + "".join(f" {'mean ' + names[j]:>24s}" for j in wanted))
-    every = max(1, -(-(len(moments.t) - 1) // (rows - 1)))
-    for i in sorted({*range(0, len(moments.t), every), len(moments.t) - 1}):
+    for i in tabular.some_times(len(moments.t), rows):
         values = "".join(f" {means[i, j]:12.5g} +- {errors[i, j]:8.2g}" for j in wanted)
         print(f"{moments.t[i]:10.4g} {moments.n_ok[i]:9d}{values}")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -33,6 +34,10 @@ class Observed:
     def variables(self, name: str) -> Variables:
         """Arrays with the names of their dimensions, for files that hold the observer under this name."""
         raise NotImplementedError
+
+    def plot(self, path=None, *, at: int = -1):
+        """A matplotlib figure, written where a path is given; at: which saved time of a histogram."""
+        return importlib.import_module("symsde.plot").observed(self, path, at)
 
     def __repr__(self) -> str:
         """One line."""

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figures of results: paths, phase plane, energy, moments with bands, and what observers kept.
+
+data      what is drawn, from objects or files
+draw      figures of it
+command   symsde plot DIR_OR_FILE
+"""
+
+from collections.abc import Sequence
+
+from . import draw
+from .data import means_of, paths_of
+
+
+def run(found, path=None, what: str = "paths", of: Sequence[str] | None = None, most: int = draw.MOST_PATHS):
+    """A figure of a `Run`."""
+    return draw.finish(*draw.of_run(paths_of(found), what, of, most), path)
+
+
+def moments(found, path=None, what: str = "moments", of: Sequence[str] | None = None):
+    """A figure of `Moments`."""
+    return draw.finish(*draw.of_moments(means_of(found), what, of), path)
+
+
+def observed(found, path=None, at: int = -1):
+    """A figure of what an observer kept."""
+    return draw.finish(*draw.of_observed(found, at), path)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""symsde plot DIR_OR_FILE: figures of a run folder, finished or not, or of a file of paths or moments."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from .. import _checks, _files
+from ..batch.opened import open_run
+from ..errors import InvalidArgumentError, SceneError
+from . import data, draw
+
+HELP = "Draw a run: paths, phase plane, energy, moments with bands, what observers kept."
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `symsde plot`."""
+    parser.add_argument("source", metavar="DIR_OR_FILE", help="folder of a run, or its .nc, .npz or .csv file")
+    parser.add_argument("--what", metavar="NAME", help="one figure alone; without it all there are")
+    parser.add_argument("--of", metavar="VALUE", action="append", help="a value, as q_2; may be given again")
+    parser.add_argument("--at", metavar="I", type=int, default=-1, help="saved time of histograms (default: the last)")
+    parser.add_argument("--most", metavar="N", type=int, default=draw.MOST_PATHS, help="paths drawn (%(default)s)")
+    parser.add_argument("--out", metavar="FILE", help="of one figure: .png, .pdf or .svg")
+
+
+def run(options: argparse.Namespace) -> int:
+    """The verb."""
+    source = Path(options.source)
+    if not source.exists():
+        raise SceneError(f"{source} does not exist: give the folder of a run, or a file of one")
+    _files.optional("matplotlib", "plot")
+    known = _of_folder(source, options) if source.is_dir() else _of_file(source, options)
+    if not known:
+        raise SceneError(f"{source} holds no shard yet: there is nothing to draw")
+    chosen = known
+    if options.what:
+        _checks.choice("--what", options.what, list(known))
+        chosen = {options.what: known[options.what]}
+    if options.out and len(chosen) > 1:
+        raise InvalidArgumentError(f"--out is for one figure: say which by --what, one of {', '.join(known)}")
+    for name, make in chosen.items():
+        beside = source / f"{name}.png" if source.is_dir() else source.with_name(f"{source.stem}-{name}.png")
+        target = Path(options.out) if options.out else beside
+        draw.finish(*make(), target)
+        print(f"written to {target}")
+    return 0
+
+
+Figures = dict[str, Callable[[], tuple]]
+
+
+def _of_folder(folder: Path, options: argparse.Namespace) -> Figures:
+    """Figures that the shards there give."""
+    found = open_run(folder)
+    figures: Figures = {}
+    if (saved := found.run) is not None:
+        figures |= _of_paths(data.paths_of(saved), options)
+    if (moments := found.moments) is not None:
+        figures |= {"moments": lambda: draw.of_moments(data.means_of(moments), "moments", options.of)}
+        for name, result in moments.observed.items():
+            figures[f"observed-{name}"] = lambda result=result: draw.of_observed(result, options.at)
+    return figures
+
+
+def _of_file(file: Path, options: argparse.Namespace) -> Figures:
+    found = data.from_file(file)
+    if isinstance(found, data.Paths):
+        return _of_paths(found, options)
+    return {"moments": lambda: draw.of_moments(found, "moments", options.of)}
+
+
+def _of_paths(found: data.Paths, options: argparse.Namespace) -> Figures:
+    kinds = ["paths", "phase", *(["energy"] if found.energies else [])]
+    return {what: lambda what=what: draw.of_run(found, what, options.of, options.most) for what in kinds}

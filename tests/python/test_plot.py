@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What figures and tables show is what was computed: the numbers of lines, bands and cells, read back."""
+
+import re
+
+import numpy as np
+import pytest
+import symsde as ss
+from conftest import table_of
+from symsde import cli, observe
+from symsde.errors import InvalidArgumentError, SceneError, UnknownNameError
+
+pytest.importorskip("matplotlib")
+
+START = np.full((2, 30), 0.3)
+START[:, 0] = 20.0  # fails in the first steps
+RUN = {"q0": START, "p0": 0.1, "step": 0.1, "steps": 40, "save_every": 10, "paths": 30, "scheme": "stormer_verlet"}
+OBSERVERS = {
+    "hist": observe.Histogram("q_1", -1, 1, 8),
+    "cov": observe.Covariance(("q_1", "p_2")),
+    "loss": observe.Passage("q_1", high=0.5, absorb=False),
+    "far": observe.Extremes("p_1"),
+    "some": observe.Paths((3, 5), of=("q_1",)),
+    "mid": observe.Quantiles("energy", (0.25, 0.5), low=1e-3, high=10),
+    "along": observe.Autocorrelation("q_1", lags=3),
+}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return ss.models.henon_heiles(sigma1=0.2)
+
+
+@pytest.fixture(scope="module")
+def run(model):
+    with pytest.warns(ss.PathsFailedWarning):
+        return ss.simulate(model, **RUN)
+
+
+@pytest.fixture(scope="module")
+def moments(model):
+    with pytest.warns(ss.PathsFailedWarning):
+        return ss.moments(model, observables={"<b> & r": "q1*q1"}, observers=OBSERVERS, **RUN)
+
+
+def lines(figure, panel=0):
+    return [line.get_xydata().T for line in figure.axes[panel].get_lines()]
+
+
+def band(figure, number, panel=0):
+    """Lower and upper edge of a band."""
+    collection = figure.axes[panel].collections[number]
+    points = collection.get_paths()[0].vertices
+    xs = np.unique(points[:, 0])
+    return xs, *(np.array([f(points[points[:, 0] == x, 1]) for x in xs]) for f in (np.min, np.max))
+
+
+def test_paths_along_time(run):
+    figure = run.plot(of=["q_2", "p_1"], most=4)
+    drawn = lines(figure)
+    assert len(figure.axes) == 2 and len(drawn) == 4
+    for i, (x, y) in enumerate(drawn):
+        np.testing.assert_array_equal(x, run.t)
+        np.testing.assert_array_equal(y, run.q[:, 1, i])  # the first one as far as it came
+    np.testing.assert_array_equal(lines(figure, 1)[3][1], run.p[:, 0, 3])
+    assert [axes.get_ylabel() for axes in figure.axes] == ["q_2", "p_1"] and figure.axes[0].get_xlabel() == "t"
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == [f"path {i}" for i in range(4)]
+    assert figure.get_suptitle() == "henon_heiles by stormer_verlet, 4 of 30 paths"
+
+
+def test_phase_plane_and_energy(run):
+    (x, y), *_ = lines(run.plot(what="phase", of=["q_2"], most=1))
+    np.testing.assert_array_equal(x, run.q[:, 1, 0])
+    np.testing.assert_array_equal(y, run.p[:, 1, 0])
+    for i, (x, y) in enumerate(lines(run.plot(what="energy"))):
+        known = [run.model.value(q, p, t=t)[i] for t, q, p in zip(run.t, run.q, run.p, strict=True)]
+        np.testing.assert_array_equal(x, run.t)
+        np.testing.assert_array_equal(y, known)
+
+
+def test_moments_with_bands(moments):
+    figure = moments.plot(of=["q_1", "<b> & r"])
+    kinds = ("mean", "var", "se_mean")
+    of_q, own = [getattr(moments, f"{kind}_q")[:, 0] for kind in kinds], [moments.table(kind)[:, -1] for kind in kinds]
+    for panel, (mean, var, error) in enumerate([of_q, own]):
+        ((x, y),) = lines(figure, panel)
+        np.testing.assert_array_equal(x, moments.t)
+        np.testing.assert_array_equal(y, mean)
+        for number, width in enumerate((np.sqrt(var), 2 * error)):
+            xs, low, high = band(figure, number, panel)
+            np.testing.assert_allclose(xs, moments.t)
+            np.testing.assert_allclose(low, mean - width, rtol=1e-12)
+            np.testing.assert_allclose(high, mean + width, rtol=1e-12)
+    ((_, y),) = lines(moments.plot(what="energy"))
+    np.testing.assert_array_equal(y, moments.mean_energy)
+    assert "30 paths, 29 at the end" in figure.get_suptitle()
+
+
+def test_histograms(moments):
+    hist = moments.observed["hist"]
+    for at in (-1, 2):
+        figure = hist.plot(at=at)
+        heights, edges, _ = figure.axes[0].patches[0].get_data()
+        np.testing.assert_array_equal(heights, hist.density[at])
+        np.testing.assert_array_equal(edges, hist.edges)
+        bars = figure.axes[0].collections[0].get_segments()
+        np.testing.assert_allclose([b[1, 1] - b[0, 1] for b in bars], 4 * hist.se_density[at], rtol=1e-9)
+        assert f"t = {moments.t[at]:g}, {hist.counts[at].sum()} paths" in figure.get_suptitle()
+
+
+def test_every_other_observer(moments):
+    seen = moments.observed
+    expected = {
+        "cov": [seen["cov"].covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1))],
+        "loss": [seen["loss"].lost],
+        "far": [seen["far"].mean_highest, seen["far"].mean_lowest],
+        "some": [seen["some"].values[i, :, 0] for i in range(2)],
+        "mid": [seen["mid"].quantile[:, 0], seen["mid"].quantile[:, 1]],
+        "along": [seen["along"].correlation],
+    }
+    assert set(expected) | {"hist"} == set(OBSERVERS)
+    for name, curves in expected.items():
+        figure = seen[name].plot()
+        drawn = lines(figure)
+        assert len(drawn) == len(curves), name
+        for (x, y), known in zip(drawn, curves, strict=True):
+            np.testing.assert_array_equal(x, seen["along"].lag if name == "along" else moments.t)
+            np.testing.assert_array_equal(y, known, err_msg=name)
+    _, low, high = band(seen["loss"].plot(), 0)
+    np.testing.assert_allclose(high - low, 4 * seen["loss"].se_lost, atol=1e-15)
+
+
+def test_what_cannot_be_drawn(run, moments, model, tmp_path):
+    with pytest.raises(UnknownNameError, match=r"no value 'q_9': there are q_2, q_1"):
+        run.plot(of=["q_9"])
+    with pytest.raises(UnknownNameError, match=r"'path'.*paths"):
+        run.plot(what="path")
+    with pytest.raises(InvalidArgumentError, match=r"no ending of a figure: give one of \.png, \.pdf, \.svg"):
+        run.plot(tmp_path / "x.jpeg")
+    with pytest.raises(InvalidArgumentError, match="most = 0"):
+        run.plot(most=0)
+    with pytest.raises(InvalidArgumentError, match="at = 5"):
+        moments.observed["hist"].plot(at=5)
+    plain = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p))
+    with pytest.raises(InvalidArgumentError, match="energy is not known"):
+        ss.simulate(plain, q0=1.0, p0=0.0, step=0.1, steps=2).plot(what="energy")
+    with pytest.raises(InvalidArgumentError, match="no energy"):
+        ss.moments(plain, q0=1.0, p0=0.0, step=0.1, steps=2).plot(what="energy")
+
+
+def test_no_path_is_ok(model):
+    """Every path has failed at the last saved time; without any finite value there is nothing to draw."""
+    with pytest.warns(ss.PathsFailedWarning):
+        gone = ss.moments(model, **{**RUN, "q0": 20.0, "steps": 20})
+    assert gone.n_ok.tolist() == [30, 30, 0]
+    ((_, y),) = lines(gone.plot(of=["q_1"]))
+    assert y[0] == 20.0 and np.isfinite(y).tolist() == [True, True, False]
+    gone.n_ok[...] = 0
+    with pytest.raises(InvalidArgumentError, match="no path is ok at any time: there is nothing to draw"):
+        gone.plot()
+    with pytest.warns(ss.PathsFailedWarning):
+        run = ss.simulate(model, **{**RUN, "q0": 20.0, "steps": 20})
+    run.q[...] = np.nan
+    with pytest.raises(InvalidArgumentError, match="no path has a finite value: there is nothing to draw"):
+        run.plot()
+
+
+SCENE = """
+[model]
+name = "kubo"
+[run]
+step = 0.1
+steps = 20
+save_every = 5
+paths = 300
+q0 = 1.0
+p0 = 0.0
+[output]
+paths = [1, 2]
+[[observe]]
+kind = "histogram"
+of = "q_1"
+low = -1.5
+high = 1.5
+bins = 6
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("drawn")
+    (place / "scene.toml").write_text(SCENE)
+    assert cli.main(["run", str(place / "scene.toml"), "--out", str(place / "out"), "--quiet"]) == 0
+    return place / "out"
+
+
+def drawn_by(monkeypatch):
+    """The figures that the command writes, by the names of their files."""
+    figures = {}
+    monkeypatch.setattr("symsde.plot.draw.write", lambda page, target: figures.__setitem__(target.name, page))
+    return figures
+
+
+def test_the_command_draws_a_folder(folder, monkeypatch, capsys):
+    figures = drawn_by(monkeypatch)
+    assert cli.main(["plot", str(folder)]) == 0
+    assert list(figures) == ["paths.png", "phase.png", "energy.png", "moments.png", "observed-histogram.png"]
+    assert capsys.readouterr().out.count("written to") == 5
+    found = ss.open_run(folder)
+    np.testing.assert_array_equal(lines(figures["paths.png"])[1][1], found.run.q[:, 0, 1])
+    np.testing.assert_array_equal(lines(figures["moments.png"])[0][1], found.moments.mean_q[:, 0])
+    heights = figures["observed-histogram.png"].axes[0].patches[0].get_data()[0]
+    np.testing.assert_array_equal(heights, found.moments.observed["histogram"].density[-1])
+
+
+@pytest.mark.parametrize("name", ["run.nc", "run.npz", "moments.csv", "moments.nc", "moments.npz"])
+def test_the_command_draws_files(name, folder, tmp_path, monkeypatch):
+    if name.endswith(".nc"):
+        pytest.importorskip("netCDF4")
+    found = ss.open_run(folder)
+    (found.run if name.startswith("run") else found.moments).save(tmp_path / name)
+    figures = drawn_by(monkeypatch)
+    assert cli.main(["plot", str(tmp_path / name)]) == 0
+    if name.startswith("run"):
+        assert list(figures) == ["run-paths.png", "run-phase.png"]
+        np.testing.assert_array_equal(lines(figures["run-paths.png"])[0][1], found.run.q[:, 0, 0])
+        np.testing.assert_array_equal(lines(figures["run-phase.png"])[1][1], found.run.p[:, 0, 1])
+    else:
+        figure = figures["moments-moments.png"]
+        assert [axes.get_ylabel() for axes in figure.axes] == ["mean q_1", "mean p_1", "mean energy"]
+        np.testing.assert_array_equal(lines(figure, 2)[0][1], found.moments.mean_energy)
+        _, low, high = band(figure, 1)
+        np.testing.assert_allclose(high - low, 4 * found.moments.se_mean_q[:, 0], atol=1e-14)
+
+
+def test_one_figure_of_the_command(folder, tmp_path, capsys):
+    given = ["plot", str(folder), "--what", "phase", "--most", "1", "--of", "q_1", "--out", str(tmp_path / "x.svg")]
+    assert cli.main(given) == 0
+    assert capsys.readouterr().out == f"written to {tmp_path / 'x.svg'}\n"
+    assert (tmp_path / "x.svg").read_text().count("<svg") == 1
+    refused = {
+        ("--what", "moment"): "--what = 'moment'",
+        ("--out", "x.png"): "--out is for one figure: say which by --what, one of paths, phase",
+        ("--of", "q_7"): "there is no value 'q_7'",
+        ("--what", "observed-histogram", "--at", "9"): "at = 9",
+    }
+    for options, sentence in refused.items():
+        assert cli.main(["plot", str(folder), *options]) == cli.BAD_INPUT
+        assert sentence in capsys.readouterr().err
+    (tmp_path / "bad.npz").write_bytes(b"nothing")
+    (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "x.txt").write_text("")
+    sentences = {
+        "missing": "does not exist",
+        "bad.npz": "holds neither",
+        "bad.csv": "holds neither",
+        "x.txt": "no file",
+    }
+    for name, sentence in {**sentences, ".": "holds no run"}.items():
+        assert cli.main(["plot", str(tmp_path / name)]) == cli.BAD_INPUT, name
+        assert sentence in capsys.readouterr().err, name
+
+
+def test_data_frames(run, moments, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    paths, means = run.to_pandas(), moments.to_pandas()
+    assert paths.shape == (30 * 5, 4) and list(paths.index.names) == ["path", "t"]
+    np.testing.assert_array_equal(paths.loc[7, "p_2"], run.p[:, 1, 7])
+    np.testing.assert_array_equal(paths["q_1"].xs(run.t[2], level="t"), run.q[2, 0])
+    moments.save(tmp_path / "moments.csv")
+    known = pandas.read_csv(tmp_path / "moments.csv", comment="#", index_col="t")
+    pandas.testing.assert_frame_equal(means, known, check_exact=True)
+    assert table_of(tmp_path / "moments.csv")[0].split(",")[1:] == list(means.columns)
+
+
+def cells(page):
+    return [re.findall(r"<t[dh]>(.*?)</t[dh]>", row) for row in re.findall(r"<tr>(.*?)</tr>", page)]
+
+
+def test_what_notebooks_show(run, moments):
+    header, *rows = cells(moments._repr_html_())
+    assert header == ["t", "paths", "mean q_1", "mean p_1", "mean energy", "mean &lt;b&gt; &amp; r"]
+    assert len(rows) == 5 and rows[-1][:2] == ["4", "29"]
+    assert rows[-1][2] == f"{moments.mean_q[-1, 0]:.6g} ± {moments.se_mean_q[-1, 0]:.2g}"
+    assert "<b>" not in moments._repr_html_()
+    header, *rows = cells(run._repr_html_())
+    assert header == ["path", "status", "last q_1", "last q_2", "last p_1", "last p_2"]
+    assert len(rows) == 11 and rows[0][1].endswith(f"at step {run.failed_step[0]}") and rows[1][1] == "ok"
+    assert rows[4][2:] == [f"{x:.6g}" for x in (*run.last_q[:, 4], *run.last_p[:, 4])]
+    assert "and 19 paths more" in run._repr_html_()
+    assert "henon_heiles" in run._repr_html_()
+
+
+def test_a_folder_without_shards_has_nothing_to_draw(folder, tmp_path):
+    empty = tmp_path / "empty"
+    (empty / "shards").mkdir(parents=True)
+    for name in ("manifest.json", "scene.toml"):
+        (empty / name).write_bytes((folder / name).read_bytes())
+    with pytest.raises(SceneError, match="holds no shard yet: there is nothing to draw"):
+        options = cli._parser().parse_args(["plot", str(empty)])
+        options.verb(options)
