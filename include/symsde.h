@@ -5,14 +5,12 @@
  *    dp = -H_q dt - sum_k H_{k,q} o dW_k      dq = H_p dt + sum_k H_{k,p} o dW_k     (Stratonovich)
  *
  * This header is the whole C interface.
- *
- * - Every function returns a status: 0 ok, < 0 misuse (nothing was computed), > 0 a numerical outcome.
- *   The last argument, which may be NULL, receives the code and a sentence.
- * - Handles are opaque. They own copies of what they are made from, and are deleted by
- *   symsde_<noun>_delete, which accepts NULL and sets the handle to NULL. Callback functions and their
- *   `user` pointers must outlive the handle.
- * - Arrays belong to the caller, those of symsde_state excepted. Shapes are written as in C, last index fastest: the path (or the lane
- *   of a block) is always the last index.
+ * - Every function returns a status: 0 ok, < 0 misuse (nothing was computed), > 0 a numerical outcome. The last
+ *   argument, which may be NULL, receives the code and a sentence.
+ * - Handles are opaque. They own copies of what they are made from, and are deleted by symsde_<noun>_delete, which
+ *   accepts NULL and sets the handle to NULL. Callback functions and their `user` pointers must outlive the handle.
+ * - Arrays belong to the caller, those of symsde_state excepted. Shapes are written as in C, last index fastest: the
+ *   path (or the lane of a block) is always the last index.
  * - Structs begin with struct_size; fill them with their _init function before setting members.
  * - Any function may be called by several threads at once, also on handles that they share, as long as none deletes or
  *   alters a handle that another one uses.
@@ -59,8 +57,8 @@ typedef struct symsde_error {
    char message[SYMSDE_MESSAGE_SIZE]; /* what was given, what is allowed, what to do; ends with 0 */
 } symsde_error;
 
-/* Texts are copied into buffer (at most size bytes, always terminated); *needed, if not NULL, receives
- * the size that would hold the whole text. */
+/* Texts are copied into buffer (at most size bytes, always terminated); *needed, if not NULL, receives the size of the
+ * whole text. */
 int symsde_status_text(int code, char *buffer, size_t size, size_t *needed);
 /* version of the library */
 int symsde_version(char *buffer, size_t size, size_t *needed);
@@ -87,10 +85,10 @@ typedef struct symsde_traits {
    const double *rotation; /* [ndof] frequencies of the stiff linear part; NULL = none */
 } symsde_traits;
 
-/* Callbacks work on whole blocks: arrays [..][nlane], each lane from its own numbers alone. w[nham][nlane]
- * are the weights of H_0 .. H_m (nham = nnoise + 1). They return 0; nonzero aborts the run
- * (SYMSDE_CALLBACK_FAILED); one lane fails by NaN. Outputs are never NULL, unless symsde_model_accept_null says that
- * the functions look. They are called from several threads at once, unless one thread is chosen. */
+/* Callbacks work on whole blocks: arrays [..][nlane], each lane from its own numbers alone. w[nham][nlane] are the
+ * weights of H_0 .. H_m (nham = nnoise + 1). They return 0; nonzero aborts the run (SYMSDE_CALLBACK_FAILED); one lane
+ * fails by NaN. Outputs are never NULL, unless symsde_model_accept_null says that the functions look. They are called
+ * from several threads at once, unless one thread is chosen. */
 /* gradient of sum_j w[j] H_j: hq[ndof][nlane], hp[ndof][nlane] */
 typedef int (*symsde_gradient)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                const double *p, double *hq, double *hp, void *user);
@@ -104,7 +102,6 @@ typedef int (*symsde_hessian)(int nlane, int ndof, int nham, double t, const dou
 typedef int (*symsde_hessian_vector)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                      const double *p, const double *vq, const double *vp, double *uq, double *up,
                                      void *user);
-
 /* gradient and Hessian at one point, for models where they share work (sine and cosine of one argument) */
 typedef int (*symsde_gradient_hessian)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                        const double *p, double *hq, double *hp, double *hqq, double *hqp, double *hpp,
@@ -230,6 +227,10 @@ int symsde_scheme_from_quadrature(int nnode, const double *nodes, const double *
 int symsde_scheme_from_tableau(int nstage, const double *a, const double *abar, const double *alpha, const double *b,
                                const double *bbar, const double *beta, const char *name, int allow_nonsymplectic,
                                symsde_scheme *scheme, symsde_error *error);
+/* its coefficients: nodes c and what symsde_scheme_from_tableau takes; arrays that are NULL are not wanted. Without
+ * brackets and whatever surrounds the tableau. SYMSDE_MISSING_OPERATION where there are none */
+int symsde_scheme_tableau(symsde_scheme scheme, double *c, double *a, double *abar, double *alpha, double *b,
+                          double *bbar, double *beta, symsde_error *error);
 /* the inverse map of a step back in time; half a step of base, then half a step of its adjoint; three steps of a
  * symmetric base, the second one back, of two orders more without noise. name = NULL: that of base with a suffix */
 int symsde_scheme_adjoint(symsde_scheme base, const char *name, symsde_scheme *scheme, symsde_error *error);
@@ -259,9 +260,8 @@ enum symsde_areas {
    SYMSDE_AREAS_LAW = 1   /* right in law given dW and dZ, at bounded cost; of no path that refine < 0 could halve */
 };
 
-/* Told now and then how much is done of how much - path-steps of a run, parts of a diagnosis - on the calling
- * thread, at most twenty times a second; nonzero stops the work. A stopped run (SYMSDE_STOPPED) gives what it had
- * reached; a stopped diagnosis has no result. */
+/* Told now and then how much is done of how much - path-steps of a run, parts of a diagnosis - on the calling thread, at
+ * most twenty times a second; nonzero stops the work. A stopped run gives what it had reached, a diagnosis nothing. */
 typedef int (*symsde_progress)(int64_t done, int64_t total, void *user);
 
 typedef struct symsde_options {

@@ -313,6 +313,7 @@ FUNCTIONS = {
     "scheme_delete": (_handle_out,),
     "scheme_get_info": (_handle, POINTER(SchemeInfo), _error),
     "scheme_certificate": (_handle, *_text, _error),
+    "scheme_tableau": (_handle, *_arrays(7), _error),
     "options_init": (_options,),
     "input_init": (_input,),
     "report_init": (POINTER(Report),),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -213,6 +214,10 @@ class Model:
         parameters = ", ".join(f"{key}={value:g}" for key, value in self.parameters.items())
         what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
         return f"{self.name}({what})"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: Hamiltonians, parameters, traits."""
+        return importlib.import_module("._html", __package__).model(self)
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """Call the library with a handle of this model and the arguments; exceptions of callbacks are raised."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import html
+import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from . import _abi, _checks, _handles
-from .errors import WrongShapeError, WrongTypeError
+from .errors import MissingOperationError, WrongShapeError, WrongTypeError
 
 _FORMS = {1: "tableau", 2: "Galerkin", 3: "Euler-Maruyama", 4: "drifts and kicks"}
 _EVIDENCE = ("none", "claimed", "derived")
@@ -73,6 +75,29 @@ class SchemeInfo:
     unknowns_if_separable: int
 
 
+@dataclass(frozen=True)
+class Tableau:
+    """Coefficients of a partitioned Runge-Kutta scheme, as `from_tableau` takes them; row i belongs to stage i."""
+
+    c: np.ndarray  #: (stage,), nodes
+    a: np.ndarray  #: (stage, stage), of q
+    abar: np.ndarray  #: (stage, stage), of p
+    alpha: np.ndarray  #: (stage,), weights
+    b: np.ndarray  #: (stage, stage), of q for the noise
+    bbar: np.ndarray  #: (stage, stage), of p for the noise
+    beta: np.ndarray  #: (stage,), weights of the noise
+
+
+class Certificate(str):
+    """The lines of a certificate, which notebooks show as they stand."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        """Preformatted."""
+        return f"<pre>{html.escape(self)}</pre>"
+
+
 class Scheme:
     """A scheme as data; made by `get`, `from_quadrature` or `from_tableau`."""
 
@@ -103,9 +128,24 @@ class Scheme:
         """Name of the scheme."""
         return self.info.name
 
-    def certificate(self) -> str:
+    def certificate(self) -> Certificate:
         """What is proved, claimed and measured about the scheme, as readable lines; `info` has the same as values."""
-        return _handles.text("scheme_certificate", self._handle.pointer, has_error=True)
+        return Certificate(_handles.text("scheme_certificate", self._handle.pointer, has_error=True))
+
+    def tableau(self) -> Tableau | None:
+        """The coefficients; None of schemes that have none: Galerkin, kicks and drifts."""
+        size = self.info.nstage
+        found = Tableau(*(np.empty((size,) * rank) for rank in (1, 2, 2, 1, 2, 2, 1)))
+        addresses = [_checks.address(getattr(found, name)) for name in Tableau.__dataclass_fields__]
+        try:
+            _handles.call("scheme_tableau", self._handle.pointer, *addresses)
+        except MissingOperationError:
+            return None
+        return found
+
+    def _repr_html_(self) -> str:
+        """For notebooks: structure, tableau, orders."""
+        return importlib.import_module("._html", __package__).scheme(self)
 
     def __reduce__(self) -> tuple:
         """For pickle: made again."""

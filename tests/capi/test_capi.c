@@ -286,12 +286,31 @@ static void test_schemes(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "scheme is NULL", symsde_scheme_get("midpoint", NULL, &error));
 }
 
+/* The two-stage Gauss rule whose noise has the weights 1/4 and 3/4: a_ij from the Lagrange polynomials, by hand. */
+static void check_tableau(symsde_scheme scheme, double root, const double *own) {
+   const double a[2][2] = {{0.25, 0.25 - root}, {0.25 + root, 0.25}};
+   double c[2], given[2][2], bar[2][2], alpha[2], b[2][2], bbar[2][2], beta[2];
+   symsde_error error;
+
+   OK(symsde_scheme_tableau(scheme, c, given[0], bar[0], alpha, b[0], bbar[0], beta, &error));
+   for (int i = 0; i < 2; i++) {
+      CHECK(fabs(c[i] - (0.5 + (i ? root : -root))) < 1e-15 && alpha[i] == 0.5 && beta[i] == own[i]);
+      for (int j = 0; j < 2; j++) {
+         CHECK(fabs(given[i][j] - a[i][j]) < 1e-15 && fabs(bar[i][j] - a[i][j]) < 1e-15);
+         CHECK(fabs(b[i][j] - a[i][j] * own[j] / 0.5) < 1e-15);
+         CHECK(fabs(bbar[i][j] - (own[j] - own[j] * a[j][i] / 0.5)) < 1e-15);
+      }
+   }
+   OK(symsde_scheme_tableau(scheme, NULL, NULL, NULL, alpha, NULL, NULL, NULL, NULL));
+}
+
 static void test_schemes_from_schemes(void) {
    const double fractions[] = {0.25, 0.75}, half[] = {0.5, 0.5}, root = sqrt(3.0) / 6;
    const double nodes[] = {0.5 - root, 0.5 + root}, own[] = {0.25, 0.75}, bad[] = {0.5, 0.6}, a[] = {0.5}, b[] = {0.4};
    const double one[] = {1.0};
    symsde_scheme euler = new_scheme("symplectic_euler"), midpoint = new_scheme("midpoint"), made = NULL;
-   symsde_scheme special = new_scheme("verlet_dz"), parts[] = {midpoint, midpoint}, holes[] = {midpoint, NULL};
+   symsde_scheme special = new_scheme("verlet_dz"), kicks = new_scheme("chin4a"), parts[] = {midpoint, midpoint},
+                 holes[] = {midpoint, NULL};
    symsde_scheme_info info;
 
    symsde_scheme_info_init(&info);
@@ -322,6 +341,12 @@ static void test_schemes_from_schemes(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "scheme is NULL", symsde_scheme_triple_jump(midpoint, NULL, NULL, &error));
 
    OK(symsde_scheme_from_quadrature(2, nodes, half, own, 2, "own", &made, &error));
+   check_tableau(made, root, own);
+   EXPECT(SYMSDE_MISSING_OPERATION, "chin4a is no tableau",
+          symsde_scheme_tableau(kicks, NULL, NULL, NULL, NULL, NULL, NULL, NULL, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "symsde_scheme_get",
+          symsde_scheme_tableau(NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, &error));
+   symsde_scheme_delete(&kicks);
    OK(symsde_scheme_get_info(made, &info, &error));
    CHECK(info.symplectic == 1 && info.correction_coefficient == 0 && strcmp(info.name, "own") == 0);
    symsde_scheme_delete(&made);

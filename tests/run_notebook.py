@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Execute a notebook, whose cells check what they say: run_notebook.py FILE.ipynb; 77 without nbclient."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+
+def main():
+    """0 where every cell runs and all figures and representations are there."""
+    missing = [name for name in ("nbclient", "nbformat", "ipykernel") if importlib.util.find_spec(name) is None]
+    if missing:
+        print(f"skipped: {', '.join(missing)} not installed; ./bootstrap docs installs them in .venv")
+        return 77
+    import nbclient
+    import nbformat
+
+    notebook = nbformat.read(Path(sys.argv[1]), as_version=4)
+    if any(cell.get("outputs") for cell in notebook.cells):
+        print(f"{sys.argv[1]} holds outputs: clear them before it is committed")
+        return 1
+    nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3").execute()
+    kinds = [kind for cell in notebook.cells for found in cell.get("outputs", []) for kind in found.get("data", {})]
+    print({kind: kinds.count(kind) for kind in sorted(set(kinds))})
+    return 0 if kinds.count("image/png") >= 4 and kinds.count("text/html") >= 4 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
