@@ -6,13 +6,13 @@ from __future__ import annotations
 import html
 import math
 import re
-from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import models
+from .tabular import html_table as table
 
 if TYPE_CHECKING:
     from .model import Model
@@ -22,13 +22,6 @@ _ROOTS = (2, 3, 5, 6, 15, 30)
 _WHOLES = sorted({Fraction(k, n) for n in (4, 9, 36) for k in range(-n, n + 1)}, key=lambda x: (x.denominator, abs(x)))
 _ROUNDING = 4e-15
 _MOST_STAGES = 6  #: of a tableau that is shown with all its numbers
-
-
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of texts."""
-    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def number(x: float) -> str:
