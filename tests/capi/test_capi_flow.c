@@ -184,6 +184,10 @@ static void test_any_lanes(void) {
    CHECK(padded > 1 && user.fewest_lanes == 1);
    options.paths = 11;
    CHECK(difference(model, options) < 1e-8);
+   OK(symsde_model_set_flow(model, "midpoint", flow, &error)); /* whole steps of the real lanes alone */
+   CHECK(difference(model, options) < 1e-13);
+   options.paths = 3;
+   CHECK(difference(model, options) < 1e-13);
    EXPECT(SYMSDE_INCOMPATIBLE, "kubo|symsde_model_new", symsde_model_accept_any_lanes(kubo, &error));
    EXPECT(SYMSDE_NULL_HANDLE, "model is NULL", symsde_model_accept_any_lanes(NULL, &error));
    symsde_model_delete(&model);
