@@ -51,13 +51,13 @@ def patient_output() -> Iterator[None]:
         yield
         return
     stream = _Patient(sys.stdout)
-    try:
-        with contextlib.redirect_stdout(stream):
+    with contextlib.redirect_stdout(stream):
+        try:
+            yield
+        finally:
             try:
-                yield
-            finally:
                 stream.flush()
-    except OSError:  # no room, say
-        with contextlib.suppress(OSError, ValueError):
-            stream.forget()
-        raise
+            except OSError:  # no room, say
+                with contextlib.suppress(OSError, ValueError):
+                    stream.forget()
+                raise

@@ -54,7 +54,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """The verb."""
-    part = share.parse(options.shard) if options.shard else Share()
+    part = Share() if options.shard is None else share.parse(options.shard)
     limit = None if options.max_walltime is None else seconds("max-walltime", options.max_walltime)
     between = 10.0 if options.checkpoint is None else seconds("checkpoint", options.checkpoint)
     batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths)

@@ -15,6 +15,7 @@ from .._setup import build_info
 from ..errors import SceneError
 from ..scene import RUN_KEYS, Scene
 from ..simulate import simulate
+from .plan import is_size
 
 FORMAT = 1
 NAME = "manifest.json"
@@ -34,7 +35,7 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "inputs": inputs,
-        "hash": hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest(),
+        "hash": _hash(inputs),
         "seed": inputs["run"]["seed"],
         "shard_paths": shard_paths,
         "counter_map": build["counter map of the noise"],
@@ -42,6 +43,10 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
         "compiler": build["compiler"],
         "build": build["compile options"],
     }
+
+
+def _hash(inputs: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
 def python_source(scene: Scene) -> Path | None:
@@ -84,19 +89,21 @@ def read(folder: Path) -> dict[str, Any] | None:
     """The manifest of a folder; None where there is none."""
     path = folder / NAME
     try:
-        content = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
+        content = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
         return None
-    except NotADirectoryError:
-        return None
+    except OSError as error:
+        raise SceneError(f"{path} cannot be read: {error.strerror}: give another folder") from None
     try:
         found = json.loads(content)
-        if found["format"] != FORMAT:
-            raise SceneError(
-                f"{path} has format {found['format']}, this symsde knows {FORMAT}: use the version that made it"
-            )
+        made = found["format"]
+        is_one = made != FORMAT or (_hash(found["inputs"]) == found["hash"] and is_size(found["shard_paths"]))
     except (ValueError, KeyError, TypeError):
-        raise SceneError(f"{path} is no manifest of a run: give another folder, or remove this one") from None
+        is_one = False
+    if not is_one:
+        raise SceneError(f"{path} is no manifest of a run: give another folder, or remove this one")
+    if made != FORMAT:
+        raise SceneError(f"{path} has format {made}, this symsde knows {FORMAT}: use the version that made it")
     return found
 
 
@@ -130,3 +137,14 @@ def require_same(there: dict[str, Any], here: dict[str, Any], folder: Path) -> N
             f"{folder} holds another run: {'; '.join(found[:5])}{'; ...' if len(found) > 5 else ''}: "
             "give another folder with --out, or remove that one"
         )
+
+
+def require_scene(there: dict[str, Any], scene: Scene, folder: Path) -> None:
+    """Refuse to read shards by a scene that is not theirs; inputs that an older version did not know are let be."""
+    here = dict(_flat(of_scene(scene, there["shard_paths"])["inputs"]))
+    for key, value in _flat(there["inputs"]):
+        if here.get(key) != value:
+            raise SceneError(
+                f"{folder}/scene.toml is not the scene that the shards are of: {key} = {_shown(value)} there, "
+                f"{_shown(here.get(key))} in the file: put back what was changed"
+            )

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import SceneError
-from . import durable, manifest
+from . import durable, manifest, share
 from .batch import Batch
 from .command import finish, logged
 from .folder import RunFolder
-from .plan import Piece
 
 HELP = "Merge folders that hold parts of one run (`symsde run --shard I/N`); the bits are those of one run."
 
@@ -70,12 +69,14 @@ def _require_all(whole: RunFolder) -> None:
     """Refuse to call a part the whole; say what is missing, and what makes it."""
     if missing := whole.missing():
         again = shlex.join(["symsde", "run", str(whole.path / "scene.toml"), "--out", str(whole.path)])
+        parts = [f"`--shard {part}`" for part in share.parts_of(missing, whole.pieces)]
+        by_parts = f"; they are what {_listed(parts)} of `symsde run` computes" if parts else ""
         raise SceneError(
-            f"{len(missing)} of {len(whole.pieces)} shards are in none of the folders: {_names(missing)}: "
-            f"`{again}` computes them and ends the run"
+            f"{len(missing)} of {len(whole.pieces)} shards are in none of the folders: "
+            f"{_listed([piece.name for piece in missing])}: `{again}` computes them and ends the run{by_parts}"
         )
 
 
-def _names(pieces: Sequence[Piece], most: int = 8) -> str:
-    more = f" and {len(pieces) - most} others" if len(pieces) > most else ""
-    return ", ".join(piece.name for piece in pieces[:most]) + more
+def _listed(names: Sequence[str], most: int = 8) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

@@ -32,6 +32,7 @@ class OpenRun:
             raise SceneError(f"{self.path} holds no run (no {manifest.NAME}): give a folder of `symsde run`")
         self.manifest: dict[str, Any] = found  #: inputs with their hash, seed, counter map, version, compiler, build
         self._batch = Batch.of(str(self.path / "scene.toml"), str(self.path), str(found["shard_paths"]))
+        manifest.require_scene(found, self._batch.scene, self.path)
         self._folder = RunFolder(Path(self.path), found, self._batch.pieces)
 
     @property

@@ -51,9 +51,14 @@ def shard_paths(extent: Extent, wanted: object = None) -> int:
     return size
 
 
+def is_size(size: object) -> bool:
+    """Whether a shard may have so many paths: a unit times a power of two."""
+    return isinstance(size, int) and size >= UNIT and size & (size - 1) == 0
+
+
 def _checked(wanted: object) -> int:
     size = integer("shard-paths", wanted, (UNIT, 2**40))
-    if size & (size - 1):
+    if not is_size(size):
         below = 1 << (size.bit_length() - 1)
         raise InvalidArgumentError(
             f"shard-paths = {size} is not a power of two, as the tree of moments needs: give {below} or {2 * below}"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SymsdeError
+from ..errors import NotWrittenError, SymsdeError
 from . import durable
 
 _DIGITS = 64  # of a SHA-256
@@ -59,4 +59,10 @@ def write(target: Path, shard: Shard) -> bool:
 
 def read(path: Path) -> Shard:
     """Read and verify."""
-    return from_bytes(path.read_bytes(), str(path))
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise NotWrittenError(f"{path} cannot be read: {error.strerror}: remove it, or make it readable") from None
+    return from_bytes(content, str(path))

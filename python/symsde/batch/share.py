@@ -40,7 +40,12 @@ def parse(text: str) -> Share:
     return Share(i, n)
 
 
-def makers(missing: Sequence[Piece], pieces: Sequence[Piece], n: int) -> list[Share]:
-    """The parts of n whose pieces are missing."""
-    number = {piece.name: at for at, piece in enumerate(pieces)}
-    return [Share(i + 1, n) for i in sorted({number[piece.name] % n for piece in missing})]
+def parts_of(missing: Sequence[Piece], pieces: Sequence[Piece]) -> list[Share]:
+    """The parts i/n that the missing pieces are, with the smallest n > 1 for which they are whole parts, some but not
+    all of them; empty where they are none."""
+    names = {piece.name for piece in missing}
+    for n in range(2, len(pieces) // 2 + 1):
+        touched = [Share(i, n) for i in range(1, n + 1) if names & {piece.name for piece in pieces[i - 1 :: n]}]
+        if len(touched) < n and sum(len(share.of(pieces)) for share in touched) == len(names):
+            return touched
+    return []

@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What does not fit is refused by a sentence that names it: folders, manifests, parts, damaged shards, options."""
+
+import json
+import re
+import shutil
+
+import pytest
+import symsde as ss
+from symsde import cli
+from symsde.batch.plan import Piece
+from symsde.batch.share import Share, parts_of
+
+SCENE = """
+[model]
+name = "kubo"
+[run]
+step = 0.1
+steps = 10
+paths = 2000
+q0 = 1.0
+p0 = 0.0
+save_every = 5
+[output]
+paths = [0, 700]
+"""  # eight shards of moments, two of paths
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory):
+    """Two parts, in folders of their own, and the scene."""
+    place = tmp_path_factory.mktemp("parts")
+    (place / "scene.toml").write_text(SCENE)
+    for i in (1, 2):
+        given = [place / "scene.toml", "--out", place / f"part{i}", "--shard", f"{i}/2", "--shard-paths", 256]
+        assert cli.main(["run", *map(str, given), "--quiet"]) == 0
+    return place
+
+
+@pytest.fixture
+def place(parts, tmp_path):
+    shutil.copytree(parts, tmp_path / "it")
+    return tmp_path / "it"
+
+
+def merge(place, *folders):
+    folders = folders or ("part1", "part2")
+    return cli.main(["merge", *(str(place / name) for name in folders), "--out", str(place / "out"), "--quiet"])
+
+
+def edit(folder, **changes):
+    """Another manifest, as of another version or build."""
+    path = folder / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+def test_parts_that_fit(place):
+    assert merge(place) == 0 and (place / "out" / "moments.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"version": "9.9"}, "version = '9.9' there"),
+        ({"compiler": "other"}, "compiler = 'other' there"),
+        ({"build": "-Ofast"}, "build = '-Ofast' there"),
+        ({"counter_map": "1"}, "counter_map = '1' there, '2' here"),
+        ({"seed": 5}, "seed = 5 there, 0 here"),
+        ({"shard_paths": 512}, "shard_paths = 512 there, 256 here"),
+    ],
+)
+def test_parts_of_another_make_are_not_merged(changes, sentence, place, capsys):
+    edit(place / "part1", **changes)
+    assert merge(place) == cli.BAD_INPUT
+    shown = capsys.readouterr().err
+    assert "part1 and " in shown and "part2 hold parts of different runs: " in shown and sentence in shown
+    assert "merge parts of one scene, made with one version and build" in shown
+    assert not (place / "out").exists()
+
+
+NO_MANIFEST = {
+    "no JSON": b"{",
+    "a list": b"[1]",
+    "no text": b"\xff\xfe",
+    "nothing": b"",
+    "a format alone": b'{"format": 1}',
+}
+
+
+@pytest.mark.parametrize("content", NO_MANIFEST.values(), ids=NO_MANIFEST)
+def test_what_is_no_manifest(content, place, capsys):
+    (place / "part1" / "manifest.json").write_bytes(content)
+    assert merge(place) == cli.BAD_INPUT
+    assert "manifest.json is no manifest of a run: give another folder, or remove this one" in capsys.readouterr().err
+    with pytest.raises(ss.errors.SceneError, match="is no manifest of a run"):
+        ss.open_run(place / "part1")
+
+
+@pytest.mark.parametrize("size", [300, -256, 0, "256", None, 128, True])
+def test_a_manifest_with_a_size_that_is_none(size, place, capsys):
+    edit(place / "part1", shard_paths=size)
+    assert cli.main(["run", str(place / "scene.toml"), "--out", str(place / "part1")]) == cli.BAD_INPUT
+    assert "is no manifest of a run" in capsys.readouterr().err
+
+
+def test_a_manifest_of_another_format(place, capsys):
+    edit(place / "part1", format=2)
+    assert merge(place) == cli.BAD_INPUT
+    assert "manifest.json has format 2, this symsde knows 1: use the version that made it" in capsys.readouterr().err
+
+
+def test_a_manifest_whose_inputs_were_changed(place, capsys):
+    path = place / "part1" / "manifest.json"
+    path.write_text(path.read_text().replace('"steps": 10', '"steps": 20'))
+    assert merge(place) == cli.BAD_INPUT
+    assert "is no manifest of a run" in capsys.readouterr().err
+
+
+def test_a_manifest_that_cannot_be_read(place, capsys):
+    (place / "part1" / "manifest.json").unlink()
+    (place / "part1" / "manifest.json").mkdir()
+    assert merge(place) == cli.BAD_INPUT
+    assert "manifest.json cannot be read: Is a directory: give another folder" in capsys.readouterr().err
+
+
+def test_folders_that_hold_no_run(place, capsys):
+    for name in ("nowhere", "scene.toml"):
+        assert merge(place, name, "part2") == cli.BAD_INPUT
+        shown = capsys.readouterr().err
+        assert f"{name} holds no run (no manifest.json): give folders that `symsde run` has written" in shown
+
+
+def test_no_folder_at_all(place, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(["merge", "--out", str(place / "out")])
+    assert stopped.value.code == cli.BAD_INPUT and "DIR" in capsys.readouterr().err
+
+
+def test_a_scene_that_is_not_that_of_its_shards(place, capsys):
+    path = place / "part1" / "scene.toml"
+    path.write_text(SCENE.replace("step = 0.1", "step = 0.2"))
+    assert merge(place) == cli.BAD_INPUT
+    assert "part1 holds another run: run.step = 0.1 there, 0.2 here" in capsys.readouterr().err
+    with pytest.raises(
+        ss.errors.SceneError, match=r"not the scene that the shards are of: run.step = 0.1 there, 0.2 in"
+    ):
+        ss.open_run(place / "part1")
+    path.unlink()
+    assert merge(place) == cli.BAD_INPUT
+    assert "part1/scene.toml cannot be read: No such file" in capsys.readouterr().err
+
+
+def test_a_whole_that_is_another_run(place, capsys):
+    (place / "other.toml").write_text(SCENE.replace("paths = 2000", "paths = 2000\nseed = 4"))
+    assert cli.main(["run", str(place / "other.toml"), "--out", str(place / "out"), "--quiet"]) == 0
+    before = (place / "out" / "moments.csv").read_bytes()
+    assert merge(place) == cli.BAD_INPUT
+    assert "out holds another run: run.seed = 4 there, 0 here" in capsys.readouterr().err
+    assert (place / "out" / "moments.csv").read_bytes() == before
+
+
+def test_a_whole_that_holds_something_else(place, capsys):
+    (place / "out" / "shards").mkdir(parents=True)
+    assert merge(place) == cli.BAD_INPUT
+    assert "out holds shards but no manifest.json" in capsys.readouterr().err
+
+
+def test_a_whole_that_cannot_be_written(place, capsys):
+    given = ["merge", str(place / "part1"), str(place / "part2"), "--out", "/proc/self/whole"]
+    assert cli.main(given) == cli.NOT_WRITTEN
+    assert "nothing can be written to /proc/self/whole" in capsys.readouterr().err
+
+
+def test_missing_shards_are_named_with_what_makes_them(place, capsys):
+    assert merge(place, "part1") == cli.BAD_INPUT
+    shown = capsys.readouterr().err
+    assert "5 of 10 shards are in none of the folders: moments-000002, moments-000004, moments-000006" in shown
+    again = re.search("`symsde (run [^`]*)` computes them and ends the run; they are what `--shard 2/2` of", shown)
+    assert cli.main([*again[1].split(), "--quiet"]) == 0  # as it says
+    assert merge(place) == 0
+
+
+def test_many_missing_shards_are_counted(place, capsys):
+    for path in (place / "part1" / "shards").iterdir():
+        path.unlink()
+    (place / "part2" / "shards" / "moments-000002.npz").unlink()
+    (place / "part2" / "shards" / "moments-000004.npz").unlink()
+    (place / "part2" / "shards" / "paths-000002.npz").unlink()
+    assert merge(place, "part1", "part2") == cli.BAD_INPUT
+    shown = capsys.readouterr().err
+    assert "8 of 10 shards" in shown and "moments-000007, paths-000001, paths-000002" in shown and " more" not in shown
+    (place / "part2" / "shards" / "moments-000006.npz").unlink()
+    shutil.rmtree(place / "out")
+    assert merge(place) == cli.BAD_INPUT
+    assert "9 of 10 shards" in (shown := capsys.readouterr().err) and " and 1 more: " in shown
+
+
+def test_which_parts_are_missing():
+    pieces = [Piece(f"moments-{i:06d}", "moments", 256 * i, 256, 1) for i in range(12)]
+    for n, lacking in ((3, [2]), (4, [1, 3]), (6, [6])):
+        missing = [piece for i in lacking for piece in Share(i, n).of(pieces)]
+        found = parts_of(missing, pieces)
+        assert sorted(x.name for share in found for x in share.of(pieces)) == sorted(x.name for x in missing)
+    assert parts_of(pieces[1::2], pieces) == [Share(2, 2)]
+    assert parts_of(pieces[:1], pieces) == [] == parts_of(pieces, pieces)
+
+
+DAMAGES = {
+    "a byte": lambda content: content[:200] + bytes([content[200] ^ 1]) + content[201:],
+    "its end": lambda content: content[:-1],
+    "all of it": lambda content: b"",
+    "its checksum": lambda content: content[:-64] + b"0" * 64,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_part_is_named_and_counts_as_missing(damage, place, capsys):
+    path = place / "part1" / "shards" / "moments-000003.npz"
+    path.write_bytes(damage(path.read_bytes()))
+    assert merge(place) == cli.BAD_INPUT
+    shown = capsys.readouterr().err
+    assert "moments-000003.npz is damaged: its checksum is not that of its" in shown and "it is left out" in shown
+    assert "1 of 10 shards are in none of the folders: moments-000003: `symsde run" in shown
+    assert path.exists()  # it is somebody else's
+
+
+def test_a_damaged_part_that_another_folder_has_is_taken_from_there(place, capsys):
+    shutil.copytree(place / "part1", place / "copy")
+    (place / "part1" / "shards" / "moments-000003.npz").write_bytes(b"x")
+    assert merge(place, "part1", "copy", "part2") == 0
+    assert "moments-000003.npz is damaged" in capsys.readouterr().err
+
+
+def test_a_shard_of_another_name(place, capsys):
+    shards = place / "part1" / "shards"
+    shutil.copy(shards / "moments-000001.npz", shards / "moments-000003.npz")
+    assert merge(place) == cli.BAD_INPUT
+    assert "moments-000003.npz is damaged: it is the shard of another run or piece" in capsys.readouterr().err
+
+
+def test_a_shard_that_cannot_be_read(place, capsys):
+    path = place / "part1" / "shards" / "moments-000003.npz"
+    path.unlink()
+    path.mkdir()
+    for verb in (
+        lambda: merge(place),
+        lambda: cli.main(["run", str(place / "scene.toml"), "--out", str(path.parents[1])]),
+    ):
+        assert verb() == cli.NOT_WRITTEN
+        assert "moments-000003.npz cannot be read: Is a directory: remove it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--shard", "9/8"], "shard = 9/8: there is no part 9 of 8: give i from 1 to n, as 1/8 for the first"),
+        (["--shard", "0/8"], "there is no part 0 of 8"),
+        (["--shard", "1/0"], "there is no part 1 of 0: give i from 1 to n, as 1/1"),
+        (["--shard", ""], "shard = '' is no part of a run: give i/n, as 1/8 for the first of eight"),
+        (["--shard", "/8"], "shard = '/8' is no part of a run"),
+        (["--shard=-1/8"], "shard = '-1/8' is no part of a run"),
+        (["--max-walltime", "soon"], "max-walltime = 'soon' is no time: give 90, 30min, 23.5h, or 23:30:00"),
+        (["--max-walltime", ""], "max-walltime = '' is no time"),
+        (["--checkpoint", "-1"], "checkpoint = '-1' is no time"),
+        (["--shard-paths", "300"], "shard-paths = 300 is not a power of two"),
+        (["--shard-paths", ""], "shard-paths"),
+    ],
+)
+def test_options_that_mean_nothing(options, sentence, place, capsys):
+    given = ["run", str(place / "scene.toml"), "--out", str(place / "out"), *options]
+    assert cli.main(given) == cli.BAD_INPUT
+    assert sentence in capsys.readouterr().err
+    assert not (place / "out").exists()
+
+
+def test_a_refusal_leaves_the_output_of_the_program_alone(place, capfd):
+    """A command that fails in a program does not take its standard output away."""
+    assert cli.main(["merge", str(place / "part1"), "--out", "/proc/self/whole"]) == cli.NOT_WRITTEN
+    print("still there", flush=True)
+    assert "still there" in capfd.readouterr().out
