@@ -15,6 +15,7 @@ paper "Dynamics and variational integrators of stochastic Hamiltonian systems" w
 from . import diagnose, errors, models, observe, schemes
 from ._callbacks import numba_signature, numba_sincos
 from ._handles import status_text
+from ._selftest import selftest
 from ._setup import build_info
 from .advise.advise import Advice, advise
 from .batch.ensemble import ensemble
@@ -86,6 +87,7 @@ __all__ = [
     "open_run",
     "prepare",
     "schemes",
+    "selftest",
     "simulate",
     "status_text",
     "step",

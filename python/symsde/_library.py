@@ -14,12 +14,17 @@ from .errors import LibraryNotFoundError
 _NAME = "libsymsde.dylib" if sys.platform == "darwin" else "libsymsde.so"
 
 
+def package() -> Path:
+    """The folder of this package."""
+    return Path(__file__).resolve().parent
+
+
 def candidates() -> list[Path]:
     """Where the library is looked for: SYMSDE_LIBRARY alone if set, the package's variants, the build tree."""
     chosen = os.environ.get("SYMSDE_LIBRARY")
     if chosen:
         return [Path(chosen)]
-    here = Path(__file__).resolve().parent
+    here = package()
     places = [folder / _NAME for folder in _cpu.folders(here)]
     return places if os.environ.get("SYMSDE_CPU") else [*places, here.parents[1] / "build" / "native" / _NAME]
 

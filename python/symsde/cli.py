@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from . import _cpu, _files, _library, models, scene, schemes, tables
+from . import _cpu, _files, _library, _selftest, cite, models, scene, schemes, tables
 from ._output import patient_output
 from ._setup import build_info
 from .batch import command as batch
@@ -88,6 +88,8 @@ def _parser() -> argparse.ArgumentParser:
     catalogue.add_argument("what", nargs="?", choices=("models", "schemes"), help="one of the two (default: both)")
     catalogue.add_argument("--markdown", action="store_true", help="as the page of the documentation")
     add("info", _info, "Print versions, compiler and optional packages.")
+    add("selftest", _selftest.run, _selftest.HELP)
+    cite.arguments(add("cite", cite.run, cite.HELP))
     export.arguments(add("export", export.run, export.HELP))
     work = add("study", study.run, study.HELP)
     study.arguments(work)
