@@ -26,5 +26,12 @@ install(FILES
 # Relative, so that an installed tree can be moved.
 file(RELATIVE_PATH SYMSDE_PC_TO_PREFIX /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
 string(REGEX REPLACE "/$" "" SYMSDE_PC_TO_PREFIX "${SYMSDE_PC_TO_PREFIX}")
+set(_private "-llapack -lblas -lgfortran -lgomp -lm")
+set(SYMSDE_PC_LIBS "")
+set(SYMSDE_PC_PRIVATE "\nLibs.private: ${_private}")
+if(SYMSDE_KIND STREQUAL "STATIC")
+   set(SYMSDE_PC_LIBS " ${_private}")  # who links an archive needs them, whether pkg-config is told --static or not
+   set(SYMSDE_PC_PRIVATE "")
+endif()
 configure_file(cmake/symsde.pc.in symsde.pc @ONLY)
 install(FILES ${CMAKE_CURRENT_BINARY_DIR}/symsde.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)

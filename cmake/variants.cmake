@@ -6,6 +6,10 @@ if(NOT SYMSDE_FLAGS STREQUAL "release" OR NOT CMAKE_SYSTEM_PROCESSOR MATCHES "^(
    message(FATAL_ERROR "SYMSDE_VARIANTS is ON, for SYMSDE_FLAGS '${SYMSDE_FLAGS}' on ${CMAKE_SYSTEM_PROCESSOR}: "
       "variants are those of the flags release on x86-64.")
 endif()
+if(SYMSDE_KIND STREQUAL "STATIC")
+   message(FATAL_ERROR "SYMSDE_VARIANTS is ON, and BUILD_SHARED_LIBS is OFF: a program that holds the library has one "
+      "variant of it. Leave one of the two out.")
+endif()
 set(_beside ${CMAKE_INSTALL_LIBDIR})
 if(SKBUILD)
    set(_beside symsde)

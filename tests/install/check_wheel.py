@@ -42,7 +42,7 @@ REGISTERS = {"baseline": "xmm", "v3": "ymm", "v4": "zmm"}  # the widest of each 
 
 
 def main():
-    """Build, unpack, load; the version is the one that CMakeLists.txt states."""
+    """Build, unpack, load; the version is the one that src/base/version.f90 states."""
     root, work = Path(sys.argv[1]), Path(sys.argv[2])
     if importlib.util.find_spec("scikit_build_core") is None:
         print("skipped: scikit-build-core is not installed; ./bootstrap test installs it in .venv")
@@ -58,12 +58,12 @@ def main():
         return 1
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(work / "site")
-    version = re.search(r"VERSION (\d+\.\d+\.\d+)", (root / "CMakeLists.txt").read_text())[1]
+    version = re.search("library_version = '(.*)'", (root / "src/base/version.f90").read_text())[1]
     environment = {**os.environ, "PYTHONPATH": str(work / "site")}
     del environment["SYMSDE_LIBRARY"]  # it must find its own
     first = run_trial(environment, work)
     print(*first, sep="\n")
-    faults = [] if first[0] == version else [f"version {first[0]}, where CMakeLists.txt has {version}"]
+    faults = [] if first[0] == version else [f"version {first[0]}, where src/base/version.f90 has {version}"]
     levels = first[3].split(",") if first[3] else []
     if levels and f"-{levels[0]}/" not in first[1] and levels[0] != "baseline":
         faults.append(f"{first[1]} is not the variant {levels[0]} of this processor")

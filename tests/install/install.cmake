@@ -43,3 +43,13 @@ if(CXX)
    run(${CXX} -std=c++17 ${CONSUMER}/consumer.cpp -o ${WORK}/pkg_cpp ${flags})
    run(${WORK}/pkg_cpp)
 endif()
+
+# Meson, by pkg-config
+if(MESON)
+   set(ENV{FC} ${FORTRAN})
+   set(ENV{CC} ${CC})
+   run(${MESON} setup ${WORK}/meson ${CONSUMER})
+   run(${MESON} compile -C ${WORK}/meson)
+   run(${WORK}/meson/consumer_fortran)
+   run(${WORK}/meson/consumer_c)
+endif()
