@@ -11,7 +11,7 @@ import importlib
 import json
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,12 @@ class Moments(Reported):
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
     kept: dict[str, kept.Kept]  #: what each observer has kept, by which parts of an ensemble merge exactly
 
-    def __init__(self, setup: Setup, observables: Mapping[str, Observable], observers: kept.Kinds | None = None):
+    def __init__(
+        self,
+        setup: Setup,
+        observables: Mapping[str, Observable] | Iterable[str],
+        observers: kept.Kinds | None = None,
+    ):
         """Room for the moments, of these observables too, and for these observers; `fill` computes them."""
         self.setup = setup
         self.observers = dict(observers or {})

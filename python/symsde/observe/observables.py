@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -60,8 +60,10 @@ def are_in_python(observables: Mapping[str, Observable]) -> bool:
     return compiler.command() is None or not all(is_formula(x) for x in observables.values())
 
 
-def described(observables: Mapping[str, Observable]) -> dict[str, str]:
-    """What each is, in words for files."""
+def described(observables: Mapping[str, Observable] | Iterable[str]) -> dict[str, str]:
+    """What each is, in words for files; of names alone no more is known."""
+    if not isinstance(observables, Mapping):
+        return dict.fromkeys(observables, "")
     return {name: str(x) if is_formula(x) else _name_of(x) for name, x in observables.items()}
 
 
