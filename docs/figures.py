@@ -15,12 +15,13 @@ from pathlib import Path
 from symsde import _files, study
 from symsde.paper import symplecticity
 from symsde.stability import figure as stability_figure
-from symsde.stability import mean_square_map
+from symsde.stability import long_time, mean_square_map
 from symsde.study import horizons
 
 FOLDER = Path(__file__).with_name("figures")
 OTHERS = {
     "stability": stability_figure.save,
+    "long-time": long_time.save,
     "mean-square": mean_square_map.save,
     "horizons": horizons.save,
 }  #: stem of the data -> drawing

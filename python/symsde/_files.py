@@ -103,6 +103,11 @@ def replace(target: Path, write_to: Callable[[Path], object]) -> None:
         part.unlink(missing_ok=True)
 
 
+def replace_text(target: Path, text: str) -> None:
+    """Write a text file, whole or not at all."""
+    replace(target, lambda part: part.write_text(text, encoding="utf-8"))
+
+
 @contextlib.contextmanager
 def folder(path: str | os.PathLike) -> Iterator[Path]:
     """A folder for results, made where it is missing and tried before the work; not left behind empty."""
@@ -127,20 +132,20 @@ def _reason(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
-def json_text(data: object) -> str:
-    """Data of a figure as JSON: arrays as lists, numbers with seven digits, infinite ones and NaN as null."""
-    return json.dumps(_plain(data), indent=None, allow_nan=False, separators=(", ", ": ")) + "\n"
+def json_text(data: object, digits: int | None = 7, indent: int | None = None) -> str:
+    """Data as JSON: arrays as lists, numbers with seven digits or all (None), infinite ones and NaN as null."""
+    separators = (", ", ": ") if indent is None else None
+    return json.dumps(_plain(data, digits), indent=indent, allow_nan=False, separators=separators) + "\n"
 
 
-def _plain(value):
+def _plain(value, digits: int | None):
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return {str(key): _plain(item, digits) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist(), digits)
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
+        return [_plain(item, digits) for item in value]
     if isinstance(value, float):
-        return float(f"{value:.7g}") if np.isfinite(value) else None
+        rounded = value if digits is None else float(f"{value:.{digits}g}")
+        return rounded if np.isfinite(value) else None
     return value

@@ -56,10 +56,13 @@ STYLE = {
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
     "legend.fontsize": 8,
-    "legend.frameon": False,
+    "legend.frameon": True,
+    "legend.framealpha": 0.9,
+    "legend.edgecolor": "none",
+    "legend.borderpad": 0.25,
     "legend.handlelength": 1.8,
     "legend.labelspacing": 0.3,
-    "lines.linewidth": 1.0,
+    "lines.linewidth": 1.1,
     "lines.markersize": 4,
     "mathtext.fontset": "dejavusans",
     "svg.hashsalt": "symsde",
@@ -73,14 +76,14 @@ def of_scheme(name: str) -> dict[str, str]:
 
 
 @contextmanager
-def drawing(path: Path, width: float, height: float, dpi: int, *, pdf: bool = False, style: dict | None = None):
+def drawing(path: Path, width: float, height: float, dpi: int, *, pdf: bool = False):
     """Give a matplotlib figure [in]; write it as a PNG, and on request as a PDF beside it, at the end.
 
     MissingPackageError where matplotlib is missing.
     """
     matplotlib = _files.optional("matplotlib", "plot")
     figures = importlib.import_module("matplotlib.figure")
-    with matplotlib.rc_context({**STYLE, **(style or {})}):
+    with matplotlib.rc_context(STYLE):
         page = figures.Figure(figsize=(width, height), layout="constrained")
         yield page
         readable(page)
@@ -88,6 +91,28 @@ def drawing(path: Path, width: float, height: float, dpi: int, *, pdf: bool = Fa
         if pdf:
             still = {"CreationDate": None}
             _files.replace(path.with_suffix(".pdf"), lambda part: page.savefig(part, format="pdf", metadata=still))
+
+
+@contextmanager
+def panels(path: Path, mosaic: list, width: float, height: float, dpi: int, *, pdf: bool = False, **options):
+    """Give the axes of a mosaic by name; at the end each has its letter, where there are several."""
+    with drawing(path, width, height, dpi, pdf=pdf) as page:
+        axes = page.subplot_mosaic(mosaic, **options)
+        yield axes
+        if len(axes) > 1:
+            for letter, axis in zip("abcdefgh", axes.values(), strict=False):
+                axis.set_title(f"({letter})", loc="left", pad=3)
+
+
+def colour(scheme: str) -> str:
+    """That of a scheme."""
+    return of_scheme(scheme)["color"]
+
+
+def slope_guide(axis, steps, level: float, order: float, label: str) -> None:
+    """Draw a dashed line of an order through (steps[0], level)."""
+    heights = [level * (step / steps[0]) ** order for step in steps]
+    axis.loglog(steps, heights, "--", color=GREY, lw=0.9, label=label)
 
 
 def readable(figure) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 
 from . import models, schemes
+from .pages import markdown
 
 # One member of each family whose names take a number.
 FAMILIES = {
@@ -32,7 +33,7 @@ def models_markdown() -> str:
         rows.append([f"[`{name}`](#{name})", _equations(text), parameters, *sizes, ", ".join(given)])
         sections.append(f"## {name}\n\n{_paragraphs(text)}\n")
     header = ["model", "[WHSB]", "parameters and defaults", "degrees of freedom", "noises", "traits at the defaults"]
-    return "\n".join([_HEAD, "# Built-in models", "", _MODELS_INTRODUCTION, _table(header, rows), *sections])
+    return "\n".join([_HEAD, "# Built-in models", "", _MODELS_INTRODUCTION, markdown(header, rows), *sections])
 
 
 def schemes_markdown() -> str:
@@ -64,7 +65,7 @@ def _orders(facts: dict[str, schemes.SchemeInfo]) -> str:
         if info.uses_nested_bracket:
             cells[-1] += ", general 1"
         rows.append([f"`{name}`", *cells, f"{info.order_noise_free}"])
-    return _table(["scheme", "additive", "commutative", "general", "flows commute", "weak", "no noise"], rows)
+    return markdown(["scheme", "additive", "commutative", "general", "flows commute", "weak", "no noise"], rows)
 
 
 def _order(order: schemes.Order) -> str:
@@ -99,7 +100,7 @@ def _structure(found: list[tuple[str, schemes.Scheme]]) -> str:
             ]
         )
     header = ["scheme", "form, stages", "symplectic", "symmetric", "invariants kept", "correction"]
-    return _table([*header, "beside dW", "model must have", "explicit", "gradients; unknowns"], rows)
+    return markdown([*header, "beside dW", "model must have", "explicit", "gradients; unknowns"], rows)
 
 
 def _extras(info: schemes.SchemeInfo) -> str:
@@ -120,7 +121,7 @@ def _cost(info: schemes.SchemeInfo) -> str:
 
 
 def _references(facts: dict[str, schemes.SchemeInfo]) -> str:
-    return _table(["scheme", "reference"], [[f"`{name}`", info.reference] for name, info in facts.items()])
+    return markdown(["scheme", "reference"], [[f"`{name}`", info.reference] for name, info in facts.items()])
 
 
 def _equations(text: str) -> str:
@@ -136,11 +137,6 @@ def _paragraphs(text: str) -> str:
 
 def _yes(truth: bool) -> str:
     return "yes" if truth else "no"
-
-
-def _table(header: list[str], rows: list[list[str]]) -> str:
-    cells = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in cells) + "\n"
 
 
 _MODELS_INTRODUCTION = """\

@@ -2,8 +2,6 @@
 """What is printed and reported is what was computed: tables are parsed, judges are tried on both sides of a bound."""
 
 import ctypes
-import json
-import math
 import re
 from types import SimpleNamespace
 
@@ -12,8 +10,7 @@ import pytest
 import symsde as ss
 from symsde import _abi, cli, look, report
 from symsde.batch.command import print_moments
-from symsde.stability import page
-from symsde.stability.scenario import Scenario, says
+from symsde.stability.scenario import says
 
 
 def test_every_member_of_a_report():
@@ -161,97 +158,6 @@ def test_info_lists_versions_and_packages(capsys):
     for key, value in ss.build_info().items():
         assert lines[key] == value
     assert lines["numpy"] == "yes" and lines["python"].count(".") == 2
-
-
-JUDGED = [  # method, arguments that pass, arguments that fail, what is measured, what is expected
-    ("at_most", (1.0, 1.0), (1.001, 1.0), "1.00e+00", "<= 1e+00"),
-    ("at_most", (-5.0, 1.0), (math.nan, 1.0), "-5.00e+00", "<= 1e+00"),
-    ("at_least", (2.0, 2.0), (1.999, 2.0), "2", ">= 2"),
-    ("at_least", (3.0, 2.0), (math.nan, 2.0), "3", ">= 2"),
-    ("between", (1.0, 1.0, 2.0), (0.999, 1.0, 2.0), "1", "1 to 2"),
-    ("between", (2.0, 1.0, 2.0), (2.001, 1.0, 2.0), "2", "1 to 2"),
-    ("near", (1.09, 1.0, 0.1), (1.11, 1.0, 0.1), "1.09", "1 +- 0.1"),
-    ("near", (0.91, 1.0, 0.1), (0.89, 1.0, 0.1), "0.91", "1 +- 0.1"),
-    ("near", (1.0, 1.0, 0.0), (math.nan, 1.0, 0.1), "1", "1 +- 0"),
-    ("within_errors", ((1.49, 0.1), 1.0), ((1.51, 0.1), 1.0), "1.49 +- 0.1", "1 within 5 s.e."),
-    ("within_errors", ((0.51, 0.1), 1.0), ((0.49, 0.1), 1.0), "0.51 +- 0.1", "1 within 5 s.e."),
-    ("within_errors", ((1.29, 0.1), 1.0, 3.0), ((1.31, 0.1), 1.0, 3.0), "1.29 +- 0.1", "1 within 3 s.e."),
-    ("beyond_errors", ((1.51, 0.1), 1.0), ((1.49, 0.1), 1.0), "1.51 +- 0.1", "not 1, > 5 s.e."),
-    ("beyond_errors", ((0.49, 0.1), 1.0), ((0.51, 0.1), 1.0), "0.49 +- 0.1", "not 1, > 5 s.e."),
-    ("beyond_errors", ((1.6, 0.1), 1.0), ((math.nan, 0.1), 1.0), "1.6 +- 0.1", "not 1, > 5 s.e."),
-]
-
-
-@pytest.mark.parametrize(("method", "good", "bad", "measured", "expected"), JUDGED)
-def test_judges_of_the_paper(method, good, bad, measured, expected, capsys):  # noqa: PLR0917
-    pytest.importorskip("matplotlib")
-    from symsde.paper.experiment import Experiment
-    from symsde.paper.table import print_block, print_summary
-
-    experiment = Experiment("name", "A title", 1, {})
-    for arguments in (good, bad):
-        getattr(experiment, method)("(1)", "a quantity", *arguments)
-    assert [check.passed for check in experiment.checks] == [True, False]
-    assert (experiment.checks[0].measured, experiment.checks[0].expected) == (measured, expected)
-    experiment.report("(2)", "reported", "0.25", "0.3")
-    assert experiment.checks[2].passed is None
-    print_block(experiment, 1.25)
-    print_summary([experiment], "somewhere", 2.0)
-    shown = capsys.readouterr().out.splitlines()
-    assert shown[1] == "A title   [1.2 s]"
-    cells = [re.split(r"\s{2,}", line.strip()) for line in shown[4:7]]
-    assert cells[0] == ["(1)", "a quantity", measured, expected, "ok"]
-    assert cells[1][-1] == "FAILED" and cells[2] == ["(2)", "reported", "0.25", "0.3", "-"]
-    assert shown[-1] == "1 expectations met, 1 failed"
-
-
-def test_plain_values_of_results():
-    pytest.importorskip("matplotlib")
-    from symsde.paper.experiment import plain
-
-    given = {"a": np.float64(1.5), 2: np.arange(3), "b": (np.bool_(True), False, None), "c": math.inf, "d": "x"}
-    expected = {"a": 1.5, "2": [0, 1, 2], "b": [True, False, None], "c": None, "d": "x"}
-    assert plain(given) == expected and json.loads(json.dumps(plain(given))) == expected
-    assert plain({"n": np.int32(3), "m": math.nan}) == {"n": 3, "m": None}
-
-
-STABLE = [
-    ("at_most", (1.0, 1.0), (1.001, 1.0), "0", "1.00e+00", "<= 1"),
-    ("at_most", (0.5, 1.0, 7), (math.nan, 1.0), "7", "5.00e-01", "<= 1"),
-    ("within", (1.48, 0.1, 1.0), (1.5, 0.1, 1.0), "1", "1.48 +- 0.1", "within 4.9 s.e."),
-    ("within", (0.52, 0.1, 1.0), (0.5, 0.1, 1.0), "1", "0.52 +- 0.1", "within 4.9 s.e."),
-    ("fraction", (574, 1000, 0.5), (580, 1000, 0.5), "0.5", "0.574 +- 0.02", "within 4.9 s.e."),
-    ("fraction", (0, 1000, 0.0), (1, 1000, 0.0), "0", "0 +- 1e-300", "within 4.9 s.e."),
-]
-
-
-@pytest.mark.parametrize(("method", "good", "bad", "expected", "observed", "criterion"), STABLE)
-def test_judges_of_stability(method, good, bad, expected, observed, criterion):  # noqa: PLR0917
-    scenario = Scenario("S00", "A title")
-    for arguments in (good, bad):
-        getattr(scenario, method)("a name", *arguments)
-    first, second = scenario.checks
-    assert first.passed and not second.passed and first.scenario == "S00" and first.name == "a name"
-    assert (first.expected, first.observed, first.criterion) == (expected, observed, criterion)
-    lines = page.block(scenario, 1.25).splitlines()
-    assert lines[0] == "S00 A title   [1.2 s]"
-    assert lines[1].split() == ["ok", "a", "name", "expected", *expected.split(), "observed", *observed.split(),
-                                *criterion.split()]  # fmt: skip
-    assert lines[2].split()[0] == "FAILED"
-
-
-def test_the_page_of_stability(tmp_path, monkeypatch):
-    monkeypatch.setattr(page.figure, "save", lambda *_: None)
-    good, bad = Scenario("S01", "Good"), Scenario("S02", "Bad", if_failed="A known cause.")
-    good.add("one", 1, 2, "x", True)
-    bad.add("two", 3, 4, "y", False)
-    page.write(tmp_path / "page.md", [good, bad], True)
-    text = (tmp_path / "page.md").read_text()
-    assert "| one | 1 | 2 | x | ok |" in text and "| two | 3 | 4 | y | **failed** |" in text
-    assert "1 of 2 criteria hold" in text and "(quick sample)" in text and f"symsde {ss.__version__}" in text
-    assert text.index("## S01: Good") < text.index("## S02: Bad") < text.index("A known cause.")
-    page.write(tmp_path / "page.md", [good], False)
-    assert "A known cause" not in (tmp_path / "page.md").read_text()
 
 
 def test_warnings_are_searched_for_words():

@@ -6,15 +6,11 @@ equations. One module an experiment, each with `run(quick)` and `draw(experiment
 interface of symsde only, so that each can be read as an example.
 """
 
-import json
 from time import perf_counter
 
-import symsde as ss
-
-from .. import _files
+from .. import _files, expectations, pages
+from .._setup import build_info
 from . import euler_lagrange, figure_4_1, figure_4_2, kubo, linear_oscillator, symplecticity
-from .experiment import plain
-from .table import print_block, print_summary
 
 EXPERIMENTS = (kubo, linear_oscillator, figure_4_1, figure_4_2, symplecticity, euler_lagrange)
 
@@ -26,35 +22,29 @@ def run(out, quick=False):
 
 
 def _run(directory, quick):
-    build = _build()
-    print(f"symsde {build['version']}, {build['compiler']}: the experiments of [WHSB]{' (quick)' if quick else ''}")
+    print(f"{pages.made_by()}: the experiments of [WHSB]{' (quick)' if quick else ''}")
     begin = perf_counter()
     experiments = []
     for module in EXPERIMENTS:
         start = perf_counter()
-        experiment = module.run(quick)
-        module.draw(experiment, directory)
-        print_block(experiment, perf_counter() - start)
-        experiments.append(experiment)
-    results = {experiment.name: _record(experiment, build, quick) for experiment in experiments}
-    text = json.dumps(plain(results), indent=1, allow_nan=False) + "\n"
-    _files.replace(directory / "results.json", lambda part: part.write_text(text, encoding="utf-8"))
-    print_summary(experiments, directory, perf_counter() - begin)
-    return int(any(check.passed is False for experiment in experiments for check in experiment.checks))
+        experiments.append(module.run(quick))
+        module.draw(experiments[-1], directory)
+        print(expectations.block(experiments[-1], "equations", perf_counter() - start), flush=True)
+    results = {experiment.name: _record(experiment, quick) for experiment in experiments}
+    _files.replace_text(directory / "results.json", _files.json_text(results, digits=None, indent=1))
+    print(f"\nwritten to {directory}: results.json and the figures; {perf_counter() - begin:.0f} s")
+    print(expectations.summary(experiments))
+    return int(expectations.count(experiments, False) > 0)
 
 
-def _record(experiment, build, quick):
+def _record(experiment, quick):
+    """What results.json holds of an experiment."""
+    keys = ("equations", "quantity", "measured", "expected", "passed")
     return {
         "seed": experiment.seed,
-        **build,
+        **{key: build_info()[key] for key in ("version", "compiler")},
         "quick": quick,
         "parameters": experiment.parameters,
         **experiment.numbers,
-        "checks": [vars(check) for check in experiment.checks],
+        "checks": [dict(zip(keys, vars(check).values(), strict=True)) for check in experiment.checks],
     }
-
-
-def _build():
-    """Version and compiler of the library that computed the numbers."""
-    info = ss.build_info()
-    return {"version": info["version"], "compiler": info["compiler"]}

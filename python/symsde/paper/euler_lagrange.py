@@ -15,8 +15,7 @@ import numpy as np
 import symsde as ss
 
 from .. import look
-from . import figures
-from .experiment import Experiment
+from .experiment import Experiment, panels
 
 STEP, STEPS, PATHS, SEED = 0.02, 500, 4, 47
 A, SIGMA = 1.0, 0.5
@@ -84,7 +83,7 @@ def run(quick):
         "additive_oscillator": {"sigma": NOISE1, "gamma": NOISE2},
     }  # fmt: skip
     title = f"Discrete Euler-Lagrange equations and Legendre transforms, h = {STEP}, {steps} steps, {PATHS} paths"
-    experiment = Experiment("euler_lagrange", title, SEED, parameters)
+    experiment = Experiment("euler_lagrange", title, seed=SEED, parameters=parameters)
     for case in _cases():
         computed = ss.simulate(
             case.model, q0=case.q0, p0=0.0, step=STEP, steps=steps, scheme=case.scheme, paths=PATHS, seed=SEED
@@ -165,13 +164,13 @@ def draw(experiment, directory):
     """Growth of residual and action away from the computed paths; midpoint's second case is the filled one."""
     curves = [(case.label, *experiment.curves[case.label], look.of_scheme(case.scheme)) for case in _cases()]
     mosaic = [["residual", "action"]]
-    with figures.figure(directory / "euler_lagrange.png", mosaic, height=3.0) as axes:
+    with panels(directory / "euler_lagrange.png", mosaic, height=3.0) as axes:
         for i, (label, residual, change, style) in enumerate(curves):
             shape = {"ls": "", "fillstyle": "full" if i == 1 else "none", "ms": 2.5 if i == 1 else 5, **style}
             axes["residual"].loglog(EPSILONS, residual, label=label, **shape)
             axes["action"].loglog(EPSILONS[:6], change[:6], **shape)
-        figures.slope_guide(axes["residual"], EPSILONS, 4 * EPSILONS[0], 1, r"$\propto\varepsilon$")
-        figures.slope_guide(axes["action"], EPSILONS[:6], 30 * EPSILONS[0] ** 2, 2, r"$\propto\varepsilon^2$")
+        look.slope_guide(axes["residual"], EPSILONS, 4 * EPSILONS[0], 1, r"$\propto\varepsilon$")
+        look.slope_guide(axes["action"], EPSILONS[:6], 30 * EPSILONS[0] ** 2, 2, r"$\propto\varepsilon^2$")
         floor = max(experiment.numbers[label]["euler_lagrange_q"] for label in experiment.curves)
         axes["residual"].axhline(floor, color=look.GREY, ls=":", label=r"computed paths, $\varepsilon=0$")
         axes["residual"].set(xlabel=r"$\varepsilon$", ylabel="residual of (47)-(48)", ylim=(1e-17, 10))

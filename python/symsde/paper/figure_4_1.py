@@ -12,8 +12,7 @@ import numpy as np
 import symsde as ss
 
 from .. import look
-from . import figures
-from .experiment import Experiment
+from .experiment import Experiment, panels
 
 OMEGA, SIGMA1, SIGMA2 = 2.0, 0.2, 0.1
 STEP, TIME, LEVELS = 0.02, 100.0, 6
@@ -32,7 +31,7 @@ def run(quick):
     title = (
         f"Figure 4.1: synchrotron, sigma1 = {SIGMA1}, sigma2 = {SIGMA2}, omega = {OMEGA:g}, h = {STEP}, t in [0, 100]"
     )
-    experiment = Experiment("figure_4_1", title, seeds[0], parameters)
+    experiment = Experiment("figure_4_1", title, seed=seeds[0], parameters=parameters)
     model = ss.models.synchrotron(omega=OMEGA, sigma1=SIGMA1, sigma2=SIGMA2)
     _seeds(experiment, model, seeds)
     _many_paths(experiment, model, parameters["many_paths"])
@@ -191,7 +190,7 @@ def _fixed_point_convergence(model):
 def draw(experiment, directory):
     """q(t) of the first seed; the differences of ten seeds, and of many paths."""
     mosaic = [["path", "path"], ["seeds", "many"]]
-    with figures.figure(directory / "figure_4_1.png", mosaic, height=4.2, width_ratios=[1.4, 1]) as axes:
+    with panels(directory / "figure_4_1.png", mosaic, height=4.2, width_ratios=[1.4, 1]) as axes:
         _draw_path(axes["path"], experiment.curves)
         _draw_seeds(axes["seeds"], experiment.numbers["seeds"])
         axis, differences = axes["many"], experiment.curves["differences"]

@@ -10,9 +10,7 @@ import numpy as np
 import symsde as ss
 
 from .. import look
-from . import figures
-from .experiment import Experiment
-from .order import fitted_order, rms
+from .experiment import Experiment, panels, strong_order
 
 STEP, TIME, SEED, PATHS = 0.02, 200.0, 42, 10
 SCHEMES = {"symplectic_euler": "(89)-(90)", "symplectic_euler_adjoint": "(91)-(92)"}
@@ -28,13 +26,16 @@ def run(quick):
         "moment_seed": SEED + 1, "order_seed": SEED + 2,
     }  # fmt: skip
     title = f"Figure 4.2: two additive noises, h = {STEP}, t in [0, {TIME:g}], {PATHS} paths"
-    experiment = Experiment("figure_4_2", title, SEED, parameters)
+    experiment = Experiment("figure_4_2", title, seed=SEED, parameters=parameters)
     for case, (gamma, sigma) in CASES.items():
         model = ss.models.additive_oscillator(sigma=sigma, gamma=gamma)
         experiment.numbers[case] = {scheme: _errors(experiment, model, case, scheme) for scheme in SCHEMES}
         _growth(experiment, model, case, order_paths)
-        for scheme in SCHEMES:
-            _order(experiment, model, case, scheme, order_paths)
+        for scheme, equations in SCHEMES.items():
+            experiment.numbers[case][scheme] |= strong_order(
+                experiment, equations, f", {_text(case)}", model, scheme, paths=order_paths, least=6, most=12,
+                time=10.24, seed=SEED + 2, q0=0.0, p0=0.0,
+            )  # fmt: skip
     return experiment
 
 
@@ -69,43 +70,20 @@ def _growth(experiment, model, case, paths):
     squares = q[-1, 0] ** 2 + p[-1, 0] ** 2
     estimate = squares.mean(), squares.std(ddof=1) / np.sqrt(paths)
     expected = (gamma**2 + sigma**2) * computed.t[-1]
-    experiment.within_errors("Y = F Y + u", f"exact: E(p^2+q^2) at t = 20, {_text(case)}", estimate, expected)
+    experiment.within("Y = F Y + u", f"exact: E(p^2+q^2) at t = 20, {_text(case)}", estimate, expected)
     experiment.numbers[case]["exact_second_moment"] = {"value": estimate, "expected": expected}
-
-
-def _order(experiment, model, case, scheme, paths):
-    """Strong order at t = 10.24 over 7 steps that share their Brownian paths."""
-    levels = np.arange(7)
-    steps = 0.16 / 2.0**levels
-    errors = np.empty((steps.size, paths))
-    for i, level in enumerate(levels):
-        count = 64 * 2**level
-        computed = ss.simulate(
-            model, q0=0.0, p0=0.0, step=steps[i], steps=count, save_every=count, scheme=scheme, paths=paths,
-            seed=SEED + 2, refine=int(levels[-1] - level),
-        )  # fmt: skip
-        q, p = ss.diagnose.exact(computed)
-        errors[i] = np.hypot(computed.q[-1, 0] - q[-1, 0], computed.p[-1, 0] - p[-1, 0])
-    order, half_width = fitted_order(steps, errors)
-    experiment.near(SCHEMES[scheme], f"strong order +- {half_width:.3f}, {_text(case)}", order, 1.0, 0.05)
-    experiment.numbers[case][scheme] |= {
-        "order": order, "order_interval": [order - half_width, order + half_width], "order_steps": steps,
-        "order_rms_errors": rms(errors),
-    }  # fmt: skip
 
 
 def draw(experiment, directory):
     """The two cases, path 0; the error below each."""
-    with figures.figure(
+    with panels(
         directory / "figure_4_2.png", [["one_noise", "two_noises"], ["one_error", "two_error"]], height=4.0,
         height_ratios=[1.5, 1], sharex=True,
     ) as axes:  # fmt: skip
         for case, name in (("one_noise", "one_error"), ("two_noises", "two_error")):
             gamma, sigma = CASES[case]
-            for scheme, colour, line in (
-                ("symplectic_euler", figures.colour("symplectic_euler"), "-"),
-                ("symplectic_euler_adjoint", figures.colour("symplectic_euler_adjoint"), "--"),
-            ):
+            for scheme, line in (("symplectic_euler", "-"), ("symplectic_euler_adjoint", "--")):
+                colour = look.colour(scheme)
                 t, q, exact = experiment.curves[case, scheme]
                 if scheme == "symplectic_euler":
                     axes[case].plot(t, exact, color=look.BLACK, lw=2.2, alpha=0.35, label="exact")

@@ -9,9 +9,7 @@ import numpy as np
 import symsde as ss
 
 from .. import look
-from . import figures
-from .experiment import Experiment
-from .order import fitted_order, rms
+from .experiment import Experiment, panels, strong_order
 
 A, SIGMA, SEED = 1.0, 0.5, 2024
 
@@ -24,7 +22,7 @@ def run(quick):
         "invariant_steps": long_steps, "order_time": 1.0, "order_paths": 1000 if quick else 3000,
         "order_seed": SEED + 1,
     }  # fmt: skip
-    experiment = Experiment("kubo", f"Kubo oscillator, a = {A:g}, sigma = {SIGMA:g}", SEED, parameters)
+    experiment = Experiment("kubo", f"Kubo oscillator, a = {A:g}, sigma = {SIGMA:g}", seed=SEED, parameters=parameters)
     model = ss.models.kubo(a=A, sigma=SIGMA)
     _path(experiment, model)
     _invariant(experiment, model, long_steps)
@@ -72,28 +70,12 @@ def _order(experiment, model, paths):
     A step lags by x - 2 atan(x/2) = x^3/12 + ..; with x = a h + sigma dW the sum over t/h steps has mean square
     (h/12)^2 [(3 a sigma^2 t)^2 + 15 sigma^6 t] to leading order in h.
     """
-    levels = np.arange(7, 14)
-    steps = 2.0**-levels
-    errors = np.empty((levels.size, paths))
-    for i, level in enumerate(levels):
-        computed = ss.simulate(
-            model, q0=1.0, p0=0.0, step=steps[i], steps=2**level, save_every=2**level, scheme="midpoint",
-            paths=paths, seed=SEED + 1, refine=int(levels[-1] - level),
-        )  # fmt: skip
-        q, p = ss.diagnose.exact(computed)
-        errors[i] = np.hypot(computed.q[-1, 0] - q[-1, 0], computed.p[-1, 0] - p[-1, 0])
-    order, half_width = fitted_order(steps, errors)
-    constant = np.sqrt((3 * A * SIGMA**2) ** 2 + 15 * SIGMA**6) / 12
-    text = f"strong order, 95 % interval +- {half_width:.3f}, {levels.size} steps"
-    experiment.near("(71)-(72)", text, order, 1.0, 0.05)
-    experiment.near(
-        "(71)-(72)", "rms error / h at the finest step", rms(errors[-1]) / steps[-1], constant, 0.04 * constant
-    )
-    experiment.numbers |= {
-        "order": order, "order_interval": [order - half_width, order + half_width], "order_steps": steps,
-        "order_rms_errors": rms(errors), "error_constant": rms(errors[-1]) / steps[-1],
-        "error_constant_expected": constant,
-    }  # fmt: skip
+    found = strong_order(experiment, "(71)-(72)", "", model, "midpoint", paths=paths, least=7, most=13, time=1.0,
+                         seed=SEED + 1, q0=1.0, p0=0.0)  # fmt: skip
+    expected = np.sqrt((3 * A * SIGMA**2) ** 2 + 15 * SIGMA**6) / 12
+    constant = found["order_rms_errors"][-1] / found["order_steps"][-1]
+    experiment.near("(71)-(72)", "rms error / h at the finest step", constant, expected, 0.04 * expected)
+    experiment.numbers |= {**found, "error_constant": constant, "error_constant_expected": expected}
 
 
 def _rotation(angle):
@@ -109,7 +91,7 @@ def _gap(q, p, other_q, other_p):
 def draw(experiment, directory):
     """Path, invariant and order in one figure."""
     numbers, curves = experiment.numbers, experiment.curves
-    with figures.figure(directory / "kubo.png", [["path", "path"], ["invariant", "order"]], height=4.0) as axes:
+    with panels(directory / "kubo.png", [["path", "path"], ["invariant", "order"]], height=4.0) as axes:
         axis = axes["path"]
         axis.plot(curves["t"], curves["exact"], color=look.BLACK, lw=2.2, alpha=0.35, label="exact rotation")
         axis.plot(curves["t"], curves["q"], color=look.BLUE, lw=1, label="midpoint (71)-(72)")
@@ -120,6 +102,6 @@ def draw(experiment, directory):
         axis.set(xlabel="$t$", ylabel=r"$10^{13}\,\max|I/I_0-1|$", xlim=(0, curves["long_t"][-1]))
         axis = axes["order"]
         axis.loglog(numbers["order_steps"], numbers["order_rms_errors"], "o", color=look.BLUE, label="rms error, $t=1$")
-        figures.slope_guide(axis, numbers["order_steps"], numbers["order_rms_errors"][0], 1, "order 1")
+        look.slope_guide(axis, numbers["order_steps"], numbers["order_rms_errors"][0], 1, "order 1")
         axis.set(xlabel="$h$", ylabel="error")
         axis.legend(loc="upper left")

@@ -11,8 +11,7 @@ import numpy as np
 import symsde as ss
 
 from .. import look
-from . import figures
-from .experiment import Experiment
+from .experiment import Experiment, panels
 
 SIGMA, TIME, SEED = 1.0, 100.0, 24
 LONG_STEP = 0.1
@@ -26,7 +25,7 @@ def run(quick):
         "small_step": 0.02,
     }  # fmt: skip
     title = f"Linear oscillator (20)-(21), sigma = {SIGMA:g}, t in [0, {TIME:g}], {paths} paths"
-    experiment = Experiment("linear_oscillator", title, SEED, parameters)
+    experiment = Experiment("linear_oscillator", title, seed=SEED, parameters=parameters)
     model = ss.models.linear_oscillator(sigma=SIGMA)
     _growth(experiment, model, paths)
     _slopes(experiment, model, slope_paths, 1.0 if quick else 0.25)
@@ -48,13 +47,13 @@ def _growth(experiment, model, paths):
     for time in (10.0, 25.0, 50.0, 100.0):
         i = int(np.argmin(np.abs(t - time)))
         text = f"E(p^2+q^2), midpoint, h = 0.02, t = {time:g}"
-        experiment.within_errors("(24)", text, (mean[i], error[i]), 1 + SIGMA**2 * t[i])
+        experiment.within("(24)", text, (mean[i], error[i]), 1 + SIGMA**2 * t[i])
     experiment.numbers["growth"] = {"t": t, "mean": mean, "standard_error": error, "expected": 1 + SIGMA**2 * t}
     # for the figure at the step of Euler-Maruyama's blow-up
     t, mean, error = second_moment(model, "midpoint", LONG_STEP, paths, 50)
     expected = 1 + SIGMA**2 / (1 + LONG_STEP**2 / 4) * t
     text = f"E(p^2+q^2), midpoint, h = {LONG_STEP:g}, t = {TIME:g}: 1 + sigma^2 t/(1+h^2/4)"
-    experiment.within_errors("(20)-(21), (24)", text, (mean[-1], error[-1]), expected[-1])
+    experiment.within("(20)-(21), (24)", text, (mean[-1], error[-1]), expected[-1])
     experiment.numbers["growth_at_long_step"] = {
         "step": LONG_STEP, "t": t, "mean": mean, "standard_error": error, "expected": expected,
     }  # fmt: skip
@@ -68,9 +67,9 @@ def _slopes(experiment, model, paths, resolved):
         t, mean, error = second_moment(model, "midpoint", step, paths, steps)
         slope = (mean[-1] - 1) / t[-1], error[-1] / t[-1]
         exact = SIGMA**2 / (1 + step**2 / 4)
-        experiment.within_errors("(20)-(21), (24)", f"midpoint's slope = sigma^2/(1+h^2/4), h = {step:g}", slope, exact)
+        experiment.within("(20)-(21), (24)", f"midpoint's slope = sigma^2/(1+h^2/4), h = {step:g}", slope, exact)
         if step >= resolved:
-            experiment.beyond_errors("(24)", f"the same differs from sigma^2, h = {step:g}", slope, SIGMA**2)
+            experiment.beyond("(24)", f"the same differs from sigma^2, h = {step:g}", slope, SIGMA**2)
         rows.append({"step": step, "slope": slope[0], "standard_error": slope[1], "expected": exact})
     experiment.numbers["slopes"] = rows
 
@@ -80,7 +79,7 @@ def _blow_up(experiment, model, paths):
     t, mean, error = second_moment(model, "euler_maruyama", step, paths, 50)
     expected = (1 + step**2) ** np.arange(0, t.size * 50, 50) * (1 + SIGMA**2 / step) - SIGMA**2 / step
     text = f"Euler-Maruyama, h = {step:g}: E(p^2+q^2) at t = {TIME:g}"
-    experiment.within_errors("(20)-(21)", text, (mean[-1], error[-1]), expected[-1])
+    experiment.within("(20)-(21)", text, (mean[-1], error[-1]), expected[-1])
     experiment.at_least("(24)", "  the same / (1 + sigma^2 t)", mean[-1] / (1 + SIGMA**2 * TIME), 1000)
     experiment.numbers["euler_maruyama"] = {
         "step": step, "t": t, "mean": mean, "standard_error": error, "expected": expected,
@@ -90,15 +89,13 @@ def _blow_up(experiment, model, paths):
 def draw(experiment, directory):
     """Growth beside the blow-up; slope against the step."""
     growth, blow_up = experiment.numbers["growth_at_long_step"], experiment.numbers["euler_maruyama"]
-    with figures.figure(
-        directory / "linear_oscillator.png", [["growth", "slope"]], height=2.9, width_ratios=[1.2, 1]
-    ) as axes:
+    with panels(directory / "linear_oscillator.png", [["growth", "slope"]], height=2.9, width_ratios=[1.2, 1]) as axes:
         axis = axes["growth"]
         axis.plot(growth["t"], 1 + SIGMA**2 * np.asarray(growth["t"]), color=look.BLACK, label=r"$1+\sigma^2t$ (24)")
         every = slice(None, None, 2)
-        axis.plot(growth["t"][every], growth["mean"][every], "o", color=figures.colour("midpoint"), ms=3.5,
+        axis.plot(growth["t"][every], growth["mean"][every], "o", color=look.colour("midpoint"), ms=3.5,
                   label=f"midpoint, $h={LONG_STEP:g}$")  # fmt: skip
-        axis.plot(blow_up["t"], blow_up["mean"], "--", color=figures.colour("euler_maruyama"),
+        axis.plot(blow_up["t"], blow_up["mean"], "--", color=look.colour("euler_maruyama"),
                   label=f"Euler-Maruyama, $h={LONG_STEP:g}$")  # fmt: skip
         axis.set(xlabel="$t$", ylabel="$E(p^2+q^2)$", xlim=(0, TIME), ylim=(0, 200))
         axis.legend(loc="upper right", fontsize=7)

@@ -13,8 +13,8 @@ import numpy as np
 import symsde as ss
 
 from .. import look
-from . import figures, kubo_maps
-from .experiment import Experiment
+from . import kubo_maps
+from .experiment import Experiment, panels
 
 A, SIGMA, SEED = 1.0, 0.5, 8
 STEP, STEPS, PATHS = 0.05, 2000, 20
@@ -89,7 +89,7 @@ def run(quick):
         "defect_points": points,
     }  # fmt: skip
     title = f"Symplecticity and p^2+q^2, Kubo oscillator, sigma = {SIGMA:g}"
-    experiment = Experiment("symplecticity", title, SEED, parameters)
+    experiment = Experiment("symplecticity", title, seed=SEED, parameters=parameters)
     model = ss.models.kubo(a=A, sigma=SIGMA)
     dw = ss.increments(model, step=STEP, steps=STEPS, paths=PATHS, seed=SEED)
     kicks = ss.increments(model, step=DEFECT_STEP, steps=1, paths=points, seed=SEED)
@@ -182,7 +182,7 @@ SHOWN = {  # the curves of the first figure: label, scheme, line, width
 def draw(experiment, directory):
     """Area and invariant of all; the means over time alone, as the project's first figure."""
     table = experiment.numbers["table"]
-    with figures.figure(directory / "symplecticity.png", [["defect", "invariant"]], height=3.6, sharey=True) as axes:
+    with panels(directory / "symplecticity.png", [["defect", "invariant"]], height=3.6, sharey=True) as axes:
         labels = list(table)[::-1]
         for row, label in enumerate(labels):
             symplectic = table[label]["det_defect_expected"] < 1e-14
@@ -205,10 +205,10 @@ def invariant_curves():
 
 def draw_invariant(curves, path, pdf=False):
     """The mean of the invariant over time under six schemes; curves as {label of SHOWN: (t, mean)}."""
-    with figures.figure(path, [["invariant"]], height=2.8, pdf=pdf) as axes:
+    with panels(path, [["invariant"]], height=2.8, pdf=pdf) as axes:
         axis = axes["invariant"]
         for key, (label, scheme, line, width) in SHOWN.items():
             t, mean = curves[key]
-            axis.semilogy(t, mean, line, color=figures.colour(scheme), lw=width, label=label)
+            axis.semilogy(t, mean, line, color=look.colour(scheme), lw=width, label=label)
         axis.set(xlabel="$t$", ylabel=r"mean of $(p^2+q^2)/(p_0^2+q_0^2)$", xlim=(0, STEP * STEPS), ylim=(0.5, 300))
         axis.legend(loc="upper left")

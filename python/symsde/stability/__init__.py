@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stiff and extreme cases: what was expected, what was observed, and whether the criterion holds.
+"""Stiff and extreme cases: what was expected, what was measured, and whether the expectation is met.
 
 One function a scenario, through the public interface of symsde only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from . import failures, linear, noise, nonlinear, rounding
-from .scenario import Check, Scenario
+from . import failures, limits, linear, long_time, noise, nonlinear, rounding
 
 SCENARIOS = (
+    limits.stability_limits,
+    long_time.long_time,
     linear.fast_mode,
     linear.energy_input,
     linear.euler_limit,
@@ -31,11 +30,3 @@ SCENARIOS = (
     failures.callbacks,
     failures.singular_matrices,
 )
-
-__all__ = ["SCENARIOS", "Check", "Scenario", "scenarios"]
-
-
-def scenarios(quick: bool = False) -> Iterator[Scenario]:
-    """Run all scenarios, each as it is ready."""
-    for function in SCENARIOS:
-        yield function(quick)

@@ -10,8 +10,9 @@ import numpy as np
 
 import symsde as ss
 
+from ..expectations import Expectations
 from .nonlinear import residual
-from .scenario import EPS, Scenario, moments, simulate
+from .scenario import EPS, moments, simulate
 from .systems import quartic
 
 NOT_CONVERGED, SINGULAR, NONFINITE = 1, 2, 3  #: status of a path
@@ -19,9 +20,9 @@ BAD = 137  #: the bad path
 LIMIT = 5.0  #: seconds
 
 
-def overflow(quick: bool) -> Scenario:
-    """S24: one path from 1e100 .. 1e308 among 10^4 in a quartic potential."""
-    result = Scenario("S24", "One overflowing path among 10^4, midpoint and stormer_verlet")
+def overflow(quick: bool) -> Expectations:
+    """One path from 1e100 .. 1e308 among 10^4 in a quartic potential."""
+    result = Expectations("overflow", "One overflowing path among 10^4, midpoint and stormer_verlet")
     paths, steps = 10**4, 5
     start = np.linspace(-1, 1, paths)
     for scheme in ("midpoint", "stormer_verlet"):
@@ -35,32 +36,32 @@ def overflow(quick: bool) -> Scenario:
             _ill(result, name, run, size, common)
             others = np.arange(paths) != BAD
             same = np.array_equal(run.q[:, :, others], healthy.q[:, :, others])
-            result.add(f"{name}: the other paths", "same bits", "same bits" if same else "different", "bit-identical",
-                       same and run.report.failed == (run.status[BAD] != 0))  # fmt: skip
+            told = run.report.failed == (run.status[BAD] != 0)
+            result.same(name, "the other paths have the same bits, and are ok", bool(same and told), True)
     _means(result, start, size=1e308, common=common)
     return result
 
 
-def _ill(result: Scenario, name: str, run, size: float, common: dict) -> None:
+def _ill(result: Expectations, name: str, run, size: float, common: dict) -> None:
     """The ill path fails at its first step; should it not, its step must be the solution."""
     status, step = int(run.status[BAD]), int(run.failed_step[BAD])
     text, passed = f"{ss.status_text(status)} at step {step}", status == NONFINITE and step == 0
     if status == 0 and common["scheme"] == "midpoint":
         error = residual(size, common["step"], run.q[1, 0, BAD], run.p[1, 0, BAD], p0=common["p0"])
         text, passed = f"solved, residual {error:.0e}", error <= 4 * EPS
-    result.add(f"{name}: its status", "not finite at step 0", text, "NONFINITE at step 0, or solved to 4 eps", passed)
+    result.expect(name, "its status", text, "not finite at step 0, or solved to 4 eps", passed)
 
 
-def _means(result: Scenario, start: np.ndarray, size: float, common: dict) -> None:
+def _means(result: Expectations, start: np.ndarray, size: float, common: dict) -> None:
     """Moments are over the paths that are ok, and say so."""
     ill = start.copy()
     ill[BAD] = size
     found = moments(quartic(), q0=ill[None], save_every=common["steps"], **common)
     run = simulate(quartic(), q0=ill[None], save_every=common["steps"], **common)
     mean = np.delete(run.q[-1, 0], BAD).mean()
-    result.at_most("mean of q over the paths that are ok", abs(found.mean_q[-1, 0] - mean), 1e-14)
-    told = found.n_ok[-1] == start.size - 1 and found.failed.tolist() == [BAD] and found.report.failed == 1
-    result.add("moments name the failed path", [BAD], found.failed.tolist(), "n_ok, failed and report agree", told)
+    result.at_most("moments", "mean of q over the paths that are ok", abs(found.mean_q[-1, 0] - mean), 1e-14)
+    told = [int(found.n_ok[-1]), found.failed.tolist(), found.report.failed]
+    result.same("moments", "paths that count, failed paths, their number", told, [start.size - 1, [BAD], 1])
 
 
 def labelled(fault, first: float):
@@ -86,9 +87,9 @@ def _raise(hq, lanes):
     raise ZeroDivisionError("planted")
 
 
-def callbacks(quick: bool) -> Scenario:
-    """S26: a callback that returns NaN or Inf for one lane at step 1, 2 or 1000, a code, or raises."""
-    result = Scenario("S26", "Callbacks that fail")
+def callbacks(quick: bool) -> Expectations:
+    """A callback that returns NaN or Inf for one lane at step 1, 2 or 1000, a code, or raises."""
+    result = Expectations("callbacks", "Callbacks that fail")
     h, paths, bad = 0.01, 64, 17
     label = np.zeros((2, paths))
     label[0] = np.linspace(-1, 1, paths)
@@ -104,17 +105,16 @@ def callbacks(quick: bool) -> Scenario:
             seconds = time.perf_counter() - begin
             found = int(run.status[bad]), int(run.failed_step[bad])
             right = found == (NONFINITE, k - 1) and run.report.failed == 1 and seconds < LIMIT
-            result.add(f"{value} at step {k}: path, step, status", f"{bad}, {k - 1}, not finite",
-                       f"{np.flatnonzero(run.status).tolist()}, {found[1]}, {ss.status_text(found[0])}",
-                       f"exact, others untouched, < {LIMIT:g} s", right and _untouched(run, healthy, bad))  # fmt: skip
+            text = f"{np.flatnonzero(run.status).tolist()}, {found[1]}, {ss.status_text(found[0])}"
+            result.expect(f"{value} at step {k}", "path, step, status", text,
+                          f"[{bad}], {k - 1}, not a finite number; others untouched, < {LIMIT:g} s",
+                          right and _untouched(run, healthy, bad))  # fmt: skip
     begin = time.perf_counter()
     told = _outcome(lambda: simulate(labelled(_raise, 0.0), q0=label, steps=3, **common))
-    result.add("raises in Python", "ZeroDivisionError: planted", told, f"surfaces, < {LIMIT:g} s",
-               told == "ZeroDivisionError: planted" and time.perf_counter() - begin < LIMIT)  # fmt: skip
+    result.same("raises in Python", "error that surfaces", told, "ZeroDivisionError: planted")
+    result.at_most("raises in Python", "seconds until then", time.perf_counter() - begin, LIMIT)
     told = _outcome(lambda: simulate(_coded(7), q0=0.0, p0=0.0, step=h, steps=3))
-    result.add(
-        "returns code 7 in C", "CallbackError", told.partition(":")[0], "surfaces", told.startswith("CallbackError")
-    )
+    result.same("returns code 7 in C", "error that surfaces", told.partition(":")[0], "CallbackError")
     return result
 
 
@@ -140,31 +140,27 @@ def _coded(code: int) -> ss.Model:
     return ss.Model(ndof=1, nnoise=0, gradient=kind(lambda *_: code))
 
 
-def singular_matrices(quick: bool) -> Scenario:
-    """S28: dgesv returns info = 0 with NaN for NaN matrices; singular ones must be told from those."""
-    result = Scenario("S28", "Singular and NaN matrices of 20 degrees of freedom, through LAPACK")
+def singular_matrices(quick: bool) -> Expectations:
+    """dgesv returns info = 0 with NaN for NaN matrices; singular ones must be told from those."""
+    result = Expectations("singular_matrices", "Singular and NaN matrices of 20 degrees of freedom, through LAPACK")
     for scheme in ("midpoint", "gauss2"):
         run = simulate(chain_of(20, nan_after=0.45), q0=0.1, p0=0.1, step=0.1, steps=9, scheme=scheme, paths=8,
                        general=True)  # fmt: skip
         found, steps = set(run.status.tolist()), set(run.failed_step.tolist())
         right = found <= {SINGULAR, NONFINITE} and steps <= {4, 5}
-        result.add(f"{scheme}: Hessian NaN from step 5 on", "not finite or singular", _texts(found),
-                   "every path fails there, none is ok", right)  # fmt: skip
-        finite = np.isfinite(run.last_q).all() and np.isfinite(run.q[:5]).all()
-        result.add(f"{scheme}: last good states", "finite", "finite" if finite else "not finite", "finite", finite)
+        result.expect(f"{scheme}, Hessian NaN from step 5 on", "status of every path", _texts(found),
+                      "not finite or singular, there", right)  # fmt: skip
+        finite = bool(np.isfinite(run.last_q).all() and np.isfinite(run.q[:5]).all())
+        result.same(f"{scheme}, Hessian NaN from step 5 on", "last good states are finite", finite, True)
     run = simulate(inverted(20, 0.5), q0=0.1, p0=0.1, step=0.5, steps=2, paths=8)
     found = set(run.status.tolist())
-    result.add("midpoint: 1 + h^2 U''/4 = 0", "singular", _texts(found), "every path singular or not finite at step 0",
-               found <= {SINGULAR, NONFINITE} and set(run.failed_step.tolist()) == {0})  # fmt: skip
+    result.expect("midpoint, 1 + h^2 U''/4 = 0", "status of every path", _texts(found),
+                  "singular or not finite, at step 0",
+                  found <= {SINGULAR, NONFINITE} and set(run.failed_step.tolist()) == {0})  # fmt: skip
     run = simulate(chain_of(20), q0=0.1, p0=0.1, step=0.1, steps=9, paths=8, scheme="gauss2", general=True)
     used = run.report.counters["lapack_solves"]
-    result.add(
-        "gauss2: solves by LAPACK of a sound run, general stepper",
-        "> 0",
-        used,
-        "> 0, no path fails",
-        used > 0 and run.report.failed == 0,
-    )
+    result.at_least("gauss2, sound run", "solves by LAPACK, general stepper", used, 1)
+    result.same("gauss2, sound run", "paths that fail", run.report.failed, 0)
     return result
 
 

@@ -12,33 +12,37 @@ from .linear import euler_factor, midpoint_factor
 from .nonlinear import MOST
 
 
-def save(path: Path, curves: dict, *, pdf: bool = False) -> None:
-    """Write a PNG, on request a PDF too, of the scenarios that have curves, {number: curves}."""
-    with look.drawing(path, 10.0, 8.4, 130, pdf=pdf) as page:
-        axes = page.subplot_mosaic([["S08", "S10"], ["S11", "S17"], ["S20", "S20"]])
-        panels = {"S08": _energy, "S10": _resonances, "S11": _iterations, "S17": _signs, "S20": _drift}
-        for letter, (number, draw) in zip("abcde", panels.items(), strict=True):
-            if number in curves:
-                draw(axes[number], curves)
-            axes[number].set_title(f"({letter})", loc="left", fontsize=9)
+def save(path: Path, curves: dict) -> None:
+    """Write a PNG of the scenarios that have curves, {name: curves}."""
+    panels = {"energy_input": _energy, "resonances": _resonances, "quartic_steps": _iterations, "squeezing": _signs,
+              "invariant_drift": _drift}  # fmt: skip
+    mosaic = [["energy_input", "resonances"], ["quartic_steps", "squeezing"], ["invariant_drift"] * 2]
+    with look.panels(path, mosaic, 10.0, 8.4, 130) as axes:
+        for name, draw in panels.items():
+            if name in curves:
+                draw(axes[name], curves)
 
 
 def _energy(axis, curves) -> None:
     x = np.geomspace(0.01, 1000, 400)
     midpoint, euler = look.of_scheme("midpoint"), look.of_scheme("symplectic_euler")
     axis.plot(x, midpoint_factor(x), color=midpoint["color"], label="midpoint, expected")
-    axis.plot(curves["S08"]["h"], curves["S08"]["midpoint"], ls="", mfc="none", label="observed", **midpoint)
+    axis.plot(
+        curves["energy_input"]["h"], curves["energy_input"]["midpoint"], ls="", mfc="none", label="observed", **midpoint
+    )
     below = x[x < 1.999]
     axis.plot(below, euler_factor(below), color=euler["color"], label="Euler pair, expected")
-    if "S09" in curves:
-        axis.plot(curves["S09"]["h"], curves["S09"]["euler"], ls="", mfc="none", label="observed", **euler)
+    if "euler_limit" in curves:
+        axis.plot(
+            curves["euler_limit"]["h"], curves["euler_limit"]["euler"], ls="", mfc="none", label="observed", **euler
+        )
     axis.axvline(2, color=look.GREY, ls=":", lw=0.9, label=r"$\omega h=2$")
     axis.set(xscale="log", yscale="log", xlabel=r"$\omega h$", ylabel="energy input / exact")
     axis.legend()
 
 
 def _resonances(axis, curves) -> None:
-    data = curves["S10"]
+    data = curves["resonances"]
     for scheme in ("stormer_verlet", "midpoint"):
         found = np.array([np.inf if value is None else value for value in data[scheme]])
         change = np.where(np.isfinite(found), np.clip(found, 1e-12, 1e6), 1e6)
@@ -50,7 +54,7 @@ def _resonances(axis, curves) -> None:
 
 
 def _iterations(axis, curves) -> None:
-    data = curves["S11"]
+    data = curves["quartic_steps"]
     for row, q0, colour in zip(data["iterations"], data["q0"], look.COLOURS, strict=False):
         axis.plot(data["h"], row, "o-", color=colour, label=f"$q_0$ = {q0:g}")
     axis.axhline(MOST, color=look.GREY, ls=":", lw=0.9, label=f"allowed: {MOST}")
@@ -59,7 +63,7 @@ def _iterations(axis, curves) -> None:
 
 
 def _signs(axis, curves) -> None:
-    data = curves["S17"]
+    data = curves["squeezing"]
     axis.plot(data["bound"], data["expected"], "_", ms=16, color=look.BLUE, label="expected")
     axis.plot(data["bound"], data["wrong"], "o", color=look.VERMILION, mfc="none", label="observed")
     axis.axvline(1, color=look.GREY, ls=":", lw=0.9, label="solvable below 1")
@@ -68,7 +72,7 @@ def _signs(axis, curves) -> None:
 
 
 def _drift(axis, curves) -> None:
-    data = curves["S20"]
+    data = curves["invariant_drift"]
     for (rule, values), colour in zip(
         [item for item in data.items() if item[0] != "steps"], look.COLOURS, strict=False
     ):

@@ -7,7 +7,8 @@ import numpy as np
 
 import symsde as ss
 
-from .scenario import Scenario, says, simulate
+from ..expectations import Expectations
+from .scenario import says, simulate
 from .systems import spring, two_springs
 
 STEPS = (0.01, 0.1, 0.5, 1.0, 2.0, 10.0, 100.0, 1000.0)  #: omega h
@@ -25,9 +26,9 @@ def euler_factor(x: float) -> float:
     return 1 / (1 - x**2 / 4)
 
 
-def fast_mode(quick: bool) -> Scenario:
-    """S07: a fast mode without noise, h = 0.1."""
-    result = Scenario("S07", "Fast linear mode, midpoint, h = 0.1")
+def fast_mode(quick: bool) -> Expectations:
+    """A fast mode without noise, h = 0.1."""
+    result = Expectations("fast_mode", "Fast linear mode, midpoint, h = 0.1")
     result.if_failed = (
         "A stepper that forms the change of q or p as a difference of large numbers loses omega h ulps a step; the "
         "change of H then grows with the square of the steps. The general stepper keeps them (`general=True`)."
@@ -39,32 +40,29 @@ def fast_mode(quick: bool) -> Scenario:
         for general, stepper in ((True, "general stepper"), (False, "stepper chosen by the traits")):
             run = simulate(model, q0=1.0, p0=0.0, step=0.1, steps=steps, general=general)
             energy = model.value(run.q.reshape(1, -1), run.p.reshape(1, -1))
-            result.at_most(f"{name}: change of H, {stepper}", np.abs(energy / energy[0] - 1).max(), 1e-10)
+            result.at_most(name, f"change of H, {stepper}", np.abs(energy / energy[0] - 1).max(), 1e-10)
         iterations = run.report.counters["iterations"] / run.report.counters["path_steps"]
-        result.add(f"{name}: Newton iterations a step", "1, 2 if stiff", f"{iterations:.3g}", "<= 3", iterations <= 3)
-        warned, wanted = says(run.report, "under-resolved"), omega * 0.1 > 1
-        result.add(f"{name}: warned of h omega", wanted, warned, "warning iff h omega > 1", warned == wanted)
+        result.between(name, "Newton iterations a step", iterations, 1, 3)
+        result.same(name, "warned of h omega", says(run.report, "under-resolved"), omega * 0.1 > 1, "iff h omega > 1")
     return result
 
 
-def energy_input(quick: bool) -> Scenario:
-    """S08: noise feeds a mode; the midpoint rule takes 1/(1 + (omega h)^2/4) of it in."""
-    result = Scenario("S08", "Energy input of additive noise, midpoint")
+def energy_input(quick: bool) -> Expectations:
+    """Noise feeds a mode; the midpoint rule takes 1/(1 + (omega h)^2/4) of it in."""
+    result = Expectations("energy_input", "Energy input of additive noise, midpoint")
     model = ss.models.linear_oscillator(sigma=1.0)
     paths, steps = (2**16, 64) if quick else (2**19, 256)
     sampled = []
     for h in STEPS:
         q, p = ss.step(model, "midpoint", 0.0, 0.0, h, dw=1.0)
         response = float(q[0, 0] ** 2 + p[0, 0] ** 2)
-        factor = midpoint_factor(h)
-        result.at_most(f"omega h = {h:g}: one step without sampling", abs(response / factor - 1), 1e-12,
-                       expected=f"{factor:.6g}")  # fmt: skip
+        factor, name = midpoint_factor(h), f"omega h = {h:g}"
+        result.at_most(name, f"one step without sampling, / {factor:.6g} - 1", abs(response / factor - 1), 1e-12)
         found = ss.moments(model, q0=0.0, p0=0.0, step=h, steps=steps, paths=paths, seed=8, save_every=steps)
         scale = 2 / (steps * h)  # H = (p^2 + q^2)/2
         mean, error = scale * found.mean_energy[-1], scale * found.se_mean_energy[-1]
-        result.within(f"omega h = {h:g}: E(p^2 + q^2)/t, sampled", mean, error, factor)
-        warned = says(found.report, "under-resolved")
-        result.add(f"omega h = {h:g}: warned", h > 1, warned, "warning iff omega h > 1", warned == (h > 1))
+        result.within(name, "E(p^2 + q^2)/t, sampled", (mean, error), factor)
+        result.same(name, "warned", says(found.report, "under-resolved"), h > 1, "iff omega h > 1")
         sampled.append(mean)
     result.curves = {"h": np.array(STEPS), "midpoint": np.array(sampled)}
     return result
@@ -88,18 +86,16 @@ def mean_growth(matrix: np.ndarray, vector: np.ndarray, h: float) -> float:
     return float(np.trace(second) / (2.0**DOUBLINGS * h))
 
 
-def euler_limit(quick: bool) -> Scenario:
-    """S09: the Euler pair is bounded below omega h = 2, and nothing above."""
-    result = Scenario("S09", "Stability limit of explicit steps")
+def euler_limit(quick: bool) -> Expectations:
+    """The Euler pair is bounded below omega h = 2, and nothing above."""
+    result = Expectations("euler_limit", "Stability limit of explicit steps")
     model = ss.models.linear_oscillator(sigma=1.0)
     grown = []
     for h in BELOW_LIMIT:
         for scheme in ("symplectic_euler", "symplectic_euler_adjoint"):
             matrix, vector = step_matrix(model, scheme, h)
-            growth = mean_growth(matrix, vector, h)
-            ratio = growth / euler_factor(h)
-            result.add(f"{scheme}, omega h = {h:g}: E(p^2 + q^2)/t", f"{euler_factor(h):.5g}", f"{growth:.5g}",
-                       "within 0.5 %", abs(ratio - 1) <= 0.005)  # fmt: skip
+            growth, factor = mean_growth(matrix, vector, h), euler_factor(h)
+            result.near(f"{scheme}, omega h = {h:g}", "E(p^2 + q^2)/t", growth, factor, 0.005 * factor)
         grown.append(growth)
     result.curves = {"h": np.array(BELOW_LIMIT), "euler": np.array(grown)}
     for h in (1.7, 1.9, 2.0, 2.01, 3.0):
@@ -107,15 +103,13 @@ def euler_limit(quick: bool) -> Scenario:
     return result
 
 
-def _beyond(result: Scenario, model, h: float, steps: int) -> None:
+def _beyond(result: Expectations, model, h: float, steps: int) -> None:
     """Run into overflow, and compare with the same steps in extended precision; above 1.8 the user was warned."""
     run = simulate(model, q0=1.0, p0=0.0, scheme="symplectic_euler", step=h, steps=steps, seed=9, save_every=steps)
     expected = overflow_step(h, ss.increments(model, step=h, steps=steps, seed=9)[:, 0, 0])
-    found = int(run.failed_step[0])
-    result.add(f"omega h = {h:g}: step that overflows", expected if expected >= 0 else "none",
-               found if found >= 0 else "none", "the same step", found == expected)  # fmt: skip
-    warned = says(run.report, "stability limit")
-    result.add(f"omega h = {h:g}: warned of the limit", h >= 1.8, warned, "warning from 1.8 up", warned == (h >= 1.8))
+    steps = (str(n) if n >= 0 else "none" for n in (int(run.failed_step[0]), expected))
+    result.same(f"omega h = {h:g}", "step that overflows", *steps, "in extended precision")
+    result.same(f"omega h = {h:g}", "warned of the limit", says(run.report, "stability limit"), h >= 1.8, "from 1.8 up")
 
 
 def overflow_step(h: float, drive: np.ndarray) -> int:
@@ -133,9 +127,9 @@ def overflow_step(h: float, drive: np.ndarray) -> int:
     return -1
 
 
-def resonances(quick: bool) -> Scenario:
-    """S10: 200 steps with omega h from 0.2 to 20 for a fast spring coupled to a quartic one."""
-    result = Scenario("S10", "Scan of steps for resonances")
+def resonances(quick: bool) -> Expectations:
+    """Two hundred steps with omega h from 0.2 to 20 for a fast spring coupled to a quartic one."""
+    result = Expectations("resonances", "Scan of steps for resonances")
     omega, count, steps = 50.0, 200, 1000 if quick else 20000
     x = np.geomspace(0.2, 20, count)
     model = two_springs(omega, coupling=0.1)
@@ -151,15 +145,14 @@ def resonances(quick: bool) -> Scenario:
         curves[scheme] = np.where(run.status == 0, change, np.inf)
         failed = int((run.status != 0).sum())
         if scheme == "midpoint":
-            result.add("midpoint: steps at which the path fails", 0, failed, "none of 200", failed == 0)
-            result.at_most("midpoint: median change of H, omega h < 1", np.median(change[x < 1]), 1e-2, "small")
+            result.same(scheme, "steps, of 200, at which the path fails", failed, 0)
+            result.at_most(scheme, "median change of H, omega h < 1", np.median(change[x < 1]), 1e-2)
             worst = int(np.argmax(change))
-            result.add("midpoint: largest change of H", "bounded", f"{change[worst]:.2e} at omega h = {x[worst]:.3g}",
-                       "finite at every step", np.isfinite(change).all())  # fmt: skip
+            result.expect(scheme, "largest change of H", f"{change[worst]:.2e} at omega h = {x[worst]:.3g}",
+                          "finite at every step", np.isfinite(change).all())  # fmt: skip
         else:
             wild = ~(curves[scheme] < 1e3)
             first = x[wild].min() if wild.any() else np.inf
-            result.add("stormer_verlet: first omega h that blows up", "2", f"{first:.3g}", "1.9 to 2.1",
-                       1.9 <= first <= 2.1)  # fmt: skip
+            result.between(scheme, "first omega h that blows up", first, 1.9, 2.1)
     result.curves = curves
     return result

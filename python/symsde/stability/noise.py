@@ -9,12 +9,13 @@ import numpy as np
 
 import symsde as ss
 
-from .scenario import EPS, Scenario, says, simulate
+from ..expectations import Expectations
+from .scenario import EPS, says, simulate
 from .systems import noisy_spring, squeeze
 
 TRUNCATED = {0.01: 4.29, 0.1: 3.03, 10.0: 3.03}  #: step: cut c = sqrt(4 |ln h|), at which runs are allowed
 REFUSED = (0.2, 0.5, 0.9, 0.99, 1.0, 1.5)  #: steps at which c < 3
-STILL = 0.0  #: the increments of S15
+STILL = 0.0  #: the increments of no_noise
 TINY = (1e-300, 1e-160, 1e-17)
 
 
@@ -29,9 +30,9 @@ def lost_variance(cut: float) -> float:
     return clip_probability(cut) * (1 - cut**2) + cut * density
 
 
-def stiff_multiplicative(quick: bool) -> Scenario:
-    """S14: U'' = 1e6 and noise sigma q^2/2: solvable while 1 + h^2 U''/4 + h sigma dW/4 > 0."""
-    result = Scenario("S14", "Stiff spring with multiplicative noise, midpoint")
+def stiff_multiplicative(quick: bool) -> Expectations:
+    """U'' = 1e6 and noise sigma q^2/2: solvable while 1 + h^2 U''/4 + h sigma dW/4 > 0."""
+    result = Expectations("stiff_multiplicative", "Stiff spring with multiplicative noise, midpoint")
     stiffness, paths = 1e6, 10**5 if quick else 10**6
     for sigma, h in ((1e0, 0.1), (1e2, 0.1), (1e3, 0.1), (1e5, 0.01)):
         model = noisy_spring(stiffness, sigma)
@@ -39,24 +40,22 @@ def stiff_multiplicative(quick: bool) -> Scenario:
         dw = ss.increments(model, step=h, steps=1, paths=paths, seed=14)[0, 0]
         pivot = 1 + h**2 * stiffness / 4 + h * sigma * dw / 4
         probability = 0.5 * math.erfc((1 + h**2 * stiffness / 4) / (h * sigma * math.sqrt(h) / 4) / math.sqrt(2))
-        result.fraction(f"sigma = {sigma:.0e}, h = {h:g}: draws beyond solvability", int((pivot <= 0).sum()), paths,
-                        probability)  # fmt: skip
+        name = f"sigma = {sigma:.0e}, h = {h:g}"
+        result.fraction(name, "draws beyond solvability", int((pivot <= 0).sum()), paths, probability)
         rate = h * stiffness + sigma * dw
         exact = (0.5 - rate * (1 + h * 0.5 / 4)) / pivot  # p' of the linear equations, by hand
         error = np.abs(run.p[-1, 0] - exact) / (np.abs(exact) + rate.std() / np.abs(pivot) + 1)
         good = run.status == 0
-        result.at_most(f"sigma = {sigma:.0e}, h = {h:g}: the root of the equations", error[good].max(), 1e-9)
-        result.add(f"sigma = {sigma:.0e}, h = {h:g}: paths that fail", 0, int((~good).sum()),
-                   "the equations are linear: none", good.all())  # fmt: skip
+        result.at_most(name, "distance to the root of the equations", error[good].max(), 1e-9)
+        result.same(name, "paths that fail", int((~good).sum()), 0, "the equations are linear")
         if probability > 1e-3:
-            warned = says(run.report, "too strong for certain solvability")
-            result.add(f"sigma = {sigma:.0e}, h = {h:g}: warned", True, warned, "warning before the run", warned)
+            result.same(name, "warned before the run", says(run.report, "too strong for certain solvability"), True)
     return result
 
 
-def squeezing(quick: bool) -> Scenario:
-    """S17: H_1 = sigma q p with truncated increments, sigma c sqrt(h)/2 from 0.5 to 2.4."""
-    result = Scenario("S17", "Noise up to and beyond the bound of solvability, truncated")
+def squeezing(quick: bool) -> Expectations:
+    """H_1 = sigma q p with truncated increments, sigma c sqrt(h)/2 from 0.5 to 2.4."""
+    result = Expectations("squeezing", "Noise up to and beyond the bound of solvability, truncated")
     h, steps, paths = 0.1, 10, 10**4 if quick else 10**5
     cut = math.sqrt(4 * abs(math.log(h)))
     found, expected = [], []
@@ -67,10 +66,10 @@ def squeezing(quick: bool) -> Scenario:
                        truncation=(2, 1.0), threads=1)  # fmt: skip
         wrong = int((run.q[-1, 0] < 0).sum())
         probability = sign_probability(sigma, h, steps) if bound > 1 else 0.0
-        result.fraction(f"sigma c sqrt(h)/2 = {bound:g}: wrong sign of q", wrong, paths, probability)
+        name = f"sigma c sqrt(h)/2 = {bound:g}"
+        result.fraction(name, "paths with the wrong sign of q", wrong, paths, probability)
         warned = says(run.report, "too strong for certain solvability")
-        result.add(f"sigma c sqrt(h)/2 = {bound:g}: warned", bound >= 1, warned, "warning iff the bound is 1 or more",
-                   warned == (bound >= 1))  # fmt: skip
+        result.same(name, "warned", warned, bound >= 1, "iff 1 or more")
         found.append(wrong / paths)
         expected.append(probability)
     result.curves = {"bound": bounds, "wrong": np.array(found), "expected": np.array(expected)}
@@ -83,37 +82,35 @@ def sign_probability(sigma: float, h: float, steps: int) -> float:
     return (1 - (1 - 2 * flip) ** steps) / 2
 
 
-def truncation(quick: bool) -> Scenario:
-    """S18: truncated increments lose variance; near h = tau they would lose the noise."""
-    result = Scenario("S18", "Truncated increments, l = 2, tau = 1")
+def truncation(quick: bool) -> Expectations:
+    """Truncated increments lose variance; near h = tau they would lose the noise."""
+    result = Expectations("truncation", "Truncated increments, l = 2, tau = 1")
     model = ss.models.kubo(sigma=0.01)
     steps, paths = (1000, 1000) if quick else (1000, 10000)
     for h, printed in TRUNCATED.items():
-        cut = math.sqrt(4 * abs(math.log(h)))
-        result.add(f"h = {h:g}: cut c", printed, f"{cut:.2f}", "the table of M4", round(cut, 2) == printed)
+        cut, name = math.sqrt(4 * abs(math.log(h))), f"h = {h:g}"
+        result.same(name, "cut c", round(cut, 2), printed, "sqrt(4 |ln h|)")
         run = simulate(model, q0=1.0, p0=0.0, step=h, steps=1, truncation=(2, 1.0))
         lost = run.report.lost_variance
-        result.add(f"h = {h:g}: variance lost, reported", f"{lost_variance(cut):.3g}", f"{lost:.3g}", "three digits",
-                   abs(lost - lost_variance(cut)) <= 5e-4 * lost)  # fmt: skip
+        result.near(name, "variance lost, reported", lost, lost_variance(cut), 5e-4 * lost)
         dw = ss.increments(model, step=h, steps=steps, paths=paths, seed=18, truncation=(2, 1.0)) / math.sqrt(h)
         clipped = int((np.abs(dw) >= cut * (1 - 1e-12)).sum())
-        result.fraction(f"h = {h:g}: share of clipped draws", clipped, dw.size, clip_probability(cut))
+        result.fraction(name, "share of clipped draws", clipped, dw.size, clip_probability(cut))
         squares = np.square(dw)
-        result.within(f"h = {h:g}: variance", squares.mean(), squares.std() / math.sqrt(dw.size), 1 - lost)
+        result.within(name, "variance", (squares.mean(), squares.std() / math.sqrt(dw.size)), 1 - lost)
     for h in REFUSED:
         try:
             simulate(model, q0=1.0, p0=0.0, step=h, steps=1, truncation=(2, 1.0))
             told = "accepted"
         except ss.SymsdeError as error:
             told = "refused" if "variance" in str(error) else str(error)
-        result.add(f"h = {h:g}, c = {math.sqrt(4 * abs(math.log(h))):.2f}", "refused", told, "refused where c < 3",
-                   told == "refused")  # fmt: skip
+        result.same(f"h = {h:g}", f"c = {math.sqrt(4 * abs(math.log(h))):.2f}", told, "refused", "where c < 3")
     return result
 
 
-def no_noise(quick: bool) -> Scenario:
-    """S15: sigma = 0 is the deterministic scheme, bit for bit, and draws nothing."""
-    result = Scenario("S15", "sigma = 0")
+def no_noise(quick: bool) -> Expectations:
+    """sigma = 0 is the deterministic scheme, bit for bit, and draws nothing."""
+    result = Expectations("no_noise", "sigma = 0")
     steps = 50
     options = {"q0": 1.0, "p0": 0.5, "step": 0.1, "steps": steps, "paths": 9, "threads": 1}
     zeros = np.full((steps, 1), STILL)
@@ -136,16 +133,16 @@ def no_noise(quick: bool) -> Scenario:
                 different.append(f"{name} on {model.__name__}")
             distances.append(max(np.abs(still.q - silent.q).max(), np.abs(still.p - silent.p).max()))
             drawn += [name] if silent.report.counters["normals"] else []
-    result.add(f"{tried} pairs of scheme and model against zero increments, one stepper", "same bits",
-               ", ".join(different) or "same bits", "identical", not different and tried > 20)  # fmt: skip
-    result.at_most("the same against the stepper of sigma = 0.3, largest distance", max(distances), steps * EPS)
-    result.add("normals drawn", "none", ", ".join(drawn) or "none", "0", not drawn)
+    result.at_least("zero increments", "pairs of scheme and model", tried, 21)
+    result.same("zero increments", "pairs with other bits, one stepper", ", ".join(different) or "none", "none")
+    result.at_most("stepper of sigma = 0.3", "largest distance", max(distances), steps * EPS)
+    result.same("sigma = 0", "schemes that draw normals", ", ".join(drawn) or "none", "none")
     return result
 
 
-def vanishing_noise(quick: bool) -> Scenario:
-    """S16: noise below rounding changes nothing and does not stall on denormal numbers."""
-    result = Scenario("S16", "sigma = 1e-300 .. 1e-17")
+def vanishing_noise(quick: bool) -> Expectations:
+    """Noise below rounding changes nothing and does not stall on denormal numbers."""
+    result = Expectations("vanishing_noise", "sigma = 1e-300 .. 1e-17")
     steps, paths = 1000, 4096 if quick else 16384
     for name, model in (("kubo", ss.models.kubo), ("pendulum", ss.models.pendulum)):
         options = {"q0": 1.0, "p0": 0.5, "step": 0.01, "steps": steps, "paths": paths, "threads": 1}
@@ -155,9 +152,7 @@ def vanishing_noise(quick: bool) -> Scenario:
         for sigma in TINY:
             runs = [simulate(model(sigma=sigma), **options) for _ in range(3)]
             moved = max(np.abs(runs[0].q[-1] - still.q[-1]).max(), np.abs(runs[0].p[-1] - still.p[-1]).max())
-            result.at_most(f"{name}, sigma = {sigma:g}: distance to sigma = 0", moved, steps * EPS)
+            result.at_most(f"{name}, sigma = {sigma:g}", "distance to sigma = 0", moved, steps * EPS)
             ratio = min(run.report.timings["run"] for run in runs) / usual
-            result.add(
-                f"{name}, sigma = {sigma:g}: time by that of sigma = 0.1", "1", f"{ratio:.2f}", "<= 3", ratio <= 3
-            )
+            result.at_most(f"{name}, sigma = {sigma:g}", "time by that of sigma = 0.1", ratio, 3)
     return result

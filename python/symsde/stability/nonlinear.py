@@ -7,15 +7,16 @@ import numpy as np
 
 import symsde as ss
 
-from .scenario import EPS, Scenario, says, simulate
+from ..expectations import Expectations
+from .scenario import EPS, says, simulate
 from .systems import double_well, quartic
 
 MOST = 60  #: iterations allowed
 
 
-def quartic_steps(quick: bool) -> Scenario:
-    """S11: U = q^4/4 from q0 = 1e-3 .. 1e6 with h = 1e-3 .. 1e6, from zero increments."""
-    result = Scenario("S11", "Newton on the quartic oscillator, midpoint")
+def quartic_steps(quick: bool) -> Expectations:
+    """U = q^4/4 from q0 = 1e-3 .. 1e6 with h = 1e-3 .. 1e6, from zero increments."""
+    result = Expectations("quartic_steps", "Newton on the quartic oscillator, midpoint")
     starts, sizes = (1e-3, 1.0, 1e3, 1e6), (1e-3, 0.1, 10.0, 1e6)
     counts = np.zeros((4, 4))
     for i, q0 in enumerate(starts):
@@ -24,10 +25,10 @@ def quartic_steps(quick: bool) -> Scenario:
                            max_iter=MOST)  # fmt: skip
             counts[i, j] = run.report.counters["iterations"]
             left = residual(q0, h, run.q[-1, 0, 0], run.p[-1, 0, 0])
-            passed = run.status[0] == 0 and counts[i, j] <= MOST and left <= 4 * EPS
-            result.add(f"q0 = {q0:g}, h = {h:g}: iterations; residual", f"<= {MOST}; rounding",
-                       f"{counts[i, j]:.0f}; {left:.1e}", f"ok, <= {MOST} iterations, residual <= 4 eps of its terms",
-                       passed)  # fmt: skip
+            name = f"q0 = {q0:g}, h = {h:g}"
+            passed = run.status[0] == 0 and counts[i, j] <= MOST
+            result.expect(name, "iterations", f"{counts[i, j]:.0f}", f"solved, <= {MOST}", passed)
+            result.at_most(name, "residual over its largest terms", left, 4 * EPS)
     result.curves = {"q0": starts, "h": sizes, "iterations": counts}
     return result
 
@@ -41,9 +42,9 @@ def residual(q0: float, h: float, q: float, p: float, p0: float = 0.0) -> float:
     return max(first, abs(p - p0 + force) / scale)
 
 
-def several_roots(quick: bool) -> Scenario:
-    """S12: pendulum and double well with h = 1.9 .. 30; above 2 the root need not be the only one."""
-    result = Scenario("S12", "Uniqueness of the implicit step")
+def several_roots(quick: bool) -> Expectations:
+    """Pendulum and double well with h = 1.9 .. 30; above 2 the root need not be the only one."""
+    result = Expectations("several_roots", "Uniqueness of the implicit step")
     count = 64 if quick else 512
     grid = np.linspace(-3, 3, count)
     grid[0] = 0.0  # warnings look at the first path: at the top, or where the pendulum is stiffest
@@ -51,11 +52,9 @@ def several_roots(quick: bool) -> Scenario:
         for h in (1.9, 2.1, 5.0, 30.0):
             options = {"q0": grid[None], "p0": 0.5, "step": h, "steps": 20, "paths": count}
             one, two = (simulate(model, threads=threads, **options) for threads in (1, 2))
-            wanted, warned = h**2 / 4 >= 1, says(one.report, "several solutions")
-            result.add(f"{name}, h = {h:g}: warned of several roots", wanted, warned, "iff h^2 max(-U'')/4 >= 1",
-                       warned == wanted)  # fmt: skip
+            result.same(f"{name}, h = {h:g}", "warned of several roots", says(one.report, "several solutions"),
+                        h**2 / 4 >= 1, "iff h^2 max(-U'')/4 >= 1")  # fmt: skip
             same = np.array_equal(one.q, two.q, equal_nan=True) and np.array_equal(one.status, two.status)
             kept = int((one.status == 0).sum())
-            result.add(f"{name}, h = {h:g}: 1 and 2 threads", "same bits", "same bits" if same else "different",
-                       f"same root ({kept} of {count} paths ok)", same)  # fmt: skip
+            result.same(f"{name}, h = {h:g}", f"1 and 2 threads: same bits ({kept} of {count} paths ok)", same, True)
     return result

@@ -7,7 +7,8 @@ import numpy as np
 
 import symsde as ss
 
-from .scenario import Scenario, says, simulate
+from ..expectations import Expectations
+from .scenario import says, simulate
 from .systems import turning
 
 SEEDS = 32
@@ -34,9 +35,9 @@ def slope(steps: np.ndarray, values: np.ndarray) -> float:
     return float(np.polyfit(np.log(steps[chosen]), np.log(np.maximum(values[chosen], 1e-17)), 1)[0])
 
 
-def invariant_drift(quick: bool) -> Scenario:
-    """S20: p^2 + q^2 of Kubo's oscillator over 10^7 steps: a random walk, not a line."""
-    result = Scenario("S20", "Drift of an invariant, midpoint on kubo, h = 0.01, sigma = 0.5")
+def invariant_drift(quick: bool) -> Expectations:
+    """p^2 + q^2 of Kubo's oscillator over 10^7 steps: a random walk, not a line."""
+    result = Expectations("invariant_drift", "Drift of an invariant, midpoint on kubo, h = 0.01, sigma = 0.5")
     total = 10**5 if quick else 10**7
     every = total // 1000
     model = ss.models.kubo(a=1.0, sigma=0.5)
@@ -50,21 +51,20 @@ def invariant_drift(quick: bool) -> Scenario:
         if rule in BOUNDS:
             _walk(result, rule, found, drift[-1], total)
         else:
-            result.add(f"{rule}: growth of the drift", "a line", f"steps^{found:.2f}", "exponent >= 0.9", found >= 0.9)
-            result.add(f"{rule}: drift after {total:.0e} steps", "-", f"{drift[-1]:.1e}", "reported", True)
+            result.at_least(rule, "growth as steps^k, a line: k", found, 0.9)
+            result.report(rule, f"drift after {total:.0e} steps", f"{drift[-1]:.1e}")
     return result
 
 
-def _walk(result: Scenario, rule: str, exponent: float, last: float, total: int) -> None:
+def _walk(result: Expectations, rule: str, exponent: float, last: float, total: int) -> None:
     """Bounds at 10^7 steps, less by the root of the number of steps."""
-    result.add(f"{rule}: growth of the drift", "a random walk", f"steps^{exponent:.2f}", f"exponent <= {WALK}",
-               exponent <= WALK)  # fmt: skip
-    result.at_most(f"{rule}: drift after {total:.0e} steps", last, BOUNDS[rule] * np.sqrt(total / 1e7))
+    result.at_most(rule, "growth as steps^k, a random walk: k", exponent, WALK)
+    result.at_most(rule, f"drift after {total:.0e} steps", last, BOUNDS[rule] * np.sqrt(total / 1e7))
 
 
-def nonlinear_drift(quick: bool) -> Scenario:
-    """S20, continued: the invariant of a nonlinear problem, where Newton has to iterate."""
-    result = Scenario("S20n", "Drift of an invariant, midpoint on H = I + I^2/2, h = 0.01, sigma = 0.5")
+def nonlinear_drift(quick: bool) -> Expectations:
+    """The invariant of a nonlinear problem, where Newton has to iterate."""
+    result = Expectations("nonlinear_drift", "Drift of an invariant, midpoint on H = I + I^2/2, h = 0.01, sigma = 0.5")
     total = 2000 if quick else 10**5
     every = total // 100
     steps = np.arange(1, 101) * every
@@ -76,9 +76,9 @@ def nonlinear_drift(quick: bool) -> Scenario:
     return result
 
 
-def round_trip(quick: bool) -> Scenario:
-    """S22: forward, then back with -h and the increments reversed in sign and order."""
-    result = Scenario("S22", "Round trips of symmetric schemes")
+def round_trip(quick: bool) -> Expectations:
+    """Forward, then back with -h and the increments reversed in sign and order."""
+    result = Expectations("round_trip", "Round trips of symmetric schemes")
     steps, paths = 1000 if quick else 10**4, 16
     # noise so small that no path nears the unstable point, where rounding grows as exp(omega t)
     calm = ss.models.synchrotron(sigma1=0.05, sigma2=0.05)
@@ -89,24 +89,19 @@ def round_trip(quick: bool) -> Scenario:
             out = simulate(model, q0=0.5, p0=0.5, step=0.01, increments=drive, **common)
             back = simulate(model, q0=out.q[-1], p0=out.p[-1], step=-0.01, increments=-drive[::-1], **common)
             distance = np.hypot(back.q[-1, 0] - 0.5, back.p[-1, 0] - 0.5).max()
-            result.at_most(f"{name}, {scheme}: distance after {steps:.0e} steps and back", distance, 1e-11)
+            result.at_most(f"{name}, {scheme}", f"distance after {steps:.0e} steps and back", distance, 1e-11)
     return result
 
 
-def tiny_steps(quick: bool) -> Scenario:
-    """S21: h = 1e-16 from q = p = 1, where every increment is below the rounding of the state."""
-    result = Scenario("S21", "Increments below rounding, h = 1e-16")
+def tiny_steps(quick: bool) -> Expectations:
+    """h = 1e-16 from q = p = 1, where every increment is below the rounding of the state."""
+    result = Expectations("tiny_steps", "Increments below rounding, h = 1e-16")
     steps = 10**6
     model = ss.models.kubo(a=1.0, sigma=0.0)
     common = {"q0": 1.0, "p0": 1.0, "step": 1e-16, "steps": steps, "save_every": steps}
     kept = simulate(model, compensated=True, **common)
     moved = (kept.q[-1, 0, 0] - 1) + kept.q_low[0, 0]
-    result.add(
-        "compensated: q moves by", "1e-10", f"{moved:.8e}", "within 1e-5, relative", abs(moved / 1e-10 - 1) <= 1e-5
-    )
-    plain = simulate(model, **common)
-    warned = says(plain.report, "below the rounding")
-    result.add("plain: warned", True, warned, "warning before the run", warned)
-    result.add("compensated: warned", False, says(kept.report, "below the rounding"), "no warning",
-               not says(kept.report, "below the rounding"))  # fmt: skip
+    result.near("compensated", "q moves by", moved, 1e-10, 1e-15)
+    for name, run in (("plain", simulate(model, **common)), ("compensated", kept)):
+        result.same(name, "warned before the run", says(run.report, "below the rounding"), name == "plain")
     return result

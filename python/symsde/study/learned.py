@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from .. import schemes
 from .plan import uses_integrals
-from .words import cheapest, symplectic
+from .words import cheapest, listed, symplectic
 
 SAME = 1.15  #: errors within this factor count as the same
 EXPLICIT = "stormer_verlet"
@@ -49,7 +49,7 @@ def _same_errors(studies) -> str:
         return ""
     return (
         "**Stages alone buy no accuracy.** Symplectic schemes that are driven by increments alone end with the same "
-        f"error at the finest step, within 15 %, on {_listed(same)}: there the cheapest step wins."
+        f"error at the finest step, within 15 %, on {listed(same)}: there the cheapest step wins."
     )
 
 
@@ -101,10 +101,10 @@ def _against(studies) -> list[str]:
     if losses:
         lines.append(
             "**Where midpoint loses.** On separable Hamiltonians the explicit stormer_verlet reaches the same error in "
-            f"less time on {_listed(losses)}: midpoint pays for its Newton iterations."
+            f"less time on {listed(losses)}: midpoint pays for its Newton iterations."
         )
     if wins:
-        lines.append(f"**Where midpoint wins** against stormer_verlet: {_listed(wins)}.")
+        lines.append(f"**Where midpoint wins** against stormer_verlet: {listed(wins)}.")
     return lines
 
 
@@ -125,7 +125,7 @@ def _correction(studies) -> str:
         return ""
     return (
         "**Corrected one-sided schemes lose.** Where symplectic_euler needs its Stratonovich correction it is no "
-        f"longer explicit: {_listed(parts)}."
+        f"longer explicit: {listed(parts)}."
     )
 
 
@@ -136,13 +136,13 @@ def _contrast(studies) -> str:
         front = [row for row in usable if row["pareto"] and not symplectic(row["scheme"])]
         if front:
             errors = [row["err_strong"] for row in front]
-            names = _listed(list(dict.fromkeys(row["scheme"] for row in front)))
+            names = listed(list(dict.fromkeys(row["scheme"] for row in front)))
             parts.append(f"{study.name} ({names}, errors {min(errors):.0e} to {max(errors):.0e})")
     if not parts:
         return "**Not being symplectic never pays** at any error of these studies."
     return (
         "**Where symsde's symplectic schemes lose to plain ones.** Over horizons as short as these, schemes that are "
-        f"not symplectic hold a part of the front on {_listed(parts)}. Errors over a short horizon are not what "
+        f"not symplectic hold a part of the front on {listed(parts)}. Errors over a short horizon are not what "
         "symplectic schemes are for: see the drift of invariants, and docs/stability.md for long times."
     )
 
@@ -173,8 +173,4 @@ def _long_steps(studies) -> str:
             parts.append(f"{study.name} (h = {coarse:g}, midpoint stable {quality})")
     if not parts:
         return ""
-    return f"**Stable is not accurate.** At the longest steps explicit schemes fail or diverge on {_listed(parts)}."
-
-
-def _listed(items: list[str]) -> str:
-    return ", ".join(items[:-1]) + f" and {items[-1]}" if len(items) > 1 else "".join(items)
+    return f"**Stable is not accurate.** At the longest steps explicit schemes fail or diverge on {listed(parts)}."

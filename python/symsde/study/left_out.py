@@ -13,6 +13,9 @@ from ..moments import moments
 PATHS, STEPS = 256, 32  #: of the counted runs
 COUNTERS = ("normals", "gradients", "hessians", "hessian_vectors", "iterations", "solves", "lapack_solves")
 
+HEAD = ("scene", "scheme", "stepper", "normals", "gradients", "Hessians", "HVP", "iterations", "solves", "LAPACK",
+        "left out")  # fmt: skip
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -25,6 +28,11 @@ class LeftOut:
     counts: dict[str, float]  #: of a path-step
     bytes_kept: int  #: results of a moments run, independent of the number of paths
     bytes_paths: int  #: what the paths of the same run would take
+
+    def cells(self) -> list[str]:
+        """As they stand in the table."""
+        counts = [f"{self.counts[name]:.4g}" for name in COUNTERS]
+        return [self.scene, self.scheme, self.stepper, *counts, "; ".join(self.left_out) or "nothing"]
 
 
 def left_out(file: str | os.PathLike) -> LeftOut:
@@ -39,17 +47,3 @@ def left_out(file: str | os.PathLike) -> LeftOut:
     paths = 2 * 8 * len(found.t) * chosen.model.ndof * PATHS
     scheme = found.setup.scheme.name
     return LeftOut(Path(file).stem, scheme, report.stepper, report.left_out, counts, kept, paths)
-
-
-def markdown(rows: list[LeftOut]) -> list[str]:
-    """The table as lines."""
-    lines = [
-        "| scene | scheme | stepper | normals | gradients | Hessians | HVP | iterations | solves | LAPACK | left out |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        cells = " | ".join(f"{row.counts[name]:.4g}" for name in COUNTERS)
-        lines.append(
-            f"| {row.scene} | {row.scheme} | {row.stepper} | {cells} | {'; '.join(row.left_out) or 'nothing'} |"
-        )
-    return lines

@@ -38,8 +38,7 @@ class State:
         """Keep a point."""
         self._points[key] = row
         if self._file is not None:
-            text = json.dumps(self._points, indent=0)
-            _files.replace(self._file, lambda part: part.write_text(text, encoding="utf-8"))
+            _files.replace_text(self._file, json.dumps(self._points, indent=0))
 
 
 def point_key(plan: Plan, scheme, steps: int) -> str:

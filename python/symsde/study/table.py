@@ -6,7 +6,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from .. import _files, provenance
+from .. import _files, pages, provenance
 
 #: columns of the CSV, with what they are; times in seconds, everything else dimensionless
 COLUMNS = {
@@ -68,50 +68,42 @@ def _cell(value):
     return "" if value is None else value
 
 
-HEADER = (
-    f"  {'scheme':22s} {'h':>9s} {'strong error':>12s} {'95 %':>6s} {'E q error':>10s} {'+-':>7s} {'E H error':>10s} "
-    f"{'+-':>7s} {'drift':>8s} {'s/path':>9s} {'+-':>4s} {'grad':>5s} {'hess':>5s} {'iter':>5s} {'norm':>5s}"
-)
+HEAD = ("scheme", "h", "strong error", "95 %", "E q error", "+-", "E H error", "+-", "drift", "s/path", "+-", "grad",
+        "hess", "iter", "norm", "")  # fmt: skip
 
 
 def terminal(rows: list[dict], orders: dict) -> str:
     """All points; * marks those that no other beats."""
-    lines = [HEADER]
-    last = None
-    for row in rows:
-        if last not in (None, row["scheme"]):
-            lines.append(f"  {'':22s} order {orders[last]}")
-        last = row["scheme"]
-        lines.append(line(row))
-    if last is not None:
-        lines.append(f"  {'':22s} order {orders[last]}")
-    return "\n".join(lines)
+    lines: list[list[str] | str] = []
+    for row, after in zip(rows, [*rows[1:], {"scheme": None}], strict=True):
+        lines.append(cells(row))
+        if after["scheme"] != row["scheme"]:
+            lines.append(f"    order {orders[row['scheme']]}")
+    return pages.terminal(HEAD, lines, numbers=range(1, len(HEAD) - 1))
 
 
-def line(row: dict) -> str:
-    """One point."""
-    text = f"{'*' if row.get('pareto') else ' '} {row['scheme']:22s} {row['h']:9.3g} "
-    if "err_strong" in row:
-        half = (row["err_strong_high"] - row["err_strong_low"]) / 2
-        text += f"{row['err_strong']:12.3e} {percent(half, row['err_strong']):>6s} "
-        text += "".join(_weak(row, name) for name in "qH")
-        text += f"{row['drift']:8.1e} " if row.get("drift") is not None else f"{'-':>8s} "
-    else:
-        text += f"{'-':>12s} {'-':>6s} {'-':>10s} {'-':>7s} {'-':>10s} {'-':>7s} {'-':>8s} "
-    if "seconds" in row:
-        spread = (row["seconds_high"] - row["seconds_low"]) / 2
-        text += f"{row['seconds']:9.2e} {percent(spread, row['seconds']):>4s} "
-        text += " ".join(f"{row[name]:5.3g}" for name in ("gradients", "hessians", "iterations", "normals"))
-    mark = {"ok": "", "failed": f"  FAILED: {row['failed']} paths"}.get(row["status"], f"  ({row['status']})")
-    return text + mark
+def cells(row: dict) -> list[str]:
+    """One point, a dash for what it does not have."""
+    text = [
+        f"{'*' if row.get('pareto') else ' '} {row['scheme']}",
+        f"{row['h']:.3g}",
+        _number(row, "err_strong", ".3e"),
+    ]
+    text.append(_spread(row, "err_strong"))
+    for name in "qH":
+        text += [_number(row, f"weak_{name}", ".2e"), _number(row, f"weak_{name}_ci", ".1e")]
+    text += [_number(row, "drift", ".1e"), _number(row, "seconds", ".2e"), _spread(row, "seconds")]
+    text += [_number(row, name, ".3g") for name in ("gradients", "hessians", "iterations", "normals")]
+    mark = {"ok": "", "failed": f"FAILED: {row['failed']} paths"}
+    return [*text, mark.get(row["status"], f"({row['status']})")]
 
 
-def _weak(row: dict, name: str) -> str:
-    if f"weak_{name}" not in row:
-        return f"{'-':>10s} {'-':>7s} "
-    return f"{row[f'weak_{name}']:10.2e} {row[f'weak_{name}_ci']:7.1e} "
+def _number(row: dict, name: str, form: str) -> str:
+    return "-" if row.get(name) is None else format(row[name], form)
 
 
-def percent(part: float, whole: float) -> str:
-    """A share in per cent."""
-    return f"{100 * part / whole:.0f}%" if whole else "-"
+def _spread(row: dict, name: str) -> str:
+    """Half the distance of the ends, in per cent of the value."""
+    if not row.get(name):
+        return "-"
+    return f"{100 * (row[f'{name}_high'] - row[f'{name}_low']) / 2 / row[name]:.0f}%"

@@ -52,7 +52,7 @@ def recommend(usable: list[dict], target: float) -> str:
     text += f"{best['seconds'] * 1e6:.3g} microseconds a path"
     equal = [row["scheme"] for row in others if row["seconds"] <= CLOSE * best["seconds"]]
     if equal:
-        return f"{text}, and {_listed(equal)} cost the same within 15 %."
+        return f"{text}, and {listed(equal)} cost the same within 15 %."
     if others:
         factor = others[0]["seconds"] / best["seconds"]
         return f"{text}, {factor:.1f} times less than {others[0]['scheme']} at h = {others[0]['h']:.3g}."
@@ -88,9 +88,9 @@ def _contrast(usable: list[dict]) -> str:
             elif factor < 1 / CLOSE:
                 losses.append(f"{1 / factor:.1f}-fold at {target:g}")
     if wins:
-        return f"Not being symplectic can pay over this horizon: {_listed(wins)}."
+        return f"Not being symplectic can pay over this horizon: {listed(wins)}."
     if losses:
-        return f"The best scheme that is not symplectic loses {_listed(losses)}."
+        return f"The best scheme that is not symplectic loses {listed(losses)}."
     return ""
 
 
@@ -107,7 +107,7 @@ def _failures(rows: list[dict]) -> str:
             lost[row["scheme"]] = min(lost.get(row["scheme"], row["h"]), row["h"])
     if not lost:
         return ""
-    return f"Paths fail or diverge with {_listed([f'{name} down to h = {h:.3g}' for name, h in lost.items()])}."
+    return f"Paths fail or diverge with {listed([f'{name} down to h = {h:.3g}' for name, h in lost.items()])}."
 
 
 def _drift(usable: list[dict]) -> str:
@@ -120,8 +120,8 @@ def _drift(usable: list[dict]) -> str:
         worst[row["scheme"]] = max(worst.get(row["scheme"], 0.0), row["drift"])
     kept = [name for name, value in worst.items() if value < 1e-10]
     lost = [f"{name} by {value:.0e}" for name, value in worst.items() if value >= 1e-10]
-    first = f"The invariant is kept to rounding by {_listed(kept)}" if kept else "No scheme keeps the invariant"
-    return f"{first}, and at worst changed by {_listed(lost)}." if lost else f"{first}."
+    first = f"The invariant is kept to rounding by {listed(kept)}" if kept else "No scheme keeps the invariant"
+    return f"{first}, and at worst changed by {listed(lost)}." if lost else f"{first}."
 
 
 def symplectic(name: str) -> bool:
@@ -132,7 +132,8 @@ def symplectic(name: str) -> bool:
         return True
 
 
-def _listed(items: list[str]) -> str:
+def listed(items: list[str]) -> str:
+    """Items in words: a, b and c."""
     if len(items) < 2:
         return "".join(items)
     return f"{', '.join(items[:-1])} and {items[-1]}"

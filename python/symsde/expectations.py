@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is expected of numbers, and whether it holds: the lines of the reports of `symsde paper` and `symsde stability`.
+
+Means of random numbers are expected within 4.9 of their standard errors: of a normal mean one such check in a million
+is a false alarm. What is not a finite number meets no expectation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from . import pages
+
+STANDARD_ERRORS = 4.9  #: that a mean may be away from what is expected
+FALSE_ALARM = math.erfc(STANDARD_ERRORS / math.sqrt(2))  #: of one such check, 9.6e-7
+VERDICTS = {True: "ok", False: "FAILED", None: "-"}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of a report; `passed` is None where a number is reported and nothing is expected of it."""
+
+    about: str  #: equations of the paper, or the case
+    quantity: str
+    measured: str
+    expected: str
+    passed: bool | None
+
+    def cells(self) -> tuple[str, ...]:
+        """As they stand in a table, the verdict last."""
+        return self.about, self.quantity, self.measured, self.expected, VERDICTS[self.passed]
+
+
+@dataclass
+class Expectations:
+    """One experiment or scenario: what was expected in it. `curves` go into figures only."""
+
+    name: str
+    title: str
+    checks: list[Check] = field(default_factory=list)
+    curves: dict[str, Any] = field(default_factory=dict)
+    if_failed: str = ""  #: the known cause, said where an expectation is not met
+
+    def expect(self, about: str, quantity: str, measured: object, expected: object, holds: object) -> None:
+        """Expect something that the caller has judged."""
+        self.checks.append(Check(about, quantity, str(measured), str(expected), bool(holds)))
+
+    def report(self, about: str, quantity: str, measured: object, expected: str = "") -> None:
+        """Show a number of which nothing is required."""
+        self.checks.append(Check(about, quantity, str(measured), expected, None))
+
+    def at_most(self, about: str, quantity: str, value: float, bound: float) -> None:
+        """Expect value <= bound."""
+        self.expect(about, quantity, f"{value:.2e}", f"<= {bound:.3g}", -math.inf < value <= bound)
+
+    def at_least(self, about: str, quantity: str, value: float, bound: float) -> None:
+        """Expect value >= bound."""
+        self.expect(about, quantity, f"{value:.4g}", f">= {bound:.4g}", bound <= value < math.inf)
+
+    def between(self, about: str, quantity: str, value: float, low: float, high: float) -> None:
+        """Expect low <= value <= high."""
+        self.expect(about, quantity, f"{value:.4g}", f"{low:g} to {high:g}", low <= value <= high)
+
+    def near(self, about: str, quantity: str, value: float, expected: float, tolerance: float) -> None:
+        """Expect |value - expected| <= tolerance."""
+        text = f"{expected:.6g} +- {tolerance:.1g}"
+        self.expect(about, quantity, f"{value:.6g}", text, abs(value - expected) <= tolerance)
+
+    def within(self, about: str, quantity: str, estimate: tuple[float, float], expected: float) -> None:
+        """Expect a mean (value, standard error) within STANDARD_ERRORS of what is expected."""
+        text = f"{expected:.6g} within {STANDARD_ERRORS:g} s.e."
+        self.expect(about, quantity, _shown(estimate), text, -math.inf < _beyond(estimate, expected) <= 0)
+
+    def beyond(self, about: str, quantity: str, estimate: tuple[float, float], excluded: float) -> None:
+        """Expect a mean (value, standard error) to differ from a value by more than STANDARD_ERRORS."""
+        text = f"not {excluded:.6g}, beyond {STANDARD_ERRORS:g} s.e."
+        self.expect(about, quantity, _shown(estimate), text, 0 < _beyond(estimate, excluded) < math.inf)
+
+    def fraction(self, about: str, quantity: str, count: int, total: int, probability: float) -> None:
+        """Expect a share of draws within STANDARD_ERRORS of its probability; where that is 0 or 1, exactly."""
+        error = math.sqrt(probability * (1 - probability) / total)
+        self.within(about, quantity, (count / total, error), probability)
+
+    def same(self, about: str, quantity: str, measured: object, expected: object, why: str = "") -> None:
+        """Expect what is measured to equal what is expected; `why` says where that comes from."""
+        text = f"{_word(expected)} ({why})" if why else _word(expected)
+        self.expect(about, quantity, _word(measured), text, measured == expected)
+
+
+def count(found: list[Expectations], verdict: bool | None) -> int:
+    """How many checks have a verdict."""
+    return sum(check.passed is verdict for part in found for check in part.checks)
+
+
+def block(found: Expectations, head: str, seconds: float) -> str:
+    """One experiment or scenario on the terminal; `head` is that of the first column."""
+    rows = [check.cells() for check in found.checks]
+    return f"\n{found.title}   [{seconds:.1f} s]\n{pages.terminal(_head(head), rows)}"
+
+
+def section(found: Expectations, head: str) -> str:
+    """The same as a Markdown table, with what is known of a failure."""
+    rows = [[*check.cells()[:-1], check.cells()[-1].replace("FAILED", "**FAILED**")] for check in found.checks]
+    failed = any(check.passed is False for check in found.checks)
+    return pages.markdown(_head(head), rows) + (f"\n{found.if_failed}\n" if found.if_failed and failed else "")
+
+
+def summary(found: list[Expectations]) -> str:
+    """What failed, again, and the counts."""
+    lines = [
+        f"FAILED {part.title}: {check.about} {check.quantity.strip()}: {check.measured}, expected {check.expected}"
+        for part in found
+        for check in part.checks
+        if check.passed is False
+    ]
+    return "\n".join([*lines, f"{count(found, True)} expectations met, {count(found, False)} failed"])
+
+
+def _head(first: str) -> tuple[str, ...]:
+    return first, "quantity", "measured", "expected", "verdict"
+
+
+def _beyond(estimate: tuple[float, float], value: float) -> float:
+    """From a mean to a value, less the standard errors allowed; infinite or NaN where one of them is."""
+    mean, error = estimate
+    return abs(mean - value) - STANDARD_ERRORS * error
+
+
+def _shown(estimate: tuple[float, float]) -> str:
+    return f"{estimate[0]:.6g} +- {estimate[1]:.1g}"
+
+
+def _word(value: object) -> str:
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
