@@ -12,7 +12,11 @@ import pytest
 import symsde as ss
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "docs"))
+sys.path[:0] = [str(ROOT / "docs"), str(ROOT / "docs" / "site")]
+import c_reference  # noqa: E402
+import fortran_reference  # noqa: E402
+import plain  # noqa: E402
+import python_reference  # noqa: E402
 import which_scheme  # noqa: E402
 from symsde.advise import advise  # noqa: E402
 
@@ -86,3 +90,43 @@ def test_explicit_uses_are_explicit():
 def test_candidates_are_those_of_advise():
     assert advise.scheme_names(ss.models.kubo()) == ["midpoint", "stormer_verlet", "gauss2", "gauss3"]
     assert "midpoint_areas" in advise.scheme_names(ss.models.noncommutative_oscillator())
+
+
+def test_the_python_reference_holds_every_public_name(monkeypatch):
+    page = python_reference.page()
+    for name in ss.__all__:
+        assert name in python_reference.SKIPPED or page.count(f":: symsde.{name}\n") == 1, name
+    monkeypatch.setattr(ss, "__all__", [*ss.__all__, "simulated"])
+    monkeypatch.setattr(ss, "simulated", ss.simulate, raising=False)
+    assert "## Further" in python_reference.page()
+
+
+def test_the_c_reference_holds_every_function():
+    header = (ROOT / "include" / "symsde.h").read_text(encoding="utf-8")
+    page = c_reference.page(header)
+    names = re.findall(r"^int (symsde_\w+)\(", header, re.M)
+    assert len(names) > 50
+    for name in names:
+        heading, _, rest = page.partition(f"`{name}`")[2].partition("```c\n")
+        assert f"int {name}(" in rest.partition("```")[0], (name, heading)
+    with pytest.raises(ValueError, match="symsde_lost has no heading"):
+        c_reference.page(header.replace("#ifndef SYMSDE_H", "int symsde_lost(void);\n#ifndef SYMSDE_H", 1))
+
+
+def test_the_fortran_reference_holds_what_the_facade_brings():
+    page = fortran_reference.page(ROOT)
+    facade = (ROOT / "src" / "symsde.f90").read_text(encoding="utf-8").partition("\nmodule symsde\n")[2]
+    names = re.sub(r"!.*|&\s*", "", ", ".join(re.findall(r"only: ((?:.*&\n)*.*)", facade)))
+    public = {name.partition("=>")[0].strip() for name in names.split(",")} - {""}
+    assert len(public) > 100
+    for name in public:
+        assert f"### `{name}`\n" in page, name
+    simulate = page.partition("### `simulate`")[2].partition("###")[0]
+    assert "Integrate all paths and save them" in simulate and "q0(:), p0(:)" in simulate and "recorder" not in simulate
+
+
+def test_plain_text_becomes_markup():
+    text = "One *star* and `code_`.\n\n    a = b*c\n\n- first\n  more\n- second"
+    rest = plain.as_rest(text)
+    assert "One \\*star\\* and ``code_``." in rest and "::\n\n        a = b*c" in rest and "- first\n  more" in rest
+    assert "```text\n    a = b*c\n```" in plain.as_markdown(text) and "\\*star\\*" in plain.as_markdown(text)
