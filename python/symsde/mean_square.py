@@ -26,7 +26,7 @@ class MeanSquare:
     """Second moments S = E z z^T without the constant terms go to E M S M^T in a step."""
 
     growth: float  #: spectral radius of that map; infinite where a step has no second moments
-    exact: float  #: the same of the equations themselves over the step
+    exact: float  #: the same of the equations themselves over the step; of a negative one, backward along their noise
     mean: float  #: spectral radius of E M
     matrix: np.ndarray  #: E M x M, ((2 dof)^2, (2 dof)^2), of z = (q, p)
 
@@ -49,14 +49,14 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
     noises that are not additive.
     """
     chosen = as_scheme(scheme)
-    step = _checks.finite("step", step)
+    step, t = _checks.finite("step", step), _checks.finite("t", t)
     _refuse(model, chosen)
     moments = [_moments(model, chosen, step, t, nodes) for nodes in _NODES]
     first, second = (pair[1] for pair in moments)
     size = 2 * model.ndof
     known = bool(np.isfinite(second).all() and np.abs(first - second).max() < _AGREE * (1 + np.abs(second).max()))
     growth = _radius(second) if known else math.inf
-    exact = _radius(_exponential(step * _generator(model, t)))
+    exact = _radius(_exponential(_generator(model, step, t)))
     mean = _radius(moments[1][0]) if np.isfinite(moments[1][0]).all() else math.inf
     return MeanSquare(growth, exact, mean, second.reshape(size * size, size * size))
 
@@ -95,8 +95,10 @@ def _moments(model: Model, scheme: Scheme, step: float, t: float, nodes: int) ->
     return np.einsum("n,nij->ij", weights, maps), pairs.reshape(size * size, size * size)
 
 
-def _generator(model: Model, t: float) -> np.ndarray:
-    """Of second moments of the Stratonovich equations: A x 1 + 1 x A + sum B_k x B_k, A with the Ito term."""
+def _generator(model: Model, step: float, t: float) -> np.ndarray:
+    """Of second moments of the Stratonovich equations over a step: h (A x 1 + 1 x A) + |h| sum_k (B_k x B_k + C_k x 1
+    + 1 x C_k), C_k = B_k^2/2 the Ito term: increments have the variance |h| backward, too.
+    """
     size = 2 * model.ndof
     flows = []
     for j in range(model.nnoise + 1):
@@ -104,9 +106,10 @@ def _generator(model: Model, t: float) -> np.ndarray:
         w[j] = 1
         qq, qp, pp = (block[:, :, 0] for block in model.hessian(np.zeros(model.ndof), np.zeros(model.ndof), w, t))
         flows.append(np.block([[qp, pp], [-qq, -qp.T]]))
-    drift = flows[0] + sum((b @ b for b in flows[1:]), np.zeros((size, size))) / 2
-    one = np.eye(size)
-    return np.kron(drift, one) + np.kron(one, drift) + sum((np.kron(b, b) for b in flows[1:]), 0 * np.kron(one, one))
+    zero, one = np.zeros((size, size)), np.eye(size)
+    drift = step * flows[0] + abs(step) * sum((b @ b for b in flows[1:]), zero) / 2
+    pairs = abs(step) * sum((np.kron(b, b) for b in flows[1:]), np.kron(zero, zero))
+    return np.kron(drift, one) + np.kron(one, drift) + pairs
 
 
 def _exponential(matrix: np.ndarray) -> np.ndarray:

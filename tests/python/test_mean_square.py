@@ -78,3 +78,15 @@ def test_misuse_gets_a_sentence():
     ):
         with pytest.raises(ss.errors.IncompatibleError, match=words):
             ss.mean_square(model, scheme, step=0.1)
+
+
+@pytest.mark.parametrize("h", [0.3, -0.3])
+def test_exact_growth_of_steps_back_in_time(h):
+    """Kubo's oscillator turns, whichever way; noise on the stiffness drives by |h|: ((0, 2, 0), (-1, 0, 1), (0, -2, 0))
+    changes its sign, s^2 on E p^2 does not."""
+    assert ss.mean_square(ss.models.kubo(sigma=0.9), "midpoint", step=h).exact == pytest.approx(1.0, abs=1e-12)
+    sign = math.copysign(1, h)
+    rates = np.array([[0, 2, 0], [-1, 0, 1], [0, -2, 0]]) * sign + np.array([[0, 0, 0], [0, 0, 0], [0.16, 0, 0]])
+    found = ss.mean_square(spring(), "stormer_verlet", step=h)
+    assert found.exact == pytest.approx(math.exp(0.3 * np.linalg.eigvals(rates).real.max()), rel=1e-10)
+    assert found.excess == pytest.approx(0, abs=2e-2)
