@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import scene
+from symsde.advise.advise import candidates
 from symsde.advise.wants import Seen
+from symsde.expect.candidates import commutes
+from symsde.expect.problem import make_problem
 
 ROOT = Path(__file__).resolve().parents[2]
 DEARER = 2.5  #: times the cheapest of the front, on a busy machine
@@ -144,3 +147,28 @@ def test_misuse_gets_a_sentence(change, error, words):
     given = {"model": ss.models.pendulum(), "q0": 1.0, "p0": 0.0, "horizon": 1.0, "tolerance": 1e-2, **change}
     with pytest.raises(error, match=words):
         ss.advise(**given)
+
+
+def test_invariants_that_are_none_get_a_sentence():
+    driven = ss.models.driven_pendulum()
+    rest = {"p0": 0.0, "horizon": 1.0, "tolerance": 1e-2, "want": "invariants"}
+    with pytest.raises(ss.errors.InvalidArgumentError, match="H depends on time"):
+        ss.advise(driven, q0=1.0, **rest)
+    with pytest.raises(ss.errors.InvalidArgumentError, match="H is 0 at the initial state"):
+        ss.advise(ss.models.kubo(), q0=0.0, **rest)
+    with pytest.raises(ss.errors.WrongTypeError, match="want"):
+        ss.advise(ss.models.kubo(), q0=1.0, **{**rest, "want": ["paths"]})
+
+
+def test_brackets_are_those_at_t0():
+    """H_1 = q, H_2 = s(t) p^2/2, s = 0 until t = 5: noises that commute before, and not after."""
+
+    def gradient(t, w, q, p):
+        return w[1] + w[0] * q, (w[0] + w[2] * (t >= 5)) * p
+
+    model = ss.Model(ndof=1, nnoise=2, gradient=gradient, separable=True)
+    place = {"q0": 1.0, "p0": 0.0, "horizon": 1.0}
+    for t0, areas in ((0.0, False), (6.0, True)):
+        problem = make_problem(model, lambda q, p: q[0], **place, t0=t0)
+        assert ("midpoint_areas" in [scheme.name for scheme in candidates(problem)]) is areas
+        assert commutes(model, t0) is not areas

@@ -72,8 +72,7 @@ def advise(
     are never longer than what the fastest frequency allows. Schemes that are not symplectic are no candidates.
     Everything is dimensionless. Misuse raises a ValueError; NumericalError tells that no scheme keeps the tolerance.
     """
-    if want not in KINDS:
-        _checks.choice("want", want, list(KINDS))
+    _checks.choice("want", want, list(KINDS))
     problem = make_problem(model, _nothing, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
     tolerance = _checks.finite("tolerance", tolerance)
     if tolerance <= _SHORTEST:
@@ -108,11 +107,12 @@ def advise(
 
 def candidates(problem: Problem) -> list[Scheme]:
     """Symplectic schemes that the traits of a model let in, each set up once."""
-    return [scheme for scheme in map(as_scheme, scheme_names(problem.model)) if _fits(problem, scheme)]
+    names = scheme_names(problem.model, problem.options.get("t0", 0.0))
+    return [scheme for scheme in map(as_scheme, names) if _fits(problem, scheme)]
 
 
-def scheme_names(model: Model) -> list[str]:
-    """Names of the schemes that are tried, by the traits and brackets of a model."""
+def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
+    """Names of the schemes that are tried, by the traits of a model and its brackets at t0."""
     traits = model.traits
     names = ["midpoint"]
     if traits.separable:
@@ -124,7 +124,7 @@ def scheme_names(model: Model) -> list[str]:
         names += ["gauss_dkdkd", "chin4a"]
     if traits.additive:
         names += ["verlet_dz"] if kicked else ["averaged_shift_midpoint"]
-    brackets = commutator(model) if model.nnoise else None
+    brackets = commutator(model, t=t0) if model.nnoise else None
     if brackets is None or brackets.flows_commute:
         names += ["gauss2", "gauss3"]
     elif not brackets.commutative:
@@ -158,7 +158,7 @@ def _reasons(problem: Problem, kind, best: Option, ladder: Ladder, others: tuple
         f"the fastest frequency times h is {turn:.2g}; {best.scheme} is {made}, and symplectic",
     ]
     if problem.model.nnoise:
-        reasons.append(commutator(problem.model).text)
+        reasons.append(commutator(problem.model, t=problem.options.get("t0", 0.0)).text)
     if others:
         reasons.append(f"{others[0].scheme} would take {others[0].seconds / best.seconds:.2g} times as long")
     return tuple(reasons)

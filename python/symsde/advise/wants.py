@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import InvalidArgumentError
 from ..expect.problem import Problem
 from ..simulate import Run
-from ..study.errors import conserves_energy
+from ..study.errors import conserves_energy, depends_on_time
 
 _MOST_SAVED = 64  #: times at which invariants are looked at
 
@@ -19,7 +20,7 @@ _MOST_SAVED = 64  #: times at which invariants are looked at
 class Seen:
     """What steps h, h/2 and h/4 on the same paths show."""
 
-    first: float  #: size of the difference of h and h/2
+    first: float  #: size of the difference of h and h/2; of invariants, of the change itself
     second: float  #: of h/2 and h/4
     both: float  #: of h and h/4: their sum where they point the same way, less where they are independent
     noise: float = 0.0  #: in any of them
@@ -81,10 +82,16 @@ class Invariants:
     count = 64
 
     def __init__(self, problem: Problem):
-        """See whether the noises keep H."""
+        """See whether there is an H to keep, and whether the noises keep it."""
         self.problem = problem
         begin = float(problem.options.get("t0", 0.0))
         times = [begin + part * problem.horizon for part in (0.0, 0.3, 0.7, 1.0)]
+        if depends_on_time(problem.model, times):
+            raise InvalidArgumentError("want = 'invariants': H depends on time here, nothing is to be kept")
+        if problem.model.value(problem.q0, problem.p0)[0] == 0:
+            raise InvalidArgumentError(
+                "want = 'invariants': H is 0 at the initial state, and changes are relative to it: add a constant to H"
+            )
         self.kept = problem.model.nnoise > 0 and conserves_energy(problem.model, times)
         where = "H, which the noises keep" if self.kept else "H without noise"
         self.words = f"largest change of {where}, over its size"
@@ -100,8 +107,7 @@ class Invariants:
         )
         run = problem.run(scheme, steps, save_every=every, **more)
         energy = np.array([model.value(q, p) for q, p in zip(run.q, run.p, strict=True)])
-        scale = np.abs(energy[0]) + np.abs(energy[0] - energy).max() * 1e-300
-        change = np.abs(energy - energy[0]).max(axis=0) / np.where(scale > 0, scale, 1.0)
+        change = np.abs(energy - energy[0]).max(axis=0) / np.abs(energy[0])
         size = math.sqrt(np.mean(change**2))
         return Seen(size, 0.0, size)
 

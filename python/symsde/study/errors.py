@@ -116,10 +116,21 @@ def conserves_energy(model: Model, times: list[float]) -> bool:
     """H does not depend on time and {H, H_k} = 0 for every k, at sixteen points: an invariant of every path."""
     if not model.traits.has_value:
         return False
-    points = np.random.default_rng(1).uniform(-1, 1, (2, model.ndof, 16))
-    if any((model.value(*points, t=t) != model.value(*points, t=times[0])).any() for t in times):
+    points = _points(model)
+    if depends_on_time(model, times):
         return False
     return all(_commutes(model, points, t) for t in times)
+
+
+def depends_on_time(model: Model, times: list[float]) -> bool:
+    """H has another value at one of these times than at the first, at one of sixteen points."""
+    points = _points(model)
+    return any((model.value(*points, t=t) != model.value(*points, t=times[0])).any() for t in times)
+
+
+def _points(model: Model) -> np.ndarray:
+    """Sixteen states (2, dof, point)."""
+    return np.random.default_rng(1).uniform(-1, 1, (2, model.ndof, 16))
 
 
 def _commutes(model: Model, points: np.ndarray, t: float) -> bool:
