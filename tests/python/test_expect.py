@@ -1,17 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Expectations with an interval: every way gives the same number, the cheapest is chosen, misuse gets a sentence."""
 
+import importlib
 import math
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import symsde as ss
 from symsde.cli import main
 from symsde.expect import choice, control, quasi, tails, tolerance
+from symsde.expect.answer import Answer
 from symsde.expect.choice import Plan
-from symsde.expect.estimators import Antithetic, Extrapolated, Plain
+from symsde.expect.estimators import Antithetic, Drawn, Extrapolated, Plain
 from symsde.expect.problem import make_problem
 from symsde.expect.stability import frequency
+from symsde.expect.tally import Tally
+from symsde.expect.trial import Trial
+from symsde.expect.watch import Watch
+from symsde.expect.work import Work
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
@@ -202,8 +210,16 @@ def test_long_horizon_is_not_given_to_multilevel():
 
 
 def test_student_quantile():
-    """Tabled values at 15 and 31 degrees of freedom, and the normal one."""
-    for units_, tabled in ((16, 2.1314), (32, 2.0395), (10**6, 1.96)):
+    """Tabled values, and the normal one."""
+    for units_, tabled in (
+        (2, 12.706),
+        (3, 4.303),
+        (9, 2.306),
+        (12, 2.2010),
+        (16, 2.1314),
+        (32, 2.0395),
+        (10**6, 1.96),
+    ):
         assert tolerance.quantile(units_) == pytest.approx(tabled, abs=1e-3)
 
 
@@ -341,3 +357,128 @@ def test_frequency_follows_the_way():
     """A pendulum that begins near the top is linearised where it comes to, too: frequency 1 below."""
     problem = make_problem(ss.models.synchrotron(omega=1.0), "q", q0=3.0, p0=0.0, horizon=8.0)
     assert frequency(problem) == pytest.approx(1.0, abs=0.1)
+
+
+def test_ctrl_c_carries_an_answer_or_nothing(nonlinear, monkeypatch):
+    """Interrupted in the pilot there is none: not the run that was in work. Later it is an Answer, by every method."""
+
+    def during(self, paths):
+        stop = KeyboardInterrupt()
+        stop.partial = "a run"
+        raise stop
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Trial, "more", during)
+        with pytest.raises(KeyboardInterrupt) as caught:
+            ss.expect(nonlinear, "q**2", **PLACE, abs=1e-2)
+        assert caught.value.partial is None
+
+    def told(done, total):
+        raise KeyboardInterrupt
+
+    for method in ("plain", "multilevel"):
+        with pytest.raises(KeyboardInterrupt) as caught:
+            ss.expect(nonlinear, "q**2", **PLACE, abs=1e-3, method=method, scheme="midpoint", progress=told)
+        found = caught.value.partial
+        assert isinstance(found, Answer) and found.method == method and not found.reached
+        assert found.interval[0] < found.value < found.interval[1]
+
+
+def test_cost_is_all_that_was_spent(nonlinear):
+    """Responses and regression of the control variate, first looks at f, and schemes that were given up, too."""
+    ss.expect(nonlinear, "q", **PLACE, abs=0.1)  # what is imported once
+    begin = time.process_time()
+    answer = ss.expect(nonlinear, "q**2", **PLACE, abs=2e-2, method="control variate", scheme="chin4a")
+    took = time.process_time() - begin
+    assert 0.8 * took < answer.cost <= took and answer.pilot < answer.cost
+
+
+def test_a_method_that_is_asked_for_is_taken_where_it_is_not_needed(nonlinear):
+    """One step of the ladder would do here."""
+    answer = ss.expect(nonlinear, "q**2", **PLACE, abs=0.5, method="multilevel", scheme="gauss_dkdkd")
+    assert answer.method == "multilevel" and answer.reached
+    with pytest.raises(ss.errors.NumericalError, match="antithetic needs noise, no truncation, and a scheme that"):
+        ss.expect(nonlinear, "q", **PLACE, abs=1e-2, method="antithetic", scheme="chin4a")
+
+
+def work_of(nonlinear, seconds: float, **more) -> Work:
+    """A plan that is reckoned to take so many seconds, by what `more` says."""
+    given = {"method": "plain", "seconds": seconds, "variance": 1.0, "bias": (0.0, 0.0), **more}
+    pilot = {"tolerance": tolerance.make_tolerance(1e-2, None), "watch": Watch(3600.0, False)}
+    return Work(SimpleNamespace(problem=make_problem(nonlinear, "q", **PLACE), **pilot), [SimpleNamespace(**given)])
+
+
+def test_long_work_within_its_time_is_announced_as_that(nonlinear):
+    with pytest.warns(ss.BudgetWarning, match="700 s of the processor: give a larger tolerance"):
+        work_of(nonlinear, 700.0)
+    with pytest.warns(ss.BudgetWarning, match=r"3\.6e\+03 s of max_time are left"):
+        work_of(nonlinear, 4000.0)
+
+
+def test_units_that_all_fail_do_not_go_on_for_ever(nonlinear):
+    fails = SimpleNamespace(least_units=4, part=4, draw=lambda count: Drawn(Tally(), 0.0, count, 8 * count))
+    work = work_of(nonlinear, 0.0, estimator=lambda first, problem: fails)
+    with pytest.raises(ss.errors.NumericalError, match="4 of 4 groups of 8 paths failed"):
+        work.answer()
+
+
+def test_sobol_points_end_at_2_to_the_30(nonlinear, monkeypatch):
+    """A tolerance that would take more is left to other methods: SciPy refuses them."""
+    pytest.importorskip("scipy")
+    trial = SimpleNamespace(variance=1.0, seconds=lambda level: 0.0, problem=None)
+
+    def needed(variance):
+        units = Tally(8, 0.0, 7 * variance)
+        monkeypatch.setattr(Plan, "estimator", lambda *_: SimpleNamespace(draw=lambda _: Drawn(units, 1.0, 0, 8)))
+        return choice._quasi(trial, 0, 1.0, math.inf)
+
+    # flat from few to many points: the variance is taken to fall as 1/points, and 16 units may have 16
+    assert needed(16.0 * 2**21).options == {"log2_points": 30}
+    assert needed(16.0 * 2**22) is None
+
+
+def test_frequency_is_that_of_the_time():
+    """H = p^2/2 + (1 + t) q^2/2 from t0 = 8 to 15: from 3 to 4."""
+    model = ss.Model(
+        ndof=1,
+        nnoise=1,
+        gradient=lambda t, w, q, p: (w[0] * (1 + t) * q + w[1], w[0] * p),
+        hessian=lambda t, w, q, p: ((w[0] * (1 + t))[None, None], 0 * q[None], w[0][None, None]),
+    )
+    problem = make_problem(model, "q", q0=1.0, p0=0.0, horizon=7.0, t0=8.0)
+    assert frequency(problem) == pytest.approx(4.0)
+
+
+def test_scene_that_goes_backward_or_asks_for_nothing(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    text = '[model]\nname = "kubo"\n[run]\nstep = {}\nsteps = 20\nq0 = 1.0\np0 = 0.0\n[expect]\nf = {}\nabs = 0.1\n'
+    for step, f, words in (
+        (-0.1, '"q"', "goes backward"),
+        (0.1, "[]", "a list of formulas"),
+        (0.1, "[3]", "a formula"),
+    ):
+        scene.write_text(text.format(step, f))
+        assert main(["expect", str(scene)]) == 2
+        assert words in capsys.readouterr().err
+    scene.write_text(text.format(-0.1, '"q"') + "horizon = 2.0\n")
+    assert main(["expect", str(scene), "--quiet"]) == 0
+
+
+def test_ctrl_c_prints_what_is_known(tmp_path, capsys, monkeypatch):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 20\nq0 = 1.0\np0 = 0.0\n'
+        '[expect]\nf = ["q", "p"]\nabs = 0.1\n'
+    )
+    answer = ss.expect(ss.models.kubo(), "q", **PLACE, abs=0.1)
+
+    def stopped(model, f, **_):
+        if f == "q":
+            return answer
+        stop = KeyboardInterrupt()
+        stop.partial = answer
+        raise stop
+
+    monkeypatch.setattr(importlib.import_module("symsde.expect.command"), "expect", stopped)
+    assert main(["expect", str(scene), "--quiet"]) == 4
+    assert [line.split(" = ")[0] for line in capsys.readouterr().out.splitlines()] == ["E q", "E p"]

@@ -13,7 +13,7 @@ class Alternative:
     method: str
     scheme: str
     step: float
-    cost: float  #: seconds of the processor that it is reckoned to take; infinite where it cannot reach the interval
+    cost: float  #: seconds of the processor that it is reckoned to take for the interval
 
     def __str__(self) -> str:
         """One line."""

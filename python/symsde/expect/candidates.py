@@ -11,7 +11,7 @@ from .problem import Problem
 
 
 def suitable(problem: Problem) -> list[Scheme]:
-    """Schemes worth trying, the cheapest step first; each was set up once for this problem."""
+    """Schemes worth trying; each was set up once for this problem."""
     return [scheme for scheme in map(as_scheme, _names(problem.model.traits)) if _fits(problem, scheme)]
 
 
@@ -22,11 +22,11 @@ def best_coupled(problem: Problem) -> Scheme:
 
 
 def weak_order(problem: Problem, scheme: Scheme) -> float:
-    """The weak order of the certificate; 1 where noises do not commute and areas are left out."""
+    """The weak order of the certificate; no more than 1 is counted on where noises do not commute."""
     order = scheme.info.orders["weak"].value or 1.0
     if _splits_evenly(problem.model.traits, scheme.name):
         return 2.0
-    return order if order <= 1 or commutes(problem.model) else 1.0
+    return order if order <= 1 or commutes(problem.model, problem.options.get("t0", 0.0)) else 1.0
 
 
 def _splits_evenly(traits: Traits, name: str) -> bool:
@@ -36,12 +36,12 @@ def _splits_evenly(traits: Traits, name: str) -> bool:
     return name == "lobatto2_swapped" or (name == "stormer_verlet" and traits.additive)
 
 
-def commutes(model: Model) -> bool:
-    """The noises commute, as far as traits and sample points tell."""
+def commutes(model: Model, t: float) -> bool:
+    """The noises commute at this time, as far as traits and sample points tell."""
     traits = model.traits
     if model.nnoise < 2 or traits.additive or traits.position_noise:
         return True
-    return commutator(model).commutative
+    return commutator(model, t=t).commutative
 
 
 def _names(traits: Traits) -> list[str]:

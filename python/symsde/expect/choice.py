@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -28,6 +29,7 @@ class Plan:
     seconds: float  #: of the processor, predicted
     note: str = ""
     coarsest: int = 0  #: level of the ladder that multilevel begins with
+    variance: float = 0.0  #: of a unit, as far as the pilot knows it
     options: dict = field(default_factory=dict)
 
     @property
@@ -60,7 +62,7 @@ def plain(trial: Trial, error: float) -> Plan | None:
     if level is None:
         return None
     units = max(2.0, trial.variance / ((1 - BIAS_SHARE) * error**2)) if trial.variance > 0 else 2.0
-    return Plan(Plain.name, trial, level, units * trial.seconds(level))
+    return Plan(Plain.name, trial, level, units * trial.seconds(level), variance=trial.variance)
 
 
 def extrapolated(trial: Trial, error: float) -> Plan | None:
@@ -70,14 +72,15 @@ def extrapolated(trial: Trial, error: float) -> Plan | None:
         return None
     spread = (math.sqrt(trial.variance) + math.sqrt(trial.spread(level)) / (2**trial.order - 1)) ** 2
     seconds = spread / ((1 - BIAS_SHARE) * error**2) * (trial.seconds(level) + trial.seconds(level - 1))
-    return Plan(Extrapolated.name, trial, level, seconds, options={"order": trial.order})
+    return Plan(Extrapolated.name, trial, level, seconds, variance=trial.variance, options={"order": trial.order})
 
 
 def multilevel(trial: Trial, error: float) -> Plan | None:
     """Levels from the best coarsest one to the one whose bias is small."""
     finest = coarse_enough(trial.bias, error)
-    if not finest or trial.variance <= 0:
+    if finest is None or trial.variance <= 0:
         return None
+    finest = max(finest, 1)
     best = None
     for coarsest in range(finest):
         total, begun = math.sqrt(trial.variance * trial.seconds(coarsest)), 0.0
@@ -111,13 +114,17 @@ _FIRST = 2**45  #: path that the pilots of variants begin at, far from those of 
 
 
 def _measured(plan: Plan, allowed: float, budget: float) -> Plan | None:
-    """With the seconds that variance and cost of few units tell."""
+    """With the seconds that variance and cost of few units tell; none where half of these fail."""
     if _PILOT * plan.trial.seconds(plan.level) * 3 > budget:
         return None
-    drawn = plan.estimator(_FIRST, plan.trial.problem).draw(_PILOT)
-    plan.trial.seconds_spent += drawn.seconds
-    units = max(2.0, drawn.units.variance / allowed)
-    plan.seconds = units * drawn.seconds / drawn.units.n
+    begin = time.process_time()
+    estimator = plan.estimator(_FIRST, plan.trial.problem)
+    prepared = time.process_time() - begin
+    drawn = estimator.draw(_PILOT)
+    if drawn.units.n < _PILOT / 2:
+        return None
+    plan.variance = drawn.units.variance
+    plan.seconds = prepared + max(2.0, plan.variance / allowed) * drawn.seconds / drawn.units.n
     return plan
 
 
@@ -125,21 +132,24 @@ _SHORT, _LONG, _SCRAMBLINGS = 6, 9, 8  #: of the pilot: log2 of points, randomis
 
 
 def _quasi(trial: Trial, level: int, allowed: float, budget: float) -> Plan | None:
-    """Points a unit such that LEAST_UNITS units are enough, by how the variance fell from few to more points."""
+    """Points a unit such that the fewest units are enough, by how the variance fell from few to more points."""
     if _SCRAMBLINGS * 2**_LONG * trial.seconds(level) * 4 > budget:
         return None
     variance, seconds = {}, 0.0
     for points in (_SHORT, _LONG):
         plan = Plan(Quasi.name, trial, level, math.inf, options={"log2_points": points})
         drawn = plan.estimator(_FIRST, plan.trial.problem).draw(_SCRAMBLINGS)
-        trial.seconds_spent += drawn.seconds
+        if drawn.units.n < _SCRAMBLINGS:
+            return None
         variance[points], seconds = drawn.units.variance, drawn.seconds / drawn.units.n
     fall = math.log2(max(variance[_SHORT], 1e-300) / max(variance[_LONG], 1e-300)) / (_LONG - _SHORT)
     fall = min(max(fall - 0.3, 1.0), 3.0)  # of eight units the variance is known to a half
     needed = allowed * Quasi.least_units
     points = _LONG
-    while variance[_LONG] * 2.0 ** (-fall * (points - _LONG)) > needed and points < 40:
+    while variance[_LONG] * 2.0 ** (-fall * (points - _LONG)) > needed:
         points += 1
-    plan.options = {"log2_points": points}
+        if points > quasi.MOST_POINTS:
+            return None
+    plan.options, plan.variance = {"log2_points": points}, trial.variance / 2.0**points
     plan.seconds = Quasi.least_units * seconds * 2.0 ** (points - _LONG)
     return plan

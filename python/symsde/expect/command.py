@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 from .. import scene
 from ..errors import SceneError, SymsdeError
+from ..model import Model
 from .answer import Answer
 from .expect import expect
 from .problem import OPTIONS
@@ -32,19 +32,43 @@ def run(options: argparse.Namespace) -> int:
     given: dict[str, Any] = {"max_time": options.max_time, "progress": sys.stderr.isatty() and not options.quiet}
     if options.abs is not None or options.rel is not None:
         given |= {"abs": options.abs, "rel": options.rel}
-    answers = of_scene(options.scene, **given)
-    for f, answer in answers.items():
-        low, high = answer.interval
-        print(f"E {f} = " + (f"{answer.value:.12g} [{low:.12g}, {high:.12g}]" if options.quiet else str(answer)))
-    return 0 if all(answer.reached for answer in answers.values()) else STOPPED
+    model, wanted, arguments = _asked(options.scene, given)
+    reached = True
+    for f in wanted:
+        try:
+            answer = _answer(options.scene, model, f, arguments)
+        except KeyboardInterrupt as stop:
+            if stop.partial is not None:
+                _show(f, stop.partial, options.quiet)
+            raise
+        _show(f, answer, options.quiet)
+        reached &= answer.reached
+    return 0 if reached else STOPPED
 
 
-def of_scene(file: str | Path, **given: Any) -> dict[str, Answer]:
-    """The answer of each formula of [expect]; arguments of `expect` that are given replace those of the scene."""
+def _show(f: str, answer: Answer, quiet: bool) -> None:
+    low, high = answer.interval
+    print(f"E {f} = " + (f"{answer.value:.12g} [{low:.12g}, {high:.12g}]" if quiet else str(answer)), flush=True)
+
+
+def _answer(file: str, model: Model, f: str, arguments: dict[str, Any]) -> Answer:
+    try:
+        return expect(model, f, **arguments)
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [expect]: {error}") from error
+
+
+def _asked(file: str, given: dict[str, Any]) -> tuple[Model, list[str], dict[str, Any]]:
+    """The model of a scene, the formulas of [expect], and arguments of `expect`; those given replace the scene's."""
     chosen = scene.load(file)
     if "f" not in chosen.expect:
         raise SceneError(f'{file}: [expect] lacks f, a formula such as "q**2", or a list of formulas')
     run_of = chosen.run
+    if run_of["step"] < 0 and "horizon" not in chosen.expect:
+        raise SceneError(
+            f"{file}: [expect]: [run] goes backward in time, means are taken forward: give horizon in [expect], a time "
+            "above 0, counted from t0"
+        )
     known = {"horizon": abs(run_of["step"]) * run_of["steps"]}
     known |= {key: run_of[key] for key in (*OPTIONS, "q0", "p0", "seed") if key in run_of}
     known |= chosen.expect
@@ -52,7 +76,7 @@ def of_scene(file: str | Path, **given: Any) -> dict[str, Answer]:
         known.pop("abs", None), known.pop("rel", None)
     known |= {key: value for key, value in given.items() if value is not None}
     wanted = known.pop("f")
-    try:
-        return {str(f): expect(chosen.model, f, **known) for f in (wanted if isinstance(wanted, list) else [wanted])}
-    except SymsdeError as error:
-        raise SceneError(f"{file}: [expect]: {error}") from error
+    wanted = wanted if isinstance(wanted, list) else [wanted]
+    if not wanted or not all(isinstance(f, str) for f in wanted):
+        raise SceneError(f'{file}: [expect] f = {wanted!r}: give a formula such as "q**2", or a list of formulas')
+    return chosen.model, wanted, known

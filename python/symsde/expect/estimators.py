@@ -22,8 +22,8 @@ class Drawn:
 
     units: Tally
     seconds: float  #: of the processor
-    failed: int  #: paths that failed, left out
-    paths: int
+    failed: int  #: units left out, for a path of theirs that failed
+    paths: int  #: computed, those of failed units too
 
     def __add__(self, other: Drawn) -> Drawn:
         """Both together."""

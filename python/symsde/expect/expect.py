@@ -45,21 +45,27 @@ def expect(
     - max_time: seconds of the clock after which the interval is given as it is then
     - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
 
-    A pilot measures variance, weak error and cost of every scheme that fits the model; then the plan is taken that is
-    reckoned to need the fewest seconds. The answer tells the choice, why, and what the others would have cost. The
-    choice depends on measured seconds: give scheme and method to have the same bits again.
+    A pilot measures variance, weak error and cost of a few schemes that suit the model, or of the one given; then the
+    plan is taken that is reckoned to need the fewest seconds. The answer tells the choice, why, and what the others
+    would have cost. The choice depends on measured seconds, even the step and the number of paths of a given scheme and
+    method: the bits of two answers differ.
 
     Misuse raises a ValueError with a sentence before long work: f of another shape, no number, or of infinite variance,
-    a tolerance below rounding. Ctrl-C raises KeyboardInterrupt, whose attribute `partial` is the answer until then.
+    a tolerance below rounding. Ctrl-C raises KeyboardInterrupt, whose attribute `partial` is the answer until then,
+    None where the pilot was not done.
     """
+    watch = Watch(max_time, progress)
     problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
     tolerance = make_tolerance(abs, rel)
-    watch = Watch(max_time, progress)
     if method is not None:
         _checks.choice("method", method, METHODS)
     schemes = suitable(problem) if scheme is None else [as_scheme(scheme)]
     try:
         pilot = Pilot(problem, tolerance, watch, schemes, method)
         return Work(pilot, pilot.choose()).answer()
+    except KeyboardInterrupt as stop:
+        if not isinstance(getattr(stop, "partial", None), Answer):
+            stop.partial = None  # a run of the pilot
+        raise
     finally:
         watch.close()

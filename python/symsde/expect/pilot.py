@@ -13,6 +13,7 @@ from ..mlmc.sampler import driven_by_more
 from ..schemes import Scheme
 from . import choice
 from .choice import Plan
+from .control import MOST_ROWS
 from .estimators import Drawn, Plain
 from .problem import Problem
 from .stability import fewest_steps
@@ -32,6 +33,17 @@ _LONG = 600.0  #: seconds of a plan, above which the pilot is made no longer
 _AFFORDED = 0.2  #: seconds that the pilot of a variant may take in any case
 _SEEN = 3.0  #: standard errors by which a mean is told from 0
 _FIRST = 2**45 + 2**44  #: path that values of f are looked at from
+_VARIES = "; {} needs an f that varies"
+_DRIVEN = "; {} needs noise, no truncation, {}"
+_ALONE = "and a scheme that takes increments alone"
+#: what a method takes beside a small error
+_NEEDS = {
+    "extrapolated": _VARIES.format("extrapolated"),
+    "multilevel": _VARIES.format("multilevel"),
+    "antithetic": _DRIVEN.format("antithetic", _ALONE),
+    "quasi-Monte Carlo": _DRIVEN.format("quasi-Monte Carlo", f"SciPy, {_ALONE}"),
+    "control variate": _DRIVEN.format("control variate", f"and at most {MOST_ROWS} increments a path"),
+}
 
 
 class Pilot:
@@ -46,14 +58,9 @@ class Pilot:
             raise InvalidArgumentError("no scheme that is tried by itself fits these options: give scheme")
         coarsest = fewest_steps(problem)
         paths = _PATHS if problem.model.nnoise else 2
-        self.trials: list[Trial] = []
-        for scheme in schemes:
-            trial = Trial(problem.on_one_thread(), scheme, coarsest, paths)
-            self.seconds_of_others = 0.0
-            if trial.usable:
-                self.trials.append(trial)
-            else:
-                self.seconds_of_others += trial.seconds_spent
+        self.seconds = 0.0  #: of the processor, until there is a choice
+        tried = [Trial(problem.on_one_thread(), scheme, coarsest, paths) for scheme in schemes]
+        self.trials = [trial for trial in tried if trial.usable]
         if not self.trials:
             names = ", ".join(scheme.name for scheme in schemes)
             raise NumericalError(
@@ -68,7 +75,7 @@ class Pilot:
         plain = Plain(trial.problem, trial.scheme, trial.steps(LEVELS - 1), _FIRST)
         values, ok = plain.sample(_LOOKED_AT if self.problem.model.nnoise else 2)
         require_variance(values[ok], self.problem.target.name)
-        self.looked_at = Drawn(Tally.of(values[ok]), 0.0, 0, values.size)
+        self.looked_at = Drawn(Tally.of(values[ok]), 0.0, int((~ok).sum()), values.size)
         self.tolerance.check(self.looked_at.units.mean, float(np.sqrt(np.mean(values[ok] ** 2))))
         while self._may_be_zero():
             if self.looked_at.units.n > _MOST_LOOKED_AT or self.watch.over:
@@ -77,6 +84,8 @@ class Pilot:
                     "it cannot be kept where it may be 0; give abs, the half width itself"
                 )
             self.looked_at += plain.draw(self.looked_at.units.n)
+        for x in self.trials:
+            x.known_variance = self.looked_at.units.variance
 
     def _may_be_zero(self) -> bool:
         seen = self.looked_at.units
@@ -92,11 +101,6 @@ class Pilot:
         """Root mean square error that the tolerance allows."""
         return self.tolerance.error(self.value)
 
-    @property
-    def seconds(self) -> float:
-        """Of the processor, spent so far."""
-        return sum(trial.seconds_spent for trial in self.trials) + self.looked_at.seconds + self.seconds_of_others
-
     def choose(self) -> list[Plan]:
         """Every plan, the cheapest first."""
         for _ in range(_DOUBLINGS):
@@ -109,6 +113,7 @@ class Pilot:
             plans += self._variants(plans)
         if self.method is not None:
             plans = [plan for plan in plans if plan.method == self.method]
+        self.seconds = self.watch.seconds
         if not plans:
             raise NumericalError(self._hopeless())
         return sorted(plans, key=lambda plan: plan.seconds)
@@ -118,7 +123,7 @@ class Pilot:
         return (
             f"no scheme reaches a standard error of {self.error:.3g} {way}up to "
             f"{max(trial.steps(LEVELS + choice.MOST_HALVINGS - 1) for trial in self.trials)} steps, as far as a pilot "
-            "tells: give a larger tolerance, a shorter horizon, or another scheme"
+            f"tells: give a larger tolerance, a shorter horizon, or another scheme{_NEEDS.get(self.method, '')}"
         )
 
     def _simple(self) -> list[Plan]:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 import warnings
 from dataclasses import dataclass, field
 from typing import Any
@@ -24,17 +23,8 @@ _NUMBERS = 2**17  #: of the saved states of one call of `simulate`: what a cache
 
 
 @dataclass(frozen=True)
-class Sample:
-    """Values of f on some paths, and what they took."""
-
-    values: np.ndarray  #: (path,), of the paths that are ok
-    failed: int  #: paths left out
-    seconds: float  #: of the processor
-
-
-@dataclass(frozen=True)
 class Problem:
-    """A checked question; paths of it are computed by `sample`."""
+    """A checked question; paths of it are computed by `run`, and f on them by `values`."""
 
     model: Model
     target: Target
@@ -75,12 +65,6 @@ class Problem:
             values = self.target(run.q[-1], run.p[-1])
         require_numbers(self.target, values, ok, run)
         return values, ok
-
-    def sample(self, scheme: str | Scheme, steps: int, first: int, count: int) -> Sample:
-        """f on the paths first .. first + count - 1."""
-        begin = time.process_time()
-        values, ok = self.values(self.run(scheme, steps, first_path=first, paths=count))
-        return Sample(values[ok], int((~ok).sum()), time.process_time() - begin)
 
 
 def make_problem(

@@ -8,7 +8,7 @@ own: unbiased, and independent of the others, so that their scatter gives the in
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from .estimators import Estimator
 from .problem import Problem
 
 MOST_DIMENSIONS = 21201  #: of SciPy's Sobol points
-_SAFE = 2.0**-54  #: half of the distance of points: none is 0 or 1
+MOST_POINTS = 30  #: log2 of the points of one scrambling, which are multiples of 2^-30
+_HALF = 2.0**-31  #: half of their distance: none is 0 or 1, and their mean is 1/2
 
 
 class Quasi(Estimator):
@@ -53,7 +54,7 @@ class Quasi(Estimator):
         while left:
             part = min(left, self._part_with_increments)
             part = 1 << (part.bit_length() - 1)  # whole blocks of the sequence
-            normals = self._special.ndtri(sobol.random(part).T + _SAFE)
+            normals = self._special.ndtri(sobol.random(part).T + _HALF)
             dw = self._bridge.increments(normals.reshape(self.steps, -1, part))
             run = self.problem.run(self.scheme, self.steps, increments=dw, paths=part)
             values, ok = self.problem.values(run)
@@ -95,7 +96,7 @@ class Bridge:
 
 
 def applies(problem: Problem, steps: int) -> bool:
-    """There is noise of Gaussian increments, of a dimension that Sobol points have, and SciPy is there."""
+    """There is noise that is not truncated, of a dimension that Sobol points have, and SciPy is there."""
     rows = steps * problem.model.nnoise
     if not 0 < rows <= MOST_DIMENSIONS or problem.options.get("truncation") is not None:
         return False

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+_FEW = 20  #: values that differ from the rest, below which a variance is not trusted
+
 
 @dataclass(frozen=True)
 class Tally:
@@ -63,3 +65,11 @@ class Tally:
     def kurtosis(self) -> float:
         """Fourth central moment over the squared second: 3 for a normal law, 0 where nothing varies."""
         return self.n * self.m4 / self.m2**2 if self.m2 > 0 else 0.0
+
+    @property
+    def few(self) -> bool:
+        """So few values differ from the rest that their scatter tells too little.
+
+        Of n values, j of them not 0, the kurtosis is n/j.
+        """
+        return self.m2 == 0 or self.kurtosis * _FEW > self.n

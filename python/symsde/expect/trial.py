@@ -14,7 +14,7 @@ from .problem import Problem
 
 LEVELS = 4  #: of a pilot, the first without differences
 MOST_HALVINGS = 10  #: of the finest of them
-UNSTABLE = 4  #: doublings of the coarsest steps that are tried where paths fail
+UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
 
 
 class Trial:
@@ -25,6 +25,7 @@ class Trial:
         self.problem, self.scheme = problem, scheme
         self.order = weak_order(problem, scheme)
         self.seconds_spent = 0.0
+        self.known_variance = 0.0
         self.usable = False
         for _ in range(UNSTABLE):
             self.sampler = LevelSampler(problem, scheme, coarsest)
@@ -37,7 +38,7 @@ class Trial:
             coarsest *= 2
 
     def _holds(self) -> bool:
-        """No path failed, and the levels come nearer to each other."""
+        """No path failed, and the levels do not move apart by more than f varies."""
         if any(draw.failed for draw in self.draws):
             return False
         spread = [draw.variance for draw in self.draws[1:]]
@@ -81,13 +82,9 @@ class Trial:
 
     @property
     def variance(self) -> float:
-        """Of f."""
-        return self.draws[-1].fine.variance
-
-    @property
-    def value(self) -> float:
-        """Mean of f at the finest level that was tried."""
-        return self.draws[-1].fine.mean
+        """Of f; at least that of the values looked at, where few of the trial's own differ."""
+        own = self.draws[-1].fine
+        return max(own.variance, self.known_variance) if own.few else own.variance
 
     def bias(self, level: int) -> tuple[float, float]:
         """E f - E f(x_h) at a level of the ladder, and the standard error of this estimate."""

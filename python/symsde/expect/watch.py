@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The clock of long work: how much time is left, and who is told how far it is."""
+"""The clocks of long work: how much time is left, what was spent, and who is told how far it is."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TICKS = 1000  #: of the whole, told to a progress function
 
 
 class Watch:
-    """Counts processor seconds of work done against what is planned, and the time of the clock against max_time."""
+    """Holds the time of the clock against max_time, and counts the processor's seconds since it was made."""
 
     def __init__(self, max_time: float | None, progress: Progress):
         """Start."""
@@ -26,7 +26,7 @@ class Watch:
         self.max_time = math.inf if max_time is None else _checks.finite("max_time", max_time)
         if self.max_time <= 0:
             raise InvalidArgumentError(f"max_time = {self.max_time:g} is not allowed: give seconds above 0")
-        self._begin = time.monotonic()
+        self._begin, self._begin_of_work = time.monotonic(), time.process_time()
         self._bar = _Bar() if progress is True else None
         self._tell = progress if callable(progress) else self._bar
         self._stopped = False
@@ -37,14 +37,19 @@ class Watch:
         return time.monotonic() - self._begin
 
     @property
+    def seconds(self) -> float:
+        """Of the processor, by all threads of this process, since the start."""
+        return time.process_time() - self._begin_of_work
+
+    @property
     def over(self) -> bool:
         """No work is to be begun any more."""
         return self._stopped or self.elapsed >= self.max_time
 
     @property
-    def stopped(self) -> bool:
-        """The progress function asked to stop."""
-        return self._stopped
+    def why(self) -> str:
+        """What ended the work."""
+        return "the progress function asked to stop" if self._stopped else f"max_time = {self.max_time:g} s was over"
 
     def tell(self, share: float) -> None:
         """This share of the work is done."""

@@ -7,14 +7,17 @@ import math
 import warnings
 from dataclasses import dataclass
 
-from ..errors import BudgetWarning
-from ..mlmc.mlmc import Estimate
+from ..errors import BudgetWarning, NumericalError
+from ..mlmc.answer import Multilevel
+from ..mlmc.mlmc import Estimate, never_seen
 from ..mlmc.sampler import MOST_LEVELS, LevelSampler
 from .answer import Alternative, Answer
 from .choice import Plan
 from .estimators import NOTHING, Drawn
 from .pilot import Pilot
-from .tolerance import BIAS_SHARE, half_width
+from .quasi import Quasi
+from .tally import Tally
+from .tolerance import BIAS_SHARE, half_width, quantile
 
 FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
 FIRST_OF_LEVEL = 2**40
@@ -33,7 +36,6 @@ class _Outcome:
     error: float
     bias: float
     paths: int
-    seconds: float
     notes: list[str]
     steps: int | None = None  #: where they are not those of the plan
 
@@ -45,11 +47,11 @@ class Work:
         """The first of the plans is carried out."""
         self.pilot, self.plan, self.others = pilot, plans[0], plans[1:]
         self.tolerance, self.watch = pilot.tolerance, pilot.watch
-        left = min(self.watch.max_time - self.watch.elapsed, _LONG)
-        if self.plan.seconds > left:
+        left = max(self.watch.max_time - self.watch.elapsed, 0.0)
+        if self.plan.seconds > min(left, _LONG):
             what = "give a larger tolerance, or max_time, after which the interval is given as it is then"
-            if math.isfinite(self.watch.max_time):
-                what = f"{max(left, 0):.3g} s of max_time are left, and the interval will be wider"
+            if self.plan.seconds > left:
+                what = f"{left:.3g} s of max_time are left, and the interval may be wider"
             warnings.warn(
                 f"the interval that was asked for ({self.tolerance}) is reckoned to take {self.plan.seconds:.3g} s of "
                 f"the processor: {what}",
@@ -58,45 +60,59 @@ class Work:
             )
 
     def answer(self) -> Answer:
-        """Carry the plan out."""
+        """Carry the plan out; Ctrl-C carries the answer until then, None where there is none."""
         return self._multilevel() if self.plan.method == "multilevel" else self._one_step()
 
     def _one_step(self) -> Answer:
-        estimator = self.plan.estimator(FIRST, self.pilot.problem)
-        bias = math.hypot(*self.plan.bias)
-        least = estimator.least_units if self.plan.trial.variance > 0 else 2
         drawn = NOTHING
-        wanted = least
         try:
+            estimator = self.plan.estimator(FIRST, self.pilot.problem)
+            least = estimator.least_units if self.pilot.problem.model.nnoise else 2
+            wanted = least
             while drawn.units.n < wanted and not (self.watch.over and drawn.units.n >= 2):
                 drawn += estimator.draw(min(estimator.part, wanted - drawn.units.n))
+                if drawn.failed >= max(least, drawn.units.n):
+                    raise NumericalError(_failures(drawn)[0])
                 if drawn.units.n >= least:
-                    wanted = max(least, self._units_for(drawn))
+                    wanted = max(least, self._units_for(drawn.units))
                 self.watch.tell(drawn.units.n / wanted)
         except KeyboardInterrupt as stop:
-            if drawn.units.n > 1:
-                stop.partial = self._answer(drawn, bias)
+            stop.partial = self._answer(drawn) if drawn.units.n > 1 else None
             raise
-        return self._answer(drawn, bias)
+        return self._answer(drawn)
 
-    def _units_for(self, drawn: Drawn) -> int:
+    def _units_for(self, units: Tally) -> int:
         """Units whose noise has its share of the error, by their variance so far."""
-        allowed = (1 - BIAS_SHARE) * self.tolerance.error(drawn.units.mean) ** 2
-        return min(2**40, math.ceil(_SPARE * drawn.units.variance / max(allowed, 1e-300)))
+        error = self.tolerance.half_width(units.mean) / quantile(units.n)
+        allowed = (1 - BIAS_SHARE) * error**2
+        return min(2**40, math.ceil(_SPARE * self._variance(units) / max(allowed, 1e-300)))
 
-    def _answer(self, drawn: Drawn, bias: float) -> Answer:
-        units = drawn.units
-        half = half_width(units.error, bias, units.n)
-        return self._finished(
-            _Outcome(units.mean, half, units.error, bias, drawn.paths, drawn.seconds, _failures(drawn))
-        )
+    def _variance(self, units: Tally) -> float:
+        """Of a unit; at least what the pilot knows of it, where few units differ: f may jump seldom."""
+        few = units.m2 == 0 if self.plan.method == Quasi.name else units.few
+        return max(units.variance, self.plan.variance) if few else units.variance
+
+    def _answer(self, drawn: Drawn) -> Answer:
+        units, bias = drawn.units, math.hypot(*self.plan.bias)
+        error = math.sqrt(self._variance(units) / units.n)
+        half = half_width(error, bias, units.n)
+        return self._finished(_Outcome(units.mean, half, error, bias, drawn.paths, _failures(drawn)))
 
     def _multilevel(self) -> Answer:
         trial = self.plan.trial
         sampler = LevelSampler(self.pilot.problem, trial.scheme, trial.steps(self.plan.coarsest), first=FIRST_OF_LEVEL)
-        found = Estimate(sampler, self.tolerance, levels=MOST_LEVELS, first=_LEAST, watch=self.watch).run()
-        paths = sum(x.paths for x in found.levels)
-        outcome = _Outcome(found.value, found.half_width, found.error, found.bias, paths, found.cost, list(found.notes))
+        known = self.pilot.looked_at.units
+        estimate = Estimate(sampler, self.tolerance, levels=MOST_LEVELS, first=_LEAST, watch=self.watch, known=known)
+        try:
+            return self._of_levels(estimate.run())
+        except KeyboardInterrupt as stop:
+            stop.partial = stop.partial and self._of_levels(stop.partial)
+            raise
+
+    def _of_levels(self, found: Multilevel) -> Answer:
+        first, *finer = (x.paths + x.failed for x in found.levels)
+        paths = first + 2 * sum(finer)  # a fine and a coarse one
+        outcome = _Outcome(found.value, found.half_width, found.error, found.bias, paths, list(found.notes))
         outcome.steps = found.levels[-1].steps
         return self._finished(outcome)
 
@@ -104,15 +120,11 @@ class Work:
         horizon = self.plan.trial.problem.horizon
         wanted = self.tolerance.half_width(found.value)
         reached = found.half <= _NEARLY * wanted
-        if not reached:
-            over = f"max_time = {self.watch.max_time:g} s was over" if self.watch.over else "the pilot misjudged"
+        if not reached and not any("asked was" in note for note in found.notes):
+            over = self.watch.why if self.watch.over else "the pilot misjudged"
             found.notes.append(f"{over}: the half width is {found.half:.3g}, asked was {wanted:.3g}")
-        if self.plan.trial.variance == 0 and self.plan.trial.problem.model.nnoise:
-            seen = self.pilot.looked_at.units.n + found.paths
-            found.notes.append(
-                f"f was {found.value:g} on all of {seen} paths: what happens with a probability below {3 / seen:.1g} "
-                "was not seen"
-            )
+        if self.plan.trial.variance == 0 == found.error and self.plan.trial.problem.model.nnoise:
+            found.notes.append(never_seen(found.value, self.pilot.looked_at.units.n + found.paths))
         others = (Alternative(x.method, x.trial.scheme.name, horizon / x.steps, x.seconds) for x in self.others)
         return Answer(
             value=found.value,
@@ -123,7 +135,7 @@ class Work:
             scheme=self.plan.trial.scheme.name,
             step=horizon / (found.steps or self.plan.steps),
             paths=found.paths,
-            cost=found.seconds + self.pilot.seconds,
+            cost=self.watch.seconds,
             pilot=self.pilot.seconds,
             alternatives=tuple(others),
             reached=reached,
@@ -147,7 +159,9 @@ class Work:
 def _failures(drawn: Drawn) -> list[str]:
     if not drawn.failed:
         return []
+    size = drawn.paths // (drawn.failed + drawn.units.n)
+    what = "paths" if size == 1 else f"groups of {size} paths"
     return [
-        f"{drawn.failed} of {drawn.paths} paths failed and are left out: the mean is that of the others; give another "
-        "scheme, or look at them with `simulate`"
+        f"{drawn.failed} of {drawn.failed + drawn.units.n} {what} failed and are left out: the mean is that of the "
+        "others; give another scheme, or look at paths with `simulate`"
     ]

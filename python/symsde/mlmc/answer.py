@@ -20,7 +20,7 @@ class Level:
     kurtosis: float  #: of d; of its size is the relative error of the variance squared, times paths
     fine_mean: float  #: of f
     fine_variance: float  #: of f
-    consistency: float  #: of the telescoping sum, below 1 but in 0.3 % of cases where it holds
+    consistency: float  #: of the telescoping sum: where it holds, above 1 in 0.3 % of cases
     seconds: float  #: of the processor
     failed: int  #: paths left out
 
@@ -40,7 +40,7 @@ class Multilevel:
     gamma: Rate  #: the seconds of a path grow as 2^(gamma level)
     reached: bool  #: the interval is as narrow as asked
     notes: tuple[str, ...]  #: doubts, each a sentence
-    cost: float  #: seconds of the processor
+    cost: float  #: seconds of the processor, those beside the levels included
 
     @property
     def half_width(self) -> float:

@@ -8,15 +8,16 @@ from typing import Any
 
 from .. import _checks
 from .._progress import Progress
-from ..errors import InvalidArgumentError
+from ..errors import InvalidArgumentError, NumericalError
 from ..expect import bias as weak
 from ..expect.candidates import best_coupled, weak_order
 from ..expect.estimators import Plain
 from ..expect.problem import make_problem
 from ..expect.stability import fewest_steps
 from ..expect.tails import require_variance
+from ..expect.tally import Tally
 from ..expect.target import Function
-from ..expect.tolerance import BIAS_SHARE, Tolerance, half_width, make_tolerance
+from ..expect.tolerance import BIAS_SHARE, Tolerance, half_width, make_tolerance, quantile
 from ..expect.watch import Watch
 from ..model import Model
 from ..schemes import Scheme, as_scheme
@@ -24,12 +25,12 @@ from .answer import Level, Multilevel
 from .rates import fall
 from .sampler import MOST_LEVELS, NOTHING, Draw, LevelSampler
 
-FIRST_LEVELS = 3
+FIRST_LEVELS = 3  #: that are drawn before anything is judged, where so many are allowed
 _LOOKED_AT = 4096  #: values of f that tell of its tails
 _LOOKED_AT_FROM = 2**46 + 2**45  #: path that these begin at
 _HEAVY = 100.0  #: kurtosis above which the variance of a level is doubtful
 _INCONSISTENT = 1.5  #: 4.5 standard errors
-_TIMING = 0.1  #: relative error of seconds
+_TIMING = 0.1  #: relative error of seconds, as taken for the interval of gamma
 _NOISE_SHARE = 0.5  #: of the allowed bias that may be noise in it, before the finest level is given more paths
 
 
@@ -59,7 +60,7 @@ def mlmc(
     - abs, rel: half width of the interval, or that over the value; one of the two
     - scheme: default gauss_dkdkd where noises depend on position and H = p.p/2 + U(q), else midpoint
     - steps: of level 0, by default as few as the fastest frequency allows; level l has steps 2^l
-    - levels: the most there may be, 2 .. 31; first: paths that a new level begins with
+    - levels: the most there may be, 2 .. 31; first: paths that a new level begins with, 16 .. 2^30
     - antithetic: fine paths in pairs with the halves of each coarse step exchanged, for noises that do not commute
     - max_time: seconds of the clock after which the interval is given as it is then
     - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
@@ -67,8 +68,9 @@ def mlmc(
     The paths of each level are as many as its measured variance and cost ask for. Levels are added until the bias,
     estimated from the means of the finest ones, is small beside the noise; both are in the interval. Everything is
     dimensionless. Misuse raises a ValueError with a sentence before long work. Ctrl-C raises KeyboardInterrupt, whose
-    attribute `partial` is the estimate until then.
+    attribute `partial` is the estimate by the levels that were begun, None before the first.
     """
+    watch = Watch(max_time, progress)
     problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
     tolerance = make_tolerance(abs, rel)
     chosen = best_coupled(problem) if scheme is None else as_scheme(scheme)
@@ -76,19 +78,19 @@ def mlmc(
     most = _checks.integer("levels", levels, (2, MOST_LEVELS))
     first = _checks.integer("first", first, (16, 2**30))
     sampler = LevelSampler(problem, chosen, coarsest, antithetic=antithetic)
-    values, ok = Plain(problem, chosen, sampler.steps(FIRST_LEVELS - 1), _LOOKED_AT_FROM).sample(_LOOKED_AT)
-    require_variance(values[ok], problem.target.name)
-    estimate = Estimate(sampler, tolerance, levels=most, first=first, watch=Watch(max_time, progress))
-    return estimate.run()
+    return Estimate(sampler, tolerance, levels=most, first=first, watch=watch).run()
 
 
 class Estimate:
     """A multilevel estimate that grows until it is narrow enough."""
 
-    def __init__(self, sampler: LevelSampler, tolerance: Tolerance, *, levels: int, first: int, watch: Watch):
-        """Nothing is drawn yet."""
+    def __init__(
+        self, sampler: LevelSampler, tolerance: Tolerance, *, levels: int, first: int, watch: Watch,
+        known: Tally | None = None,
+    ):  # fmt: skip
+        """Nothing is drawn yet. known: values of f that were looked at already; without them, some are first."""
         self.sampler, self.tolerance, self.watch = sampler, tolerance, watch
-        self.most, self.first = levels, first
+        self.most, self.first, self.known = levels, first, known
         self.order = weak_order(sampler.problem, sampler.scheme)
         self.draws: list[Draw] = []
         self.notes: list[str] = []
@@ -96,17 +98,31 @@ class Estimate:
     def run(self) -> Multilevel:
         """Draw until the interval is narrow enough, the levels or the time are used up."""
         try:
-            for _ in range(FIRST_LEVELS):
+            if self.known is None:
+                self.known = self._look_at_f()
+            for _ in range(min(FIRST_LEVELS, self.most)):
                 self._add_level()
             self._check()
             while not self.watch.over and self._work():
                 pass
             return self.answer()
         except KeyboardInterrupt as stop:
-            stop.partial = self.answer()
+            stop.partial = self.answer() if self._begun() else None
             raise
         finally:
             self.watch.close()
+
+    def _look_at_f(self) -> Tally:
+        """Values of f at a step of moderate length; refused where they have no variance."""
+        sampler, level = self.sampler, min(FIRST_LEVELS, self.most) - 1
+        plain = Plain(sampler.problem, sampler.scheme, sampler.steps(level), _LOOKED_AT_FROM)
+        values, ok = plain.sample(_LOOKED_AT if sampler.problem.model.nnoise else 2)
+        require_variance(values[ok], sampler.problem.target.name)
+        return Tally.of(values[ok])
+
+    def _begun(self) -> int:
+        """Levels that have values: all, but for the last one where it was interrupted."""
+        return sum(draw.difference.n > 1 for draw in self.draws)
 
     def _work(self) -> bool:
         """Draw what is missing, or add a level; false where nothing is left to do."""
@@ -136,13 +152,20 @@ class Estimate:
         return True
 
     def _add_level(self) -> None:
+        level = len(self.draws)
         self.draws.append(NOTHING)
-        self._draw(len(self.draws) - 1, self.first)
+        self._draw(level, self.first)
+        if self.draws[level].difference.n < 2:
+            raise NumericalError(
+                f"{self.draws[level].failed} paths failed at {self.sampler.steps(level)} steps and "
+                f"{self.draws[level].difference.n} came to the end: give more steps on level 0, or another scheme; E f "
+                "may not exist because paths escape, look at them with `simulate`"
+            )
 
     def _draw(self, level: int, count: int) -> None:
         """So many samples more, in parts between which the clock is looked at."""
         part = max(256, self.sampler.problem.chunk)
-        while count > 0 and not (self.watch.over and self.draws[level].difference.n):
+        while count > 0 and not (self.watch.over and self.draws[level].difference.n > 1):
             self.draws[level] += self.sampler.draw(level, min(part, count))
             count -= part
 
@@ -153,7 +176,7 @@ class Estimate:
     def _check(self) -> None:
         """What the first samples show that makes further work vain."""
         fine = self.draws[0].fine
-        self.tolerance.check(self.value, math.sqrt(fine.mean**2 + (fine.variance if fine.n > 1 else 0.0)))
+        self.tolerance.check(self.value, math.sqrt(fine.mean**2 + fine.variance))
         if self.tolerance.relative is not None and math.fabs(self.value) < self.error and self.error > 0:
             raise InvalidArgumentError(
                 f"the mean of f is {self.value:.3g} +- {self.error:.3g}: a half width relative to it cannot be kept "
@@ -162,12 +185,29 @@ class Estimate:
 
     def _wanted(self) -> list[int]:
         """Paths of each level that give the noise its share of the error at the least cost."""
-        noise = (1 - BIAS_SHARE) * self.tolerance.error(self.value) ** 2
-        spread = [math.sqrt(draw.variance / self._seconds(i)) for i, draw in enumerate(self.draws)]
-        total = sum(math.sqrt(draw.variance * self._seconds(i)) for i, draw in enumerate(self.draws))
+        noise = (1 - BIAS_SHARE) * self._error_wanted() ** 2
+        levels = range(len(self.draws))
+        spread = [math.sqrt(self._variance(i) / self._seconds(i)) for i in levels]
+        total = sum(math.sqrt(self._variance(i) * self._seconds(i)) for i in levels)
         if total == 0:
             return [self.first] * len(self.draws)
         return [min(2**40, math.ceil(s * total / max(noise, 1e-300))) for s in spread]
+
+    def _error_wanted(self) -> float:
+        """Root mean square error that gives the half width, with as many paths as the fewest that a level has."""
+        fewest = min(draw.difference.n for draw in self.draws)
+        return self.tolerance.half_width(self.value) / quantile(fewest)
+
+    def _variance(self, level: int) -> float:
+        """Of a value; of level 0 at least that of the values looked at, where few of its own differ."""
+        draw = self.draws[level]
+        known = self.known.variance if level == 0 and draw.difference.few and self.known.n > 1 else 0.0
+        return max(draw.variance, known)
+
+    def _error(self, level: int) -> float:
+        """Standard error of the mean of a level."""
+        n = self.draws[level].difference.n
+        return math.sqrt(self._variance(level) / n) if n > 1 else math.inf
 
     def _seconds(self, level: int) -> float:
         """Of a path."""
@@ -180,15 +220,15 @@ class Estimate:
             max(0, n - draw.difference.n) * self._seconds(i)
             for i, (n, draw) in enumerate(zip(wanted, self.draws, strict=True))
         )
-        self.watch.tell(done / (done + missing))
+        self.watch.tell(done / max(done + missing, 1e-300))
 
     def _allowed(self) -> float:
         """Size of the bias that may be left."""
-        return math.sqrt(BIAS_SHARE) * self.tolerance.error(self.value)
+        return math.sqrt(BIAS_SHARE) * self._error_wanted()
 
     def _means(self) -> tuple[list[float], list[float]]:
         """Of the differences, and their errors."""
-        finer = self.draws[1:]
+        finer = self.draws[1 : max(self._begun(), 1)]
         return [draw.difference.mean for draw in finer], [draw.error for draw in finer]
 
     def _slope(self) -> float:
@@ -197,20 +237,20 @@ class Estimate:
     @property
     def value(self) -> float:
         """Sum of the means."""
-        return math.fsum(draw.difference.mean for draw in self.draws)
+        return math.fsum(draw.difference.mean for draw in self.draws[: self._begun()])
 
     @property
     def error(self) -> float:
         """Its standard error."""
-        return math.sqrt(math.fsum(draw.error**2 for draw in self.draws))
+        return math.sqrt(math.fsum(self._error(i) ** 2 for i in range(self._begun())))
 
     def answer(self) -> Multilevel:
-        """What is known so far."""
-        value, error = self.value, self.error
-        bias = weak.size(*self._means(), self._slope()) if len(self.draws) > 1 else math.inf
-        half = half_width(error, bias, min(draw.difference.n for draw in self.draws))
+        """What is known so far, by the levels that were begun: there is one at least."""
+        value, error, begun = self.value, self.error, self._begun()
+        bias = weak.size(*self._means(), self._slope()) if begun > 1 else math.inf
+        half = half_width(error, bias, min(draw.difference.n for draw in self.draws[:begun]))
         reached = half <= 1.05 * self.tolerance.half_width(value)
-        levels = tuple(_level(self.sampler, self.draws, i) for i in range(len(self.draws)))
+        levels = tuple(self._level(i) for i in range(begun))
         finer = range(1, len(levels))
         spread = [math.sqrt(max(levels[i].kurtosis - 1, 0) / levels[i].paths) * levels[i].variance for i in finer]
         speeds = [levels[i].paths / max(levels[i].seconds, 1e-9) for i in finer]
@@ -219,11 +259,10 @@ class Estimate:
             "beta": fall([levels[i].variance for i in finer], spread),
             "gamma": fall(speeds, [_TIMING * x for x in speeds]),
         }
-        notes = [*self.notes, *_doubts(levels)]
+        notes = [*self.notes, *_doubts(levels), *self._unseen(value)]
         if not reached and self.watch.over:
             notes.append(
-                f"max_time = {self.watch.max_time:g} s was over: the half width is {half:.3g}, asked was "
-                f"{self.tolerance.half_width(value):.3g}"
+                f"{self.watch.why}: the half width is {half:.3g}, asked was {self.tolerance.half_width(value):.3g}"
             )
         return Multilevel(
             value=value,
@@ -235,22 +274,35 @@ class Estimate:
             **slopes,
             reached=reached,
             notes=tuple(notes),
-            cost=sum(draw.seconds for draw in self.draws),
+            cost=self.watch.seconds,
         )
 
+    def _unseen(self, value: float) -> list[str]:
+        """That f was the same on all paths does not mean that it always is."""
+        seen = [self.known, *(draw.fine for draw in self.draws)]
+        if not self.sampler.problem.model.nnoise or any(x.m2 > 0 for x in seen):
+            return []
+        return [never_seen(value, sum(x.n for x in seen))]
 
-def _level(sampler: LevelSampler, draws: list[Draw], i: int) -> Level:
-    draw = draws[i]
-    consistency = 0.0
-    if i:
-        apart = math.fabs(draws[i - 1].fine.mean - draw.coarse.mean)
-        error = math.hypot(draws[i - 1].fine.error, draw.coarse.error)
-        consistency = apart / (3 * error) if error > 0 else float(apart > 0) * math.inf
-    d = draw.difference
-    return Level(
-        sampler.steps(i), d.n, d.mean, draw.error, draw.variance, d.kurtosis, draw.fine.mean, draw.fine.variance,
-        consistency, draw.seconds, draw.failed,
-    )  # fmt: skip
+    def _level(self, i: int) -> Level:
+        draw, consistency = self.draws[i], 0.0
+        if i:
+            before = self.draws[i - 1].fine
+            apart = math.fabs(before.mean - draw.coarse.mean)
+            error = math.hypot(before.error, draw.coarse.error)
+            consistency = apart / (3 * error) if error > 0 else float(apart > 0) * math.inf
+        d = draw.difference
+        return Level(
+            self.sampler.steps(i), d.n, d.mean, self._error(i), self._variance(i), d.kurtosis, draw.fine.mean,
+            draw.fine.variance, consistency, draw.seconds, draw.failed,
+        )  # fmt: skip
+
+
+def never_seen(value: float, paths: int) -> str:
+    """The doubt about an f that was the same on so many paths."""
+    return (
+        f"f was {value:g} on all of {paths} paths: what happens with a probability below {3 / paths:.1g} was not seen"
+    )
 
 
 def _doubts(levels: tuple[Level, ...]) -> list[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from .. import _checks
-from ..errors import InvalidArgumentError
+from ..errors import InvalidArgumentError, PathsFailedWarning
 from ..expect.problem import Problem, make_problem
 from ..expect.tally import Tally
 from ..schemes import Scheme, as_scheme
@@ -25,7 +26,6 @@ from ..step import increments
 
 MOST_LEVELS = 31
 _STRIDE = 2**41  #: path indices of a level; there are 2^47
-_FEW = 20  #: paths that differ, below which a variance is not trusted; of n values, j of them not 0, kurtosis n/j
 _NUMBERS = 2**20  #: of the increments that are held at a time
 
 
@@ -47,7 +47,7 @@ class Draw:
         standard deviation of f.
         """
         d = self.difference
-        if d.n < 2 or not (d.m2 == 0 or d.kurtosis * _FEW > d.n):
+        if d.n < 2 or not d.few:
             return d.error
         return math.hypot(d.error, math.sqrt(self.fine.variance) / d.n)
 
@@ -78,7 +78,8 @@ class LevelSampler:
 
     sums: (6,), of d, d^2, d^3, d^4 with d = f fine - f coarse (f alone at level 0), of f fine, and of its square, as
     `mlmc_fn(l, N)` of M. B. Giles' programs returns them; cost: seconds of the processor. Level l has steps 2^l steps
-    of the size horizon/(steps 2^l). Path i of level l is path l 2^41 + i of the seed.
+    of the size horizon/(steps 2^l). Path i of level l is path l 2^41 + i of the seed. Paths that fail are not in the
+    sums; a PathsFailedWarning tells how many.
     """
 
     def __init__(
@@ -103,11 +104,18 @@ class LevelSampler:
 
     def __call__(self, level: int, count: int) -> tuple[np.ndarray, float]:
         """Sums (6,) and cost of `count` new samples of a level."""
-        sums, cost = np.zeros(6), 0.0
-        for fine, coarse, _, seconds in self._samples(level, count):
+        sums, cost, lost = np.zeros(6), 0.0, 0
+        for fine, coarse, failed, seconds in self._samples(level, count):
             d = fine - coarse
             sums += [d.sum(), (d**2).sum(), (d**3).sum(), (d**4).sum(), fine.sum(), (fine**2).sum()]
             cost += seconds
+            lost += failed
+        if lost:
+            warnings.warn(
+                f"{lost} of {count} paths failed at level {level} and are not in the sums: divide by {count - lost}",
+                PathsFailedWarning,
+                stacklevel=2,
+            )
         return sums, cost
 
     def draw(self, level: int, count: int) -> Draw:
