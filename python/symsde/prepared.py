@@ -88,7 +88,7 @@ class PreparedRun:
         self._error_address = ctypes.byref(self._error)
         self._dw: np.ndarray | None = None
         self._drive: _abi.Input | None = None
-        self._stopped: tuple[Run, np.ndarray | None] | None = None
+        self._stopped: Run | None = None
         self._failed = 0
 
     q = property(lambda self: self._q, doc="(dof, path), where the paths are; write into it to move them.")
@@ -231,7 +231,7 @@ class PreparedRun:
             if status >= 0:
                 self._stopped = run if status == _abi.STOPPED else None
             if status:
-                self._judge(status)
+                self._judge(status, above=4)  # run or resume, _fill, _judge
             run.status, run.failed_step = self._status.copy(), self._failed_step.copy()
             run.last_q, run.last_p = self._q.copy(), self._p.copy()
             if self._q_low is not None:
@@ -239,7 +239,7 @@ class PreparedRun:
             run.report = self.report
         return run
 
-    def _judge(self, status: int) -> None:
+    def _judge(self, status: int, above: int = 3) -> None:
         """Raise what a callback raised, and what the library refused; warn of paths that have failed since."""
         self._owner.model_handle.failures.raise_stored()
         if status not in _OK:
@@ -251,7 +251,7 @@ class PreparedRun:
                 f"{failed} paths have failed: they stay where they were, see status and failed_step, until the run is "
                 "reset",
                 PathsFailedWarning,
-                stacklevel=3,
+                stacklevel=above,
             )
 
 

@@ -63,7 +63,7 @@ contains
    subroutine exact_solution(model, options, q0, p0, q, p, error, dw, scheme, monitor)
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q0(:, :), p0(:, :)        !! initial state (npath or 1, ndof)
+      real(wp), intent(in) :: q0(:, :), p0(:, :)        !! initial state (npath or 1, ndof), each by itself
       real(wp), intent(out) :: q(:, :, :), p(:, :, :)   !! (npath, ndof, ntime)
       type(error_type), allocatable, intent(inout) :: error
       !> increments (npath or 1, nnoise, rows)
@@ -231,8 +231,8 @@ contains
          call raise(error, wrong_shape, 'exact_solution', 'q and p have no room for the '// &
                     'solution: needed is ('//to_text(options%npath)//',1,'//to_text(ntime)// &
                     ') for each')
-      else if (size(q0, 2) /= 1 .or. any(shape(q0) /= shape(p0)) .or. &
-               (size(q0, 1) /= 1 .and. size(q0, 1, i8) /= options%npath)) then
+      else if (size(q0, 2) /= 1 .or. size(p0, 2) /= 1 .or. all(size(q0, 1, i8) /= [1_i8, options%npath]) .or. &
+               all(size(p0, 1, i8) /= [1_i8, options%npath])) then
          call raise(error, wrong_shape, 'exact_solution', 'the initial q is ('// &
                     to_text(size(q0, 1))//','//to_text(size(q0, 2))// &
                     '), the initial p ('//to_text(size(p0, 1))//','//to_text(size(p0, 2))// &
@@ -270,9 +270,9 @@ contains
       work%request%nreal = work%nreal
       call path_of_lane(work%nlane, options%first_path + work%first, work%nreal, work%request%path)
       do lane = 1, work%nlane
-         row = min(work%first + min(lane, work%nreal), size(q0, 1, i8))
-         work%q0(lane) = q0(row, 1)
-         work%p0(lane) = p0(row, 1)
+         row = work%first + min(lane, work%nreal)
+         work%q0(lane) = q0(min(row, size(q0, 1, i8)), 1)
+         work%p0(lane) = p0(min(row, size(p0, 1, i8)), 1)
       end do
       work%q = work%q0
       work%p = work%p0

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How a run is cut into pieces, and long pieces that go on from their checkpoints."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.batch import plan, shard_file, share, work
+from symsde import cli
+from symsde.batch import command, plan, shard_file, share, work
 
 
 class Memory:
@@ -76,9 +79,14 @@ def test_pieces_are_neither_crumbs_nor_mountains(paths, steps):
     size = plan.shard_paths(plan.Extent(0, paths, steps, 2, 3))
     assert size >= 256 and size & (size - 1) == 0
     count = -(-paths // size)
-    assert count <= 2**15
+    assert count <= 2**14
     if size > 256:
         assert size * steps * 3 <= max(2**29, 2 * paths * steps * 3 / 2**14)
+
+
+def test_a_folder_holds_no_more_than_its_shards():
+    """A size that is rounded down to a power of two would make up to twice as many."""
+    assert plan.shard_paths(plan.Extent(0, 2**22 * 3, 2**22, 2, 1)) == 1024  # of 512 there would be 24576
 
 
 def test_a_stretch_of_many_saved_paths_is_cut_by_what_it_holds():
@@ -103,3 +111,16 @@ def test_a_path_that_failed_stays_where_it_was():
     np.testing.assert_array_equal(found.arrays["last_q"][:, 1], first.last_q[:, 1])
     assert found.arrays["status"].tolist() == [0, 3] and found.arrays["failed_step"].tolist() == [-1, 1]
     assert found.facts["failed"] == 1 and found.facts["counters"] == {"path_steps": 5}
+
+
+def test_the_line_that_goes_on_trusts_what_the_first_one_did(tmp_path, capsys):
+    options = SimpleNamespace(scene="a b.toml", shard="1/2", allow_python=True)
+    folder = SimpleNamespace(pieces=[1, 2], path=tmp_path)
+    assert command._stopped(SimpleNamespace(reason="SIGTERM"), options, folder, [1], None) == 4
+    assert f"`symsde run 'a b.toml' --out {tmp_path} --shard 1/2 --allow-python`" in capsys.readouterr().err
+
+
+def test_an_empty_part_is_refused(tmp_path, capsys):
+    (tmp_path / "a.toml").write_text('[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 1\nq0 = 1.0\np0 = 0.0\n')
+    assert cli.main(["run", str(tmp_path / "a.toml"), "--shard", "", "--out", str(tmp_path / "out")]) == 2
+    assert "is no part of a run" in capsys.readouterr().err and not (tmp_path / "out").exists()

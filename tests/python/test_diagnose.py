@@ -96,6 +96,18 @@ def test_exact_solution_of_kubo(kubo, options):
     np.testing.assert_allclose(p[-1, 0], -np.sin(angle), rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("columns", ["q0", "p0"])
+def test_exact_solution_from_columns_beside_one_for_all(kubo, columns):
+    """q, p each by itself have a column for each path or one for all, as a run does."""
+    start = {"q0": 0.7, "p0": 0.4}
+    whole = {name: np.full((1, 3), x) for name, x in start.items()}
+    whole[columns] = np.array([[0.7, -0.2, 1.1]])
+    common = {"step": 0.1, "steps": 5, "paths": 3, "seed": 2}
+    expected = ss.diagnose.exact(ss.simulate(kubo, **whole, **common))
+    found = ss.diagnose.exact(ss.simulate(kubo, **{**start, columns: whole[columns]}, **common))
+    np.testing.assert_array_equal(found, expected)
+
+
 def test_convergence_against_the_exact_solution(kubo):
     table = ss.convergence(kubo, "midpoint", q0=1.0, p0=0.0, steps=[16, 32, 64, 128], paths=2000, seed=1)
     assert table.reference == "the exact solution"

@@ -449,6 +449,12 @@ def test_frequency_is_that_of_the_time():
     assert frequency(problem) == pytest.approx(4.0)
 
 
+def test_formulas_hold_the_time_of_the_end():
+    """E q = cos(t) from t = 0, here from t0 = 3 to 5."""
+    answer = ss.expect(ss.models.linear_oscillator(), "q + t", **PLACE, t0=3.0, abs=0.05)
+    assert abs(answer.value - 5 - math.cos(2.0)) < 2 * answer.half_width
+
+
 def test_scene_that_goes_backward_or_asks_for_nothing(tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     text = '[model]\nname = "kubo"\n[run]\nstep = {}\nsteps = 20\nq0 = 1.0\np0 = 0.0\n[expect]\nf = {}\nabs = 0.1\n'

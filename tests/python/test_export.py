@@ -101,6 +101,11 @@ def test_names_that_compilers_take():
     assert all(made[x] == f"parameter_{names.index(x) + 1}" for x in names if x not in ("omega", "A"))
 
 
+@pytest.mark.parametrize("names", [["parameter_2", "for"], ["for", "parameter_1"], ["Parameter_2", "do"]])
+def test_names_that_are_made_are_nobody_elses(names):
+    assert len({x.lower() for x in given.identifiers(names).values()}) == 2
+
+
 @pytest.mark.parametrize(
     ("text", "language", "words"),
     [

@@ -122,6 +122,14 @@ def test_failed_paths_rest_until_reset():
     assert not run.status.any() and np.array_equal(run.q[:, 0], alone.q[-1, :, 0])
 
 
+def test_warnings_show_where_the_run_was_called():
+    for act in (lambda run: run.step(), lambda run: run.run(1)):
+        run = ss.prepare(ss.models.henon_heiles(), "stormer_verlet", q0=1e200, p0=0.0, step=0.1)
+        with pytest.warns(ss.PathsFailedWarning) as caught:
+            act(run)
+        assert caught[0].filename == __file__
+
+
 def test_a_stopped_run_resumes():
     """With one block done, one on its way and one not begun, it is finished to the same bits, stopped twice."""
 

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a study costs, by a clock that is known, and when it goes on where an earlier one stopped."""
 
+import json
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import symsde as ss
 from symsde import study
@@ -110,11 +112,71 @@ def test_a_study_goes_on_only_where_it_is_the_same(changed, tmp_path, monkeypatc
         assert [row["err_strong"] for row in first.rows] != [row["err_strong"] for row in fresh.rows]
 
 
+def mine(strength: float, **changed) -> ss.Model:
+    """A model of one's own, always of the same name, parameters and traits."""
+
+    def gradient(t, w, q, p):
+        return (w[0] + strength * w[1]) * q, w[0] * p
+
+    return ss.Model(**{"ndof": 1, "nnoise": 1, "gradient": gradient, "separable": True, "name": "mine", **changed})
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"model": mine(0.2)},
+        {"model": mine(0.1, position_noise=True)},
+        {"invariants": {"r": lambda q, p: q[0] + 1}},
+        {"schemes": [ss.schemes.from_quadrature([0.5], [1.0], degree=1, name="own")]},
+    ],
+    ids=["function", "traits", "invariant", "scheme"],
+)  # fmt: skip
+def test_a_study_knows_functions_apart(changed, tmp_path, monkeypatch):
+    """Models, invariants and schemes of one's own, told apart by what they do, not by their names."""
+    monkeypatch.setattr(study, "cost", lambda *_: {"seconds": 1.0, "seconds_low": 1.0, "seconds_high": 1.0})
+    monkeypatch.setattr(study.WorkPrecision, "save", lambda *_: None)
+    own = ss.schemes.from_quadrature([0.5 - 0.75**0.5 / 3, 0.5 + 0.75**0.5 / 3], [0.5, 0.5], degree=2, name="own")
+    given = {"q0": 1.0, "p0": 0.0, "steps": [4, 8], "paths": 60, "schemes": [own], "seed": 5, "repeats": 5}
+    given |= {"model": mine(0.1), "name": "mine", "out": tmp_path, "reference": "midpoint"}
+    given |= {"invariants": {"r": lambda q, p: q[0]}}
+    ss.work_precision(**given)
+    assert ss.work_precision(**given).resumed == 2
+    assert ss.work_precision(**{**given, **changed}).resumed == 0
+
+
+@pytest.mark.parametrize("model", [ss.models.kubo(), ss.models.synchrotron()])
+def test_a_column_for_each_of_many_paths(model, monkeypatch):
+    """More than a block of them; q0 has columns, p0 has not."""
+    monkeypatch.setattr(timing, "TARGET", 0.0)
+    q0 = np.linspace(0.5, 1.0, 300)[np.newaxis]
+    found = ss.work_precision(model, q0=q0, p0=0.0, schemes=["midpoint"], steps=[4, 8], paths=300, repeats=5)
+    assert [row["timing_paths"] for row in found.rows] == [300, 300] and found.rows[0]["failed"] == 0
+
+
+def test_invariants_that_are_no_numbers():
+    """At the beginning they are refused; at the end of a study they are not taken for kept."""
+    given = {"q0": 1.0, "p0": 0.0, "schemes": ["midpoint"], "steps": [4, 8], "paths": 40, "repeats": 5}
+    for function in (lambda q, p: q, lambda q, p: np.log(-q[0]), lambda q, p: q[0] * 1j):
+        with (
+            pytest.raises(ss.errors.InvalidArgumentError, match="the invariant 'x'"),
+            np.errstate(all="ignore"),
+        ):
+            ss.work_precision(ss.models.kubo(), **given, invariants={"x": function})
+    late = {"x": lambda q, p: np.sqrt(q[0] - 0.9), "r": lambda q, p: (q * q + p * p)[0]}
+    for invariants in (late, dict(reversed(late.items()))):
+        with np.errstate(all="ignore"):
+            found = ss.work_precision(ss.models.kubo(), **given, invariants=invariants)
+        assert all(np.isnan(row["drift"]) for row in found.rows)
+        assert "No scheme keeps the invariant, and at worst changed by midpoint by nan" in found.words()
+
+
 def test_a_file_of_state_that_cannot_be_read_costs_only_time(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "cost", lambda *_: {"seconds": 1.0, "seconds_low": 1.0, "seconds_high": 1.0})
     monkeypatch.setattr(study.WorkPrecision, "save", lambda *_: None)
     given = {"q0": 1.0, "p0": 0.0, "steps": [4, 8], "paths": 60, "schemes": ["midpoint"], "out": tmp_path}
-    for text in ("", "{", "[1]", '"x"'):
-        (tmp_path / "state.json").write_text(text)
+    state = tmp_path / "state.json"
+    for text in ("", "{", "[1]", '"x"', "no rows"):
+        known = text == "no rows" and json.dumps(dict.fromkeys(json.loads(state.read_text()), 3))
+        state.write_text(known or text)
         assert ss.work_precision(ss.models.kubo(), **given).resumed == 0
         assert ss.work_precision(ss.models.kubo(), **given).resumed == 2

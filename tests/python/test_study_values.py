@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
+from symsde.expect.tolerance import quantile
 from symsde.study import errors, figure, learned, orders, page, table, words
 
 STUDENT = 2.0930240544082634  # 97.5 % of Student's t with 19 degrees of freedom
@@ -50,7 +51,7 @@ def by_hand():
             q, p = end(scheme, steps)
             square = ((q - fine[0]) ** 2 + (p - fine[1]) ** 2)[0]
             error = math.sqrt(square.mean())
-            half_width = 1.96 * square.std(ddof=1) / math.sqrt(120) / (2 * error)  # of a square root
+            half_width = quantile(120) * square.std(ddof=1) / math.sqrt(120) / (2 * error)  # of a square root
             energies = [x[1] ** 2 / 2 - 4 * np.cos(x[0]) for x in ((q, p), fine)]
             weak = {"q": q - fine[0], "p": p - fine[1], "H": energies[0] - energies[1]}
             changes = [(f(q, p) - f(np.array([0.4]), np.array([0.3]))) / f(np.array([0.4]), np.array([0.3]))
@@ -58,7 +59,7 @@ def by_hand():
             row = {"h": 1 / steps, "err_strong": error, "err_strong_low": max(0, error - half_width)}
             row |= {"err_strong_high": error + half_width, "size": size, "ref_error": own, "failed": 0, "paths": 120}
             row |= {f"weak_{name}": x.mean() for name, x in weak.items()}
-            row |= {f"weak_{name}_ci": 1.96 * x.std(ddof=1) / math.sqrt(120) for name, x in weak.items()}
+            row |= {f"weak_{name}_ci": quantile(120) * x.std(ddof=1) / math.sqrt(120) for name, x in weak.items()}
             row["drift"] = max(math.sqrt(np.mean(x**2)) for x in changes)
             row["batches"] = square.reshape(20, 6).mean(axis=1)
             rows[scheme, steps] = row

@@ -161,6 +161,8 @@ def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing
     again = ["symsde", "run", options.scene, "--out", str(folder.path)]
     if options.shard:
         again += ["--shard", options.shard]
+    if options.allow_python:
+        again.append("--allow-python")
     print(
         f"symsde: stopped by {stop.reason}; {done} of {len(folder.pieces)} shards are in {folder.path}: "
         f"go on with `{shlex.join(again)}`",

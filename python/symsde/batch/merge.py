@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
         sources = [RunFolder(folder, record, batch.pieces) for folder in folders]
         with RunFolder.open_to_write(options.out, record, batch.pieces, batch.scene) as whole:
             _gather(sources, whole)
-            _require_all(whole)
+            _require_all(whole, options.allow_python)
             return finish(batch, whole, options.quiet, time.monotonic() - begin)
 
 
@@ -65,10 +65,11 @@ def _gather(sources: Sequence[RunFolder], whole: RunFolder) -> None:
                 break
 
 
-def _require_all(whole: RunFolder) -> None:
+def _require_all(whole: RunFolder, allow_python: bool) -> None:
     """Refuse to call a part the whole; say what is missing, and what makes it."""
     if missing := whole.missing():
-        again = shlex.join(["symsde", "run", str(whole.path / "scene.toml"), "--out", str(whole.path)])
+        trusted = ["--allow-python"] if allow_python else []
+        again = shlex.join(["symsde", "run", str(whole.path / "scene.toml"), "--out", str(whole.path), *trusted])
         parts = [f"`--shard {part}`" for part in share.parts_of(missing, whole.pieces)]
         by_parts = f"; they are what {_listed(parts)} of `symsde run` computes" if parts else ""
         raise SceneError(

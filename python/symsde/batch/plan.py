@@ -44,9 +44,9 @@ def shard_paths(extent: Extent, wanted: object = None) -> int:
         return _checked(wanted)
     cost = max(1, extent.steps * extent.ndof)
     total = cost * extent.paths
-    target = max(min(max(total // _PIECES, _LEAST), _MOST), total // _FILES)
+    target = min(max(total // _PIECES, _LEAST), _MOST)
     size = UNIT
-    while 2 * size * cost <= target and size < extent.paths:
+    while size < extent.paths and (2 * size * cost <= target or extent.paths > _FILES * size):
         size *= 2
     return size
 

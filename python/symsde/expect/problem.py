@@ -86,6 +86,7 @@ def make_problem(
         if not np.isfinite(state).all():
             raise InvalidArgumentError(f"{name} is not finite: give finite numbers")
     seed = _checks.integer("seed", seed, _checks.UINT64)
-    problem = Problem(model, Target(f, model), states["q0"], states["p0"], horizon, seed, options)
+    t = _checks.finite("t0", options.get("t0", 0.0)) + horizon
+    problem = Problem(model, Target(f, model, t), states["q0"], states["p0"], horizon, seed, options)
     problem.target.try_at(problem.q0, problem.p0)
     return problem

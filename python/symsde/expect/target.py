@@ -22,10 +22,10 @@ _TRIED = 5  #: points that f is tried at before any work; no other size of a run
 class Target:
     """f as it is called: with q, p of shape (dof, path), it returns (path,) real numbers."""
 
-    def __init__(self, f: Function | str, model: Model):
-        """A callable or a formula in q, p (or q1, q2, .., p1, ..) and the parameters of the model."""
+    def __init__(self, f: Function | str, model: Model, t: float):
+        """A callable, or a formula in q, p (or q1, q2, .., p1, ..), the time t and the parameters of the model."""
         self.name = f if isinstance(f, str) else getattr(f, "__name__", "f")
-        self._function = _of_formula(f, model) if isinstance(f, str) else f
+        self._function = _of_formula(f, model, t) if isinstance(f, str) else f
         if not callable(self._function):
             raise WrongTypeError(
                 f"f = {_checks.shown(f)} is not allowed: give a function f(q, p) of arrays (dof, path), or a formula "
@@ -64,8 +64,8 @@ def require_numbers(target: Target, values: np.ndarray, ok: np.ndarray, run) -> 
     )
 
 
-def _of_formula(text: str, model: Model) -> Function:
-    """The formula as a function of NumPy; its names are q, p, or q1, .., p1, .. where there are several."""
+def _of_formula(text: str, model: Model, t: float) -> Function:
+    """The formula at t as a function of NumPy; its names are q, p, or q1, .., p1, .. where there are several."""
     several = model.ndof > 1
     names = {x: [f"{x}{i + 1}" for i in range(model.ndof)] if several else [x] for x in "qp"}
     taken = {*names["q"], *names["p"], "t"}
@@ -75,6 +75,6 @@ def _of_formula(text: str, model: Model) -> Function:
     one = np.ones((1, 1))
 
     def formula(q: np.ndarray, p: np.ndarray) -> Any:
-        return compiled.value(0.0, one, q, p)
+        return compiled.value(t, one, q, p)
 
     return formula

@@ -100,6 +100,8 @@ _TAKEN = frozenset(
         "p",
     ]
 )
+#: names that programs make: of variables, and of parameters whose own names do not do
+_MADE = re.compile(r"[xwqpc]\d+|parameter_\d+", re.IGNORECASE)
 #: options of a run that programs leave alone: how many threads there are is the machine's
 _LEFT_OUT = {"struct_size", "progress", "progress_user", "threads", "lanes"}
 
@@ -175,11 +177,12 @@ def harmless(text: str) -> str:
 
 def identifiers(names: Iterable[str]) -> dict[str, str]:
     """Names for a compiler: the user's where they will do, in a language that does not tell A from a."""
+    names = list(names)
     result: dict[str, str] = {}
     used = set(_TAKEN)
     for k, name in enumerate(names):
         plain = re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]{0,30}", name) and not (name.isupper() and len(name) > 2)
-        fits = plain and name not in ("I", "E") and name.lower() not in used and not re.fullmatch(r"[xwqpc]\d+", name)
+        fits = plain and name not in ("I", "E") and name.lower() not in used and not re.fullmatch(_MADE, name)
         result[name] = name if fits else f"parameter_{k + 1}"
         used.add(result[name].lower())
     return result

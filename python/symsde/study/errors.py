@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from .. import diagnose
+from ..expect.tolerance import quantile
 from ..model import Model
 from .plan import BATCHES, Plan, Reference
 
-NORMAL = 1.96  #: of a 95 % interval
 STUDENT = 2.093  #: the same of Student's t with BATCHES - 1 degrees of freedom
 CONSERVED = 1e-9  #: brackets below this, relative, count as zero
 
@@ -65,7 +65,8 @@ def _judge(plan: Plan, run, reference: np.ndarray, own_error: float) -> dict:
 def strong_error(square: np.ndarray, reference: np.ndarray) -> dict:
     """Root mean square of squared errors (path,) with its interval, size of the solution, means of the groups."""
     error = rms(square)
-    half = float(NORMAL * square.std(ddof=1) / np.sqrt(square.size) / max(2 * error, np.finfo(float).tiny))
+    spread = square.std(ddof=1) / np.sqrt(square.size)
+    half = float(quantile(square.size) * spread / max(2 * error, np.finfo(float).tiny))
     return {
         "err_strong": error,
         "err_strong_low": max(error - half, 0.0),
@@ -83,12 +84,13 @@ def weak_errors(model: Model, found: np.ndarray, reference: np.ndarray, t: float
     row = {}
     for name, difference in values.items():
         row[f"weak_{name}"] = float(difference.mean())
-        row[f"weak_{name}_ci"] = float(NORMAL * difference.std(ddof=1) / np.sqrt(difference.size))
+        spread = difference.std(ddof=1) / np.sqrt(difference.size)
+        row[f"weak_{name}_ci"] = float(quantile(difference.size) * spread)
     return row
 
 
 def drift(plan: Plan, found: np.ndarray, ok: np.ndarray) -> float | None:
-    """Largest over invariants of the rms relative change over the paths; None without an invariant."""
+    """Largest over invariants of the rms change over the paths, relative where they are not 0; None without any."""
     functions = dict(plan.invariants)
     if not functions and conserves_energy(plan.model, _times(plan)):
         functions["H"] = plan.model.value
@@ -97,7 +99,7 @@ def drift(plan: Plan, found: np.ndarray, ok: np.ndarray) -> float | None:
         first = function(*(start(x, found.shape[1], ok) for x in (plan.q0, plan.p0)))
         last = function(found[0], found[1])
         changes.append(rms(np.square((last - first) / np.where(first == 0, 1, first))))
-    return max(changes) if changes else None
+    return float(np.max(changes)) if changes else None  # NaN where one of them is
 
 
 def start(state, ndof: int, ok: np.ndarray) -> np.ndarray:

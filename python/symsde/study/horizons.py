@@ -33,7 +33,7 @@ class Energy(Moments):
         return self.problem.model.value(run.q[-1], run.p[-1])[np.newaxis]
 
 
-#: what is kept, and the tolerance: amplitudes are 1, H is 2.2 below its maximum
+#: what is kept, and the tolerance: amplitudes are 1, H begins at -2.2
 WANTS = ((Paths, 0.1, "paths to 0.1"), (Energy, 0.01, "E H to 0.01"), (Invariants, 0.01, "H without noise to 1 %"))
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from .. import schemes
 from .plan import uses_integrals
 from .words import cheapest, listed, symplectic
@@ -153,8 +155,8 @@ def _invariants(studies) -> str:
         known = [row for row in study.rows if row.get("drift") is not None and row["status"] == "ok"]
         lost: dict[str, float] = {}
         for row in known:
-            if row["drift"] >= 1e-10:
-                lost[row["scheme"]] = max(lost.get(row["scheme"], 0), row["drift"])
+            if not row["drift"] < 1e-10:
+                lost[row["scheme"]] = float(np.maximum(lost.get(row["scheme"], 0.0), row["drift"]))
         if lost:
             parts.append(f"{study.name}: {', '.join(f'{name} {value:.0e}' for name, value in lost.items())}")
     if not parts:

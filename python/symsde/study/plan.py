@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from .. import _checks, diagnose
 from ..errors import InvalidArgumentError, MissingOperationError, PathsFailedWarning, SymsdeError
 from ..model import Model
@@ -132,6 +134,7 @@ def make_plan(
         invariants=_invariants(invariants),
     )
     _try_out(plan)
+    _try_invariants(plan)
     for scheme in chosen:
         plan.references[scheme.name] = _reference(plan, scheme, reference, reference_steps)
     plan.draws = max([counts[-1], *(r.steps for r in plan.references.values())])
@@ -147,6 +150,19 @@ def _invariants(given: object) -> dict[str, Any]:
             f"invariants = {_checks.shown(given)} is not allowed: give a dict of names and functions f(q, p)"
         )
     return dict(given)
+
+
+def _try_invariants(plan: Plan) -> None:
+    """Refuse invariants that are no numbers where the paths begin."""
+    start = [_checks.state(name, x, plan.model.ndof, plan.paths) for name, x in (("q0", plan.q0), ("p0", plan.p0))]
+    q, p = (_checks.full(x, max(x.shape[1] for x in start)) for x in start)
+    for name, function in plan.invariants.items():
+        values = np.asarray(function(q, p))
+        if values.shape != q.shape[1:] or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+            raise InvalidArgumentError(
+                f"the invariant {name!r} returned {_checks.shown(values)} of {values.dtype} for q and p of shape "
+                f"{q.shape}, (dof, path), at the initial states: give f(q, p) that returns one finite number a path"
+            )
 
 
 def check_steps(steps: Sequence[int]) -> list[int]:

@@ -7,12 +7,11 @@ import os
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .. import scene
 from ..errors import NotWrittenError, SceneError, SymsdeError
 from . import SCHEMES, STEPS, WorkPrecision, work_precision
 from .plan import OPTIONS, make_plan
+from .timing import has_columns
 
 
 def study(file: str | os.PathLike, **given: Any) -> WorkPrecision:
@@ -29,12 +28,16 @@ def _named(file, function, given: dict):
     """Call with the arguments of a scene; refusals name the scene."""
     chosen = scene.load(file)
     run = chosen.run
+    asked = chosen.study | {key: value for key, value in given.items() if value is not None}
+    if run["step"] < 0 and "horizon" not in asked:
+        raise SceneError(
+            f"{file}: [study]: [run] goes backward in time, errors are taken forward: give horizon in [study], a time "
+            "above 0, counted from t0"
+        )
     arguments = {"schemes": SCHEMES, "steps": STEPS, "horizon": abs(run["step"]) * run["steps"]}
-    arguments |= {"paths": max(1000, run.get("paths", 1)), "name": Path(file).stem}
-    arguments |= {key: run[key] for key in (*OPTIONS, "q0", "p0") if key in run}
-    arguments |= chosen.study | {key: value for key, value in given.items() if value is not None}
-    if any(np.ndim(run[key]) == 2 for key in ("q0", "p0")):
-        arguments["paths"] = run.get("paths", 1)  # one column for each path of the scene
+    paths = run.get("paths", 1)
+    arguments |= {"paths": paths if has_columns(run["q0"], run["p0"]) else max(1000, paths), "name": Path(file).stem}
+    arguments |= {key: run[key] for key in (*OPTIONS, "q0", "p0") if key in run} | asked
     try:
         return function(chosen.model, **arguments)
     except NotWrittenError:

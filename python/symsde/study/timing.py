@@ -21,9 +21,9 @@ def cost(plan: Plan, scheme, steps: int) -> dict:
     What a run without steps takes, once whatever the number of paths, is subtracted.
     """
     block = 256 if plan.model.ndof <= SMALL else 64
-    block = min(block, plan.paths) if np.ndim(plan.q0) == 2 or np.ndim(plan.p0) == 2 else block
-    paths = block
-    if np.ndim(plan.q0) < 2 and np.ndim(plan.p0) < 2:
+    paths = plan.paths  # of those that begin at states of their own all are needed
+    if not has_columns(plan.q0, plan.p0):
+        paths = block
         first = _seconds(plan, scheme, steps, block)[1] - _set_up(plan, scheme, steps, block)
         paths *= int(np.clip(round(TARGET / max(first, 1e-6)), 1, MOST))
     _seconds(plan, scheme, steps, paths)  # warm
@@ -46,6 +46,11 @@ def cost(plan: Plan, scheme, steps: int) -> dict:
     }
     per = max(counters["path_steps"], 1)
     return row | {name: counters[name] / per for name in COUNTERS}
+
+
+def has_columns(*states) -> bool:
+    """Some state has one column for each path."""
+    return any(np.ndim(x) == 2 and np.shape(x)[1] > 1 for x in states)
 
 
 def _seconds(plan: Plan, scheme, steps: int, paths: int):

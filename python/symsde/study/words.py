@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from .. import schemes
 
 DECADES = 3  #: errors that are spoken of
@@ -117,9 +119,9 @@ def _drift(usable: list[dict]) -> str:
         return ""
     worst: dict[str, float] = {}
     for row in known:
-        worst[row["scheme"]] = max(worst.get(row["scheme"], 0.0), row["drift"])
+        worst[row["scheme"]] = float(np.maximum(worst.get(row["scheme"], 0.0), row["drift"]))  # NaN where one is
     kept = [name for name, value in worst.items() if value < 1e-10]
-    lost = [f"{name} by {value:.0e}" for name, value in worst.items() if value >= 1e-10]
+    lost = [f"{name} by {value:.0e}" for name, value in worst.items() if not value < 1e-10]
     first = f"The invariant is kept to rounding by {listed(kept)}" if kept else "No scheme keeps the invariant"
     return f"{first}, and at worst changed by {listed(lost)}." if lost else f"{first}."
 
