@@ -13,7 +13,7 @@ import symsde as ss
 from ..expectations import Expectations
 from .nonlinear import residual
 from .scenario import EPS, moments, simulate
-from .systems import quartic
+from .systems import inverted, quartic
 
 NOT_CONVERGED, SINGULAR, NONFINITE = 1, 2, 3  #: status of a path
 BAD = 137  #: the bad path
@@ -185,18 +185,3 @@ def chain_of(n: int, nan_after: float = np.inf) -> ss.Model:
         return qq, np.zeros((n, n, lanes)), pp
 
     return ss.Model(ndof=n, nnoise=0, gradient=gradient, hessian=hessian, separable=True, identity_mass=True)
-
-
-def inverted(n: int, h: float) -> ss.Model:
-    """n equal hills, U'' = -4/h^2: the midpoint's matrix is zero."""
-    k = -4 / h**2
-
-    def gradient(t, w, q, p):
-        return w[0] * k * q, w[0] * p
-
-    def hessian(t, w, q, p):
-        unit = np.eye(n)[:, :, None] * w[0]
-        return k * unit, 0 * unit, unit
-
-    flags = dict.fromkeys(("separable", "quadratic", "identity_mass"), True)
-    return ss.Model(ndof=n, nnoise=0, gradient=gradient, hessian=hessian, **flags)

@@ -10,27 +10,13 @@ import numpy as np
 from .. import look
 from ..errors import SymsdeError
 from ..mean_square import mean_square
-from ..model import Model
 from ..models import kubo
-from .systems import noisy_spring
+from .systems import noisy_spring, soft
 
 SCHEMES = ("symplectic_euler", "stormer_verlet", "midpoint", "gauss2", "heun")
 STABLE = 0.01  #: log of the growth beyond the exact one, in a step, up to which a scheme counts as stable
 _OMEGA = np.geomspace(0.05, 3.2, 25)  #: omega h
 _SIGMA = np.geomspace(0.01, 1.0, 17)  #: sigma sqrt(h), with sigma in units of omega
-
-
-def soft(sigma: float) -> Model:
-    """H = (p^2 + q^2)/2 with noise on the mass, H_1 = sigma p^2/2."""
-
-    def gradient(t, w, q, p):
-        return w[0] * q, (w[0] + sigma * w[1]) * p
-
-    def hessian(t, w, q, p):
-        zero = np.zeros((1, 1, q.shape[1]))
-        return zero + w[0], zero, zero + w[0] + sigma * w[1]
-
-    return Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, separable=True, quadratic=True)
 
 
 EQUATIONS = {

@@ -61,31 +61,39 @@ def spring(omega: float) -> ss.Model:
     return in_potential(lambda q: k * q, lambda q: k + 0 * q, lambda q: k * q**2 / 2, quadratic=True)
 
 
-def squeeze(sigma: float) -> ss.Model:
-    """H = 0, H_1 = sigma q p: q grows by (1 + a)/(1 - a) a step, a = sigma dW/2, and never changes sign."""
+def bilinear(rates, ndof: int = 1, nnoise: int = 1, **traits) -> ss.Model:
+    """S = (a q.q + 2 b q.p + c p.p)/2 with (a, b, c) = rates(w)."""
 
     def gradient(t, w, q, p):
-        return sigma * w[1] * p, sigma * w[1] * q
+        a, b, c = rates(w)
+        return a * q + b * p, b * q + c * p
 
     def hessian(t, w, q, p):
-        zero = np.zeros((1, 1, q.shape[1]))
-        return zero, zero + sigma * w[1], zero
+        unit = np.eye(ndof)[:, :, None] * np.ones(q.shape[1])
+        return tuple(rate * unit for rate in rates(w))
 
-    return ss.Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, quadratic=True, noise_lipschitz=sigma)
+    return ss.Model(ndof=ndof, nnoise=nnoise, gradient=gradient, hessian=hessian, quadratic=True, **traits)
+
+
+def squeeze(sigma: float) -> ss.Model:
+    """H = 0, H_1 = sigma q p: q grows by (1 + a)/(1 - a) a step, a = sigma dW/2, and never changes sign."""
+    return bilinear(lambda w: (0, sigma * w[1], 0), noise_lipschitz=sigma)
 
 
 def noisy_spring(stiffness: float, sigma: float) -> ss.Model:
     """H = p^2/2 + stiffness q^2/2, H_1 = sigma q^2/2."""
+    flags = dict.fromkeys(("separable", "position_noise", "identity_mass"), True)
+    return bilinear(lambda w: (w[0] * stiffness + w[1] * sigma, 0, w[0]), noise_lipschitz=sigma, **flags)
 
-    def gradient(t, w, q, p):
-        return (w[0] * stiffness + w[1] * sigma) * q, w[0] * p
 
-    def hessian(t, w, q, p):
-        zero = np.zeros((1, 1, q.shape[1]))
-        return zero + w[0] * stiffness + w[1] * sigma, zero, zero + w[0]
+def soft(sigma: float) -> ss.Model:
+    """H = (p^2 + q^2)/2 with noise on the mass, H_1 = sigma p^2/2."""
+    return bilinear(lambda w: (w[0], 0, w[0] + sigma * w[1]), separable=True)
 
-    flags = dict.fromkeys(("separable", "position_noise", "quadratic", "identity_mass"), True)
-    return ss.Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, noise_lipschitz=sigma, **flags)
+
+def inverted(n: int, h: float) -> ss.Model:
+    """n equal hills, U'' = -4/h^2: the midpoint's matrix is zero."""
+    return bilinear(lambda w: (-4 / h**2 * w[0], 0, w[0]), n, 0, separable=True, identity_mass=True)
 
 
 def two_springs(omega: float, coupling: float) -> ss.Model:
