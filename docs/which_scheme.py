@@ -6,6 +6,7 @@ from pathlib import Path
 
 import symsde as ss
 from symsde.advise import advise
+from symsde.pages import markdown
 from symsde.study import of_data, words
 
 FIGURES = Path(__file__).with_name("figures")
@@ -90,8 +91,8 @@ def _noise_table(studies):
     missing = set(studies) - {scene for scenes in KINDS.values() for scene in scenes}
     if missing:
         raise ValueError(f"scenes without a kind of noise: {', '.join(sorted(missing))}")
-    measured = _table(["noise", "measured on", *(f"paths to {x:g}" for x in TOLERANCES)], rows)
-    return f"{measured}\nWhat `ss.advise` tries on these models:\n\n" + _table(["noise", "model", "schemes"], tried)
+    measured = markdown(["noise", "measured on", *(f"paths to {x:g}" for x in TOLERANCES)], rows)
+    return f"{measured}\nWhat `ss.advise` tries on these models:\n\n" + markdown(["noise", "model", "schemes"], tried)
 
 
 def _candidates(text):
@@ -121,7 +122,7 @@ def _horizons(data):
             factor = f"{heun['microseconds'] / best['microseconds']:.2g} times as much" if heun and best else "-"
             text = f"{best['scheme']}, {best['steps']} steps, {best['microseconds']:.3g} us" if best else "-"
             rows.append([want, f"{horizon:g}", f"[{text}](expect.md#as-the-horizon-grows)", factor])
-    return _table(["wanted", "horizon", "cheapest symplectic scheme", "Heun's rule"], rows)
+    return markdown(["wanted", "horizon", "cheapest symplectic scheme", "Heun's rule"], rows)
 
 
 def _stiffness(data):
@@ -134,7 +135,7 @@ def _stiffness(data):
             cells = [_longest(found, data, index) for found in data["maps"] if found["equation"] == equation]
             rows.append([equation, f"{sigma:.2g}", *cells])
     names = list(dict.fromkeys(found["scheme"] for found in data["maps"]))
-    return _table(["noise", "sigma sqrt(h)", *names], rows)
+    return markdown(["noise", "sigma sqrt(h)", *names], rows)
 
 
 def _longest(found, data, index):
@@ -158,7 +159,7 @@ def _wants():
         values = [info.orders[kind].value for kind in ("additive", "commutative", "general", "weak")]
         orders = [f"[{value:g}](schemes.md#orders)" if value else "-" for value in values]
         rows.append([f"`{name}`", *orders, kept, "yes" if info.symplectic else "no"])
-    return _table(["scheme", "additive", "commuting", "general", "weak order", "invariants kept", "symplectic"], rows)
+    return markdown(["scheme", "additive", "commuting", "general", "weak order", "invariants kept", "symplectic"], rows)
 
 
 def _uses():
@@ -168,12 +169,7 @@ def _uses():
         if text is None:
             raise ValueError(f"docs/which_scheme.py says of {name} nothing: add its line to USE")
         rows.append([f"`{name}`", text])
-    return _table(["scheme", "use it for"], rows)
-
-
-def _table(header, rows):
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+    return markdown(["scheme", "use it for"], rows)
 
 
 _HEAD = """\

@@ -39,33 +39,36 @@ def second_moment(model, scheme, step, paths, save_every):
         model, q0=1.0, p0=0.0, step=step, steps=round(TIME / step), save_every=save_every, scheme=scheme, paths=paths,
         seed=SEED,
     )  # fmt: skip
-    return found.t, 2 * found.mean_energy, 2 * found.se_mean_energy
+    return {"step": step, "t": found.t, "mean": 2 * found.mean_energy, "standard_error": 2 * found.se_mean_energy}
+
+
+def _at(found, i):
+    """Mean and standard error at one time."""
+    return found["mean"][i], found["standard_error"][i]
 
 
 def _growth(experiment, model, paths):
-    t, mean, error = second_moment(model, "midpoint", 0.02, paths, 250)
+    found = second_moment(model, "midpoint", 0.02, paths, 250)
+    t = found["t"]
     for time in (10.0, 25.0, 50.0, 100.0):
         i = int(np.argmin(np.abs(t - time)))
         text = f"E(p^2+q^2), midpoint, h = 0.02, t = {time:g}"
-        experiment.within("(24)", text, (mean[i], error[i]), 1 + SIGMA**2 * t[i])
-    experiment.numbers["growth"] = {"t": t, "mean": mean, "standard_error": error, "expected": 1 + SIGMA**2 * t}
+        experiment.within("(24)", text, _at(found, i), 1 + SIGMA**2 * t[i])
+    experiment.numbers["growth"] = {**found, "expected": 1 + SIGMA**2 * t}
     # for the figure at the step of Euler-Maruyama's blow-up
-    t, mean, error = second_moment(model, "midpoint", LONG_STEP, paths, 50)
-    expected = 1 + SIGMA**2 / (1 + LONG_STEP**2 / 4) * t
+    found = second_moment(model, "midpoint", LONG_STEP, paths, 50)
+    expected = 1 + SIGMA**2 / (1 + LONG_STEP**2 / 4) * found["t"]
     text = f"E(p^2+q^2), midpoint, h = {LONG_STEP:g}, t = {TIME:g}: 1 + sigma^2 t/(1+h^2/4)"
-    experiment.within("(20)-(21), (24)", text, (mean[-1], error[-1]), expected[-1])
-    experiment.numbers["growth_at_long_step"] = {
-        "step": LONG_STEP, "t": t, "mean": mean, "standard_error": error, "expected": expected,
-    }  # fmt: skip
+    experiment.within("(20)-(21), (24)", text, _at(found, -1), expected[-1])
+    experiment.numbers["growth_at_long_step"] = {**found, "expected": expected}
 
 
 def _slopes(experiment, model, paths, resolved):
     """Slopes at several steps; from the step `resolved` on, the number of paths tells them from sigma^2."""
     rows = []
     for step in (0.1, 0.25, 0.5, 1.0, 2.0):
-        steps = round(TIME / step)
-        t, mean, error = second_moment(model, "midpoint", step, paths, steps)
-        slope = (mean[-1] - 1) / t[-1], error[-1] / t[-1]
+        mean, error = _at(second_moment(model, "midpoint", step, paths, round(TIME / step)), -1)
+        slope = (mean - 1) / TIME, error / TIME
         exact = SIGMA**2 / (1 + step**2 / 4)
         experiment.within("(20)-(21), (24)", f"midpoint's slope = sigma^2/(1+h^2/4), h = {step:g}", slope, exact)
         if step >= resolved:
@@ -75,15 +78,14 @@ def _slopes(experiment, model, paths, resolved):
 
 
 def _blow_up(experiment, model, paths):
-    step = LONG_STEP
-    t, mean, error = second_moment(model, "euler_maruyama", step, paths, 50)
-    expected = (1 + step**2) ** np.arange(0, t.size * 50, 50) * (1 + SIGMA**2 / step) - SIGMA**2 / step
-    text = f"Euler-Maruyama, h = {step:g}: E(p^2+q^2) at t = {TIME:g}"
-    experiment.within("(20)-(21)", text, (mean[-1], error[-1]), expected[-1])
-    experiment.at_least("(24)", "  the same / (1 + sigma^2 t)", mean[-1] / (1 + SIGMA**2 * TIME), 1000)
-    experiment.numbers["euler_maruyama"] = {
-        "step": step, "t": t, "mean": mean, "standard_error": error, "expected": expected,
-    }  # fmt: skip
+    h = LONG_STEP
+    found = second_moment(model, "euler_maruyama", h, paths, 50)
+    expected = (1 + h**2) ** np.arange(0, found["t"].size * 50, 50) * (1 + SIGMA**2 / h) - SIGMA**2 / h
+    experiment.within(
+        "(20)-(21)", f"Euler-Maruyama, h = {h:g}: E(p^2+q^2) at t = {TIME:g}", _at(found, -1), expected[-1]
+    )
+    experiment.at_least("(24)", "  the same / (1 + sigma^2 t)", found["mean"][-1] / (1 + SIGMA**2 * TIME), 1000)
+    experiment.numbers["euler_maruyama"] = {**found, "expected": expected}
 
 
 def draw(experiment, directory):
