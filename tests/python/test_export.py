@@ -143,3 +143,14 @@ def test_parentheses_keep_the_order_of_operations():
     }
     for node, text in cases.items():
         assert Expressions(graph, [node], str, str).results == [text]
+
+
+def test_what_programs_leave_out_is_said(tmp_path, capsys):
+    file = tmp_path / "a.toml"
+    text = '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 2\nq0 = 1.0\np0 = 0.0\n'
+    more = '[output]\npaths = [0]\n[observables]\nr = "q**2"\n[[observe]]\nkind = "covariance"\nof = ["q_1", "r"]\n'
+    for given_text, said in ((text, ""), (text + more, "H alone: [observables], [[observe]], paths of [output]\n")):
+        file.write_text(given_text)
+        assert cli.main(["export", str(file), "--to", "c", "--out", str(tmp_path / "a.c")]) == 0
+        error = capsys.readouterr().err
+        assert error.endswith(said) and bool(error) == bool(said)

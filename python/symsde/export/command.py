@@ -8,6 +8,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 from .. import _library, scene
@@ -35,15 +36,22 @@ def run(options: argparse.Namespace) -> int:
     if not re.fullmatch(r"[A-Za-z]\w*", target.stem, flags=re.ASCII):  # it names a program, and stands in a command
         raise InvalidArgumentError(f"--out {target.name!r}: name programs by a letter, then letters, digits and _")
     line = compile_line(options.to, target)
-    text = (in_fortran if options.to == "fortran" else in_c).source(
-        given_of(scene.load(options.scene), target.stem[:50]), line
-    )
+    chosen = scene.load(options.scene)
+    text = (in_fortran if options.to == "fortran" else in_c).source(given_of(chosen, target.stem[:50]), line)
     try:
         target.write_text(text, encoding="utf-8")
     except OSError as error:
         raise NotWrittenError(f"{target} cannot be written: {error.strerror}") from error
     print(line)
+    if missing := left_out(chosen):
+        print(f"symsde: left out, programs print moments of q, p and H alone: {', '.join(missing)}", file=sys.stderr)
     return 0
+
+
+def left_out(chosen: scene.Scene) -> list[str]:
+    """Tables and keys of a scene that say what is kept beside these moments."""
+    wanted = {"[observables]": chosen.observables, "[[observe]]": chosen.observers, "paths of [output]": chosen.paths}
+    return [name for name, given in wanted.items() if given]
 
 
 def compile_line(language: str, target: Path) -> str:
