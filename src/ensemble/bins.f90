@@ -2,8 +2,9 @@
 !> Bins that numbers are counted in: of one width between two numbers, or of one relative width on both sides of zero.
 !>
 !> Slots are 0 (below all bins), 1 .. nbin (ascending), nbin + 1 (above them) and nbin + 2 (not a number). Bins of one
-!> relative width are 2^k equal parts of each power of two: which one a number falls into is read from its bits, so that
-!> it is the same everywhere; what is smaller than all of them is in the bin of zero, the middle one.
+!> relative width, to a factor of two, are 2^k equal parts of each power of two: which one a number falls into is read
+!> from its bits, so that it is the same everywhere; what is smaller than all of them is in the bin of zero, the middle
+!> one.
 module symsde_ensemble_bins
    use symsde_base_kinds, only: wp, i8
    implicit none

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Whole steps of oscillators whose one-step Hamiltonian is quadratic, separable and has one degree of freedom:
 !>
-!>    Hhat = (a q^2 + c p^2)/2 + b q + e p,     a = r h + A dW_k,  c = r h + C dW_l,  b = B dW_i,  e = E dW_j
+!>    Hhat = (a q^2 + c p^2)/2 + b q + e p,     a = r h + A dW_i,  c = r h + C dW_k,  b = B dW_j,  e = E dW_l
 !>
 !>    symplectic Euler   p' = p - (a q + b),  q' = q + (c p' + e)                           [WHSB] (89)-(90)
 !>    its adjoint        q' = q + (c p + e),  p' = p - (a q' + b)                           [WHSB] (91)-(92)

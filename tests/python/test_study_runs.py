@@ -180,3 +180,13 @@ def test_a_file_of_state_that_cannot_be_read_costs_only_time(tmp_path, monkeypat
         state.write_text(known or text)
         assert ss.work_precision(ss.models.kubo(), **given).resumed == 0
         assert ss.work_precision(ss.models.kubo(), **given).resumed == 2
+
+
+def test_the_error_of_a_reference_is_that_of_the_paths_that_it_follows():
+    """Some escape, and are compared with nothing; where most do, there is no reference."""
+    model = ss.models.henon_heiles(sigma1=0.5, sigma2=0.5)
+    given = {"q0": 0.2, "p0": 0.0, "steps": [64, 128], "reference": "chin4a", "reference_steps": 512, "paths": 200}
+    table = ss.convergence(model, "stormer_verlet", time=6.0, **given)
+    assert 80 < table.paths < 200 and np.isfinite(table.reference_error)
+    with pytest.raises(ss.errors.NumericalError, match="paths fail with the reference"):
+        ss.convergence(model, "stormer_verlet", time=30.0, **given)

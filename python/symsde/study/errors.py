@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from .. import diagnose
+from ..errors import NumericalError
 from ..expect.tolerance import quantile
 from ..model import Model
 from .plan import BATCHES, Plan, Reference
@@ -38,7 +39,14 @@ class References:
         """The difference to half as many steps is the error of those; at order one also that of the reference."""
         fine = end(self._plan.reference_run(reference.scheme, reference.steps))
         half = end(self._plan.reference_run(reference.scheme, reference.steps // 2))
-        return fine, rms(squares(fine, half))
+        square = squares(fine, half)
+        ok = np.isfinite(square)  # the others are not compared with
+        if ok.sum() < 2 * BATCHES:
+            raise NumericalError(
+                f"{(~ok).sum()} of {ok.size} paths fail with the reference ({reference}): give more reference_steps, "
+                "or another reference"
+            )
+        return fine, rms(square[ok])
 
 
 def measure(plan: Plan, scheme, steps: int, references: References) -> dict:
