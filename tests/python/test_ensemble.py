@@ -29,6 +29,7 @@ def radius(q, p):
 
 
 OBSERVABLES = {"radius": radius}
+ALLOWED = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "SYMSDE_NUM_THREADS": "1"}
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +66,61 @@ def test_any_executor_gives_the_bits_of_one_run(kind, size, known):
     if executor:
         assert executor.submit(abs, -1).result() == 1  # not shut down
         executor.shutdown()
+
+
+FORMULAS = {"radius": "q1**2 + p1**2"}  # which any process can read, wherever it finds its modules
+
+
+@pytest.fixture(scope="module")
+def by_formula():
+    with pytest.warns(ss.PathsFailedWarning, match="paths failed"):
+        return ss.moments(ss.models.henon_heiles(sigma1=0.2), observables=FORMULAS, **RUN)
+
+
+@pytest.mark.filterwarnings("ignore")  # of Dask's own
+def test_dask_gives_the_bits_of_one_run(by_formula):
+    """Two processes of a local cluster, through the client's executor."""
+    if importlib.util.find_spec("distributed") is None:
+        pytest.skip("Dask is not installed: pip install 'dask[distributed]'")
+    distributed = importlib.import_module("distributed")
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "processes": True}
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+        executor = client.get_executor()
+        model = ss.models.henon_heiles(sigma1=0.2)
+        found = ss.ensemble(model, observables=FORMULAS, executor=executor, shard_paths=512, **RUN)
+    check_same(found, by_formula)
+
+
+ON_RANKS = """
+import sys, warnings
+import numpy as np
+import symsde as ss
+from mpi4py.futures import MPIPoolExecutor
+warnings.simplefilter("ignore")
+if __name__ == "__main__":
+    run = eval(sys.argv[1])
+    with MPIPoolExecutor() as executor:
+        found = ss.ensemble(ss.models.henon_heiles(sigma1=0.2), executor=executor, shard_paths=512, **run)
+        assert executor.num_workers == 2
+    np.savez(sys.argv[2], m2=found.m2, mean=found.to_arrays()[0], n_ok=found.n_ok)
+"""
+
+
+def test_mpi4py_futures_give_the_bits_of_one_run(by_formula, tmp_path):
+    """Rank 0 asks, two others compute."""
+    if importlib.util.find_spec("mpi4py") is None or launcher() is None:
+        pytest.skip("mpi4py and mpirun are not installed: pip install mpi4py mpich")
+    (tmp_path / "on_ranks.py").write_text(ON_RANKS)
+    given = [launcher(), "-n", "3", sys.executable, "-m", "mpi4py.futures", str(tmp_path / "on_ranks.py")]
+    given += [repr({**RUN, "observables": FORMULAS}), str(tmp_path / "found.npz")]
+    done = subprocess.run(
+        given, env={**os.environ, **ALLOWED}, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    with np.load(tmp_path / "found.npz") as found:
+        np.testing.assert_array_equal(found["m2"], by_formula.m2)
+        np.testing.assert_array_equal(found["mean"], by_formula.to_arrays()[0])
+        np.testing.assert_array_equal(found["n_ok"], by_formula.n_ok)
 
 
 def test_columns_of_initial_states_and_models_in_python():
@@ -146,10 +202,9 @@ def test_ranks_give_the_bits_of_one_process(ranks, file, tmp_path):
         pytest.skip("mpi4py and mpirun are not installed: pip install mpi4py mpich")
     given = ["run", str(file), "--shard-paths", "256", "--out"]
     assert cli.main([*given, str(tmp_path / "alone"), "--quiet"]) == 0
-    allowed = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "SYMSDE_NUM_THREADS": "1"}
     command = [launcher(), "-n", str(ranks), sys.executable, "-m", "symsde", *given, str(tmp_path / "out")]
     done = subprocess.run(
-        command, env={**os.environ, **allowed}, capture_output=True, text=True, timeout=120, check=False
+        command, env={**os.environ, **ALLOWED}, capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("written to") == 1  # by rank 0 alone
