@@ -18,7 +18,13 @@ GROUPS = {
     "Errors of a scheme": ("convergence", "Convergence", "work_precision", "WorkPrecision"),
     "Brackets and growth": ("commutator", "Commutator", "mean_square", "MeanSquare"),
     "The library itself": ("build_info", "status_text"),
-    "Exceptions and warnings": ("SymsdeError", "PathsFailedWarning", "BudgetWarning", "ReferenceWarning", "NotANumberWarning"),
+    "Exceptions and warnings": (
+        "SymsdeError",
+        "PathsFailedWarning",
+        "BudgetWarning",
+        "ReferenceWarning",
+        "NotANumberWarning",
+    ),
 }
 MODULES = ("models", "schemes", "observe", "diagnose", "errors")
 SKIPPED = ("__version__", *MODULES)
