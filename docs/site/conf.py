@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sphinx: how the site is built. `./bootstrap docs` calls build.py beside this file."""
 
-import re
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+import symsde
 from plain import as_rest
 
-ROOT = Path(__file__).resolve().parents[2]
 project = "symsde"
 author = "symsde developers"
 copyright = "symsde developers, BSD-3-Clause"
-release = re.search(r"VERSION (\d+\.\d+\.\d+)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8"))[1]
+release = symsde.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_design", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
 extensions += ["sphinx-mathjax-offline"]  # formulas show without a network
