@@ -97,21 +97,10 @@ def work_precision(
     Misuse raises a ValueError with a sentence before the first long run. Points whose paths fail are marked.
     """
     plan = make_plan(
-        model,
-        q0=q0,
-        p0=p0,
-        schemes=schemes,
-        steps=steps,
-        horizon=horizon,
-        paths=paths,
-        reference=reference,
-        reference_steps=reference_steps,
-        repeats=repeats,
-        interval=interval,
-        invariants=invariants,
-        name=name,
+        model, q0=q0, p0=p0, schemes=schemes, steps=steps, horizon=horizon, paths=paths, reference=reference,
+        reference_steps=reference_steps, repeats=repeats, interval=interval, invariants=invariants, name=name,
         **options,
-    )
+    )  # fmt: skip
     if out is None:
         return _measured(plan, None, progress)
     _files.optional("matplotlib", "plot")  # better refused now than after an hour
@@ -162,15 +151,15 @@ def finish(plan: Plan, rows: list[dict], resumed: int) -> WorkPrecision:
     for i, row in enumerate(rows):
         row["pareto"] = i in front
     names = [scheme.name for scheme in plan.schemes]
-    fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
-    return WorkPrecision(plan.name, repr(plan.model), plan.horizon, names, rows, fitted, resumed)
+    known = {"name": plan.name, "model": repr(plan.model), "horizon": plan.horizon, "schemes": names, "rows": rows}
+    return of_data(known, resumed)
 
 
-def of_data(data: dict) -> WorkPrecision:
-    """A study from what `data` gave."""
+def of_data(data: dict, resumed: int = 0) -> WorkPrecision:
+    """A study from what `data` gave, with the orders that its rows show."""
     rows, names = data["rows"], data["schemes"]
     fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
-    return WorkPrecision(data["name"], data["model"], data["horizon"], names, rows, fitted, 0)
+    return WorkPrecision(data["name"], data["model"], data["horizon"], names, rows, fitted, resumed)
 
 
 def _head(plan: Plan, scheme: Scheme, steps: int) -> dict:

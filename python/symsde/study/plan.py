@@ -69,16 +69,9 @@ class Plan:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PathsFailedWarning)  # counted and shown instead
             return simulate(
-                self.model,
-                q0=self.q0,
-                p0=self.p0,
-                scheme=scheme,
-                step=self.horizon / steps,
-                steps=steps,
-                save_every=steps,
-                paths=self.paths if paths is None else paths,
-                **options,
-            )
+                self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon / steps, steps=steps,
+                save_every=steps, paths=self.paths if paths is None else paths, **options,
+            )  # fmt: skip
 
     def set_up(self, scheme: str | Scheme, steps: int, paths: int) -> None:
         """Set a run up as `run` does, but make no step."""
@@ -118,21 +111,10 @@ def make_plan(
             f"repeats = {repeats} is too few for a median with its spread: give at least {LEAST_REPEATS}"
         )
     plan = Plan(
-        model=model,
-        schemes=chosen,
-        steps=counts,
-        horizon=horizon,
-        paths=check_paths(paths, interval),
-        q0=q0,
-        p0=p0,
-        options=options,
-        references={},
-        draws=counts[-1],
-        repeats=repeats,
-        interval=interval,
-        name=name or getattr(model, "name", "model"),
-        invariants=_invariants(invariants),
-    )
+        model=model, schemes=chosen, steps=counts, horizon=horizon, paths=check_paths(paths, interval), q0=q0, p0=p0,
+        options=options, references={}, draws=counts[-1], repeats=repeats, interval=interval,
+        name=name or getattr(model, "name", "model"), invariants=_invariants(invariants),
+    )  # fmt: skip
     _try_out(plan)
     _try_invariants(plan)
     for scheme in chosen:
