@@ -111,7 +111,7 @@ def test_names_that_are_made_are_nobody_elses(names):
     [
         (SCENES["chain"], "fortran", "sums over sites are exported to C only: say --to c"),
         (SCENES["builtin"].replace("q0 = 0.4", f"q0 = [{[0.1] * 30}]"), "c", "differ from path to path"),
-        ('[model]\npython = "m:f"\n' + RUN, "c", "would execute code"),
+        ('[model]\npython = "m:f"\n' + RUN, "c", "a Python function cannot be exported: give formulas"),
     ],
 )
 def test_what_cannot_be_exported_gets_a_sentence(text, language, words, tmp_path, capsys):

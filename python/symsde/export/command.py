@@ -36,6 +36,7 @@ def run(options: argparse.Namespace) -> int:
     if not re.fullmatch(r"[A-Za-z]\w*", target.stem, flags=re.ASCII):  # it names a program, and stands in a command
         raise InvalidArgumentError(f"--out {target.name!r}: name programs by a letter, then letters, digits and _")
     line = compile_line(options.to, target)
+    _refuse_python(options.scene)
     chosen = scene.load(options.scene)
     text = (in_fortran if options.to == "fortran" else in_c).source(given_of(chosen, target.stem[:50]), line)
     try:
@@ -46,6 +47,13 @@ def run(options: argparse.Namespace) -> int:
     if missing := left_out(chosen):
         print(f"symsde: left out, programs print moments of q, p and H alone: {', '.join(missing)}", file=sys.stderr)
     return 0
+
+
+def _refuse_python(file: str) -> None:
+    """Of a scene whose model is a Python function, before anything of it is executed."""
+    model = scene._read(file)[1].get("model")
+    if isinstance(model, dict) and "python" in model:
+        raise InvalidArgumentError(f"{file}: a model that is a Python function cannot be exported: give formulas")
 
 
 def left_out(chosen: scene.Scene) -> list[str]:

@@ -128,8 +128,6 @@ def given_of(scene: Scene, stem: str) -> Given:
     """Read a scene; what a program cannot say is refused."""
     setup = make_setup(scene.model, **scene.run)
     model = scene.model
-    if not isinstance(model, FormulaModel) and "name" not in scene.tables["model"]:
-        raise InvalidArgumentError(f"{scene.file}: a model that is a Python function cannot be exported: give formulas")
     if setup.q0.shape[1] != 1 or setup.p0.shape[1] != 1:
         raise InvalidArgumentError(
             f"{scene.file}: [run] q0, p0 differ from path to path, and a program holds one state: give one for all"

@@ -37,7 +37,7 @@ def compute() -> dict:
 
 
 def _excess(make, scheme: str, omega_h: float, sigma_sqrt_h: float) -> float | None:
-    """With omega = 1, h = omega h: sigma sqrt(h)/... is the strength over a step."""
+    """With omega = 1 the step is omega h, and sigma is sigma sqrt(h) over the root of that."""
     try:
         found = mean_square(make(sigma_sqrt_h / np.sqrt(omega_h)), scheme, step=omega_h).excess
     except SymsdeError:
