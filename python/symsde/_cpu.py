@@ -7,7 +7,7 @@ import os
 import platform
 from pathlib import Path
 
-from .errors import InvalidArgumentError
+from .errors import InvalidArgumentError, LibraryNotFoundError
 
 BASELINE = "baseline"  #: the package's own library; in wheels it is of level v2, which those of NumPy need, too
 _V2 = {"cx16", "lahf_lm", "popcnt", "sse4_1", "sse4_2", "ssse3"}
@@ -65,7 +65,13 @@ def folders(package: Path) -> list[Path]:
     """Where the variants for this machine lie, in the package's folder and below, in the order to look in."""
     if not levels():
         return [package]
-    chosen = wanted(os.environ.get("SYMSDE_CPU"), _flags_here())
+    have = _flags_here()
+    chosen = wanted(os.environ.get("SYMSDE_CPU"), have)
+    if have and not have >= _V2 and (package / "glibc-hwcaps").is_dir():  # a wheel: its lowest variant needs these
+        raise LibraryNotFoundError(
+            f"this processor lacks {', '.join(sorted(_V2 - have))}, which the library of this package needs (x86-64-v2): "
+            "build one for it from the sources with ./bootstrap build, and set SYMSDE_LIBRARY to its libsymsde.so"
+        )
     return [package if level == BASELINE else package / "glibc-hwcaps" / f"x86-64-{level}" for level in chosen]
 
 

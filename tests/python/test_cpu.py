@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from symsde import _cpu
-from symsde.errors import InvalidArgumentError
+from symsde.errors import InvalidArgumentError, LibraryNotFoundError
 
 NEHALEM = {"cx16", "lahf_lm", "popcnt", "sse4_1", "sse4_2", "ssse3", "sse2"}
 HASWELL = NEHALEM | {"abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "xsave"}
@@ -58,6 +58,21 @@ def test_folders_in_the_order_to_look_in(monkeypatch):
     assert _cpu.folders(package) == [package]
     monkeypatch.setattr(_cpu.platform, "machine", lambda: "aarch64")
     assert _cpu.folders(package) == [package] and _cpu.levels() == []
+
+
+def test_a_processor_below_all_variants_is_told_so(monkeypatch, tmp_path):
+    """Not by an illegal instruction; outside of wheels the library may have been built for it."""
+    monkeypatch.setattr(_cpu.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(_cpu, "_flags_here", lambda: NEHALEM - {"popcnt"})
+    monkeypatch.delenv("SYMSDE_CPU", raising=False)
+    assert _cpu.folders(tmp_path) == [tmp_path]
+    (tmp_path / "glibc-hwcaps").mkdir()
+    with pytest.raises(LibraryNotFoundError, match=r"lacks popcnt, which .* \(x86-64-v2\)"):
+        _cpu.folders(tmp_path)
+    monkeypatch.setattr(_cpu, "_flags_here", lambda: NEHALEM)
+    assert _cpu.folders(tmp_path) == [tmp_path]
+    monkeypatch.setattr(_cpu, "_flags_here", set)  # no /proc: nothing is known
+    assert _cpu.folders(tmp_path) == [tmp_path]
 
 
 def test_a_variant_that_is_not_there_is_an_error():
