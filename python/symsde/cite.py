@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Iterable
 
 from . import schemes
@@ -89,7 +88,7 @@ def cite(scheme: str | None = None) -> str:
 
 def sources(reference: str) -> Iterable[str]:
     """The keys of what a reference of the library names, as '[WHSB] (71)-(72); Milstein, Repin, Tretyakov 2002'."""
-    return [key for key in _SOURCES if re.search(rf"(?<![\w,] ){re.escape(key)}", reference)]
+    return [key for key in _SOURCES if key in reference]
 
 
 def _project() -> str:
