@@ -61,6 +61,11 @@ def levels() -> list[str]:
     return supported(_flags_here())
 
 
+def flags_are_known() -> bool:
+    """Whether this machine tells what its processor can."""
+    return bool(_flags_here())
+
+
 def folders(package: Path) -> list[Path]:
     """Where the variants for this machine lie, in the package's folder and below, in the order to look in."""
     if not levels():
@@ -69,7 +74,7 @@ def folders(package: Path) -> list[Path]:
     chosen = wanted(os.environ.get("SYMSDE_CPU"), have)
     if have and not have >= _V2 and (package / "glibc-hwcaps").is_dir():  # a wheel: its lowest variant needs these
         raise LibraryNotFoundError(
-            f"this processor lacks {', '.join(sorted(_V2 - have))}, which the library of this package needs (x86-64-v2): "
+            f"this processor lacks {', '.join(sorted(_V2 - have))}, which this package's library needs (x86-64-v2): "
             "build one for it from the sources with ./bootstrap build, and set SYMSDE_LIBRARY to its libsymsde.so"
         )
     return [package if level == BASELINE else package / "glibc-hwcaps" / f"x86-64-{level}" for level in chosen]

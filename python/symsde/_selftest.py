@@ -97,15 +97,16 @@ def threads() -> Check:
 def variant() -> Check:
     """The library is the one that was chosen: by SYMSDE_LIBRARY, else the best that the processor runs."""
     found, first = _library.found(), _library.candidates()[0]
-    info = build_info()
-    level = next((name for name in _cpu.LEVELS if f"x86-64-{name}" in str(found)), "its own build")
-    known = {"midpoint", "stormer_verlet"} <= set(schemes.names()) and "version" in info
-    text = f"{level}, version {info.get('version', '?')}, {found}"
-    missing = found != first and "SYMSDE_LIBRARY" not in os.environ and first.parent.parent.name == "glibc-hwcaps"
-    wheel = (_library.package() / "glibc-hwcaps").is_dir()
-    if missing and wheel:
+    known = {"midpoint", "stormer_verlet"} <= set(schemes.names())
+    levels = [name for name in _cpu.LEVELS if f"x86-64-{name}" in str(found)]
+    is_wheel = (_library.package() / "glibc-hwcaps").is_dir() and "SYMSDE_LIBRARY" not in os.environ
+    level = (levels or [_cpu.BASELINE])[0] if is_wheel else "no variants"
+    text = f"{level}, version {build_info().get('version', '?')}, {found}"
+    if is_wheel and found != first:
         text += f", where this processor could have {first}"
-    return Check("variant", text, bool(known and not (missing and wheel)))
+    elif is_wheel and not _cpu.flags_are_known():
+        text += "; what else this processor could run is not known, since there is no /proc/cpuinfo"
+    return Check("variant", text, bool(known and not (is_wheel and found != first)))
 
 
 CHECKS: tuple[Callable[[], Check], ...] = (noise, one_step, structure, order, mean, resume, threads, variant)

@@ -135,8 +135,10 @@ def load(path: str | os.PathLike) -> Scene:
 
 
 def _observables(file: str, scene: Scene) -> dict[str, str]:
-    """The table [observables], compiled for a try."""
-    given = scene.tables.get("observables", {})
+    """The table [observables], compiled for a try: formulas need sympy, which scenes without them do not."""
+    if "observables" not in scene.tables:
+        return {}
+    given = scene.tables["observables"]
     for name, formula in given.items():
         if not isinstance(formula, str):
             raise SceneError(

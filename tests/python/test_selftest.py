@@ -2,6 +2,8 @@
 """symsde selftest and symsde cite: every check passes here, and fails where what it looks at is wrong."""
 
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -114,6 +116,20 @@ def test_a_check_that_cannot_be_made_has_failed(monkeypatch):
 def test_the_verb(capsys):
     assert cli.main(["selftest"]) == 0
     assert "8 of 8" in capsys.readouterr().out
+
+
+def test_the_command_line_needs_numpy_alone(tmp_path):
+    """What a fresh environment has: no sympy, xarray, numba, matplotlib; scenes run, and save what they can."""
+    hide = "import sys; sys.modules.update(dict.fromkeys(sys.argv[1].split(',')))\n"
+    names = "sympy,symengine,xarray,netCDF4,numba,matplotlib,tqdm,scipy,pandas"
+    verb = [sys.executable, "-c", f"{hide}from symsde import cli; sys.exit(cli.main(sys.argv[2:]))", names]
+    text = subprocess.run([*verb, "template", "kubo"], check=True, capture_output=True, text=True).stdout
+    (tmp_path / "k.toml").write_text(text.replace("steps = 5000", "steps = 500"))
+    run = [*verb, "run", tmp_path / "k.toml", "--out", tmp_path / "k"]
+    done = subprocess.run(run, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert {"moments.csv", "run.npz"} <= {file.name for file in (tmp_path / "k").iterdir()}
+    assert subprocess.run([*verb, "selftest"], check=False, capture_output=True).returncode == 0
 
 
 def test_every_source_of_the_catalogue_is_cited():
