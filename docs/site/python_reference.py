@@ -17,7 +17,7 @@ GROUPS = {
     "Errors of an answer": ("expect", "Answer", "Alternative", "mlmc", "Multilevel", "level_sampler", "LevelSampler"),
     "Errors of a scheme": ("convergence", "Convergence", "work_precision", "WorkPrecision"),
     "Brackets and growth": ("commutator", "Commutator", "mean_square", "MeanSquare"),
-    "The library itself": ("build_info", "status_text"),
+    "The library itself": ("build_info", "selftest", "status_text"),
     "Exceptions and warnings": (
         "SymsdeError",
         "PathsFailedWarning",
