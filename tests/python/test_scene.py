@@ -10,6 +10,7 @@ import subprocess
 import sys
 import termios
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -446,3 +447,17 @@ def test_paper_is_dispatched(monkeypatch, tmp_path):
     monkeypatch.setattr(paper, "run", lambda out, quick: called.append((out, quick)) or 1)
     assert cli.main(["paper", "--out", str(tmp_path), "--quick"]) == 1
     assert called == [(str(tmp_path), True)]
+
+
+def test_a_plain_scene_needs_numpy_alone():
+    """As in an environment of `pip install symsde`: optional packages are refused to it."""
+    scene_file = Path(__file__).parents[2] / "examples" / "scenes" / "kubo.toml"
+    code = (
+        "import sys\n"
+        "for name in ('sympy', 'symengine', 'scipy', 'numba', 'matplotlib', 'xarray', 'netCDF4', 'tqdm', 'pandas'):\n"
+        "    sys.modules[name] = None\n"
+        "from symsde.cli import main\n"
+        f"sys.exit(main(['check', {str(scene_file)!r}]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
