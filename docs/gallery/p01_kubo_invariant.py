@@ -15,9 +15,7 @@ from symsde.look import of_scheme
 model = ss.models.kubo(a=1.0, sigma=0.5)
 moved = {}
 for scheme in ("midpoint", "stormer_verlet", "symplectic_euler", "heun", "euler_maruyama"):
-    run = ss.simulate(
-        model, q0=1.0, p0=0.0, step=0.05, steps=2000, save_every=10, paths=200, seed=1, scheme=scheme
-    )  # fmt: skip
+    run = ss.simulate(model, q0=1.0, p0=0.0, step=0.05, steps=2000, save_every=10, paths=200, seed=1, scheme=scheme)
     radius = (run.q**2 + run.p**2)[:, 0].mean(axis=1)
     moved[scheme] = np.abs(radius - 1).max()
     plt.plot(run.t, radius, label=scheme, color=of_scheme(scheme)["color"])

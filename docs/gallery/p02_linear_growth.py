@@ -15,9 +15,7 @@ from symsde.look import of_scheme
 
 model, step = ss.models.linear_oscillator(sigma=1.0), 0.2
 for scheme in ("midpoint", "stormer_verlet", "euler_maruyama"):
-    mom = ss.moments(
-        model, q0=1.0, p0=0.0, step=step, steps=500, save_every=5, paths=20_000, seed=1, scheme=scheme
-    )  # fmt: skip
+    mom = ss.moments(model, q0=1.0, p0=0.0, step=step, steps=500, save_every=5, paths=20_000, seed=1, scheme=scheme)
     size, error = 2 * mom.mean_energy, 2 * mom.se_mean_energy
     plt.plot(mom.t, size, label=scheme, color=of_scheme(scheme)["color"])
     if scheme == "midpoint":

@@ -13,8 +13,11 @@ from symsde.look import of_scheme
 
 model = ss.models.synchrotron(omega=1.0, sigma1=0.2, sigma2=0.1)
 for scheme, low, high in (
-    ("symplectic_euler", 0.85, 1.15), ("midpoint", 0.85, 1.25), ("gauss_dkdkd", 1.3, 2.1), ("chin4a", 1.3, 2.3),
-):  # fmt: skip
+    ("symplectic_euler", 0.85, 1.15),
+    ("midpoint", 0.85, 1.25),
+    ("gauss_dkdkd", 1.3, 2.1),
+    ("chin4a", 1.3, 2.3),
+):
     table = ss.convergence(model, scheme, q0=1.0, p0=0.0, steps=[8, 16, 32, 64], time=2.0, paths=400, seed=1)
     assert low < table.order < high, (scheme, table.order)
     plt.loglog(table.step, table.error, label=f"{scheme}: {table.order:.2f}", **of_scheme(scheme))

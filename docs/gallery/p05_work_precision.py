@@ -15,7 +15,7 @@ from symsde.look import of_scheme
 schemes = ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "heun")
 study = ss.work_precision(
     ss.models.synchrotron(), q0=1.0, p0=0.0, horizon=4.0, steps=[16, 32, 64], schemes=schemes, paths=200, seed=1
-)  # fmt: skip
+)
 for scheme in schemes:
     rows = [row for row in study.rows if row["scheme"] == scheme]
     plt.loglog([1e6 * r["seconds"] for r in rows], [r["err_strong"] for r in rows], label=scheme, **of_scheme(scheme))

@@ -4,7 +4,7 @@ Long times beside Heun's rule
 =============================
 
 Ten thousand time units of a pendulum with little noise. Symplectic schemes let the energy wander as the
-equation does; Heun's rule, of the same order and about the same cost, heats it until the pendulum turns over.
+equation does; Heun's rule, of the same order, heats it until the pendulum turns over.
 """
 
 import matplotlib.pyplot as plt
@@ -14,9 +14,7 @@ from symsde.look import of_scheme
 model = ss.models.synchrotron(omega=1.0, sigma1=0.001, sigma2=0.0)
 end = {}
 for scheme in ("midpoint", "stormer_verlet", "heun"):
-    mom = ss.moments(
-        model, q0=0.5, p0=0.0, step=0.25, steps=40_000, save_every=400, paths=64, seed=1, scheme=scheme
-    )  # fmt: skip
+    mom = ss.moments(model, q0=0.5, p0=0.0, step=0.25, steps=40_000, save_every=400, paths=64, seed=1, scheme=scheme)
     end[scheme] = mom.mean_energy[-1]
     plt.plot(mom.t, mom.mean_energy, label=scheme, color=of_scheme(scheme)["color"])
 plt.xlabel("t")

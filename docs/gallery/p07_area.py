@@ -26,9 +26,16 @@ figure, (left, right) = plt.subplots(1, 2)
 change = {}
 for scheme in ("midpoint", "heun"):
     run = ss.simulate(
-        model, q0=q0[None], p0=p0[None], step=0.4, steps=60, paths=len(angle), seed=4, scheme=scheme,
+        model,
+        q0=q0[None],
+        p0=p0[None],
+        step=0.4,
+        steps=60,
+        paths=len(angle),
+        seed=4,
+        scheme=scheme,
         common_noise=[1, 2],
-    )  # fmt: skip
+    )
     areas = np.array([area(q[0], p[0]) for q, p in zip(run.q, run.p, strict=True)])
     change[scheme] = abs(areas[-1] / areas[0] - 1)
     right.plot(run.t, areas / areas[0], label=scheme, color=of_scheme(scheme)["color"])

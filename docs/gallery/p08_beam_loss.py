@@ -17,9 +17,13 @@ common = {"q0": 0.2, "p0": 0.0, "paths": 20_000, "seed": 1}
 for step, bridge, style in ((0.01, True, "k-"), (0.1, True, "C0o"), (0.1, False, "C1s")):
     steps = round(40 / step)
     found = ss.moments(
-        model, step=step, steps=steps, save_every=steps // 20, **common,
+        model,
+        step=step,
+        steps=steps,
+        save_every=steps // 20,
+        **common,
         observers={"loss": ss.observe.Passage("q_1", low=-1.0, high=1.0, bridge=bridge)},
-    ).observed["loss"]  # fmt: skip
+    ).observed["loss"]
     lost = found.lost
     plt.plot(found.t, 100 * lost, style, markersize=4, label=f"h = {step:g}, {'with' if bridge else 'without'} bridge")
     if step == 0.01:

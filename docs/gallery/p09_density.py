@@ -14,7 +14,7 @@ import symsde as ss
 model = ss.models.synchrotron(omega=1.0, sigma1=0.05, sigma2=0.05)
 run = ss.simulate(
     model, q0=1.5, p0=0.0, step=0.1, steps=3000, save_every=1000, paths=100_000, seed=1, scheme="stormer_verlet"
-)  # fmt: skip
+)
 figure, panels = plt.subplots(1, 3, sharex=True, sharey=True, figsize=(8, 3))
 for panel, n in zip(panels, (1, 2, 3), strict=True):
     count, *_ = panel.hist2d(run.q[n, 0], run.p[n, 0], bins=120, range=[[-3, 3], [-2.5, 2.5]], cmap="magma")

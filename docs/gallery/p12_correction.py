@@ -16,9 +16,17 @@ figure, panel = plt.subplots()
 gap = {}
 for correction, step in (("none", 0.1), ("none", 0.0125), ("increments", 0.1)):
     mom = ss.moments(
-        model, q0=1.0, p0=0.0, step=step, steps=round(5 / step), save_every=round(0.5 / step), paths=20_000, seed=1,
-        scheme="symplectic_euler", correction=correction,
-    )  # fmt: skip
+        model,
+        q0=1.0,
+        p0=0.0,
+        step=step,
+        steps=round(5 / step),
+        save_every=round(0.5 / step),
+        paths=20_000,
+        seed=1,
+        scheme="symplectic_euler",
+        correction=correction,
+    )
     exact = np.exp(-(0.5**2) * mom.t / 2) * np.cos(mom.t)
     gap[correction, step] = np.abs(mom.mean_q[:, 0] - exact).max()
     panel.plot(mom.t, mom.mean_q[:, 0], "o-", markersize=3, label=f"correction {correction}, h = {step:g}")

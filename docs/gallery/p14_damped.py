@@ -13,9 +13,10 @@ import symsde as ss
 
 gamma, omega, sigma = 0.5, 1.5, 0.4
 model = ss.model_from_sympy(
-    "exp(-gamma*t)*p**2/2 + exp(gamma*t)*omega**2*q**2/2", noise=["-sigma*exp(gamma*t)*q"],
+    "exp(-gamma*t)*p**2/2 + exp(gamma*t)*omega**2*q**2/2",
+    noise=["-sigma*exp(gamma*t)*q"],
     params={"gamma": gamma, "omega": omega, "sigma": sigma},
-)  # fmt: skip
+)
 mom = ss.moments(model, q0=1.0, p0=0.0, step=0.02, steps=1000, save_every=10, paths=20_000, seed=1)
 limit = sigma**2 / (2 * gamma * omega**2)
 plt.fill_between(mom.t, *(mom.mean_q[:, 0] + s * np.sqrt(mom.var_q[:, 0]) for s in (-1, 1)), alpha=0.3)
