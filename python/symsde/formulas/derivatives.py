@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Values, gradients and Hessians of weighted sums S = sum_j w_j H_j as nodes of one graph.
 
-Derivatives are taken of every H_j by symengine (sympy where it is not installed, which takes a hundred times as
+Derivatives are taken of every H_j by symengine (sympy where it is not installed, which takes tens of times as
 long). S stays a sum of products weight x coefficient x function: where several Hamiltonians share a function of the
 state, as (omega^2 w_0 + sigma w_2) sin q, it is multiplied once.
 """

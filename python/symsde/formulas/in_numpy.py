@@ -15,8 +15,8 @@ from .emit_c import reachable
 from .graph import Graph
 
 SENTENCE = (
-    "there is no C compiler, so that the formulas are evaluated by NumPy on one thread, which takes 30 times as long "
-    "for many paths and 200 times for one: install gcc or clang, or set SYMSDE_CC to one"
+    "there is no C compiler, so that the formulas are evaluated by NumPy on one thread, which takes 20 to 30 "
+    "times as long for many paths and 600 to 800 times for one: install gcc or clang, or set SYMSDE_CC to one"
 )
 _OPERATIONS: dict[str, Callable] = {
     "+": operator.add,

@@ -92,7 +92,7 @@ def work_precision(
     - interval: relative half width wanted of the strong errors; too few paths for it are refused
     - invariants: {name: f(q, p)}; without any, H where every noise Hamiltonian commutes with it
     - out: directory for the table, the figure and the finished points; a rerun goes on where an earlier one stopped
-    - further options are t0, seed, correction, truncation and compensated of `simulate`
+    - further options are t0, seed, correction, truncation, compensated and threads (of the error runs) of `simulate`
 
     Misuse raises a ValueError with a sentence before the first long run. Points whose paths fail are marked.
     """
