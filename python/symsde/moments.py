@@ -21,7 +21,7 @@ from . import _abi, _callbacks, _checks, _files, _handles, provenance, tabular
 from ._checks import address
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
-from .errors import NotANumberWarning
+from .errors import InvalidArgumentError, NotANumberWarning
 from .model import Model
 from .observe import kept, requests, results
 from .observe.observables import Observable, are_in_python, bind, check_observables, described
@@ -61,6 +61,21 @@ class Moments(Reported):
         self.m2 = np.empty((setup.ntime, nvalue))
         self._name_columns()
         self.kept = {name: self.scope.room(observer) for name, observer in self.observers.items()}
+        if self.observers:
+            self._check_names()
+
+    def _check_names(self) -> None:
+        """Refuse names of observers and observables by which files would hold two variables of one name."""
+        taken = dict.fromkeys(("n_ok", "failed", "failed_status", "failed_step"), "what every file holds")
+        taken |= {f"{kind}_{name}": f"the observable {name!r}" for kind in self._tables for name in self._observables}
+        for name, result in results.observed(self.scope, np.zeros(len(self.t)), self.observers, self.kept).items():
+            for variable in result.variables(name):
+                if variable in taken:
+                    raise InvalidArgumentError(
+                        f"the observer {name!r} would call a variable of files {variable}, as {taken[variable]} does: "
+                        "give one of the two another name"
+                    )
+                taken[variable] = f"the observer {name!r}"
 
     def _name_columns(self) -> None:
         """Attributes that show the columns of the tables."""

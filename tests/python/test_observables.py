@@ -310,6 +310,31 @@ def test_hostile_scenes(line, sentence, tmp_path):
         scene.load(file)
 
 
+CLASHES = {
+    (
+        "x",
+        "passage",
+        "x_lost",
+        "histogram",
+    ): "observer 'x_lost' would call a variable of files x_lost_below, as the obs",
+    ("failed", "passage", "other", "extremes"): "files failed_step, as what every file holds does",
+    ("mean_log", "histogram", "other", "extremes"): "files mean_log_count, as the observable 'log_count' does",
+}
+
+
+@pytest.mark.parametrize(("names", "sentence"), CLASHES.items())
+def test_names_that_files_would_hold_twice(names, sentence):
+    """One of the two would be written over the other."""
+    kinds = {
+        "passage": observe.Passage("q_1", within=1.0),
+        "histogram": observe.Histogram("q_1", -1, 1, 4),
+        "extremes": observe.Extremes("q_1"),
+    }
+    wanted = dict(zip(names[::2], (kinds[kind] for kind in names[1::2]), strict=True))
+    with pytest.raises(InvalidArgumentError, match=sentence):
+        ss.moments(model(), observables={"log_count": "q1"}, observers=wanted, **RUN)
+
+
 def test_observables_need_moments(tmp_path):
     file = write(tmp_path / "scene.toml", SCENE.partition("[[observe]]")[0] + "[output]\nmoments = false\npaths=[0]\n")
     with pytest.raises(SceneError, match=r"\[observables\] go with moments"):
