@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import study
-from symsde.study import timing
+from symsde.study import left_out, scenes, timing
 from symsde.study.plan import make_plan
 
 GIVEN = {"q0": 1.0, "p0": 0.3, "steps": [4, 8, 16], "horizon": 1.0, "paths": 120, "schemes": ["midpoint", "heun"]}
@@ -190,3 +190,25 @@ def test_the_error_of_a_reference_is_that_of_the_paths_that_it_follows():
     assert 80 < table.paths < 200 and np.isfinite(table.reference_error)
     with pytest.raises(ss.errors.NumericalError, match="paths fail with the reference"):
         ss.convergence(model, "stormer_verlet", time=30.0, **given)
+
+
+def test_counts_of_a_scene_with_a_column_for_each_path(tmp_path):
+    """Such a scene is counted on 256 paths from the state of its first one; its paths are those of its study."""
+    file = tmp_path / "columns.toml"
+    text = '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 8\nq0 = [{}]\np0 = 0.0\npaths = 50\n'
+    file.write_text(
+        text.format([1.0 + i / 50 for i in range(50)]) + '[study]\nschemes = ["midpoint"]\nsteps = [4, 8]\n'
+    )
+    assert left_out.left_out(file).counts["normals"] == 1
+    found = scenes.study(file)
+    assert {row["paths"] for row in found.rows} == {50} and found.rows[0]["failed"] == 0
+    with pytest.raises(ss.errors.SceneError, match="q0 has shape"):
+        scenes.study(file, paths=100)
+
+
+def test_a_scene_that_goes_backward_needs_a_horizon(tmp_path):
+    file = tmp_path / "back.toml"
+    file.write_text('[model]\nname = "kubo"\n[run]\nstep = -0.1\nsteps = 8\nq0 = 1.0\np0 = 0.0\n')
+    with pytest.raises(ss.errors.SceneError, match="goes backward"):
+        scenes.check(file)
+    scenes.check(file, horizon=0.8)

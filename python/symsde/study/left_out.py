@@ -7,8 +7,11 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from .. import scene
 from ..moments import moments
+from .timing import has_columns
 
 PATHS, STEPS = 256, 32  #: of the counted runs
 COUNTERS = ("normals", "gradients", "hessians", "hessian_vectors", "iterations", "solves", "lapack_solves")
@@ -40,6 +43,9 @@ def left_out(file: str | os.PathLike) -> LeftOut:
     chosen = scene.load(file)
     run = {**chosen.run, "paths": PATHS, "steps": STEPS, "save_every": STEPS, "threads": 1}
     run.pop("first_path", None)
+    run |= {
+        key: np.asarray(run[key])[:, :1] for key in ("q0", "p0") if has_columns(run[key])
+    }  # the first path's for all
     found = moments(chosen.model, **run)
     report = found.report
     counts = {name: report.counters[name] / report.counters["path_steps"] for name in COUNTERS}
