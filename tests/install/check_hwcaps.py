@@ -2,7 +2,7 @@
 """check_hwcaps.py ROOT WORK: an installed tree with variants, and a C program that glibc gives the right one of them.
 
 The loader takes the variant of the processor, and a lower one, or the library itself, where it may not; each of them
-runs, and prints the same. Exit 77 (skipped) where processor or glibc know of no such folders.
+computes the same bits of nine scenes. Exit 77 (skipped) where processor or glibc know of no such folders.
 """
 
 import re
@@ -23,13 +23,13 @@ def main() -> int:
     if not mine:
         print("skipped: this processor is below x86-64-v3, or the loader knows no folders glibc-hwcaps")
         return 77
-    build, prefix, program = work / "build", work / "prefix", work / "own_model"
+    build, prefix, program = work / "build", work / "prefix", work / "digest"
     shutil.rmtree(prefix, ignore_errors=True)
     ask("cmake", "-S", root, "-B", build, "-G", "Ninja", "-DSYMSDE_VARIANTS=ON", "-DSYMSDE_FLAGS=release",
         "-DSYMSDE_BUILD_TESTING=OFF", "-DCMAKE_INSTALL_LIBDIR=lib")  # fmt: skip
     ask("cmake", "--build", build)
     ask("cmake", "--install", build, "--prefix", prefix)
-    ask("cc", root / "examples/c/own_model.c", f"-I{prefix}/include", f"-L{prefix}/lib", "-lsymsde", "-lm",
+    ask("cc", root / "tests/install/digest.c", f"-I{prefix}/include", f"-L{prefix}/lib", "-lsymsde",
         f"-Wl,-rpath,{prefix}/lib", "-o", program)  # fmt: skip
     wrong, said = [], set()
     # all that the processor knows, then without the highest, and so on
@@ -43,7 +43,7 @@ def main() -> int:
         said.add(ask(*command, program))
         print(wanted or "base", folder)
     if len(said) != 1:
-        wrong.append(f"the variants say {said}")
+        wrong.append(f"the variants compute other bits: {said}")
     print(*wrong or ["every variant is taken as it should be"], sep="\n")
     return len(wrong)
 

