@@ -2,6 +2,7 @@
 """Execute a notebook, whose cells check what they say: run_notebook.py FILE.ipynb; 77 without nbclient."""
 
 import importlib.util
+import os
 import sys
 from pathlib import Path
 
@@ -15,6 +16,7 @@ def main():
     import nbclient
     import nbformat
 
+    os.environ.pop("MPLBACKEND", None)  # which tests set: figures are to come into the notebook
     notebook = nbformat.read(Path(sys.argv[1]), as_version=4)
     if any(cell.get("outputs") for cell in notebook.cells):
         print(f"{sys.argv[1]} holds outputs: clear them before it is committed")
