@@ -9,8 +9,25 @@ INTRODUCTION = """\
 # C interface
 
 `#include <symsde.h>`, and link with `pkg-config --cflags --libs symsde`. This page is made from the header when the
-site is built. A comment of the header stands over what it speaks of. For C++17 there is `symsde.hpp`, a thin layer over
-it, which describes itself.
+site is built. A comment of the header stands over what it speaks of. For C++17 there is
+[symsde.hpp](cpp.md), a thin layer over it.
+"""
+CPP = """\
+# C++ interface
+
+`#include <symsde.hpp>`: C++17, headers alone, over the [C interface](c.md). The headers as they stand:
+
+## `symsde.hpp`
+
+```{literalinclude} ../../include/symsde.hpp
+:language: cpp
+```
+
+## `symsde/models.hpp`
+
+```{literalinclude} ../../include/symsde/models.hpp
+:language: cpp
+```
 """
 PROTOTYPE = re.compile(r"^int (symsde_\w+)\(", re.M)
 
