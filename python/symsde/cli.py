@@ -27,7 +27,10 @@ from .study import command as study
 
 OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED, NOT_WRITTEN = 0, 1, 2, 3, 4, 5
 _WITH_SCENES = ("run", "merge", "plot", "check", "study", "expect")
-_EPILOG = "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed, 4 stopped, 5 a file or folder failed"
+_EPILOG = (
+    "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed or a value was no finite number, 4 stopped, "
+    "5 a file or folder failed"
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
