@@ -47,6 +47,7 @@ class Work:
         """The first of the plans is carried out."""
         self.pilot, self.plan, self.others = pilot, plans[0], plans[1:]
         self.tolerance, self.watch = pilot.tolerance, pilot.watch
+        self._begin = self.watch.seconds
         left = max(self.watch.max_time - self.watch.elapsed, 0.0)
         if self.plan.seconds > min(left, _LONG):
             what = "give a larger tolerance, or max_time, after which the interval is given as it is then"
@@ -135,7 +136,7 @@ class Work:
             scheme=self.plan.trial.scheme.name,
             step=horizon / (found.steps or self.plan.steps),
             paths=found.paths,
-            cost=self.watch.seconds,
+            cost=self.pilot.seconds + self.watch.seconds - self._begin,
             pilot=self.pilot.seconds,
             alternatives=tuple(others),
             reached=reached,
