@@ -106,6 +106,7 @@ def test_exact_solution_from_columns_beside_one_for_all(kubo, columns):
     expected = ss.diagnose.exact(ss.simulate(kubo, **whole, **common))
     found = ss.diagnose.exact(ss.simulate(kubo, **{**start, columns: whole[columns]}, **common))
     np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal([x[0] for x in found], [whole["q0"], whole["p0"]])
 
 
 def test_convergence_against_the_exact_solution(kubo):
