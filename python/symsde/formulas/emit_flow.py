@@ -29,6 +29,10 @@ enum {{ NOT_CONVERGED = 1, NONFINITE = 3 }}; /* of symsde.h */
 typedef struct {{
    double q[DOF], p[DOF];
 }} state;
+
+/* What every step of a lane is given: its weights, of which that of H is the step h, and the parameters. */
+#define LANE_IN const double *restrict w, const ptrdiff_t n, const double *restrict c, const double h
+#define LANE_OF w, n, c, h
 """
 
 
@@ -101,15 +105,15 @@ def _function(made: Derivatives, name: str, blocks: list[str]) -> str:
     """Blocks of derivatives of one lane."""
 
     def load(leaf: str) -> str:
+        if leaf == "w0":
+            return "h"  # the weight of H: of every lane and step the same
         return f"w[{leaf[1:]} * n]" if leaf[0] == "w" else f"s->{leaf[0]}[{leaf[1:]}]"
 
     outputs = [(f"{block}[{k}]", x) for block in blocks for k, x in enumerate(made.outputs[block])]
     before, inside, _ = Writer(made.graph, load).lines([x for _, x in outputs])
     writer = Writer(made.graph, load)
     given = "".join(f", double *restrict {block}" for block in blocks)
-    head = (
-        f"INLINE {name}(const double *restrict w, const ptrdiff_t n, const double *restrict c, const state *s{given},"
-    )
-    lines = [head, "       const int far) {", "   int64_t beyond = 0;", *before, *(line[3:] for line in inside)]
+    head = f"INLINE {name}(LANE_IN, const state *s{given}, const int far) {{"
+    lines = [head, "   int64_t beyond = 0;", *before, *(line[3:] for line in inside)]
     lines += [f"   {target} = {writer.operand(x)};" for target, x in outputs]
     return "\n".join([*lines, "   return beyond;", "}", ""])

@@ -9,7 +9,7 @@ INLINE STEP_in_lanes(const int lanes, const int steps, const ptrdiff_t stride, L
       state s = state_of(x, i);
 #pragma GCC unroll 8
       for (int j = 0; j < steps; j++)
-         beyond |= STEP(w + j * stride + i, n, c, &s, far);
+         beyond |= STEP(w + j * stride + i, n, c, h, &s, far);
       put_state(s, x, i);
    }
    return beyond;
@@ -17,7 +17,7 @@ INLINE STEP_in_lanes(const int lanes, const int steps, const ptrdiff_t stride, L
 
 SELDOM STEP_far(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, double *restrict x) {
    for (int j = 0; j < steps; j++)
-      STEP_in_lanes(lanes, 1, stride, w + j * stride, n, c, x, 1);
+      STEP_in_lanes(lanes, 1, stride, w + j * stride, n, c, h, x, 1);
 }
 
 /* The steps of a path that is alone. */
@@ -26,7 +26,7 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, double *rest
    state s = state_of(x, 0);
 #pragma GCC unroll 1
    for (int j = 0; j < steps; j++)
-      beyond |= STEP(w + j * stride, n, c, &s, 0);
+      beyond |= STEP(w + j * stride, n, c, h, &s, 0);
    put_state(s, x, 0);
    return beyond;
 }

@@ -1,9 +1,9 @@
 
 /* ---- STEP by Newton's iteration, each lane until its own corrections stagnate ---- */
 
-/* A correction of the unknowns z of lane i into v, the verdict on it, and how steep the equations are where it was made;
- * 1 where the lane goes on. */
-LANE int64_t STEP_correct(const double *z, const double *d, const double last, const double steep, const int i,
+/* A correction of the unknowns z of lane i into v, the verdict on it, and how steep the equations are where it was
+ * made. */
+LANE void STEP_correct(const double *z, const double *d, const double last, const double steep, const int i,
                           double *restrict v) {
    double largest = 0, size = 0, sum = 0;
    for (int k = 0; k < STEP_UNKNOWNS; k++) {
@@ -16,39 +16,47 @@ LANE int64_t STEP_correct(const double *z, const double *d, const double last, c
    const double next = verdict(largest + 0 * sum, size, last); /* 0 * sum keeps a NaN */
    v[STEP_UNKNOWNS * STRIP + i] = next;
    v[(STEP_UNKNOWNS + 1) * STRIP + i] = last >= 0 ? d[STEP_UNKNOWNS] : steep; /* of the lane, not of its neighbours */
-   return 1 + (bits_of(next) >> 63);
+}
+
+/* How many lanes go on: counted in a loop of its own, because compilers count under a condition what a loop knows to be
+ * negative, and make no vectors of that. */
+LANE int64_t STEP_going(const int lanes, const double *restrict v) {
+   int64_t going = lanes;
+   for (int i = 0; i < lanes; i++)
+      going += bits_of(v[STEP_UNKNOWNS * STRIP + i]) >> 63;
+   return going;
 }
 
 /* The first iteration, from a guess, in lanes without a status; how many lanes go on. */
 INLINE STEP_first(const int lanes, LANE_IN, const double *restrict x, const int64_t *restrict status,
                   double *restrict v, int64_t *running, const int far) {
-   int64_t beyond = 0, going = 0;
+   int64_t beyond = 0;
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
       double z[STEP_UNKNOWNS], d[STEP_UNKNOWNS + 1];
       const state s = state_of(x, i);
-      beyond |= STEP_guess(w + i, n, c, &s, z, far);
-      beyond |= STEP_correction(w + i, n, c, &s, z, d, far);
-      going += STEP_correct(z, d, status[i] == 0 ? 0 : -2, 0, i, v);
+      beyond |= STEP_guess(w + i, n, c, h, &s, z, far);
+      beyond |= STEP_correction(w + i, n, c, h, &s, z, d, far);
+      STEP_correct(z, d, status[i] == 0 ? 0 : -2, 0, i, v);
    }
-   *running = going;
+   *running = STEP_going(lanes, v);
    return beyond;
 }
 
 /* One iteration more, from the unknowns u. */
 INLINE STEP_next(const int lanes, LANE_IN, const double *restrict x, const double *restrict u, double *restrict v,
                  int64_t *running, const int far) {
-   int64_t beyond = 0, going = 0;
+   int64_t beyond = 0;
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
       double z[STEP_UNKNOWNS], d[STEP_UNKNOWNS + 1];
       const state s = state_of(x, i);
       for (int k = 0; k < STEP_UNKNOWNS; k++)
          z[k] = u[k * STRIP + i];
-      beyond |= STEP_correction(w + i, n, c, &s, z, d, far);
-      going += STEP_correct(z, d, u[STEP_UNKNOWNS * STRIP + i], u[(STEP_UNKNOWNS + 1) * STRIP + i], i, v);
+      beyond |= STEP_correction(w + i, n, c, h, &s, z, d, far);
+      STEP_correct(z, d, u[STEP_UNKNOWNS * STRIP + i], u[(STEP_UNKNOWNS + 1) * STRIP + i], i, v);
    }
-   *running = going;
+   *running = STEP_going(lanes, v);
    return beyond;
 }
 
@@ -84,7 +92,7 @@ LANE void STEP_finish(const int lanes, LANE_IN, const double *restrict u, double
       const state s = state_of(x, i);
       for (int k = 0; k < STEP_UNKNOWNS; k++)
          z[k] = u[k * STRIP + i];
-      STEP_increment(w + i, n, c, &s, z, dq, dp);
+      STEP_increment(w + i, n, c, h, &s, z, dq, dp);
       STEP_add(dq, dp, i, x);
    }
 }
@@ -97,9 +105,9 @@ SELDOM STEP_finish_steep(const int lanes, LANE_IN, const double *restrict u, dou
       for (int k = 0; k < STEP_UNKNOWNS; k++)
          z[k] = u[k * STRIP + i];
       if (u[(STEP_UNKNOWNS + 1) * STRIP + i] > 1)
-         STEP_steep_increment(w + i, n, c, &s, z, dq, dp);
+         STEP_steep_increment(w + i, n, c, h, &s, z, dq, dp);
       else
-         STEP_increment(w + i, n, c, &s, z, dq, dp);
+         STEP_increment(w + i, n, c, h, &s, z, dq, dp);
       STEP_add(dq, dp, i, x);
    }
 }

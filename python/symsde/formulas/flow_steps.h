@@ -7,8 +7,6 @@
  * DOF degrees of freedom; the weights of a lane stand n apart. A step is told `far`, and returns a negative number where
  * some argument was far, as the functions do.
  */
-#define LANE_IN const double *restrict w, const ptrdiff_t n, const double *restrict c
-#define LANE_OF w, n, c
 
 LANE state state_of(const double *restrict x, const int i) {
    state s;
