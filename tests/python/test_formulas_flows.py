@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Whole steps that are generated: those of the general stepper to ulps, the same bits in blocks, statuses, twins."""
 
+import platform
+import re
+import subprocess
 import warnings
 
 import numpy as np
@@ -67,6 +70,29 @@ def test_what_is_generated(name):
 def test_time_mixed_products_and_many_coordinates_have_none(H):
     mine = ss.model_from_sympy(H)
     assert "formula_flow" not in mine.formula.source
+
+
+@pytest.mark.parametrize("name", ["kubo", "pendulum"])
+def test_loops_over_lanes_become_vectors(name, tmp_path):
+    """A loop of scalars is right, and several times slower: as gcc reports, line by line."""
+    version = subprocess.run([*compiler.command(), "--version"], capture_output=True, text=True, check=True).stdout
+    if platform.machine() != "x86_64" or "Free Software Foundation" not in version:
+        pytest.skip("the report is of gcc on x86-64")
+    source = model(name).formula.source
+    (tmp_path / "formula.c").write_text(source)
+    words = [*compiler.command(), *compiler.FLAGS, "-fopt-info-vec-optimized", "-o", "formula.so", "formula.c", "-lm"]
+    told = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True).stderr
+    vectors = {int(line.split(":")[1]) for line in told.splitlines() if "loop vectorized" in line}
+    function, loops = "", {}
+    for number, line in enumerate(source.splitlines(), 1):
+        if begin := re.match(r"INLINE (\w+_(?:in_lanes|first|next))\(", line):
+            function = begin[1]
+        elif line.startswith("   for (int i = 0; i < lanes;") and function:
+            loops[function], function = number, ""
+    wanted = {f"{scheme}_in_lanes" for scheme in ALL[:3]}
+    wanted |= {"midpoint_in_lanes"} if name == "kubo" else {f"{x}_{y}" for x in ALL[3:] for y in ("first", "next")}
+    assert loops.keys() == wanted
+    assert {name for name, number in loops.items() if number in vectors} == wanted
 
 
 def test_parameters_are_given_when_it_runs():
