@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The coefficients of a scheme across the C interface.
-!> In a module of its own: the C function has the name of the module of src/scheme/tableau.f90, and gfortran 12 calls one
-!> for the other where a file knows both.
+!> In a module of its own: the C function has the name of the module of src/scheme/tableau.f90, and gfortran 12 calls
+!> one for the other where a file knows both.
 module symsde_capi_tableau
    use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_ptr
    use symsde_base_kinds, only: wp, i8
