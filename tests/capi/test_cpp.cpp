@@ -275,7 +275,7 @@ void errors() {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "save_every", symsde::simulate(kubo, midpoint, chosen, {one, zero}));
    chosen = some_options(4, -3);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "-3", symsde::simulate(kubo, midpoint, chosen, {one, zero}));
-   chosen = some_options(std::int64_t{1} << 40, std::int64_t{1} << 40);
+   chosen = some_options(std::int64_t{1} << 62, 3);
    chosen.save_every = 1;
    EXPECT(SYMSDE_OUT_OF_MEMORY, "fit into memory", symsde::simulate(kubo, midpoint, chosen, {one, zero}));
    chosen = some_options(4, 3);
