@@ -102,7 +102,16 @@ def _parser() -> argparse.ArgumentParser:
     paper = add("paper", _paper, "Run every experiment of the paper; write results.json and figures.")
     paper.add_argument("--out", metavar="DIR", default="out/paper", help="directory of the results (%(default)s)")
     paper.add_argument("--quick", action="store_true", help="fewer paths and steps")
+    add("completion", _completion, "Print a script that completes verbs and options in a shell.").add_argument(
+        "shell", choices=("bash", "zsh", "tcsh")
+    )
     return parser
+
+
+def _completion(options: argparse.Namespace) -> int:
+    shtab = _files.optional("shtab", "completion")
+    print(shtab.complete(_parser(), shell=options.shell))
+    return OK
 
 
 def _check(options: argparse.Namespace) -> int:

@@ -3,6 +3,9 @@
 
 import ctypes
 import re
+import shutil
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -198,3 +201,23 @@ def test_texts_longer_than_any_buffer():
     finally:
         _handles.library = before
     assert sizes == [1024, 3001]
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+def test_completion_in_a_shell(capsys, monkeypatch):
+    """A shell that reads the script completes verbs and options; without shtab a sentence says what to install."""
+    pytest.importorskip("shtab")
+    assert cli.main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    ask = 'COMP_WORDS=(symsde "$@"); COMP_CWORD=$#; _shtab_symsde; echo "${COMPREPLY[@]}"'
+
+    def completed(*words):
+        command = ["bash", "-c", f"{script}\n{ask}", "bash", *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+
+    assert completed("sel") == ["selftest"]
+    assert sorted(completed("st")) == ["stability", "study"]
+    assert sorted(completed("plot", "--o")) == ["--of", "--out"]
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    assert cli.main(["completion", "zsh"]) == cli.BAD_INPUT
+    assert "symsde[completion]" in capsys.readouterr().err
