@@ -273,6 +273,21 @@ def _joined(runs: list[Run]) -> Run:
     return whole
 
 
+def require_schemes_alone(file: str | os.PathLike, table: str, run: dict[str, Any], has_horizon: bool) -> None:
+    """Refuse keys of [run] that a table which runs several schemes, forward, would leave out without a word."""
+    if run["step"] < 0 and not has_horizon:
+        raise SceneError(
+            f"{file}: [{table}]: [run] goes backward in time, errors and means are taken forward: give horizon in "
+            f"[{table}], a time above 0, counted from t0"
+        )
+    for key in ("fixed_point", "max_iter"):
+        if key in run:
+            raise SceneError(
+                f"{file}: [{table}]: {key} = {run[key]} of [run] would have no effect, since [{table}] solves every "
+                "scheme to rounding: leave it out"
+            )
+
+
 def template(name: str) -> str:
     """A commented scene of a built-in model, or of a formula, with the keys that it needs."""
     if name == "formula":

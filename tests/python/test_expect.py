@@ -466,6 +466,9 @@ def test_scene_that_goes_backward_or_asks_for_nothing(tmp_path, capsys):
         scene.write_text(text.format(step, f))
         assert main(["expect", str(scene)]) == 2
         assert words in capsys.readouterr().err
+    scene.write_text(text.format(0.1, '"q"').replace("steps = 20", "steps = 20\nmax_iter = 5"))
+    assert main(["expect", str(scene)]) == 2
+    assert "max_iter = 5 of [run] would have no effect" in capsys.readouterr().err
     scene.write_text(text.format(-0.1, '"q"') + "horizon = 2.0\n")
     assert main(["expect", str(scene), "--quiet"]) == 0
 

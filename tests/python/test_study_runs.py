@@ -212,3 +212,6 @@ def test_a_scene_that_goes_backward_needs_a_horizon(tmp_path):
     with pytest.raises(ss.errors.SceneError, match="goes backward"):
         scenes.check(file)
     scenes.check(file, horizon=0.8)
+    file.write_text(file.read_text() + "fixed_point = 3\n")
+    with pytest.raises(ss.errors.SceneError, match=r"fixed_point = 3 of \[run\] would have no effect"):
+        scenes.check(file, horizon=0.8)

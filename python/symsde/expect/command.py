@@ -64,11 +64,7 @@ def _asked(file: str, given: dict[str, Any]) -> tuple[Model, list[str], dict[str
     if "f" not in chosen.expect:
         raise SceneError(f'{file}: [expect] lacks f, a formula such as "q**2", or a list of formulas')
     run_of = chosen.run
-    if run_of["step"] < 0 and "horizon" not in chosen.expect:
-        raise SceneError(
-            f"{file}: [expect]: [run] goes backward in time, means are taken forward: give horizon in [expect], a time "
-            "above 0, counted from t0"
-        )
+    scene.require_schemes_alone(file, "expect", run_of, "horizon" in chosen.expect)
     known = {"horizon": abs(run_of["step"]) * run_of["steps"]}
     known |= {key: run_of[key] for key in (*OPTIONS, "q0", "p0", "seed") if key in run_of}
     known |= chosen.expect

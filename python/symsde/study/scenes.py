@@ -29,11 +29,7 @@ def _named(file, function, given: dict):
     chosen = scene.load(file)
     run = chosen.run
     asked = chosen.study | {key: value for key, value in given.items() if value is not None}
-    if run["step"] < 0 and "horizon" not in asked:
-        raise SceneError(
-            f"{file}: [study]: [run] goes backward in time, errors are taken forward: give horizon in [study], a time "
-            "above 0, counted from t0"
-        )
+    scene.require_schemes_alone(file, "study", run, "horizon" in asked)
     arguments = {"schemes": SCHEMES, "steps": STEPS, "horizon": abs(run["step"]) * run["steps"]}
     paths = run.get("paths", 1)
     arguments |= {"paths": paths if has_columns(run["q0"], run["p0"]) else max(1000, paths), "name": Path(file).stem}
