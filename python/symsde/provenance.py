@@ -31,10 +31,11 @@ def made() -> dict[str, str]:
 
 def start_of(setup: Setup) -> dict[str, str]:
     """The first states: numbers where these are few, else a hash of them, (dof, path) in float64."""
-    return {name: _numbers(getattr(setup, name)) for name in ("q0", "p0")}
+    return {name: numbers_of(getattr(setup, name)) for name in ("q0", "p0")}
 
 
-def _numbers(values: np.ndarray) -> str:
+def numbers_of(values: np.ndarray) -> str:
+    """States (dof, path) as text: those of one path alone where all begin alike."""
     if values.size <= _MOST:
         return json.dumps((values[:, 0] if values.shape[1] == 1 else values).tolist())
     digest = hashlib.sha256(np.ascontiguousarray(values, np.float64).tobytes()).hexdigest()

@@ -215,3 +215,21 @@ def test_a_scene_that_goes_backward_needs_a_horizon(tmp_path):
     file.write_text(file.read_text() + "fixed_point = 3\n")
     with pytest.raises(ss.errors.SceneError, match=r"fixed_point = 3 of \[run\] would have no effect"):
         scenes.check(file, horizon=0.8)
+
+
+def test_the_table_tells_what_made_it(tmp_path):
+    """Model, first states, options and the scene's text, before the rows."""
+    file = tmp_path / "told.toml"
+    file.write_text(
+        '# one\n[model]\nname = "kubo"\nsigma = 0.3\n[run]\nstep = 0.1\nsteps = 8\nq0 = 1.5\np0 = 0.0\nseed = 9\n'
+        '[study]\nschemes = ["midpoint"]\nsteps = [4, 8]\npaths = 50\n'
+    )
+    scenes.study(file, out=tmp_path / "out")
+    said = [line[2:] for line in (tmp_path / "out" / "work-precision.csv").read_text().splitlines() if line[0] == "#"]
+    told = dict(line.split(": ", 1) for line in said if ": " in line)
+    assert (told["model"], told["q0"], told["p0"]) == ("kubo", "[1.5]", "[0.0]")
+    assert json.loads(told["parameters"])["sigma"] == 0.3 and json.loads(told["options"])["seed"] == 9
+    assert float(told["horizon"]) == pytest.approx(0.8) and told["symsde_version"] == ss.__version__
+    text = file.read_text().splitlines()
+    at = said.index("scene_text:") + 1
+    assert [line[2:] for line in said[at : at + len(text)]] == text

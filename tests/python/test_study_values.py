@@ -412,7 +412,9 @@ def test_lessons_give_the_numbers(monkeypatch):
 
 
 def test_numbers_of_numpy_are_written_as_numbers(tmp_path):
-    table.write_csv(tmp_path / "x.csv", [{"scheme": "a", "drift": np.float64(0.25), "pareto": True, "h": 0.1}])
+    row = {"scheme": "a", "drift": np.float64(0.25), "pareto": True, "h": 0.1}
+    table.write_csv(tmp_path / "x.csv", [row], {"model": "toy"})
+    assert (tmp_path / "x.csv").read_text().startswith("# model: toy\n# date: ")
     (last,) = csv.DictReader(line for line in (tmp_path / "x.csv").read_text().splitlines() if not line.startswith("#"))
     assert (last["scheme"], last["drift"], last["pareto"], last["h"], last["weak_q"]) == ("a", "0.25", "1", "0.1", "")
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ class WorkPrecision:
     rows: list[dict]
     orders: dict[str, orders.Order]  #: of each scheme, plateaus left out
     resumed: int  #: points that an earlier run had finished
+    about: dict[str, str] = field(default_factory=dict)  #: what all points have in common, for the head of the table
 
     def words(self) -> str:
         """For this error use this scheme at this step."""
@@ -55,7 +56,7 @@ class WorkPrecision:
     def save(self, directory: str | os.PathLike) -> None:
         """Write work-precision.csv, and work-precision.png and .pdf, for which matplotlib must be installed."""
         with _files.folder(directory) as target:
-            table.write_csv(target / "work-precision.csv", self.rows)
+            table.write_csv(target / "work-precision.csv", self.rows, self.about)
             self.plot(target / "work-precision.png", pdf=True)
 
     def plot(self, path: str | os.PathLike, *, pdf: bool = False) -> None:
@@ -80,6 +81,7 @@ def work_precision(
     out: str | os.PathLike | None = None,
     progress: bool = False,
     name: str | None = None,
+    about: Mapping[str, str] | None = None,
     **options: Any,
 ) -> WorkPrecision:
     """Error against run time of several schemes at several steps, all on the same Brownian paths.
@@ -92,6 +94,7 @@ def work_precision(
     - interval: relative half width wanted of the strong errors; too few paths for it are refused
     - invariants: {name: f(q, p)}; without any, H where every noise Hamiltonian commutes with it
     - out: directory for the table, the figure and the finished points; a rerun goes on where an earlier one stopped
+    - about: names and texts that the head of the table shall repeat, beside model, first states and options
     - further options are t0, seed, correction, truncation, compensated and threads (of the error runs) of `simulate`
 
     Misuse raises a ValueError with a sentence before the first long run. Points whose paths fail are marked.
@@ -99,7 +102,7 @@ def work_precision(
     plan = make_plan(
         model, q0=q0, p0=p0, schemes=schemes, steps=steps, horizon=horizon, paths=paths, reference=reference,
         reference_steps=reference_steps, repeats=repeats, interval=interval, invariants=invariants, name=name,
-        **options,
+        about=about, **options,
     )  # fmt: skip
     if out is None:
         return _measured(plan, None, progress)
@@ -152,14 +155,14 @@ def finish(plan: Plan, rows: list[dict], resumed: int) -> WorkPrecision:
         row["pareto"] = i in front
     names = [scheme.name for scheme in plan.schemes]
     known = {"name": plan.name, "model": repr(plan.model), "horizon": plan.horizon, "schemes": names, "rows": rows}
-    return of_data(known, resumed)
+    return of_data(known, resumed, plan.about())
 
 
-def of_data(data: dict, resumed: int = 0) -> WorkPrecision:
+def of_data(data: dict, resumed: int = 0, about: Mapping[str, str] | None = None) -> WorkPrecision:
     """A study from what `data` gave, with the orders that its rows show."""
     rows, names = data["rows"], data["schemes"]
     fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
-    return WorkPrecision(data["name"], data["model"], data["horizon"], names, rows, fitted, resumed)
+    return WorkPrecision(data["name"], data["model"], data["horizon"], names, rows, fitted, resumed, dict(about or {}))
 
 
 def _head(plan: Plan, scheme: Scheme, steps: int) -> dict:

@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from .. import _checks, diagnose
+from .. import _checks, diagnose, provenance
 from ..errors import InvalidArgumentError, MissingOperationError, PathsFailedWarning, SymsdeError
 from ..model import Model
 from ..schemes import Scheme, as_scheme
@@ -57,6 +58,7 @@ class Plan:
     interval: float | None  #: wanted half width of the strong errors, relative
     name: str
     invariants: dict[str, Any] = field(default_factory=dict)
+    said: dict[str, str] = field(default_factory=dict)  #: by the caller, for tables
 
     def reference_run(self, scheme: str, steps: int):
         """Follow the shared paths with increments not truncated and the correction that the scheme needs."""
@@ -72,6 +74,21 @@ class Plan:
                 self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon / steps, steps=steps,
                 save_every=steps, paths=self.paths if paths is None else paths, **options,
             )  # fmt: skip
+
+    def about(self) -> dict[str, str]:
+        """What every point has in common, as text for tables."""
+        start = {"q0": self.q0, "p0": self.p0}
+        shape = self.model.ndof, self.paths
+        return {
+            "model": self.model.name,
+            "parameters": json.dumps(self.model.parameters),
+            **({"hamiltonians": json.dumps(self.model.formula.hamiltonians)} if hasattr(self.model, "formula") else {}),
+            **{name: provenance.numbers_of(_checks.state(name, x, *shape)) for name, x in start.items()},
+            "horizon": repr(self.horizon),
+            "draws": f"{self.draws} steps to the horizon",
+            "options": json.dumps(self.options),
+            **self.said,
+        }
 
     def set_up(self, scheme: str | Scheme, steps: int, paths: int) -> None:
         """Set a run up as `run` does, but make no step."""
@@ -94,6 +111,7 @@ def make_plan(
     interval: float | None = None,
     invariants: dict[str, Any] | None = None,
     name: str | None = None,
+    about: Mapping[str, str] | None = None,
     **options: Any,
 ) -> Plan:
     """Check everything; each refusal is a sentence, and comes before the first long run."""
@@ -113,7 +131,7 @@ def make_plan(
     plan = Plan(
         model=model, schemes=chosen, steps=counts, horizon=horizon, paths=check_paths(paths, interval), q0=q0, p0=p0,
         options=options, references={}, draws=counts[-1], repeats=repeats, interval=interval,
-        name=name or getattr(model, "name", "model"), invariants=_invariants(invariants),
+        name=name or getattr(model, "name", "model"), invariants=_invariants(invariants), said=dict(about or {}),
     )  # fmt: skip
     _try_out(plan)
     _try_invariants(plan)

@@ -33,6 +33,7 @@ def _named(file, function, given: dict):
     arguments = {"schemes": SCHEMES, "steps": STEPS, "horizon": abs(run["step"]) * run["steps"]}
     paths = run.get("paths", 1)
     arguments |= {"paths": paths if has_columns(run["q0"], run["p0"]) else max(1000, paths), "name": Path(file).stem}
+    arguments |= {"about": {"scene_text": chosen.text}}
     arguments |= {key: run[key] for key in (*OPTIONS, "q0", "p0") if key in run} | asked
     try:
         return function(chosen.model, **arguments)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from pathlib import Path
 
 from .. import _files, pages, provenance
@@ -47,12 +48,12 @@ COLUMNS = {
 }
 
 
-def write_csv(path: Path, rows: list[dict]) -> None:
-    """Write one line a point; columns as in COLUMNS, explained in lines that begin with #."""
+def write_csv(path: Path, rows: list[dict], about: Mapping[str, str]) -> None:
+    """Write one line a point; what made them and what the columns are stands before, in lines that begin with #."""
 
     def write(part: Path) -> None:
         with part.open("w", newline="", encoding="utf-8") as file:
-            file.writelines(provenance.comments({**provenance.made(), **COLUMNS}))
+            file.writelines(provenance.comments({**about, **provenance.made(), **COLUMNS}))
             table = csv.writer(file)
             table.writerow(COLUMNS)
             table.writerows([_cell(row.get(name)) for name in COLUMNS] for row in rows)
