@@ -207,9 +207,9 @@ _BY_STIFFNESS = """\
 ## By stiffness
 
 Largest omega h, omega the fastest frequency, up to which a step adds less than 1 % to the growth of the second
-moments of linear equations; 3.2 is where the map ends. Explicit schemes end at
-[omega h = 2](stability.md#how-long-a-step-may-be) without noise, too. A step that is stable resolves
-nothing beyond omega h = 1: `report.warnings` says so.
+moments of linear equations; 3.2 is where the map ends. How far each scheme goes without noise
+[stability.md](stability.md#how-long-a-step-may-be) tells. A step that is stable resolves nothing beyond
+omega h = 1: `report.warnings` says so.
 """
 _BY_WANT = """\
 ## By what is wanted

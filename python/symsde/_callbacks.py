@@ -82,6 +82,8 @@ def store_result(where: str, value: object, target: int | None, shape: tuple[int
     """Copy what a Python function returned to an address; NULL is not wanted."""
     if target is None:
         return
+    if np.ma.is_masked(value):
+        raise WrongTypeError(f"{where} has masked values: return an array of numbers, with NaN where there is none")
     array = np.asarray(value)
     if array.dtype.kind not in "fiu":
         raise WrongTypeError(f"{where} holds {array.dtype} values: return an array of real numbers")
@@ -251,6 +253,11 @@ def observables(rows: Callable, failures: Failures) -> ctypes._CFuncPtr:
         q, p, values, _user = addresses
         try:
             for i, (name, result) in enumerate(rows(t, view(q, (ndof, nlane)), view(p, (ndof, nlane)))):
+                if np.ndim(result) == 0:  # a sum or a mean over a block of paths is easily meant for one of coordinates
+                    raise WrongShapeError(
+                        f"observable {name!r} is one number for all paths: return one for each, shape ({nlane},), the "
+                        "paths last, as q[0]**2 or np.sum(q**2, axis=0)"
+                    )
                 store_result(f"observable {name!r}", result, values + 8 * nlane * i, (nlane,))
         except BaseException as error:  # raised again by raise_stored
             return failures.store(error)

@@ -133,7 +133,12 @@ class Scheme:
         return Certificate(_handles.text("scheme_certificate", self._handle.pointer, has_error=True))
 
     def tableau(self) -> Tableau | None:
-        """The coefficients; None of schemes that have none: Galerkin, kicks and drifts."""
+        """The coefficients; None of schemes that have none: Galerkin, kicks and drifts.
+
+        Without the brackets that some schemes add to the Hamiltonian, and without what surrounds the tableau of others
+        (a rotation, kicks): of gauss2_strong32, verlet_dz, exact_rotation and their like `from_tableau` makes another
+        scheme.
+        """
         size = self.info.nstage
         found = Tableau(*(np.empty((size,) * rank) for rank in (1, 2, 2, 1, 2, 2, 1)))
         addresses = [_checks.address(getattr(found, name)) for name in Tableau.__dataclass_fields__]

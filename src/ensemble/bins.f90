@@ -149,8 +149,8 @@ contains
    end function middle
 
    !> The number that a share of all counted numbers lies below: the middle of its bin. How far off it may be, by chance
-   !> (one standard error, from the ranks) and by half the width of the bin, together. NaN where nothing was counted, or
-   !> where it lies outside of all bins.
+   !> (one standard error, from the ranks) and by half the width of the bin, together. NaN where nothing was counted,
+   !> where some value was no number, or where it lies outside of all bins.
    pure subroutine quantile(rule, slots, share, x, error)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       type(bin_rule), intent(in) :: rule
@@ -163,7 +163,7 @@ contains
       x = ieee_value(x, ieee_quiet_nan)
       error = x
       n = real(sum(slots(0:rule%nbin + 1)), wp)
-      if (n < 0.5_wp) return
+      if (n < 0.5_wp .or. slots(rule%nbin + 2) > 0) return
       i = slot_of_rank(rule%nbin, slots, share*n)
       if (i < 1 .or. i > rule%nbin) return
       spread = sqrt(share*(1 - share)/n)

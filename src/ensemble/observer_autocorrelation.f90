@@ -157,7 +157,7 @@ contains
             variance_along = variance_along + merge(1, 2, i == j)*weights(i)*weights(j)*pairs(pair_place(i, j))
          end do
       end do
-      variance_along = max(variance_along, 0.0_wp)
+      variance_along = max(variance_along, 0.0_wp) + 0*variance_along  ! max may pass over NaN
    end function variance_along
 
 end module symsde_ensemble_observer_autocorrelation

@@ -64,17 +64,21 @@ contains
       type(run_options), intent(in) :: options
       real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! initial state (npath or 1, ndof)
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)   !! low parts (npath or 1, ndof)
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts (npath or 1, ndof)
       type(run_options) :: chosen
+      real(wp), pointer :: q_low(:, :), p_low(:, :)  !! these, or null: an absent array is not handed on
 
       if (allocated(error)) return
+      nullify (q_low, p_low)
+      if (present(q0_low)) q_low => q0_low
+      if (present(p0_low)) p_low => p0_low
       chosen = options
       chosen%save_every = 1
       chosen%nstep = max(0_i8, min(foreseen, 2_i8**46 - options%first_step))
       self%given = chosen
       call new_ensemble(self%ensemble, model, scheme, chosen, q0, p0, path_recorder(), error)
       if (.not. allocated(error)) call new_state(self, options%npath, model%traits%ndof, options%compensated, error)
-      if (.not. allocated(error)) call self%reset(q0, p0, error, q0_low, p0_low)
+      if (.not. allocated(error)) call self%reset(q0, p0, error, q_low, p_low)
    end subroutine prepare
 
    subroutine new_state(self, npath, ndof, compensated, error)
@@ -100,10 +104,14 @@ contains
       class(prepared_run), intent(inout) :: self
       real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! state (npath or 1, ndof)
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), optional :: q0_low(:, :), p0_low(:, :)   !! low parts (npath or 1, ndof), else 0
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts (npath or 1, ndof), else 0
       integer(i8), intent(in), optional :: first_step, seed, first_path  !! as in run_options
       type(run_options) :: wanted
+      real(wp), pointer :: q_low(:, :), p_low(:, :)  !! these, or null: an absent array is not handed on
 
+      nullify (q_low, p_low)
+      if (present(q0_low)) q_low => q0_low
+      if (present(p0_low)) p_low => p0_low
       call self%enter('reset', error)
       if (allocated(error)) return
       wanted = self%given
@@ -111,7 +119,7 @@ contains
       if (present(seed)) wanted%seed = seed
       if (present(first_path)) wanted%first_path = first_path
       call check_state(wanted, size(self%q, 2), q0, p0, error)
-      call check_low(self, wanted, error, q0_low, p0_low)
+      call check_low(self, wanted, error, q_low, p_low)
       if (.not. allocated(error)) call self%ensemble%renumber(wanted, error)
       if (.not. allocated(error)) then
          self%given = wanted
@@ -122,8 +130,8 @@ contains
          call take_rows(self%q, q0)
          call take_rows(self%p, p0)
          if (allocated(self%q_low)) then
-            call take_rows(self%q_low, q0_low)
-            call take_rows(self%p_low, p0_low)
+            call take_rows(self%q_low, q_low)
+            call take_rows(self%p_low, p_low)
          end if
       end if
       call self%leave()

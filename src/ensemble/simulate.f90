@@ -111,7 +111,9 @@ contains
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
       class(monitor_type), intent(inout), optional :: monitor
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
-      type(observer_request), intent(in), optional :: observers(:)
+      type(observer_request), intent(in), target, optional :: observers(:)
+      type(observer_request), target :: none(0)
+      type(observer_request), pointer :: wanted(:)
       type(moment_store), allocatable, target :: store
       type(observer_plan), target :: plan
       type(moment_collector) :: collector
@@ -132,7 +134,9 @@ contains
       if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
       if (allocated(error)) return
       allocate (store)
-      call plan_observers(plan, model, options, error, observables, observers)
+      wanted => none
+      if (present(observers)) wanted => observers
+      call plan_observers(plan, model, options, wanted, error, observables)
       if (allocated(error)) return
       call new_moment_collector(collector, model, choose_nlane(options, model), size(result%t), store, observables, &
                                 plan, options%save_every)
@@ -158,14 +162,13 @@ contains
    end subroutine moments
 
    !> The observers that are wanted, if any.
-   subroutine plan_observers(plan, model, options, error, observables, observers)
+   subroutine plan_observers(plan, model, options, observers, error, observables)
       type(observer_plan), intent(out) :: plan
       class(model_type), intent(in), target :: model
       type(run_options), intent(in) :: options
+      type(observer_request), intent(in) :: observers(:)
       type(error_type), allocatable, intent(inout) :: error
       class(observables_type), intent(in), target, optional :: observables
-      type(observer_request), intent(in), optional :: observers(:)
-      type(observer_request) :: none(0)
       type(observed_run) :: run
       integer :: nobservable
 
@@ -173,11 +176,7 @@ contains
       if (present(observables)) nobservable = observables%nvalue
       call new_observed_run(run, model, options, choose_nlane(options, model), nobservable)
       if (present(observables)) run%observables => observables
-      if (present(observers)) then
-         call new_observer_plan(plan, observers, run, error)
-      else
-         call new_observer_plan(plan, none, run, error)
-      end if
+      call new_observer_plan(plan, observers, run, error)
    end subroutine plan_observers
 
    !> Shards of moments begin at multiples of 256, so that they merge on the same tree as a whole run.

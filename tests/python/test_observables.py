@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import cli, observe, scene
-from symsde.errors import InvalidArgumentError, SceneError, WrongTypeError
+from symsde.errors import InvalidArgumentError, SceneError, WrongShapeError, WrongTypeError
 
 RUN = {"q0": [0.3, 0.2], "p0": [0.1, 0.0], "step": 0.05, "steps": 60, "save_every": 20, "paths": 1500, "seed": 3}
 FORMULAS = {
@@ -232,6 +232,50 @@ def test_what_is_no_number_is_said():
     assert lost.failed.tolist() == [3] and lost.failed_step.tolist() == [0]
     assert ss.status_text(int(lost.failed_status[0])) == ss.status_text(3)
     assert (lost.n_ok == 19).all() and np.isfinite(lost.mean["log"]).all()
+
+
+def test_no_number_spreads_to_errors_and_quantiles():
+    """What is no number has no error of 0, and no quantile leaves it out."""
+    start = np.full((1, 20), 1.0)
+    start[0, 3] = -1.0
+    wanted = {
+        "c": observe.Covariance(("log", "q_1")),
+        "a": observe.Autocorrelation("log", 2),
+        "x": observe.Quantiles("log", (0.5,)),
+        "y": observe.Quantiles("q_1", (0.5,)),
+    }
+    with pytest.warns(ss.NotANumberWarning):
+        found = ss.moments(
+            ss.models.pendulum(), q0=start, p0=0.0, step=0.1, steps=4, save_every=2, paths=20,
+            observables={"log": "log(q1)"}, observers=wanted,
+        ).observed  # fmt: skip
+    assert np.isnan(found["c"].se_covariance[:, 0]).all() and np.isfinite(found["c"].se_covariance[:, 1, 1]).all()
+    assert np.isnan(found["a"].covariance).all() and np.isnan(found["a"].se_covariance).all()
+    assert np.isnan(found["x"].quantile).all() and np.isnan(found["x"].se_quantile).all()
+    assert np.isfinite(found["y"].quantile).all()
+
+
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (lambda q, p: np.sum(q**2 + p**2), "is one number for all paths: return one for each"),
+        (lambda q, p: 3.0, "is one number for all paths"),
+        (lambda q, p: np.ma.masked_array(q[0], q[0] < 2), "masked values"),
+    ],
+)
+def test_a_function_gives_a_number_for_each_path(function, words):
+    """A sum over all of a block would depend on how many paths a block has."""
+    with pytest.raises((WrongShapeError, WrongTypeError), match=words):
+        ss.moments(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=4, paths=100, observables={"x": function})
+
+
+@pytest.mark.parametrize("line", ['kind = ["histogram"]', 'kind = "extremes"\nname = ["x"]\nof = "q_1"'])
+def test_tables_of_observers_with_lists_for_names(line, tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        f'[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 4\nq0 = 1.0\np0 = 0.0\n[[observe]]\n{line}\n'
+    )
+    assert cli.main(["check", str(file)]) == cli.BAD_INPUT
 
 
 SCENE = """

@@ -299,3 +299,16 @@ def test_a_folder_without_shards_has_nothing_to_draw(folder, tmp_path):
     with pytest.raises(SceneError, match="holds no shard yet: there is nothing to draw"):
         options = cli._parser().parse_args(["plot", str(empty)])
         options.verb(options)
+
+
+def test_names_are_drawn_as_they_are(tmp_path):
+    """A $ is no mathematics; an observer named like a variance is no value."""
+    found = ss.moments(
+        ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=4, paths=40, observables={"$x^{2$": "q**2"},
+        observers={"var_h": ss.observe.Extremes("q_1")},
+    )  # fmt: skip
+    page = found.plot(of=["$x^{2$"])
+    page.canvas.draw()
+    assert "mean $x^{2$" in {text for axes in page.axes for text in (axes.get_ylabel(), axes.get_title())}
+    found.save(tmp_path / "moments.npz")
+    assert cli.main(["plot", str(tmp_path / "moments.npz"), "--out", str(tmp_path / "figure.png")]) == 0

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .. import _checks, _files
-from ..errors import InvalidArgumentError, SceneError, UnknownNameError
+from ..errors import InvalidArgumentError, SceneError, SymsdeError, UnknownNameError
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,8 @@ def from_file(path: Path) -> Paths | Means:
             state = (variables[name] for name in ("time", "q", "p", "path"))
             return Paths(attributes["title"], *state, None)
         return Means(attributes["title"], variables["time"], variables["n_ok"], _columns(variables))
+    except SymsdeError:
+        raise
     except (KeyError, ValueError, IndexError, StopIteration) as error:
         raise SceneError(f"{path} holds neither paths nor moments of a run ({error!r}): give a file of one") from error
 
@@ -113,6 +115,7 @@ def _columns(variables: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndar
         for x in "qp":
             table |= {f"{x}_{i + 1}": row for i, row in enumerate(variables[f"{kind}_{x}"].T)}
     names = [name.removeprefix("var_") for name in variables if re.match("var_(?!q$|p$)", name)]
+    names = [name for name in names if all(f"{kind}_{name}" in variables for kind in tables)]  # not of an observer
     for name in names:
         for kind, table in tables.items():
             table[name] = variables[f"{kind}_{name}"]

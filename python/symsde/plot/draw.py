@@ -44,10 +44,21 @@ def finish(panels: Sequence[Callable], title: str, path: object = None):
         for axes, panel in zip(page.subplots(len(panels), squeeze=False)[:, 0], panels, strict=True):
             panel(axes)
         page.suptitle(title, fontsize=9)
+        _take_names_as_they_are(page)
         look.readable(page)
         if target is not None:
             write(page, target)
     return page
+
+
+def _take_names_as_they_are(page: Any) -> None:
+    """No mathematics in labels: names are the user's, and may hold a $."""
+    texts = [page._suptitle] if page._suptitle is not None else []
+    for axes in page.axes:
+        texts += [axes.xaxis.label, axes.yaxis.label, axes.title]
+        texts += axes.get_legend().get_texts() if axes.get_legend() else []
+    for text in texts:
+        text.set_parse_math(False)
 
 
 def write(page: Any, target: Path) -> None:
