@@ -272,9 +272,7 @@ def test_a_function_gives_a_number_for_each_path(function, words):
 @pytest.mark.parametrize("line", ['kind = ["histogram"]', 'kind = "extremes"\nname = ["x"]\nof = "q_1"'])
 def test_tables_of_observers_with_lists_for_names(line, tmp_path):
     file = tmp_path / "scene.toml"
-    file.write_text(
-        f'[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 4\nq0 = 1.0\np0 = 0.0\n[[observe]]\n{line}\n'
-    )
+    file.write_text(f'[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 4\nq0 = 1.0\np0 = 0.0\n[[observe]]\n{line}\n')
     assert cli.main(["check", str(file)]) == cli.BAD_INPUT
 
 

@@ -225,7 +225,9 @@ def from_tables(tables: object) -> dict[str, Observer]:
             raise UnknownNameError(f"kind = {kind!r} does not exist: there are {_checks.nearest(str(kind), KINDS)}")
         name = given.pop("name", kind)
         if not isinstance(name, str):
-            raise InvalidArgumentError(f"name = {name!r} of an observer is no text: give letters, digits and underscores")
+            raise InvalidArgumentError(
+                f"name = {name!r} of an observer is no text: give letters, digits and underscores"
+            )
         if name in found:
             raise InvalidArgumentError(f"there are two observers of the name {name!r}: give each a name of its own")
         fields = {field.name: field for field in dataclasses.fields(KINDS[kind])}
