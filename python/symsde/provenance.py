@@ -24,7 +24,9 @@ def made() -> dict[str, str]:
     now = datetime.datetime.now(datetime.UTC)
     if epoch.isdecimal() and len(epoch) < 12:
         now = datetime.datetime.fromtimestamp(int(epoch), datetime.UTC)
-    command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]]) if sys.argv else ""
+    folder, name = os.path.split(sys.argv[0]) if sys.argv else ("", "")
+    begin = ["python", "-m", os.path.basename(folder)] if name == "__main__.py" else [name]
+    command = shlex.join([*begin, *sys.argv[1:]])
     build = {f"symsde_{key.replace(' ', '_')}": value for key, value in build_info().items()}
     return {"date": now.isoformat(timespec="seconds"), "command": command, **build}
 

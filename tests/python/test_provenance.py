@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import told
-from symsde import cli
+from symsde import cli, provenance
 
 SCENE = """\
 # a comment with # signs, "quotes" and a µ
@@ -123,3 +123,13 @@ def test_a_table_can_be_read_by_what_people_use(folder):
     known = ss.open_run(folder).moments
     np.testing.assert_array_equal(found["mean q_1"], known.mean_q[:, 0])
     assert list(found.columns[:3]) == ["t", "n_ok", "mean q_1"]
+
+
+def test_a_command_can_be_typed(monkeypatch):
+    """By its own name, or as a module, by which Python is given a file that nobody types."""
+    for argv, command in (
+        (["/usr/bin/symsde", "run", "a b.toml"], "symsde run 'a b.toml'"),
+        (["/somewhere/symsde/__main__.py", "run", "a.toml"], "python -m symsde run a.toml"),
+    ):
+        monkeypatch.setattr("sys.argv", argv)
+        assert provenance.made()["command"] == command
