@@ -52,15 +52,18 @@ def expect(
 
     Misuse raises a ValueError with a sentence before long work: f of another shape, no number, or of infinite variance,
     a tolerance below rounding. Ctrl-C raises KeyboardInterrupt, whose attribute `partial` is the answer until then,
-    None where the pilot was not done.
+    None where the pilot was not done, or of quasi-Monte Carlo fewer than two scramblings. max_time shortens these.
+
+    Where too few paths carry the variation of f to tell of it, the interval holds what was not seen, 3/paths of the
+    scale of f, `reached` is false where that is more than was asked for, and a note says so.
     """
     watch = Watch(max_time, progress)
-    problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
-    tolerance = make_tolerance(abs, rel)
-    if method is not None:
-        _checks.choice("method", method, METHODS)
-    schemes = suitable(problem) if scheme is None else [as_scheme(scheme)]
     try:
+        problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
+        tolerance = make_tolerance(abs, rel)
+        if method is not None:
+            _checks.choice("method", method, METHODS)
+        schemes = suitable(problem) if scheme is None else [as_scheme(scheme)]
         pilot = Pilot(problem, tolerance, watch, schemes, method)
         return Work(pilot, pilot.choose()).answer()
     except KeyboardInterrupt as stop:

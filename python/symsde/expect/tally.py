@@ -64,12 +64,12 @@ class Tally:
     @property
     def kurtosis(self) -> float:
         """Fourth central moment over the squared second: 3 for a normal law, 0 where nothing varies."""
-        return self.n * self.m4 / self.m2**2 if self.m2 > 0 else 0.0
+        return self.n * (self.m4 / self.m2) / self.m2 if self.m2 > 0 else 0.0
 
     @property
     def few(self) -> bool:
         """So few values differ from the rest that their scatter tells too little.
 
-        Of n values, j of them not 0, the kurtosis is n/j.
+        Of n values, j of them not 0, the kurtosis is n/j. Fourth powers of 0 tell nothing of it: those of 1e-90 are.
         """
-        return self.m2 == 0 or self.kurtosis * _FEW > self.n
+        return self.m4 == 0 or self.kurtosis * _FEW > self.n

@@ -24,6 +24,7 @@ class Target:
 
     def __init__(self, f: Function | str, model: Model, t: float):
         """A callable, or a formula in q, p (or q1, q2, .., p1, ..), the time t and the parameters of the model."""
+        self.is_truth = False  #: it returns truth values
         self.name = f if isinstance(f, str) else getattr(f, "__name__", "f")
         self._function = _of_formula(f, model, t) if isinstance(f, str) else f
         if not callable(self._function):
@@ -44,6 +45,7 @@ class Target:
             )
         if array.dtype.kind not in "biuf":
             raise WrongTypeError(f"f returned {array.dtype} values: give real numbers, or truth values")
+        self.is_truth = array.dtype.kind == "b"
         return array.astype(np.float64, copy=False)
 
     def try_at(self, q0: np.ndarray, p0: np.ndarray) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ..errors import BudgetWarning, NumericalError
 from ..mlmc.answer import Multilevel
-from ..mlmc.mlmc import Estimate, never_seen
+from ..mlmc.mlmc import Estimate
 from ..mlmc.sampler import MOST_LEVELS, LevelSampler
 from .answer import Alternative, Answer
 from .choice import Plan
@@ -18,10 +18,12 @@ from .pilot import Pilot
 from .quasi import Quasi
 from .tally import Tally
 from .tolerance import BIAS_SHARE, half_width, quantile
+from .unseen import doubt, unseen
 
 FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
 FIRST_OF_LEVEL = 2**40
 _LONG = 600.0  #: seconds that are announced
+_LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short
 _LEAST = 256  #: paths of a new level
 _NEARLY = 1.05  #: times the half width that was asked for, that count as reached
 _SPARE = 1.02  #: units beyond those that the variance asks for, so that a second round is seldom needed
@@ -59,6 +61,14 @@ class Work:
                 BudgetWarning,
                 stacklevel=3,
             )
+        if self.plan.method == Quasi.name and self.plan.seconds > left:
+            self._shorten(left)
+
+    def _shorten(self, left: float) -> None:
+        """Fewer points of a scrambling, so that the time allows as many as an interval takes."""
+        halvings = math.ceil(math.log2(self.plan.seconds / max(left, 1e-3)))
+        points = self.plan.options["log2_points"]
+        self.plan.options["log2_points"] = max(points - halvings, min(points, _LEAST_POINTS))
 
     def answer(self) -> Answer:
         """Carry the plan out; Ctrl-C carries the answer until then, None where there is none."""
@@ -96,8 +106,20 @@ class Work:
     def _answer(self, drawn: Drawn) -> Answer:
         units, bias = drawn.units, math.hypot(*self.plan.bias)
         error = math.sqrt(self._variance(units) / units.n)
-        half = half_width(error, bias, units.n)
-        return self._finished(_Outcome(units.mean, half, error, bias, drawn.paths, _failures(drawn)))
+        half, notes = half_width(error, bias, units.n), _failures(drawn)
+        seen = self._seen(drawn)
+        hidden = unseen(self.pilot.problem, self.plan.trial.scheme, self.plan.steps, seen)
+        if hidden > half or (seen.m2 == 0 and self.pilot.problem.model.nnoise):
+            notes.append(doubt(seen, hidden))
+        return self._finished(_Outcome(units.mean, max(half, hidden), error, bias, drawn.paths, notes))
+
+    def _seen(self, drawn: Drawn) -> Tally:
+        """Values of f; each unit counts as one, but means over many points do not tell how few carry them."""
+        known = self.pilot.looked_at.units
+        if self.plan.method != Quasi.name or known.m2 == 0:
+            return known + drawn.units
+        share = 1 + drawn.paths / known.n
+        return Tally(known.n + drawn.paths, known.mean, *(share * x for x in (known.m2, known.m3, known.m4)))
 
     def _multilevel(self) -> Answer:
         trial = self.plan.trial
@@ -122,10 +144,8 @@ class Work:
         wanted = self.tolerance.half_width(found.value)
         reached = found.half <= _NEARLY * wanted
         if not reached and not any("asked was" in note for note in found.notes):
-            over = self.watch.why if self.watch.over else "the pilot misjudged"
+            over = self.watch.why if self.watch.over else "paths were too few"
             found.notes.append(f"{over}: the half width is {found.half:.3g}, asked was {wanted:.3g}")
-        if self.plan.trial.variance == 0 == found.error and self.plan.trial.problem.model.nnoise:
-            found.notes.append(never_seen(found.value, self.pilot.looked_at.units.n + found.paths))
         others = (Alternative(x.method, x.trial.scheme.name, horizon / x.steps, x.seconds) for x in self.others)
         return Answer(
             value=found.value,

@@ -18,6 +18,7 @@ from ..expect.tails import require_variance
 from ..expect.tally import Tally
 from ..expect.target import Function
 from ..expect.tolerance import BIAS_SHARE, Tolerance, half_width, make_tolerance, quantile
+from ..expect.unseen import doubt, unseen
 from ..expect.watch import Watch
 from ..model import Model
 from ..schemes import Scheme, as_scheme
@@ -68,17 +69,23 @@ def mlmc(
     The paths of each level are as many as its measured variance and cost ask for. Levels are added until the bias,
     estimated from the means of the finest ones, is small beside the noise; both are in the interval. Everything is
     dimensionless. Misuse raises a ValueError with a sentence before long work. Ctrl-C raises KeyboardInterrupt, whose
-    attribute `partial` is the estimate by the levels that were begun, None before the first.
+    attribute `partial` is the estimate by the levels that were begun, None before the first. What too few paths showed
+    of f is in the interval, as in `expect`.
     """
     watch = Watch(max_time, progress)
-    problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
-    tolerance = make_tolerance(abs, rel)
-    chosen = best_coupled(problem) if scheme is None else as_scheme(scheme)
-    coarsest = fewest_steps(problem) if steps is None else steps
-    most = _checks.integer("levels", levels, (2, MOST_LEVELS))
-    first = _checks.integer("first", first, (16, 2**30))
-    sampler = LevelSampler(problem, chosen, coarsest, antithetic=antithetic)
-    return Estimate(sampler, tolerance, levels=most, first=first, watch=watch).run()
+    try:
+        problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
+        tolerance = make_tolerance(abs, rel)
+        chosen = best_coupled(problem) if scheme is None else as_scheme(scheme)
+        coarsest = fewest_steps(problem) if steps is None else steps
+        most = _checks.integer("levels", levels, (2, MOST_LEVELS))
+        first = _checks.integer("first", first, (16, 2**30))
+        sampler = LevelSampler(problem, chosen, coarsest, antithetic=antithetic)
+        return Estimate(sampler, tolerance, levels=most, first=first, watch=watch).run()
+    except KeyboardInterrupt as stop:
+        if not isinstance(getattr(stop, "partial", None), Multilevel):
+            stop.partial = None  # nothing was begun
+        raise
 
 
 class Estimate:
@@ -249,6 +256,12 @@ class Estimate:
         value, error, begun = self.value, self.error, self._begun()
         bias = weak.size(*self._means(), self._slope()) if begun > 1 else math.inf
         half = half_width(error, bias, min(draw.difference.n for draw in self.draws[:begun]))
+        seen = sum((draw.fine for draw in self.draws), self.known)
+        hidden = unseen(self.sampler.problem, self.sampler.scheme, self.sampler.steps(0), seen)
+        notes = [*self.notes]
+        if hidden > half or (seen.m2 == 0 and self.sampler.problem.model.nnoise):
+            notes.append(doubt(seen, hidden))
+        half = max(half, hidden)
         reached = half <= 1.05 * self.tolerance.half_width(value)
         levels = tuple(self._level(i) for i in range(begun))
         finer = range(1, len(levels))
@@ -259,7 +272,7 @@ class Estimate:
             "beta": fall([levels[i].variance for i in finer], spread),
             "gamma": fall(speeds, [_TIMING * x for x in speeds]),
         }
-        notes = [*self.notes, *_doubts(levels), *self._unseen(value)]
+        notes += _doubts(levels)
         if not reached and self.watch.over:
             notes.append(
                 f"{self.watch.why}: the half width is {half:.3g}, asked was {self.tolerance.half_width(value):.3g}"
@@ -277,13 +290,6 @@ class Estimate:
             cost=self.watch.seconds,
         )
 
-    def _unseen(self, value: float) -> list[str]:
-        """That f was the same on all paths does not mean that it always is."""
-        seen = [self.known, *(draw.fine for draw in self.draws)]
-        if not self.sampler.problem.model.nnoise or any(x.m2 > 0 for x in seen):
-            return []
-        return [never_seen(value, sum(x.n for x in seen))]
-
     def _level(self, i: int) -> Level:
         draw, consistency = self.draws[i], 0.0
         if i:
@@ -296,13 +302,6 @@ class Estimate:
             self.sampler.steps(i), d.n, d.mean, self._error(i), self._variance(i), d.kurtosis, draw.fine.mean,
             draw.fine.variance, consistency, draw.seconds, draw.failed,
         )  # fmt: skip
-
-
-def never_seen(value: float, paths: int) -> str:
-    """The doubt about an f that was the same on so many paths."""
-    return (
-        f"f was {value:g} on all of {paths} paths: what happens with a probability below {3 / paths:.1g} was not seen"
-    )
 
 
 def _doubts(levels: tuple[Level, ...]) -> list[str]:

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What too few paths show of f is no answer: the interval holds what was not seen of it, or says so."""
+
+import importlib
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde.cli import main
+from symsde.expect.choice import Plan
+from symsde.expect.problem import make_problem
+from symsde.expect.quasi import Quasi
+from symsde.expect.tally import Tally
+from symsde.expect.tolerance import make_tolerance
+from symsde.expect.unseen import unseen
+from symsde.expect.watch import Watch
+from symsde.expect.work import Work
+from symsde.schemes import as_scheme
+
+PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 1.0}
+BUMP = "exp(-1e15*(1 - q)**2)"
+#: what leaves the choice of paths to the seed alone
+WAYS = [(ss.expect, {"scheme": "midpoint", "method": "plain"}), (ss.mlmc, {"scheme": "midpoint"})]
+
+
+@pytest.fixture
+def kubo():
+    """q = cos(t + 0.3 W(t)): q > 0.99999 where 0.3 W(1) is within 4.5e-3 of -1, with a probability of 4.6e-5."""
+    return ss.models.kubo(a=1.0, sigma=0.3)
+
+
+@pytest.mark.parametrize(("solve", "way"), WAYS)
+@pytest.mark.parametrize("given", [{"abs": 1e-5}, {"rel": 0.1}])
+def test_an_event_that_no_path_showed_is_in_the_interval(kubo, solve, way, given):
+    found = solve(kubo, lambda q, p: q[0] > 0.99999, **PLACE, **given, **way)
+    assert found.value == 0.0 and not found.reached and "was not seen" in found.notes[0]
+    assert 4.6e-5 < found.half_width < 1e-3
+    assert solve(kubo, lambda q, p: q[0] > 0.99999, **PLACE, abs=1e-2, **way).reached
+
+
+@pytest.mark.parametrize(("solve", "way"), WAYS)
+def test_a_smooth_peak_that_few_paths_meet_is_in_the_interval(kubo, solve, way):
+    found = solve(kubo, BUMP, **PLACE, abs=1e-6, **way)
+    assert not found.reached and any("was not seen" in note for note in found.notes)
+    assert found.half_width > 1e-5
+
+
+@pytest.mark.parametrize("solve", [ss.expect, ss.mlmc])
+def test_what_is_constant_stays_an_answer(kubo, solve):
+    """By itself, or because the motion keeps it, to rounding or to the last bit."""
+    free = ss.models.linear_oscillator()
+    for model, f, exact in (
+        (kubo, lambda q, p: np.full(q.shape[1], 3.0), 3.0),
+        (kubo, "q**2 + p**2", 1.0),
+        (free, "4 + 0*q", 4.0),
+    ):
+        found = solve(model, f, **PLACE, abs=1e-8)
+        assert found.reached and found.half_width < 1e-12 and abs(found.value - exact) < 1e-12
+    assert solve(kubo, lambda q, p: np.zeros(q.shape[1]), **PLACE, rel=0.1).reached
+
+
+def test_scale_of_what_was_not_seen(kubo):
+    """Of 3000 values: 1e-3 of the scale, which is 1 for truth values, 0 for what varies around the paths."""
+
+    def hidden(f, *values):
+        return unseen(make_problem(kubo, f, **PLACE), as_scheme("midpoint"), 4, Tally.of(np.array(values)))
+
+    same, few = np.ones(3000), np.concatenate([np.zeros(2999), [5.0]])
+    assert hidden(lambda q, p: q[0] > -9.0, *same) == pytest.approx(1e-3)
+    assert hidden(lambda q, p: 7.0 * (q[0] == 1.0) + 1.0, *same) == pytest.approx(7e-3)  # at the first state
+    assert hidden("q**2 + p**2", *same) == 0.0
+    assert hidden("exp(q)", *few) == pytest.approx(5e-3, rel=1e-3)
+    assert hidden("exp(q)", *np.linspace(0, 1, 3000)) == 0.0
+
+    def narrow(q, p):
+        if (np.abs(q) > 1.1).any():
+            raise ValueError("out of the table")
+        return q[0] > 0.99999
+
+    assert hidden(narrow, *np.zeros(3000)) == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("solve", [ss.expect, ss.mlmc])
+def test_values_whose_powers_underflow(kubo, solve):
+    """E q = exp(-0.045) cos 1, within two half widths (8e-5)."""
+    found = solve(kubo, "1e-90*q", **PLACE, rel=0.05)
+    exact = 1e-90 * math.exp(-0.045) * math.cos(1.0)
+    assert found.reached and 0 < abs(found.value - exact) < 2 * found.half_width < 0.11 * exact
+
+
+def test_scene_with_an_unseen_event_exits_with_4(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[model]\nname = "kubo"\nsigma = 0.3\n[run]\nstep = 0.1\nsteps = 10\nq0 = 1.0\np0 = 0.0\n'
+        f'[expect]\nf = "{BUMP}"\nabs = 1e-6\n'
+        'scheme = "midpoint"\nmethod = "plain"\n'
+    )
+    assert main(["expect", str(scene)]) == 4
+    assert "was not seen" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("solve", ["expect", "mlmc"])
+def test_ctrl_c_carries_none_before_anything_is_begun(kubo, solve, monkeypatch):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(importlib.import_module(f"symsde.{solve}.{solve}"), "make_problem", stopped)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        getattr(ss, solve)(kubo, "q", **PLACE, abs=1e-2)
+    assert caught.value.partial is None
+
+
+def test_scramblings_fit_into_the_time(kubo):
+    """80 s are reckoned and 10 are there: an eighth of the points, but no fewer than 64."""
+
+    def points(max_time):
+        trial = SimpleNamespace(variance=1.0)
+        plan = Plan(Quasi.name, trial, 0, 80.0, options={"log2_points": 14})
+        pilot = {"tolerance": make_tolerance(1e-2, None), "watch": Watch(max_time, False)}
+        Work(SimpleNamespace(problem=make_problem(kubo, "q", **PLACE), **pilot), [plan])
+        return plan.options["log2_points"]
+
+    assert points(100.0) == 14
+    with pytest.warns(ss.BudgetWarning):
+        assert points(10.1) == 11
+    with pytest.warns(ss.BudgetWarning):
+        assert points(1e-2) == 6
