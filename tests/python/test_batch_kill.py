@@ -90,3 +90,15 @@ def test_killed_and_resumed(name, text, tmp_path):
     assert survived >= KILLS and process.returncode == 0
     left = [path.name for path in (tmp_path / "out" / "shards").iterdir() if path.suffix != ".npz"]
     assert all(part.startswith(".") for part in left), left  # at most what was being written when the kill came
+
+
+def test_a_checkpoint_beside_its_shard_goes(tmp_path):
+    """Who is killed between writing the shard and that leaves it to the next one."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE.format(steps=2000, every=1000, paths="[5]"))
+    assert command(scene, tmp_path / "out").wait(300) == 0
+    shards = sorted((tmp_path / "out" / "shards").glob("*.npz"))
+    for shard in shards:
+        shard.with_suffix(".checkpoint").write_bytes(b"")
+    assert command(scene, tmp_path / "out").wait(300) == 0
+    assert shards and sorted((tmp_path / "out" / "shards").iterdir()) == shards

@@ -88,6 +88,8 @@ class RunFolder:
                 path.rename(aside)
             return False
         self._verified.add(piece.name)
+        if self._claims is not None:
+            self._drop_checkpoint(piece)  # who wrote the shard was killed before it came to that
         return True
 
     def missing(self) -> list[Piece]:
@@ -112,6 +114,10 @@ class RunFolder:
         stamped = Shard(shard.arrays, {**shard.facts, **self.stamp(piece)})
         shard_file.write(self.shard_path(piece), stamped)
         self._verified.add(piece.name)
+        self._drop_checkpoint(piece)
+
+    def _drop_checkpoint(self, piece: Piece) -> None:
+        """What a finished piece needs no more."""
         with contextlib.suppress(FileNotFoundError):
             self.checkpoint_path(piece).unlink()
 
