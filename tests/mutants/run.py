@@ -45,6 +45,7 @@ from threading import Lock
 ROOT = Path(__file__).resolve().parents[2]
 LABELS = {"unit", "verification", "capi", "python"}
 LONG = {"test_order", "test_beyond_one", "check_funit"}  # too long, or not about the library
+LINKED = {"python_test_export"}  # builds programs against the library where it was installed, not the one planted
 PATIENCE = 1800  # seconds; a test that hangs has noticed
 HANGS = 20  # times the time that a test takes without a fault: it hangs
 WANTED = 0.95
@@ -244,7 +245,8 @@ def judge(mutant: Mutant, build: Build, named: bool) -> Verdict:
     with tempfile.TemporaryDirectory(prefix="mutant-") as scratch:
         try:
             environment = plant(mutant, build, Path(scratch))
-            others = [] if named else [name for name in build.tests if name != mutant.test]
+            spared = {mutant.test} | (set() if mutant.file.startswith("python/") else LINKED)
+            others = [] if named else [name for name in build.tests if name not in spared]
             for name in [mutant.test, *others]:
                 test = build.tests[name]
                 if name == mutant.test and not test.is_sound():
