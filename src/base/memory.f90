@@ -11,9 +11,10 @@ module symsde_base_memory
    use symsde_base_text, only: to_text
    implicit none
    private
-   public :: require_memory, memory_for
+   public :: require_memory, require_reserve, memory_for
 
    real(wp), parameter :: reserve = 8.0_wp*2**20  !! bytes for texts, small arrays and the allocator itself
+   character(*), parameter :: reserve_text = '8388608'  !! the same: where nothing is left, no number can be written
    real(wp), parameter :: share = 1.02_wp         !! and the allocator's overhead on large ones
 
    interface
@@ -43,10 +44,23 @@ contains
       character(*), intent(in) :: place        !! the procedure that would take them
       type(error_type), allocatable, intent(inout) :: error
 
+      call require_reserve(what, place, error)
       if (allocated(error)) return
       if (memory_for(numbers, 0)) return
       call raise(error, out_of_memory, place, what//' needs '//to_text(share*8*numbers + reserve)// &
                  ' bytes of memory, more than this process can have: '//remedy)
    end subroutine require_memory
+
+   !> Refuse (out_of_memory) what begins without the reserve: every entry point asks so before it takes anything.
+   subroutine require_reserve(what, place, error)
+      character(*), intent(in) :: what   !! what begins
+      character(*), intent(in) :: place  !! the procedure that begins it
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      if (memory_for(0.0_wp, 0)) return
+      call raise(error, out_of_memory, place, what//' needs '//reserve_text//' bytes of memory, more than this '// &
+                 'process can have: free some')
+   end subroutine require_reserve
 
 end module symsde_base_memory

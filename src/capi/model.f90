@@ -5,7 +5,7 @@ module symsde_capi_model
       c_associated, c_double, c_f_pointer, c_funptr, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, &
       c_sizeof
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_memory, only: require_memory
+   use symsde_base_memory, only: require_reserve
    use symsde_base_status, only: error_type, raise, status_ok, null_handle, out_of_memory, &
                                  invalid_argument, unknown_name, callback_failed
    use symsde_base_text, only: name_length, to_text
@@ -62,6 +62,7 @@ contains
       class(model_type), pointer, intent(out) :: model
       type(error_type), allocatable, intent(inout) :: error
 
+      call require_reserve('a call', 'use_model', error)
       call find_model(handle, model, error)
       if (.not. associated(model)) return
       select type (shared => model)
@@ -235,7 +236,7 @@ contains
       type(c_ptr), pointer :: made
 
       call require(handle, what, error)
-      call require_memory(0.0_wp, 'a model', 'free some', 'begin_handle', error)
+      call require_reserve('a model', 'begin_handle', error)
       if (allocated(error)) return
       call c_f_pointer(handle, made)
       made = c_null_ptr

@@ -5,7 +5,7 @@ module symsde_capi_scheme
       c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_loc, c_null_ptr, c_ptr, &
       c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_memory, only: require_memory
+   use symsde_base_memory, only: require_reserve
    use symsde_base_status, only: error_type, raise, status_ok, null_handle, out_of_memory, wrong_shape
    use symsde_base_text, only: name_length, to_text
    use symsde_capi_arrays, only: view
@@ -240,7 +240,7 @@ contains
       type(c_ptr), pointer :: made
 
       call require(handle, 'scheme', error)
-      call require_memory(0.0_wp, 'a scheme', 'free some', 'begin_handle', error)
+      call require_reserve('a scheme', 'begin_handle', error)
       if (allocated(error)) return
       call c_f_pointer(handle, made)
       made = c_null_ptr

@@ -8,7 +8,7 @@
 !> its blocks at different steps; `resume` takes all of them to where the call was to end.
 module symsde_ensemble_prepared
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_base_memory, only: require_memory
+   use symsde_base_memory, only: require_memory, require_reserve
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument, wrong_shape, out_of_memory, stopped
    use symsde_base_text, only: to_text
    use symsde_ensemble_driver, only: ensemble_type, new_ensemble, check_state
@@ -261,7 +261,7 @@ contains
       type(monitor_type) :: no_monitor
 
       call check_own_state(self, error)
-      call require_memory(0.0_wp, 'a call of a prepared run', 'free some', 'advance', error)
+      call require_reserve('a call of a prepared run', 'advance', error)
       if (allocated(error)) return
       from%q => self%q
       from%p => self%p

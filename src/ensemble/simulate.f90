@@ -2,6 +2,7 @@
 !> The two things users do: simulate (paths are saved) and moments (only statistics are kept).
 module symsde_ensemble_simulate
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, too_large, out_of_memory, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_ensemble_driver, only: run_ensemble, choose_nlane
@@ -204,6 +205,9 @@ contains
       result%has_energy = model%traits%has_value
       nvalue = 2*model%traits%ndof + merge(1, 0, result%has_energy)
       if (present(observables)) nvalue = nvalue + observables%nvalue
+      call require_memory((3.0_wp*nvalue + 1)*ntime, 'a result of '//to_text(nvalue)//' moments at '//to_text(ntime)// &
+                          ' times', 'save less often (save_every), or free some', 'moments', error)
+      if (allocated(error)) return
       info = 1
       if (ntime < huge(0)) allocate (result%t(ntime), result%mean(nvalue, ntime), result%variance(nvalue, ntime), &
                                      result%se_mean(nvalue, ntime), stat=info)
@@ -281,6 +285,9 @@ contains
                     ' bytes: save less often (save_every), fewer paths, or use moments')
          return
       end if
+      call require_memory(bytes/8 + ntime, 'a result of '//to_text(options%npath)//' paths at '//to_text(ntime)// &
+                          ' times', 'save less often (save_every), fewer paths, or use moments', 'simulate', error)
+      if (allocated(error)) return
       allocate (run%q(options%npath, ndof, ntime), run%p(options%npath, ndof, ntime), &
                 run%status(options%npath), run%failed_step(options%npath), &
                 run%last_q(options%npath, ndof), run%last_p(options%npath, ndof), stat=info)
