@@ -191,8 +191,12 @@ class Moments(Reported):
     def attributes(self) -> dict[str, str]:
         """What made the moments, as text for files, with what was observed."""
         wanted = {name: {"kind": x.KIND, **dataclasses.asdict(x)} for name, x in self.observers.items()}
-        told = {"observables": self._observables, "observers": wanted}
+        told = {"observables": self._observables, "observers": wanted, "remarks": self.remarks()}
         return {**super().attributes(), **{key: json.dumps(x) for key, x in told.items() if x}}
+
+    def remarks(self) -> list[str]:
+        """Sentences about what the results of observers leave out."""
+        return [f"{name}: {text}" for name, result in self.observed.items() for text in result.remarks()]
 
     def doubts(self) -> list[str]:
         """Sentences about values that were no finite number for some path that counts: means do not leave these out."""

@@ -264,3 +264,36 @@ def test_differences_are_those_of_the_paths():
     np.testing.assert_allclose(found.se_mean[2, 0], np.std(dq, ddof=1) / np.sqrt(2), rtol=1e-13)
     energy = full.model.value(full.q[1], full.p[1]) - full.model.value(half.q[1], half.p[1])
     np.testing.assert_allclose(found.mean[1, 2], energy.mean(), rtol=1e-12)
+
+
+def test_observables_are_compared_too(tmp_path, capsys):
+    """By hand, from the paths of both runs; what is not compared is said, on the screen and in the table."""
+    file = tmp_path / "scene.toml"
+    run = "step = 0.1\nsteps = 20\nsave_every = 10\npaths = 50\nseed = 3\nq0 = 0.3\np0 = 0.0\n"
+    file.write_text(
+        f'[model]\nname = "kubo"\n[run]\n{run}[observables]\n"q_1^2" = "q*p + t"\nlog = "log(q - 0.3*cos(t))"\n'
+        '[[observe]]\nkind = "passage"\nname = "loss"\nof = "q_1"\nwithin = 5.0\n'
+        '[[observe]]\nkind = "extremes"\nof = "p_1"\n'
+    )
+    assert cli.main(["run", str(file), "--out", str(tmp_path / "out"), "--error-check"]) == cli.PATHS_FAILED
+    shown = capsys.readouterr().out
+    names, *rows = csv.reader(table_of(tmp_path / "out" / "error-check.csv"))
+    kinds = ["q_1", "p_1", "energy", "observable q_1^2", "log", "q_1^2", "p_1^2"]
+    assert names == ["t", "paths", "rms", *(f"{x} {name}" for x in ("mean", "se_mean") for name in kinds)]
+    rows = dict(zip(names, np.array(rows, dtype=float).T, strict=True))
+    given = {"q0": 0.3, "p0": 0.0, "paths": 50, "seed": 3}
+    full = ss.simulate(ss.models.kubo(), step=0.1, steps=20, save_every=10, **given)
+    half = ss.simulate(ss.models.kubo(), step=0.05, steps=40, save_every=20, refine=-1, **given)
+    difference = (full.q * full.p - half.q * half.p)[:, 0]
+    np.testing.assert_allclose(rows["mean observable q_1^2"], difference.mean(axis=1), rtol=1e-9, atol=1e-17)
+    errors = difference.std(axis=1, ddof=1) / np.sqrt(50)
+    np.testing.assert_allclose(rows["se_mean observable q_1^2"], errors, rtol=1e-9, atol=1e-17)
+    assert np.isnan(rows["mean log"][1:]).all() and (rows["paths"] == 50).all()
+    assert np.isfinite(rows["mean energy"]).all() and "mean observable q_1^2 differs by" in shown
+    told = (
+        "not compared: what [[observe]] keeps (loss, extremes)",
+        "paths that loss would absorb go on here: the means are those without absorption",
+    )
+    text = (tmp_path / "out" / "error-check.csv").read_text()
+    for sentence in told:
+        assert f"  {sentence}\n" in shown and f"#   {sentence}\n" in text

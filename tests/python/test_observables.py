@@ -87,6 +87,36 @@ def test_passages_of_formulas(found):
     assert (loss.step % 20 != 0).sum() > 50  # not at saved times
 
 
+def test_bridges_that_are_missing_are_told(found, tmp_path, capsys):
+    """Where noise may act on a value without Brownian bridges: in the result, in files, on the screen."""
+    sentence = "r^2 is looked at after every step and not between, where noise may carry paths out and back"
+    assert found.remarks() == [f"loss: {found.observed['loss'].remarks()[0]}"]
+    assert sentence in found.remarks()[0] and sentence in found.attributes()["remarks"]
+    start = {"q0": 0.0, "p0": 0.4, "step": 0.1, "steps": 20, "paths": 300}
+    kubo = ss.models.kubo(sigma=1.0)  # noise on q and p
+    for name, wanted, told, bridges in (
+        ("q_1", {}, 0, True),
+        ("energy", {}, 1, False),
+        ("energy", {"bridge": False}, 0, False),
+        ("r", {}, 1, False),
+    ):
+        watched = {"loss": observe.Passage(name, high=0.3, absorb=False, **wanted)}
+        mine = ss.moments(kubo, observables={"r": "q*p"}, observers=watched, **start)
+        assert len(mine.remarks()) == told, name
+        loss = mine.observed["loss"]
+        mine.save(tmp_path / "moments.npz")
+        with np.load(tmp_path / "moments.npz") as data:
+            assert ("loss_bridged" in data) == bridges
+            assert not bridges or data["loss_bridged"] == loss.bridged > 0
+    without = ss.model_from_sympy("p**2/2 + q**2/2")
+    assert ss.moments(without, observables={"r": "q*p"}, observers=watched, **start).remarks() == []
+    file = write(tmp_path / "scene.toml")
+    assert cli.main(["run", file, "--out", str(tmp_path / "out")]) == 0
+    assert f"symsde: loss: {sentence}" in capsys.readouterr().err
+    if pytest.importorskip("netCDF4"):
+        assert sentence in pytest.importorskip("xarray").open_dataset(tmp_path / "out" / "moments.nc").attrs["remarks"]
+
+
 def same(one, other):
     for name in ("n_ok", "m2"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)

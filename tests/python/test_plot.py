@@ -261,6 +261,47 @@ def test_one_figure_of_the_command(folder, tmp_path, capsys):
         assert sentence in capsys.readouterr().err, name
 
 
+def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
+    """--of chooses the figures that show the value, where a folder has several."""
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 20\npaths = 50\nq0 = 0.3\np0 = 0.1\n'
+        '[observables]\nr = "q*p"\n[[observe]]\nkind = "extremes"\nof = "r"\n'
+        '[[observe]]\nkind = "covariance"\nof = ["q_1", "r"]\n[output]\npaths = [0]\n'
+    )
+    out = tmp_path / "out"
+    assert cli.main(["run", str(file), "--out", str(out), "--quiet"]) == 0
+    figures = drawn_by(monkeypatch)
+    chosen = {
+        ("r",): ["moments", "observed-extremes", "observed-covariance"],
+        ("energy",): ["paths", "energy", "moments"],
+        ("q_1", "r"): ["moments", "observed-covariance"],
+        ("p_1",): ["paths", "phase", "moments"],
+    }
+    for names, known in chosen.items():
+        figures.clear()
+        assert cli.main(["plot", str(out), *(word for name in names for word in ("--of", name))]) == 0
+        assert list(figures) == [f"{name}.png" for name in known], names
+    figures.clear()
+    assert cli.main(["plot", str(out), "--of", "r"]) == 0
+    mean = ss.open_run(out).moments.mean["r"]
+    np.testing.assert_array_equal(lines(figures["moments.png"])[0][1], mean)
+    capsys.readouterr()
+    refused = {
+        ("--of", "s"): "there is no value 's': there are q_1, p_1, energy, r",
+        ("--what", "paths", "--of", "r"): "there is no value 'r': there are q_1, p_1, energy",
+        ("--of", "r", "--out", "x.png"): "say which by --what, one of moments, observed-extremes, observed-covariance",
+    }
+    for options, sentence in refused.items():
+        assert cli.main(["plot", str(out), *options]) == cli.BAD_INPUT
+        assert sentence in capsys.readouterr().err, options
+    assert cli.main(["plot", str(out / "moments.csv"), "--of", "r"]) == 0
+    (out / "shards" / "moments-000001.npz").unlink()
+    assert cli.main(["plot", str(out), "--of", "r"]) == cli.BAD_INPUT
+    assert "there is no value 'r': there are q_1, p_1, energy" in capsys.readouterr().err
+    assert cli.main(["plot", str(out), "--what", "observed-extremes"]) == cli.BAD_INPUT
+
+
 def test_data_frames(run, moments, tmp_path):
     pandas = pytest.importorskip("pandas")
     paths, means = run.to_pandas(), moments.to_pandas()

@@ -131,7 +131,7 @@ def save_partial(batch: Batch, folder: RunFolder) -> Path | None:
 
 def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
     """Put the results together, write and show them."""
-    report, failed, doubts = None, 0, []
+    report, failed, doubts, remarks = None, 0, [], []
     if pieces := batch.of_kind("moments"):
         moments = results.moments_of(batch.task, batch.size, pieces, folder.read, seconds=took)
         moments.scene = batch.scene.text
@@ -140,6 +140,7 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
         if moments.observers:
             moments.save(folder.path / ("moments.nc" if has_netcdf() else "moments.npz"))
         report, failed, doubts = moments.report, moments.report.failed, moments.doubts()
+        remarks = [] if quiet else moments.remarks()
         if not quiet:
             print_moments(moments)
     if pieces := batch.of_kind("paths"):
@@ -151,8 +152,8 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
         print(f"{report or ''}\nwritten to {folder.path}".lstrip())
     if failed:
         print(f"symsde: {failed} paths failed; moments are over the others", file=sys.stderr)
-    for doubt in doubts:
-        print(f"symsde: {doubt}", file=sys.stderr)
+    for sentence in (*doubts, *remarks):
+        print(f"symsde: {sentence}", file=sys.stderr)
     return PATHS_FAILED if failed or doubts else OK
 
 

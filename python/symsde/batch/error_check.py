@@ -8,13 +8,16 @@ Half the step of a scheme of strong order r has 2^-r of its error, so that the d
 from __future__ import annotations
 
 import csv
+import dataclasses
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from .. import _files, provenance
+from ..observe.observables import Rows, rows_of
 from ..simulate import Run, simulate
 from .plan import Extent, Piece
 from .work import Task
@@ -29,11 +32,12 @@ class ErrorCheck:
     t: np.ndarray  #: (time,)
     n: np.ndarray  #: (time,), paths that count
     rms: np.ndarray  #: (time,), root mean square of the distance of the paths in (q, p)
-    names: tuple[str, ...]  #: of the values: q_1, .., p_1, .., energy, and their squares
+    names: tuple[str, ...]  #: of the values: q_1, .., p_1, .., energy, observables, squares of q_1 .. and p_1 ..
     mean: np.ndarray  #: (time, value), differences of means
     se_mean: np.ndarray  #: (time, value), their standard errors
     seconds: tuple[float, float]  #: of the two runs
     attributes: dict[str, str]  #: what made the run at the full step
+    remarks: tuple[str, ...] = ()  #: what is not compared
 
     def __str__(self) -> str:
         """The last time, and the largest distance."""
@@ -44,7 +48,7 @@ class ErrorCheck:
         ]
         for i, name in enumerate(self.names):
             lines.append(f"  mean {name:10s} differs by {self.mean[-1, i]:10.3g} +- {self.se_mean[-1, i]:.2g}")
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"  {remark}" for remark in self.remarks)])
 
     def save(self, path: Path) -> None:
         """Write a table, one row a time."""
@@ -53,7 +57,8 @@ class ErrorCheck:
 
         def put(target: Path) -> None:
             with target.open("w", newline="", encoding="utf-8") as file:
-                file.writelines(provenance.comments(self.attributes))
+                told = {"not compared": "\n".join(self.remarks)} if self.remarks else {}
+                file.writelines(provenance.comments({**self.attributes, **told}))
                 csv.writer(file).writerows([header, *rows])
 
         _files.replace(path, put)
@@ -69,7 +74,16 @@ def error_check(task: Task, extent: Extent, threads: int | None = None, scene: s
     full, full_seconds = _timed(task, options)
     full.scene = scene
     half, half_seconds = _timed(task, halved)
-    return compare(full, half, (full_seconds, half_seconds))
+    found = compare(full, half, (full_seconds, half_seconds), rows_of(task.observables, task.model))
+    return dataclasses.replace(found, remarks=tuple(_not_compared(task)))
+
+
+def _not_compared(task: Task) -> Iterator[str]:
+    """Sentences about what a run keeps beside these values."""
+    if task.observers:
+        yield f"not compared: what [[observe]] keeps ({', '.join(task.observers)})"
+    if names := [name for name, x in task.observers.items() if getattr(x, "absorb", False)]:
+        yield f"paths that {', '.join(names)} would absorb go on here: the means are those without absorption"
 
 
 def _timed(task: Task, options: dict) -> tuple[Run, float]:
@@ -78,26 +92,27 @@ def _timed(task: Task, options: dict) -> tuple[Run, float]:
     return run, time.monotonic() - begin
 
 
-def compare(full: Run, half: Run, seconds: tuple[float, float]) -> ErrorCheck:
-    """Differences of two runs of the same paths, saved at the same times."""
-    names, values = _values(full)
-    differences = values - _values(half)[1]
-    ok = np.isfinite(differences).all(axis=1)
-    n = ok.sum(axis=1)
-    differences = np.where(ok[:, np.newaxis], differences, np.nan)
+def compare(full: Run, half: Run, seconds: tuple[float, float], own: Rows | None = None) -> ErrorCheck:
+    """Differences of two runs of the same paths, saved at the same times; own: gives names and values of observables.
+    What is no finite number for a path that counts has no mean, as in the run."""
     ndof = full.q.shape[1]
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        names, values = _values(full, own)
+        differences = values - _values(half, own)[1]
+        ok = np.isfinite(differences[:, : 2 * ndof]).all(axis=1)
+        n = ok.sum(axis=1)
+        there = ok[:, np.newaxis]
         count = n[:, np.newaxis].astype(float)
-        mean = np.nansum(differences, axis=2) / count
-        spread = np.nansum((differences - mean[:, :, np.newaxis]) ** 2, axis=2)
-        se_mean = np.sqrt(spread / (count - 1) / count)
-        squares = np.nansum(differences[:, : 2 * ndof] ** 2, axis=(1, 2))
-        rms = np.sqrt(squares / n)
+        mean = np.where(there, differences, 0.0).sum(axis=2) / count
+        about = np.where(there, differences - mean[:, :, np.newaxis], 0.0)
+        se_mean = np.sqrt((about**2).sum(axis=2) / (count - 1) / count)
+        squares = np.where(there, differences[:, : 2 * ndof], 0.0) ** 2
+        rms = np.sqrt(squares.sum(axis=(1, 2)) / n)
     return ErrorCheck(full.t, n, rms, names, mean, se_mean, seconds, full.attributes())
 
 
-def _values(run: Run) -> tuple[tuple[str, ...], np.ndarray]:
-    """q, p, the energy where the model has one, and squares: (time, value, path)."""
+def _values(run: Run, own: Rows | None) -> tuple[tuple[str, ...], np.ndarray]:
+    """q, p, the energy where the model has one, observables, and squares: (time, value, path)."""
     ndof = run.q.shape[1]
     names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
     parts = [run.q, run.p]
@@ -105,5 +120,10 @@ def _values(run: Run) -> tuple[tuple[str, ...], np.ndarray]:
         names.append("energy")
         energies = [run.model.value(q, p, t=t) for t, q, p in zip(run.t, run.q, run.p, strict=True)]
         parts.append(np.array(energies)[:, np.newaxis, :])
+    if own is not None:
+        there = [dict(own(t, q, p)) for t, q, p in zip(run.t.tolist(), run.q, run.p, strict=True)]
+        parts.append(np.array([list(found.values()) for found in there]))
+        squares = {f"{name}^2" for name in names[: 2 * ndof]}
+        names += [f"observable {name}" if name in squares else name for name in there[0]]
     names += [f"{name}^2" for name in names[: 2 * ndof]]
     return tuple(names), np.concatenate([*parts, run.q**2, run.p**2], axis=1)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..formulas.observables import FormulaObservables, is_formula
 from ..model import Model
 
 Observable = str | Callable[[np.ndarray, np.ndarray], np.ndarray]  # a formula, or a function
+Rows = Callable[[float, np.ndarray, np.ndarray], Iterator[tuple[str, np.ndarray]]]  # of (t, q, p)
 
 _PYTHON_NUMBERS = 8192  # of q that an observable is given at once, where there are so many: a call costs microseconds
 _TAKEN = re.compile(r"energy|[qp](_\d+)?")
@@ -88,7 +89,13 @@ def bind(observables: Mapping[str, Observable], model: Model, struct: Any, failu
     return formulas
 
 
-def _rows(observables: Mapping[str, Observable], formulas: FormulaObservables | None) -> Callable:
+def rows_of(observables: Mapping[str, Observable], model: Model) -> Rows | None:
+    """A function of (t, q, p), (dof, lane) each, that yields names and values; None for no observables."""
+    texts = {name: x for name, x in observables.items() if is_formula(x)}
+    return _rows(observables, FormulaObservables(model, texts) if texts else None) if observables else None
+
+
+def _rows(observables: Mapping[str, Observable], formulas: FormulaObservables | None) -> Rows:
     """A function of (t, q, p) that yields names and values, all formulas at once."""
 
     def rows(t: float, q: np.ndarray, p: np.ndarray):

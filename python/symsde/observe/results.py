@@ -35,6 +35,10 @@ class Observed:
         """Arrays with the names of their dimensions, for files that hold the observer under this name."""
         raise NotImplementedError
 
+    def remarks(self) -> list[str]:
+        """Sentences about what the result leaves out."""
+        return []
+
     def plot(self, path=None, *, at: int = -1):
         """A matplotlib figure, written where a path is given; at: which saved time of a histogram."""
         return importlib.import_module("symsde.plot").observed(self, path, at)
@@ -211,7 +215,7 @@ class PassageResult(Observed):
     lost_below: np.ndarray  #: (time,), through the lower end; likewise lost_above, se_lost_below, se_lost_above
     count: np.ndarray  #: (time, 2), paths that left below and above since the saved time before
     there: np.ndarray  #: (time,), paths that are still there
-    bridged: int | None  #: paths that left between two steps; None where no noise acts on the value: no correction
+    bridged: int | None  #: paths that left between two steps; None where there is no such correction, see `remarks`
     n: int  #: paths that have left
     mean: dict[str, float]  #: of t, q_1 .., p_1 .. when they left, over these paths; likewise se_mean
     path: np.ndarray  #: (listed,), global indices of the first of them; at most 1000
@@ -232,6 +236,7 @@ class PassageResult(Observed):
         paths, steps = counts[3 * ntime + 1 :].reshape(2, -1)
         listed = paths >= 0
         table = sums[paths.size * width :]
+        self._is_derived = scope.columns.index(self._names[0]) >= width - 1 and scope.setup.model.nnoise > 0
         self.path, self.step = paths[listed], steps[listed]
         self.state = sums[: paths.size * width].reshape(-1, width)[listed]
         self.n = int(table[0])
@@ -249,7 +254,20 @@ class PassageResult(Observed):
         found |= {f"{name}_{key}": ((f"{name}_listed",), getattr(self, key)) for key in ("path", "step")}
         found[f"{name}_state"] = ((f"{name}_listed", f"{name}_coordinate"), self.state)
         found[f"{name}_coordinate"] = ((f"{name}_coordinate",), np.array(self.names))
+        if self.bridged is not None:
+            found[f"{name}_bridged"] = ((), np.array(self.bridged))
         return found
+
+    def remarks(self) -> list[str]:
+        """Where noise may act on a value that has no Brownian bridge."""
+        wanted = self.observer
+        if not (wanted.bridge and self._is_derived):
+            return []
+        return [
+            f"{self._names[0]} is looked at after every step and not between, where noise may carry paths out and "
+            "back: there are Brownian bridges of q and p alone, so that fewer paths leave than would, by the order of the "
+            "root of the step; halve the step to see how many"
+        ]
 
 
 class PathsResult(Observed):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from .. import _checks, _files
@@ -19,7 +20,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `symsde plot`."""
     parser.add_argument("source", metavar="DIR_OR_FILE", help="folder of a run, or its .nc, .npz or .csv file")
     parser.add_argument("--what", metavar="NAME", help="one figure alone; without it all there are")
-    parser.add_argument("--of", metavar="VALUE", action="append", help="a value, as q_2; may be given again")
+    parser.add_argument("--of", metavar="VALUE", action="append", help="figures of a value, as q_2; may be given again")
     parser.add_argument("--at", metavar="I", type=int, default=-1, help="saved time of histograms (default: the last)")
     parser.add_argument("--most", metavar="N", type=int, default=draw.MOST_PATHS, help="paths drawn (%(default)s)")
     parser.add_argument("--out", metavar="FILE", help="of one figure: .png, .pdf or .svg")
@@ -34,21 +35,44 @@ def run(options: argparse.Namespace) -> int:
     known = _of_folder(source, options) if source.is_dir() else _of_file(source, options)
     if not known:
         raise SceneError(f"{source} holds no shard yet: there is nothing to draw")
-    chosen = known
-    if options.what:
-        _checks.choice("--what", options.what, list(known))
-        chosen = {options.what: known[options.what]}
+    chosen = _chosen(known, options)
     if options.out and len(chosen) > 1:
-        raise InvalidArgumentError(f"--out is for one figure: say which by --what, one of {', '.join(known)}")
-    for name, make in chosen.items():
+        raise InvalidArgumentError(f"--out is for one figure: say which by --what, one of {', '.join(chosen)}")
+    for name, figure in chosen.items():
         beside = source / f"{name}.png" if source.is_dir() else source.with_name(f"{source.stem}-{name}.png")
         target = Path(options.out) if options.out else beside
-        draw.finish(*make(), target)
+        draw.finish(*figure.make(), target)
         print(f"written to {target}")
     return 0
 
 
-Figures = dict[str, Callable[[], tuple]]
+@dataclass(frozen=True)
+class Figure:
+    """A figure that can be drawn."""
+
+    make: Callable[[], tuple]  #: its panels and title
+    shows: tuple[str, ...]  #: values that it can show
+
+
+Figures = dict[str, Figure]
+
+
+def _chosen(known: Figures, options: argparse.Namespace) -> Figures:
+    """The figure that is asked for by --what, or all that show what is asked for by --of."""
+    if options.what:
+        _checks.choice("--what", options.what, list(known))
+        return {options.what: known[options.what]}
+    wanted = options.of or []
+    every = list(dict.fromkeys(name for figure in known.values() for name in figure.shows))
+    for name in wanted:
+        data.known(name, every)
+    chosen = {name: figure for name, figure in known.items() if set(wanted) <= set(figure.shows)}
+    if not chosen:
+        raise InvalidArgumentError(
+            f"no figure shows {' and '.join(wanted)} together: draw one after the other, or give one of --what: "
+            + "; ".join(f"{name} shows {', '.join(figure.shows[:12])}" for name, figure in known.items())
+        )
+    return chosen
 
 
 def _of_folder(folder: Path, options: argparse.Namespace) -> Figures:
@@ -58,9 +82,10 @@ def _of_folder(folder: Path, options: argparse.Namespace) -> Figures:
     if (saved := found.run) is not None:
         figures |= _of_paths(data.paths_of(saved), options)
     if (moments := found.moments) is not None:
-        figures |= {"moments": lambda: draw.of_moments(data.means_of(moments), "moments", options.of)}
+        figures |= _of_means(data.means_of(moments), options)
         for name, result in moments.observed.items():
-            figures[f"observed-{name}"] = lambda result=result: draw.of_observed(result, options.at)
+            shows = tuple(result.observer.names(moments.columns()))
+            figures[f"observed-{name}"] = Figure(lambda result=result: draw.of_observed(result, options.at), shows)
     return figures
 
 
@@ -68,9 +93,19 @@ def _of_file(file: Path, options: argparse.Namespace) -> Figures:
     found = data.from_file(file)
     if isinstance(found, data.Paths):
         return _of_paths(found, options)
-    return {"moments": lambda: draw.of_moments(found, "moments", options.of)}
+    return _of_means(found, options)
+
+
+def _of_means(found: data.Means, options: argparse.Namespace) -> Figures:
+    return {"moments": Figure(lambda: draw.of_moments(found, "moments", options.of), tuple(found.columns()))}
 
 
 def _of_paths(found: data.Paths, options: argparse.Namespace) -> Figures:
-    kinds = ["paths", "phase", *(["energy"] if found.energies else [])]
-    return {what: lambda what=what: draw.of_run(found, what, options.of, options.most) for what in kinds}
+    columns = tuple(found.columns())
+    shows = {"paths": columns, "phase": tuple(name for name in columns if name != "energy")}
+    if found.energies:
+        shows["energy"] = ("energy",)
+    return {
+        what: Figure(lambda what=what: draw.of_run(found, what, options.of, options.most), names)
+        for what, names in shows.items()
+    }
