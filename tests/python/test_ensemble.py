@@ -271,7 +271,7 @@ def test_observables_are_compared_too(tmp_path, capsys):
     file = tmp_path / "scene.toml"
     run = "step = 0.1\nsteps = 20\nsave_every = 10\npaths = 50\nseed = 3\nq0 = 0.3\np0 = 0.0\n"
     file.write_text(
-        f'[model]\nname = "kubo"\n[run]\n{run}[observables]\n"q_1^2" = "q*p + t"\nlog = "log(q - 0.3*cos(t))"\n'
+        f'[model]\nname = "kubo"\n[run]\n{run}[observables]\n"q_1^2" = "q**2*p + t"\nlog = "log(q - 0.3*cos(t))"\n'
         '[[observe]]\nkind = "passage"\nname = "loss"\nof = "q_1"\nwithin = 5.0\n'
         '[[observe]]\nkind = "extremes"\nof = "p_1"\n'
     )
@@ -284,7 +284,7 @@ def test_observables_are_compared_too(tmp_path, capsys):
     given = {"q0": 0.3, "p0": 0.0, "paths": 50, "seed": 3}
     full = ss.simulate(ss.models.kubo(), step=0.1, steps=20, save_every=10, **given)
     half = ss.simulate(ss.models.kubo(), step=0.05, steps=40, save_every=20, refine=-1, **given)
-    difference = (full.q * full.p - half.q * half.p)[:, 0]
+    difference = (full.q**2 * full.p - half.q**2 * half.p)[:, 0]
     np.testing.assert_allclose(rows["mean observable q_1^2"], difference.mean(axis=1), rtol=1e-9, atol=1e-17)
     errors = difference.std(axis=1, ddof=1) / np.sqrt(50)
     np.testing.assert_allclose(rows["se_mean observable q_1^2"], errors, rtol=1e-9, atol=1e-17)

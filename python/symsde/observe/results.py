@@ -265,8 +265,8 @@ class PassageResult(Observed):
             return []
         return [
             f"{self._names[0]} is looked at after every step and not between, where noise may carry paths out and "
-            "back: there are Brownian bridges of q and p alone, so that fewer paths leave than would, by the order of the "
-            "root of the step; halve the step to see how many"
+            "back: there are Brownian bridges of q and p alone, so that fewer paths leave than would, by the order of "
+            "the root of the step; halve the step to see how many"
         ]
 
 
