@@ -76,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
         sub = verbs.add_parser(verb, help=text, description=text, epilog=_EPILOG)
         sub.set_defaults(verb=function)
         if verb in _WITH_SCENES:
-            sub.add_argument("--allow-python", action="store_true", help="let scenes name Python functions as models")
+            sub.add_argument("--allow-python", action="store_true", help="let scenes name Python functions")
         return sub
 
     run = add("run", batch.run, "Run a scene in a folder of shards, or go on with it; moments.csv and run.nc.")

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import contextvars
 import copy
 import importlib
 import inspect
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from . import _checks, models
+from . import _checks, _named, models
 from ._setup import make_setup
 from .errors import InvalidArgumentError, SceneError, SymsdeError
 from .formulas import scenes as formulas
@@ -33,8 +32,7 @@ OUTPUT_KEYS = ["moments", "paths"]
 STUDY_KEYS = ["schemes", "steps", "horizon", "paths", "reference", "reference_steps", "repeats", "interval"]
 EXPECT_KEYS = ["f", "abs", "rel", "horizon", "scheme", "method", "max_time"]
 
-#: whether scenes may name Python functions; the command line asks by --allow-python
-PYTHON_ALLOWED: contextvars.ContextVar[bool] = contextvars.ContextVar("PYTHON_ALLOWED", default=False)
+PYTHON_ALLOWED = _named.ALLOWED  #: whether scenes may name Python functions; --allow-python of the command line
 
 
 @dataclass
@@ -50,7 +48,7 @@ class Scene:
     expect: dict[str, Any] = field(default_factory=dict)  #: options of `expect`
     tables: dict[str, Any] = field(default_factory=dict)  #: the file, read
     text: str = ""  #: the file as it stands
-    observables: dict[str, str] = field(default_factory=dict)  #: formulas of values of the user's own, by name
+    observables: dict[str, observables.Observable] = field(default_factory=dict)  #: values of the user's own, by name
     observers: dict[str, requests.Observer] = field(default_factory=dict)  #: what is kept beside moments
 
     def compute_moments(self, progress=False) -> Moments:
@@ -134,24 +132,43 @@ def load(path: str | os.PathLike) -> Scene:
     return scene
 
 
-def _observables(file: str, scene: Scene) -> dict[str, str]:
-    """The table [observables], compiled for a try: formulas need sympy, which scenes without them do not."""
+def _observables(file: str, scene: Scene) -> dict[str, observables.Observable]:
+    """The table [observables], tried out: formulas need sympy, which scenes without them do not."""
     if "observables" not in scene.tables:
         return {}
-    given = scene.tables["observables"]
-    for name, formula in given.items():
-        if not isinstance(formula, str):
+    folder = Path(file).parent
+    found: dict[str, Any] = {}
+    for name, given in scene.tables["observables"].items():
+        if isinstance(given, dict) and list(given) == ["python"]:
+            try:
+                found[name] = _named.NamedObservable(str(folder.resolve()), given["python"])
+            except SymsdeError as error:
+                raise SceneError(f"{file}: [observables] {name}: {error}") from error
+        elif isinstance(given, str):
+            found[name] = given
+        else:
             raise SceneError(
-                f"{file}: [observables] {name} = {_checks.shown(formula)}: give a formula as text, in quotes"
+                f"{file}: [observables] {name} = {_checks.shown(given)}: give a formula as text, in quotes, or "
+                '{python = "module:function"}'
             )
     try:
-        found = observables.check_observables(given)
-        FormulaObservables(scene.model, found)
+        observables.check_observables(found)
+        FormulaObservables(scene.model, {name: x for name, x in found.items() if isinstance(x, str)})
+        for x in found.values():
+            if isinstance(x, _named.NamedObservable):
+                x.check(*_states(scene))
     except SymsdeError as error:
         raise SceneError(f"{file}: [observables]: {error}") from error
     if found and not scene.moments:
         raise SceneError(f"{file}: [observables] go with moments: leave out moments = false of [output]")
     return found
+
+
+def _states(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Three states near the first of a run, (dof, lane) each."""
+    setup = make_setup(scene.model, **scene.run)
+    near = np.array([1.0, 1.01, 0.98])
+    return tuple(x[:, :1] * near + 1e-3 * (near - 1) for x in (setup.q0, setup.p0))
 
 
 def _observers(file: str, scene: Scene) -> dict[str, requests.Observer]:
@@ -220,20 +237,11 @@ def _own_model(file: str, table: dict[str, Any]) -> Model:
 def _from_python(folder: Path, table: dict[str, Any]) -> Model:
     """What module:function returns, found as from the folder of the scene; other keys are its arguments."""
     given = {key: value for key, value in table.items() if key != "python"}
-    module, _, function = str(table["python"]).partition(":")
-    if not PYTHON_ALLOWED.get():
-        raise InvalidArgumentError(
-            f"python = {table['python']!r} would execute code: say --allow-python if you trust this scene"
-        )
-    sys.path.insert(0, str(folder.resolve()))
+    make = _named.function_of(folder, table["python"])
     try:
-        model = getattr(importlib.import_module(module), function)(**given)
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise InvalidArgumentError(
-            f"python = {table['python']!r} gives no model ({error}): write module:function, a function that returns one"
-        ) from error
-    finally:
-        sys.path.pop(0)
+        model = make(**given)
+    except Exception as error:
+        raise InvalidArgumentError(f"python = {table['python']!r} gives no model: {_named.told(error)}") from error
     if not isinstance(model, Model):
         raise InvalidArgumentError(f"python = {table['python']!r} returns {_checks.shown(model)}, which is no model")
     return model

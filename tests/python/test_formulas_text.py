@@ -434,8 +434,8 @@ def test_python_models_only_where_allowed(tmp_path, capsys, monkeypatch):
     assert "pendulum(sigma=0.25)" in capsys.readouterr().out
     for named, words in (
         ("own_models_of_a_test:wrong", "is no model"),
-        ("nowhere:at_all", "gives no model"),
-        ("json", "gives no model"),
+        ("nowhere:at_all", "cannot be loaded: ModuleNotFoundError: No module named 'nowhere'"),
+        ("json", "python = 'json': write module:function"),
     ):
         file.write_text(f'[model]\npython = "{named}"\n' + run)
         assert cli.main(["check", "--allow-python", str(file)]) == 2

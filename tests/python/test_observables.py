@@ -364,7 +364,8 @@ def test_scenes_say_what_is_no_number(tmp_path, capsys):
 HOSTILE = {
     '"r^2" = 3': r"\[observables\] r\^2 = 3: give a formula as text",
     '"r^2" = ["q1"]': "give a formula as text",
-    '"r^2" = {python = "os:system"}': "give a formula as text",
+    '"r^2" = {python = "os:system"}': "python = 'os:system' would execute code: say --allow-python",
+    '"r^2" = {python = "os:system", a = 1}': "give a formula as text",
     '"r^2" = ""': r"\[observables\]: observable 'r\^2'",
     "\"r^2\" = \"__import__('os').system('false')\"": r"observable 'r\^2'",
     'q_1 = "q2"\n"r^2" = "1"': "q_1.*taken",

@@ -2,7 +2,7 @@
 """The folder of a run: its manifest, a copy of its scene, its finished shards, and what is claimed of the others.
 
 DIR/manifest.json           which run this is
-DIR/scene.toml              as it was given, with the Python file of its model, if it has one
+DIR/scene.toml              as it was given, with the Python files whose functions it names
 DIR/shards/NAME.npz         one finished shard for each piece
 DIR/shards/NAME.checkpoint  state of a long piece in work; gone with its shard
 DIR/.claims                 locks of the processes at work
@@ -54,8 +54,9 @@ class RunFolder:
                 _require_no_results(target)
             self = cls(target, record, pieces)
             durable.write(target / "scene.toml", Path(scene.file).read_bytes())
-            if (source := manifest.python_source(scene)) is not None:
-                durable.write(target / source.name, source.read_bytes())
+            for name, source in manifest.python_sources(scene):
+                (target / name).parent.mkdir(parents=True, exist_ok=True)
+                durable.write(target / name, source.read_bytes())
             if not durable.write(target / manifest.NAME, manifest.to_bytes(record)):
                 manifest.require_same(manifest.read(target), record, target)
             (target / "shards").mkdir(exist_ok=True)

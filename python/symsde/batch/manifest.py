@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .. import _checks
+from .. import _checks, _named
 from .._setup import build_info
 from ..errors import SceneError
 from ..scene import RUN_KEYS, Scene
@@ -29,8 +29,8 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     output = {"moments": scene.moments, "paths": _ranges(scene.paths)}
     observed = {key: scene.tables[key] for key in ("observables", "observe") if scene.tables.get(key)}
     inputs = _plain({"model": scene.tables["model"], "run": run, "output": output, **observed})
-    if (source := python_source(scene)) is not None:
-        inputs["python_sha256"] = hashlib.sha256(source.read_bytes()).hexdigest()
+    if own := {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in python_sources(scene)}:
+        inputs["python_sha256"] = own
     build = build_info()
     return {
         "format": FORMAT,
@@ -49,11 +49,9 @@ def _hash(inputs: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
-def python_source(scene: Scene) -> Path | None:
-    """The file beside the scene whose function makes its model; None for other models."""
-    module = str(scene.tables["model"].get("python", "")).partition(":")[0]
-    path = Path(scene.file).parent / f"{module}.py"
-    return path if module and path.is_file() else None
+def python_sources(scene: Scene) -> list[tuple[str, Path]]:
+    """Files beside the scene whose functions it names, with their names below its folder."""
+    return list(_named.sources(Path(scene.file).parent, scene.tables))
 
 
 def _plain(value):
