@@ -94,7 +94,8 @@ def _tableaux(shown: Scheme) -> str:
     parts = [("Q", found.a, found.alpha), ("P", found.abar, found.alpha)]
     if not (np.array_equal(found.a, found.b) and np.array_equal(found.abar, found.bbar)):
         parts += [("Q, noise", found.b, found.beta), ("P, noise", found.bbar, found.beta)]
-    return "".join(_tableau(name, found.c, matrix, weights) for name, matrix, weights in parts)
+    tables = "".join(_tableau(name, found.c, matrix, weights) for name, matrix, weights in parts)
+    return tables + (f"not in the tableau: {html.escape(found.beside)}" if found.beside else "")
 
 
 def _tableau(name: str, c: np.ndarray, matrix: np.ndarray, weights: np.ndarray) -> str:

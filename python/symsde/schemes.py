@@ -86,6 +86,7 @@ class Tableau:
     b: np.ndarray  #: (stage, stage), of q for the noise
     bbar: np.ndarray  #: (stage, stage), of p for the noise
     beta: np.ndarray  #: (stage,), weights of the noise
+    beside: str  #: what the scheme does that these do not say; empty: from_tableau makes the scheme again
 
 
 class Certificate(str):
@@ -136,17 +137,32 @@ class Scheme:
         """The coefficients; None of schemes that have none: Galerkin, kicks and drifts.
 
         Without the brackets that some schemes add to the Hamiltonian, and without what surrounds the tableau of others
-        (a rotation, kicks): of gauss2_strong32, verlet_dz, exact_rotation and their like `from_tableau` makes another
-        scheme.
+        (a rotation, kicks), which `beside` tells: of gauss2_strong32, verlet_dz, exact_rotation and their like
+        `from_tableau` makes another scheme.
         """
         size = self.info.nstage
-        found = Tableau(*(np.empty((size,) * rank) for rank in (1, 2, 2, 1, 2, 2, 1)))
-        addresses = [_checks.address(getattr(found, name)) for name in Tableau.__dataclass_fields__]
+        arrays = [np.empty((size,) * rank) for rank in (1, 2, 2, 1, 2, 2, 1)]
         try:
-            _handles.call("scheme_tableau", self._handle.pointer, *addresses)
+            _handles.call("scheme_tableau", self._handle.pointer, *map(_checks.address, arrays))
         except MissingOperationError:
             return None
-        return found
+        return Tableau(*arrays, self._beside())
+
+    def _beside(self) -> str:
+        """What a tableau does not say of its scheme."""
+        info = self.info
+        if info.form != "tableau":
+            return ""
+        if info.structure_evidence == "claimed":
+            return "what a stepper of its own does around these stages"
+        brackets = {
+            "{H_k, H} with dZ": info.uses_dz,
+            "{H_l, H_k} with areas": info.uses_areas,
+            "{{H, H_k}, H_k}": info.uses_nested_bracket,
+        }
+        added = ", ".join(name for name, used in brackets.items() if used)
+        parts = [f"brackets added to H: {added}"] * bool(added) + [f"{info.law} increments"] * (info.law != "Gaussian")
+        return "; ".join(parts)
 
     def _repr_html_(self) -> str:
         """For notebooks: structure, tableau, orders."""
@@ -167,7 +183,9 @@ class Scheme:
     def __repr__(self) -> str:
         """One line."""
         kind = "symplectic" if self.info.symplectic else "not symplectic"
-        return f"<scheme {self.name}: {self.info.form}, {self.info.nstage} stages, {kind}>"
+        beside = self._beside()
+        more = f"; beside the tableau: {beside}" if beside else ""
+        return f"<scheme {self.name}: {self.info.form}, {self.info.nstage} stages, {kind}{more}>"
 
 
 def _order(given: _abi.SchemeInfo, i: int) -> Order:

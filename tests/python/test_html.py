@@ -16,6 +16,10 @@ def cells(text):
     return [re.findall(r"<t[hd]>(.*?)</t[hd]>", row) for row in rows]
 
 
+def arrays(tableau):
+    return {key: value for key, value in vars(tableau).items() if key != "beside"}
+
+
 @pytest.mark.parametrize(
     ("x", "text"),
     [
@@ -32,7 +36,7 @@ def test_every_number_of_the_catalogue_is_what_it_says():
     seen = set()
     for name in schemes.names():
         found = schemes.get(name).tableau()
-        for x in [] if found is None else np.concatenate([np.ravel(value) for value in vars(found).values()]):
+        for x in [] if found is None else np.concatenate([np.ravel(value) for value in arrays(found).values()]):
             text = _html.number(x)
             python = re.sub(r"√(\d+)", r"math.sqrt(\1)", text)
             assert abs(eval(python) - x) < (1e-14 if "/" in text or "√" in text else 1e-6), (name, text)
@@ -55,9 +59,51 @@ def test_a_tableau_makes_its_scheme_again(name):
     )
     assert again.info.symplecticity_residual == scheme.info.symplecticity_residual
     assert again.info.stratonovich_sum == scheme.info.stratonovich_sum
-    for key, value in vars(found).items():
+    for key, value in arrays(found).items():
         if key != "c":
             assert (getattr(again.tableau(), key) == value).all(), key
+    assert again.tableau().beside == ""
+
+
+BESIDE = {
+    "gauss2_strong32": "brackets added to H: {H_k, H} with dZ, {{H, H_k}, H_k}",
+    "gauss2_strong32_areas": "brackets added to H: {H_k, H} with dZ, {H_l, H_k} with areas, {{H, H_k}, H_k}",
+    "gauss2_weak2": "brackets added to H: {{H, H_k}, H_k}; three-point increments",
+    "midpoint_areas": "brackets added to H: {H_l, H_k} with areas",
+    "midpoint_weak1": "two-point increments",
+    **dict.fromkeys(
+        ("verlet_dz", "averaged_shift_midpoint", "drift_preserving", "exact_rotation"),
+        "what a stepper of its own does around these stages",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", schemes.names())
+def test_a_tableau_says_what_stands_beside_it(name):
+    """Where it is said, the tableau alone makes another step; where nothing is said, the same."""
+    scheme = schemes.get(name)
+    found = scheme.tableau()
+    said = BESIDE.get(name, "")
+    assert (found.beside if found else "") == said
+    assert (f"beside the tableau: {said}>" in repr(scheme)) == bool(said)
+    assert (f"not in the tableau: {said}" in scheme._repr_html_()) == bool(said)
+
+
+@pytest.mark.parametrize(
+    ("name", "model"),
+    [
+        ("gauss2_strong32", "pendulum"), ("gauss2_strong32_areas", "pendulum"), ("gauss2_weak2", "pendulum"),
+        ("midpoint_areas", "noncommutative_oscillator"), ("verlet_dz", "fpu_chain"),
+        ("averaged_shift_midpoint", "fpu_chain"), ("drift_preserving", "fpu_chain"), ("exact_rotation", "henon_heiles"),
+    ],
+)  # fmt: skip
+def test_the_tableau_alone_makes_another_step(name, model):
+    scheme = schemes.get(name)
+    found = scheme.tableau()
+    alone = schemes.from_tableau(found.a, found.abar, found.alpha, allow_nonsymplectic=True)
+    options = {"q0": 0.3, "p0": 0.2, "step": 0.1, "steps": 1, "seed": 2}
+    ends = [ss.simulate(ss.models.get(model), scheme=one, **options).q[-1] for one in (scheme, alone)]
+    assert not np.allclose(*ends, rtol=1e-9)
 
 
 def test_the_rows_of_gauss2():
