@@ -158,6 +158,13 @@ def test_citations_are_sound_bibtex():
     assert f"version = {{{ss.__version__}}}" in cite.cite()
 
 
+def test_an_entry_without_a_title_says_so():
+    entries = [entry for source in cite._SOURCES.values() for entry in source.split("\n@")]
+    without = [entry for entry in entries if not re.search(r"^  title = \{\S", entry, re.M)]
+    assert len(entries) == 11 and len(without) == 2
+    assert all("the title could not be confirmed and is left out}" in entry for entry in without)
+
+
 def test_the_paper_is_cited_as_in_the_citation_file():
     text = (Path(__file__).resolve().parents[2] / "CITATION.cff").read_text(encoding="utf-8")
     entry = cite.cite()
