@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from . import _abi, _cpu
-from .errors import LibraryNotFoundError
+from .errors import LibraryNotFoundError, SymsdeError
 
 _NAME = "libsymsde.dylib" if sys.platform == "darwin" else "libsymsde.so"
 
@@ -36,7 +36,11 @@ def found() -> Path | None:
 
 def load() -> ctypes.CDLL:
     """Load the library and declare its functions; LibraryNotFoundError says where it was looked for."""
-    path = found()
+    chosen, path = os.environ.get("SYMSDE_LIBRARY"), found()
+    if path is None and chosen:
+        raise LibraryNotFoundError(
+            f"SYMSDE_LIBRARY = {chosen!r} is not a file: give the path of libsymsde.so, or unset it"
+        )
     if path is None:
         places = ", ".join(str(path) for path in candidates())
         raise LibraryNotFoundError(
@@ -58,4 +62,15 @@ def load() -> ctypes.CDLL:
     return library
 
 
-library = load()
+def _is_command() -> bool:
+    """Whether this package is imported for its command: `symsde VERB`, or python -m symsde, for which argv[0] is -m."""
+    return bool(sys.argv) and (sys.argv[0] == "-m" or Path(sys.argv[0]).name == "symsde")
+
+
+try:
+    library = load()
+except SymsdeError as error:
+    if not _is_command():
+        raise
+    print(f"symsde: {error}", file=sys.stderr)  # as the command says of any other bad input, before it can run
+    sys.exit(2)

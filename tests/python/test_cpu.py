@@ -2,10 +2,12 @@
 """Which variant of the library a processor is given. tests/install/check_wheel.py runs the variants themselves."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from symsde import _cpu
 from symsde.errors import InvalidArgumentError, LibraryNotFoundError
@@ -73,6 +75,41 @@ def test_a_processor_below_all_variants_is_told_so(monkeypatch, tmp_path):
     assert _cpu.folders(tmp_path) == [tmp_path]
     monkeypatch.setattr(_cpu, "_flags_here", set)  # no /proc: nothing is known
     assert _cpu.folders(tmp_path) == [tmp_path]
+
+
+#: Variables and what is said; {folder} holds other.so, a library that is not this one.
+BROKEN = {
+    "no such file": ("SYMSDE_LIBRARY", "{folder}/no.so", "SYMSDE_LIBRARY = '{folder}/no.so' is not a file: give"),
+    "a folder": ("SYMSDE_LIBRARY", "{folder}", "SYMSDE_LIBRARY = '{folder}' is not a file: give"),
+    "no library": ("SYMSDE_LIBRARY", "{folder}/symsde", "{folder}/symsde cannot be loaded ("),
+    "another library": ("SYMSDE_LIBRARY", "{folder}/other.so", "{folder}/other.so is of another version than this"),
+    "no such level": ("SYMSDE_CPU", "avx2", "SYMSDE_CPU = 'avx2': give one of baseline, v3, v4, or unset it"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_command_says_in_one_line_what_is_wrong_with_the_library(case, tmp_path):
+    """By python -m symsde and by the script that pip makes, with exit code 2; Python code gets the exception."""
+    if sys.platform != "linux" or (case == "no such level" and not _cpu.levels()):
+        pytest.skip("libraries have other names here, or processors no levels")
+    shutil.copy(next(Path(np.__file__).parent.glob("linalg/_umath_linalg*.so")), tmp_path / "other.so")
+    script = tmp_path / "symsde"
+    script.write_text("import sys\nfrom symsde.cli import main\nsys.exit(main())\n")
+    name, value, sentence = (text.replace("{folder}", str(tmp_path)) for text in BROKEN[case])
+    environment = {key: old for key, old in os.environ.items() if key not in ("SYMSDE_LIBRARY", "SYMSDE_CPU")}
+    environment[name] = value
+
+    def run(*arguments):
+        return subprocess.run(
+            [sys.executable, *arguments], env=environment, capture_output=True, text=True, check=False
+        )
+
+    for command in (["-m", "symsde", "selftest"], [script, "selftest"], [script, "run", "a.toml"]):
+        done = run(*command)
+        assert (done.returncode, done.stdout) == (2, ""), done
+        assert done.stderr.startswith(f"symsde: {sentence}") and done.stderr.count("\n") == 1, done.stderr
+    done = run("-c", "import symsde")
+    assert done.returncode == 1 and done.stderr.startswith("Traceback") and sentence in done.stderr
 
 
 def test_a_variant_that_is_not_there_is_an_error():
