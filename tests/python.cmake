@@ -2,16 +2,18 @@
 # SYMSDE_PYTHON: the interpreter of the tests; .venv's where ./bootstrap made one.
 find_program(SYMSDE_PYTHON NAMES python3 python HINTS ${PROJECT_SOURCE_DIR}/.venv/bin
    DOC "Python (3.11 or later) that runs the tests of the package and of the tree")
-set(SYMSDE_RUN_PYTHON ${SYMSDE_PYTHON})
 if(NOT SYMSDE_PYTHON)
    message(STATUS "No Python: tests of the package and of the tree are skipped")
-   set(SYMSDE_RUN_PYTHON sh -c "echo skipped: no Python when this was configured$<SEMICOLON> exit 77")
 endif()
 
 # add_python_test(name labels argument...): run Python with the built library, leaving no files in the tree.
 # A tool that is not installed makes the test skipped (77), not passed.
 function(add_python_test name label)
-   add_test(NAME ${name} COMMAND ${SYMSDE_RUN_PYTHON} ${ARGN})
+   if(SYMSDE_PYTHON)
+      add_test(NAME ${name} COMMAND ${SYMSDE_PYTHON} ${ARGN})
+   else()
+      add_test(NAME ${name} COMMAND sh -c "echo skipped: there was no Python when this was configured; exit 77")
+   endif()
    set_tests_properties(${name} PROPERTIES
       LABELS "${label}"
       TIMEOUT 1800

@@ -13,7 +13,7 @@ file(RENAME ${WORK}/first ${WORK}/prefix)  # nothing installed may remember wher
 
 # find_package
 run(${CMAKE_COMMAND} -S ${CONSUMER} -B ${WORK}/build -D CMAKE_PREFIX_PATH=${WORK}/prefix
-   -D CMAKE_Fortran_COMPILER=${FORTRAN} -D CMAKE_C_COMPILER=${CC} -D WANTED=${VERSION} -G Ninja)
+   -D CMAKE_Fortran_COMPILER=${FORTRAN} -D CMAKE_C_COMPILER=${CC} -D WANTED=${VERSION} -G ${GENERATOR})
 run(${CMAKE_COMMAND} --build ${WORK}/build)
 run(${WORK}/build/consumer_fortran)
 run(${WORK}/build/consumer_c)
@@ -23,25 +23,27 @@ endif()
 
 # embedded, in a Debug build: the library's own strictness is not its users'
 run(${CMAKE_COMMAND} -S ${CONSUMER}/../embedding -B ${WORK}/embedding -D CMAKE_BUILD_TYPE=Debug
-   -D CMAKE_EXPORT_COMPILE_COMMANDS=ON -D CMAKE_Fortran_COMPILER=${FORTRAN} -D CMAKE_C_COMPILER=${CC} -G Ninja)
+   -D CMAKE_EXPORT_COMPILE_COMMANDS=ON -D CMAKE_Fortran_COMPILER=${FORTRAN} -D CMAKE_C_COMPILER=${CC} -G ${GENERATOR})
 file(READ ${WORK}/embedding/compile_commands.json commands)
 if(NOT commands MATCHES "midpoint[.]f90" OR commands MATCHES "-Werror")
    message(FATAL_ERROR "a project that embeds symsde in a Debug build compiles it with -Werror, or not at all")
 endif()
 
 # pkg-config
-set(ENV{PKG_CONFIG_PATH} ${WORK}/prefix/${LIBDIR}/pkgconfig)
-set(ENV{LD_LIBRARY_PATH} ${WORK}/prefix/${LIBDIR})
-execute_process(COMMAND pkg-config --cflags --libs "symsde = ${VERSION}"
-   OUTPUT_VARIABLE flags OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
-separate_arguments(flags UNIX_COMMAND "${flags}")
-run(${FORTRAN} ${CONSUMER}/consumer.f90 -o ${WORK}/pkg_fortran ${flags})
-run(${CC} ${CONSUMER}/consumer.c -o ${WORK}/pkg_c ${flags})
-run(${WORK}/pkg_fortran)
-run(${WORK}/pkg_c)
-if(CXX)
-   run(${CXX} -std=c++17 ${CONSUMER}/consumer.cpp -o ${WORK}/pkg_cpp ${flags})
-   run(${WORK}/pkg_cpp)
+if(PKG_CONFIG)
+   set(ENV{PKG_CONFIG_PATH} ${WORK}/prefix/${LIBDIR}/pkgconfig)
+   set(ENV{LD_LIBRARY_PATH} ${WORK}/prefix/${LIBDIR})
+   execute_process(COMMAND ${PKG_CONFIG} --cflags --libs "symsde = ${VERSION}"
+      OUTPUT_VARIABLE flags OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+   separate_arguments(flags UNIX_COMMAND "${flags}")
+   run(${FORTRAN} ${CONSUMER}/consumer.f90 -o ${WORK}/pkg_fortran ${flags})
+   run(${CC} ${CONSUMER}/consumer.c -o ${WORK}/pkg_c ${flags})
+   run(${WORK}/pkg_fortran)
+   run(${WORK}/pkg_c)
+   if(CXX)
+      run(${CXX} -std=c++17 ${CONSUMER}/consumer.cpp -o ${WORK}/pkg_cpp ${flags})
+      run(${WORK}/pkg_cpp)
+   endif()
 endif()
 
 # Meson, by pkg-config
