@@ -39,8 +39,8 @@ def load() -> ctypes.CDLL:
     chosen, path = os.environ.get("SYMSDE_LIBRARY"), found()
     if path is None and chosen:
         raise LibraryNotFoundError(
-            f"SYMSDE_LIBRARY = {chosen!r} is not a file: give the path of libsymsde.so (./bootstrap build makes one), or "
-            "unset it"
+            f"SYMSDE_LIBRARY = {chosen!r} is not a file: give the path of libsymsde.so (./bootstrap build makes one), "
+            "or unset it"
         )
     if path is None:
         places = ", ".join(str(path) for path in candidates())
