@@ -21,13 +21,15 @@ CALLS = {
     "log": "y[i] = lane_log(x[i], FAR, &beyond);",
     "tanh": "y[i] = lane_tanh(x[i], FAR, &beyond);",
 }
+BOUNDS = {"sin": 1.0, "cos": 1.0, "exp": 1.0, "log": 1.0, "tanh": 2.0}  # ulps
 WIDTHS = {"sse2": ["-march=x86-64"], "avx2": ["-march=haswell"], "avx512": ["-march=skylake-avx512"]}
+CONTRACTS = "-DCONTRACTS"  # products and sums as one operation, as a library that is built for one machine has them
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
 
-def function(name, flags=None):
+def function(name, flags=(), contracts=CONTRACTS in compiler.FLAGS):
     """One of the functions on whole arrays: values, and whether some argument was far."""
     loop = "for (int i = 0; i < n; i++) { " + CALLS[name] + " }"
     text = HEADER + (
@@ -36,8 +38,8 @@ def function(name, flags=None):
         + "\n   return beyond;\n}\n"
     )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
-        if flags:
-            patch.setattr(compiler, "FLAGS", (*compiler.FLAGS, *flags))
+        usual = [x for x in compiler.FLAGS if x != CONTRACTS]
+        patch.setattr(compiler, "FLAGS", (*usual, *flags, *([CONTRACTS] if contracts else [])))
         library = compiler.build(text).library
     library.f.restype = ctypes.c_int64
 
@@ -74,26 +76,31 @@ def ulps(name, x, y):
     return worst
 
 
-@pytest.mark.parametrize(("name", "bound"), [("sin", 1.0), ("cos", 1.0), ("exp", 1.0), ("log", 1.0), ("tanh", 2.0)])
-def test_ulps(name, bound):
+@pytest.mark.parametrize("contracts", [True, False])
+@pytest.mark.parametrize(("name", "bound"), BOUNDS.items())
+def test_ulps(name, bound, contracts):
     x = arguments(name)
-    y, far = function(name)(x)
+    y, far = function(name, contracts=contracts)(x)
     assert not far
     assert ulps(name, x, y) < bound
     assert ulps(name, x, y * (1 + 6e-16)) > bound  # the measure sees three units
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="widths of x86-64")
+@pytest.mark.parametrize("contracts", [True, False])
 @pytest.mark.parametrize("name", CALLS)
-def test_bits_do_not_depend_on_the_width_of_vectors(name):
+def test_bits_do_not_depend_on_the_width_of_vectors(name, contracts):
+    """Nor, without contraction, on what the processor can."""
     x = arguments(name)
-    expected, _ = function(name)(x)
     known = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    if contracts and " fma " not in known:
+        pytest.skip("this processor has no operation for a product and a sum")
+    expected, _ = function(name, contracts=contracts)(x)
     for width, flags in WIDTHS.items():
-        if width in ("sse2", "avx2") or "avx512dq" in known:
-            y, _ = function(name, flags)(x)
+        if (width in ("sse2", "avx2") or "avx512dq" in known) and not (contracts and width == "sse2"):
+            y, _ = function(name, flags, contracts=contracts)(x)
             assert (y == expected).all(), width
-    backwards, _ = function(name)(x[::-1][:-3])  # other lanes beside it
+    backwards, _ = function(name, contracts=contracts)(x[::-1][:-3])  # other lanes beside it
     assert (backwards[::-1] == expected[3:]).all()
 
 

@@ -13,6 +13,7 @@ import functools
 import hashlib
 import os
 import platform
+import re
 import shlex
 import shutil
 import subprocess
@@ -21,13 +22,17 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from .._setup import build_info
 from ..errors import InvalidArgumentError, NotWrittenError
 
-# No contraction: the bits do not depend on the processor, and an output has the same ones in every function.
+# Compilers contract nothing by themselves: an output has the same bits in every function. CONTRACTS lets FMA of
+# lane_functions.h be one operation, where the library contracts, too; else bits do not depend on the processor.
 FLAGS = ("-std=c11", "-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
 FLAGS += ("-ffp-contract=off", "-fno-semantic-interposition", "-w")
 if platform.machine() in ("x86_64", "AMD64"):
     FLAGS += ("-mprefer-vector-width=512",)  # where the processor has them: 1.0 instead of 1.12 of the built-in's time
+if re.findall(r"-ffp-contract=(\w+)", build_info().get("compile options", ""))[-1:] == ["fast"]:
+    FLAGS += ("-DCONTRACTS",)
 TIME_LIMIT = 120.0  #: seconds of processor time of one compilation: a busy machine is no reason to refuse a formula
 PATIENCE = 3600.0  #: seconds by the clock
 

@@ -228,13 +228,31 @@ class Writer:
         """One operation in C."""
         node = self.graph.nodes[x]
         operands = [self.operand(a) for a in node.arguments]
-        if node.what in ("+", "-", "*", "/"):
+        if node.what in ("+", "-"):
+            return self._contracted(node) or f" {node.what} ".join(operands)
+        if node.what in ("*", "/"):
             return f" {node.what} ".join(operands)
         if node.what == "negative":
             return f"-{operands[0]}"
         if node.lane and node.what in NEAR:
             return f"{NEAR[node.what]}({operands[0]}, far, &beyond)"
         return f"{node.what}({', '.join(operands)})"
+
+    def _contracted(self, node: Node) -> str | None:
+        """A sum or difference with a product in it, as one operation where the library contracts (lane_functions.h).
+
+        That hangs on the node alone, not on who else wants the product. A product that is the same for all lanes has
+        been computed before the loop.
+        """
+        for place in (1, 0):
+            product, other = node.arguments[place], self.operand(node.arguments[1 - place])
+            given = self.graph.nodes[product]
+            if given.what == "*" and given.lane == node.lane:
+                a, b = (self.operand(x) for x in given.arguments)
+                if node.what == "-":
+                    a, other = (f"-{a}", other) if place == 1 else (a, f"-{other}")
+                return f"FMA({a}, {b}, {other})"
+        return None
 
     def operand(self, x: int) -> str:
         """A node as it stands in an operation."""

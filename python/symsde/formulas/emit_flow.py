@@ -14,7 +14,7 @@ from .emit_c import NEAR, Writer, reachable
 
 MAX_DOF = 4
 MAX_OPERATIONS = 400  #: of gradient and Hessian: above, the callbacks are not what takes the time
-STRIP = 64  #: lanes whose states stay in the nearest cache
+STRIP = 128  #: lanes whose states stay in the nearest cache
 EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
 HEAD = """
 /* ---- whole steps ---- */

@@ -7,8 +7,8 @@ LANE void eliminate(double matrix[DOF][DOF], double *r) {
       for (int i = k + 1; i < DOF; i++) {
          const double factor = matrix[i][k] * inverse;
          for (int j = k + 1; j < DOF; j++)
-            matrix[i][j] -= factor * matrix[k][j];
-         r[i] -= factor * r[k];
+            matrix[i][j] = FMA(-factor, matrix[k][j], matrix[i][j]);
+         r[i] = FMA(-factor, r[k], r[i]);
       }
       r[k] *= inverse;
       for (int j = k + 1; j < DOF; j++)
@@ -16,5 +16,5 @@ LANE void eliminate(double matrix[DOF][DOF], double *r) {
    }
    for (int k = DOF - 1; k > 0; k--)
       for (int i = 0; i < k; i++)
-         r[i] -= matrix[i][k] * r[k];
+         r[i] = FMA(-matrix[i][k], r[k], r[i]);
 }

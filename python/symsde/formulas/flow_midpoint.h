@@ -1,41 +1,58 @@
 
-/* Newton's correction of (F, G) = (S_p, -S_q) at (q + F/2, p + G/2): in closed form for one degree of freedom, the F
- * eliminated for several, whose S_qp vanish. */
-INLINE midpoint_correction(LANE_IN, const state *s, const double *z, double *d, const int far) {
-   state m;
-   double hq[DOF], hp[DOF], hqq[DOF * DOF], hqp[DOF * DOF], hpp[DOF * DOF];
+/* Derivatives at (q + F/2, p + G/2): S_q, S_p and the blocks of the Hessian, one after the other. */
+enum { AT_P = DOF, AT_QQ = 2 * DOF, AT_QP = AT_QQ + DOF * DOF, AT_PP = AT_QP + DOF * DOF };
+#define midpoint_DERIVATIVES (2 * DOF + 3 * DOF * DOF)
+
+INLINE midpoint_evaluate(LANE_IN, const state *s, const double *z, double *e, const int far) {
+   state m = *s;
    for (int k = 0; k < DOF; k++) {
-      m.q[k] = s->q[k] + 0.5 * z[k];
-      m.p[k] = s->p[k] + 0.5 * z[DOF + k];
+      m.q[k] = FMA(0.5, z[k], m.q[k]);
+      m.p[k] = FMA(0.5, z[DOF + k], m.p[k]);
    }
-   const int64_t beyond = slopes(LANE_OF, &m, hq, hp, hqq, hqp, hpp, far);
+   return slopes(LANE_OF, &m, e, e + AT_P, e + AT_QQ, e + AT_QP, e + AT_PP, far);
+}
+
+/* (f, g) times the inverse of Newton's matrix of (F, G) = (S_p, -S_q): in closed form for one degree of freedom, where
+ * d is to be multiplied with what is returned, the F eliminated for several, whose S_qp vanish. */
+LANE double midpoint_solve(const double *e, const double *f, const double *g, double *d) {
+   const double *hqq = e + AT_QQ, *hpp = e + AT_PP;
 #if DOF == 1
-   const double a = 0.5 * hqq[0], b = 0.5 * hqp[0], e = 0.5 * hpp[0];
-   const double f = z[0] - hp[0], g = z[1] + hq[0];
-   const double inverse = 1 / (1 - b * b + a * e);
-   d[0] = ((1 + b) * f + e * g) * inverse;
-   d[1] = ((1 - b) * g - a * f) * inverse;
+   const double a = 0.5 * hqq[0], b = 0.5 * e[AT_QP], k = 0.5 * hpp[0];
+   d[0] = FMA(k, g[0], (1 + b) * f[0]);
+   d[1] = FMA(-a, f[0], (1 - b) * g[0]);
+   return 1 / FMA(a, k, FMA(-b, b, 1.0));
 #else
-   double matrix[DOF][DOF], r[DOF];
+   double matrix[DOF][DOF];
    for (int i = 0; i < DOF; i++) {
-      r[i] = z[DOF + i] + hq[i];
+      d[DOF + i] = g[i];
       for (int k = 0; k < DOF; k++) {
-         r[i] -= 0.5 * hqq[i * DOF + k] * (z[k] - hp[k]);
+         d[DOF + i] = FMA(-0.5 * hqq[i * DOF + k], f[k], d[DOF + i]);
          matrix[i][k] = i == k;
          for (int l = 0; l < DOF; l++)
-            matrix[i][k] += 0.25 * hqq[i * DOF + l] * hpp[l * DOF + k];
+            matrix[i][k] = FMA(0.25 * hqq[i * DOF + l], hpp[l * DOF + k], matrix[i][k]);
       }
    }
-   eliminate(matrix, r);
+   eliminate(matrix, d + DOF);
    for (int i = 0; i < DOF; i++) {
-      d[i] = z[i] - hp[i];
-      d[DOF + i] = r[i];
+      d[i] = f[i];
       for (int k = 0; k < DOF; k++)
-         d[i] += 0.5 * hpp[i * DOF + k] * r[k];
+         d[i] = FMA(0.5 * hpp[i * DOF + k], d[DOF + k], d[i]);
    }
+   return 1;
 #endif
+}
+
+LANE void midpoint_correction(LANE_IN, const state *s, const double *z, const double *e, double *d) {
+   (void)w, (void)n, (void)c, (void)h, (void)s;
+   double f[DOF], g[DOF];
+   for (int k = 0; k < DOF; k++) {
+      f[k] = z[k] - e[AT_P + k];
+      g[k] = z[DOF + k] + e[k];
+   }
+   const double inverse = midpoint_solve(e, f, g, d);
+   for (int k = 0; k < 2 * DOF; k++)
+      d[k] *= inverse;
    d[2 * DOF] = 0;
-   return beyond;
 }
 
 /* F at the beginning of the step, as if there were no force */
@@ -46,22 +63,24 @@ INLINE midpoint_guess(LANE_IN, const state *s, double *z, const int far) {
    return beyond;
 }
 
-LANE void midpoint_increment(LANE_IN, const state *s, const double *z, double *dq, double *dp) {
+LANE void midpoint_increment(LANE_IN, state *s, const double *z) {
+   (void)w, (void)n, (void)c, (void)h;
    for (int k = 0; k < DOF; k++) {
-      dq[k] = z[k];
-      dp[k] = z[DOF + k];
+      s->q[k] += z[k];
+      s->p[k] += z[DOF + k];
    }
 }
 
 /* of quadratic Hamiltonians: one correction is the solution */
 INLINE midpoint(LANE_IN, state *s, const int far) {
-   double z[2 * DOF], d[2 * DOF + 1];
-   for (int k = 0; k < 2 * DOF; k++)
-      z[k] = 0;
-   const int64_t beyond = midpoint_correction(LANE_OF, s, z, d, far);
+   double e[midpoint_DERIVATIVES], d[2 * DOF], g[DOF];
+   const int64_t beyond = slopes(LANE_OF, s, e, e + AT_P, e + AT_QQ, e + AT_QP, e + AT_PP, far);
+   for (int k = 0; k < DOF; k++)
+      g[k] = -e[k];
+   const double inverse = midpoint_solve(e, e + AT_P, g, d);
    for (int k = 0; k < DOF; k++) {
-      s->q[k] -= d[k];
-      s->p[k] -= d[DOF + k];
+      s->q[k] = FMA(d[k], inverse, s->q[k]);
+      s->p[k] = FMA(d[DOF + k], inverse, s->p[k]);
    }
    return beyond;
 }

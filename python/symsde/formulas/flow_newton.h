@@ -1,151 +1,196 @@
 
 /* ---- STEP by Newton's iteration, each lane until its own corrections stagnate ---- */
 
-/* A correction of the unknowns z of lane i into v, the verdict on it, and how steep the equations are where it was
- * made. */
-LANE void STEP_correct(const double *z, const double *d, const double last, const double steep, const int i,
-                          double *restrict v) {
-   double largest = 0, size = 0, sum = 0;
+/* What a lane is in between iterations: its unknowns, the size of its last correction, or done (-1), or failed (-2), and
+ * how steep the equations were there. */
+typedef struct {
+   double z[STEP_UNKNOWNS], last, steep;
+} STEP_lane;
+
+LANE STEP_lane STEP_lane_of(const double *restrict u, const int i) {
+   STEP_lane lane;
+   for (int k = 0; k < STEP_UNKNOWNS; k++)
+      lane.z[k] = u[k * STRIP + i];
+   lane.last = u[STEP_UNKNOWNS * STRIP + i];
+   lane.steep = u[(STEP_UNKNOWNS + 1) * STRIP + i];
+   return lane;
+}
+
+LANE void STEP_put(const STEP_lane lane, const int i, double *restrict u) {
+   for (int k = 0; k < STEP_UNKNOWNS; k++)
+      u[k * STRIP + i] = lane.z[k];
+   u[STEP_UNKNOWNS * STRIP + i] = lane.last;
+   u[(STEP_UNKNOWNS + 1) * STRIP + i] = lane.steep;
+}
+
+/* Before the first iteration; a lane with a status rests. */
+INLINE STEP_begin(LANE_IN, const state *s, const int64_t status, STEP_lane *lane, const int far) {
+   lane->last = status == 0 ? 0 : -1;
+   lane->steep = 0;
+   return STEP_guess(LANE_OF, s, lane->z, far);
+}
+
+/* One correction from the derivatives e, and the verdict on it; `first`: none came before. A lane that rests stays. */
+LANE void STEP_correct(LANE_IN, const state *s, const double *e, STEP_lane *lane, const int first) {
+   double d[STEP_UNKNOWNS + 1], largest = 0, size = 0, sum = 0;
+   STEP_correction(LANE_OF, s, lane->z, e, d);
    for (int k = 0; k < STEP_UNKNOWNS; k++) {
-      const double next = last >= 0 ? z[k] - d[k] : z[k];
+      const double next = lane->last >= 0 ? lane->z[k] - d[k] : lane->z[k];
       largest = fabs(d[k]) > largest ? fabs(d[k]) : largest;
       size = fabs(next) > size ? fabs(next) : size;
-      sum += d[k];
-      v[k * STRIP + i] = next;
+      sum += d[k] + next;
+      lane->z[k] = next;
    }
-   const double next = verdict(largest + 0 * sum, size, last); /* 0 * sum keeps a NaN */
-   v[STEP_UNKNOWNS * STRIP + i] = next;
-   v[(STEP_UNKNOWNS + 1) * STRIP + i] = last >= 0 ? d[STEP_UNKNOWNS] : steep; /* of the lane, not of its neighbours */
+   const double correction = largest + 0 * sum; /* no number where anything is not finite */
+   const double next = first ? first_verdict(correction, size) : verdict(correction, size, lane->last);
+   lane->steep = lane->last >= 0 ? d[STEP_UNKNOWNS] : lane->steep; /* of the lane, not of its neighbours */
+   lane->last = lane->last >= 0 ? next : lane->last;
 }
 
-/* How many lanes go on: counted in a loop of its own, because compilers count under a condition what a loop knows to be
- * negative, and make no vectors of that. */
-LANE int64_t STEP_going(const int lanes, const double *restrict v) {
-   int64_t going = lanes;
-   for (int i = 0; i < lanes; i++)
-      going += bits_of(v[STEP_UNKNOWNS * STRIP + i]) >> 63;
-   return going;
-}
-
-/* The first iteration, from a guess, in lanes without a status; how many lanes go on. */
-INLINE STEP_first(const int lanes, LANE_IN, const double *restrict x, const int64_t *restrict status,
-                  double *restrict v, int64_t *running, const int far) {
+/* The loops over lanes are short ones, whose lanes a processor overlaps: one for the derivatives, one for the rest. */
+INLINE STEP_derivatives(const int lanes, LANE_IN, const double *restrict x, const int64_t *restrict status,
+                        double *restrict u, double *restrict v, const int first, const int far) {
    int64_t beyond = 0;
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
-      double z[STEP_UNKNOWNS], d[STEP_UNKNOWNS + 1];
+      double e[STEP_DERIVATIVES];
       const state s = state_of(x, i);
-      beyond |= STEP_guess(w + i, n, c, h, &s, z, far);
-      beyond |= STEP_correction(w + i, n, c, h, &s, z, d, far);
-      STEP_correct(z, d, status[i] == 0 ? 0 : -2, 0, i, v);
+      STEP_lane lane;
+      if (first) {
+         beyond |= STEP_begin(w + i, n, c, h, &s, status[i], &lane, far);
+         STEP_put(lane, i, u);
+      } else {
+         lane = STEP_lane_of(u, i);
+      }
+      beyond |= STEP_evaluate(w + i, n, c, h, &s, lane.z, e, far);
+      for (int k = 0; k < STEP_DERIVATIVES; k++)
+         v[k * STRIP + i] = e[k];
    }
-   *running = STEP_going(lanes, v);
    return beyond;
 }
 
-/* One iteration more, from the unknowns u. */
-INLINE STEP_next(const int lanes, LANE_IN, const double *restrict x, const double *restrict u, double *restrict v,
-                 int64_t *running, const int far) {
-   int64_t beyond = 0;
+SELDOM STEP_far(const int lanes, LANE_IN, const double *restrict x, const int64_t *restrict status, double *restrict u,
+                double *restrict v, const int first) {
+   if (first)
+      STEP_derivatives(lanes, LANE_OF, x, status, u, v, 1, 1);
+   else
+      STEP_derivatives(lanes, LANE_OF, x, status, u, v, 0, 1);
+}
+
+/* What is left to do in some lane. */
+typedef struct {
+   int64_t going, undone, gentle; /* negative: iterations; not 0: anything; negative: a steep lane */
+} STEP_rest;
+
+/* Corrections of all lanes and, but for the first, the state y as if they were the last. */
+LANE STEP_rest STEP_corrections(const int lanes, LANE_IN, const double *restrict x, const double *restrict v,
+                                double *restrict u, double *restrict y, const int first) {
+   int64_t going = 0, undone = 0, gentle = 0;
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
-      double z[STEP_UNKNOWNS], d[STEP_UNKNOWNS + 1];
-      const state s = state_of(x, i);
-      for (int k = 0; k < STEP_UNKNOWNS; k++)
-         z[k] = u[k * STRIP + i];
-      beyond |= STEP_correction(w + i, n, c, h, &s, z, d, far);
-      STEP_correct(z, d, u[STEP_UNKNOWNS * STRIP + i], u[(STEP_UNKNOWNS + 1) * STRIP + i], i, v);
+      double e[STEP_DERIVATIVES];
+      state s = state_of(x, i);
+      STEP_lane lane = STEP_lane_of(u, i);
+      for (int k = 0; k < STEP_DERIVATIVES; k++)
+         e[k] = v[k * STRIP + i];
+      STEP_correct(w + i, n, c, h, &s, e, &lane, first);
+      going |= ~bits_of(lane.last);
+      undone |= bits_of(lane.last) ^ bits_of(-1.0);
+      gentle |= bits_of(1 - lane.steep);
+      STEP_put(lane, i, u);
+      if (!first) {
+         STEP_increment(w + i, n, c, h, &s, lane.z);
+         put_state(s, y, i);
+      }
    }
-   *running = STEP_going(lanes, v);
-   return beyond;
+   return (STEP_rest){going, undone, gentle};
 }
 
-SELDOM STEP_far(const int lanes, LANE_IN, const double *restrict x, const int64_t *restrict status,
-                const double *restrict u, double *restrict v, int64_t *running) {
-   if (u == NULL)
-      STEP_first(lanes, LANE_OF, x, status, v, running, 1);
-   else
-      STEP_next(lanes, LANE_OF, x, u, v, running, 1);
-}
-
-/* Lanes that found no solution get a status; negative where there are some. */
-SELDOM STEP_fail(const int lanes, const double *restrict u, int64_t *restrict status) {
+/* Steep lanes get their state by another formula; lanes that found no solution a status, and a negative outcome. */
+SELDOM STEP_sort_out(const int lanes, LANE_IN, const double *restrict x, const double *restrict u,
+                     int64_t *restrict status, double *restrict y, int64_t *outcome) {
    for (int i = 0; i < lanes; i++) {
-      const double last = u[STEP_UNKNOWNS * STRIP + i];
-      if (status[i] == 0 && (last >= 0 || last < -1.5))
-         status[i] = last >= 0 ? NOT_CONVERGED : NONFINITE;
+      const STEP_lane lane = STEP_lane_of(u, i);
+      if (lane.steep > 1) {
+         state s = state_of(x, i);
+         STEP_steep_increment(w + i, n, c, h, &s, lane.z);
+         put_state(s, y, i);
+      }
+      if (lane.last > -1.5 && lane.last < 0)
+         continue;
+      status[i] = lane.last >= 0 ? NOT_CONVERGED : NONFINITE;
+      *outcome = -1;
    }
 }
 
-LANE void STEP_add(const double *restrict dq, const double *restrict dp, const int i, double *restrict x) {
-   for (int k = 0; k < DOF; k++) {
-      x[k * STRIP + i] += dq[k];
-      x[(DOF + k) * STRIP + i] += dp[k];
+/* A step of some lanes, from x to y. */
+INLINE STEP_one(const int lanes, const int max_iter, LANE_IN, const double *restrict x, double *restrict y,
+                int64_t *restrict status) {
+   double u[(STEP_UNKNOWNS + 2) * STRIP], v[STEP_DERIVATIVES * STRIP];
+   int64_t outcome = 0;
+   if (STEP_derivatives(lanes, LANE_OF, x, status, u, v, 1, 0) < 0)
+      STEP_far(lanes, LANE_OF, x, status, u, v, 1);
+   STEP_rest rest = STEP_corrections(lanes, LANE_OF, x, v, u, y, 1);
+   for (int iteration = 1; iteration < max_iter && (iteration == 1 || rest.going < 0); iteration++) {
+      if (STEP_derivatives(lanes, LANE_OF, x, status, u, v, 0, 0) < 0)
+         STEP_far(lanes, LANE_OF, x, status, u, v, 0);
+      rest = STEP_corrections(lanes, LANE_OF, x, v, u, y, 0);
    }
+   if (rest.undone != 0 || rest.gentle < 0)
+      STEP_sort_out(lanes, LANE_OF, x, u, status, y, &outcome);
+   return outcome;
 }
 
-/* From the unknowns to the new state. */
-LANE void STEP_finish(const int lanes, LANE_IN, const double *restrict u, double *restrict x) {
-#pragma GCC ivdep
-   for (int i = 0; i < lanes; i++) {
-      double z[STEP_UNKNOWNS], dq[DOF], dp[DOF];
-      const state s = state_of(x, i);
-      for (int k = 0; k < STEP_UNKNOWNS; k++)
-         z[k] = u[k * STRIP + i];
-      STEP_increment(w + i, n, c, h, &s, z, dq, dp);
-      STEP_add(dq, dp, i, x);
-   }
-}
-
-/* The same where some lanes are steep. */
-SELDOM STEP_finish_steep(const int lanes, LANE_IN, const double *restrict u, double *restrict x) {
-   for (int i = 0; i < lanes; i++) {
-      double z[STEP_UNKNOWNS], dq[DOF], dp[DOF];
-      const state s = state_of(x, i);
-      for (int k = 0; k < STEP_UNKNOWNS; k++)
-         z[k] = u[k * STRIP + i];
-      if (u[(STEP_UNKNOWNS + 1) * STRIP + i] > 1)
-         STEP_steep_increment(w + i, n, c, h, &s, z, dq, dp);
-      else
-         STEP_increment(w + i, n, c, h, &s, z, dq, dp);
-      STEP_add(dq, dp, i, x);
-   }
-}
-
-INLINE STEP_one(const int lanes, const int max_iter, LANE_IN, double *restrict x, int64_t *restrict status) {
-   double a[(STEP_UNKNOWNS + 2) * STRIP], b[(STEP_UNKNOWNS + 2) * STRIP], *u = a, *v = b;
-   int64_t running, bad = 0, gentle = 0;
-   if (STEP_first(lanes, LANE_OF, x, status, u, &running, 0) < 0)
-      STEP_far(lanes, LANE_OF, x, status, NULL, u, &running);
-   for (int iteration = 1; iteration < max_iter && running > 0; iteration++) {
-      if (STEP_next(lanes, LANE_OF, x, u, v, &running, 0) < 0)
-         STEP_far(lanes, LANE_OF, x, status, u, v, &running);
-      double *const swap = u;
-      u = v;
-      v = swap;
-   }
-   for (int i = 0; i < lanes; i++) {
-      bad |= bits_of(u[STEP_UNKNOWNS * STRIP + i] + 1.5); /* done is -1, failed -2 */
-      gentle |= bits_of(1 - u[(STEP_UNKNOWNS + 1) * STRIP + i]);
-   }
-   if (gentle < 0)
-      STEP_finish_steep(lanes, LANE_OF, u, x);
-   else
-      STEP_finish(lanes, LANE_OF, u, x);
-   if (running > 0 || bad < 0) {
-      STEP_fail(lanes, u, status);
-      return -1;
-   }
+/* Derivatives for a path that is alone. */
+INLINE STEP_look(LANE_IN, const state *s, const double *z, double *e) {
+   if (STEP_evaluate(LANE_OF, s, z, e, 0) < 0)
+      STEP_evaluate(LANE_OF, s, z, e, 1);
    return 0;
 }
 
-/* A lane that fails ends the steps: the library takes them again, one by one. */
+/* A step of a path that is alone, which stays in registers. */
+INLINE STEP_alone(const int max_iter, LANE_IN, state *s, int64_t *restrict status) {
+   double e[STEP_DERIVATIVES];
+   STEP_lane lane;
+   if (STEP_begin(LANE_OF, s, *status, &lane, 0) < 0)
+      STEP_begin(LANE_OF, s, *status, &lane, 1);
+   STEP_look(LANE_OF, s, lane.z, e);
+   STEP_correct(LANE_OF, s, e, &lane, 1);
+   for (int iteration = 1; iteration < max_iter && lane.last >= 0; iteration++) {
+      STEP_look(LANE_OF, s, lane.z, e);
+      STEP_correct(LANE_OF, s, e, &lane, 0);
+   }
+   if (lane.steep > 1)
+      STEP_steep_increment(LANE_OF, s, lane.z);
+   else
+      STEP_increment(LANE_OF, s, lane.z);
+   if (lane.last > -1.5 && lane.last < 0)
+      return 0;
+   *status = lane.last >= 0 ? NOT_CONVERGED : NONFINITE;
+   return -1;
+}
+
+/* Steps of a strip in place. A lane that fails ends the steps: the library takes them again, one by one. */
 static void STEP_strip(const int lanes, const int nstep, const int max_iter, const ptrdiff_t stride, LANE_IN,
                        double *restrict x, int64_t *restrict status) {
-   for (int step = 0; step < nstep; step++, w += stride) {
-      const int64_t outcome = lanes == 1 ? STEP_one(1, max_iter, LANE_OF, x, status)
-                                         : STEP_one(lanes, max_iter, LANE_OF, x, status);
-      if (outcome < 0)
-         return;
+   double other[2 * DOF * STRIP], *from = x, *to = other;
+   if (lanes == 1) {
+      state s = state_of(x, 0);
+      int64_t outcome = 0;
+#pragma GCC unroll 1
+      for (int step = 0; step < nstep && outcome == 0; step++)
+         outcome = STEP_alone(max_iter, w + step * stride, n, c, h, &s, status);
+      put_state(s, x, 0);
+      return;
    }
+   for (int step = 0; step < nstep; step++, w += stride) {
+      const int64_t outcome = STEP_one(lanes, max_iter, LANE_OF, from, to, status);
+      double *const swap = from;
+      from = to;
+      to = swap;
+      if (outcome < 0)
+         break;
+   }
+   if (from != x)
+      memcpy(x, from, sizeof other);
 }

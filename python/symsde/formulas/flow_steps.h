@@ -53,12 +53,12 @@ INLINE stormer_verlet(LANE_IN, state *s, const int far) {
    double d[DOF];
    int64_t beyond = force(LANE_OF, s, d, far);
    for (int k = 0; k < DOF; k++)
-      s->p[k] -= 0.5 * d[k];
+      s->p[k] = FMA(-0.5, d[k], s->p[k]);
    beyond |= velocity(LANE_OF, s, d, far);
    for (int k = 0; k < DOF; k++)
       s->q[k] += d[k];
    beyond |= force(LANE_OF, s, d, far);
    for (int k = 0; k < DOF; k++)
-      s->p[k] -= 0.5 * d[k];
+      s->p[k] = FMA(-0.5, d[k], s->p[k]);
    return beyond;
 }

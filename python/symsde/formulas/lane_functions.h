@@ -3,7 +3,8 @@
  *
  * Each works by bits and polynomials, without branches, where its argument is ordinary; elsewhere it makes *beyond
  * negative, and the loop is run again with far = 1, where such lanes take the function of the C library. A lane depends
- * on its own argument alone. Without contraction the bits are the same for every width of vectors.
+ * on its own argument alone. Compilers contract nothing by themselves, so that bits are the same for every width of
+ * vectors: FMA(a, b, c) is one operation where the library contracts, too, and the processor can, and else two.
  *
  *    function  ordinary arguments              largest error there, ulp (tests/python/test_formulas_functions.py)
  *    sincos    |x| <= 1e5                      1
@@ -16,7 +17,15 @@
 #include <stdint.h>
 #include <string.h>
 
+#if defined CONTRACTS && defined __FP_FAST_FMA
+#define FMA(a, b, c) __builtin_fma(a, b, c)
+#else
+#define FMA(a, b, c) ((a) * (b) + (c))
+#endif
 #define LANE static inline __attribute__((always_inline))
+
+/* c0 + x (c1 + x (.. + x c5)) */
+#define HORNER6(x, c0, c1, c2, c3, c4, c5) FMA(x, FMA(x, FMA(x, FMA(x, FMA(x, c5, c4), c3), c2), c1), c0)
 
 LANE int64_t bits_of(double x) {
    int64_t bits;
@@ -44,25 +53,21 @@ LANE void lane_sincos(double x, double *sine, double *cosine, const int far, int
       *cosine = cos(x);
       return;
    }
-   const double shifted = x * 0.6366197723675814 + to_integer;
+   const double shifted = FMA(x, 0.6366197723675814, to_integer);
    const uint64_t turn = (uint64_t)bits_of(shifted);
    const double turns = shifted - to_integer;
-   const double first = x - turns * 1.5707963267923333, second = turns * 2.5633441515839558e-12;
+   const double first = FMA(-turns, 1.5707963267923333, x), second = turns * 2.5633441515839558e-12;
    const double r = first - second;
-   const double low = ((first - r) - second) - turns * 1.0562999066987428e-23;
+   const double low = FMA(-turns, 1.0562999066987428e-23, (first - r) - second);
    const double z = r * r;
-   const double s = -0.16666666666666632 +
-                    z * (0.008333333333322418 +
-                         z * (-0.00019841269829812402 +
-                              z * (2.755731369357982e-06 + z * (-2.505075838538343e-08 + z * 1.5896811852068921e-10))));
-   const double c = 0.0416666666666666 +
-                    z * (-0.0013888888888874131 +
-                         z * (2.4801587289487006e-05 +
-                              z * (-2.755731435378607e-07 + z * (2.087572347857163e-09 + z * -1.1359658818861251e-11))));
-   const double a = r + (r * (z * s) + low);
+   const double s = HORNER6(z, -0.16666666666666632, 0.008333333333322418, -0.00019841269829812402,
+                            2.755731369357982e-06, -2.505075838538343e-08, 1.5896811852068921e-10);
+   const double c = HORNER6(z, 0.0416666666666666, -0.0013888888888874131, 2.4801587289487006e-05,
+                            -2.755731435378607e-07, 2.087572347857163e-09, -1.1359658818861251e-11);
+   const double a = r + FMA(r, z * s, low);
    const double half = 0.5 * z;
    double b = 1 - half;
-   b = b + (((1 - b) - half) + (z * z * c - r * low));
+   b = b + (((1 - b) - half) + FMA(z * z, c, -(r * low)));
    const uint64_t a_bits = (uint64_t)bits_of(a), b_bits = (uint64_t)bits_of(b);
    const uint64_t swap = (a_bits ^ b_bits) & -(turn & 1);
    *sine = double_of((a_bits ^ swap) ^ ((turn & 2) << 62));
@@ -72,18 +77,14 @@ LANE void lane_sincos(double x, double *sine, double *cosine, const int far, int
 
 /* x = k log 2 + r, the series of exp(r) to the power 13, and k added to the exponent. */
 LANE double near_exp(double x) {
-   const double shifted = x * 1.4426950408889634 + to_integer;
+   const double shifted = FMA(x, 1.4426950408889634, to_integer);
    const double k = shifted - to_integer;
-   const double r = (x - k * 6.93147180369123816490e-01) - k * 1.90821492927058770002e-10;
-   const double high = 1.9841269841269841e-4 +
-                       r * (2.4801587301587302e-5 +
-                            r * (2.7557319223985893e-6 +
-                                 r * (2.7557319223985888e-7 +
-                                      r * (2.505210838544172e-8 + r * (2.08767569878681e-9 + r * 1.6059043836821613e-10)))));
-   const double poly =
-       0.5 + r * (0.16666666666666666 +
-                  r * (0.041666666666666664 + r * (8.333333333333333e-3 + r * (1.3888888888888889e-3 + r * high))));
-   const double y = 1 + (r + r * r * poly);
+   const double r = FMA(-k, 1.90821492927058770002e-10, FMA(-k, 6.93147180369123816490e-01, x));
+   const double high = HORNER6(r, 2.4801587301587302e-5, 2.7557319223985893e-6, 2.7557319223985888e-7,
+                               2.505210838544172e-8, 2.08767569878681e-9, 1.6059043836821613e-10);
+   const double poly = HORNER6(r, 0.5, 0.16666666666666666, 0.041666666666666664, 8.333333333333333e-3,
+                               1.3888888888888889e-3, FMA(r, high, 1.9841269841269841e-4));
+   const double y = 1 + FMA(r * r, poly, r);
    return double_of((uint64_t)bits_of(y) + ((uint64_t)bits_of(shifted) << 52));
 }
 
@@ -102,14 +103,17 @@ LANE double lane_log(double x, const int far, int64_t *beyond) {
       return log(x);
    *beyond |= (int64_t)((bits - smallest) | (largest - bits));
    const uint64_t excess = bits - UINT64_C(0x3fe6a09e667f3bcd);
-   const double k = double_of(UINT64_C(0x4330000000000000) | ((excess + (UINT64_C(1024) << 52)) >> 52)) - (0x1p52 + 1024);
+   const double k =
+       double_of(UINT64_C(0x4330000000000000) | ((excess + (UINT64_C(1024) << 52)) >> 52)) - (0x1p52 + 1024);
    const double f = double_of(bits - (excess & UINT64_C(0xfff0000000000000))) - 1;
    const double s = f / (2 + f), z = s * s, w = z * z;
-   const double even = w * (3.999999999940941908e-01 + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01));
-   const double odd = z * (6.666666666666735130e-01 +
-                           w * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01)));
+   const double even = w * FMA(w, FMA(w, 1.531383769920937332e-01, 2.222219843214978396e-01), 3.999999999940941908e-01);
+   const double odd =
+       z * FMA(w, FMA(w, FMA(w, 1.479819860510658591e-01, 1.818357216161805012e-01), 2.857142874366239149e-01),
+               6.666666666666735130e-01);
    const double square = 0.5 * f * f;
-   return k * 6.93147180369123816490e-01 - ((square - (s * (square + (odd + even)) + k * 1.90821492927058770002e-10)) - f);
+   const double rest = FMA(s, square + (odd + even), k * 1.90821492927058770002e-10);
+   return FMA(k, 6.93147180369123816490e-01, -((square - rest) - f));
 }
 
 /* Near zero a quotient of polynomials (Cephes), elsewhere by exp(2 |x|). */
@@ -118,9 +122,11 @@ LANE double lane_tanh(double x, const int far, int64_t *beyond) {
       return tanh(x);
    *beyond |= outside(x, 0x1.fffffffffffffp1023);
    const double size = fabs(x), bounded = size > 20 ? 20 : size, z = bounded * bounded;
-   const double above = (-9.64399179425052238628e-1 * z - 9.92877231001918586564e1) * z - 1.61468768441708447952e3;
-   const double below = ((z + 1.12811678491632931402e2) * z + 2.23548839060100448583e3) * z + 4.84406305325125486048e3;
-   const double small = bounded + bounded * z * (above / below);
+   const double above =
+       FMA(FMA(-9.64399179425052238628e-1, z, -9.92877231001918586564e1), z, -1.61468768441708447952e3);
+   const double below =
+       FMA(FMA(z + 1.12811678491632931402e2, z, 2.23548839060100448583e3), z, 4.84406305325125486048e3);
+   const double small = FMA(bounded * z, above / below, bounded);
    const double large = 1 - 2 / (near_exp(2 * bounded) + 1);
    return copysign(size < 0.625 ? small : large, x);
 }
