@@ -3,7 +3,8 @@
 
 Every variant that this processor can run computes the same bits, and holds the vector registers of its level.
 
-check_wheel.py --self-test: lists of files with licences that are missing, or libraries that are not known, are refused.
+check_wheel.py --self-test: lists of files with licences that are missing, or libraries that are not known, are refused,
+and so are variants with other bits or narrower registers.
 
 Exit 77 (skipped) where the build backend is not installed; nothing is downloaded.
 """
@@ -81,13 +82,19 @@ def main():
         faults.append(f"{first[1]} is not the variant {levels[0]} of this processor")
     for level in levels:
         found = run_trial({**environment, "SYMSDE_CPU": level}, work)
-        if found[2] != first[2]:
-            faults.append(f"{level} computes other bits than {levels[0]}")
-        if widest(Path(found[1])) != REGISTERS[level]:
-            faults.append(f"{level}: the widest registers are {widest(Path(found[1]))}, not {REGISTERS[level]}")
+        code = subprocess.run(["objdump", "-d", found[1]], check=True, capture_output=True, text=True).stdout
+        faults += variant_faults(level, found[2] == first[2], code)
     faults += repaired_faults(wheel, work)
     print(*faults or ["every variant as it should be"], sep="\n")
     return len(faults)
+
+
+def variant_faults(level: str, same: bool, code: str) -> list[str]:
+    """What is wrong with a variant: its bits, or the widest vector registers that more than a few instructions use."""
+    widest = next((name for name in ("zmm", "ymm", "xmm") if code.count(f"%{name}") > 1000), "none")
+    faults = [] if same else [f"{level} computes other bits than the first one"]
+    wanted = REGISTERS[level]
+    return faults + [f"{level}: the widest registers are {widest}, not {wanted}"] * (widest != wanted)
 
 
 def repaired_faults(wheel: Path, work: Path) -> list[str]:
@@ -126,6 +133,13 @@ def self_test() -> int:
         wrong += [] if licence_faults([name for name in names if name != gone]) else [f"{gone} is not missed"]
     unknown = licence_faults([*names, "symsde.libs/libopenblas-8c3e1296.so.0"])
     wrong += [] if len(unknown) == 1 and "libopenblas" in unknown[0] else ["an unknown library passes"]
+    wide = {name: f"vaddpd %{name}0,%{name}1,%{name}2\n" for name in REGISTERS.values()}
+    for level, name in REGISTERS.items():
+        code = 400 * wide[name] + wide["zmm"]  # one instruction does not make a variant
+        narrow = {"xmm": "", "ymm": 400 * wide["xmm"], "zmm": 400 * wide["ymm"]}[name]
+        wrong += [] if variant_faults(level, True, code) == [] else [f"a sound {level} is refused"]
+        wrong += [] if len(variant_faults(level, False, code)) == 1 else [f"{level} with other bits passes"]
+        wrong += [] if len(variant_faults(level, True, narrow)) == 1 else [f"{level} with narrower registers passes"]
     print(*wrong or ["every planted fault is found"], sep="\n")
     return len(wrong)
 
@@ -135,12 +149,6 @@ def run_trial(environment: dict[str, str], work: Path) -> list[str]:
     command = [sys.executable, "-c", TRIAL]
     done = subprocess.run(command, env=environment, cwd=work, check=True, capture_output=True, text=True)
     return done.stdout.splitlines()
-
-
-def widest(library: Path) -> str:
-    """The widest vector registers that more than a few instructions use."""
-    text = subprocess.run(["objdump", "-d", library], check=True, capture_output=True, text=True).stdout
-    return next(name for name in ("zmm", "ymm", "xmm") if text.count(f"%{name}") > 1000)
 
 
 if __name__ == "__main__":
