@@ -15,7 +15,7 @@ from .. import _checks
 from .._files import optional
 from ..errors import InvalidArgumentError, WrongTypeError
 from .graph import FUNCTIONS
-from .parse import FormulaTextError, check_name, names_in, parse
+from .parse import FormulaTextError, Reader, check_name, names_in, parse
 
 MAX_DOF = 64
 
@@ -142,11 +142,11 @@ class Names:
             raise InvalidArgumentError(f"the name {name!r} is given twice: q, p, params and t need names of their own")
         self.known[name] = symbol
 
-    def canonical(self, given: Any) -> Any:
-        """A formula in the names from here on."""
+    def canonical(self, given: Any, reader: Reader | None = None) -> Any:
+        """A formula in the names from here on; reader: of texts, of more than plain formulas."""
         sympy = self.sympy
         if isinstance(given, str):
-            return self._read(given)
+            return self._read(given, reader)
         try:
             expression = sympy.sympify(given, strict=True)
         except (sympy.SympifyError, TypeError):
@@ -160,12 +160,12 @@ class Names:
             raise InvalidArgumentError(f"the formula {text} is not real and finite: formulas are real")
         return expression
 
-    def _read(self, text: str) -> Any:
+    def _read(self, text: str, reader: Reader | None) -> Any:
         """A formula that is given as text."""
         for name in self.known:
             check_name(name.split("(")[0])
         try:
-            expression = parse(text, self.known)
+            expression = parse(text, self.known, reader)
         except FormulaTextError as error:
             raise InvalidArgumentError(f"the formula {quoted(text)} cannot be used: {error}") from None
         if not isinstance(expression, self.sympy.Expr) or expression.is_finite is False:

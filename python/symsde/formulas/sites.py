@@ -31,13 +31,29 @@ ENDS = ("free", "fixed", "periodic")
 
 
 @dataclass(frozen=True)
+class Place:
+    """A site, counted from the first or from the last one."""
+
+    shift: int
+    from_last: bool = False
+
+    def __str__(self) -> str:
+        """In C, by the number of sites."""
+        return f"sites - 1 + ({self.shift})" if self.from_last else str(self.shift)
+
+    def of(self, sites: int) -> int:
+        """Its number, of so many."""
+        return self.shift + (sites - 1 if self.from_last else 0)
+
+
+@dataclass(frozen=True)
 class Density:
     """What a sum adds up, site after site."""
 
     weight: int  #: the Hamiltonian it belongs to, the first of them for a family of noises
     family: bool  #: one Hamiltonian for each site
-    first: str  #: in C, by the number of sites
-    last: str
+    first: Place
+    last: Place
     offsets: tuple[int, ...]  #: coordinate k of `derivatives` belongs to site + offsets[k]
     derivatives: Derivatives
     is_rest: bool = False  #: of another density, where it reaches beyond the ends
@@ -66,15 +82,17 @@ class _Whose:
     parameters: dict[str, float]
 
 
-class _SiteReader(Reader):
+class SiteReader(Reader):
     """A parser that knows q[i + 1], p[i] and Sum(.., i)."""
 
     def __init__(self, names: Mapping[str, Any], index: str | None = None):
+        """`index`: what stands in the brackets; "" where the first one met does, None in sums alone."""
         super().__init__(names)
         self.index = index
         self.sums: dict[Any, Any] = {}
 
     def read(self, node: ast.AST, depth: int) -> Any:
+        """The expression of a node."""
         if isinstance(node, ast.Subscript):
             return self._site(node)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Sum":
@@ -157,7 +175,7 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
 def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, list[Any]]:
     """Densities of a formula, and whether it is a family of one for each site."""
     for family in (False, True) if is_noise else (False,):
-        reader = _SiteReader(names, "" if family else None)
+        reader = SiteReader(names, "" if family else None)
         try:
             total = parse(text, names, reader)
         except FormulaTextError as error:
@@ -182,7 +200,18 @@ def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, 
 
 def _at_ends(body: Any, whose: _Whose, ends: str, count: int) -> list[Density]:
     """A density, and what is left of it where the chain ends."""
-    symbols = {x: int(x.name[1:]) for x in body.free_symbols if _is_local(x)}
+    if ends == "free" and whose.family and set(offsets_of(body).values()) - {0}:
+        raise FormulaTextError("one noise for each site reaches beyond free ends: say ends = fixed or periodic")
+    whole, *rest = at_ends(body, ends, count, every_site=not whose.family)
+    pieces = [_density(whole[0], whose, *whole[1:])]
+    pieces += [_density(cut, whose, first, last, is_rest=True) for cut, first, last in rest]
+    return [x for x in pieces if x is not None]
+
+
+def at_ends(body: Any, ends: str, count: int, every_site: bool = True) -> list[tuple[Any, Place, Place]]:
+    """What a sum adds up, with the first and the last site of it: the whole, then what is left of it at fixed ends.
+    every_site: sites beyond the ends count, too, whose neighbours are sites."""
+    symbols = offsets_of(body)
     if not symbols:
         raise FormulaTextError("it holds a sum without q[i] or p[i]")
     low, high = min(symbols.values()), max(symbols.values())
@@ -190,20 +219,22 @@ def _at_ends(body: Any, whose: _Whose, ends: str, count: int) -> list[Density]:
     if before + after >= count:
         raise FormulaTextError(f"its neighbours reach over {before + after + 1} of {count} sites: give more sites")
     if ends == "periodic":
-        return [_density(body, whose, "0", "sites - 1")]
-    whole = _density(body, whose, str(before), f"sites - 1 - {after}" if after else "sites - 1")
+        return [(body, Place(0), Place(0, from_last=True))]
+    pieces = [(body, Place(before), Place(-after, from_last=True))]
     if ends == "free":
-        if whose.family and before + after:
-            raise FormulaTextError("one noise for each site reaches beyond free ends: say ends = fixed or periodic")
-        return [whole]
-    pieces = [whole]
-    for site in range(0 if whose.family else -high, before):  # some neighbours lie before the first site
+        return pieces
+    for site in range(-high if every_site else 0, before):  # some neighbours lie before the first site
         cut = body.xreplace({x: 0 for x, o in symbols.items() if site + o < 0})
-        pieces.append(_density(cut, whose, str(site), str(site), is_rest=True))
-    for back in range(1 - after, 1 if whose.family else 1 - low):  # some lie beyond the last one
+        pieces.append((cut, Place(site), Place(site)))
+    for back in range(1 - after, 1 - low if every_site else 1):  # some lie beyond the last one
         cut = body.xreplace({x: 0 for x, o in symbols.items() if back + o > 0})
-        pieces.append(_density(cut, whose, f"sites - 1 + ({back})", f"sites - 1 + ({back})", is_rest=True))
-    return [x for x in pieces if x is not None]
+        pieces.append((cut, Place(back, from_last=True), Place(back, from_last=True)))
+    return pieces
+
+
+def offsets_of(body: Any) -> dict[Any, int]:
+    """The q and p of neighbouring sites that a body holds, each with its offset."""
+    return {x: int(x.name[1:]) for x in body.free_symbols if _is_local(x)}
 
 
 def _is_local(symbol: Any) -> bool:
@@ -211,7 +242,7 @@ def _is_local(symbol: Any) -> bool:
     return symbol.name[1:2] in ("+", "-")
 
 
-def _density(expression: Any, whose: _Whose, first: str, last: str, is_rest: bool = False) -> Density | None:
+def _density(expression: Any, whose: _Whose, first: Place, last: Place, is_rest: bool = False) -> Density | None:
     """A density with its derivatives, in the names q0 .. and p0 .. of its own; None where it is constant."""
     sympy = optional("sympy", "sympy")
     local = [x for x in expression.free_symbols if _is_local(x)]

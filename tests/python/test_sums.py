@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sums over sites in observables, by their values: beside saved paths, and beside the energy that they are."""
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import cli, observe
+from symsde.errors import InvalidArgumentError
+from symsde.formulas import observables as formulas
+
+H = "Sum(p[i]**2/2 + (q[i+1] - q[i])**2/2 + k*(q[i+2] - q[i-1])**4/4 + cos(q[i] - q[i+1]), i) + 0.5*Sum(q[j]**2, j)"
+N = 7
+
+
+def chain(ends, n=N):
+    return ss.model_from_sympy(H, ["-s*q[i]"], params={"k": 0.3, "s": 0.1}, n=n, ends=ends)
+
+
+def start(n=N):
+    sites = np.arange(n)
+    return {"q0": 0.3 * np.cos(sites), "p0": 0.2 * np.sin(3 * sites)}
+
+
+RUN = {"step": 0.02, "steps": 40, "save_every": 10, "paths": 300, "seed": 2}
+
+
+@pytest.mark.parametrize("ends", ["free", "fixed", "periodic"])
+def test_the_energy_as_an_observable(ends):
+    """The same text, added up by the code of the model and by that of observables."""
+    found = ss.moments(chain(ends), observables={"h": H}, **RUN, **start())
+    np.testing.assert_allclose(found.mean["h"], found.mean_energy, rtol=1e-13)
+    np.testing.assert_allclose(found.var["h"][1:], found.var_energy[1:], rtol=1e-10)
+    assert found.var_energy[-1] > 0
+
+
+MIXED = {
+    "kinetic": "Sum(p[i]**2, i)/2",
+    "speed": "sqrt(Sum(p[i]**2, i)) + t",
+    "ratio": "Sum(q[i]*p[i], i)/(1 + Sum(q[i]**2, i)) - q_2",
+    "ends": "Sum(q[i+1]*sin(q[i])*exp(-t), i)*beta",
+    "beside": "Sum(cos(q[i] - q1)*p_3, i)",
+    "plain": "q1*p2",
+}
+
+
+@pytest.fixture(scope="module")
+def beta():
+    """A chain of the library, whose ends are its own: sums over its sites stop where neighbours do."""
+    return ss.models.fpu_chain(n=5, beta=0.7)
+
+
+def known(run):
+    q, p, t = run.q.swapaxes(0, 1), run.p.swapaxes(0, 1), run.t[:, None]
+    return {
+        "kinetic": (p**2).sum(axis=0) / 2,
+        "speed": np.sqrt((p**2).sum(axis=0)) + t,
+        "ratio": (q * p).sum(axis=0) / (1 + (q**2).sum(axis=0)) - q[1],
+        "ends": (q[1:] * np.sin(q[:-1])).sum(axis=0) * np.exp(-t) * 0.7,
+        "beside": (np.cos(q - q[0]) * p[2]).sum(axis=0),
+        "plain": q[0] * p[1],
+    }
+
+
+def test_formulas_of_sums(beta):
+    wanted = {"far": observe.Extremes("speed"), "loss": observe.Passage("kinetic", high=0.4, absorb=False)}
+    found = ss.moments(beta, observables=MIXED, observers=wanted, **RUN, **start(5))
+    run = ss.simulate(beta, **RUN, **start(5))
+    for name, x in known(run).items():
+        np.testing.assert_allclose(found.mean[name], x.mean(axis=1), rtol=1e-12, atol=1e-15, err_msg=name)
+    highest = np.maximum.accumulate(known(run)["speed"], axis=0).mean(axis=1)
+    np.testing.assert_allclose(found.observed["far"].mean_highest, highest, rtol=1e-12)
+    every = ss.simulate(beta, **{**RUN, "save_every": 1}, **start(5))
+    lost = np.logical_or.accumulate(known(every)["kinetic"] >= 0.4, axis=0)[::10].mean(axis=1)
+    np.testing.assert_allclose(found.observed["loss"].lost, lost, rtol=1e-14)
+    for options in ({"threads": 3}, {"lanes": 8}):
+        again = ss.moments(beta, observables=MIXED, observers=wanted, **RUN, **start(5), **options)
+        np.testing.assert_array_equal(again.to_arrays()[0], found.to_arrays()[0])
+    parts = ss.ensemble(beta, observables=MIXED, observers=wanted, shard_paths=256, **RUN, **start(5))
+    np.testing.assert_array_equal(parts.to_arrays()[0], found.to_arrays()[0])
+
+
+def test_lanes_far_away(beta):
+    """One path whose sine is asked for far from zero leaves the others their bits."""
+    q0 = np.tile(start(5)["q0"][:, None], (1, 20))
+    run = {"p0": 0.0, "step": 1e-3, "steps": 0, "paths": 20}
+    near = ss.moments(beta, q0=q0, observables=MIXED, observers={"x": observe.Paths((3,), of=("ends",))}, **run)
+    q0[2, 7] = 1e12
+    far = ss.moments(beta, q0=q0, observables=MIXED, observers={"x": observe.Paths((3, 7), of=("ends",))}, **run)
+    np.testing.assert_array_equal(far.observed["x"].values[0], near.observed["x"].values[0])
+    x = q0[:, 7]
+    np.testing.assert_allclose(far.observed["x"].values[1, 0, 0], (x[1:] * np.sin(x[:-1])).sum() * 0.7, rtol=1e-12)
+
+
+def test_without_a_compiler(beta, monkeypatch):
+    fast = ss.moments(beta, observables=MIXED, **RUN, **start(5))
+    monkeypatch.setattr("symsde.formulas.compiler.command", lambda: None)
+    formulas._read.cache_clear()
+    try:
+        slow = ss.moments(beta, observables=MIXED, **RUN, **start(5))
+    finally:
+        formulas._read.cache_clear()
+    for name in MIXED:
+        np.testing.assert_allclose(slow.mean[name], fast.mean[name], rtol=1e-13, atol=1e-15, err_msg=name)
+
+
+@pytest.mark.parametrize("ends", ["free", "fixed", "periodic"])
+def test_without_a_compiler_at_the_ends(ends, monkeypatch):
+    model = chain(ends)
+    wanted = formulas.FormulaObservables(model, {"h": H, "c": "Sum(2 + q[i]*q[i+1], i)"})
+    rng = np.random.default_rng(1)
+    q, p = rng.normal(size=(2, N, 5))
+    fast = wanted(0.0, q, p)
+    np.testing.assert_allclose(fast[0], model.value(q, p), rtol=1e-13)
+    pairs = {"free": q[:-1] * q[1:], "fixed": np.vstack([0 * q[:1], q[:-1] * q[1:], 0 * q[:1]])}
+    pairs["periodic"] = q * np.roll(q, -1, axis=0)
+    np.testing.assert_allclose(fast[1], (2 + pairs[ends]).sum(axis=0), rtol=1e-13)
+    monkeypatch.setattr("symsde.formulas.compiler.command", lambda: None)
+    formulas._read.cache_clear()
+    try:
+        slow = formulas.FormulaObservables(model, {"h": H, "c": "Sum(2 + q[i]*q[i+1], i)"})(0.0, q, p)
+    finally:
+        formulas._read.cache_clear()
+    np.testing.assert_allclose(slow, fast, rtol=1e-13)
+
+
+def test_any_number_of_sites():
+    """The same code for 100,000 sites, with names of some of them."""
+    n = 100_000
+    model = chain("periodic", n)
+    q = np.cos(0.1 * np.arange(n))[:, None] * [1.0, 2.0]
+    wanted = {"s": "Sum((q[i+1] - q[i-1])**2, i)/k", "x": "q_99999*p100000 + Sum(p[i], i)"}
+    found = formulas.FormulaObservables(model, wanted)(0.0, q, 2 * q)
+    differences = np.roll(q, -1, axis=0) - np.roll(q, 1, axis=0)
+    np.testing.assert_allclose(found[0], (differences**2).sum(axis=0) / 0.3, rtol=1e-11)
+    np.testing.assert_allclose(found[1], 2 * q[-2] * q[-1] + 2 * q.sum(axis=0), rtol=1e-9)
+    with pytest.raises(InvalidArgumentError, match="q100001, which is not given"):
+        formulas.FormulaObservables(model, {"x": "Sum(q[i], i) + q100001"})
+
+
+BAD = {
+    "Sum(q[i+4]*q[i-1], i)": "its neighbours reach over 6 of 5 sites: give more sites",
+    "Sum(2, i)": r"holds a sum without q\[i\] or p\[i\]",
+    "Sum(q[i])": r"a Sum that is not written Sum\(formula, i\)",
+    "Sum(q[i]*Sum(q[j], j), i)": "a Sum in a Sum",
+    "Sum(q[i], i) + q[i]": r"q\[i\] outside of a sum",
+    "Sum(q[j], i)": "the index j, where there is i",
+    "Sum(q[i], beta)": "sums over beta, which means something else",
+    "Sum(q[i+9], i)": "an index that is not i, i \\+ 1",
+    "Sum(x[i], i)": "an index of something that is not q or p",
+    "Sum(q[i] > 0, i)": "comparison",
+    "Sum(foo(q[i]), i)": "calls foo",
+    "Sum": "Sum",
+    "q[2]": "index in brackets",
+}
+
+
+@pytest.mark.parametrize(("text", "sentence"), BAD.items())
+def test_bad_sums(text, sentence, beta):
+    with pytest.raises(InvalidArgumentError, match=f"observable 'x': .*{sentence}"):
+        ss.moments(beta, observables={"x": text}, **RUN, **start(5))
+
+
+def test_sums_in_scenes(beta, tmp_path):
+    (tmp_path / "scene.toml").write_text(
+        '[model]\nname = "fpu_chain"\nn = 5\nbeta = 0.7\n[run]\nstep = 0.02\nsteps = 40\nsave_every = 10\n'
+        "paths = 300\nseed = 2\n"
+        f"q0 = {start(5)['q0'].tolist()}\np0 = {start(5)['p0'].tolist()}\n"
+        '[observables]\nkinetic = "Sum(p[i]**2, i)/2"\n'
+    )
+    assert cli.main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    found = ss.moments(beta, observables={"kinetic": MIXED["kinetic"]}, **RUN, **start(5))
+    np.testing.assert_array_equal(ss.open_run(tmp_path / "out").moments.mean["kinetic"], found.mean["kinetic"])
