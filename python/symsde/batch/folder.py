@@ -25,6 +25,8 @@ from .claims import Claims
 from .plan import Piece
 from .shard_file import DamagedShardError, Shard
 
+_KEPT = 2**24  # bytes of shards that are kept in memory until the results are put together
+
 log = logging.getLogger("symsde")
 
 
@@ -39,6 +41,8 @@ class RunFolder:
         self.pieces = list(pieces)
         self._numbers = {piece.name: i for i, piece in enumerate(self.pieces)}
         self._verified: set[str] = set()
+        self._written: dict[str, Shard] = {}  # by this process, kept while they are small: not read again
+        self._kept_bytes = 0
         self._claims: Claims | None = None
         self.checkpoint_seconds = 10.0
         self.parts: dict[str, Shard] = {}  #: of moments of pieces that were stopped, by their names
@@ -99,6 +103,8 @@ class RunFolder:
 
     def read(self, piece: Piece) -> Shard:
         """A shard, verified, that is of this run and this piece."""
+        if (own := self._written.get(piece.name)) is not None:
+            return own
         path = self.shard_path(piece)
         shard = shard_file.read(path)
         expected = self.stamp(piece)
@@ -115,6 +121,10 @@ class RunFolder:
         stamped = Shard(shard.arrays, {**shard.facts, **self.stamp(piece)})
         shard_file.write(self.shard_path(piece), stamped)
         self._verified.add(piece.name)
+        size = sum(array.nbytes for array in stamped.arrays.values())
+        if self._kept_bytes + size <= _KEPT:
+            self._written[piece.name] = stamped
+            self._kept_bytes += size
         self._drop_checkpoint(piece)
 
     def _drop_checkpoint(self, piece: Piece) -> None:

@@ -10,7 +10,7 @@ from .._checks import integer
 from ..errors import InvalidArgumentError
 
 UNIT = 256  #: paths of a unit: pieces of moments are 2^k of them, from a multiple of their size
-_LEAST, _MOST = 2**25, 2**29  # path-steps times degrees of freedom of a piece: 2 % for its file, and not hours
+_LEAST, _MOST = 2**27, 2**29  # path-steps times degrees of freedom of a piece: seconds, which its file adds little to
 _PIECES = 32  # as many as that, where they are worth it, so that a few processes are busy until the end
 _FILES = 2**14  # more than that no folder should have to hold
 _SAVED = 2**26  # bytes of paths in a piece
