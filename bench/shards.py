@@ -2,7 +2,8 @@
 """What shards, several processes and observers cost, in processor time, for docs/cluster.md and docs/observers.md.
 
     .venv/bin/python bench/shards.py shards      # folders of 1 shard and of as many as are chosen beside one call
-    .venv/bin/python bench/shards.py weak        # 2 processes with twice the paths beside one
+    .venv/bin/python bench/shards.py longer      # the same for 5 and 30 times the paths, one run each
+    .venv/bin/python bench/shards.py weak        # 2 processes, and 2 ranks of MPI, with twice the paths beside one
     .venv/bin/python bench/shards.py observers   # ns a path and saved time of each observer
 
 Processor time of the process and its children, the least of REPEATS runs in turn (SYMSDE_REPEATS, 5 by default): other
@@ -11,9 +12,11 @@ work on the machine disturbs it less than the clock, but a figure for a page wan
 
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import symsde as ss
@@ -42,53 +45,68 @@ def seconds() -> float:
     return sum(x.ru_utime + x.ru_stime for x in used)
 
 
-def least(ways: dict) -> dict[str, float]:
+def least(ways: dict, repeats: int = REPEATS, clock=seconds) -> dict[str, float]:
     """Seconds of each way, the least of several in turn."""
     found = dict.fromkeys(ways, float("inf"))
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         for name, way in ways.items():
-            begin = seconds()
+            begin = clock()
             way()
-            found[name] = min(found[name], seconds() - begin)
+            found[name] = min(found[name], clock() - begin)
     return found
 
 
-def shards() -> None:
+def shards(paths: int = PATHS, repeats: int = REPEATS) -> None:
     """One call of the library, a folder of one shard, and of as many as it chooses."""
-    run = {"q0": 0.0, "p0": 0.1, "step": 0.02, "steps": STEPS, "save_every": EVERY, "paths": PATHS, "seed": 1}
+    run = {"q0": 0.0, "p0": 0.1, "step": 0.02, "steps": STEPS, "save_every": EVERY, "paths": paths, "seed": 1}
     model = ss.models.synchrotron()
 
     def folder(size: int) -> None:
         with tempfile.TemporaryDirectory() as place:
             scene = Path(place) / "scene.toml"
-            scene.write_text(SCENE.format(STEPS=STEPS, EVERY=EVERY, paths=PATHS))
+            scene.write_text(SCENE.format(STEPS=STEPS, EVERY=EVERY, paths=paths))
             chosen = ["--shard-paths", str(size)] if size else []
             assert cli.main(["run", str(scene), "--out", f"{place}/out", *chosen, "--quiet"]) == 0
 
     ways = {
         "one call": lambda: ss.moments(model, threads=1, **run),
-        "1 shard": lambda: folder(PATHS),
+        "1 shard": lambda: folder(1 << (paths - 1).bit_length()),
         "its choice": lambda: folder(0),
     }
-    found = least(ways)
+    found = least(ways, repeats)
     for name, x in found.items():
         print(f"{name:10s} {x:7.3f} s   {x / found['one call']:.3f} of one call, {x / found['1 shard']:.3f} of 1 shard")
 
 
-def weak() -> None:
-    """Processor time a path of two processes that share a folder, beside one."""
+def longer() -> None:
+    """Runs of 10 s and of a minute."""
+    shards(5 * PATHS, 1)
+    shards(30 * PATHS, 1)
 
-    def processes(count: int) -> None:
+
+def weak() -> None:
+    """Processor time and time a path of two processes that share a folder, and of two ranks of MPI, beside one."""
+
+    def processes(count: int, launcher: tuple[str, ...] = ()) -> None:
         with tempfile.TemporaryDirectory() as place:
             scene = Path(place) / "scene.toml"
             scene.write_text(SCENE.format(STEPS=STEPS, EVERY=EVERY, paths=count * PATHS))
-            given = [sys.executable, "-m", "symsde", "run", str(scene), "--out", f"{place}/out", "--quiet"]
-            started = [subprocess.Popen([*given, "--shard-paths", str(PATHS // 8)]) for _ in range(count)]
+            given = [*launcher, sys.executable, "-m", "symsde", "run", str(scene), "--out", f"{place}/out", "--quiet"]
+            given += ["--shard-paths", str(PATHS // 8)]
+            started = [subprocess.Popen(given) for _ in range(1 if launcher else count)]
             assert all(process.wait() == 0 for process in started)
 
-    found = least({"1 process": lambda: processes(1), "2 processes": lambda: processes(2)})
-    one, two = found.values()
-    print(f"1 process {one:.3f} s, 2 processes with twice the paths {two:.3f} s: weak efficiency {2 * one / two:.3f}")
+    ways = {"1 process": lambda: processes(1), "2 processes": lambda: processes(2)}
+    beside = Path(sys.executable).with_name("mpirun")  # of mpi4py's wheels, before that of the system
+    if mpirun := str(beside) if beside.exists() else shutil.which("mpirun"):
+        os.environ |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+        ways["1 rank"] = lambda: processes(1, (mpirun, "-n", "1"))
+        ways["2 ranks"] = lambda: processes(2, (mpirun, "-n", "2"))
+    for what, clock in (("processor time", seconds), ("by the clock", time.perf_counter)):
+        found = least(ways, REPEATS, clock)
+        one = found["1 process"]
+        for name, x in found.items():
+            print(f"{what:15s} {name:12s} {x:.3f} s, weak efficiency {int(name[0]) * one / x:.3f} of one process")
 
 
 def observers() -> None:
@@ -126,6 +144,6 @@ def observers() -> None:
 
 
 if __name__ == "__main__":
-    chosen = {"shards": shards, "weak": weak, "observers": observers}
-    for name in sys.argv[1:] or chosen:
+    chosen = {"shards": shards, "weak": weak, "observers": observers, "longer": longer}
+    for name in sys.argv[1:] or ("shards", "weak", "observers"):
         chosen[name]()
