@@ -106,7 +106,8 @@ def weak() -> None:
         found = least(ways, REPEATS, clock)
         one = found["1 process"]
         for name, x in found.items():
-            print(f"{what:15s} {name:12s} {x:.3f} s, weak efficiency {int(name[0]) * one / x:.3f} of one process")
+            work = int(name[0]) if clock is seconds else 1  # two work at a time
+            print(f"{what:15s} {name:12s} {x:.3f} s, weak efficiency {work * one / x:.3f} of one process")
 
 
 def observers() -> None:
