@@ -1,12 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The midpoint rule for a path by itself, where H = p.p/2 + U(q) with noise in position.
 !>
-!> One degree of freedom by Newton's iteration, the first and the exact one of solve/stagnation; several by the
-!> fixed-point iteration of step/midpoint_by_matrix. What is stiff or takes long is left to step/midpoint.
+!> One degree of freedom by Newton's iteration, the first and the exact one of solve/stagnation; two by the corrections
+!> of step/midpoint_equation over one lane; more by the fixed-point iteration of step/midpoint_by_matrix. What is stiff
+!> or takes long is left to step/midpoint.
 module symsde_step_lone_midpoint
    use symsde_base_kinds, only: wp
-   use symsde_solve_stagnation, only: ends_exact
+   use symsde_solve_stagnation, only: ends_exact, verdict_of, quadratic
    use symsde_step_lone, only: lone_stepper
+   use symsde_step_midpoint_equation, only: correct_pair
    use symsde_step_stage_iteration, only: sweep_verdict, most_sweeps, stiff_rate, done
    implicit none
    private
@@ -14,7 +16,7 @@ module symsde_step_lone_midpoint
 
    type, extends(lone_stepper) :: lone_midpoint
       logical :: affine = .false.     !! one solve is all
-      integer :: patience = 7         !! iterations of one unknown
+      integer :: patience = 7         !! iterations of one unknown, or of two
       real(wp), allocatable, dimension(:), private :: base, x, f, still  !! of several unknowns (n)
    contains
       procedure :: take
@@ -31,6 +33,8 @@ contains
 
       if (self%n == 1) then
          call solve_one(self, t + 0.5_wp*h, h, w, q(1), p(1), dp(1), taken)
+      else if (self%n == 2) then
+         call solve_two(self, t + 0.5_wp*h, h, w, q, p, dp, taken)
       else
          call solve_several(self, t + 0.5_wp*h, h, w, q, p, dp, taken)
       end if
@@ -81,6 +85,52 @@ contains
          c%solves = c%solves + iteration
       end associate
    end subroutine solve_one
+
+   !> The same for two unknowns.
+   subroutine solve_two(self, t, h, w, q, p, v, taken)
+      type(lone_midpoint), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(2), p(2)
+      real(wp), intent(out) :: v(2)
+      logical, intent(out) :: taken
+      real(wp) :: base(2), point(2), still(2), f(2), k(2, 2), g, last(1), step(1), size(1)
+      integer :: iteration, i
+
+      g = 0.25_wp*h
+      still = 0
+      v = 0
+      !GCC$ novector  ! few numbers
+      do i = 1, 2
+         base(i) = q(i) + 0.5_wp*(h*p(i))
+      end do
+      point = base
+      last = 0
+      iteration = 0
+      do while (last(1) >= 0)
+         taken = iteration < self%patience
+         if (.not. taken) return
+         iteration = iteration + 1
+         call self%model%gradient_hessian(1, 2, self%m, t, w, point, still, hq=f, hqq=k)
+         if (iteration == 1) then
+            taken = g*k(1, 1) <= 1 .and. g*k(2, 2) <= 1  ! mild
+            if (.not. taken) return
+         end if
+         call correct_pair(1, g, f, k, last, v, step, size)
+         taken = step(1) + size(1) <= huge(g)
+         if (.not. taken) return
+         if (self%affine) exit
+         last = verdict_of(quadratic, step(1), size(1), last(1))
+         !GCC$ novector  ! few numbers
+         do i = 1, 2
+            point(i) = base(i) + g*v(i)
+         end do
+      end do
+      associate (c => self%counters)
+         c%gradients = c%gradients + iteration
+         c%hessians = c%hessians + iteration
+         c%iterations = c%iterations + iteration
+         c%solves = c%solves + iteration
+      end associate
+   end subroutine solve_two
 
    !> V = -f(base + (h/4) V), again and again.
    subroutine solve_several(self, t, h, w, q, p, v, taken)

@@ -132,7 +132,7 @@ contains
       end associate
    end subroutine new_midpoint_stepper
 
-   !> Paths one by one, where matrices solve, noise is in position, and one unknown has its derivative.
+   !> Paths one by one, where matrices solve, noise is in position, and one unknown or two have their derivatives.
    subroutine offer_lone(self, lone)
       class(midpoint_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
@@ -142,8 +142,8 @@ contains
       select type (part => self%part)
       type is (midpoint_by_matrix)
          if (part%newton%options%fixed_point > 0 .or. part%newton%options%damped) return
-         if (self%eq%n == 1 .and. .not. self%ham%model%traits%has_hessian) return
-         if (self%eq%n > 1 .and. .not. part%iterates) return
+         if (self%eq%n <= 2 .and. .not. self%ham%model%traits%has_hessian) return
+         if (self%eq%n > 1 .and. .not. (part%iterates .or. part%pairs)) return
          allocate (made)
          made%affine = part%newton%affine
          made%patience = min(made%patience, part%newton%options%max_iter)

@@ -1,15 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The eliminated midpoint by matrices, solved across lanes: closed form for one degree of freedom, dense, banded.
+!> The eliminated midpoint by matrices, solved across lanes: closed form for one and two unknowns, dense, banded.
 !> Also by fixed-point iterations, without matrices.
 !>
-!> Where several unknowns are not solved at once, V = -f(base + (h/4) V) is iterated first, in the lanes where the step
+!> Where more unknowns are not solved at once, V = -f(base + (h/4) V) is iterated first, in the lanes where the step
 !> is mild, by the test of step/stage_iteration: a few gradients cost less than one matrix.
 module symsde_step_midpoint_by_matrix
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
    use symsde_solve_newton, only: newton_options, new_newton
-   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position, add_unknown
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position, &
+                                            add_unknown, correct_pair
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    use symsde_step_stage_iteration, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, done
    implicit none
@@ -20,6 +21,7 @@ module symsde_step_midpoint_by_matrix
       private
       integer :: band = dense
       logical, public :: iterates = .false.  !! mild steps need no matrix
+      logical, public :: pairs = .false.     !! two unknowns by Newton's iteration
       real(wp), allocatable, dimension(:) :: last, change, extent  !! of that iteration (nlane)
       real(wp), allocatable :: kept(:, :)    !! V of the lanes that it solved, while others are (nlane, ndof)
       real(wp), allocatable :: q(:, :)  !! Q (nlane, ndof)
@@ -43,7 +45,8 @@ contains
          call new_newton(self%newton, nlane, n, options, t%one_solve(b /= dense), b, b, &
                          exact=t%has_hessian_vector .or. (t%has_hessian .and. b == dense))
          allocate (self%q(nlane, n))
-         self%iterates = n > 1 .and. .not. (self%newton%affine .or. options%fixed_point > 0 .or. options%damped)
+         self%iterates = n > 2 .and. .not. (self%newton%affine .or. options%fixed_point > 0 .or. options%damped)
+         self%pairs = n == 2 .and. b == dense .and. .not. (options%fixed_point > 0 .or. options%damped)
          if (self%iterates) allocate (self%last(nlane), self%change(nlane), self%extent(nlane), self%kept(nlane, n))
       end associate
    end subroutine new_midpoint_by_matrix
@@ -148,7 +151,10 @@ contains
             call linearise(self, ham, eq, w, self%q)
          end if
          call eq%weigh(1, n, newton%r)
-         if (n == 1) then
+         if (self%pairs) then
+            call correct_pair(nlane, 0.25_wp*eq%h, newton%r, newton%a, newton%last, eq%x, newton%step, newton%size)
+            call newton%judge(status, ham%counters)
+         else if (n == 1) then
             call newton%update_scalar(1.0_wp, 0.25_wp*eq%h, eq%x, status, ham%counters)
          else
             call add_unknown(nlane*n, eq%x, newton%r)

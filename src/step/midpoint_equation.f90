@@ -18,7 +18,7 @@ module symsde_step_midpoint_equation
    implicit none
    private
    public :: midpoint_equation, new_midpoint_equation, midpoint_part, solve_by_iterations
-   public :: position, add_unknown
+   public :: position, add_unknown, correct_pair
 
    !> The equations of the lanes that are taken through a step together.
    type :: midpoint_equation
@@ -140,6 +140,33 @@ contains
          f(i) = x(i) + f(i)
       end do
    end subroutine add_unknown
+
+   !> VEC Two unknowns: x = x - (I + c K)^{-1} (x + f) in running lanes, with the size of correction and unknowns in
+   !> each. By Cramer's rule, which needs no pivots.
+   pure subroutine correct_pair(nlane, c, f, k, last, x, step, size)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: c, f(nlane, 2), k(nlane, 2, 2), last(nlane)
+      real(wp), intent(inout) :: x(nlane, 2)
+      real(wp), intent(out) :: step(nlane), size(nlane)
+      real(wp) :: a, b, e, d, r1, r2, d1, d2, inverse
+      integer :: lane
+
+      do lane = 1, nlane
+         a = 1 + c*k(lane, 1, 1)
+         b = c*k(lane, 1, 2)
+         e = c*k(lane, 2, 1)
+         d = 1 + c*k(lane, 2, 2)
+         r1 = x(lane, 1) + f(lane, 1)
+         r2 = x(lane, 2) + f(lane, 2)
+         inverse = 1/(a*d - b*e)
+         d1 = (d*r1 - b*r2)*inverse
+         d2 = (a*r2 - e*r1)*inverse
+         x(lane, 1) = merge(x(lane, 1) - d1, x(lane, 1), last(lane) >= 0)
+         x(lane, 2) = merge(x(lane, 2) - d2, x(lane, 2), last(lane) >= 0)
+         step(lane) = max(abs(d1), abs(d2)) + 0*(d1 + d2)  ! NaN stays
+         size(lane) = max(abs(x(lane, 1)), abs(x(lane, 2)))
+      end do
+   end subroutine correct_pair
 
    !> VEC (h/2) Hhat_q - (h p + g)
    pure subroutine weigh_force(n, half, drift, f)
