@@ -20,8 +20,8 @@ module symsde_step_factory
    use symsde_step_one_sided, only: one_sided_stepper
    use symsde_step_splitting, only: splitting_stepper
    use symsde_step_stages, only: stages_stepper
+   use symsde_step_stages_single, only: stages_single_stepper
    use symsde_step_stepper, only: stepper_type, stepper_task
-   use symsde_step_two_stage_single, only: two_stage_single_stepper
    use symsde_step_verlet_dz, only: verlet_dz_stepper
    use symsde_step_whole, only: whole_stepper
    implicit none
@@ -58,7 +58,7 @@ contains
       case (10); allocate (midpoint_single_stepper :: stepper)
       case (11); allocate (midpoint_full_stepper :: stepper)
       case (12); allocate (one_sided_stepper :: stepper)
-      case (13); allocate (two_stage_single_stepper :: stepper)
+      case (13); allocate (stages_single_stepper :: stepper)
       case (14); allocate (stages_stepper :: stepper)
       case (15); allocate (general_stepper :: stepper)
       case default; allocate (splitting_stepper :: stepper)

@@ -35,7 +35,7 @@ module symsde_step_modified_hamiltonian
    use symsde_scheme_scheme, only: bracket_terms
    implicit none
    private
-   public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets
+   public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets, reach
 
    real(wp), parameter :: reach = 0.5_wp  !! r
 
@@ -43,19 +43,19 @@ module symsde_step_modified_hamiltonian
       class(model_type), pointer :: model => null()
       integer :: nlane = 0, ndof = 0, nnoise = 0
       type(bracket_terms) :: active               !! parts that have an effect on this model
-      logical, allocatable, private :: noisy(:)   !! noises that are not silent (nnoise)
-      logical, private :: simple = .false.        !! position noise, H = p.p/2 + U(q)
+      logical, allocatable :: noisy(:)   !! noises that are not silent (nnoise)
+      logical :: simple = .false.        !! position noise, H = p.p/2 + U(q)
       logical :: time_dependent = .false.                 !! some noise changes in time, in a way that has an effect
       logical, private :: turning = .false.       !! {H_k(t_1),H_k(t_0)} has an effect
       real(wp), allocatable, private :: f(:, :), g(:, :)   !! weights of two sums (nlane, 0:nnoise)
       real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable, private :: vq(:, :), vp(:, :), bq(:, :), bp(:, :)  !! (nlane, ndof)
       real(wp), allocatable, private :: uq(:, :), up(:, :), yq(:, :), yp(:, :), sq(:, :), sp(:, :)
-      real(wp), allocatable, private :: hkqq(:, :, :), mixed(:)   !! (nlane, 1, 1), (nlane)
       real(wp), allocatable, private :: xq(:, :), xp(:, :), gq(:, :), gp(:, :), rq(:, :), rp(:, :)
       type(algebra_work), private :: work
    contains
       procedure :: add_gradient
+      procedure :: add_motion_to
    end type modified_hamiltonian
 
 contains
@@ -100,13 +100,11 @@ contains
       allocate (self%uq(nlane, n), self%up(nlane, n), self%yq(nlane, n), self%yp(nlane, n))
       allocate (self%xq(nlane, n), self%xp(nlane, n), self%gq(nlane, n), self%gp(nlane, n))
       allocate (self%sq(nlane, n), self%sp(nlane, n), self%rq(nlane, n), self%rp(nlane, n))
-      allocate (self%hkqq(nlane, 1, 1), self%mixed(nlane))
       call new_algebra_work(self%work, nlane, n)
    end subroutine new_modified_hamiltonian
 
-   !> Add the gradient of all active parts to the wanted outputs. Where it costs nothing, the mixed
-   !> derivative of the single bracket is added to that of the Hessian: Newton converges faster.
-   subroutine add_gradient(self, t, step, q, p, hq, hp, counters, nreal, hqp)
+   !> Add the gradient of all active parts to the wanted outputs.
+   subroutine add_gradient(self, t, step, q, p, hq, hp, counters, nreal)
       class(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t                                 !! where H and H_k are taken [time]
       type(step_record), intent(in) :: step                     !! with the functionals of active brackets
@@ -114,22 +112,34 @@ contains
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal                              !! real paths of the block
-      real(wp), intent(inout), optional :: hqp(self%nlane, self%ndof, self%ndof)
 
       self%sq = 0
       self%sp = 0
-      if (self%simple .and. self%ndof == 1) then
-         call add_simple(self, t, step, q, p, counters, nreal)
-         if (present(hqp)) hqp(:, 1, 1) = hqp(:, 1, 1) + self%mixed
-      else
-         if (self%active%single) call add_single(self, t, step, q, p, counters, nreal)
-         if (self%active%areas) call add_areas(self, t, step, q, p, counters, nreal)
-         if (self%active%nested) call add_nested(self, t, step%h, q, p, counters, nreal)
-      end if
+      if (self%active%single) call add_single(self, t, step, q, p, counters, nreal)
+      if (self%active%areas) call add_areas(self, t, step, q, p, counters, nreal)
+      if (self%active%nested) call add_nested(self, t, step%h, q, p, counters, nreal)
       if (self%time_dependent) call add_motion(self, step, q, p, counters, nreal)
       if (present(hq)) hq = hq + self%sq
       if (present(hp)) hp = hp + self%sp
    end subroutine add_gradient
+
+   !> Add what noises that change in time add, with c_k as given.
+   subroutine add_motion_to(self, step, c, q, p, hq, hp, counters, nreal)
+      class(modified_hamiltonian), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: c(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout) :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+
+      self%sq = 0
+      self%sp = 0
+      self%c = c
+      call add_motion(self, step, q, p, counters, nreal)
+      hq = hq + self%sq
+      hp = hp + self%sp
+   end subroutine add_motion_to
 
    !> The nested brackets, in the cheapest form that the traits allow.
    subroutine add_nested(self, t, h, q, p, counters, nreal)
@@ -147,48 +157,6 @@ contains
          call add_differences(self, t, h, q, p, counters, nreal)
       end if
    end subroutine add_nested
-
-   !> One degree of freedom, position noise and identity mass: all parts from one gradient and Hessian a
-   !> noise. With c_k = h dW_k/2 - dZ_k the Hamiltonian is sum_k c_k H_k' p + (h|h|/12) sum_k H_k'^2.
-   subroutine add_simple(self, t, step, q, p, counters, nreal)
-      type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t
-      type(step_record), intent(in) :: step
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
-      real(wp) :: nested
-      integer :: k
-
-      nested = merge(step%h*abs(step%h)/6, 0.0_wp, self%active%nested)
-      call find_single_weights(self, step)
-      self%f = 0
-      self%mixed = 0
-      do k = 1, self%nnoise
-         if (.not. self%noisy(k)) cycle
-         self%f(:, k) = 1
-         call self%model%gradient_hessian(self%nlane, self%ndof, self%nnoise, t, self%f, q, p, &
-                                          hq=self%vq, hqq=self%hkqq)
-         call add_simple_noise(self%nlane, nested, self%c(:, k), p, self%vq, self%hkqq, self%sq, self%sp, self%mixed)
-         self%f(:, k) = 0
-      end do
-      counters%gradients = counters%gradients + nreal*count(self%noisy)
-      counters%hessians = counters%hessians + nreal*count(self%noisy)
-   end subroutine add_simple
-
-   pure subroutine add_simple_noise(nlane, nested, c, p, hkq, hkqq, sq, sp, mixed)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: nested  !! factor of the nested bracket
-      real(wp), intent(in) :: c(nlane), p(nlane), hkq(nlane), hkqq(nlane)
-      real(wp), intent(inout) :: sq(nlane), sp(nlane), mixed(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         sp(lane) = sp(lane) + c(lane)*hkq(lane)
-         sq(lane) = sq(lane) + (c(lane)*p(lane) + nested*hkq(lane))*hkqq(lane)
-         mixed(lane) = mixed(lane) + c(lane)*hkqq(lane)
-      end do
-   end subroutine add_simple_noise
 
    !> c_k = h dW_k/2 - dZ_k, zero where the single bracket is not active.
    subroutine find_single_weights(self, step)

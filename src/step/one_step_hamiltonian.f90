@@ -125,7 +125,7 @@ contains
          call add_correction_hessian(self, t, w, q, p, hqq, hqp, hpp)
       end if
       if (allocated(self%modified)) &
-         call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal, hqp)
+         call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient_hessian
 
    !> The same with the bands of the Hessian blocks, for schemes without correction.

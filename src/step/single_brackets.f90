@@ -1,0 +1,404 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The random Hamiltonian of one step with its brackets (step/modified_hamiltonian), for one degree of freedom.
+!>
+!> With the gradients and Hessians of H and of every H_k at a point, all brackets there are a few products; what is
+!> left to ask the model for is what differences need at other points, and noises at the ends of the step. So one
+!> evaluation costs 1 + m of the model where noise is in position and H = p^2/2 + U(q), and otherwise six more for each
+!> noise, two of them where it is additive.
+!>
+!> The gradient is exact. The Hessian is without third derivatives, and without most of the nested bracket: Newton's
+!> iteration finds the same root, and more slowly by the factor that these have in the equations.
+module symsde_step_single_brackets
+   use symsde_base_counters, only: counters_type
+   use symsde_base_functionals, only: area_index, path_areas, path_dz
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: step_record
+   use symsde_model_abstract, only: model_type
+   use symsde_step_modified_hamiltonian, only: modified_hamiltonian, reach
+   implicit none
+   private
+   public :: single_brackets, new_single_brackets
+
+   !> Gradient and Hessian of a Hamiltonian in every lane.
+   type :: derivatives
+      real(wp), allocatable, dimension(:) :: q, p, qq, qp, pp
+   end type derivatives
+
+   type :: single_brackets
+      private
+      integer :: nlane = 0, nnoise = 0
+      real(wp), allocatable :: unit(:, :, :)        !! weights of H_j alone (nlane, 0:nnoise, 0:nnoise)
+      real(wp), allocatable :: c(:, :)              !! h dW_k/2 - dZ_k; c_0 = 0 (nlane, 0:nnoise)
+      real(wp), allocatable :: rate(:, :)           !! c/h (nlane, 0:nnoise)
+      type(derivatives), allocatable :: of(:)       !! H_j (0:nnoise)
+      type(derivatives) :: f                        !! of a sum
+      real(wp), allocatable, dimension(:) :: uq, up, vq, vp, yq, yp, rq, rp, gq, gp, xq, xp  !! (nlane)
+   contains
+      procedure :: begin
+      procedure :: evaluate
+   end type single_brackets
+
+contains
+
+   !> For the brackets and lanes of `parts`.
+   subroutine new_single_brackets(self, parts)
+      type(single_brackets), intent(out) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      integer :: j
+
+      self%nlane = parts%nlane
+      self%nnoise = parts%nnoise
+      associate (n => parts%nlane, m => parts%nnoise)
+         allocate (self%unit(n, 0:m, 0:m), self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
+         allocate (self%of(0:m))
+         do j = 0, m
+            self%unit(:, j, j) = 1
+            call new_derivatives(n, self%of(j))
+         end do
+         call new_derivatives(n, self%f)
+         allocate (self%uq(n), self%up(n), self%vq(n), self%vp(n), self%yq(n), self%yp(n))
+         allocate (self%rq(n), self%rp(n), self%gq(n), self%gp(n), self%xq(n), self%xp(n))
+      end associate
+   end subroutine new_single_brackets
+
+   pure subroutine new_derivatives(n, d)
+      integer, intent(in) :: n
+      type(derivatives), intent(out) :: d
+
+      allocate (d%q(n), d%p(n), d%qq(n), d%qp(n), d%pp(n), source=0.0_wp)
+   end subroutine new_derivatives
+
+   !> Begin a step: what stays the same in it.
+   subroutine begin(self, parts, step)
+      class(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      type(step_record), intent(in) :: step
+      integer :: k
+
+      if (.not. parts%active%single) return
+      do k = 1, self%nnoise
+         self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)
+      end do
+      if (parts%time_dependent) self%rate = self%c/step%h
+   end subroutine begin
+
+   !> Gradient and Hessian of all at (q, p).
+   subroutine evaluate(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, counters, nreal)
+      class(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(inout) :: parts
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+      integer :: asked
+
+      if (parts%simple) then
+         call add_up_simple(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
+         if (parts%time_dependent) call add_motion(self, parts%model, step, q, p, hq, counters, nreal)
+      else
+         call add_up(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
+         if (parts%active%nested) call add_nested(self, parts, t, step%h, q, p, hq, hp, counters, nreal)
+         if (parts%time_dependent) call parts%add_motion_to(step, self%c, q, p, hq, hp, counters, nreal)
+      end if
+      counters%gradients = counters%gradients + nreal*asked
+      counters%hessians = counters%hessians + nreal*asked
+   end subroutine evaluate
+
+   !> Position noise and H = p^2/2 + U(q): sum_k c_k H_k' p + (h|h|/12) sum_k H_k'^2 is added.
+   subroutine add_up_simple(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
+      class(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
+      integer, intent(out) :: asked
+      real(wp) :: nested
+      integer :: k
+
+      nested = merge(step%h*abs(step%h)/6, 0.0_wp, parts%active%nested)
+      associate (model => parts%model, n => self%nlane, m => self%nnoise, d => self%of(1))
+         call model%gradient_hessian(n, 1, m, t, step%w, q, p, hq, hp, hqq=hqq, hpp=hpp)
+         hqp = 0
+         asked = 1
+         do k = 1, m
+            if (.not. parts%noisy(k)) cycle
+            asked = asked + 1
+            call model%gradient_hessian(n, 1, m, t, self%unit(:, :, k), q, p, hq=d%q, hqq=d%qq)
+            call add_simple_noise(n, nested, self%c(:, k), p, d%q, d%qq, hq, hp, hqq, hqp)
+         end do
+      end associate
+   end subroutine add_up_simple
+
+   !> Noise in position that changes in time: sum_k (c_k/h) [H_k(t_1) - H_k(t_0)].
+   subroutine add_motion(self, model, step, q, p, hq, counters, nreal)
+      class(single_brackets), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      type(step_record), intent(in) :: step
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(inout) :: hq(self%nlane)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+
+      call model%gradient(self%nlane, 1, self%nnoise, step%t + step%h, self%rate, q, p, hq=self%uq)
+      call model%gradient(self%nlane, 1, self%nnoise, step%t, self%rate, q, p, hq=self%vq)
+      hq = hq + (self%uq - self%vq)
+      counters%gradients = counters%gradients + 2*nreal
+   end subroutine add_motion
+
+   !> VEC
+   pure subroutine add_simple_noise(nlane, nested, c, p, hkq, hkqq, hq, hp, hqq, hqp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: nested  !! factor of the nested bracket
+      real(wp), intent(in), dimension(nlane) :: c, p, hkq, hkqq
+      real(wp), intent(inout), dimension(nlane) :: hq, hp, hqq, hqp
+      integer :: lane
+
+      do lane = 1, nlane
+         hp(lane) = hp(lane) + c(lane)*hkq(lane)
+         hq(lane) = hq(lane) + (c(lane)*p(lane) + nested*hkq(lane))*hkqq(lane)
+         hqq(lane) = hqq(lane) + nested*hkqq(lane)*hkqq(lane)
+         hqp(lane) = hqp(lane) + c(lane)*hkqq(lane)
+      end do
+   end subroutine add_simple_noise
+
+   !> Any model: sum_j w_j H_j, {sum_k c_k H_k, H} and sum_l {H_l, sum_{k<l} A_kl H_k}.
+   subroutine add_up(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
+      class(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
+      integer, intent(out) :: asked
+      integer :: j, k, l
+
+      hq = 0
+      hp = 0
+      hqq = 0
+      hqp = 0
+      hpp = 0
+      asked = 0
+      associate (n => self%nlane, m => self%nnoise, noisy => parts%noisy, f => self%f)
+         do j = 0, m
+            if (j > 0) then
+               if (.not. noisy(j)) cycle
+            end if
+            associate (d => self%of(j))
+               call parts%model%gradient_hessian(n, 1, m, t, self%unit(:, :, j), q, p, d%q, d%p, d%qq, d%qp, d%pp)
+               call add_multiple(n, step%w(:, j), d%q, d%p, d%qq, d%qp, d%pp, hq, hp, hqq, hqp, hpp)
+            end associate
+            asked = asked + 1
+         end do
+         if (parts%active%single) then
+            call clear(f)
+            do k = 1, m
+               if (noisy(k)) call add_derivatives(n, self%c(:, k), self%of(k), f)
+            end do
+            call add_bracket(n, f, self%of(0), hq, hp, hqq, hqp, hpp)
+         end if
+         if (.not. parts%active%areas) return
+         do l = 2, m
+            if (.not. noisy(l)) cycle
+            call clear(f)
+            do k = 1, l - 1
+               if (noisy(k)) call add_derivatives(n, step%of(path_areas)%x(:, area_index(k, l)), self%of(k), f)
+            end do
+            call add_bracket(n, self%of(l), f, hq, hp, hqq, hqp, hpp)
+         end do
+      end associate
+   end subroutine add_up
+
+   pure subroutine clear(d)
+      type(derivatives), intent(inout) :: d
+
+      d%q = 0
+      d%p = 0
+      d%qq = 0
+      d%qp = 0
+      d%pp = 0
+   end subroutine clear
+
+   pure subroutine add_derivatives(n, w, d, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: w(n)
+      type(derivatives), intent(in) :: d
+      type(derivatives), intent(inout) :: total
+
+      call add_multiple(n, w, d%q, d%p, d%qq, d%qp, d%pp, total%q, total%p, total%qq, total%qp, total%pp)
+   end subroutine add_derivatives
+
+   pure subroutine add_bracket(n, f, g, hq, hp, hqq, hqp, hpp)
+      integer, intent(in) :: n
+      type(derivatives), intent(in) :: f, g
+      real(wp), intent(inout), dimension(n) :: hq, hp, hqq, hqp, hpp
+
+      call add_products(n, f%q, f%p, f%qq, f%qp, f%pp, g%q, g%p, g%qq, g%qp, g%pp, hq, hp, hqq, hqp, hpp)
+   end subroutine add_bracket
+
+   !> VEC
+   pure subroutine add_multiple(nlane, w, q, p, qq, qp, pp, hq, hp, hqq, hqp, hpp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in), dimension(nlane) :: w, q, p, qq, qp, pp
+      real(wp), intent(inout), dimension(nlane) :: hq, hp, hqq, hqp, hpp
+      integer :: lane
+
+      do lane = 1, nlane
+         hq(lane) = hq(lane) + w(lane)*q(lane)
+         hp(lane) = hp(lane) + w(lane)*p(lane)
+         hqq(lane) = hqq(lane) + w(lane)*qq(lane)
+         hqp(lane) = hqp(lane) + w(lane)*qp(lane)
+         hpp(lane) = hpp(lane) + w(lane)*pp(lane)
+      end do
+   end subroutine add_multiple
+
+   !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and its Hessian without third derivatives.
+   pure subroutine add_products(nlane, fq, fp, fqq, fqp, fpp, gq, gp, gqq, gqp, gpp, hq, hp, hqq, hqp, hpp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in), dimension(nlane) :: fq, fp, fqq, fqp, fpp, gq, gp, gqq, gqp, gpp
+      real(wp), intent(inout), dimension(nlane) :: hq, hp, hqq, hqp, hpp
+      integer :: lane
+
+      do lane = 1, nlane
+         hq(lane) = hq(lane) + ((fqq(lane)*gp(lane) - fqp(lane)*gq(lane)) + (fq(lane)*gqp(lane) - fp(lane)*gqq(lane)))
+         hp(lane) = hp(lane) + ((fqp(lane)*gp(lane) - fpp(lane)*gq(lane)) + (fq(lane)*gpp(lane) - fp(lane)*gqp(lane)))
+         hqq(lane) = hqq(lane) + 2*(fqq(lane)*gqp(lane) - fqp(lane)*gqq(lane))
+         hqp(lane) = hqp(lane) + (fqq(lane)*gpp(lane) - fpp(lane)*gqq(lane))
+         hpp(lane) = hpp(lane) + 2*(fqp(lane)*gpp(lane) - fpp(lane)*gqp(lane))
+      end do
+   end subroutine add_products
+
+   !> (h|h|/12) sum_k {{H,H_k},H_k} by the differences of step/modified_hamiltonian: additive noise needs those of H
+   !> alone.
+   subroutine add_nested(self, parts, t, h, q, p, hq, hp, counters, nreal)
+      class(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(inout), dimension(self%nlane) :: hq, hp
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+      real(wp) :: a, b, c, c2
+      logical :: additive
+      integer :: k, s, r, asked
+
+      a = reach*abs(h)
+      b = reach*sqrt(abs(h))
+      c = h/(12*reach**2)
+      c2 = h*abs(h)/(48*a*b)
+      additive = parts%model%traits%additive
+      self%yq = 0
+      self%yp = 0
+      asked = 0
+      associate (n => self%nlane, e => self%of(0), rq => self%rq, rp => self%rp, yq => self%yq, yp => self%yp)
+         call field(n, e%q, e%p, self%uq, self%up)
+         do k = 1, self%nnoise
+            if (.not. parts%noisy(k)) cycle
+            associate (d => self%of(k))
+               call field(n, d%q, d%p, self%vq, self%vp)
+               call subtract(n, 2*c, e%q, e%p, hq, hp)
+               rq = 0
+               rp = 0
+               do r = -1, 1, 2
+                  call ask(self, parts%model, 0, t, q, p, 0.0_wp, r*b)
+                  call share(n, c, 0.0_wp, r*b*c, self%gq, self%gp, hq, hp, yq, yp, rq, rp)
+                  asked = asked + 1
+                  if (additive) cycle
+                  do s = -1, 1, 2
+                     call ask(self, parts%model, k, t, q, p, s*a, r*b)
+                     call share(n, -s*r*c2, -r*a*c2, -s*b*c2, self%gq, self%gp, hq, hp, yq, yp, rq, rp)
+                     asked = asked + 1
+                  end do
+               end do
+               if (.not. additive) call add_transposed(n, d%qq, d%qp, d%pp, rq, rp, hq, hp)
+            end associate
+         end do
+         if (.not. additive) call add_transposed(n, e%qq, e%qp, e%pp, yq, yp, hq, hp)
+      end associate
+      counters%gradients = counters%gradients + nreal*asked
+   end subroutine add_nested
+
+   !> (gq, gp) = gradient of H_j at x + e u + f v.
+   subroutine ask(self, model, j, t, q, p, e, f)
+      type(single_brackets), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: j
+      real(wp), intent(in) :: t, e, f
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+
+      call move(self%nlane, e, f, q, self%uq, self%vq, self%xq)
+      call move(self%nlane, e, f, p, self%up, self%vp, self%xp)
+      call model%gradient(self%nlane, 1, self%nnoise, t, self%unit(:, :, j), self%xq, self%xp, self%gq, self%gp)
+   end subroutine ask
+
+   !> VEC
+   pure subroutine move(nlane, e, f, x, u, v, moved)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: e, f, x(nlane), u(nlane), v(nlane)
+      real(wp), intent(out) :: moved(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         moved(lane) = x(lane) + (e*u(lane) + f*v(lane))
+      end do
+   end subroutine move
+
+   !> VEC The Hamiltonian field (H_p, -H_q).
+   pure subroutine field(nlane, hq, hp, vq, vp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: hq(nlane), hp(nlane)
+      real(wp), intent(out) :: vq(nlane), vp(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         vq(lane) = hp(lane)
+         vp(lane) = -hq(lane)
+      end do
+   end subroutine field
+
+   !> VEC
+   pure subroutine subtract(nlane, c, gq, gp, hq, hp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: c, gq(nlane), gp(nlane)
+      real(wp), intent(inout) :: hq(nlane), hp(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         hq(lane) = hq(lane) - c*gq(lane)
+         hp(lane) = hp(lane) - c*gp(lane)
+      end do
+   end subroutine subtract
+
+   !> VEC What one gradient of a difference adds to the result, and by the fields of H and of H_k.
+   pure subroutine share(nlane, c, of_u, of_v, gq, gp, hq, hp, yq, yp, rq, rp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: c, of_u, of_v, gq(nlane), gp(nlane)
+      real(wp), intent(inout), dimension(nlane) :: hq, hp, yq, yp, rq, rp
+      integer :: lane
+
+      do lane = 1, nlane
+         hq(lane) = hq(lane) + c*gq(lane)
+         hp(lane) = hp(lane) + c*gp(lane)
+         yq(lane) = yq(lane) + of_u*gq(lane)
+         yp(lane) = yp(lane) + of_u*gp(lane)
+         rq(lane) = rq(lane) + of_v*gq(lane)
+         rp(lane) = rp(lane) + of_v*gp(lane)
+      end do
+   end subroutine share
+
+   !> VEC Add (D field)^T r = Hessian (-r_p, r_q).
+   pure subroutine add_transposed(nlane, qq, qp, pp, rq, rp, hq, hp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in), dimension(nlane) :: qq, qp, pp, rq, rp
+      real(wp), intent(inout), dimension(nlane) :: hq, hp
+      integer :: lane
+
+      do lane = 1, nlane
+         hq(lane) = hq(lane) + (qp(lane)*rq(lane) - qq(lane)*rp(lane))
+         hp(lane) = hp(lane) + (pp(lane)*rq(lane) - qp(lane)*rp(lane))
+      end do
+   end subroutine add_transposed
+
+end module symsde_step_single_brackets

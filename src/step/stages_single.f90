@@ -1,0 +1,195 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Implicit schemes of several stages (Gauss 2 above all) for one degree of freedom, by Newton's iteration for all
+!> slopes (step/single_newton), few passes. Agrees with the general stepper to a few ulps
+!> (tests/verification/test_beyond_one_maps.pf, test_stages.pf).
+!>
+!> Lanes differ in how many corrections they need, above all where brackets are added, whose second derivatives are not
+!> all known. As soon as few lanes go on they are gathered into a small block and finished there, with the same bits.
+module symsde_step_stages_single
+   use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record, step_store, new_step_store
+   use symsde_base_status, only: not_converged
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_two_stages, only: lone_two_stages
+   use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
+   use symsde_step_single_newton, only: single_newton, new_single_newton
+   use symsde_step_slopes, only: add_slopes
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: stages_single_stepper, new_stages_single_stepper, fits_stages_single
+
+   integer, parameter :: few_lanes = 64   !! of the small block
+
+   !> The small block.
+   type :: last_lanes
+      type(one_step_hamiltonian) :: ham
+      type(single_newton) :: solver
+      type(step_store) :: store
+      integer(i8) :: status(few_lanes) = 0
+      real(wp), dimension(few_lanes) :: q = 0, p = 0
+   end type last_lanes
+
+   type, extends(stepper_type) :: stages_single_stepper
+      private
+      type(single_newton) :: solver
+      type(last_lanes), allocatable :: few         !! where a block is larger
+      real(wp), allocatable :: alpha(:), zero(:)   !! weights; (nlane)
+   contains
+      procedure :: fits
+      procedure :: make
+      procedure :: increment
+      procedure :: offer_lone
+   end type stages_single_stepper
+
+contains
+
+   logical function fits(self, task)
+      class(stages_single_stepper), intent(in) :: self
+      type(stepper_task), intent(in) :: task
+
+      fits = task%is_tableau() .and. task%correction == correction_none
+      if (fits) fits = fits_stages_single(task%model, task%scheme, task%newton)
+      if (fits .and. task%scheme%nstage > 2) fits = .not. task%has_brackets()
+   end function fits
+
+   subroutine make(self, task)
+      class(stages_single_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_stages_single_stepper(self, task%model, task%scheme, task%nlane, task%newton)
+      self%one_solve = self%solver%newton%affine
+   end subroutine make
+
+   !> Drift and noise alike, one degree of freedom, solved by Newton: two stages, or more of a separable model whose
+   !> momenta step/stages does not eliminate.
+   pure logical function fits_stages_single(model, scheme, options)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(newton_options), intent(in) :: options
+
+      fits_stages_single = scheme%nstage >= 2 .and. model%traits%ndof == 1 .and. options%fixed_point == 0 .and. &
+                           .not. options%damped
+      if (fits_stages_single) fits_stages_single = scheme%noise_coefficients_equal()
+      if (.not. fits_stages_single .or. scheme%nstage == 2) return
+      associate (t => model%traits)
+         fits_stages_single = t%separable .and. .not. t%one_solve(.false.) .and. &
+                              .not. (t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0))
+      end associate
+   end function fits_stages_single
+
+   !> A stepper for blocks of nlane lanes; requires fits_stages_single and no correction.
+   subroutine new_stages_single_stepper(self, model, scheme, nlane, options)
+      type(stages_single_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+
+      self%name = 'stages, one degree of freedom'
+      self%alpha = scheme%alpha
+      allocate (self%zero(nlane), source=0.0_wp)
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
+      call new_single_newton(self%solver, self%ham, scheme, options)
+      if (self%solver%newton%affine .or. nlane <= few_lanes) return
+      allocate (self%few)
+      call new_last_lanes(self%few, model, scheme, options)
+   end subroutine new_stages_single_stepper
+
+   subroutine new_last_lanes(self, model, scheme, options)
+      type(last_lanes), intent(inout) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(newton_options), intent(in) :: options
+      type(functional_set) :: asked
+
+      call new_one_step_hamiltonian(self%ham, model, few_lanes, correction_none, 0.0_wp, scheme%brackets)
+      call new_single_newton(self%solver, self%ham, scheme, options)
+      if (allocated(self%ham%modified)) then
+         asked%has(path_dz) = self%ham%modified%active%single
+         asked%has(path_areas) = self%ham%modified%active%areas
+      end if
+      call new_step_store(self%store, few_lanes, model%traits%nnoise, 2, 0.0_wp, asked)
+   end subroutine new_last_lanes
+
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(stages_single_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      associate (s => self%solver%s, solver => self%solver)
+         call solver%begin(self%ham, step, q, p, status)
+         do while (solver%newton%running)
+            if (allocated(self%few) .and. solver%newton%nrunning <= few_lanes) then
+               call finish(self, self%few, step, q, p, status)
+               exit
+            end if
+            call solver%iterate(self%ham, step, q, p, status)
+         end do
+         call add_slopes(self%ham%nlane, s, 1.0_wp, self%alpha, solver%x, self%zero, dq)
+         call add_slopes(self%ham%nlane, s, 1.0_wp, self%alpha, solver%x(:, s + 1:), self%zero, dp)
+      end associate
+   end subroutine increment
+
+   !> Go on with the lanes that are running, gathered.
+   subroutine finish(self, few, step, q, p, status)
+      type(stages_single_stepper), intent(inout) :: self
+      type(last_lanes), intent(inout), target :: few
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane), p(self%ham%nlane)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      type(step_record) :: gathered
+      integer :: lanes(few_lanes), n, i, f
+
+      n = 0
+      do i = 1, self%ham%nlane
+         if (.not. self%solver%newton%last(i) >= 0) cycle
+         n = n + 1
+         lanes(n) = i
+      end do
+      lanes(n + 1:) = lanes(n)
+      few%q = q(lanes)
+      few%p = p(lanes)
+      few%store%h = step%h
+      few%store%w(:, :, 0) = step%w(lanes, :)
+      do f = 1, nfunctional
+         if (allocated(few%store%of(f)%x)) few%store%of(f)%x(:, :, 0) = step%of(f)%x(lanes, :)
+      end do
+      call few%store%show(0, step%t, gathered)
+      few%status = not_converged  ! lanes that fill up the block rest
+      few%status(:n) = status(lanes(:n))
+      few%ham%nreal = count(lanes(:n) <= self%ham%nreal)
+      call few%solver%resume(few%ham, self%solver, lanes, gathered, few%status)
+      do while (few%solver%newton%running)
+         call few%solver%iterate(few%ham, gathered, few%q, few%p, few%status)
+      end do
+      self%solver%x(lanes(:n), :) = few%solver%x(:n, :)
+      status(lanes(:n)) = few%status(:n)
+      call add_counters(self%ham%counters, few%ham%counters)
+      few%ham%counters = counters_type()
+   end subroutine finish
+
+   !> Paths one by one, where there are two stages, the Hamiltonians are separable and have their derivatives.
+   subroutine offer_lone(self, lone)
+      class(stages_single_stepper), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+      type(lone_two_stages), allocatable :: made
+
+      if (.not. (self%solver%separable .and. self%ham%model%traits%has_hessian .and. self%solver%s == 2)) return
+      allocate (made)
+      made%a = self%solver%a
+      made%abar = self%solver%abar
+      made%alpha = self%alpha
+      made%c = self%solver%c
+      made%max_iter = self%solver%newton%options%max_iter
+      call move_alloc(made, lone)
+   end subroutine offer_lone
+
+end module symsde_step_stages_single
