@@ -83,12 +83,12 @@ typedef struct symsde_traits {
    double max_frequency;   /* bound of the frequencies of H [1/time]; 0 = not declared */
    double noise_lipschitz; /* Lipschitz constant of the noise [1/sqrt(time)]; 0 = not declared */
    const double *rotation; /* [ndof] frequencies of the stiff linear part; NULL = none */
+   const int32_t *silent;  /* [nnoise] not 0: H_k is zero, and nothing is drawn for it; NULL = none */
 } symsde_traits;
 
 /* Callbacks work on whole blocks: arrays [..][nlane], each lane from its own numbers alone. w[nham][nlane] are the
  * weights of H_0 .. H_m (nham = nnoise + 1). They return 0; nonzero aborts the run (SYMSDE_CALLBACK_FAILED); one lane
- * fails by NaN. Outputs are never NULL, unless symsde_model_accept_null says that the functions look. They are called
- * from several threads at once, unless one thread is chosen. */
+ * fails by NaN. Outputs are not NULL, unless symsde_model_accept_null allows it. Several threads call at once, or one. */
 /* gradient of sum_j w[j] H_j: hq[ndof][nlane], hp[ndof][nlane] */
 typedef int (*symsde_gradient)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                const double *p, double *hq, double *hp, void *user);
@@ -157,7 +157,7 @@ int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow fl
  * contraction and with the scalar functions of the C library; one path then takes an eighth of the time */
 int symsde_model_accept_any_lanes(symsde_model model, symsde_error *error);
 int symsde_model_delete(symsde_model *model);
-/* its traits; rotation points into the model and lives as long */
+/* its traits; rotation and silent point into the model and live as long */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);
 /* check declared traits and Hessians at three points around q0[ndof], p0[ndof] */
 int symsde_model_probe(symsde_model model, double t, const double *q0, const double *p0, symsde_error *error);

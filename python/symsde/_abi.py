@@ -48,6 +48,7 @@ class Traits(Structure):
         ("max_frequency", c_double),
         ("noise_lipschitz", c_double),
         ("rotation", POINTER(c_double)),
+        ("silent", POINTER(c_int32)),
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from . import _abi, _callbacks, _checks, _handles
-from .errors import IncompatibleError, SymsdeError, WrongShapeError, WrongTypeError
+from .errors import IncompatibleError, InvalidArgumentError, SymsdeError, WrongShapeError, WrongTypeError
 
 _FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass")
 _KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
@@ -35,6 +35,7 @@ class Traits:
     noise_lipschitz: float  #: Lipschitz constant of the noise; 0 = not declared
     #: frequencies omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q); None = not declared
     rotation: tuple[float, ...] | None
+    silent: tuple[int, ...]  #: noises k whose H_k is zero: nothing is drawn for them
     has_value: bool  #: the Hamiltonians can be evaluated
     has_hessian: bool  #: Hessians are analytic
     has_hessian_vector: bool  #: products of Hessian and vector are analytic
@@ -81,7 +82,7 @@ class Model:
     one path takes an eighth of the time. It is found out for numba functions (no fastmath, no SVML), and to be declared
     for others.
 
-    The other arguments declare traits, see `Traits`; runs probe them, and refuse a false one by name
+    The other arguments declare traits, see `Traits` (silent: numbers k of noises with H_k = 0); runs probe them, and refuse a false one by name
     (`FalseTraitError`). Without a Hessian it is formed by differences of gradients. An exception raised in
     a Python function stops the run and is raised by the run.
     """
@@ -106,6 +107,7 @@ class Model:
         max_frequency: float = 0.0,
         noise_lipschitz: float = 0.0,
         rotation: Any = None,
+        silent: Any = (),
         accepts_null: bool = False,
         flows: Mapping[str, Any] | None = None,
         any_lanes: bool | None = None,
@@ -127,6 +129,8 @@ class Model:
         traits.noise_lipschitz = _checks.number("noise_lipschitz", noise_lipschitz)
         frequencies = _frequencies(rotation, traits.ndof)  # kept alive until the library has copied them
         traits.rotation = frequencies
+        flags = _silent(silent, traits.nnoise)
+        traits.silent = flags
         for trait, given in declared.items():
             setattr(traits, trait, _checks.flag(trait, given))
         functions = {
@@ -203,6 +207,7 @@ class Model:
             max_frequency=given.max_frequency,
             noise_lipschitz=given.noise_lipschitz,
             rotation=tuple(given.rotation[: given.ndof]) if given.rotation else None,
+            silent=tuple(k + 1 for k in range(given.nnoise) if given.silent and given.silent[k]),
             **flags,
         )
 
@@ -300,12 +305,24 @@ def _frequencies(rotation, ndof: int):
     return (ctypes.c_double * ndof)(*values)
 
 
+def _silent(silent, nnoise: int):
+    """Numbers k = 1 .. nnoise of noises as one flag for each in C, or None."""
+    if isinstance(silent, str) or not hasattr(silent, "__iter__"):
+        raise WrongTypeError(f"silent = {_checks.shown(silent)} is no list: give numbers of noises, as in [1, 3]")
+    chosen = [_checks.integer("silent", k) for k in silent]
+    for k in chosen:
+        if not 1 <= k <= nnoise:
+            raise InvalidArgumentError(f"silent holds {k}: the noises are 1 to {nnoise}")
+    return (ctypes.c_int32 * nnoise)(*(k + 1 in chosen for k in range(nnoise))) if chosen else None
+
+
 def _public(traits: _abi.Traits) -> dict[str, Any]:
     """Declared traits as the arguments of `Model`."""
     given = {name: bool(getattr(traits, name)) for name in _FLAGS}
     given |= {name: getattr(traits, name) for name in ("ndof", "nnoise", "max_frequency", "noise_lipschitz")}
     given["bandwidth"] = None if traits.bandwidth < 0 else traits.bandwidth
     given["rotation"] = list(traits.rotation[: traits.ndof]) if traits.rotation else None
+    given["silent"] = [k + 1 for k in range(traits.nnoise) if traits.silent and traits.silent[k]]
     return given
 
 

@@ -23,6 +23,7 @@ module symsde_capi_traits
       real(c_double) :: max_frequency
       real(c_double) :: noise_lipschitz
       type(c_ptr) :: rotation
+      type(c_ptr) :: silent
    end type c_traits
 
 contains
@@ -42,7 +43,7 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_traits_init
 
-   !> The traits of a model, all members of the struct filled; rotation points into them.
+   !> The traits of a model, all members of the struct filled; rotation and silent point into them.
    function from_traits(traits) result(filled)
       type(model_traits), intent(in), target :: traits
       type(c_traits) :: filled
@@ -63,14 +64,17 @@ contains
       filled%noise_lipschitz = traits%noise_lipschitz
       filled%rotation = c_null_ptr
       if (allocated(traits%rotation)) filled%rotation = c_loc(traits%rotation)
+      filled%silent = c_null_ptr
+      if (allocated(traits%silent)) filled%silent = c_loc(traits%silent)  ! of four bytes each, 0 or 1
    end function from_traits
 
-   !> What the user declares; has_value and its like are set by the model itself. Frequencies are not read
-   !> where the model is refused for its size.
+   !> What the user declares; has_value and its like are set by the model itself. Frequencies and
+   !> silent noises are not read where the model is refused for its size.
    function to_traits(given) result(traits)
       type(c_traits), intent(in) :: given
       type(model_traits) :: traits
       real(wp), pointer, contiguous :: rotation(:)
+      integer(c_int32_t), pointer :: silent(:)
 
       traits%ndof = given%ndof
       traits%nnoise = given%nnoise
@@ -85,6 +89,10 @@ contains
       if (c_associated(given%rotation) .and. given%ndof >= 1 .and. given%ndof <= largest_system) then
          call view(given%rotation, int(given%ndof, i8), rotation)
          traits%rotation = rotation
+      end if
+      if (c_associated(given%silent) .and. given%nnoise >= 1 .and. given%nnoise <= largest_system) then
+         call c_f_pointer(given%silent, silent, [given%nnoise])
+         if (any(silent /= 0)) traits%silent = silent /= 0
       end if
    end function to_traits
 

@@ -181,6 +181,22 @@ static void test_rotation(void) {
           symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
 }
 
+/* a noise that is declared to be zero: copied, given back, refused where it is not */
+static void test_silent(void) {
+   const double at = 0.4;
+   int32_t silent = 1;
+   pendulum_user user = {0.0, INFINITY, 0.0};
+   symsde_traits traits = pendulum_traits(), got;
+   symsde_model model;
+   traits.silent = &silent;
+   OK(symsde_model_new("quiet", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
+   OK(symsde_traits_init(&got) || symsde_model_traits(model, &got, &error));
+   CHECK(got.silent != NULL && got.silent != &silent && got.silent[0] == 1);
+   user.sigma = 0.3;
+   EXPECT(SYMSDE_FALSE_TRAIT, "silent", symsde_model_probe(model, 0.0, &at, &at, &error));
+   symsde_model_delete(&model);
+}
+
 static void test_evaluation(void) {
    enum { N = 1003 }; /* several blocks and a remainder */
    static double w[2 * N], q[N], p[N], value[N], hq[N], hp[N], hqq[N], hqp[N], hpp[N];
@@ -473,6 +489,7 @@ int main(void) {
    test_builtin_models();
    test_own_model();
    test_rotation();
+   test_silent();
    test_evaluation();
    test_schemes();
    test_schemes_from_schemes();

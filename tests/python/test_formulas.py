@@ -446,3 +446,33 @@ def test_signs_stand_before_products_and_sums():
     assert graph.sum([minus_a, minus_b]) == graph.negative(graph.sum([a, b]))
     difference = graph.nodes[graph.sum([minus_a, b])]
     assert (difference.what, difference.arguments) == ("-", (b, a))
+
+
+def test_nothing_is_drawn_for_a_noise_of_strength_zero():
+    """The paths of the built-in model, which draws one of two noises; another strength is drawn again."""
+    mine = ss.model_from_sympy("p**2/2 + q**2/2", ["s*p", "-g*q"], params={"s": 0.0, "g": 1.0})
+    assert mine.traits.silent == mine.formula.structure.silent == (1,)
+    known = ss.models.additive_oscillator(sigma=0.0, gamma=1.0)
+    runs = [ss.simulate(m, q0=0.3, p0=0.1, step=0.1, steps=20, paths=9, seed=3) for m in (mine, known)]
+    assert [r.report.counters["normals"] for r in runs] == [180, 180]
+    np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=0, atol=1e-14)
+    assert mine.with_parameters(s=0.1).traits.silent == ()
+    assert ss.model_from_sympy("p**2/2", ["cos(t)"]).traits.silent == (1,)
+
+
+def test_a_model_says_which_noises_are_zero():
+    def gradient(t, w, q, p):
+        return w[0] * q + w[2], w[0] * p
+
+    given = {"ndof": 1, "nnoise": 2, "gradient": gradient}
+    mine = ss.Model(**given, silent=[1])
+    mine.probe()
+    assert pickle.loads(pickle.dumps(ss.Model(**{**given, "gradient": np.add}, silent=[1]))).traits.silent == (1,)
+    run = ss.simulate(mine, q0=0.3, p0=0.1, step=0.1, steps=20, paths=9)
+    assert run.report.counters["normals"] == 180
+    with pytest.raises(errors.FalseTraitError, match="declares silent"):
+        ss.Model(**given, silent=[2]).probe()
+    with pytest.raises(errors.InvalidArgumentError, match="silent holds 3: the noises are 1 to 2"):
+        ss.Model(**given, silent=[3])
+    with pytest.raises(errors.WrongTypeError, match="is no list"):
+        ss.Model(**given, silent=1)

@@ -37,13 +37,14 @@ class Structure:
     bandwidth: int  #: of every block of the Hessian: entries (i, j) with |i - j| above it vanish
     nonzero: dict[str, int]  #: entries of the blocks qq, qp, pp of the Hessian that do not vanish
     rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0, where it has one
+    silent: tuple[int, ...]  #: noises k whose H_k does not depend on the state: nothing is drawn for them
     noises_commute: bool  #: every {H_k, H_l} is constant
     flows_commute: bool  #: every {H, H_k} is constant, too
     invariants: dict[str, bool] = field(default_factory=dict)  #: candidate I -> dI = 0 along every path is proved
 
     def traits(self) -> dict[str, Any]:
         """What a `Model` is told."""
-        names = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "rotation")
+        names = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "rotation", "silent")
         banded = self.ndof >= _SMALLEST_BANDED and 4 * self.bandwidth <= self.ndof
         return {key: asdict(self)[key] for key in names} | {"bandwidth": self.bandwidth if banded else None}
 
@@ -157,6 +158,7 @@ class _Prover:
             bandwidth=max((abs(i - j) for pairs in entries.values() for i, j in pairs), default=0),
             nonzero={block: len(pairs) for block, pairs in entries.items()},
             rotation=self._rotation() if unit else None,
+            silent=tuple(k for k in noises if all(self.diff(k, x) == 0 for x in both)),
             noises_commute=self._constant(itertools.combinations(noises, 2)),
             flows_commute=self._constant(itertools.combinations(every, 2)),
             invariants=self._invariants(),
