@@ -440,3 +440,30 @@ def test_python_models_only_where_allowed(tmp_path, capsys, monkeypatch):
         file.write_text(f'[model]\npython = "{named}"\n' + run)
         assert cli.main(["check", "--allow-python", str(file)]) == 2
         assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("H", "start", "sentence"),
+    [
+        ("p**2/2 + q^2", 0.4, "a power is written"),
+        ("p**2/2 + ~q", 0.4, "it holds ~ or not"),
+        ("p**2/2 + log(q)", -1.0, "a Hamiltonian or its derivative is not finite at q0 = -1"),  # its derivative is 1/q
+        (sp.Symbol("p") ** 2 / 2 + sp.Integral(sp.Symbol("q"), sp.Symbol("q")), 0.4, "cannot be differentiated"),
+        (sp.Symbol("p") ** 2 / 2 + sp.Heaviside(sp.Symbol("q")), 0.4, "Heaviside in a formula has no derivative"),
+        (sp.Integer(10) ** 400 * sp.Symbol("q"), 0.4, "the constant 1000000000000000000000000000000000000000 in"),
+    ],
+)
+def test_what_a_sentence_says(H, start, sentence):
+    with pytest.raises(errors.InvalidArgumentError, match=sentence):
+        ss.simulate(ss.model_from_sympy(H), q0=start, p0=0.3, step=0.01, steps=2)
+
+
+def test_names_of_generated_code_and_of_c_are_free():
+    """Whatever a parameter is called, the numbers are those of the formula."""
+    names = ["x19", "c0", "w0", "far", "beyond", "double", "while_", "E", "I", "S", "N", "q0", "p0", "λ"]
+    terms = " + ".join(f"{name}*q**{k + 1}" for k, name in enumerate(names))
+    values = {name: 0.1 * (k + 1) for k, name in enumerate(names)}
+    mine = ss.model_from_sympy(f"p**2/2 + {terms}", params=values)
+    expected = 0.3 + sum(0.1 * (k + 1) ** 2 * 0.9**k for k in range(len(names)))
+    force, velocity = mine.gradient(0.9, 0.3)
+    np.testing.assert_allclose([force[0, 0] + 0.3, velocity[0, 0]], [expected, 0.3], rtol=1e-14)

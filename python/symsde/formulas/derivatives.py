@@ -39,7 +39,7 @@ class Derivatives:
         self.symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
         try:
             self.hamiltonians = [self._engine.sympify(free(h)) for h in problem.hamiltonians]
-        except (TypeError, ValueError, RuntimeError, NotImplementedError):
+        except (TypeError, ValueError, RuntimeError, NotImplementedError, self._engine.SympifyError):
             raise InvalidArgumentError(f"the formula {quoted(problem.texts[0])} cannot be differentiated") from None
         self._entries: dict[tuple, list[Any]] = {}
         self.outputs = {"value": [self._weighted(self.hamiltonians, "")]}

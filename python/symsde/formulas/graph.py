@@ -162,8 +162,9 @@ class Graph:
             return self._power_of(*e.args, leaves)
         if kind in FUNCTIONS:
             return self.node(kind, self.add(e.args[0], leaves))
+        name = str(e).partition("(")[0] if kind == "PyFunction" else kind  # of sympy, unknown to symengine
         raise InvalidArgumentError(
-            f"{kind} in a formula has no derivative everywhere, or no code here: use + - * / ** and "
+            f"{name} in a formula has no derivative everywhere, or no code here: use + - * / ** and "
             + ", ".join(FUNCTIONS)
         )
 
@@ -200,7 +201,9 @@ def constant(e: Any) -> float:
     except (TypeError, ValueError, RuntimeError, OverflowError, ZeroDivisionError):
         value = float("nan")
     if not math.isfinite(value):
-        raise InvalidArgumentError(f"the constant {e} in a formula is no finite real number: formulas are real")
+        raise InvalidArgumentError(
+            f"the constant {str(e):.40} in a formula is no finite real number: formulas are real"
+        )
     return value
 
 

@@ -51,13 +51,16 @@ class FormulaModel(Model):
             raise type(error)(f"{error} ({self._quoted()})") from None
 
     def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
-        """Refuse one state for all paths at which a derivative is singular: no scheme is right there."""
+        """Refuse one state for all paths at which a Hamiltonian or its derivative is singular: no scheme is right there."""
         if q0.shape[1] != 1 or p0.shape[1] != 1:
             return  # each path has its own status
-        every = np.concatenate(self.gradient(q0, p0, np.ones(self.nnoise + 1), t0))
-        if not np.isfinite(every).all():
+        w = np.ones(self.nnoise + 1)
+        every = [*self.gradient(q0, p0, w, t0), [self.value(q0, p0, w, t0)]]
+        if not np.isfinite(np.concatenate(every)).all():
             at = f"q0 = {_shown(q0)}, p0 = {_shown(p0)}"
-            raise InvalidArgumentError(f"a derivative is not finite at {at}: begin elsewhere ({self._quoted()})")
+            raise InvalidArgumentError(
+                f"a Hamiltonian or its derivative is not finite at {at}: begin elsewhere ({self._quoted()})"
+            )
 
     def _quoted(self) -> str:
         texts = (f"{'H' if j == 0 else f'H_{j}'} = {quoted(h)}" for j, h in enumerate(self.formula.hamiltonians[:4]))

@@ -135,7 +135,7 @@ def _read(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: obje
         except InvalidArgumentError as error:
             sentence = str(error).partition("; name it in q or p")[0]
             raise type(error)(f"observable {name!r}: {sentence}") from None
-        except (TypeError, ValueError, RuntimeError, NotImplementedError):
+        except (TypeError, ValueError, RuntimeError, NotImplementedError, read.SympifyError):
             raise InvalidArgumentError(
                 f"observable {name!r}: {_checks.shown(str(formula))} cannot be computed: write it in + - * / **, "
                 "sin, cos, tan, exp, log, sqrt, sinh, cosh, tanh, their inverses, erf"

@@ -128,6 +128,8 @@ class Reader:
         if isinstance(node.op, ast.Pow):
             return self._power(self.read(node.left, depth + 1), self.read(node.right, depth + 1))
         kinds = next((k for k in (_ADDITIVE, _MULTIPLICATIVE) if isinstance(node.op, k)), None)
+        if isinstance(node.op, ast.BitXor):
+            raise FormulaTextError("it holds ^: a power is written **")
         if kinds is None:
             raise FormulaTextError("it holds an operation other than + - * / **")
         chain = []
@@ -229,6 +231,7 @@ def _what(node: ast.AST) -> str:
         ast.Subscript: "an index in brackets (chains are written with n, the number of sites)",
         ast.Compare: "a comparison",
         ast.Lambda: "a lambda",
+        ast.UnaryOp: "~ or not",
         ast.BoolOp: "and, or",
         ast.IfExp: "if and else",
         ast.JoinedStr: "a text",
