@@ -93,7 +93,7 @@ def test_intervals_of_orders_cover_what_they_say(factor, holds, monkeypatch):
 
     Half a per cent is a standard error, another per cent the skewness of logarithms; false alarms below 1e-4.
     """
-    monkeypatch.setattr(orders, "STUDENT", factor * orders.STUDENT)
+    monkeypatch.setattr(orders, "quantile", lambda units: factor * quantile(units))
     chance = np.random.default_rng(7)
     held = 0
     for _ in range(2000):
@@ -423,8 +423,7 @@ def test_the_lesson_on_integrals_gives_the_gain():
     rows = [cost_row("midpoint", 0.1, 1e-3, 10e-6), cost_row("verlet_dz", 0.2, 9e-4, 2e-6)]
     for row in rows:
         row |= {"drift": None, "iterations": 0.0}
-    line = learned._integrals([SimpleNamespace(name="toy", rows=rows, schemes=["midpoint", "verlet_dz"])])
-    assert "toy, verlet_dz: 5 times cheaper than midpoint at 1e-03." in line
+    study = SimpleNamespace(name="toy", rows=rows, schemes=["midpoint", "verlet_dz"])
+    assert list(learned._integrals(study)) == ["toy, verlet_dz: 5 times cheaper than midpoint at 1e-03"]
     rows[1]["seconds"] = 25e-6
-    line = learned._integrals([SimpleNamespace(name="toy", rows=rows, schemes=["midpoint", "verlet_dz"])])
-    assert "toy, verlet_dz: 2.5 times dearer than midpoint at 1e-03." in line
+    assert list(learned._integrals(study)) == ["toy, verlet_dz: 2.5 times dearer than midpoint at 1e-03"]

@@ -42,11 +42,10 @@ def run(quick):
 
 def simulate(model, seed, scheme="midpoint", finer=0, **options):
     """q(t) at the multiples of STEP, computed with step STEP/2^finer on the Brownian path of this seed."""
-    computed = ss.simulate(
+    return ss.simulate(
         model, q0=0.0, p0=0.0, step=STEP / 2**finer, steps=STEPS * 2**finer, save_every=2**finer, scheme=scheme,
         seed=seed, refine=LEVELS - finer, paths=1, **options,
     )  # fmt: skip
-    return computed
 
 
 def reference(dw, q=0.0, p=0.0):

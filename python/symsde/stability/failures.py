@@ -15,7 +15,7 @@ from .nonlinear import residual
 from .scenario import EPS, moments, simulate
 from .systems import inverted, quartic
 
-NOT_CONVERGED, SINGULAR, NONFINITE = 1, 2, 3  #: status of a path
+SINGULAR, NONFINITE = 2, 3  #: status of a path
 BAD = 137  #: the bad path
 LIMIT = 5.0  #: seconds
 

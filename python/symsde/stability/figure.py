@@ -25,17 +25,14 @@ def save(path: Path, curves: dict) -> None:
 
 def _energy(axis, curves) -> None:
     x = np.geomspace(0.01, 1000, 400)
-    midpoint, euler = look.of_scheme("midpoint"), look.of_scheme("symplectic_euler")
-    axis.plot(x, midpoint_factor(x), color=midpoint["color"], label="midpoint, expected")
-    axis.plot(
-        curves["energy_input"]["h"], curves["energy_input"]["midpoint"], ls="", mfc="none", label="observed", **midpoint
-    )
-    below = x[x < 1.999]
-    axis.plot(below, euler_factor(below), color=euler["color"], label="Euler pair, expected")
-    if "euler_limit" in curves:
-        axis.plot(
-            curves["euler_limit"]["h"], curves["euler_limit"]["euler"], ls="", mfc="none", label="observed", **euler
-        )
+    for part, key, scheme, name, h, factor in (
+        ("energy_input", "midpoint", "midpoint", "midpoint", x, midpoint_factor),
+        ("euler_limit", "euler", "symplectic_euler", "Euler pair", x[x < 1.999], euler_factor),
+    ):
+        style = look.of_scheme(scheme)
+        axis.plot(h, factor(h), color=style["color"], label=f"{name}, expected")
+        if part in curves:
+            axis.plot(curves[part]["h"], curves[part][key], ls="", mfc="none", label="observed", **style)
     axis.axvline(2, color=look.GREY, ls=":", lw=0.9, label=r"$\omega h=2$")
     axis.set(xscale="log", yscale="log", xlabel=r"$\omega h$", ylabel="energy input / exact")
     axis.legend()
@@ -44,8 +41,7 @@ def _energy(axis, curves) -> None:
 def _resonances(axis, curves) -> None:
     data = curves["resonances"]
     for scheme in ("stormer_verlet", "midpoint"):
-        found = np.array([np.inf if value is None else value for value in data[scheme]])
-        change = np.where(np.isfinite(found), np.clip(found, 1e-12, 1e6), 1e6)
+        change = np.nan_to_num(np.clip(np.array(data[scheme], dtype=float), 1e-12, 1e6), nan=1e6)
         axis.plot(data["x"], change, ls="", ms=2.5, label=scheme, **look.of_scheme(scheme))
     axis.axvline(2, color=look.GREY, ls=":", lw=0.9, label=r"$\omega h=2$")
     axis.set(xscale="log", yscale="log", xlabel=r"$\omega h$ of the fast spring", ylabel="largest change of $H$")

@@ -83,8 +83,7 @@ def save(path: Path, curves: dict) -> None:
     with look.panels(path, [["energy", "kubo"]], 10.0, 3.6, 130) as axes:
         for scheme in SCHEMES:
             for axis, time, key in ((axes["energy"], "t", scheme), (axes["kubo"], "kubo_t", f"kubo_{scheme}")):
-                t = np.array(curves[time], dtype=float)
-                change = np.array([np.nan if value is None else value for value in curves[key]], dtype=float)
+                t, change = np.array(curves[time], dtype=float), np.array(curves[key], dtype=float)
                 seen = change < 1e3
                 axis.plot(t[seen], np.maximum(change[seen], 1e-17), color=look.colour(scheme), label=scheme)
         axes["energy"].set(xscale="log", yscale="log", xlabel="$t$", ylabel="$|H/H_0-1|$", ylim=(1e-12, 1e3))

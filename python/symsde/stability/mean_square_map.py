@@ -63,10 +63,10 @@ def save(path: Path, data: dict) -> None:
         axes = page.subplots(len(rows), len(SCHEMES), sharex=True, sharey=True)
         for one in data["maps"]:
             here = axes[rows.index(one["equation"]), SCHEMES.index(one["scheme"])]
-            excess = np.array([[np.nan if v is None else v for v in row] for row in one["excess"]])
-            shown = np.log10(np.clip(np.nan_to_num(excess, nan=1e3), 1e-6, 1e1))
+            excess = np.nan_to_num(np.array(one["excess"], dtype=float), nan=1e3)
+            shown = np.log10(np.clip(excess, 1e-6, 1e1))
             image = here.pcolormesh(x, y, shown, vmin=-6, vmax=1, cmap="magma_r", shading="nearest", rasterized=True)
-            here.contour(x, y, np.nan_to_num(excess, nan=1e3), [data["stable"]], colors=look.BLUE, linewidths=1.2)
+            here.contour(x, y, excess, [data["stable"]], colors=look.BLUE, linewidths=1.2)
             here.set(xscale="log", yscale="log")
             here.grid(False)
             if one["equation"] == rows[0]:

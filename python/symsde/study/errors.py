@@ -11,7 +11,6 @@ from ..expect.tolerance import quantile
 from ..model import Model
 from .plan import BATCHES, Plan, Reference
 
-STUDENT = 2.093  #: the same of Student's t with BATCHES - 1 degrees of freedom
 CONSERVED = 1e-9  #: brackets below this, relative, count as zero
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import STUDENT
+from ..expect.tolerance import quantile
 from .plan import BATCHES
 
 ABOVE_REFERENCE = 4.0  #: an error counts where it is so many times that of the reference
@@ -51,15 +51,9 @@ def fitted(rows: list[dict]) -> Order:
         return Order(float("nan"), float("nan"), len(good))
     h = np.log([row["h"] for row in good])
     groups = np.log([row["batches"] for row in good]) / 2
-    slopes = slope(h, groups)
-    value = slope(h, np.log([row["err_strong"] for row in good]))
-    return Order(float(value), float(STUDENT * np.std(slopes, ddof=1) / np.sqrt(BATCHES)), len(good))
-
-
-def slope(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Least-squares slope of y (point, ...) over x (point,)."""
-    centred = x - x.mean()
-    return np.tensordot(centred, y, axes=(0, 0)) / np.square(centred).sum()
+    slopes = np.polyfit(h, groups, 1)[0]
+    value = np.polyfit(h, np.log([row["err_strong"] for row in good]), 1)[0]
+    return Order(float(value), float(quantile(BATCHES) * np.std(slopes, ddof=1) / np.sqrt(BATCHES)), len(good))
 
 
 def pareto(rows: list[dict]) -> set[int]:

@@ -114,16 +114,22 @@ def _failures(rows: list[dict]) -> str:
 
 def _drift(usable: list[dict]) -> str:
     """Which schemes keep the invariant."""
-    known = [row for row in usable if row.get("drift") is not None]
-    if not known:
+    kept, worst = drifts(usable)
+    if not kept and not worst:
         return ""
-    worst: dict[str, float] = {}
-    for row in known:
-        worst[row["scheme"]] = float(np.maximum(worst.get(row["scheme"], 0.0), row["drift"]))  # NaN where one is
-    kept = [name for name, value in worst.items() if value < 1e-10]
-    lost = [f"{name} by {value:.0e}" for name, value in worst.items() if not value < 1e-10]
+    lost = [f"{name} by {value:.0e}" for name, value in worst.items()]
     first = f"The invariant is kept to rounding by {listed(kept)}" if kept else "No scheme keeps the invariant"
     return f"{first}, and at worst changed by {listed(lost)}." if lost else f"{first}."
+
+
+def drifts(usable: list[dict]) -> tuple[list[str], dict[str, float]]:
+    """Schemes that keep the invariant to rounding, and the largest change by each of the others."""
+    worst: dict[str, float] = {}
+    for row in usable:
+        if row.get("drift") is not None:
+            worst[row["scheme"]] = float(np.maximum(worst.get(row["scheme"], 0.0), row["drift"]))  # NaN where one is
+    lost = {name: value for name, value in worst.items() if not value < 1e-10}
+    return [name for name in worst if name not in lost], lost
 
 
 def symplectic(name: str) -> bool:
