@@ -15,3 +15,11 @@ list(LENGTH skipped count)
 if(NOT count EQUAL 6)
    message(FATAL_ERROR "${count} tests are skipped without Python, where 6 should be:\n${said}")
 endif()
+
+# a Python that is nowhere is no error
+set(ENV{PATH} "")
+set(PROJECT_SOURCE_DIR ${WORK})
+include(${ROOT}/tests/python.cmake)
+if(SYMSDE_PYTHON)
+   message(FATAL_ERROR "${SYMSDE_PYTHON} is found where there is none to be found")
+endif()
