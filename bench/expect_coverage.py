@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coverage of the intervals of `symsde.expect` on nine scenes whose mean is known.
+"""Coverage and cost of the intervals of `symsde.expect` on scenes whose mean is known.
 
-    .venv/bin/python bench/expect_coverage.py [--repeats 1000] [--pilots 100] [--scenes WORD] [--out FILE.json]
+    .venv/bin/python bench/expect_coverage.py [--repeats 1000] [--pilots 250] [--scenes WORD] [--out FILE.json]
+    .venv/bin/python bench/expect_coverage.py --cost 8 [--scenes WORD] [--out FILE.json]
 
 All means but one are known exactly; the reference of the last scene is a run of 2^24 paths by another scheme, whose own
 error is told. Coverage is the share of answers whose interval holds the mean, with its standard error. A pilot takes
-longer than most answers here, so each serves several, which have seeds and paths of their own.
+longer than most answers here, so each serves several, which have seeds and paths of their own; the standard error
+reckons with what they share.
+
+--cost N asks for intervals N times as narrow, and tells what answers cost, pilot and all, over the best choice by hand:
+the cheapest of all schemes, methods and steps that a pilot of eight times the paths lets in, carried out and timed.
 """
 
 from __future__ import annotations
@@ -23,10 +28,12 @@ from typing import Any
 
 import numpy as np
 import symsde as ss
+from symsde.expect import choice
 from symsde.expect.candidates import suitable
+from symsde.expect.choice import Plan
 from symsde.expect.pilot import Pilot
 from symsde.expect.problem import make_problem
-from symsde.expect.tolerance import make_tolerance
+from symsde.expect.tolerance import Tolerance, make_tolerance
 from symsde.expect.watch import Watch
 from symsde.expect.work import Work
 
@@ -60,14 +67,14 @@ def second_moments(model_name: str, **parameters: float) -> float:
 def long_reference(model, f, start, *, scheme: str, steps: int, log2_paths: int) -> tuple[float, float]:
     """Mean and its error over many paths."""
     total = squares = 0.0
-    part = 2**16
+    part = min(2**16, 2**log2_paths)
     for i in range(2**log2_paths // part):
         run = ss.simulate(model, scheme=scheme, step=start["horizon"] / steps, steps=steps, save_every=steps,
                           paths=part, first_path=i * part, seed=987654321, q0=start["q0"], p0=start["p0"])  # fmt: skip
         values = f(run.q[-1], run.p[-1])
         total, squares = total + values.sum(), squares + (values**2).sum()
     n = 2**log2_paths
-    return total / n, math.sqrt((squares / n - (total / n) ** 2) / n)
+    return total / n, math.sqrt(max(squares / n - (total / n) ** 2, 0.0) / n)
 
 
 def cases(log2_paths: int) -> list[Case]:
@@ -109,7 +116,7 @@ def cases(log2_paths: int) -> list[Case]:
 def repeat(case: Case, repeats: int, pilots: int) -> dict:
     """Answers of so many seeds; every pilot serves repeats/pilots of them, which have paths of their own."""
     chosen, found = collections.Counter(), []
-    begin = time.monotonic()
+    begin = time.process_time()
     tolerance = make_tolerance(case.abs, None)
     for first in range(pilots):
         problem = make_problem(case.model, case.f, seed=first, threads=1, **case.start)
@@ -121,6 +128,7 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
             found.append(answer)
             chosen[f"{answer.method} by {answer.scheme}"] += 1
     held = np.array([x.interval[0] <= case.exact <= x.interval[1] for x in found])
+    shares = held.reshape(pilots, -1).mean(axis=1)  # of each pilot
     off = np.array([x.value for x in found]) - case.exact
     return {
         "scene": case.name,
@@ -130,7 +138,7 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
         "repeats": len(found),
         "pilots": pilots,
         "coverage": float(held.mean()),
-        "coverage_error": math.sqrt(max(held.mean() * (1 - held.mean()), 0.02) / len(found)),
+        "coverage_error": float(max(shares.std(ddof=1) / math.sqrt(pilots), math.sqrt(0.01 / len(found)))),
         "mean_half_width": float(np.mean([x.half_width for x in found])),
         "bias_share": float(np.mean([(x.bias / x.error) ** 2 if x.error else math.inf for x in found])),
         "mean_error": float(off.mean()),
@@ -138,32 +146,93 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
         "median_seconds": float(np.median([x.cost - x.pilot for x in found])),
         "pilot_seconds": float(np.median([x.pilot for x in found])),
         "chosen": dict(chosen.most_common(4)),
-        "elapsed": time.monotonic() - begin,
+        "seconds": time.process_time() - begin,
     }
+
+
+def by_hand(case: Case, tolerance: Tolerance) -> tuple[list[float], str]:
+    """Seconds of the best plan that there is, and which one it is: the likely ones are all carried out."""
+    problem = make_problem(case.model, case.f, seed=10**9, threads=1, **case.start)
+    pilot = Pilot(problem, tolerance, Watch(None, False), suitable(problem), None)
+    plans: list[Plan] = []
+    for trial in pilot.trials:
+        for _ in range(3):
+            trial.double()
+        error = pilot.error
+        ways = [kind(trial, error) for kind in (choice.plain, choice.extrapolated, choice.multilevel)]
+        plans += [way for way in ways if way is not None]
+        if ways[0] is not None:
+            plans += choice.variants(trial, ways[0].level, error, math.inf)
+    plans.sort(key=lambda plan: plan.seconds)
+    likely = [plan for plan in plans[:8] if plan.seconds < 4 * plans[0].seconds]
+    spent: dict[str, list[float]] = {}
+    for plan in likely:
+        taken = []
+        for seed in range(3):
+            pilot.problem = dataclasses.replace(problem, seed=10**9 + 1 + seed)
+            begin = time.process_time()
+            Work(pilot, [plan]).answer()
+            taken.append(time.process_time() - begin)
+        spent[f"{plan.method} by {plan.trial.scheme.name}, {plan.steps} steps"] = taken
+    best = min(spent, key=lambda name: np.median(spent[name]))
+    return spent[best], best
+
+
+def cost(case: Case, times: float, repeats: int = 5) -> dict:
+    """Seconds of whole answers to a half width `times` narrower, and of the best choice by hand."""
+    tolerance = make_tolerance(case.abs / times, None)
+    best, which = by_hand(case, tolerance)
+    whole, work, chosen = [], [], collections.Counter()
+    for seed in range(repeats):
+        answer = ss.expect(case.model, case.f, abs=tolerance.absolute, seed=seed, threads=1, **case.start)
+        whole.append(answer.cost)
+        work.append(answer.cost - answer.pilot)
+        chosen[f"{answer.method} by {answer.scheme}, {round(case.start['horizon'] / answer.step)} steps"] += 1
+    return {
+        "scene": case.name,
+        "abs": tolerance.absolute,
+        "best_seconds": float(np.median(best)),
+        "best": which,
+        "work_seconds": float(np.median(work)),
+        "whole_seconds": float(np.median(whole)),
+        "work_over_best": float(np.median(work) / np.median(best)),
+        "whole_over_best": float(np.median(whole) / np.median(best)),
+        "chosen": dict(chosen.most_common(4)),
+    }
+
+
+def told(row: dict) -> str:
+    """A row as a line."""
+    if "best" in row:
+        return (
+            f"{row['scene']:34s} best {row['best_seconds']:.3f} s ({row['best']}), work {row['work_over_best']:.2f}, "
+            f"with the pilot {row['whole_over_best']:.2f} times that  {row['chosen']}"
+        )
+    return (
+        f"{row['scene']:34s} {100 * row['coverage']:5.1f} % +- {100 * row['coverage_error']:.1f}  half width "
+        f"{row['mean_half_width']:.2e} of {row['abs']:.0e}  rms error {row['rms_error']:.2e}, mean "
+        f"{row['mean_error']:+.1e}  {row['median_seconds']:.4f} s + {row['pilot_seconds']:.2f} s  {row['chosen']}"
+    )
 
 
 def main() -> None:
     """Print a table; write it as JSON on request."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=1000)
-    parser.add_argument("--pilots", type=int, default=100)
+    parser.add_argument("--pilots", type=int, default=250)
     parser.add_argument("--scenes", default="")
     parser.add_argument("--log2-paths", type=int, default=24)
+    parser.add_argument("--cost", metavar="N", type=float, help="cost of intervals N times as narrow, not coverage")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     warnings.simplefilter("error", ss.PathsFailedWarning)
     rows = []
-    for case in cases(options.log2_paths):
+    for case in cases(0 if options.cost else options.log2_paths):
         if options.scenes not in case.name:
             continue
-        row = repeat(case, options.repeats, options.pilots)
+        row = cost(case, options.cost) if options.cost else repeat(case, options.repeats, options.pilots)
         rows.append(row)
-        print(
-            f"{case.name:34s} {100 * row['coverage']:5.1f} % +- {100 * row['coverage_error']:.1f}  half width "
-            f"{row['mean_half_width']:.2e} of {case.abs:.0e}  rms error {row['rms_error']:.2e}, mean "
-            f"{row['mean_error']:+.1e}  {row['median_seconds']:.3f} s + {row['pilot_seconds']:.2f} s  {row['chosen']}",
-            flush=True,
-        )
+        print(told(row), flush=True)
         if options.out:
             options.out.write_text(json.dumps({"version": ss.__version__, "rows": rows}, indent=1) + "\n")
 

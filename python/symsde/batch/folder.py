@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import logging
+import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,9 @@ class RunFolder:
 
     @classmethod
     @contextlib.contextmanager
-    def open_to_write(cls, path: str, record: dict[str, Any], pieces: Sequence[Piece], scene: Scene) -> Iterator:
+    def open_to_write(
+        cls, path: str, record: dict[str, Any], pieces: Sequence[Piece], scene: Scene | None
+    ) -> Iterator[RunFolder]:
         """Make the folder, or go on in it; a folder of another run is refused, and not touched."""
         if (there := manifest.read(_files.path_of("the folder of the results", path))) is not None:
             manifest.require_same(there, record, Path(path))
@@ -57,10 +60,11 @@ class RunFolder:
             if not (target / manifest.NAME).exists():
                 _require_no_results(target)
             self = cls(target, record, pieces)
-            durable.write(target / "scene.toml", Path(scene.file).read_bytes())
-            for name, source in manifest.python_sources(scene):
-                (target / name).parent.mkdir(parents=True, exist_ok=True)
-                durable.write(target / name, source.read_bytes())
+            if scene is not None:
+                durable.write(target / "scene.toml", Path(scene.file).read_bytes())
+                for name, source in manifest.python_sources(scene):
+                    (target / name).parent.mkdir(parents=True, exist_ok=True)
+                    durable.write(target / name, source.read_bytes())
             if not durable.write(target / manifest.NAME, manifest.to_bytes(record)):
                 manifest.require_same(manifest.read(target), record, target)
             (target / "shards").mkdir(exist_ok=True)
@@ -164,11 +168,16 @@ class RunFolder:
 
     def claim(self, piece: Piece) -> bool:
         """Whether no other process works on this piece; then it is this one's until `release`."""
-        return self._claims.take(self._numbers[piece.name])
+        return self._claims.take(self._number(piece))
 
     def release(self, piece: Piece) -> None:
         """Others may have it."""
-        self._claims.give(self._numbers[piece.name])
+        self._claims.give(self._number(piece))
+
+    def _number(self, piece: Piece) -> int:
+        """Of the lock: its place among the pieces; of one that was not planned, by its name."""
+        found = self._numbers.get(piece.name)
+        return (1 << 32) + zlib.crc32(piece.name.encode()) if found is None else found
 
 
 def _require_no_results(target: Path) -> None:

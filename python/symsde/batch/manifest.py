@@ -31,12 +31,17 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     inputs = _plain({"model": scene.tables["model"], "run": run, "output": output, **observed})
     if own := {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in python_sources(scene)}:
         inputs["python_sha256"] = own
+    return of_inputs(inputs, inputs["run"]["seed"], shard_paths)
+
+
+def of_inputs(inputs: dict[str, Any], seed: int, shard_paths: int) -> dict[str, Any]:
+    """The manifest of these inputs, as JSON can hold them."""
     build = build_info()
     return {
         "format": FORMAT,
         "inputs": inputs,
         "hash": _hash(inputs),
-        "seed": inputs["run"]["seed"],
+        "seed": seed,
         "shard_paths": shard_paths,
         "counter_map": build["counter map of the noise"],
         "version": build["version"],
@@ -126,6 +131,15 @@ def _flat(manifest: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any
             yield from _flat(value, f"{before}{key}.")
         else:
             yield before + key, value
+
+
+def require_run(there: dict[str, Any], folder: Path) -> None:
+    """Refuse the folder of an expectation, where that of a run is meant."""
+    if "expect" in there["inputs"]:
+        raise SceneError(
+            f"{folder} holds an expectation: `symsde expect SCENE.toml --out {folder}` goes on in it, its answer is "
+            "answer.json; give a folder that `symsde run` has written"
+        )
 
 
 def require_same(there: dict[str, Any], here: dict[str, Any], folder: Path) -> None:

@@ -46,6 +46,7 @@ def _common(folders: Sequence[Path]) -> dict:
     for folder in folders:
         if (record := manifest.read(folder)) is None:
             raise SceneError(f"{folder} holds no run (no {manifest.NAME}): give folders that `symsde run` has written")
+        manifest.require_run(record, folder)
         records.append(record)
     for folder, record in zip(folders[1:], records[1:], strict=True):
         if found := manifest.differences(records[0], record):

@@ -30,6 +30,7 @@ class OpenRun:
         found = manifest.read(self.path)
         if found is None:
             raise SceneError(f"{self.path} holds no run (no {manifest.NAME}): give a folder of `symsde run`")
+        manifest.require_run(found, self.path)
         self.manifest: dict[str, Any] = found  #: inputs with their hash, seed, counter map, version, compiler, build
         self._batch = Batch.of(str(self.path / "scene.toml"), str(self.path), str(found["shard_paths"]))
         manifest.require_scene(found, self._batch.scene, self.path)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from ..mlmc.sampler import driven_by_more
+from ..schemes import Scheme
 from . import control, quasi
 from .estimators import Antithetic, Estimator, Extrapolated, Plain
 from .problem import Problem
@@ -42,10 +43,27 @@ class Plan:
         """What the step leaves of E f, and the standard error of this estimate."""
         return (self.trial.rest if self.method == Extrapolated.name else self.trial.bias)(self.level)
 
+    @property
+    def scheme(self) -> Scheme:
+        """Its scheme."""
+        return self.trial.scheme
+
+    @property
+    def coarsest_steps(self) -> int:
+        """To the horizon, of the first level of multilevel."""
+        return self.trial.steps(self.coarsest)
+
     def estimator(self, first: int, problem: Problem) -> Estimator:
         """What draws it, from a path on."""
-        kinds = {kind.name: kind for kind in (Plain, Antithetic, Extrapolated, control.Control, Quasi)}
-        return kinds[self.method](problem, self.trial.scheme, self.steps, first, **self.options)
+        return estimator_of(self.method, problem, self.scheme, self.steps, first=first, options=self.options)
+
+
+def estimator_of(
+    method: str, problem: Problem, scheme: Scheme, steps: int, *, first: int, options: dict
+) -> Estimator:  # fmt: skip
+    """The estimator of a method, from a path on."""
+    kinds = {kind.name: kind for kind in (Plain, Antithetic, Extrapolated, control.Control, Quasi)}
+    return kinds[method](problem, scheme, steps, first, **options)
 
 
 def coarse_enough(left: Callable[[int], tuple[float, float]], error: float, first: int = 0) -> int | None:

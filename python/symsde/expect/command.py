@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
+from pathlib import Path
 from typing import Any
 
 from .. import scene
@@ -24,6 +26,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--abs", metavar="X", type=float, help="half width of the 95 %% interval")
     parser.add_argument("--rel", metavar="X", type=float, help="the same, over the value")
     parser.add_argument("--max-time", metavar="S", type=float, help="seconds, after which the interval is given as is")
+    parser.add_argument("--out", metavar="DIR", help="folder that keeps the work: the same command goes on in it")
     parser.add_argument("--quiet", action="store_true", help="value and interval alone, no progress")
 
 
@@ -34,16 +37,33 @@ def run(options: argparse.Namespace) -> int:
         given |= {"abs": options.abs, "rel": options.rel}
     model, wanted, arguments = _asked(options.scene, given)
     reached = True
-    for f in wanted:
+    for number, f in enumerate(wanted, 1):
+        if options.out is not None:
+            arguments["out"] = Path(options.out, f"mean-{number}") if len(wanted) > 1 else options.out
         try:
             answer = _answer(options.scene, model, f, arguments)
         except KeyboardInterrupt as stop:
             if stop.partial is not None:
                 _show(f, stop.partial, options.quiet)
+            _say_how_to_go_on(options)
             raise
         _show(f, answer, options.quiet)
         reached &= answer.reached
+    if not reached:
+        _say_how_to_go_on(options)
     return 0 if reached else STOPPED
+
+
+def _say_how_to_go_on(options: argparse.Namespace) -> None:
+    """Where a folder keeps the work."""
+    if options.out is not None:
+        again = ["symsde", "expect", options.scene, "--out", options.out]
+        for name in ("abs", "rel"):
+            if (value := getattr(options, name)) is not None:
+                again += [f"--{name}", repr(value)]
+        if options.allow_python:
+            again.append("--allow-python")
+        print(f"symsde: what was drawn is in {options.out}: go on with `{shlex.join(again)}`", file=sys.stderr)
 
 
 def _show(f: str, answer: Answer, quiet: bool) -> None:

@@ -38,6 +38,7 @@ class Control(Estimator):
         self._covariance = step * self._response @ self._response.T
         self._pairs = list(itertools.combinations_with_replacement(range(len(self._response)), 2))
         self.coefficients = self._fit()
+        self._begin = self._next
 
     @property
     def part(self) -> int:

@@ -48,7 +48,7 @@ class Estimator:
     def __init__(self, problem: Problem, scheme: Scheme, steps: int, first: int):
         """Nothing is drawn yet."""
         self.problem, self.scheme, self.steps = problem, scheme, steps
-        self._next = first
+        self._next = self._begin = first  # a subclass that uses up some paths moves both
 
     @property
     def step(self) -> float:
@@ -64,6 +64,11 @@ class Estimator:
         """Values of the next units, and which of them are ok."""
         first, self._next = self._next, self._next + count
         return self._units(first, count)
+
+    def draw_from(self, unit: int, count: int) -> Drawn:
+        """So many units from one on, counted from 0."""
+        self._next = self._begin + unit
+        return self.draw(count)
 
     def draw(self, count: int) -> Drawn:
         """So many new units."""

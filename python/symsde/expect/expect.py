@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from .. import _checks
@@ -11,6 +12,8 @@ from ..model import Model
 from ..schemes import Scheme, as_scheme
 from .answer import Answer
 from .candidates import suitable
+from .choice import Plan
+from .keep import inputs_of, open_folder
 from .pilot import METHODS, Pilot
 from .problem import make_problem
 from .target import Function
@@ -33,6 +36,7 @@ def expect(
     method: str | None = None,
     max_time: float | None = None,
     progress: Progress = False,
+    out: str | os.PathLike | None = None,
     **options: Any,
 ) -> Answer:
     """E f(q, p) at t0 + horizon, with a 95 % interval of the half width asked for, by the cheapest way there is.
@@ -43,6 +47,7 @@ def expect(
     - scheme, method: to take that one; method is plain, antithetic, extrapolated, control variate, multilevel or
       quasi-Monte Carlo
     - max_time: seconds of the clock after which the interval is given as it is then
+    - out: a folder that keeps the choice and the draws; the same call goes on in it, also beside other processes
     - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
 
     A pilot measures variance, weak error and cost of a few schemes that suit the model, or of the one given; then the
@@ -64,8 +69,20 @@ def expect(
         if method is not None:
             _checks.choice("method", method, METHODS)
         schemes = suitable(problem) if scheme is None else [as_scheme(scheme)]
-        pilot = Pilot(problem, tolerance, watch, schemes, method)
-        return Work(pilot, pilot.choose()).answer()
+
+        def choose() -> tuple[Pilot, list[Plan]]:
+            pilot = Pilot(problem, tolerance, watch, schemes, method)
+            return pilot, pilot.choose()
+
+        if out is None:
+            return Work(*choose()).answer()
+        inputs = inputs_of(problem, tolerance, None if scheme is None else schemes[0].name, method)
+        with open_folder(out, inputs, seed, watch) as store:
+            store.choice(choose)
+            chosen = store.read_choice(problem, tolerance, {scheme.name: scheme for scheme in schemes})
+            answer = Work(*chosen, store).answer()
+            store.save(answer)
+            return answer
     except KeyboardInterrupt as stop:
         if not isinstance(getattr(stop, "partial", None), Answer):
             stop.partial = None  # a run of the pilot

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..errors import BudgetWarning, NumericalError
@@ -13,7 +14,8 @@ from ..mlmc.mlmc import Estimate
 from ..mlmc.sampler import MOST_LEVELS, LevelSampler
 from .answer import Alternative, Answer
 from .choice import Plan
-from .estimators import NOTHING, Drawn
+from .estimators import NOTHING, Drawn, Estimator
+from .keep import InFolder, KeptPilot, KeptPlan, Nowhere
 from .pilot import Pilot
 from .quasi import Quasi
 from .tally import Tally
@@ -45,9 +47,12 @@ class _Outcome:
 class Work:
     """Draws until the interval is narrow enough, or the time is over."""
 
-    def __init__(self, pilot: Pilot, plans: list[Plan]):
-        """The first of the plans is carried out."""
+    def __init__(
+        self, pilot: Pilot | KeptPilot, plans: Sequence[Plan | KeptPlan], store: Nowhere | InFolder | None = None
+    ):
+        """The first of the plans is carried out; its draws are kept in the store."""
         self.pilot, self.plan, self.others = pilot, plans[0], plans[1:]
+        self.store = Nowhere() if store is None else store
         self.tolerance, self.watch = pilot.tolerance, pilot.watch
         self._begin = self.watch.seconds
         left = max(self.watch.max_time - self.watch.elapsed, 0.0)
@@ -61,7 +66,7 @@ class Work:
                 BudgetWarning,
                 stacklevel=3,
             )
-        if self.plan.method == Quasi.name and self.plan.seconds > left:
+        if self.plan.method == Quasi.name and self.plan.seconds > left and store is None:
             self._shorten(left)
 
     def _shorten(self, left: float) -> None:
@@ -81,7 +86,10 @@ class Work:
             least = estimator.least_units if self.pilot.problem.model.nnoise else 2
             wanted = least
             while drawn.units.n < wanted and not (self.watch.over and drawn.units.n >= 2):
-                drawn += estimator.draw(min(estimator.part, wanted - drawn.units.n))
+                part = self._next_part(estimator, drawn, wanted - drawn.units.n)
+                if part is None:
+                    break
+                drawn += part
                 if drawn.failed >= max(least, drawn.units.n):
                     raise NumericalError(_failures(drawn)[0])
                 if drawn.units.n >= least:
@@ -91,6 +99,14 @@ class Work:
             stop.partial = self._answer(drawn) if drawn.units.n > 1 else None
             raise
         return self._answer(drawn)
+
+    def _next_part(self, estimator: Estimator, drawn: Drawn, missing: int) -> Drawn | None:
+        """The next units, of as many as are missing; None where the time is over."""
+        first = drawn.units.n + drawn.failed
+        count = self.store.grain(estimator.part, missing, drawn.seconds / first if first else -1.0)
+        if isinstance(self.store, Nowhere):
+            count = min(count, missing)
+        return self.store.part("units", first, count, missing, estimator.draw_from)
 
     def _units_for(self, units: Tally) -> int:
         """Units whose noise has its share of the error, by their variance so far."""
@@ -108,7 +124,7 @@ class Work:
         error = math.sqrt(self._variance(units) / units.n)
         half, notes = half_width(error, bias, units.n), _failures(drawn)
         seen = self._seen(drawn)
-        hidden = unseen(self.pilot.problem, self.plan.trial.scheme, self.plan.steps, seen)
+        hidden = unseen(self.pilot.problem, self.plan.scheme, self.plan.steps, seen)
         if hidden > half or (seen.m2 == 0 and self.pilot.problem.model.nnoise):
             notes.append(doubt(seen, hidden))
         return self._finished(_Outcome(units.mean, max(half, hidden), error, bias, drawn.paths, notes))
@@ -122,10 +138,12 @@ class Work:
         return Tally(known.n + drawn.paths, known.mean, *(share * x for x in (known.m2, known.m3, known.m4)))
 
     def _multilevel(self) -> Answer:
-        trial = self.plan.trial
-        sampler = LevelSampler(self.pilot.problem, trial.scheme, trial.steps(self.plan.coarsest), first=FIRST_OF_LEVEL)
-        known = self.pilot.looked_at.units
-        estimate = Estimate(sampler, self.tolerance, levels=MOST_LEVELS, first=_LEAST, watch=self.watch, known=known)
+        plan = self.plan
+        sampler = LevelSampler(self.pilot.problem, plan.scheme, plan.coarsest_steps, first=FIRST_OF_LEVEL)
+        estimate = Estimate(
+            sampler, self.tolerance, levels=MOST_LEVELS, first=_LEAST, watch=self.watch,
+            known=self.pilot.looked_at.units, store=self.store,
+        )  # fmt: skip
         try:
             return self._of_levels(estimate.run())
         except KeyboardInterrupt as stop:
@@ -140,23 +158,23 @@ class Work:
         return self._finished(outcome)
 
     def _finished(self, found: _Outcome) -> Answer:
-        horizon = self.plan.trial.problem.horizon
+        horizon = self.pilot.problem.horizon
         wanted = self.tolerance.half_width(found.value)
         reached = found.half <= _NEARLY * wanted
         if not reached and not any("asked was" in note for note in found.notes):
             over = self.watch.why if self.watch.over else "paths were too few"
             found.notes.append(f"{over}: the half width is {found.half:.3g}, asked was {wanted:.3g}")
-        others = (Alternative(x.method, x.trial.scheme.name, horizon / x.steps, x.seconds) for x in self.others)
+        others = (Alternative(x.method, x.scheme.name, horizon / x.steps, x.seconds) for x in self.others)
         return Answer(
             value=found.value,
             interval=(found.value - found.half, found.value + found.half),
             error=found.error,
             bias=found.bias,
             method=self.plan.method,
-            scheme=self.plan.trial.scheme.name,
+            scheme=self.plan.scheme.name,
             step=horizon / (found.steps or self.plan.steps),
             paths=found.paths,
-            cost=self.pilot.seconds + self.watch.seconds - self._begin,
+            cost=self.pilot.seconds + self.store.seconds + self.watch.seconds - self._begin,
             pilot=self.pilot.seconds,
             alternatives=tuple(others),
             reached=reached,
@@ -172,8 +190,8 @@ class Work:
         other = self.others[0]
         times = other.seconds / plan.seconds if plan.seconds > 0 else math.inf
         return (
-            f"{reckoned}, {times:.2g} times less than the next ({other.method} by {other.trial.scheme.name}, "
-            f"h = {plan.trial.problem.horizon / other.steps:.4g})"
+            f"{reckoned}, {times:.2g} times less than the next ({other.method} by {other.scheme.name}, "
+            f"h = {self.pilot.problem.horizon / other.steps:.4g})"
         )
 
 

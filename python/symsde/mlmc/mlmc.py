@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 from .. import _checks
@@ -93,11 +94,12 @@ class Estimate:
 
     def __init__(
         self, sampler: LevelSampler, tolerance: Tolerance, *, levels: int, first: int, watch: Watch,
-        known: Tally | None = None,
+        known: Tally | None = None, store: Any = None,
     ):  # fmt: skip
-        """Nothing is drawn yet. known: values of f that were looked at already; without them, some are first."""
+        """Nothing is drawn yet. known: values of f that were looked at already; without them, some are first. store:
+        where draws are kept, as `symsde.expect.keep` has it."""
         self.sampler, self.tolerance, self.watch = sampler, tolerance, watch
-        self.most, self.first, self.known = levels, first, known
+        self.most, self.first, self.known, self.store = levels, first, known, store
         self.order = weak_order(sampler.problem, sampler.scheme)
         self.draws: list[Draw] = []
         self.notes: list[str] = []
@@ -171,10 +173,23 @@ class Estimate:
 
     def _draw(self, level: int, count: int) -> None:
         """So many samples more, in parts between which the clock is looked at."""
-        part = max(256, self.sampler.problem.chunk)
+        usual = max(256, self.sampler.problem.chunk)
+        drawn = self.draws[level]
+        known = drawn.difference.n + drawn.failed
+        part = usual if self.store is None else self.store.grain(usual, count, drawn.seconds / known if known else -1.0)
         while count > 0 and not (self.watch.over and self.draws[level].difference.n > 1):
-            self.draws[level] += self.sampler.draw(level, min(part, count))
+            found = self._drawn(level, min(part, count), count)
+            if found is None:
+                return
+            self.draws[level] += found
             count -= part
+
+    def _drawn(self, level: int, part: int, count: int) -> Draw | None:
+        """So many samples of `count` that are wanted; None where the time is over."""
+        if self.store is None:
+            return self.sampler.draw(level, part)
+        first = self.draws[level].difference.n + self.draws[level].failed
+        return self.store.part(f"level-{level:02d}", first, part, count, partial(self.sampler.draw_from, level))
 
     def _finest_is_cheap(self) -> bool:
         """Twice the paths of the finest level cost less than a fifth of what was spent."""

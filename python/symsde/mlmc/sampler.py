@@ -125,6 +125,11 @@ class LevelSampler:
             result += Draw(Tally.of(fine - coarse), Tally.of(fine), Tally.of(coarse), seconds, failed)
         return result
 
+    def draw_from(self, level: int, sample: int, count: int) -> Draw:
+        """The same from a sample on, counted from 0."""
+        self._used[level] = self._first + sample
+        return self.draw(level, count)
+
     def steps(self, level: int) -> int:
         """Steps of a level."""
         return self.coarsest << level

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Expectations in a folder: what was drawn is kept, gone on with, shared, and no other question's."""
+
+import importlib
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde.batch.folder import RunFolder
+from symsde.batch.shard_file import read
+from symsde.cli import main
+from symsde.expect import keep
+from symsde.expect.estimators import Drawn, Plain
+from symsde.expect.keep import InFolder, open_folder
+from symsde.expect.problem import make_problem
+from symsde.expect.tally import Tally
+from symsde.expect.watch import Watch
+from symsde.expect.work import FIRST
+from symsde.mlmc.sampler import LevelSampler
+from symsde.schemes import as_scheme
+
+PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
+STEADY = {"scheme": "lobatto2_swapped", "threads": 1}
+
+
+@pytest.fixture
+def model():
+    return ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
+
+
+def shards(folder, kind):
+    return sorted((folder / "shards").glob(f"{kind}-*.npz"))
+
+
+@pytest.mark.filterwarnings("ignore::symsde.BudgetWarning")
+def test_work_goes_on_and_counts_every_unit_once(model, tmp_path):
+    """The value is the mean over units 0, 1, .. of the plan, drawn anew without a folder; what was there is not
+    touched, and a third call draws nothing."""
+    asked = {**PLACE, **STEADY, "abs": 5e-3, "method": "plain", "out": tmp_path}
+    first = ss.expect(model, "q**2", **asked, max_time=1e-9)
+    there = {path: path.read_bytes() for path in shards(tmp_path, "units")}
+    assert not first.reached and there and any("max_time" in note for note in first.notes)
+    whole = ss.expect(model, "q**2", **asked)
+    assert whole.reached and whole.paths > first.paths and whole.cost > whole.pilot > 0
+    assert all(path.read_bytes() == content for path, content in there.items())
+    problem = make_problem(model, "q**2", **PLACE)
+    units = Plain(problem, as_scheme("lobatto2_swapped"), round(2.0 / whole.step), FIRST).draw(whole.paths).units
+    assert whole.value == pytest.approx(units.mean, rel=1e-13)
+    assert whole.error == pytest.approx(units.error, rel=1e-9)
+    found = sum((read(path).arrays["tallies"][0][0] for path in shards(tmp_path, "units")), 0.0)
+    assert whole.paths == found
+    again = ss.expect(model, "q**2", **asked)
+    assert (again.value, again.interval, again.paths) == (whole.value, whole.interval, whole.paths)
+    kept = json.loads((tmp_path / "answer.json").read_text())
+    assert kept["value"] == whole.value and kept["interval"] == list(whole.interval) and kept["reached"]
+    assert kept["made"]["symsde_version"] == ss.__version__
+
+
+@pytest.mark.parametrize("method", ["multilevel", "control variate", "antithetic", "quasi-Monte Carlo"])
+def test_what_is_there_is_not_drawn_again(model, tmp_path, monkeypatch, method):
+    if method == "quasi-Monte Carlo":
+        pytest.importorskip("scipy")
+    asked = {**PLACE, **STEADY, "abs": 2e-2, "method": method, "out": tmp_path}
+    whole = ss.expect(model, "q**2", **asked)
+
+    def drawn(*_, **__):
+        raise AssertionError("drawn again")
+
+    monkeypatch.setattr(LevelSampler, "_pair", drawn)
+    monkeypatch.setattr(importlib.import_module("symsde.expect.estimators").Estimator, "draw", drawn)
+    again = ss.expect(model, "q**2", **asked)
+    assert (again.value, again.interval, again.paths) == (whole.value, whole.interval, whole.paths)
+    assert again.method == method and again.cost == pytest.approx(whole.cost, rel=0.5)
+
+
+def test_units_from_one_on_are_those_of_the_whole(model):
+    """Of estimators that use up paths before the first, too."""
+    problem = make_problem(model, "q**2", **PLACE)
+    for method in ("plain", "antithetic", "control variate", "extrapolated"):
+        options = {"order": 2.0} if method == "extrapolated" else {}
+        scheme, more = as_scheme("stormer_verlet"), {"first": FIRST, "options": options}
+        made = [keep.estimator_of(method, problem, scheme, 8, **more) for _ in range(2)]
+        parts = made[0].draw_from(300, 200).units + made[0].draw_from(0, 300).units
+        assert parts.mean == pytest.approx(made[1].draw(500).units.mean, rel=1e-13)
+
+
+def test_another_question_is_refused(model, tmp_path):
+    asked = {**PLACE, **STEADY, "abs": 5e-2, "method": "plain", "out": tmp_path}
+    ss.expect(model, lambda q, p: q[0] ** 2, **asked)
+    for change in ({"abs": 4e-2}, {"seed": 1}, {"horizon": 2.5}, {"q0": 1.5}, {"method": "antithetic"}):
+        with pytest.raises(ss.errors.SceneError, match="holds another run"):
+            ss.expect(model, lambda q, p: q[0] ** 2, **{**asked, **change})
+    with pytest.raises(ss.errors.SceneError, match="functions = "):  # a function of the same name, <lambda>
+        ss.expect(model, lambda q, p: q[0] ** 2 + 1e-6, **asked)
+    with pytest.raises(ss.errors.SceneError, match="sigma1"):
+        ss.expect(ss.models.synchrotron(sigma1=0.7, sigma2=0.5), lambda q, p: q[0] ** 2, **asked)
+    for wrong in (lambda: ss.open_run(tmp_path), lambda: main(["merge", str(tmp_path), "--out", str(tmp_path / "w")])):
+        try:
+            assert wrong() == 2
+        except ss.errors.SceneError as error:
+            assert "holds an expectation" in str(error)
+
+
+def test_a_damaged_part_is_drawn_anew(model, tmp_path):
+    asked = {**PLACE, **STEADY, "abs": 2e-2, "method": "plain", "out": tmp_path}
+    whole = ss.expect(model, "q**2", **asked)
+    part = shards(tmp_path, "units")[0]
+    content = bytearray(part.read_bytes())
+    content[200] ^= 1
+    part.write_bytes(content)
+    again = ss.expect(model, "q**2", **asked)
+    assert again.value == whole.value and part.with_suffix(".damaged").exists()
+
+
+def test_while_others_draw_a_part_later_ones_are_drawn_here(tmp_path, monkeypatch):
+    """The first part is another process's for three looks; the second and third are drawn in the meantime."""
+    refused, drawn = [], []
+    with open_folder(tmp_path, {"expect": {}}, 0, Watch(None, False)) as store:
+        claim = store.folder.claim
+
+        def not_the_first(piece):
+            if piece.first == 0 and len(refused) < 3:
+                refused.append(piece.name)
+                return False
+            return claim(piece)
+
+        def draw(first, count):
+            drawn.append(first)
+            return Drawn(Tally.of(np.full(count, float(first))), 0.5, 0, count)
+
+        monkeypatch.setattr(store.folder, "claim", not_the_first)
+        monkeypatch.setattr(keep, "_ELSEWHERE", 0.01)
+        parts = [store.part("units", first, 10, 30 - first, draw) for first in (0, 10, 20)]
+    assert [part.units.mean for part in parts] == [0.0, 10.0, 20.0]
+    assert drawn == [10, 20, 0] and len(refused) == 3
+    assert store.seconds == 0.0  # all its own
+    with open_folder(tmp_path, {"expect": {}}, 0, Watch(None, False)) as other:
+        other.part("units", 0, 10, 30, draw)
+        assert other.seconds == 0.5
+
+
+def test_no_part_is_begun_when_the_time_is_over_but_the_least(tmp_path):
+    watch = Watch(1e-9, False)
+    with open_folder(tmp_path, {"expect": {}}, 0, watch) as store:
+        drawn = store.part("units", 0, 1, 9, lambda first, count: Drawn(Tally.of(np.ones(1)), 0.0, 0, 1))
+        assert drawn.units.n == 1
+        assert store.part("units", 2, 1, 9, lambda first, count: None) is None
+
+
+def test_parts_are_long_enough_for_a_file_and_short_enough_to_lose():
+    """Of a second's work half a second, of an hour's ten; whole multiples of what is computed at a time."""
+    store = InFolder(None, None)
+    assert store.grain(256, 10**6, -1.0) == 256
+    assert store.grain(256, 10**6, 1e-6) == 0.5e6 // 256 * 256
+    assert store.grain(256, 10**9, 3.6e-6) == 10 / 3.6e-6 // 256 * 256
+    assert store.grain(1, 16, 40.0) == 1
+
+
+SCENE = """[model]
+name = "synchrotron"
+sigma1 = 0.8
+sigma2 = 0.5
+[run]
+step = 0.1
+steps = 20
+q0 = 1.0
+p0 = 0.0
+threads = 1
+[expect]
+f = "q**2"
+abs = 1e-3
+scheme = "lobatto2_swapped"
+method = "plain"
+"""
+
+
+def test_a_killed_command_goes_on(tmp_path):
+    """kill -9 after the second part; the same command keeps what there is, and ends with the interval asked for."""
+    scene, out = tmp_path / "scene.toml", tmp_path / "out"
+    scene.write_text(SCENE)
+    command = [sys.executable, "-m", "symsde", "expect", str(scene), "--out", str(out), "--quiet"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    while process.poll() is None and len(shards(out, "units")) < 2:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    there = {path: path.read_bytes() for path in shards(out, "units")}
+    assert len(there) >= 2
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert all(path.read_bytes() == content for path, content in there.items())
+    low, high = (float(x) for x in done.stdout.split("[")[1].rstrip("]\n").split(","))
+    assert 1e-3 * 2.1 > high - low > 0 and abs((low + high) / 2 - 0.9995) < 4e-3
+    assert not list((out / "shards").glob(".*"))  # nothing half-written
+
+
+def test_the_command_says_how_to_go_on(tmp_path, capsys):
+    scene, out = tmp_path / "scene.toml", tmp_path / "out"
+    scene.write_text(SCENE.replace('f = "q**2"', 'f = ["q", "p"]'))
+    arguments = ["expect", str(scene), "--out", str(out), "--quiet", "--abs", "0.004"]
+    assert main([*arguments, "--max-time", "1e-9"]) == 4
+    said = capsys.readouterr().err
+    assert "go on with" in said and f"--out {out} --abs 0.004" in said
+    assert main(arguments) == 0
+    assert (out / "mean-1" / "answer.json").exists() and (out / "mean-2" / "answer.json").exists()
+    values = [json.loads((out / f"mean-{i}" / "answer.json").read_text())["value"] for i in (1, 2)]
+    printed = [float(line.split("=")[1].split("[")[0]) for line in capsys.readouterr().out.splitlines()]
+    assert np.allclose(values, printed, rtol=1e-11)
+
+
+def test_claims_of_parts_are_by_name(tmp_path):
+    """Two parts have two locks."""
+    with open_folder(tmp_path, {"expect": {}}, 0, Watch(None, False)) as store:
+        names = [keep.Piece(f"units-{i:012d}-5", "draws", i, 5, 5) for i in range(50)]
+        assert len({store.folder._number(piece) for piece in names}) == 50
+        assert isinstance(store.folder, RunFolder) and math.isfinite(store.folder._number(names[0]))
