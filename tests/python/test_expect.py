@@ -416,9 +416,7 @@ def test_long_work_within_its_time_is_announced_as_that(nonlinear):
 
 
 def test_units_that_all_fail_do_not_go_on_for_ever(nonlinear):
-    fails = SimpleNamespace(
-        least_units=4, part=4, draw_from=lambda first, count: Drawn(Tally(), 0.0, count, 8 * count)
-    )
+    fails = SimpleNamespace(least_units=4, part=4, draw_from=lambda first, count: Drawn(Tally(), 0.0, count, 8 * count))
     work = work_of(nonlinear, 0.0, estimator=lambda first, problem: fails)
     with pytest.raises(ss.errors.NumericalError, match="4 of 4 groups of 8 paths failed"):
         work.answer()
