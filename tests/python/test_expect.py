@@ -186,8 +186,9 @@ def test_multilevel_is_reckoned_as_giles_has_it():
     terms = [math.sqrt(4e-6)] + [math.sqrt(4.0**-k * 1.5e-6 * 2.0**k) for k in range(3, 6)]
     begun = 256 * 1.5e-6 * (8 + 16 + 32)
     assert plan.seconds == pytest.approx(sum(terms) ** 2 / (0.9 * error**2) + begun)
-    single = choice.plain(trial, error)
-    assert single.level == 5 and single.seconds == pytest.approx(32e-6 / (0.9 * error**2))
+    single = choice.plain(trial, error)  # between the steps of the ladder: the bias is a third of the noise
+    assert single.level == pytest.approx(math.log2(0.1 / (1e-2 * math.sqrt(0.1))))
+    assert single.seconds == pytest.approx(1e-6 * 2**single.level / (0.9 * error**2))
     assert plan.seconds < single.seconds
 
 
@@ -196,6 +197,25 @@ def test_extrapolation_is_reckoned_with_two_steps():
     plan = choice.extrapolated(FakeTrial(1.0), 1e-2)
     assert plan.level == 3 and plan.seconds == pytest.approx((1 + 2.0**-3) ** 2 * 12e-6 / (0.9 * 1e-4))
     assert math.hypot(*plan.bias) == pytest.approx(0.1 / 64)
+
+
+def test_steps_between_those_of_the_ladder(nonlinear):
+    """Bias falls as a power there; level 1.5 has 2^1.5 times the coarsest steps, rounded up, level 2 exactly four."""
+    trial = Trial(make_problem(nonlinear, "q**2", **PLACE, threads=1), as_scheme("stormer_verlet"), 3, 256)
+    assert [trial.steps(level) for level in (0, 1.5, 2, 6)] == [3, 9, 12, 192]
+    ends = [math.hypot(*trial.bias(level)) for level in (4, 4.5, 5)]
+    assert ends[1] == pytest.approx(math.sqrt(ends[0] * ends[2]))
+    assert choice.longest(lambda level: (0.1 * 4.0**-level, 0.0), 1e-2 / math.sqrt(0.1)) == pytest.approx(
+        math.log(10, 4)
+    )
+    assert choice.longest(lambda level: (0.0, 0.0), 1e-2) == 0
+
+
+def test_scramblings_are_reckoned_with_what_each_takes_once():
+    """12 ms and a microsecond a point: of 2^15 points 44.8 ms, not the 64 times of 2^9."""
+    seconds = {points: 0.012 + 1e-6 * 2**points for points in (6, 9)}
+    assert choice._of_scrambling(seconds, 15, 1e-7) == pytest.approx(0.012 + 1e-6 * 2**15)
+    assert choice._of_scrambling({6: 0.012, 9: 0.012}, 15, 1e-7) == pytest.approx(0.012 + 1e-7 * (2**15 - 2**9))
 
 
 def test_multilevel_is_not_chosen_where_paths_dephase():

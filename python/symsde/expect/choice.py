@@ -26,7 +26,7 @@ class Plan:
 
     method: str
     trial: Trial
-    level: int  #: of the ladder; of multilevel the finest
+    level: float  #: of the ladder; of multilevel the finest, a whole number as of extrapolation
     seconds: float  #: of the processor, predicted
     note: str = ""
     coarsest: int = 0  #: level of the ladder that multilevel begins with
@@ -74,9 +74,18 @@ def coarse_enough(left: Callable[[int], tuple[float, float]], error: float, firs
     return None
 
 
+def longest(left: Callable[[float], tuple[float, float]], error: float) -> float | None:
+    """The same between the steps of the ladder, where what is left falls as a power from one to the next."""
+    level = coarse_enough(left, error)
+    if not level:
+        return level
+    above, below = (math.hypot(*left(x)) for x in (level - 1, level))
+    return level - 1 + math.log(above / (math.sqrt(BIAS_SHARE) * error)) / math.log(above / max(below, 1e-300))
+
+
 def plain(trial: Trial, error: float) -> Plan | None:
     """Independent paths of one step."""
-    level = coarse_enough(trial.bias, error)
+    level = longest(trial.bias, error)
     if level is None:
         return None
     units = max(2.0, trial.variance / ((1 - BIAS_SHARE) * error**2)) if trial.variance > 0 else 2.0
@@ -112,7 +121,7 @@ def multilevel(trial: Trial, error: float) -> Plan | None:
     return best
 
 
-def variants(trial: Trial, level: int, error: float, budget: float) -> list[Plan]:
+def variants(trial: Trial, level: float, error: float, budget: float) -> list[Plan]:
     """Antithetic, control variate and quasi-Monte Carlo at a step, by what a pilot of each shows."""
     problem, steps = trial.problem, trial.steps(level)
     found = []
@@ -133,7 +142,8 @@ _FIRST = 2**45  #: path that the pilots of variants begin at, far from those of 
 
 def _measured(plan: Plan, allowed: float, budget: float) -> Plan | None:
     """With the seconds that variance and cost of few units tell; none where half of these fail."""
-    if _PILOT * plan.trial.seconds(plan.level) * 3 > budget:
+    paths = control.FIT + _PILOT if plan.method == control.Control.name else _PILOT
+    if paths * plan.trial.seconds(plan.level) * 3 > budget:
         return None
     begin = time.process_time()
     estimator = plan.estimator(_FIRST, plan.trial.problem)
@@ -147,19 +157,20 @@ def _measured(plan: Plan, allowed: float, budget: float) -> Plan | None:
 
 
 _SHORT, _LONG, _SCRAMBLINGS = 6, 9, 8  #: of the pilot: log2 of points, randomisations
+_SCRAMBLE = 1e-2  #: seconds that SciPy takes for a scrambling
 
 
-def _quasi(trial: Trial, level: int, allowed: float, budget: float) -> Plan | None:
+def _quasi(trial: Trial, level: float, allowed: float, budget: float) -> Plan | None:
     """Points a unit such that the fewest units are enough, by how the variance fell from few to more points."""
-    if _SCRAMBLINGS * 2**_LONG * trial.seconds(level) * 4 > budget:
+    if _SCRAMBLINGS * (2 * _SCRAMBLE + 2**_LONG * trial.seconds(level) * 4) > budget:
         return None
-    variance, seconds = {}, 0.0
+    variance, seconds = {}, {}
     for points in (_SHORT, _LONG):
         plan = Plan(Quasi.name, trial, level, math.inf, options={"log2_points": points})
         drawn = plan.estimator(_FIRST, plan.trial.problem).draw(_SCRAMBLINGS)
         if drawn.units.n < _SCRAMBLINGS:
             return None
-        variance[points], seconds = drawn.units.variance, drawn.seconds / drawn.units.n
+        variance[points], seconds[points] = drawn.units.variance, drawn.seconds / drawn.units.n
     fall = math.log2(max(variance[_SHORT], 1e-300) / max(variance[_LONG], 1e-300)) / (_LONG - _SHORT)
     fall = min(max(fall - 0.3, 1.0), 3.0)  # of eight units the variance is known to a half
     needed = allowed * Quasi.least_units
@@ -169,5 +180,12 @@ def _quasi(trial: Trial, level: int, allowed: float, budget: float) -> Plan | No
         if points > quasi.MOST_POINTS:
             return None
     plan.options, plan.variance = {"log2_points": points}, trial.variance / 2.0**points
-    plan.seconds = Quasi.least_units * seconds * 2.0 ** (points - _LONG)
+    plan.seconds = Quasi.least_units * _of_scrambling(seconds, points, trial.seconds(level))
     return plan
+
+
+def _of_scrambling(seconds: dict[int, float], points: int, path: float) -> float:
+    """Seconds of a scrambling of 2^points from those of few and of more points, a + b 2^points, b not below a path."""
+    few, more = 2.0**_SHORT, 2.0**_LONG
+    slope = max((seconds[_LONG] - seconds[_SHORT]) / (more - few), path)
+    return max(seconds[_LONG] - slope * more, 0.0) + slope * 2.0**points

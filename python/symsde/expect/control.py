@@ -22,7 +22,7 @@ MOST_ROWS = 1024  #: increments of a path, up to which responses are computed
 _FULL = 2  #: degrees of freedom up to which every pair of components is a control
 _BUMP = 1e-4  #: increment, in sqrt(h), by which derivatives are taken
 _BY_INCREMENTS = {"truncation": None, "areas": "path", "area_time": None}  #: options of runs that take these alone
-_FIT = 4096  #: paths that the regression is fitted on, none of which count
+FIT = 4096  #: paths that the regression is fitted on, none of which count
 
 
 class Control(Estimator):
@@ -64,8 +64,8 @@ class Control(Estimator):
     def _fit(self) -> np.ndarray:
         """Coefficients of the regression, by least squares."""
         parts = []
-        for _ in range(0, _FIT, min(self.part, _FIT)):
-            count = min(self.part, _FIT)
+        for _ in range(0, FIT, min(self.part, FIT)):
+            count = min(self.part, FIT)
             values, ok = self._values(self._next, count)
             parts.append((values[ok], self._controls(self._next, count)[:, ok]))
             self._next += count

@@ -14,6 +14,7 @@ from .problem import Problem
 
 LEVELS = 4  #: of a pilot, the first without differences
 MOST_HALVINGS = 10  #: of the finest of them
+_NEARLY = 1 - 1e-12  #: rounding of powers of two is no step more
 UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
 
 
@@ -76,9 +77,9 @@ class Trial:
         """Of a path at a level of the ladder."""
         return self._once + self._slope * self.sampler.coarsest * 2.0**level
 
-    def steps(self, level: int) -> int:
+    def steps(self, level: float) -> int:
         """Steps to the horizon at a level."""
-        return self.sampler.steps(level)
+        return math.ceil(self.sampler.coarsest * 2.0**level * _NEARLY)
 
     @property
     def variance(self) -> float:
@@ -86,8 +87,18 @@ class Trial:
         own = self.draws[-1].fine
         return max(own.variance, self.known_variance) if own.few else own.variance
 
-    def bias(self, level: int) -> tuple[float, float]:
-        """E f - E f(x_h) at a level of the ladder, and the standard error of this estimate."""
+    def bias(self, level: float) -> tuple[float, float]:
+        """E f - E f(x_h) at a level of the ladder, and the standard error of this estimate.
+
+        Between two levels it falls as a power, with the sign and the relative error of the finer one.
+        """
+        if level != int(level):
+            begin = math.floor(level)
+            coarse, fine = self.bias(begin), self.bias(begin + 1)
+            ends = [max(math.hypot(*x), 1e-300) for x in (coarse, fine)]
+            larger = (ends[0] / ends[1]) ** (begin + 1 - level)
+            return fine[0] * larger, fine[1] * larger
+        level = int(level)
         means, errors = self._differences()
         return _left(means, errors, weak.order_of(means, errors, self.order), level)
 
