@@ -3,6 +3,7 @@
 
     .venv/bin/python docs/figures.py                     # draw all
     .venv/bin/python docs/figures.py --measure           # compute the data of kubo_invariant and mean-square first
+    .venv/bin/python docs/figures.py --horizons          # those of horizons, which are run times: on a quiet machine
 
 The other data are written with their pages, which hold run times: `symsde stability --markdown docs/stability.md` and
 `symsde study --all examples/scenes --markdown docs/work-precision.md`. A test draws all figures and compares them.
@@ -18,12 +19,16 @@ from symsde.stability import figure as stability_figure
 from symsde.stability import long_time, mean_square_map
 from symsde.study import horizons
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
+from peers import page as peers
+
 FOLDER = Path(__file__).with_name("figures")
 OTHERS = {
     "stability": stability_figure.save,
     "long-time": long_time.save,
     "mean-square": mean_square_map.save,
     "horizons": horizons.save,
+    "peers": peers.save,
 }  #: stem of the data -> drawing
 
 
@@ -49,6 +54,8 @@ def main() -> None:
     """Draw everything that has data."""
     if "--measure" in sys.argv[1:]:
         measure()
+    if "--horizons" in sys.argv[1:]:
+        (FOLDER / "horizons.json").write_text(_files.json_text(horizons.compute()), encoding="utf-8")
     for data in sorted(FOLDER.glob("*.json")):
         draw(data, data.with_suffix(".png"))
 

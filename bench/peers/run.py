@@ -1,39 +1,50 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Error against run time of other packages beside symsde, all on the same Brownian increments.
+"""Error against run time of other packages beside symsde, on five problems.
 
-    .venv/bin/python bench/peers/run.py [--paths 2048] [--steps 32,128,512] [--only WORD]
+    .venv/bin/python bench/peers/run.py [--only WORD] [--python PACKAGE=COMMAND ..] [--out FILE.json] [--page FILE.md]
+    .venv/bin/python bench/peers/run.py --from FILE.json --page docs/peers.md
 
-Every package gets the increments as an array, and so does symsde in the rows "given", so that errors are those of one
-set of paths and no random number is timed; rows "own" let symsde draw its own. Errors are root mean squares of the
-distance in (q, p) at the horizon to symsde at 4096 steps, by gauss3 (kubo) or chin4a. Seconds are those of the
-processor for a path, the least of three warm runs, one thread. What is not installed is skipped with a sentence. A
-package joins by a module of its own beside numba_loop.py; sdeint, diffrax, torchsde, jitcsde and XMDS2 have none yet.
+Packages that take increments get those of one set of paths, and so does symsde in the rows "given": errors are those of
+the same paths, and no random number is timed. In rows "own", symsde draws what its scheme takes. Errors are root mean
+squares of the distance in (q, p) at the horizon to symsde's best scheme at many steps; packages that draw their own
+paths are compared with their own finest run on them. Seconds are those of the processor for a path on one thread, the
+least of three warm runs; what is compiled or set up once is told beside. Every package runs in a process of its own, by
+this interpreter or by the one that --python names, such as --python diffrax=/venv/bin/python: packages that are not
+there are skipped with a sentence.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib
+import json
 import os
+import shlex
+import subprocess
 import sys
+import tempfile
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 import symsde as ss
+from symsde.study.page import machine
 
-from peers.problems import PROBLEMS, Problem
+from peers.equations import PROBLEMS, Problem
+from peers.models import MODELS
+from peers.page import write
 
-PACKAGES = {"numba loop": "numba_loop"}  #: name -> module with VERSION, SCHEME and run(problem, h, dw)
-FINE = 4096
+PACKAGES = ("numba_loop", "numpy_steps", "diffrax", "torchsde", "sdeint", "jitcsde", "xmds2")
+WORKER = Path(__file__).resolve().with_name("worker.py")
 REPEATS = 3
+GIVEN = ("midpoint", "stormer_verlet", "heun")
 
 
-def timed(function) -> tuple[np.ndarray, float]:
+def timed(function) -> tuple[Any, float]:
     """Result and least seconds of warm runs."""
     function()
     least = np.inf
@@ -44,73 +55,138 @@ def timed(function) -> tuple[np.ndarray, float]:
     return result, least
 
 
-def reference(problem: Problem, scheme: str, paths: int) -> tuple[np.ndarray, np.ndarray]:
-    """Increments (step, noise, path) of FINE steps, and the end of the paths that they are of, by a better scheme."""
-    fine = ss.increments(problem.model, step=problem.horizon / FINE, steps=FINE, paths=paths, seed=11)
-    return fine, own(problem, scheme, FINE, paths)
-
-
-def own(problem: Problem, scheme: str, steps: int, paths: int, **more) -> np.ndarray:
-    """The end of paths by symsde."""
-    run = ss.simulate(
-        problem.model, q0=problem.q0, p0=problem.p0, step=problem.horizon / steps, steps=steps, save_every=steps,
-        scheme=scheme, paths=paths, seed=11, threads=1, **more,
-    )  # fmt: skip
-    return np.concatenate([run.q[-1], run.p[-1]])
-
-
 class Bench:
     """One problem with its increments, and the end of their paths."""
 
-    def __init__(self, problem: Problem, paths: int):
+    def __init__(self, problem: Problem):
         """Draw and integrate the reference."""
-        self.problem, self.paths = problem, paths
+        self.problem, self.model = problem, MODELS[problem.name]
         self.best = "gauss3" if problem.name == "kubo" else "chin4a"
-        self.fine, self.exact = reference(problem, self.best, paths)
+        self.fine = ss.increments(
+            self.model, step=problem.horizon / problem.fine, steps=problem.fine, paths=problem.paths, seed=11
+        )
+        self.exact = self.by_symsde(self.best, problem.fine)
+
+    def by_symsde(self, scheme: str, steps: int, **more) -> np.ndarray:
+        """The end of paths."""
+        problem = self.problem
+        run = ss.simulate(
+            self.model, q0=np.array(problem.q0), p0=np.array(problem.p0), step=problem.horizon / steps, steps=steps,
+            save_every=steps, scheme=scheme, paths=problem.paths, seed=11, threads=1, **more,
+        )  # fmt: skip
+        return np.concatenate([run.q[-1], run.p[-1]])
 
     def error(self, found: np.ndarray) -> float:
         """Root mean square distance of the first paths."""
         return float(np.sqrt(np.square(found - self.exact[:, : found.shape[1]]).sum(axis=0).mean()))
 
-    def rows(self, steps: int, packages: dict):
-        """(package, scheme, steps, error, seconds a path)."""
-        dw = self.fine.reshape(steps, FINE // steps, *self.fine.shape[1:]).sum(axis=1)
-        for scheme in ("midpoint", "stormer_verlet", "heun"):
-            found, seconds = timed(partial(own, self.problem, scheme, steps, self.paths, increments=dw))
-            yield "symsde, given", scheme, steps, self.error(found), seconds / self.paths
-        shared = own(self.problem, self.best, steps, self.paths, refine=(FINE // steps).bit_length() - 1)
-        _, seconds = timed(partial(own, self.problem, self.best, steps, self.paths))
-        yield "symsde, own", self.best, steps, self.error(shared), seconds / self.paths
-        for name, package in packages.items():
-            part = np.ascontiguousarray(dw[:, :, : getattr(package, "MOST_PATHS", self.paths)])
-            found, seconds = timed(partial(package.run, self.problem, self.problem.horizon / steps, part))
-            yield name, package.SCHEME, steps, self.error(found), seconds / part.shape[2]
+    def increments(self, steps: int) -> np.ndarray:
+        """Those of longer steps, (step, noise, path)."""
+        return self.fine.reshape(steps, self.problem.fine // steps, *self.fine.shape[1:]).sum(axis=1)
+
+    def ours(self, steps: int) -> list[dict]:
+        """Rows of symsde."""
+        problem, dw, rows = self.problem, self.increments(steps), []
+        for scheme in GIVEN:
+            found, seconds = timed(partial(self.by_symsde, scheme, steps, increments=dw))
+            rows.append(self.row("symsde, given", scheme, steps, self.error(found), seconds / problem.paths))
+        shared = self.by_symsde(self.best, steps, refine=(problem.fine // steps).bit_length() - 1)
+        _, seconds = timed(partial(self.by_symsde, self.best, steps))
+        rows.append(self.row("symsde, own", self.best, steps, self.error(shared), seconds / problem.paths))
+        return rows
+
+    def theirs(self, package: str, command: list[str], steps: int) -> list[dict]:
+        """Rows of a package."""
+        found, ends = asked(package, command, {"problem": self.problem.name, "steps": steps}, self.increments(steps))
+        rows = []
+        for row, end in zip(found["rows"], ends, strict=True):
+            error = row["error"] if end is None else self.error(end)
+            rows.append(self.row(package, row["scheme"], steps, error, row["seconds"], row["first"]))
+        return rows
+
+    def row(self, package: str, scheme: str, steps: int, error: float, seconds: float, first: float = 0.0) -> dict:  # noqa: PLR0917
+        """As it is kept."""
+        return {
+            "problem": self.problem.name,
+            "package": package,
+            "scheme": scheme,
+            "steps": steps,
+            "error": error,
+            "seconds": seconds,
+            "first": first,
+        }
+
+
+def asked(package: str, command: list[str], task: dict, dw: np.ndarray | None) -> tuple[dict, list]:
+    """What a package's process answers: its result and ends; PackageError where it is not there or fails."""
+    module = package if package.startswith("num") else f"{package}_package"
+    with tempfile.TemporaryDirectory(dir=os.environ.get("PEERS_TMP")) as folder:
+        place = Path(folder)
+        (place / "task.json").write_text(json.dumps(task))
+        if dw is not None:
+            np.save(place / "dw.npy", dw)
+        done = subprocess.run(
+            [*command, str(WORKER), module, folder], cwd=folder, capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            raise PackageError(done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "it says nothing")
+        found = json.loads((place / "result.json").read_text())
+        files = (place / f"end-{i}.npy" for i in range(len(found["rows"])))
+        return found, [np.load(file) if file.exists() else None for file in files]
+
+
+class PackageError(Exception):
+    """A package that is not there, or does not work."""
+
+
+def measured(only: str, commands: dict[str, list[str]]) -> dict:
+    """All rows, versions, and what was skipped."""
+    found: dict[str, Any] = {"symsde": ss.__version__, "machine": machine(), "versions": {}, "skipped": {}, "rows": []}
+    for package in PACKAGES:
+        try:
+            found["versions"][package] = asked(package, commands[package], {}, None)[0]["version"]
+            print(f"{package}: {found['versions'][package]}")
+        except PackageError as error:
+            found["skipped"][package] = str(error)
+            print(f"{package}: skipped ({error}); --python {package}=COMMAND names an interpreter that has it")
+    for problem in PROBLEMS.values():
+        if only not in problem.name:
+            continue
+        bench = Bench(problem)
+        for steps in problem.steps:
+            rows = bench.ours(steps)
+            for package in found["versions"]:
+                rows += bench.theirs(package, commands[package], steps)
+            for row in rows:
+                print(
+                    f"{row['problem']:14s} {row['package']:14s} {row['scheme']:16s} {row['steps']:5d} "
+                    f"{row['error']:10.2e} {1e6 * row['seconds']:10.3g} us",
+                    flush=True,
+                )
+            found["rows"] += rows
+    return found
 
 
 def main() -> None:
-    """Print the tables."""
+    """Measure, or read what was measured; write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--paths", type=int, default=2048)
-    parser.add_argument("--steps", default="32,128,512")
     parser.add_argument("--only", default="")
+    parser.add_argument("--python", action="append", default=[], metavar="PACKAGE=COMMAND")
+    parser.add_argument("--from", dest="source", type=Path, metavar="FILE.json")
+    parser.add_argument("--out", type=Path, metavar="FILE.json")
+    parser.add_argument("--page", type=Path, metavar="FILE.md")
     options = parser.parse_args()
-    packages = {}
-    for name, module in PACKAGES.items():
-        try:
-            packages[name] = importlib.import_module(f"peers.{module}")
-            print(f"{name}: {packages[name].VERSION}")
-        except ImportError as error:
-            print(f"{name}: skipped, it is not installed ({error})")
-    print(f"symsde: {ss.__version__}, {options.paths} paths")
-    for problem in PROBLEMS:
-        if options.only not in problem.name:
-            continue
-        print(f"\n## {problem.name}, T = {problem.horizon:g}\n\n| package | scheme | steps | error | us a path |")
-        print("|---|---|---|---|---|")
-        bench = Bench(problem, options.paths)
-        for steps in map(int, options.steps.split(",")):
-            for name, scheme, _, error, seconds in bench.rows(steps, packages):
-                print(f"| {name} | {scheme} | {steps} | {error:.2e} | {1e6 * seconds:.3g} |", flush=True)
+    commands = {package: [sys.executable] for package in PACKAGES}
+    for given in options.python:
+        package, _, command = given.partition("=")
+        if package not in commands or not command:
+            parser.error(f"--python {given}: give PACKAGE=COMMAND, PACKAGE one of {', '.join(PACKAGES)}")
+        commands[package] = shlex.split(command)
+    found = json.loads(options.source.read_text()) if options.source else measured(options.only, commands)
+    if options.out:
+        options.out.write_text(json.dumps(found, indent=1) + "\n")
+    if options.page:
+        write(options.page, found)
 
 
 if __name__ == "__main__":

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import scene
-from symsde.advise.advise import candidates
-from symsde.advise.wants import Seen
+from symsde.advise.advise import _fewest_steps, candidates, stable_up_to
+from symsde.advise.wants import Invariants, Seen
 from symsde.expect.candidates import commutes
 from symsde.expect.problem import make_problem
+from symsde.expect.stability import frequency
+from symsde.schemes import as_scheme
+from symsde.study import horizons
 
 ROOT = Path(__file__).resolve().parents[2]
 DEARER = 2.5  #: times the cheapest of the front, on a busy machine
@@ -178,3 +181,63 @@ def test_brackets_are_those_at_t0():
         problem = make_problem(model, lambda q, p: q[0], **place, t0=t0)
         assert ("midpoint_areas" in [scheme.name for scheme in candidates(problem)]) is areas
         assert commutes(model, t0) is not areas
+
+
+def test_no_step_is_longer_than_what_a_scheme_bears():
+    """0.8 of the limit by hand, of Verlet 2, of the fourth-order kicks 3.465; 6.4 where there is none. T omega = 20."""
+    problem = make_problem(ss.models.linear_oscillator(), "q", q0=1.0, p0=0.0, horizon=10.0)
+    known = {"stormer_verlet": 13, "chin4a": 8, "gauss_dkdkd": 10, "midpoint": 4, "gauss3": 4}
+    assert {name: _fewest_steps(problem, as_scheme(name), 2.0) for name in known} == known
+    assert stable_up_to(as_scheme("stormer_verlet")) == pytest.approx(2.0, rel=1e-6)
+    assert stable_up_to(as_scheme("midpoint")) == math.inf and stable_up_to(as_scheme("heun")) == 0.0
+
+
+@pytest.fixture
+def hardening():
+    """H = p^2/2 + q^4/4, H_1 = -q: from rest no path without noise moves, and with noise the frequency grows."""
+    return ss.Model(
+        ndof=1, nnoise=1, separable=True, additive=True, position_noise=True, identity_mass=True,
+        gradient=lambda t, w, q, p: (w[0] * q**3 - w[1], w[0] * p),
+        hessian=lambda t, w, q, p: ((3 * w[0] * q**2)[None], 0 * q[None], (w[0] * np.ones_like(q))[None]),
+        value=lambda t, w, q, p: (w[0] * (p**2 / 2 + q**4 / 4) - w[1] * q)[0],
+    )  # fmt: skip
+
+
+def test_frequency_is_that_of_paths_with_noise_too(hardening):
+    """sqrt(3) |q| of 64 paths, at eight times; without noise nothing moves, and 1/T is told."""
+    problem = make_problem(hardening, "q", q0=0.0, p0=0.0, horizon=16.0)
+    assert frequency(problem) == pytest.approx(1 / 16)
+    run = ss.simulate(hardening, q0=0.0, p0=0.0, step=0.25, steps=64, save_every=8, paths=64)
+    assert frequency(problem, 64) == pytest.approx(math.sqrt(3) * np.abs(run.q).max(), rel=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_advice_is_stable_where_noise_makes_the_motion_faster(hardening):
+    """E H grows as t/2 exactly, whatever H: on other paths within 4.5 standard errors and the tolerance, none fails. A
+    step for the frequency at rest, the planted twin, blows up."""
+    place = {"q0": 0.0, "p0": 0.0}
+    advice = ss.advise(hardening, **place, horizon=8.0, tolerance=0.5, want="moments")
+    assert "of paths with noise, too" in str(advice) and "stable" in str(advice)
+    run = ss.simulate(hardening, **place, scheme=advice.scheme, step=advice.step, steps=advice.steps, seed=5, paths=512)
+    energy = hardening.value(run.q[-1], run.p[-1])
+    assert (run.status == 0).all()
+    assert abs(energy.mean() - 4) < 4.5 * energy.std() / math.sqrt(512) + 0.5
+    naive = math.ceil(8 * frequency(make_problem(hardening, "q", **place, horizon=8.0)) / 1.6)
+    blown = ss.simulate(hardening, **place, scheme="stormer_verlet", step=8 / naive, steps=4, seed=5, paths=512)
+    assert hardening.value(blown.q[-1], blown.p[-1]).mean() > 1e6
+
+
+def test_kicks_keep_h_without_noise_in_the_figure_of_horizons():
+    """Steps to 10 that keep H to 1 %, as halvings and a power law between them give; doubled steps keep it, half of
+    them do not."""
+    found = {name: horizons.cost(Invariants, 0.01, 10.0, name) for name in ("midpoint", "chin4a", "gauss_dkdkd")}
+    assert {name: row["steps"] for name, row in found.items()} == {"midpoint": 23, "chin4a": 17, "gauss_dkdkd": 25}
+    assert all(row["microseconds"] > 0 for row in found.values())
+    still = ss.models.synchrotron(2.0, 0.0, 0.0)
+    for name, row in found.items():
+        changes = []
+        for steps in (row["steps"] // 2, 2 * row["steps"]):
+            run = ss.simulate(still, q0=1.0, p0=0.0, scheme=name, step=10 / steps, steps=steps)
+            energy = still.value(run.q[:, :, 0].T, run.p[:, :, 0].T)
+            changes.append(np.abs(energy / energy[0] - 1).max())
+        assert changes[0] > 0.01 > changes[1]

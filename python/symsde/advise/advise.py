@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -13,13 +14,15 @@ from .. import _checks
 from ..commutator import commutator
 from ..errors import InvalidArgumentError, MissingOperationError, NumericalError, SymsdeError
 from ..expect.problem import Problem, make_problem
-from ..expect.stability import fewest_steps, frequency
+from ..expect.stability import frequency
 from ..model import Model
 from ..schemes import Scheme, as_scheme
 from .ladder import Ladder
 from .wants import KINDS
 
-_LONGER = 4  #: times the longest step of explicit schemes, that implicit ones are tried with
+_ROOM = 0.8  #: of the limit of stability, that the longest step has
+_LONGEST = 6.4  #: omega h of the longest step of schemes without such a limit
+_PATHS = 64  #: whose fastest frequency counts
 _SHORTEST = 1e-13  #: relative tolerance below which rounding decides
 
 
@@ -69,8 +72,9 @@ def advise(
     - q0, p0: initial state, a number or (dof,); options: those of `expect`
 
     Errors come from differences to half the step on the same Brownian paths, cost from timed runs on one thread; steps
-    are never longer than what the fastest frequency allows. Schemes that are not symplectic are no candidates.
-    Everything is dimensionless. Misuse raises a ValueError; NumericalError tells that no scheme keeps the tolerance.
+    are never longer than 0.8 of where a scheme becomes unstable for the fastest motion that 64 paths come to. Schemes
+    that are not symplectic are no candidates. Everything is dimensionless. Misuse raises a ValueError; NumericalError
+    tells that no scheme keeps the tolerance.
     """
     _checks.choice("want", want, list(KINDS))
     problem = make_problem(model, _nothing, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
@@ -82,11 +86,10 @@ def advise(
     if want == "invariants" and not model.traits.has_value:
         raise MissingOperationError("want = 'invariants' needs H itself: give the model a value function")
     kind = KINDS[want](problem)
-    fewest = fewest_steps(problem)
+    fastest = frequency(problem, _PATHS)
     found, tried, cheapest = [], [], math.inf
     for scheme in candidates(problem):
-        explicit = scheme.info.explicit_for != "never"
-        ladder = Ladder(problem, scheme, kind, fewest=fewest if explicit else max(1, fewest // _LONGER))
+        ladder = Ladder(problem, scheme, kind, fewest=_fewest_steps(problem, scheme, fastest))
         steps = ladder.climb(tolerance, cheapest)
         tried.append(scheme.name)
         if steps is not None:
@@ -101,8 +104,19 @@ def advise(
     found.sort(key=lambda pair: pair[0].seconds)
     best, ladder = found[0]
     others = tuple(option for option, _ in found[1:])
-    reasons = _reasons(problem, kind, best, ladder, others)
+    reasons = _reasons(problem, ladder, fastest, best, others)
     return Advice(best.scheme, best.step, best.steps, best.seconds, reasons, others)
+
+
+def stable_up_to(scheme: Scheme) -> float:
+    """omega h up to which a scheme is stable on an oscillator, by the matrices of its own steps."""
+    return importlib.import_module("symsde.stability.limits").stable_up_to(scheme.name)[0]
+
+
+def _fewest_steps(problem: Problem, scheme: Scheme, fastest: float) -> int:
+    """To the horizon, with which the fastest motion is stable."""
+    longest = min(_ROOM * stable_up_to(scheme), _LONGEST)
+    return max(1, math.ceil(problem.horizon * fastest / longest))
 
 
 def candidates(problem: Problem) -> list[Scheme]:
@@ -147,15 +161,18 @@ def _nothing(q: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.zeros(q.shape[1])
 
 
-def _reasons(problem: Problem, kind, best: Option, ladder: Ladder, others: tuple[Option, ...]) -> tuple[str, ...]:
+def _reasons(
+    problem: Problem, ladder: Ladder, fastest: float, best: Option, others: tuple[Option, ...]
+) -> tuple[str, ...]:  # fmt: skip
     """Sentences: pilot, stability, brackets, cost."""
-    info = ladder.scheme.info
-    turn = frequency(problem) * best.step
+    info, limit = ladder.scheme.info, stable_up_to(ladder.scheme)
+    until = "is stable at every step" if limit == math.inf else f"is stable up to {limit:.3g}"
     made = "explicit here" if info.explicit_for == "separable models" and problem.model.traits.separable else "implicit"
     reasons = [
-        f"pilot on {kind.count} paths: {kind.words} falls with order {ladder.order:.2f}, is {ladder.error(-1):.2g} at "
-        f"{ladder.steps[-1]} steps",
-        f"the fastest frequency times h is {turn:.2g}; {best.scheme} is {made}, and symplectic",
+        f"pilot on {ladder.want.count} paths: {ladder.want.words} falls with order {ladder.order:.2f}, is "
+        f"{ladder.error(-1):.2g} at {ladder.steps[-1]} steps",
+        f"the fastest frequency times h is {fastest * best.step:.2g}, of paths with noise, too; {best.scheme} {until}",
+        f"{best.scheme} is {made}, and symplectic",
     ]
     if problem.model.nnoise:
         reasons.append(commutator(problem.model, t=problem.options.get("t0", 0.0)).text)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How long a step may be: the fastest frequency of the Hessian along the way that a path takes without noise."""
+"""How long a step may be: the fastest frequency of the Hessian along the way that a path takes without noise.
+
+With `paths`, along the ways of so many paths with noise, too: these may come to where the motion is faster.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +17,17 @@ SHARPEST = 1.6  #: omega h of the longest step that is tried: explicit schemes e
 _POINTS = 9  #: of the way
 
 
-def frequency(problem: Problem) -> float:
+def frequency(problem: Problem, paths: int = 0) -> float:
     """The largest frequency of the linearised equations, on a few points of the way; at least 1/horizon."""
     model = problem.model
     declared = model.traits.max_frequency
     known = [declared] if declared > 0 else []
-    for t, q, p in _way(problem):
-        qq, qp, pp = (block[:, :, 0] for block in model.hessian(q, p, t=t))
-        flow = np.block([[qp, pp], [-qq, -qp.T]])
-        if np.isfinite(flow).all():
+    ways = [*_way(problem), *(_ways(problem, paths) if paths and model.nnoise else ())]
+    for t, q, p in ways:
+        qq, qp, pp = (np.moveaxis(block, 2, 0) for block in model.hessian(q, p, t=t))
+        flow = np.block([[qp, pp], [-qq, -qp.transpose(0, 2, 1)]])
+        flow = flow[np.isfinite(flow).all(axis=(1, 2))]
+        if len(flow):
             known.append(float(np.abs(np.linalg.eigvals(flow)).max()))
     return max([*known, 1 / problem.horizon])
 
@@ -30,6 +35,20 @@ def frequency(problem: Problem) -> float:
 def fewest_steps(problem: Problem) -> int:
     """Steps to the horizon, the fewest that every scheme may be tried with."""
     return max(1, math.ceil(problem.horizon * frequency(problem) / SHARPEST))
+
+
+def _ways(problem: Problem, paths: int):
+    """The same of paths with noise, without the first states; nothing where they fail."""
+    rows = max(8 * (_POINTS - 1), fewest_steps(problem))
+    rows += -rows % (_POINTS - 1)
+    try:
+        run = problem.run("midpoint", rows, paths=paths, save_every=rows // (_POINTS - 1), areas="path", area_time=None)
+    except SymsdeError:
+        return
+    kept = run.status == 0
+    for t, q, p in zip(run.t[1:], run.q[1:], run.p[1:], strict=True):
+        if kept.any():
+            yield t, q[:, kept], p[:, kept]
 
 
 def _way(problem: Problem):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -58,21 +59,32 @@ def is_stable(matrix: np.ndarray) -> bool:
 
 def limit(scheme: str) -> Limit:
     """The first step of the scan that is unstable, refined, and how fast runs grow next to it."""
-    stable = [is_stable(step_matrix(scheme, x)) for x in SCAN]
-    if all(stable):
+    low, high = stable_up_to(scheme)
+    if low == math.inf:
         return Limit(scheme, math.inf, math.inf, 0.0)
-    first = stable.index(False)
-    if first == 0:
+    if low == 0:
         return Limit(scheme, 0.0, SHORT, rate(scheme, SHORT))
-    low, high = SCAN[first - 1 : first + 1].tolist()
-    while high - low > 1e-6 * high:
-        middle = (low + high) / 2
-        low, high = (middle, high) if is_stable(step_matrix(scheme, middle)) else (low, middle)
     near = high * NEXT
     rates = [rate(scheme, x) for x in near]
     worst = int(np.argmax(rates))
     again = next((x for x in near[worst:] if is_stable(step_matrix(scheme, x))), math.inf)
     return Limit(scheme, low, float(near[worst]), rates[worst], float(again))
+
+
+@functools.cache
+def stable_up_to(scheme: str) -> tuple[float, float]:
+    """omega h below which every step is stable, and one just above it that is not; 0 where none, infinite where all."""
+    low = 0.0
+    for high in SCAN.tolist():
+        if not is_stable(step_matrix(scheme, high)):
+            break
+        low = high
+    else:
+        return math.inf, math.inf
+    while low > 0 and high - low > 1e-6 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if is_stable(step_matrix(scheme, middle)) else (low, middle)
+    return low, high
 
 
 def rate(scheme: str, omega_h: float) -> float:

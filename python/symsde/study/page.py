@@ -21,7 +21,8 @@ one thread, the median of {repeats} warm repeats with quartiles as bars, without
 and timed runs are separate. Slopes leave out points on a plateau (hollow) and points that failed or diverged (crosses);
 they are slopes over the steps measured, not asymptotic orders. In the tables, "us to 0.1" is the cheapest run time of a
 path, in microseconds, whose error is at most 0.1; the fastest is bold; "E H error" is that of the mean energy at the
-longest step that counts. `symsde study SCENE.toml` writes every point, with weak errors, to work-precision.csv.
+longest step that counts. `symsde study SCENE.toml` writes every point, with weak errors, to work-precision.csv. Other
+packages on the same axes: [peers.md](peers.md).
 
 Measured with {made_by}, {machine}. Run times move with the machine; errors do not.
 """

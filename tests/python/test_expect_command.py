@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`symsde expect`: what a scene asks for is printed, refused, or given as far as it was known."""
+
+import importlib
+import math
+
+import pytest
+import symsde as ss
+from symsde.cli import main
+
+PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
+
+
+def test_scene(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 20\nq0 = 1.0\np0 = 0.0\n'
+        '[expect]\nf = ["q", "q**2 + p**2"]\nabs = 0.01\nscheme = "gauss2"\n'
+    )
+    assert main(["expect", str(scene), "--quiet"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2 and lines[0].startswith("E q = ") and "[" in lines[0]
+    assert float(lines[1].split("=")[1].split("[")[0]) == pytest.approx(1.0)
+    assert abs(float(lines[0].split("=")[1].split("[")[0]) - math.exp(-0.09) * math.cos(2)) < 0.02
+    assert main(["expect", str(scene), "--abs", "-1"]) == 2
+    assert "[expect]: abs = -1" in capsys.readouterr().err
+    scene.write_text(scene.read_text().replace("f =", "g ="))
+    assert main(["expect", str(scene)]) == 2
+    assert "no key of [expect]" in capsys.readouterr().err
+
+
+def test_scene_that_goes_backward_or_asks_for_nothing(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    text = '[model]\nname = "kubo"\n[run]\nstep = {}\nsteps = 20\nq0 = 1.0\np0 = 0.0\n[expect]\nf = {}\nabs = 0.1\n'
+    for step, f, words in (
+        (-0.1, '"q"', "goes backward"),
+        (0.1, "[]", "a list of formulas"),
+        (0.1, "[3]", "a formula"),
+    ):
+        scene.write_text(text.format(step, f))
+        assert main(["expect", str(scene)]) == 2
+        assert words in capsys.readouterr().err
+    scene.write_text(text.format(0.1, '"q"').replace("steps = 20", "steps = 20\nmax_iter = 5"))
+    assert main(["expect", str(scene)]) == 2
+    assert "max_iter = 5 of [run] would have no effect" in capsys.readouterr().err
+    scene.write_text(text.format(-0.1, '"q"') + "horizon = 2.0\n")
+    assert main(["expect", str(scene), "--quiet"]) == 0
+
+
+def test_ctrl_c_prints_what_is_known(tmp_path, capsys, monkeypatch):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 20\nq0 = 1.0\np0 = 0.0\n'
+        '[expect]\nf = ["q", "p"]\nabs = 0.1\n'
+    )
+    answer = ss.expect(ss.models.kubo(), "q", **PLACE, abs=0.1)
+
+    def stopped(model, f, **_):
+        if f == "q":
+            return answer
+        stop = KeyboardInterrupt()
+        stop.partial = answer
+        raise stop
+
+    monkeypatch.setattr(importlib.import_module("symsde.expect.command"), "expect", stopped)
+    assert main(["expect", str(scene), "--quiet"]) == 4
+    assert [line.split(" = ")[0] for line in capsys.readouterr().out.splitlines()] == ["E q", "E p"]
