@@ -82,7 +82,8 @@ class Model:
     one path takes an eighth of the time. It is found out for numba functions (no fastmath, no SVML), and to be declared
     for others.
 
-    The other arguments declare traits, see `Traits` (silent: numbers k of noises with H_k = 0); runs probe them, and refuse a false one by name
+    The other arguments declare traits, see `Traits` (silent: numbers k of noises with H_k = 0); runs probe
+    them, and refuse a false one by name
     (`FalseTraitError`). Without a Hessian it is formed by differences of gradients. An exception raised in
     a Python function stops the run and is raised by the run.
     """

@@ -51,7 +51,7 @@ class FormulaModel(Model):
             raise type(error)(f"{error} ({self._quoted()})") from None
 
     def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
-        """Refuse one state for all paths at which a Hamiltonian or its derivative is singular: no scheme is right there."""
+        """Refuse one state for all paths where a Hamiltonian or its derivative is singular: no scheme is right."""
         if q0.shape[1] != 1 or p0.shape[1] != 1:
             return  # each path has its own status
         w = np.ones(self.nnoise + 1)
