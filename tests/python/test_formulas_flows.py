@@ -72,7 +72,7 @@ def test_time_mixed_products_and_many_coordinates_have_none(H):
     assert "formula_flow" not in mine.formula.source
 
 
-@pytest.mark.parametrize("name", ["kubo", "pendulum"])
+@pytest.mark.parametrize("name", ["kubo", "pendulum", "relativistic"])
 def test_loops_over_lanes_become_vectors(name, tmp_path):
     """A loop of scalars is right, and several times slower: as gcc reports, line by line."""
     version = subprocess.run([*compiler.command(), "--version"], capture_output=True, text=True, check=True).stdout

@@ -17,11 +17,9 @@ HEADER = Path(compiler.__file__).with_name("lane_functions.h").read_text(encodin
 CALLS = {
     "sin": "double s, k; lane_sincos(x[i], &s, &k, FAR, &beyond); y[i] = s;",
     "cos": "double s, k; lane_sincos(x[i], &s, &k, FAR, &beyond); y[i] = k;",
-    "exp": "y[i] = lane_exp(x[i], FAR, &beyond);",
-    "log": "y[i] = lane_log(x[i], FAR, &beyond);",
-    "tanh": "y[i] = lane_tanh(x[i], FAR, &beyond);",
+    **{name: f"y[i] = lane_{name}(x[i], FAR, &beyond);" for name in ("exp", "log", "tanh", "sinh", "cosh", "atan")},
 }
-BOUNDS = {"sin": 1.0, "cos": 1.0, "exp": 1.0, "log": 1.0, "tanh": 2.0}  # ulps
+BOUNDS = {"sin": 1.0, "cos": 1.0, "exp": 1.0, "log": 1.0, "tanh": 2.0, "sinh": 2.0, "cosh": 2.0, "atan": 2.0}  # ulps
 WIDTHS = {"sse2": ["-march=x86-64"], "avx2": ["-march=haswell"], "avx512": ["-march=skylake-avx512"]}
 CONTRACTS = "-DCONTRACTS"  # products and sums as one operation, as a library that is built for one machine has them
 
@@ -59,8 +57,15 @@ def arguments(name):
         return np.concatenate(
             [np.exp(rng.uniform(-700, 700, 1500)), rng.uniform(0.5, 2, 1500), 1 + rng.normal(0, 1e-6, 200)]
         )
-    reach = {"sin": 1e5, "cos": 1e5, "exp": 708.0, "tanh": 25.0}[name]
-    near = np.concatenate([rng.uniform(-2, 2, 1500), 0.625 + rng.normal(0, 1e-8, 100), rng.normal(0, 1e-5, 100)])
+    reach = {"sin": 1e5, "cos": 1e5, "exp": 708.0, "tanh": 25.0, "sinh": 708.0, "cosh": 708.0, "atan": 40.0}[name]
+    near = np.concatenate(
+        [
+            rng.uniform(-2, 2, 1500),
+            0.625 + rng.normal(0, 1e-8, 100),
+            rng.choice([1, 0.66, 2.4142], 300) + rng.normal(0, 1e-4, 300),
+            rng.normal(0, 1e-5, 100),
+        ]
+    )
     turns = np.arange(-200, 200) * np.pi / 4 if reach > 150 else np.arange(-100, 100) * np.log(2) / 8
     return np.concatenate([rng.uniform(-reach, reach, 1500), near, turns, [reach, -reach]])
 
@@ -112,7 +117,7 @@ def test_far_arguments_are_those_of_the_c_library(name):
     y, far = function(name)(x)
     assert far
     with np.errstate(all="ignore"):
-        expected = getattr(np, name)(x)
+        expected = getattr(np, {"atan": "arctan"}.get(name, name))(x)
     assert (np.isnan(y) == np.isnan(expected)).all()
     fine = np.isfinite(expected) & (expected != 0)
     np.testing.assert_allclose(y[fine], expected[fine], rtol=4e-16, atol=1e-323)

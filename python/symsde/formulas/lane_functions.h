@@ -11,6 +11,9 @@
  *    exp       |x| <= 708                      1
  *    log       positive, normal                1
  *    tanh      finite                          2
+ *    sinh      |x| <= 708                      2
+ *    cosh      |x| <= 708                      2
+ *    atan      finite                          2
  */
 #include <math.h>
 #include <stddef.h>
@@ -129,4 +132,46 @@ LANE double lane_tanh(double x, const int far, int64_t *beyond) {
    const double small = FMA(bounded * z, above / below, bounded);
    const double large = 1 - 2 / (near_exp(2 * bounded) + 1);
    return copysign(size < 0.625 ? small : large, x);
+}
+
+/* Near zero the series to the power 19, elsewhere by exp(|x|). */
+LANE double lane_sinh(double x, const int far, int64_t *beyond) {
+   if (far && !(fabs(x) <= 708))
+      return sinh(x);
+   *beyond |= outside(x, 708);
+   const double size = fabs(x), z = x * x, y = near_exp(size);
+   const double high = HORNER6(z, 2.7557319223985893e-06, 2.505210838544172e-08, 1.6059043836821613e-10,
+                               7.647163731819816e-13, 2.8114572543455206e-15, 8.22063524662433e-18);
+   const double poly = FMA(z, FMA(z, FMA(z, high, 0.0001984126984126984), 0.008333333333333333), 0.16666666666666666);
+   const double small = FMA(size * z, poly, size), large = 0.5 * y - 0.5 / y;
+   return copysign(size < 1 ? small : large, x);
+}
+
+LANE double lane_cosh(double x, const int far, int64_t *beyond) {
+   if (far && !(fabs(x) <= 708))
+      return cosh(x);
+   *beyond |= outside(x, 708);
+   const double y = near_exp(fabs(x));
+   return 0.5 * y + 0.5 / y;
+}
+
+/* By -1/x beyond tan(3 pi/8), by (x - 1)/(x + 1) above 0.66, and a quotient of polynomials (Cephes). */
+LANE double lane_atan(double x, const int far, int64_t *beyond) {
+   if (far && !(fabs(x) <= 0x1.fffffffffffffp1023))
+      return atan(x);
+   *beyond |= outside(x, 0x1.fffffffffffffp1023);
+   const double size = fabs(x);
+   const double over = size > 2.414213562373095 ? -1 : size - 1, under = size > 2.414213562373095 ? size : size + 1;
+   const double r = size > 0.66 ? over / under : size, z = r * r;
+   double turn = size > 0.66 ? 0.7853981633974483 : 0, rest = size > 0.66 ? 3.061616997868383e-17 : 0;
+   turn = size > 2.414213562373095 ? 1.5707963267948966 : turn;
+   rest = size > 2.414213562373095 ? 6.123233995736766e-17 : rest;
+   const double above =
+       FMA(z,
+           FMA(z, FMA(z, FMA(z, -8.750608600031904122785e-1, -1.615753718733365076637e1), -7.500855792314704667340e1),
+               -1.228866684490136173410e2),
+           -6.485021904942025371773e1);
+   const double below = HORNER6(z, 1.945506571482613964425e2, 4.853903996359136964868e2, 4.328810604912902668951e2,
+                                1.650270098316988542046e2, 2.485846490142306297962e1, 1.0);
+   return copysign(turn + (FMA(r, z * (above / below), r) + rest), x);
 }
