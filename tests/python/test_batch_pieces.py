@@ -114,7 +114,7 @@ def test_a_path_that_failed_stays_where_it_was():
 
 
 def test_the_line_that_goes_on_trusts_what_the_first_one_did(tmp_path, capsys):
-    options = SimpleNamespace(scene="a b.toml", shard="1/2", allow_python=True)
+    options = SimpleNamespace(scene="a b.toml", shard="1/2", allow_python=True, error_check=False)
     folder = SimpleNamespace(pieces=[1, 2], path=tmp_path)
     assert command._stopped(SimpleNamespace(reason="SIGTERM"), options, folder, [1], None) == 4
     assert f"`symsde run 'a b.toml' --out {tmp_path} --shard 1/2 --allow-python`" in capsys.readouterr().err

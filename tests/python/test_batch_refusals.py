@@ -264,6 +264,9 @@ def test_a_shard_that_cannot_be_read(place, capsys):
         (["--checkpoint", "-1"], "checkpoint = '-1' is no time"),
         (["--shard-paths", "300"], "shard-paths = 300 is not a power of two"),
         (["--shard-paths", ""], "shard-paths"),
+        (["--shard-paths", "²"], "shard-paths = '²' is not a whole number"),
+        (["--shard-paths=-256"], "shard-paths = -256 is out of range: give an integer from 256"),
+        (["--out", ""], "--out is empty: give a folder, or leave it out"),
     ],
 )
 def test_options_that_mean_nothing(options, sentence, place, capsys):
@@ -271,6 +274,32 @@ def test_options_that_mean_nothing(options, sentence, place, capsys):
     assert cli.main(given) == cli.BAD_INPUT
     assert sentence in capsys.readouterr().err
     assert not (place / "out").exists()
+
+
+def test_a_part_of_more_than_there_are_shards(place, capsys):
+    """Nothing is done, which is said; the part does not fail, since the others do the work."""
+    given = ["run", str(place / "scene.toml"), "--out", str(place / "out"), "--shard", "11/12", "--quiet"]
+    assert cli.main([*given, "--shard-paths", "256"]) == cli.OK
+    told = "symsde: part 11/12 has nothing to do: the run is cut into 10: give as many parts at most\n"
+    assert capsys.readouterr().err == told
+    given[3] = str(place / "other")
+    assert cli.main([*given, "--shard-paths", "512"]) == cli.OK
+    assert (
+        "cut into 6: give as many parts at most, or --shard-paths 256 or less in all parts" in capsys.readouterr().err
+    )
+    assert not list((place / "other" / "shards").iterdir())
+
+
+def test_the_error_check_is_not_left_out_silently(place, capsys):
+    given = ["run", str(place / "scene.toml"), "--out", str(place / "part1"), "--quiet", "--error-check"]
+    assert cli.main([*given, "--shard", "1/2"]) == cli.OK
+    assert "symsde: --error-check is made of the whole: give it to `symsde run`" in capsys.readouterr().err
+    assert cli.main([*given[:4], "--dry-run", "--error-check"]) == cli.OK
+    assert "not counted: --error-check" in capsys.readouterr().out
+    assert cli.main([*given, "--max-walltime", "0"]) == cli.STOPPED
+    assert "part1 --error-check`" in capsys.readouterr().err
+    assert not (place / "part1" / "error-check.csv").exists()
+    assert cli.main(given) == cli.OK and (place / "part1" / "error-check.csv").exists()
 
 
 def test_a_refusal_leaves_the_output_of_the_program_alone(place, capfd):

@@ -290,6 +290,8 @@ def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
     refused = {
         ("--of", "s"): "there is no value 's': there are q_1, p_1, energy, r",
         ("--what", "paths", "--of", "r"): "there is no value 'r': there are q_1, p_1, energy",
+        ("--what", "energy", "--of", "q_1"): "there is no value 'q_1': there are energy",
+        ("--what", "observed-extremes", "--of", "q_1"): "there is no value 'q_1': there are r",
         ("--of", "r", "--out", "x.png"): "say which by --what, one of moments, observed-extremes, observed-covariance",
     }
     for options, sentence in refused.items():

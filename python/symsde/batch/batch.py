@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from .. import _files, scene
@@ -31,7 +32,7 @@ class Batch:
         if there and wanted is None:
             size = there["shard_paths"]
         else:
-            size = shard_paths(extent, int(wanted) if wanted and wanted.isdigit() else wanted)
+            size = shard_paths(extent, int(wanted) if wanted and re.fullmatch(r"-?\d{1,30}", wanted) else wanted)
         pieces = plan(extent, size, moments=chosen.moments, saved=chosen.paths)
         return cls(chosen, Task(chosen.model, chosen.run, chosen.observables, chosen.observers), size, pieces, out)
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .. import tabular
+from ..errors import InvalidArgumentError
 from ..moments import Moments
 from . import manifest, results, share
 from .batch import Batch, extent_of
@@ -23,7 +24,7 @@ from .dispatch import Context, dispatch
 from .dry import need
 from .error_check import error_check
 from .folder import RunFolder
-from .plan import Piece
+from .plan import UNIT, Piece
 from .ranks import Ranks
 from .share import Share
 from .show import Show, display
@@ -57,9 +58,13 @@ def run(options: argparse.Namespace) -> int:
     part = Share() if options.shard is None else share.parse(options.shard)
     limit = None if options.max_walltime is None else seconds("max-walltime", options.max_walltime)
     between = 10.0 if options.checkpoint is None else seconds("checkpoint", options.checkpoint)
+    if options.out == "":
+        raise InvalidArgumentError("--out is empty: give a folder, or leave it out")
     batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths)
     if options.dry_run:
         print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved))
+        if options.error_check:
+            print("not counted: --error-check, some of the paths again, at the step and at half of it")
         return OK
     record = manifest.of_scene(batch.scene, batch.size)
     ranks = Ranks.launched()
@@ -75,6 +80,8 @@ def run(options: argparse.Namespace) -> int:
         if ranks.rank > 0 or not fine:
             return OK if fine else INTERNAL  # the rank that failed says why, rank 0 the rest
         missing = folder.missing()
+        if not part.of(batch.pieces):
+            return _nothing(batch, part)
         if missing and (stop.reason or part.n == 1):
             partial = save_partial(batch, folder)
             return _stopped(stop, options, folder, missing, partial)
@@ -162,8 +169,7 @@ def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing
     again = ["symsde", "run", options.scene, "--out", str(folder.path)]
     if options.shard:
         again += ["--shard", options.shard]
-    if options.allow_python:
-        again.append("--allow-python")
+    again += [f"--{name}" for name in ("allow-python", "error-check") if getattr(options, name.replace("-", "_"))]
     print(
         f"symsde: stopped by {stop.reason}; {done} of {len(folder.pieces)} shards are in {folder.path}: "
         f"go on with `{shlex.join(again)}`",
@@ -174,12 +180,28 @@ def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing
     return STOPPED
 
 
+def _nothing(batch: Batch, part: Share) -> int:
+    """A part of more than there are shards: no error, since the others do the work, but said."""
+    finer = f", or --shard-paths {batch.size // 2} or less in all parts" if batch.size > UNIT else ""
+    print(
+        f"symsde: part {part} has nothing to do: the run is cut into {len(batch.pieces)}: give as many parts at most"
+        f"{finer}",
+        file=sys.stderr,
+    )
+    return OK
+
+
 def _partly(options, batch: Batch, folder: RunFolder, missing: list[Piece], part: Share) -> int:
     """Part i of n is done, others are not: what to do when they are."""
     if not options.quiet:
         print(
             f"part {part} is done: {len(folder.pieces) - len(missing)} of {len(folder.pieces)} shards are in "
             f"{folder.path}; when all parts are done: `symsde merge DIR... --out DIR`"
+        )
+    if options.error_check:
+        print(
+            "symsde: --error-check is made of the whole: give it to `symsde run` in the folder of `symsde merge`",
+            file=sys.stderr,
         )
     failed = sum(folder.read(piece).facts["failed"] for piece in part.of(batch.pieces))
     return PATHS_FAILED if failed else OK

@@ -42,9 +42,10 @@ class ErrorCheck:
     def __str__(self) -> str:
         """The last time, and the largest distance."""
         full, half = self.seconds
+        most = max(self.rms[np.isfinite(self.rms)], default=np.nan)
         lines = [
             f"half the step on the same paths ({self.n[0]} of them, {full:.2g} s and {half:.2g} s):",
-            f"  distance of paths, rms: {self.rms[-1]:.3g} at t = {self.t[-1]:.6g}, at most {np.nanmax(self.rms):.3g}",
+            f"  distance of paths, rms: {self.rms[-1]:.3g} at t = {self.t[-1]:.6g}, at most {most:.3g}",
         ]
         for i, name in enumerate(self.names):
             lines.append(f"  mean {name:10s} differs by {self.mean[-1, i]:10.3g} +- {self.se_mean[-1, i]:.2g}")

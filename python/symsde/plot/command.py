@@ -61,7 +61,7 @@ def _chosen(known: Figures, options: argparse.Namespace) -> Figures:
     """The figure that is asked for by --what, or all that show what is asked for by --of."""
     if options.what:
         _checks.choice("--what", options.what, list(known))
-        return {options.what: known[options.what]}
+        known = {options.what: known[options.what]}
     wanted = options.of or []
     every = list(dict.fromkeys(name for figure in known.values() for name in figure.shows))
     for name in wanted:
