@@ -32,6 +32,8 @@ def chain(n):
 def scenes():
     """Name, model, beginning and steps."""
     yield "synchrotron", (ss.models.synchrotron(), 0.5, 0.2), (0.1, 0.25)
+    yield "driven_pendulum", (ss.models.driven_pendulum(), 0.5, 0.2), (0.02, 0.1)
+    yield "pendulum", (ss.models.pendulum(), 0.5, 0.2), (0.02, 0.1)
     yield "henon_heiles", (ss.models.henon_heiles(alpha=0.1), np.array([0.3, 0.2]), np.array([0.1, 0.3])), (0.1, 0.5)
     for n in SITES:
         yield "fpu_chain", chain(n), (0.1, 0.25, 5.0)
