@@ -13,6 +13,7 @@ from symsde.expect import choice, control, quasi, tails, tolerance
 from symsde.expect.answer import Answer
 from symsde.expect.choice import Plan
 from symsde.expect.estimators import Antithetic, Drawn, Extrapolated, Plain
+from symsde.expect.pilot import Pilot
 from symsde.expect.problem import make_problem
 from symsde.expect.stability import frequency
 from symsde.expect.tally import Tally
@@ -453,3 +454,13 @@ def test_formulas_hold_the_time_of_the_end():
     """E q = cos(t) from t = 0, here from t0 = 3 to 5."""
     answer = ss.expect(ss.models.linear_oscillator(), "q + t", **PLACE, t0=3.0, abs=0.05)
     assert abs(answer.value - 5 - math.cos(2.0)) < 2 * answer.half_width
+
+
+def test_a_pilot_is_no_longer_than_what_the_cheapest_way_is_worth(nonlinear):
+    """Plain paths of 100 s are worth 10 s of learning; beside a control variate of 1 s they are worth 0.1 s."""
+    pilot = SimpleNamespace(watch=Watch(None, False))
+    doubled = [SimpleNamespace(seconds=0.0), SimpleNamespace(seconds=0.15)]
+    best = SimpleNamespace(bias=(0.0, 1.0), seconds=100.0, level=1, trial=SimpleNamespace(draws=doubled))
+    assert Pilot._may_learn(pilot, best, 600.0) and not Pilot._may_learn(pilot, best, 1.0)
+    best.bias = (1.1, 1.0)
+    assert not Pilot._may_learn(pilot, best, 600.0)

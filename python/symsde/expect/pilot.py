@@ -103,10 +103,13 @@ class Pilot:
 
     def choose(self) -> list[Plan]:
         """Every plan, the cheapest first."""
-        for _ in range(_DOUBLINGS):
+        most = _LONG  #: seconds that the work may take as far as is known, variants looked at once
+        for doubling in range(_DOUBLINGS):
             plans = self._simple()
             best = min(plans, key=lambda plan: plan.seconds) if plans else None
-            if self.watch.over or not self._learn(best):
+            if doubling == 0 and self.method is None and best is not None and self._may_learn(best, most):
+                most = min([most, *(plan.seconds for plan in self._variants(plans))])
+            if self.watch.over or not self._learn(best, most):
                 break
         plans = self._simple()
         if self.method is None or not any(plan.method == self.method for plan in plans):
@@ -133,19 +136,23 @@ class Pilot:
             found += [kind(trial, self.error) for kind in (choice.plain, choice.extrapolated, choice.multilevel)]
         return [plan for plan in found if plan is not None]
 
-    def _learn(self, best: Plan | None) -> bool:
+    def _learn(self, best: Plan | None, most: float) -> bool:
         """Better know the bias of the best plan, where noise in it asks for a finer step and knowing it is cheap."""
         if best is None:
             trial = min(self.trials, key=lambda x: x.seconds_spent)
             trial.double()
             return True
-        seen, noise = best.bias
-        doubled = sum(draw.seconds for draw in best.trial.draws[1:])
-        afforded = _SHARE * min(best.seconds, self.watch.max_time, _LONG)
-        if best.level == 0 or noise < math.fabs(seen) or doubled > afforded:
+        if not self._may_learn(best, most):
             return False
         best.trial.double()
         return True
+
+    def _may_learn(self, best: Plan, most: float) -> bool:
+        """Its step is that of noise in its bias, and twice the paths cost little beside work of so many seconds."""
+        seen, noise = best.bias
+        doubled = sum(draw.seconds for draw in best.trial.draws[1:])
+        afforded = _SHARE * min(best.seconds, self.watch.max_time, most)
+        return best.level != 0 and noise >= math.fabs(seen) and doubled <= afforded
 
     def _variants(self, plans: list[Plan]) -> list[Plan]:
         """Of the cheapest plain plans, and of the cheapest one whose scheme takes increments alone."""
