@@ -80,9 +80,19 @@ def test_loops_over_lanes_become_vectors(name, tmp_path):
         pytest.skip("the report is of gcc on x86-64")
     source = model(name).formula.source
     (tmp_path / "formula.c").write_text(source)
-    words = [*compiler.command(), *compiler.FLAGS, "-fopt-info-vec-optimized", "-o", "formula.so", "formula.c", "-lm"]
+    words = [
+        *compiler.command(),
+        *compiler.FLAGS,
+        "-fopt-info-vec",
+        "-fopt-info-vec-missed",
+        "-o",
+        "formula.so",
+        "formula.c",
+        "-lm",
+    ]
     told = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True).stderr
     vectors = {int(line.split(":")[1]) for line in told.splitlines() if "loop vectorized" in line}
+    left = {int(line.split(":")[1]) for line in told.splitlines() if "couldn't vectorize loop" in line}
     function, loops = "", {}
     for number, line in enumerate(source.splitlines(), 1):
         if begin := re.match(r"(?:INLINE|LANE \w+) (\w+_(?:in_lanes|derivatives|corrections))\(", line):
@@ -94,6 +104,7 @@ def test_loops_over_lanes_become_vectors(name, tmp_path):
     wanted |= {"midpoint_in_lanes"} if name == "kubo" else {f"{x}_{y}" for x in ALL[3:] for y in passes}
     assert loops.keys() == wanted
     assert {name for name, number in loops.items() if number in vectors} == wanted
+    assert not [x for x, number in loops.items() if x.endswith("corrections") and number in left]  # nor the last one
 
 
 def test_parameters_are_given_when_it_runs():

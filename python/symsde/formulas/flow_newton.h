@@ -32,10 +32,11 @@ INLINE STEP_begin(LANE_IN, const state *s, const int64_t status, STEP_lane *lane
 
 /* One correction from the derivatives e, and the verdict on it; `first`: none came before. A lane that rests stays. */
 LANE void STEP_correct(LANE_IN, const state *s, const double *e, STEP_lane *lane, const int first) {
+   const int64_t rests = bits_of(lane->last) >> 63; /* by bits: compilers make branches of conditions, and no vectors */
    double d[STEP_UNKNOWNS + 1], largest = 0, size = 0, sum = 0;
    STEP_correction(LANE_OF, s, lane->z, e, d);
    for (int k = 0; k < STEP_UNKNOWNS; k++) {
-      const double next = lane->last >= 0 ? lane->z[k] - d[k] : lane->z[k];
+      const double next = either(rests, lane->z[k], lane->z[k] - d[k]);
       largest = fabs(d[k]) > largest ? fabs(d[k]) : largest;
       size = fabs(next) > size ? fabs(next) : size;
       sum += d[k] + next;
@@ -43,8 +44,8 @@ LANE void STEP_correct(LANE_IN, const state *s, const double *e, STEP_lane *lane
    }
    const double correction = largest + 0 * sum; /* no number where anything is not finite */
    const double next = first ? first_verdict(correction, size) : verdict(correction, size, lane->last);
-   lane->steep = lane->last >= 0 ? d[STEP_UNKNOWNS] : lane->steep; /* of the lane, not of its neighbours */
-   lane->last = lane->last >= 0 ? next : lane->last;
+   lane->steep = either(rests, lane->steep, d[STEP_UNKNOWNS]); /* of the lane, not of its neighbours */
+   lane->last = either(rests, lane->last, next);
 }
 
 /* The loops over lanes are short ones, whose lanes a processor overlaps: one for the derivatives, one for the rest. */

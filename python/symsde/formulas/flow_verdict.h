@@ -1,4 +1,9 @@
 
+/* What was where `rests` is -1, what comes next where it is 0. */
+LANE double either(const int64_t rests, const double was, const double next) {
+   return double_of(((uint64_t)bits_of(was) & (uint64_t)rests) | ((uint64_t)bits_of(next) & ~(uint64_t)rests));
+}
+
 /* The library's test for matrices that are derivatives of their residuals (src/solve/stagnation.f90): the size of the
  * correction, or done (-1), or failed (-2), as where d is no number. Corrections that do not shrink may lead to another
  * solution than the library's: such lanes fail here, and are rescued by the library. */

@@ -13,7 +13,7 @@
  *    tanh      finite                          2
  *    sinh      |x| <= 708                      2
  *    cosh      |x| <= 708                      2
- *    atan      finite                          2
+ *    atan      finite                          1
  */
 #include <math.h>
 #include <stddef.h>
