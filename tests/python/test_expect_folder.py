@@ -76,7 +76,7 @@ def test_what_is_there_is_not_drawn_again(model, tmp_path, monkeypatch, method):
     monkeypatch.setattr(importlib.import_module("symsde.expect.estimators").Estimator, "draw", drawn)
     again = ss.expect(model, "q**2", **asked)
     assert (again.value, again.interval, again.paths) == (whole.value, whole.interval, whole.paths)
-    assert again.method == method and again.cost == pytest.approx(whole.cost, rel=0.5)
+    assert again.method == method and again.cost > again.pilot == whole.pilot > 0
 
 
 def test_units_from_one_on_are_those_of_the_whole(model):
@@ -174,7 +174,7 @@ p0 = 0.0
 threads = 1
 [expect]
 f = "q**2"
-abs = 1e-3
+abs = 7e-4
 scheme = "lobatto2_swapped"
 method = "plain"
 """
@@ -196,7 +196,7 @@ def test_a_killed_command_goes_on(tmp_path):
     assert done.returncode == 0, done.stderr
     assert all(path.read_bytes() == content for path, content in there.items())
     low, high = (float(x) for x in done.stdout.split("[")[1].rstrip("]\n").split(","))
-    assert 1e-3 * 2.1 > high - low > 0 and abs((low + high) / 2 - 0.9995) < 4e-3
+    assert 7e-4 * 2.1 > high - low > 0 and abs((low + high) / 2 - 0.9995) < 4e-3
     assert not list((out / "shards").glob(".*"))  # nothing half-written
 
 
