@@ -220,3 +220,9 @@ def test_claims_of_parts_are_by_name(tmp_path):
         names = [keep.Piece(f"units-{i:012d}-5", "draws", i, 5, 5) for i in range(50)]
         assert len({store.folder._number(piece) for piece in names}) == 50
         assert isinstance(store.folder, RunFolder) and math.isfinite(store.folder._number(names[0]))
+
+
+def test_parts_are_read_as_they_were_written():
+    tallies = [Tally(7, 0.1, 2.0, -3.0, 5.0), Tally(8, 1.1, 2.5, 3.5, 4.5), Tally(9, -1.0, 0.0, 0.25, 0.5)]
+    for part in (Drawn(tallies[0], 0.25, 2, 18), keep.Draw(*tallies, 0.5, 3)):
+        assert keep._part_of(keep._shard_of(part, "me")) == part
