@@ -17,6 +17,7 @@
 module symsde_ensemble_observer_passage
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_is_nan
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_lanes, only: padded
    use symsde_base_status, only: error_type, raise, invalid_argument, nonfinite, absorbed
    use symsde_base_text, only: to_text
    use symsde_ensemble_streaming, only: streaming_observer, observer_request, observed_run
@@ -34,11 +35,20 @@ module symsde_ensemble_observer_passage
       integer :: nlist = 0                          !! lost paths that are listed
       logical :: bridges = .false.                  !! noise acts on the value
       integer(i8), allocatable :: side(:), step(:)  !! of each lane: 0 or the end that it left by; when (nlane)
-      logical, allocatable :: outside(:)            !! lanes that are not looked at, or no longer (nlane)
       real(wp), allocatable :: left(:, :)           !! time, q and p when it left (nlane, 1 + 2 ndof)
-      real(wp), allocatable :: x(:), rate(:)        !! value before the step, and s^2 there (nlane)
+      integer :: nlook = 0                          !! lanes that are looked at: side by side, what is known of them
+      integer, allocatable :: lanes(:)              !! which these are; the last one again and again (nlane)
+      integer :: nseen = 0                          !! lanes that had a status when this was last looked up
+      real(wp), allocatable :: x(:), before(:)      !! value after the step, and before it (nlane)
+      real(wp), allocatable :: rate(:)              !! s^2 before the step (nlane)
+      integer(i8), allocatable :: by(:)             !! 0 or the end that it leaves by in this step (nlane)
+      real(wp), allocatable :: chance(:, :)         !! that it was below and above between (nlane, 2)
+      integer(i8), allocatable :: path(:), words(:) !! of a call of the generator
+      real(wp), allocatable :: q(:), p(:), w(:), hq(:), hp(:), own(:)  !! of a call of the model or of observables
    contains
       procedure :: open_block
+      procedure :: is_coordinate
+      procedure :: looks_at_all
       procedure :: take
       procedure :: watches_steps
       procedure :: watch
@@ -90,15 +100,44 @@ contains
 
    subroutine open_block(self)
       class(passage_observer), intent(inout) :: self
+      integer :: lane
 
       associate (n => self%run%nlane)
-         if (.not. allocated(self%side)) &
-            allocate (self%side(n), self%step(n), self%outside(n), self%left(n, self%ncolumn), self%x(n), self%rate(n))
+         if (.not. allocated(self%side)) call new_workspace(self, n)
+         self%side = 0
+         self%rate = 0
+         self%nlook = self%nreal
+         self%lanes = [(min(lane, self%nreal), lane=1, n)]
+         self%nseen = -1
       end associate
-      self%side = 0
-      self%outside = .false.
-      self%rate = 0
    end subroutine open_block
+
+   !> Room for what is kept of a block.
+   subroutine new_workspace(self, n)
+      class(passage_observer), intent(inout) :: self
+      integer, intent(in) :: n
+
+      allocate (self%side(n), self%step(n), self%lanes(n), self%left(n, self%ncolumn))
+      allocate (self%x(n), self%before(n), self%rate(n), self%by(n), self%chance(n, 2))
+      if (self%is_coordinate() .and. .not. self%bridges) return
+      allocate (self%q(n*self%run%ndof), self%p(n*self%run%ndof), self%w(n*(self%run%nnoise + 1)))
+      if (self%bridges) allocate (self%hq(n*self%run%ndof), self%hp(n*self%run%ndof), self%path(n), self%words(4*n))
+      if (associated(self%run%observables)) allocate (self%own(n*self%run%observables%nvalue))
+   end subroutine new_workspace
+
+   !> Whether no lane of the block was left out.
+   pure logical function looks_at_all(self)
+      class(passage_observer), intent(in) :: self
+
+      looks_at_all = self%nlook == self%nreal
+   end function looks_at_all
+
+   !> Whether the value is a coordinate or a momentum.
+   pure logical function is_coordinate(self)
+      class(passage_observer), intent(in) :: self
+
+      is_coordinate = self%request%values(1) <= 2*self%run%ndof
+   end function is_coordinate
 
    !> Steps tell it all: values of saved times may come later.
    subroutine take(self, it, t, values, counts)
@@ -115,118 +154,198 @@ contains
       integer(i8), intent(in) :: istep
       real(wp), intent(in) :: t
       type(lane_state), intent(inout) :: state
-      real(wp) :: x(state%nlane)
-      integer(i8) :: side(state%nlane), at
-      integer :: bridged
+      integer(i8) :: at
+      integer :: nleave
 
-      call value_of(self, t, state, x)
-      call refuse_nan(self, istep, x, state)
-      side = merge(below, 0, x <= self%request%low) + merge(above, 0, x >= self%request%high)
-      bridged = 0
-      if (self%bridges .and. istep > 0) call cross_bridges(self, istep, state, x, side, bridged)
-      self%outside = self%outside .or. state%status /= 0
-      call note(self, istep, t, state, side)
-      if (self%bridges) self%counts(3*self%run%ntime + 1) = self%counts(3*self%run%ntime + 1) + bridged
-      if (self%request%absorbs .and. any(side > 0 .and. .not. self%outside)) &
-         call state%retire(side > 0 .and. .not. self%outside, int(absorbed, i8), self%run%first_step + istep)
-      self%outside = self%outside .or. side > 0
+      if (state%nfailed /= self%nseen) call look_away_from(self, state%status /= 0)
+      self%before(:self%nlook) = self%x(:self%nlook)
+      call value_of(self, t, state)
+      nleave = count_outside(self%nlook, self%x, self%request%low, self%request%high)
+      if (self%bridges .or. nleave > 0) self%by = 0
+      if (self%bridges .and. istep > 0) call cross_bridges(self, istep, nleave)
+      if (nleave > 0) call see_off(self, istep, t, state)
+      self%nseen = state%nfailed
       if (mod(istep, self%run%save_every) == 0) then
          at = 3*(istep/self%run%save_every + 1)
-         self%counts(at) = self%counts(at) + count(.not. self%outside)
+         self%counts(at) = self%counts(at) + self%nlook
       end if
-      self%x = x
-      if (self%bridges .and. .not. all(self%outside)) call noise_on_value(self, t, state)
+      if (self%bridges .and. self%nlook > 0) call noise_on_value(self, t, state)
    end subroutine watch
 
-   !> Paths that are looked at and whose value is not a number.
-   subroutine refuse_nan(self, istep, x, state)
-      class(passage_observer), intent(in) :: self
-      integer(i8), intent(in) :: istep
-      real(wp), intent(in) :: x(:)
-      type(lane_state), intent(inout) :: state
-      logical :: unknown(state%nlane)
+   !> VEC How many of n values are not inside, or no numbers.
+   pure integer function count_outside(n, x, low, high)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: x(n), low, high
+      integer(i8) :: inside
+      integer :: i
 
-      unknown = ieee_is_nan(x) .and. .not. self%outside .and. state%status == 0
-      if (any(unknown)) call state%retire(unknown, int(nonfinite, i8), self%run%first_step + istep)
-   end subroutine refuse_nan
-
-   !> Keep what is known of the lanes that leave now.
-   subroutine note(self, istep, t, state, side)
-      class(passage_observer), intent(inout) :: self
-      integer(i8), intent(in) :: istep, side(:)
-      real(wp), intent(in) :: t
-      type(lane_state), intent(in) :: state
-      integer :: lane, it
-
-      if (.not. any(side > 0)) return
-      it = int((istep + self%run%save_every - 1)/self%run%save_every)
-      do lane = 1, self%nreal
-         if (side(lane) == 0 .or. self%outside(lane)) cycle
-         self%side(lane) = side(lane)
-         self%step(lane) = self%run%first_step + istep
-         self%left(lane, :) = [t, state%q(lane, :), state%p(lane, :)]
-         self%counts(3*it + side(lane)) = self%counts(3*it + side(lane)) + 1
+      inside = 0
+      do i = 1, n
+         inside = inside + merge(1_i8, 0_i8, x(i) > low .and. x(i) < high)
       end do
+      count_outside = n - int(inside)
+   end function count_outside
+
+   !> Some have left, or their values are no numbers: what is known of them is kept, and they are looked at no more.
+   subroutine see_off(self, istep, t, state)
+      class(passage_observer), intent(inout) :: self
+      integer(i8), intent(in) :: istep
+      real(wp), intent(in) :: t
+      type(lane_state), intent(inout) :: state
+      logical :: unknown(state%nlane), gone(state%nlane)
+      integer :: i
+
+      unknown = .false.
+      gone = .false.
+      do i = 1, self%nlook
+         if (ieee_is_nan(self%x(i))) unknown(self%lanes(i)) = .true.
+         if (self%x(i) <= self%request%low) self%by(i) = below
+         if (self%x(i) >= self%request%high) self%by(i) = above
+         if (self%by(i) == 0) cycle
+         call note(self, istep, t, self%lanes(i), self%by(i), state)
+         gone(self%lanes(i)) = .true.
+      end do
+      if (any(unknown)) call state%retire(unknown, int(nonfinite, i8), self%run%first_step + istep)
+      if (self%request%absorbs .and. any(gone)) &
+         call state%retire(gone, int(absorbed, i8), self%run%first_step + istep)
+      call look_away_from(self, unknown .or. gone)
+   end subroutine see_off
+
+   !> Keep what is known of a lane that leaves now.
+   subroutine note(self, istep, t, lane, side, state)
+      class(passage_observer), intent(inout) :: self
+      integer(i8), intent(in) :: istep, side
+      real(wp), intent(in) :: t
+      integer, intent(in) :: lane
+      type(lane_state), intent(in) :: state
+      integer :: it
+
+      it = int((istep + self%run%save_every - 1)/self%run%save_every)
+      self%side(lane) = side
+      self%step(lane) = self%run%first_step + istep
+      self%left(lane, :) = [t, state%q(lane, :), state%p(lane, :)]
+      self%counts(3*it + side) = self%counts(3*it + side) + 1
    end subroutine note
 
-   !> The value that is watched, in all lanes.
-   subroutine value_of(self, t, state, x)
-      class(passage_observer), intent(in) :: self
+   !> The rest of the lanes moves up; the padding repeats the last.
+   subroutine look_away_from(self, leaves)
+      class(passage_observer), intent(inout) :: self
+      logical, intent(in) :: leaves(:)     !! (nlane)
+      integer :: i, n
+
+      n = 0
+      do i = 1, self%nlook
+         if (leaves(self%lanes(i))) cycle
+         n = n + 1
+         self%lanes(n) = self%lanes(i)
+         self%x(n) = self%x(i)
+         self%rate(n) = self%rate(i)
+      end do
+      self%nlook = n
+      if (n > 0) self%lanes(n + 1:) = self%lanes(n)
+   end subroutine look_away_from
+
+   !> The value that is watched, in all lanes that are looked at.
+   subroutine value_of(self, t, state)
+      class(passage_observer), intent(inout) :: self
       real(wp), intent(in) :: t
       type(lane_state), intent(in) :: state
-      real(wp), intent(out) :: x(state%nlane)
-      real(wp), allocatable :: w(:, :), own(:, :)
+      integer :: n
 
-      associate (n => state%ndof, i => self%request%values(1), model => self%run%model)
-         if (i <= n) then
-            x = state%q(:, i)
-         else if (i <= 2*n) then
-            x = state%p(:, i - n)
-         else if (self%run%has_value .and. i == 2*n + 1) then
-            allocate (w(state%nlane, 0:model%traits%nnoise), source=0.0_wp)
-            w(:, 0) = 1
-            call model%value(state%nlane, n, model%traits%nnoise, t, w, state%q, state%p, x)
+      associate (i => self%request%values(1), nlane => state%nlane, ndof => state%ndof)
+         if (i <= ndof) then
+            call take_lanes(nlane, self%nlook, 1, self%lanes, self%looks_at_all(), state%q(:, i), self%x)
+         else if (i <= 2*ndof) then
+            call take_lanes(nlane, self%nlook, 1, self%lanes, self%looks_at_all(), state%p(:, i - ndof), self%x)
          else
-            allocate (own(state%nlane, self%run%observables%nvalue))
-            call self%run%observables%evaluate(state%nlane, n, t, state%q, state%p, own)
-            x = own(:, i - 2*n - merge(1, 0, self%run%has_value))
+            n = padded(self%nlook)
+            if (n == 0) return
+            call take_lanes(nlane, n, ndof, self%lanes, self%looks_at_all(), state%q, self%q)
+            call take_lanes(nlane, n, ndof, self%lanes, self%looks_at_all(), state%p, self%p)
+            call evaluate(self, t, n)
          end if
       end associate
    end subroutine value_of
 
-   !> Lanes that are inside after the step as before, and were outside between.
-   subroutine cross_bridges(self, istep, state, x, side, bridged)
-      class(passage_observer), intent(in) :: self
-      integer(i8), intent(in) :: istep
-      type(lane_state), intent(in) :: state
-      real(wp), intent(in) :: x(:)
-      integer(i8), intent(inout) :: side(:)
-      integer, intent(out) :: bridged
-      real(wp) :: low(state%nlane), high(state%nlane), u, spread
-      integer(i8) :: path(state%nlane), words(state%nlane, 4)
-      integer :: lane
+   !> Energy or observable of n lanes.
+   subroutine evaluate(self, t, n)
+      class(passage_observer), intent(inout) :: self
+      real(wp), intent(in) :: t
+      integer, intent(in) :: n
+      integer :: at
 
-      low = 0
-      high = 0
-      bridged = 0
-      do lane = 1, self%nreal
-         if (side(lane) > 0 .or. self%outside(lane) .or. state%status(lane) /= 0) cycle
-         spread = self%rate(lane)*abs(self%run%step)
-         if (.not. spread > 0) cycle
-         low(lane) = passed(self%x(lane) - self%request%low, x(lane) - self%request%low, spread)
-         high(lane) = passed(self%request%high - self%x(lane), self%request%high - x(lane), spread)
+      associate (ndof => self%run%ndof, m => self%run%nnoise)
+         at = self%request%values(1) - 2*ndof - merge(1, 0, self%run%has_value)
+         if (at == 0) then
+            self%w = 0
+            self%w(:n) = 1
+            call self%run%model%value(n, ndof, m, t, self%w, self%q, self%p, self%x)
+         else
+            call self%run%observables%evaluate(n, ndof, t, self%q, self%p, self%own)
+            self%x(:n) = self%own((at - 1)*n + 1:at*n)
+         end if
+      end associate
+   end subroutine evaluate
+
+   !> Some lanes of x, side by side.
+   pure subroutine take_lanes(nlane, n, ncolumn, lanes, in_place, x, taken)
+      integer, intent(in) :: nlane, n, ncolumn, lanes(n)
+      logical, intent(in) :: in_place                  !! they are the first n
+      real(wp), intent(in) :: x(nlane, ncolumn)
+      real(wp), intent(out) :: taken(n, ncolumn)
+      integer :: i, j
+
+      do j = 1, ncolumn
+         if (in_place) then
+            taken(:, j) = x(:n, j)
+         else
+            do i = 1, n
+               taken(i, j) = x(lanes(i), j)
+            end do
+         end if
       end do
-      if (.not. any(low + high > 0)) return
-      path = [(self%first + lane, lane=0, state%nlane - 1)]
-      call philox_lanes(state%nlane, self%run%seed, path, self%run%first_step + istep - 1, &
-                        int(self%request%values(1), i4), 0_i4, purpose_passage, words)
-      do lane = 1, self%nreal
-         u = (real(words(lane, 1), wp)*2.0_wp**32 + real(words(lane, 2), wp) + 0.5_wp)*2.0_wp**(-64)
-         if (u >= low(lane) + high(lane)) cycle
-         side(lane) = merge(below, above, u < low(lane))
-         bridged = bridged + 1
+   end subroutine take_lanes
+
+   !> Those that are inside after the step as before, and were outside between.
+   subroutine cross_bridges(self, istep, nleave)
+      class(passage_observer), intent(inout) :: self
+      integer(i8), intent(in) :: istep
+      integer, intent(inout) :: nleave     !! lanes that leave in this step
+      real(wp) :: u
+      integer :: i, n
+
+      call judge_bridges(self)
+      n = self%nlook
+      if (.not. any(self%chance(:n, below) + self%chance(:n, above) > 0)) return
+      self%path(:n) = self%first + self%lanes(:n) - 1
+      call philox_lanes(n, self%run%seed, self%path, self%run%first_step + istep - 1, &
+                        int(self%request%values(1), i4), 0_i4, purpose_passage, self%words)
+      do i = 1, n
+         u = (real(self%words(i), wp)*2.0_wp**32 + real(self%words(n + i), wp) + 0.5_wp)*2.0_wp**(-64)
+         if (u >= self%chance(i, below) + self%chance(i, above)) cycle
+         self%by(i) = merge(below, above, u < self%chance(i, below))
+         nleave = nleave + 1
+         self%counts(3*self%run%ntime + 1) = self%counts(3*self%run%ntime + 1) + 1
       end do
    end subroutine cross_bridges
+
+   !> How probable it is that they were outside between.
+   subroutine judge_bridges(self)
+      class(passage_observer), intent(inout) :: self
+      real(wp) :: spread
+      integer :: i
+
+      associate (low => self%request%low, high => self%request%high)
+         self%chance = 0
+         do i = 1, self%nlook
+            if (.not. (self%x(i) > low .and. self%x(i) < high)) cycle
+            spread = self%rate(i)*abs(self%run%step)
+            if (.not. spread > 0) cycle
+            self%chance(i, below) = passed(self%before(i) - low, self%x(i) - low, spread)
+            self%chance(i, above) = passed(high - self%before(i), high - self%x(i), spread)
+         end do
+      end associate
+   end subroutine judge_bridges
 
    !> Probability that a bridge between two points at distances a, b > 0 of an end has passed it; 0 below 1e-20.
    pure real(wp) function passed(a, b, spread)
@@ -241,21 +360,23 @@ contains
       class(passage_observer), intent(inout) :: self
       real(wp), intent(in) :: t
       type(lane_state), intent(in) :: state
-      real(wp) :: w(state%nlane, 0:self%run%model%traits%nnoise)
-      real(wp) :: hq(state%nlane, state%ndof), hp(state%nlane, state%ndof)
-      integer :: k
+      integer :: k, n, at
 
-      self%rate = 0
-      w = 0
-      associate (n => state%ndof, i => self%request%values(1), model => self%run%model)
-         do k = 1, model%traits%nnoise
-            w(:, k) = 1
-            call model%gradient(state%nlane, n, model%traits%nnoise, t, w, state%q, state%p, hq, hp)
-            w(:, k) = 0
-            if (i <= n) then
-               self%rate = self%rate + hp(:, i)**2
+      n = padded(self%nlook)
+      associate (ndof => state%ndof, m => self%run%nnoise, i => self%request%values(1))
+         call take_lanes(state%nlane, n, ndof, self%lanes, self%looks_at_all(), state%q, self%q)
+         call take_lanes(state%nlane, n, ndof, self%lanes, self%looks_at_all(), state%p, self%p)
+         self%rate = 0
+         self%w = 0
+         do k = 1, m
+            self%w(k*n + 1:(k + 1)*n) = 1
+            call self%run%model%gradient(n, ndof, m, t, self%w, self%q, self%p, self%hq, self%hp)
+            self%w(k*n + 1:(k + 1)*n) = 0
+            at = mod(i - 1, ndof)*n
+            if (i <= ndof) then
+               self%rate(:n) = self%rate(:n) + self%hp(at + 1:at + n)**2
             else
-               self%rate = self%rate + hq(:, i - n)**2
+               self%rate(:n) = self%rate(:n) + self%hq(at + 1:at + n)**2
             end if
          end do
       end associate
@@ -315,16 +436,23 @@ contains
       real(wp), intent(inout) :: singles(:)
       integer(i8), intent(in) :: path, step
       real(wp), intent(in) :: left(:)
-      integer :: at, i, n, zero
+      integer :: at, i, n, zero, behind, middle
 
       n = self%ncolumn
       zero = 3*self%run%ntime + 1
-      do at = self%nlist, 1, -1  ! the first place behind lower paths
-         if (counts(zero + at) >= 0 .and. counts(zero + at) < path) exit
+      at = 1  ! the first place behind lower paths, or the first one that is free
+      behind = self%nlist + 1
+      do while (at < behind)
+         middle = (at + behind)/2
+         if (counts(zero + middle) >= 0 .and. counts(zero + middle) < path) then
+            at = middle + 1
+         else
+            behind = middle
+         end if
       end do
-      at = at + 1
       if (at > self%nlist) return
       do i = self%nlist - 1, at, -1
+         if (counts(zero + i) < 0) cycle
          counts(zero + i + 1) = counts(zero + i)
          counts(zero + self%nlist + i + 1) = counts(zero + self%nlist + i)
          singles(i*n + 1:(i + 1)*n) = singles((i - 1)*n + 1:i*n)
