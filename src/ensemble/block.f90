@@ -11,6 +11,7 @@ module symsde_ensemble_block
    use symsde_base_lanes, only: path_of_lane
    use symsde_base_record, only: step_record, steps_record, step_store, step_request, new_step_store
    use symsde_base_status, only: stopped
+   use symsde_ensemble_ahead, only: pairs_ahead, states_ahead, pairs_of
    use symsde_ensemble_initial_state, only: initial_state
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
@@ -24,7 +25,7 @@ module symsde_ensemble_block
    use symsde_step_whole, only: whole_stepper
    implicit none
    private
-   public :: block_runner, new_block_runner, pairs_ahead, states_ahead, lone_paths
+   public :: block_runner, new_block_runner, lone_paths
 
    !> All that one thread needs: nothing in it is shared with other threads except read-only data.
    type :: block_runner
@@ -37,7 +38,7 @@ module symsde_ensemble_block
       class(noise_type), pointer :: noise => null()
       type(lane_state) :: state
       integer :: nreal = 0
-      integer(i8) :: first = 0, step = 0   !! first global path; absolute step that comes next
+      integer(i8) :: step = 0              !! absolute step that comes next
       integer(i8) :: pair = -1             !! pair of steps that increments were last taken from
       type(step_store) :: store            !! steps that were drawn ahead, or are asked for one pair at a time
       type(step_request) :: request        !! paths of the block, and the pairs of steps in the store
@@ -55,22 +56,24 @@ module symsde_ensemble_block
       real(wp), allocatable :: qn(:, :, :), pn(:, :, :)  !! these states (nlane, ndof, nout)
       real(wp), allocatable :: times(:)                  !! when (nout)
       integer(i8), allocatable :: status(:)              !! of their lanes (nlane)
+      integer :: enough = 0                              !! lanes with a status that end a chunk
+      type(block_runner), pointer :: narrower => null()  !! a list of others, for the paths that are left; owned
+      integer, allocatable :: origin(:)                  !! where one of these has its lanes from (nlane)
    contains
       procedure :: equip
       procedure :: set_lone
       procedure :: begin
+      procedure :: begin_with
       procedure :: pass_over
       procedure :: run_chunk
       procedure :: finish
+      procedure :: settle_normals
       procedure :: is_done
       procedure :: tally
       final :: release
    end type block_runner
 
-   integer, parameter :: few_lanes = 8, few_columns = 8
    integer, parameter :: lone_paths = 2           !! of a block: side by side three take 0.6 to 1.2 of the time
-   integer, parameter :: most_increments = 32768  !! of a block that are drawn ahead: 256 kB
-   integer(i8), parameter :: most_states = 4096   !! values of q that are kept until they are shown: 32 kB
    real(wp), parameter :: longest_chunk = 0.05_wp  !! seconds
 
 contains
@@ -139,37 +142,6 @@ contains
       allocate (self%observer, source=observer)
    end subroutine equip
 
-   !> States after whole steps that are kept until they are shown.
-   pure integer function states_ahead(nlane, ndof)
-      integer, intent(in) :: nlane, ndof
-
-      states_ahead = int(max(1_i8, min(128_i8, most_states/(int(nlane, i8)*ndof))))
-   end function states_ahead
-
-   !> Pairs of steps whose increments and functionals, so many columns a step, are drawn at once: two make use of all
-   !> words of a draw, four of the fastest kernel, more spare passes over the block where a model takes whole steps,
-   !> and the few paths of a small block fill the lanes of the generator with steps.
-   pure integer function pairs_ahead(nlane, ncolumn)
-      integer, intent(in) :: nlane, ncolumn
-
-      if (nlane <= few_lanes .and. ncolumn <= few_columns) then
-         pairs_ahead = 64
-      else if (32_i8*nlane*ncolumn <= most_increments) then
-         pairs_ahead = 16
-      else if (8_i8*nlane*ncolumn <= most_increments) then
-         pairs_ahead = 4
-      else
-         pairs_ahead = 2
-      end if
-   end function pairs_ahead
-
-   !> Pairs of steps that a run touches, or a number of them that is no limit.
-   pure integer function pairs_of(options)
-      type(run_options), intent(in) :: options
-
-      pairs_of = int(min(options%nstep/2 + 2, 1024_i8))
-   end function pairs_of
-
    !> Load the state of paths first .. first+nreal-1, and show it, unless a stopped run goes on from there.
    subroutine begin(self, first, nreal, start)
       class(block_runner), intent(inout) :: self
@@ -190,22 +162,35 @@ contains
       integer, intent(in) :: nreal
       type(initial_state), intent(in) :: start
 
-      self%first = first
-      self%nreal = nreal
-      self%step = self%options%first_step
-      self%pair = -1
-      self%nahead = 0
-      self%normals = 0
+      integer(i8) :: path(self%state%nlane)
+
+      call path_of_lane(self%state%nlane, first, nreal, path)
+      call self%begin_with(self%options%first_step, nreal, path)
       self%alone = allocated(self%lone) .and. nreal <= lone_paths
-      self%stepper%ham%nreal = nreal
-      if (associated(self%real_lanes)) self%real_lanes%nreal = nreal
-      self%request%nreal = nreal
-      call path_of_lane(self%state%nlane, first, nreal, self%request%path)
       call start%give(first - self%options%first_path, nreal, self%options%first_step + self%options%nstep, self%step, &
                       self%state)
    end subroutine take_state
 
-   !> Steps until the chunk or the run is over, or all paths of the block have failed.
+   !> A block of these paths, the first nreal of them real, whose step number `step` comes next; without their state.
+   subroutine begin_with(self, step, nreal, path)
+      class(block_runner), intent(inout) :: self
+      integer(i8), intent(in) :: step, path(self%state%nlane)
+      integer, intent(in) :: nreal
+
+      self%nreal = nreal
+      self%step = step
+      self%pair = -1
+      self%nahead = 0
+      self%normals = 0
+      self%alone = .false.
+      self%stepper%ham%nreal = nreal
+      if (associated(self%real_lanes)) self%real_lanes%nreal = nreal
+      self%request%nreal = nreal
+      self%request%path = path
+      self%enough = self%state%nlane
+   end subroutine begin_with
+
+   !> Steps until the chunk or the run is over, or enough paths of the block have failed.
    subroutine run_chunk(self)
       class(block_runner), intent(inout) :: self
       integer(i8) :: last, ticks, ticks_end, rate
@@ -214,8 +199,8 @@ contains
 
       call system_clock(ticks, rate)
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
-      do while (self%step < last .and. self%state%nfailed < self%state%nlane)
-         if (self%step/2 /= self%pair) call draw(self)
+      do while (self%step < last .and. self%state%nfailed < self%enough)
+         if (self%step/2 /= self%pair .or. self%nahead == 0) call draw(self)
          alone = self%alone
          if (alone) call self%lone%is_rested(alone)
          if (self%whole) then
@@ -460,11 +445,19 @@ contains
          reached = (self%step - self%options%first_step)/self%options%save_every
          if (reached < self%options%nstep/self%options%save_every) call self%observer%skip(reached + 1)
       end if
-      self%counters%normals = self%counters%normals + self%normals*self%nreal
+      call self%settle_normals()
    end subroutine finish
 
+   !> The normals of this block are counted.
+   subroutine settle_normals(self)
+      class(block_runner), intent(inout) :: self
+
+      self%counters%normals = self%counters%normals + self%normals*self%nreal
+      self%normals = 0
+   end subroutine settle_normals
+
    !> Add what was counted, by this block, its stepper and its rescue.
-   subroutine tally(self, total)
+   recursive subroutine tally(self, total)
       class(block_runner), intent(in) :: self
       type(counters_type), intent(inout) :: total
 
@@ -472,13 +465,15 @@ contains
       if (allocated(self%lone)) call add_counters(total, self%lone%counters)
       call self%stepper%tally(total)
       call self%rescue%tally(total)
+      if (associated(self%narrower)) call self%narrower%tally(total)
    end subroutine tally
 
-   !> Give back the view of the model.
-   impure elemental subroutine release(self)
+   !> Give back the view of the model, and the narrower runners.
+   impure elemental recursive subroutine release(self)
       type(block_runner), intent(inout) :: self
 
       if (associated(self%real_lanes)) deallocate (self%real_lanes)
+      if (associated(self%narrower)) deallocate (self%narrower)
    end subroutine release
 
    subroutine save_point(self)

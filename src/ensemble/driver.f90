@@ -15,11 +15,12 @@ module symsde_ensemble_driver
                                  callback_failed, paths_failed, out_of_memory, too_large
    use symsde_base_text, only: to_text
    use symsde_ensemble_areas, only: choose_areas, check_area_counters
-   use symsde_ensemble_block, only: block_runner, new_block_runner, lone_paths
+   use symsde_ensemble_block, only: block_runner, lone_paths
    use symsde_ensemble_initial_state, only: initial_state, new_initial_state
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_recipe, only: runner_recipe
    use symsde_ensemble_report, only: run_report, describe_left_out
    use symsde_ensemble_memory, only: fit_threads
    use symsde_ensemble_threads, only: shared_state, run_blocks, choose_nthread, usable_threads
@@ -27,7 +28,6 @@ module symsde_ensemble_driver
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
    use symsde_model_catalogue, only: is_built_in
-   use symsde_model_real_lanes, only: real_lanes_model, new_real_lanes
    use symsde_model_probe, only: probe_model
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
@@ -35,11 +35,9 @@ module symsde_ensemble_driver
    use symsde_noise_truncation, only: truncation_bound, lost_variance
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
-   use symsde_step_factory, only: stepper_options, new_stepper, resolve_correction
+   use symsde_step_factory, only: resolve_correction
    use symsde_step_lone, only: lone_stepper
    use symsde_step_probe_flow, only: probe_flow
-   use symsde_step_rescue, only: new_rescue
-   use symsde_step_stepper, only: stepper_type
    implicit none
    private
    public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, check_state
@@ -52,8 +50,8 @@ module symsde_ensemble_driver
       type(run_options) :: options
       type(run_report) :: report     !! totals of all drives; the outcome of the last one
       class(model_type), pointer, private :: model => null()
-      type(scheme_type), private :: scheme
       class(noise_type), allocatable, private :: noise         !! where a drive is not given its own
+      type(runner_recipe), private :: recipe
       type(block_runner), allocatable, private :: runners(:)   !! one for every thread
    contains
       procedure :: drive
@@ -123,7 +121,7 @@ contains
       call check_options(options, error)
       if (allocated(error)) return
       self%model => model
-      self%scheme = scheme
+      self%recipe%scheme = scheme
       self%options = options
       call check_state(options, model%traits%ndof, q0, p0, error)
       if (.not. allocated(error)) call plan_run(self, observer, error)
@@ -161,11 +159,11 @@ contains
       call check_options(self%options, error)
       if (allocated(error)) return
       if (present(dw)) then
-         call new_noise(given, self%model, self%options, lost, error, dw, self%scheme)
+         call new_noise(given, self%model, self%options, lost, error, dw, self%recipe%scheme)
          noise => given
       else
          noise => self%noise
-         call check_functionals(self%model, self%scheme, self%options, noise%asked, noise%areas, .false., error)
+         call check_functionals(self%model, self%recipe%scheme, self%options, noise%asked, noise%areas, .false., error)
       end if
       if (allocated(error)) return
       start = seconds()
@@ -177,7 +175,7 @@ contains
       call self%model%clear_failure()
       shared%total = self%options%npath*self%options%nstep
       call blas_single_thread()
-      call run_blocks(self%runners(:nthread), self%options, from, monitor, shared)
+      call run_blocks(self%runners(:nthread), self%recipe, self%options, from, monitor, shared)
       call blas_restore_threads()
       self%report%seconds_run = self%report%seconds_run + (seconds() - start)
       call summarise(self, shared)
@@ -197,7 +195,8 @@ contains
       self%options%first_step = options%first_step
       self%options%seed = options%seed
       if (options%seed /= seed) &
-         call new_noise(self%noise, self%model, self%options, self%report%lost_variance, error, scheme=self%scheme)
+         call new_noise(self%noise, self%model, self%options, self%report%lost_variance, error, &
+                        scheme=self%recipe%scheme)
    end subroutine renumber
 
    !> Lanes of a block, and threads: as many as are asked for, have blocks to do, and find memory.
@@ -214,7 +213,8 @@ contains
          report%nlane = choose_nlane(self%options, self%model)
          nblock = (self%options%npath + report%nlane - 1)/report%nlane
          report%nthread = int(min(int(nthread, i8), nblock))
-         call fit_threads(self%model, self%scheme, self%options, observer, report%nlane, report%nthread, error)
+         call fit_threads(self%model, self%recipe%scheme, self%options, observer, report%nlane, report%nthread, &
+                          self%recipe%narrows, error)
       end associate
    end subroutine plan_run
 
@@ -222,19 +222,19 @@ contains
    subroutine new_runners(self, error)
       type(ensemble_type), intent(inout) :: self
       type(error_type), allocatable, intent(inout) :: error
-      class(stepper_type), allocatable :: stepper
       class(lone_stepper), allocatable :: lone
-      type(stepper_options) :: choice
-      type(real_lanes_model), pointer :: view
-      class(model_type), pointer :: seen
+      logical :: has_padding
       integer :: i, info
 
-      choice%correction = self%options%correction
-      choice%general = self%options%general
-      choice%newton%max_iter = self%options%max_iter
-      choice%newton%fixed_point = self%options%fixed_point
-      choice%as_increments = self%options%compensated
-      associate (report => self%report, model => self%model, scheme => self%scheme)
+      associate (report => self%report, model => self%model, scheme => self%recipe%scheme, choice => self%recipe%choice)
+         choice%correction = self%options%correction
+         choice%general = self%options%general
+         choice%newton%max_iter = self%options%max_iter
+         choice%newton%fixed_point = self%options%fixed_point
+         choice%as_increments = self%options%compensated
+         self%recipe%model => model
+         self%recipe%options = self%options
+         self%recipe%asked = self%noise%asked
          call resolve_correction(report%correction, model, scheme, self%options%correction, error)
          if (allocated(error)) return
          allocate (self%runners(report%nthread), stat=info)
@@ -242,19 +242,16 @@ contains
             call raise(error, out_of_memory, 'new_runners', 'no memory for '//to_text(report%nthread)//' threads')
             return
          end if
+         has_padding = mod(self%options%npath, int(report%nlane, i8)) > 0
          do i = 1, report%nthread
-            call look_at_real_lanes(model, self%options%npath, report%nlane, view, seen)
-            call new_stepper(stepper, seen, scheme, choice, report%nlane, error)
+            call self%recipe%new_runner(self%runners(i), report%nlane, has_padding, error)
             if (allocated(error)) return
-            if (i == 1) report%stepper = stepper%name
-            call new_block_runner(self%runners(i), self%options, report%nlane, stepper, self%noise%asked)
-            self%runners(i)%real_lanes => view
             if (takes_lone_paths(model, self%options%npath, report%nlane)) then
                call self%runners(i)%stepper%offer_lone(lone)
                call self%runners(i)%set_lone(lone, model)
             end if
-            call new_rescue(self%runners(i)%rescue, model, scheme, self%runners(i)%stepper, choice%newton)
          end do
+         report%stepper = self%runners(1)%stepper%name
          call describe_left_out(model, scheme, report%correction, self%runners(1)%stepper, report%left_out)
       end associate
    end subroutine new_runners
@@ -279,26 +276,6 @@ contains
          has_any_lanes = model%any_lanes
       end select
    end function has_any_lanes
-
-   !> The model as a stepper sees it: padding is kept from functions whose lanes do not need it.
-   subroutine look_at_real_lanes(model, npath, nlane, view, seen)
-      class(model_type), intent(in), target :: model
-      integer(i8), intent(in) :: npath
-      integer, intent(in) :: nlane
-      type(real_lanes_model), pointer, intent(out) :: view  !! a view to be owned by the runner, or null
-      class(model_type), pointer, intent(out) :: seen
-
-      nullify (view)
-      seen => model
-      if (mod(npath, int(nlane, i8)) == 0) return
-      select type (model)
-      type is (callback_model)
-         if (.not. model%any_lanes .or. model%traits%has_chain_rows) return  ! rows come in strips of a fixed width
-         allocate (view)
-         call new_real_lanes(view, model)
-         seen => view
-      end select
-   end subroutine look_at_real_lanes
 
    !> The noise source of a run: prescribed increments where they are given, else Brownian.
    !> A scheme may ask for a law and for functionals of the path; without one these are dW, Gaussian.

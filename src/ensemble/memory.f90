@@ -6,7 +6,8 @@ module symsde_ensemble_memory
    use symsde_base_memory, only: memory_for, require_memory
    use symsde_base_status, only: error_type
    use symsde_base_text, only: to_text
-   use symsde_ensemble_block, only: pairs_ahead, states_ahead
+   use symsde_ensemble_ahead, only: pairs_ahead, states_ahead
+   use symsde_ensemble_narrow, only: narrower_width
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
@@ -15,26 +16,31 @@ module symsde_ensemble_memory
    use symsde_step_memory, only: stepper_numbers
    implicit none
    private
-   public :: fit_threads, noise_numbers
+   public :: fit_threads, narrower_numbers, noise_numbers
 
    integer, parameter :: levels = 64  !! of intervals that the integrals of a step are put together from
 
 contains
 
-   !> Take fewer threads where memory does not suffice for all, which changes no result; refuse (out_of_memory)
-   !> what does not fit on one.
-   subroutine fit_threads(model, scheme, options, observer, nlane, nthread, error)
+   !> Take fewer threads where memory does not suffice for all, and no narrower blocks where it does not suffice for
+   !> these on all threads; neither changes a result. Refuse (out_of_memory) what does not fit on one.
+   subroutine fit_threads(model, scheme, options, observer, nlane, nthread, narrows, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
       class(observer_type), intent(in) :: observer
       integer, intent(in) :: nlane          !! lanes of a block
       integer, intent(inout) :: nthread     !! in: as many as are wanted
+      logical, intent(out) :: narrows       !! paths that are left may go on in narrower blocks
       type(error_type), allocatable, intent(inout) :: error
       real(wp) :: block
 
+      narrows = .false.
       if (allocated(error)) return
       block = block_numbers(model, scheme, options, nlane)
+      narrows = memory_for(nthread*(block + narrower_numbers(model, scheme, options, nlane)) + &
+                           observer%numbers(options%npath, nthread), nthread - 1)
+      if (narrows) return
       do while (nthread > 1)
          if (memory_for(nthread*block + observer%numbers(options%npath, nthread), nthread - 1)) return
          nthread = nthread/2
@@ -45,6 +51,22 @@ contains
                           to_text(nlane)//' paths at a time)', 'give a smaller system, a scheme of one stage such '// &
                           'as midpoint, fewer lanes, or save less often', 'run_ensemble', error)
    end subroutine fit_threads
+
+   !> Numbers that one thread holds when it has made all narrower blocks.
+   real(wp) function narrower_numbers(model, scheme, options, nlane) result(numbers)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: nlane
+      integer :: width
+
+      numbers = 0
+      width = nlane
+      do while (narrower_width(width) < width)
+         width = narrower_width(width)
+         numbers = numbers + block_numbers(model, scheme, options, width)
+      end do
+   end function narrower_numbers
 
    !> Numbers that one thread holds: the stepper, a block of paths, its noise.
    real(wp) function block_numbers(model, scheme, options, nlane) result(numbers)

@@ -9,7 +9,9 @@ module symsde_ensemble_threads
    use symsde_ensemble_block, only: block_runner
    use symsde_ensemble_initial_state, only: initial_state
    use symsde_ensemble_monitor, only: monitor_type
+   use symsde_ensemble_narrow, only: narrow_down, come_back
    use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_recipe, only: runner_recipe
    implicit none
    private
    public :: shared_state, run_blocks, choose_nthread, usable_threads
@@ -42,8 +44,9 @@ module symsde_ensemble_threads
 contains
 
    !> The parallel loop over blocks.
-   subroutine run_blocks(runners, options, start, monitor, shared)
-      type(block_runner), intent(inout) :: runners(:)
+   subroutine run_blocks(runners, recipe, options, start, monitor, shared)
+      type(block_runner), intent(inout), target :: runners(:)
+      type(runner_recipe), intent(in) :: recipe
       type(run_options), intent(in) :: options
       type(initial_state), intent(in) :: start
       class(monitor_type), intent(inout) :: monitor
@@ -55,7 +58,7 @@ contains
       nlane = runners(1)%state%nlane
       nblock = (options%npath + nlane - 1)/nlane
       !$omp parallel num_threads(size(runners)) default(none) private(me, nreal, iblock, stopping) &
-      !$omp shared(runners, options, start, monitor, shared, nblock, nlane)
+      !$omp shared(runners, recipe, options, start, monitor, shared, nblock, nlane)
       me = omp_get_thread_num() + 1
       do
          !$omp atomic capture
@@ -70,7 +73,7 @@ contains
             call runners(me)%pass_over(options%first_path + iblock*nlane, nreal, start)
          else
             call runners(me)%begin(options%first_path + iblock*nlane, nreal, start)
-            call run_block(runners(me), me == 1, monitor, shared)
+            call run_block(runners(me), recipe, me == 1, monitor, shared)
          end if
          !$omp critical (symsde_end_block)
          call runners(me)%observer%end_block(runners(me)%state)
@@ -117,22 +120,26 @@ contains
    end subroutine watch
 
    !> One block, chunk by chunk; between chunks the stop flag is read and the monitor is told.
-   subroutine run_block(runner, is_caller, monitor, shared)
-      type(block_runner), intent(inout) :: runner
+   subroutine run_block(runner, recipe, is_caller, monitor, shared)
+      type(block_runner), intent(inout), target :: runner
+      type(runner_recipe), intent(in) :: recipe
       logical, intent(in) :: is_caller   !! this is the thread that called the library
       class(monitor_type), intent(inout) :: monitor
       type(shared_state), intent(inout) :: shared
+      type(block_runner), pointer :: active   !! who has the paths of the block
       integer(i8) :: before, done
       logical :: stop_now
 
-      do while (.not. runner%is_done())
+      active => runner
+      do while (.not. active%is_done())
          !$omp atomic read
          stop_now = shared%stopping
          if (stop_now) exit
-         before = runner%step
-         call runner%run_chunk()
+         call narrow_down(recipe, runner, active)
+         before = active%step
+         call active%run_chunk()
          !$omp atomic capture
-         shared%done = shared%done + (runner%step - before)*runner%nreal
+         shared%done = shared%done + (active%step - before)*runner%nreal
          done = shared%done
          !$omp end atomic
          stop_now = runner%stepper%ham%model%failure_code() /= 0 .or. runner%observer%failure_code() /= 0
@@ -142,6 +149,7 @@ contains
             shared%stopping = .true.
          end if
       end do
+      call come_back(runner, active)
       call runner%finish()
    end subroutine run_block
 

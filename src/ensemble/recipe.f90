@@ -1,0 +1,74 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> How a block runner of any width is made for a run: what threads share, and what one of them makes when it needs it.
+module symsde_ensemble_recipe
+   use symsde_base_functionals, only: functional_set
+   use symsde_base_kinds, only: i8
+   use symsde_base_status, only: error_type
+   use symsde_ensemble_block, only: block_runner, new_block_runner
+   use symsde_ensemble_options, only: run_options
+   use symsde_model_abstract, only: model_type
+   use symsde_model_callback, only: callback_model
+   use symsde_model_real_lanes, only: real_lanes_model, new_real_lanes
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_step_factory, only: stepper_options, new_stepper
+   use symsde_step_rescue, only: new_rescue
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: runner_recipe
+
+   type :: runner_recipe
+      class(model_type), pointer :: model => null()
+      type(scheme_type) :: scheme
+      type(stepper_options) :: choice
+      type(run_options) :: options
+      type(functional_set) :: asked     !! of the path, beside its increments
+      logical :: narrows = .false.      !! there is memory for narrower blocks, too
+   contains
+      procedure :: new_runner
+   end type runner_recipe
+
+contains
+
+   !> A runner for blocks of nlane lanes.
+   subroutine new_runner(self, runner, nlane, has_padding, error)
+      class(runner_recipe), intent(in) :: self
+      type(block_runner), intent(out) :: runner
+      integer, intent(in) :: nlane
+      logical, intent(in) :: has_padding        !! some block will not be full
+      type(error_type), allocatable, intent(inout) :: error
+      class(stepper_type), allocatable :: stepper
+      type(real_lanes_model), pointer :: view
+      class(model_type), pointer :: seen
+
+      call look_at_real_lanes(self%model, has_padding, view, seen)
+      call new_stepper(stepper, seen, self%scheme, self%choice, nlane, error)
+      if (allocated(error)) then
+         if (associated(view)) deallocate (view)
+         return
+      end if
+      call new_block_runner(runner, self%options, nlane, stepper, self%asked)
+      runner%real_lanes => view
+      call new_rescue(runner%rescue, self%model, self%scheme, runner%stepper, self%choice%newton)
+   end subroutine new_runner
+
+   !> The model as a stepper sees it: padding is kept from functions whose lanes do not need it.
+   subroutine look_at_real_lanes(model, has_padding, view, seen)
+      class(model_type), intent(in), target :: model
+      logical, intent(in) :: has_padding
+      type(real_lanes_model), pointer, intent(out) :: view  !! a view to be owned by the runner, or null
+      class(model_type), pointer, intent(out) :: seen
+
+      nullify (view)
+      seen => model
+      if (.not. has_padding) return
+      select type (model)
+      type is (callback_model)
+         if (.not. model%any_lanes .or. model%traits%has_chain_rows) return  ! rows come in strips of a fixed width
+         allocate (view)
+         call new_real_lanes(view, model)
+         seen => view
+      end select
+   end subroutine look_at_real_lanes
+
+end module symsde_ensemble_recipe
