@@ -117,6 +117,8 @@ def _completion(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> int:
     chosen = scene.load(options.scene)
     report = chosen.try_out().report
+    if "study" in chosen.tables:
+        importlib.import_module("symsde.study.scenes").check(options.scene)
     print(f"{options.scene}: ok")
     print(f"{'model':11s}{chosen.model!r}\n{'stepper':11s}{report.stepper}")
     print(f"{'left out':11s}{'; '.join(report.left_out) or 'nothing'}")

@@ -225,6 +225,26 @@ def test_page(tmp_path):
     assert (tmp_path / "figures" / "work-precision-kubo.png").is_file()
 
 
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("schemes = -inf", "schemes = -inf"),
+        ("steps = [16, -inf]", "steps = -inf"),
+        ('schemes = ["midpiont"]', "there is no scheme 'midpiont'"),
+        ("horizon = -1.0", "horizon = -1"),
+    ],
+)
+def test_check_refuses_what_the_study_would(tmp_path, capsys, monkeypatch, line, words):
+    """The values of [study], not its keys alone; a good one is ok."""
+    monkeypatch.setattr(study, "measure", lambda *_: pytest.fail("a point was measured"))
+    head, _, _ = (SCENES / "kubo.toml").read_text().partition("[study]")
+    (tmp_path / "a.toml").write_text(f"{head}[study]\n{line}\n")
+    assert cli.main(["check", str(tmp_path / "a.toml")]) == cli.BAD_INPUT
+    assert f"a.toml: [study]: {words}" in capsys.readouterr().err
+    assert cli.main(["check", str(SCENES / "kubo.toml")]) == cli.OK
+    assert "ok" in capsys.readouterr().out
+
+
 def test_a_bad_scene_of_a_folder_is_refused_first(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(study, "measure", lambda *_: pytest.fail("a point was measured"))
     text = (SCENES / "kubo.toml").read_text()
