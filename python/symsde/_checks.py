@@ -144,9 +144,9 @@ def state(name: str, value: object, ndof: int, paths: int) -> np.ndarray:
     )
 
 
-def columns(*states: object) -> int:
-    """Number of points that states, each a number, (dof,) or (dof, path), are given at."""
-    arrays = [real_array("a state", x) for x in states]
+def columns(**given: object) -> int:
+    """Number of points that arguments, each a number, (row,) or (row, path), are given at."""
+    arrays = [real_array(name, x) for name, x in given.items()]
     return max([1, *(x.shape[1] for x in arrays if x.ndim == 2)])
 
 

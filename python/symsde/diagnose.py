@@ -39,7 +39,7 @@ def symplecticity(
     """
     decided = {"steps": "it makes one", "paths": "the points are those of q, p and dw", "t0": "give t"}
     _checks.not_given("symplecticity", options, decided)
-    points = _checks.columns(q, p, *([] if dw is None else [dw]))
+    points = _checks.columns(q=q, p=p, **({} if dw is None else {"dw": dw}))
     chosen = make_options(model, step=step, steps=1, paths=points, seed=seed, t0=t, **options)
     q, p = (_checks.full(_checks.state(name, x, model.ndof, points), points) for name, x in (("q", q), ("p", p)))
     chosen_scheme = as_scheme(scheme)

@@ -70,6 +70,8 @@ class Model:
       as fast as of the built-in one
 
     with w of shape (nnoise + 1, lane), q, p, vq, vp and gradients of shape (dof, lane). A lane fails by NaN.
+    Everything is float64: results of other real types are converted, and those computed in float32 keep its error
+    of 1e-7, below which Newton and differences of such a gradient find nothing.
     They are Python functions on NumPy arrays (then runs use one thread unless told otherwise), or compiled
     functions of the C signature in symsde.h: a ``numba.cfunc`` (see `numba_signature`), a ctypes function
     pointer, or a ``scipy.LowLevelCallable``. Compiled functions write all their outputs, or, with ``accepts_null``,
@@ -281,7 +283,7 @@ class Model:
 
     def _points(self, q, p, w):
         """Points and weights with one column for each path."""
-        npath = _checks.columns(q, p)
+        npath = _checks.columns(q=q, p=p)
         q, p = (_checks.full(_checks.state(name, x, self.ndof, npath), npath) for name, x in (("q", q), ("p", p)))
         if w is None:
             w = np.zeros(self.nnoise + 1)

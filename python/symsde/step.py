@@ -37,7 +37,8 @@ def step(  # noqa: PLR0917 - the step reads like its formula
     Options of `simulate` (correction, general, fixed_point, ...) are passed on. A point whose step fails is NaN.
     """
     _checks.not_given("step", options, _DECIDED)
-    run = prepare(model, scheme, step=step, q0=q, p0=p, t0=t, paths=_checks.columns(q, p, dw), **options)
+    points = _checks.columns(q=q, p=p, dw=dw)
+    run = prepare(model, scheme, step=step, q0=q, p0=p, t0=t, paths=points, **options)
     run.step(dw)
     if run.status.any():
         run.q[:, run.status != 0] = run.p[:, run.status != 0] = np.nan

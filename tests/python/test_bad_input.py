@@ -110,6 +110,16 @@ OTHERS = [
         ["'steps'", "step: it makes one"],
     ),
     (lambda: ss.step(MODEL, "midpoint", 1.0, 0.0, 0.1, paths=3), errors.WrongTypeError, ["'paths'", "points"]),
+    (
+        lambda: ss.step(MODEL, "midpoint", 1.0, 0.0, 0.1, dw=np.ma.array([0.1], mask=[True])),
+        errors.WrongTypeError,
+        ["dw has masked values"],
+    ),
+    (
+        lambda: ss.diagnose.symplecticity(MODEL, p=np.ma.array([0.1], mask=[True])),
+        errors.WrongTypeError,
+        ["p has masked values"],
+    ),
     (lambda: ss.diagnose.symplecticity(MODEL, dt=0.1), errors.WrongTypeError, ["no option 'dt'"]),
     (lambda: ss.diagnose.symplecticity(MODEL, paths=2), errors.WrongTypeError, ["'paths'", "symplecticity", "points"]),
     (lambda: ss.diagnose.stationary_path(MODEL, q_start=1.0, q_end=0.0), errors.WrongTypeError, ["step is missing"]),
