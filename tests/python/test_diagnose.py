@@ -61,6 +61,13 @@ def test_stationary_path_is_that_of_the_scheme(scheme):
     np.testing.assert_allclose(again.p, run.p, rtol=0, atol=1e-12)
 
 
+def test_stationary_path_has_the_times_of_its_run(kubo):
+    later = {"step": 0.25, "steps": 3, "t0": 2.0, "first_step": 4}
+    found = ss.diagnose.stationary_path(kubo, q_start=0.3, q_end=0.2, **later)
+    np.testing.assert_array_equal(found.t, ss.simulate(kubo, q0=0.3, p0=0.0, **later).t)
+    np.testing.assert_array_equal(found.t, [3.0, 3.25, 3.5, 3.75])
+
+
 def test_stationary_path_at_a_conjugate_point():
     model = ss.models.linear_oscillator()
     common = {"q_start": 1.0, "q_end": 0.2, "steps": 100, "increments": np.zeros((100, 1))}

@@ -90,3 +90,12 @@ def test_exact_growth_of_steps_back_in_time(h):
     found = ss.mean_square(spring(), "stormer_verlet", step=h)
     assert found.exact == pytest.approx(math.exp(0.3 * np.linalg.eigvals(rates).real.max()), rel=1e-10)
     assert found.excess == pytest.approx(0, abs=2e-2)
+
+
+@pytest.mark.parametrize(("sigma", "h"), [(3.0, 1.0), (0.2, 6.0)])
+def test_exact_growth_of_large_steps(sigma, h):
+    """The largest eigenvalue of ((0, 2, 0), (-1, 0, 1), (s^2, -2, 0)) times h, where growth is far from one."""
+    rates = np.linalg.eigvals([[0, 2, 0], [-1, 0, 1], [sigma**2, -2, 0]]).real.max()
+    found = ss.mean_square(spring(sigma), "heun", step=h)
+    assert found.exact == pytest.approx(math.exp(h * rates), rel=1e-11)
+    assert found.excess == math.log(found.growth / found.exact) and abs(found.excess) > 0.1

@@ -108,6 +108,13 @@ def test_variance_falls_by_twice_the_strong_order(scheme, model, low, high):
     assert low < rate.value - rate.half and rate.value + rate.half < high
 
 
+def test_intervals_of_rates_are_of_95_percent():
+    """Two levels: log2 of a ratio, whose noise is that of both."""
+    rate = fall([0.8, 0.1], [0.08, 0.005])
+    assert rate.value == pytest.approx(3.0, abs=1e-12)
+    assert rate.half == pytest.approx(1.959964 * math.hypot(0.1, 0.05) / math.log(2), rel=1e-4)
+
+
 def test_exchanged_halves_restore_the_order_that_areas_take():
     """Noises that do not commute, increments alone: beta 1, with antithetic pairs 2 and more."""
     rates = []

@@ -2,6 +2,7 @@
 """What is printed and reported is what was computed: tables are parsed, judges are tried on both sides of a bound."""
 
 import ctypes
+import logging
 import re
 import shutil
 import subprocess
@@ -12,7 +13,15 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import _abi, cli, look, report
+from symsde.batch import dry, show
 from symsde.batch.command import print_moments
+from symsde.batch.plan import Piece
+from symsde.batch.work import Task
+from symsde.expect.answer import Answer
+from symsde.mlmc.answer import Level, Multilevel
+from symsde.mlmc.rates import Rate
+from symsde.paper import figure_4_1
+from symsde.paper.experiment import Experiment
 from symsde.stability.scenario import says
 
 
@@ -221,3 +230,55 @@ def test_completion_in_a_shell(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert cli.main(["completion", "zsh"]) == cli.BAD_INPUT
     assert "symsde[completion]" in capsys.readouterr().err
+
+
+def test_a_mean_is_printed_with_its_own_error_and_bias():
+    """An answer and a multilevel estimate whose members all differ."""
+    rest = {"alternatives": (), "reached": True, "why": "because", "notes": ()}
+    one = Answer(2.0, (1.5, 2.5), 0.25, 0.03, "plain", "heun", 0.125, 777, 4.5, 0.75, **rest)
+    lines = str(one).splitlines()
+    assert lines[0] == "2 +- 0.5, 95 %: standard error 0.25, bias 0.03"
+    assert lines[1] == "plain by heun, h = 0.125, 777 paths, 4.5 s of the processor (0.75 s for the pilot)"
+    level = Level(8, 500, 0.5, 0.1, 0.25, 3.5, 0.6, 0.7, 0.875, 0.0115, 0)
+    rates = {"alpha": Rate(1.0, 0.1), "beta": Rate(2.0, 0.2), "gamma": Rate(3.0, 0.3)}
+    several = Multilevel(2.0, (1.5, 2.5), 0.25, 0.03, "heun", (level,), **rates, reached=True, notes=(), cost=4.5)
+    lines = str(several).splitlines()
+    assert lines[0].startswith("2 +- 0.5 (95 %: standard error 0.25, bias 0.03), multilevel heun, 4.5 s")
+    assert lines[1].split()[-3:] == ["us", "a", "path"]
+    assert lines[2].split() == ["0", "8", "500", "5.0000e-01", "2.50e-01", "3.5", "0.88", "23"]
+    assert lines[3] == "alpha 1.00 +- 0.10, beta 2.00 +- 0.20, gamma 3.00 +- 0.30"
+
+
+@pytest.mark.parametrize(("threads", "pieces", "seconds"), [(1, 4, 40.0), (2, 4, 20.0), (6, 3, 5.0), (8, 2, 2.5)])
+def test_the_time_of_a_dry_run_is_that_of_all_threads(monkeypatch, threads, pieces, seconds):
+    """Pieces of 10 seconds each on one thread; where there are fewer of them than threads, these share them."""
+    monkeypatch.setattr(dry, "_rate", lambda task, piece: 100.0)
+    run = {"q0": 0.1, "p0": 0.0, "step": 0.1, "steps": 4, "paths": 256 * pieces, "threads": threads}
+    task = Task(ss.models.kubo(), run)
+    cut = [Piece(f"m{i}", "moments", 256 * i, 256, 1000) for i in range(pieces)]
+    found = dry.need(task, [*cut[1:], Piece("p", "paths", 0, 256, 1000)], 256, 5)
+    assert found.seconds == pytest.approx(seconds) and found.path_steps == 1000 * pieces
+    assert found.shards == pieces and found.workers == min(threads, pieces)
+    assert f"time       about {seconds:.2g} seconds here, {found.workers} shards at a time" in str(found)
+
+
+def test_progress_tells_the_time_that_is_left(monkeypatch, caplog):
+    """A quarter takes 20 seconds: 60 are left."""
+    now = [100.0]
+    monkeypatch.setattr(show.time, "monotonic", lambda: now[0])
+    with caplog.at_level(logging.INFO, logger="symsde"):
+        lines = show.Lines()
+        now[0] += 20.0
+        lines(25, 100)
+    assert caplog.messages == ["25 % of 100 path-steps, about 60 s left"]
+
+
+def test_least_median_and_most_of_the_seeds():
+    """Three seeds whose mean is not their median."""
+    experiment = Experiment("figure_4_1", "a title")
+    keys = ("midpoint_fine", "reference_fine", "midpoint_reference", "midpoint_eighth_fine")
+    figure_4_1._judge(experiment, [{key: (i + 1) * x for i, key in enumerate(keys)} for x in (0.09, 0.01, 0.02)])
+    rows = [row for row in experiment.checks if "least, median, most" in str(row)]
+    assert [re.findall(r"\d\.\d{3}", str(row))[:3] for row in rows] == [
+        [f"{i * x:.3f}" for x in (0.01, 0.02, 0.09)] for i in (1, 2, 3, 4)
+    ]
