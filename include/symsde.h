@@ -274,7 +274,7 @@ typedef struct symsde_options {
    int64_t save_every;     /* steps between saved points */
    int64_t first_path;     /* global index of the first path */
    int64_t first_step;     /* absolute index of the first step: to resume */
-   int32_t refine;         /* l > 0: a step sums 2^l draws; l < 0: Brownian bridge */
+   int32_t refine;         /* l > 0: a step sums 2^l draws; l < 0: Brownian bridge of all that the scheme draws */
    int32_t correction;     /* enum symsde_correction */
    double truncation;      /* order l of truncated increments; 0 = none */
    double truncation_time; /* time scale of the truncation [time] */

@@ -7,14 +7,15 @@
 !>    additive_oscillator   u_k = sigma (C_1; -S_1) + gamma (S_2; C_2)         (after [WHSB] (92))
 !>
 !> W(t) is the sum of the run's increments. (C_k, S_k) are drawn from their law given what the run itself takes from
-!> the path, dW_k and H_k = dZ_k/h - dW_k/2, two normals more for each step and noise (noise/oscillator_law): the
-!> solution has the exact law jointly with the increments, and where the scheme takes dZ, with that dZ. For schemes that
-!> take dW alone H_k is the same number, dZ schemes would draw it. With refine = l > 0 the recursion runs on the finer
-!> draws, so that it is the same path for (step, l) and (step/2, l-1), and for all schemes; not so with the bridge,
-!> refine < 0. Truncation is left out: the Brownian path itself is followed. Prescribed increments are taken as they
-!> are; where the scheme takes dZ, it is that of the polygon through them, as in the run.
+!> the path, dW_k, H_k = dZ_k/h - dW_k/2 and K_k, two normals more for each step and noise (noise/oscillator_law): the
+!> solution has the exact law jointly with the increments, and where the scheme takes dZ or K, with these. For schemes
+!> that do not take them H_k and K_k are the same numbers, others would draw them. With refine = l > 0 the recursion
+!> runs on the finer draws, so that it is the same path for (step, l) and (step/2, l-1), and for all schemes; not so
+!> with refine < 0, where a step is halved by all that the scheme draws: the path is that of the scheme. Truncation is
+!> left out: the Brownian path itself is followed. Prescribed increments are taken as they are; where the scheme takes
+!> dZ, it is that of the polygon through them, as in the run.
 module symsde_diagnose_exact
-   use symsde_base_functionals, only: functionals, functional_set, path_dz
+   use symsde_base_functionals, only: path_dz, path_stt_area
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, path_of_lane
    use symsde_base_laws, only: law_gaussian, law_text
@@ -51,7 +52,7 @@ module symsde_diagnose_exact
       integer(i8) :: first = 0                 !! first path of the block, from 0
       type(step_request) :: request            !! of a pair of steps
       type(step_store) :: store                !! the answer
-      real(wp), allocatable :: shape(:, :, :)  !! H_k of these (nlane, nnoise, 0:1)
+      real(wp), allocatable, dimension(:, :, :) :: shape, stt_area  !! H_k and K_k of these (nlane, nnoise, 0:1)
       real(wp), allocatable, dimension(:) :: q0, p0, q, p, sum_w, low, xi1, xi2, c, s  !! (nlane)
    end type exact_block
 
@@ -110,13 +111,12 @@ contains
       end do
    end subroutine exact_solution
 
-   !> Let the noise give the dZ that the scheme takes.
+   !> Let the noise draw what the scheme takes.
    subroutine ask_for(scheme, model, noise, error)
       type(scheme_type), intent(in) :: scheme
       class(model_type), intent(in) :: model
       class(noise_type), allocatable, intent(inout) :: noise
       type(error_type), allocatable, intent(inout) :: error
-      type(functional_set) :: dz
 
       if (allocated(error)) return
       if (scheme%law /= law_gaussian) then
@@ -125,12 +125,11 @@ contains
                     'expectations, or take a scheme with Gaussian increments')
          return
       end if
-      dz = functionals([path_dz])
-      dz%has = dz%has .and. scheme%asks%has
-      noise%asked = dz%needed_for(model%traits)
+      noise%asked = scheme%asks%needed_for(model%traits)
    end subroutine ask_for
 
-   !> Increments of the steps 2*pair and 2*pair+1, and for additive noise their shapes H_k.
+   !> Increments of the steps 2*pair and 2*pair+1, and for additive noise their H_k and K_k: those of the run, or drawn
+   !> here as a run would.
    subroutine fill(work, noise, system, options, pair)
       type(exact_block), intent(inout) :: work
       class(noise_type), intent(in) :: noise
@@ -142,18 +141,17 @@ contains
 
       work%request%pair = pair
       call noise%fill(work%request, work%store, drawn)
-      if (noise%asked%has(path_dz)) then
-         work%shape = work%store%of(path_dz)%x/options%step - 0.5_wp*work%store%w(:, 1:, :)
-         return
-      end if
       if (.not. system%additive) return
       do k = 1, noise%nnoise
          if (noise%silent(k)) cycle
          from = work%request%path
          if (noise%common(k)) from = 0
-         call shape_draws(work%nlane, options%seed, from, pair, k, options%step, work%shape(:, k, 0), &
-                          work%shape(:, k, 1), drawn)
+         call shape_draws(work%nlane, options%seed, from, pair, k, options%step, work%shape(:, k, :), &
+                          work%stt_area(:, k, :), drawn)
       end do
+      if (noise%asked%has(path_dz)) &
+         work%shape = work%store%of(path_dz)%x/options%step - 0.5_wp*work%store%w(:, 1:, :)
+      if (noise%asked%has(path_stt_area)) work%stt_area = work%store%of(path_stt_area)%x
    end subroutine fill
 
    !> The model's parameters, read from its gradients at unit points and unit weights; exact.
@@ -252,10 +250,11 @@ contains
       work%nlane = nlane
       call new_step_store(work%store, nlane, nnoise, 2, options%step, noise%asked)
       work%request%nlane = nlane
-      allocate (work%request%path(nlane), work%shape(nlane, nnoise, 0:1))
+      allocate (work%request%path(nlane), work%shape(nlane, nnoise, 0:1), work%stt_area(nlane, nnoise, 0:1))
       allocate (work%q0(nlane), work%p0(nlane), work%q(nlane), work%p(nlane), work%sum_w(nlane), &
                 work%low(nlane), work%xi1(nlane), work%xi2(nlane), work%c(nlane), work%s(nlane))
       work%shape = 0
+      work%stt_area = 0
    end subroutine new_block
 
    !> Load the initial states of the block that begins at work%first.
@@ -306,7 +305,7 @@ contains
          if (noise%common(k)) from = 0
          call oscillator_draws(work%nlane, options%seed, from, n, k, work%xi1, work%xi2)
          call oscillator_integrals(work%nlane, options%step, work%store%w(:, k, half), work%shape(:, k, half), &
-                                   work%xi1, work%xi2, work%c, work%s)
+                                   work%stt_area(:, k, half), work%xi1, work%xi2, work%c, work%s)
          work%q = work%q + (system%to_q(k)*work%c + system%to_p(k)*work%s)
          work%p = work%p + (system%to_p(k)*work%c - system%to_q(k)*work%s)
       end do

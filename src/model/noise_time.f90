@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Whether noises change in time: their gradients at eight points and some times, compared bit by bit, for a
+!> Whether noises change in time: their gradients at eight points and many times, compared bit by bit, for a
 !> Hamiltonian that does not depend on time gives the same bits at all times. Points and times can prove that
-!> noises change, not that they do not.
+!> noises change, not that they do not: a change that begins after 1e5 units of time, or is over between two of
+!> the times, is not noticed.
 module symsde_model_noise_time
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
@@ -10,7 +11,9 @@ module symsde_model_noise_time
    private
    public :: noise_changes_in_time
 
-   real(wp), parameter :: later(7) = [1.7e-6_wp, 1.3e-3_wp, 0.0137_wp, 0.61_wp, 1.93_wp, 47.1_wp, 8.3e3_wp]  !! [time]
+   integer :: i_later
+   !> From 1e-3 to 1e5, each 1.618.. times the one before, so that few periods fit all of them [time].
+   real(wp), parameter :: later(39) = [(1.3e-3_wp*1.618033988749895_wp**i_later, i_later=0, 38)]
 
 contains
 
@@ -35,10 +38,18 @@ contains
          call model%gradient(lane_unit, n, m, 0.0_wp, w, q, p, first_q, first_p)
          do i = 1, size(later)
             call model%gradient(lane_unit, n, m, later(i), w, q, p, hq, hp)
-            if (any(abs(hq - first_q) > 0) .or. any(abs(hp - first_p) > 0)) noise_changes_in_time = .true.
+            noise_changes_in_time = differ(hq, first_q) .or. differ(hp, first_p)
             if (noise_changes_in_time) return
          end do
       end associate
    end function noise_changes_in_time
+
+   !> Whether some number is another; what is none at one time (sin(t)/t at 0) and one at another has changed.
+   pure logical function differ(a, b)
+      use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+      real(wp), intent(in) :: a(:, :), b(:, :)
+
+      differ = any((ieee_is_finite(a) .or. ieee_is_finite(b)) .and. .not. abs(a - b) <= 0)
+   end function differ
 
 end module symsde_model_noise_time

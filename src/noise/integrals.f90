@@ -414,16 +414,17 @@ contains
       call draw(d, nlane, path, pair, level, purpose_halves, sqrt(abs(length)/parts), even%n, odd%n, drawn)
    end subroutine draw_halving
 
-   !> H = dZ/h - dW/2 of noise k at the finest steps 2*pair and 2*pair+1, the numbers that fill_pair takes for dZ.
-   subroutine shape_draws(nlane, seed, path, pair, k, h, even, odd, drawn)
+   !> H = dZ/h - dW/2 and K of noise k at the finest steps 2*pair and 2*pair+1: the numbers that fill_pair draws.
+   subroutine shape_draws(nlane, seed, path, pair, k, h, hh, kk, drawn)
       integer, intent(in) :: nlane, k
       integer(i8), intent(in) :: seed, path(nlane), pair
       real(wp), intent(in) :: h            !! length of a step, either sign [time]
-      real(wp), intent(out) :: even(nlane), odd(nlane)
+      real(wp), intent(out) :: hh(nlane, 0:1), kk(nlane, 0:1)
       integer(i8), intent(inout) :: drawn
 
-      call scaled_normal_pairs(nlane, seed, path, pair, k, 0, purpose_shape, sqrt(abs(h)/12), even, odd)
-      drawn = drawn + 2
+      call scaled_normal_pairs(nlane, seed, path, pair, k, 0, purpose_shape, sqrt(abs(h)/12), hh(:, 0), hh(:, 1))
+      call scaled_normal_pairs(nlane, seed, path, pair, k, 0, purpose_stt_area, sqrt(abs(h)/720), kk(:, 0), kk(:, 1))
+      drawn = drawn + 4
    end subroutine shape_draws
 
    !> Scaled normals of all noises for the intervals 2*pair and 2*pair+1; zero for silent noises.

@@ -4,19 +4,20 @@
 !>    dW = W(h),   C = int_0^h cos(h-s) dW(s),   S = int_0^h sin(h-s) dW(s)
 !>
 !> jointly Gaussian with Var C = h/2 + sin(2h)/4, Var S = h/2 - sin(2h)/4, Cov(C,S) = sin(h)^2/2,
-!> Cov(dW,C) = sin h, Cov(dW,S) = 1 - cos h (the u_k after [WHSB] (92)), given the increment dW and
-!> H = dZ/h - dW/2, which is what a scheme with dZ takes from the same path.
+!> Cov(dW,C) = sin h, Cov(dW,S) = 1 - cos h (the u_k after [WHSB] (92)), given the increment dW,
+!> H = dZ/h - dW/2 and K, the space-time-time area (base/functionals): all that a scheme may take from the same path.
 !>
 !> exp(iu) on [0,h] is a sum of Legendre polynomials with spherical Bessel functions j_n for coefficients
-!> (Rayleigh's expansion), and the integrals of the polynomials are independent: dW the first, 2 H the second. So
+!> (Rayleigh's expansion), and the integrals of the polynomials are independent: dW the first, 2 H the second, 12 K
+!> the third. So
 !>
 !>    C + i S = exp(i a) (R + i I),   a = h/2
-!>    R = j_0(a) dW + sqrt(h sum_{n=2,4,..} (2n+1) j_n(a)^2) xi_1
+!>    R = j_0(a) dW - 60 j_2(a) K + sqrt(h sum_{n=4,6,..} (2n+1) j_n(a)^2) xi_1
 !>    I = 6 j_1(a) H + sqrt(h sum_{n=3,5,..} (2n+1) j_n(a)^2) xi_2
 !>
 !> with two independent normals of its own. The sums have positive terms and are taken as they stand up to |h| = 8,
-!> where the closed forms (1 + sin(h)/h)/2 - j_0^2 and (1 - sin(h)/h)/2 - 3 j_1^2 lose no digits any more; below they
-!> lose all of them. A step h < 0 leaves C and turns S around.
+!> where the closed forms (1 + sin(h)/h)/2 - j_0^2 - 5 j_2^2 and (1 - sin(h)/h)/2 - 3 j_1^2 lose no digits any more;
+!> below they lose all of them. A step h < 0 leaves C and turns S around.
 module symsde_noise_oscillator_law
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_noise_normal, only: normal_pairs
@@ -27,13 +28,14 @@ module symsde_noise_oscillator_law
    integer(i4), parameter :: purpose_oscillator = 2  !! counter word of these draws
    real(wp), parameter :: series_bound = 8           !! largest |h| for which series are summed
    integer, parameter :: nterm = 30                  !! terms of a Bessel function: 8^30/(30! 65!!/5!!) < 1e-40
-   integer, parameter :: norder = 30                 !! largest n: (4^30/61!!)^2 < 1e-42
+   integer, parameter :: norder = 30                 !! terms of a sum: (4^30/61!!)^2 < 1e-42
 
-   !> R and I as linear forms of dW, H, xi_1 and xi_2, and the turn that makes (C, S) of them.
+   !> R and I as linear forms of dW, H, K, xi_1 and xi_2, and the turn that makes (C, S) of them.
    type :: oscillator_coefficients
       real(wp) :: cosine = 1  !! of h/2
       real(wp) :: sine = 0
       real(wp) :: r_w = 1     !! of dW in R
+      real(wp) :: r_k = 0     !! of K in R
       real(wp) :: r_1 = 0     !! of xi_1 in R
       real(wp) :: i_h = 0     !! of H in I
       real(wp) :: i_2 = 0     !! of xi_2 in I
@@ -54,11 +56,13 @@ contains
       law%r_w = law%sine/a
       if (2*a <= series_bound) then
          law%i_h = 6*a*bessel(1, a)
-         law%r_1 = sqrt(2*a)*a**2*sqrt(tail(2, a))
+         law%r_k = -60*a**2*bessel(2, a)
+         law%r_1 = sqrt(2*a)*a**4*sqrt(tail(4, a))
          law%i_2 = sqrt(2*a)*a**3*sqrt(tail(3, a))
       else
          law%i_h = 6*(law%r_w - law%cosine)/a
-         law%r_1 = sqrt(2*a*(0.5_wp*(1 + law%r_w*law%cosine) - law%r_w**2))
+         law%r_k = -60*(3*(law%r_w - law%cosine)/a**2 - law%r_w)
+         law%r_1 = sqrt(2*a*(0.5_wp*(1 + law%r_w*law%cosine) - law%r_w**2 - law%r_k**2/720))
          law%i_2 = sqrt(2*a*(0.5_wp*(1 - law%r_w*law%cosine) - law%i_h**2/12))
       end if
    end function oscillator_law
@@ -90,12 +94,13 @@ contains
       end do
    end function bessel
 
-   !> C and S of one step for each path of a block, from dW, H and two normals that belong to it.
-   pure subroutine oscillator_integrals(nlane, h, dw, shape, xi1, xi2, c, s)
+   !> C and S of one step for each path of a block, from dW, H, K and two normals that belong to it.
+   pure subroutine oscillator_integrals(nlane, h, dw, shape, stt_area, xi1, xi2, c, s)
       integer(i4), intent(in) :: nlane
       real(wp), intent(in) :: h                       !! step, either sign [radians]
       real(wp), intent(in) :: dw(nlane)               !! increment, variance |h|
       real(wp), intent(in) :: shape(nlane)            !! H = dZ/h - dW/2, variance |h|/12, independent of dW
+      real(wp), intent(in) :: stt_area(nlane)         !! K, variance |h|/720, independent of both
       real(wp), intent(in) :: xi1(nlane), xi2(nlane)  !! N(0,1), independent of all others
       real(wp), intent(out) :: c(nlane)               !! int cos(h-s) dW(s)
       real(wp), intent(out) :: s(nlane)               !! int sin(h-s) dW(s)
@@ -105,7 +110,7 @@ contains
 
       law = oscillator_law(h)
       do lane = 1, nlane
-         r = law%r_w*dw(lane) + law%r_1*xi1(lane)
+         r = law%r_w*dw(lane) + law%r_k*stt_area(lane) + law%r_1*xi1(lane)
          i = law%i_h*shape(lane) + law%i_2*xi2(lane)
          c(lane) = law%cosine*r - law%sine*i
          s(lane) = sign(1.0_wp, h)*(law%sine*r + law%cosine*i)

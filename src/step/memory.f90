@@ -9,7 +9,7 @@ module symsde_step_memory
    use symsde_base_lanes, only: lane_unit
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
-                                   frame_none
+                                   splitting_form, frame_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_explicit, only: is_explicit
    use symsde_step_modified_hamiltonian, only: active_brackets
@@ -46,8 +46,11 @@ contains
       if (active%areas) lane = lane + m*(m - 1)/2
       if (model%traits%bandwidth < 0 .and. model%traits%has_hessian .and. .not. model%traits%has_hessian_vector) &
          lane = lane + 3*n**2  ! products are made from the blocks
-      if (general .or. active%are_added() .or. .not. forms_nothing(model, scheme)) &
+      if (scheme%form == splitting_form) then  ! its stepper is its own oracle
+         if (.not. model%traits%additive) lane = lane + n*m + m*(m + 1)/2  ! H_k,q and D_kl
+      else if (general .or. active%are_added() .or. .not. forms_nothing(model, scheme)) then
          call add_matrices(model, scheme, options, general, active%are_added(), stages, lane, once)
+      end if
       unknowns = 2*n*stages
       numbers = nlane*lane + once
       if (unknowns <= most_rescued .and. options%fixed_point == 0) &  ! the rescue's general stepper, of eight lanes
@@ -76,7 +79,7 @@ contains
       n = model%traits%ndof
       b = model%traits%bandwidth
       blocks = n**2
-      by_parts = fits_stages(model, scheme, options) .and. (brackets .or. consistent(scheme))
+      by_parts = fits_stages(model, scheme, options) .and. (brackets .or. consistent(model, scheme))
       by_parts = .not. general .and. (by_parts .or. is_midpoint(scheme) .and. .not. brackets .or. &
                                       scheme%needs%additive .or. scheme%frame /= frame_none)
       if (scheme%form == galerkin_form) then
@@ -101,10 +104,11 @@ contains
    end subroutine add_matrices
 
    !> Whether no correction is ever added.
-   pure logical function consistent(scheme)
+   pure logical function consistent(model, scheme)
+      class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
 
-      consistent = .not. abs(scheme%correction_coefficient()) > 0
+      consistent = .not. abs(scheme%correction_coefficient()) > 0 .or. model%traits%correction_vanishes()
    end function consistent
 
    !> One stage at the middle of q and p, whose equations have steppers without large matrices.

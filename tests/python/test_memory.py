@@ -66,7 +66,7 @@ def calls(model, scheme):
 models = [ss.models.kubo(), ss.models.henon_heiles(), ss.models.fpu_chain(n=12),
           ss.models.noncommutative_oscillator(), ss.Model(ndof=12, nnoise=1, gradient=dense)]
 schemes = ["midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "gauss2_strong32", "midpoint_areas",
-           "P1N2Q4Gau", "drift_preserving", "heun"]
+           "P1N2Q4Gau", "drift_preserving", "heun", "chin4a"]
 for model in models:
     for scheme in schemes:
         try:
@@ -123,7 +123,7 @@ def test_sizes_are_judged_before_work_begins(call):
 
 def test_large_systems_run_where_no_matrix_is_formed():
     chain = ss.models.fpu_chain(n=100000)
-    for scheme in ("midpoint", "stormer_verlet"):
+    for scheme in ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "lambda:0.3"):
         assert ss.simulate(chain, steps=2, scheme=scheme, **G).report.outcome == "ok"
     assert np.isfinite(chain.gradient(np.full((100000, 1), 0.1), 0.1)[0]).all()
 
