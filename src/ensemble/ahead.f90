@@ -1,13 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How far ahead a block works: increments that are drawn at once, and states that are kept until they are shown.
+!> How many steps of a block are drawn ahead, and how many states are kept until they are shown.
 module symsde_ensemble_ahead
    use symsde_base_kinds, only: i8
-   use symsde_ensemble_options, only: run_options
    implicit none
    private
-   public :: pairs_ahead, states_ahead, pairs_of
+   public :: pairs_ahead, pairs_of, states_ahead
 
    integer, parameter :: few_lanes = 8, few_columns = 8
+   integer, parameter :: columns_of_one = 256     !! of a path by itself: 128 steps of them take 256 kB
    integer, parameter :: most_increments = 32768  !! of a block that are drawn ahead: 256 kB
    integer(i8), parameter :: most_states = 4096   !! values of q that are kept until they are shown: 32 kB
 
@@ -22,11 +22,11 @@ contains
 
    !> Pairs of steps whose increments and functionals, so many columns a step, are drawn at once: two make use of all
    !> words of a draw, four of the fastest kernel, more spare passes over the block where a model takes whole steps,
-   !> and the few paths of a small block fill the lanes of the generator with steps.
+   !> and the few paths of a small block, or one path by itself, fill the lanes of the generator with steps.
    pure integer function pairs_ahead(nlane, ncolumn)
       integer, intent(in) :: nlane, ncolumn
 
-      if (nlane <= few_lanes .and. ncolumn <= few_columns) then
+      if (nlane <= few_lanes .and. ncolumn <= merge(columns_of_one, few_columns, nlane == 1)) then
          pairs_ahead = 64
       else if (32_i8*nlane*ncolumn <= most_increments) then
          pairs_ahead = 16
@@ -37,11 +37,12 @@ contains
       end if
    end function pairs_ahead
 
-   !> Pairs of steps that a run touches, or a number of them that is no limit.
-   pure integer function pairs_of(options)
-      type(run_options), intent(in) :: options
+   !> Pairs among `most` that a run of so many steps touches.
+   pure integer function pairs_of(nstep, most)
+      integer(i8), intent(in) :: nstep
+      integer, intent(in) :: most
 
-      pairs_of = int(min(options%nstep/2 + 2, 1024_i8))
+      pairs_of = int(min(nstep/2 + 2, int(most, i8)))
    end function pairs_of
 
 end module symsde_ensemble_ahead

@@ -11,7 +11,8 @@ module symsde_ensemble_block
    use symsde_base_lanes, only: path_of_lane
    use symsde_base_record, only: step_record, steps_record, step_store, step_request, new_step_store
    use symsde_base_status, only: stopped
-   use symsde_ensemble_ahead, only: pairs_ahead, states_ahead, pairs_of
+   use symsde_ensemble_ahead, only: pairs_ahead, pairs_of, states_ahead
+   use symsde_ensemble_few, only: few_paths, lone_paths
    use symsde_ensemble_initial_state, only: initial_state
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
@@ -25,7 +26,7 @@ module symsde_ensemble_block
    use symsde_step_whole, only: whole_stepper
    implicit none
    private
-   public :: block_runner, new_block_runner, lone_paths
+   public :: block_runner, new_block_runner
 
    !> All that one thread needs: nothing in it is shared with other threads except read-only data.
    type :: block_runner
@@ -49,7 +50,7 @@ module symsde_ensemble_block
       type(counters_type) :: counters      !! steps and normals
       real(wp), allocatable :: dq(:, :), dp(:, :)  !! increments of a step (nlane, ndof)
       logical :: whole = .false.                   !! the model takes steps as a whole, several at once
-      class(lone_stepper), allocatable :: lone     !! takes the paths of a block of few one by one
+      type(few_paths) :: few                       !! takes the paths of a block of few one by one, if it has a stepper
       logical :: alone = .false.                   !! this block is one of few
       type(steps_record) :: steps                  !! those
       integer :: nout = 1                          !! states after them that fit
@@ -73,7 +74,6 @@ module symsde_ensemble_block
       final :: release
    end type block_runner
 
-   integer, parameter :: lone_paths = 2           !! of a block: side by side three take 0.6 to 1.2 of the time
    real(wp), parameter :: longest_chunk = 0.05_wp  !! seconds
 
 contains
@@ -89,7 +89,7 @@ contains
       self%options = options
       call move_alloc(stepper, self%stepper)
       associate (ham => self%stepper%ham)
-         self%npair = min(pairs_ahead(nlane, asked%columns(ham%nnoise)), pairs_of(options))
+         self%npair = pairs_of(options%nstep, pairs_ahead(nlane, asked%columns(ham%nnoise)))
          call new_step_store(self%store, nlane, ham%nnoise, 2*self%npair, options%step, asked)
          self%request%nlane = nlane
          call new_lane_state(self%state, nlane, ham%ndof, options%compensated)
@@ -121,10 +121,7 @@ contains
       class(model_type), intent(in), target :: model
 
       if (.not. allocated(lone) .or. self%options%compensated) return
-      call move_alloc(lone, self%lone)
-      self%lone%model => model
-      self%lone%n = self%state%ndof
-      self%lone%m = self%stepper%ham%nnoise
+      call self%few%equip(lone, model, self%state%ndof, self%store, self%options%nstep)
       call make_room(self)
    end subroutine set_lone
 
@@ -166,7 +163,7 @@ contains
 
       call path_of_lane(self%state%nlane, first, nreal, path)
       call self%begin_with(self%options%first_step, nreal, path)
-      self%alone = allocated(self%lone) .and. nreal <= lone_paths
+      self%alone = allocated(self%few%stepper) .and. nreal <= lone_paths
       call start%give(first - self%options%first_path, nreal, self%options%first_step + self%options%nstep, self%step, &
                       self%state)
    end subroutine take_state
@@ -195,21 +192,23 @@ contains
       class(block_runner), intent(inout) :: self
       integer(i8) :: last, ticks, ticks_end, rate
       real(wp) :: seconds
-      logical :: alone
+      logical :: alone, taken
 
       call system_clock(ticks, rate)
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%enough)
          if (self%step/2 /= self%pair .or. self%nahead == 0) call draw(self)
          alone = self%alone
-         if (alone) call self%lone%is_rested(alone)
+         if (alone) call self%few%stepper%is_rested(alone)
+         taken = self%whole
          if (self%whole) then
             call whole_steps(self, last - self%step)
          else if (alone) then
-            call lone_steps(self, last - self%step)
-         else
-            call one_step(self)
+            call lone_steps(self, last - self%step, taken)
          end if
+         if (taken) cycle
+         if (self%alone) call self%few%bring(ahead(self), self%nreal, self%store)
+         call one_step(self)
       end do
       call system_clock(ticks_end)
       seconds = real(ticks_end - ticks, wp)/real(rate, wp)
@@ -269,29 +268,20 @@ contains
       every = int(min(ahead, most))
    end subroutine plan_states
 
-   !> Steps of few paths, one path at a time; an unusual one by the stepper.
-   subroutine lone_steps(self, left)
+   !> Steps of few paths, one path at a time; none where the next one is not usual.
+   subroutine lone_steps(self, left, taken)
       type(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: left  !! steps that may be taken
-      integer :: nout, every, ntaken, attempt
+      logical, intent(out) :: taken
+      integer :: nout, every
 
       call plan_states(self, left, nout, every)
-      do attempt = 1, 2
-         call self%store%show_several(place(self), nout*every, time_of(self, self%step), self%steps)
-         self%steps%every = every
-         self%steps%nreal = self%nreal
-         call self%lone%walk_lanes(self%steps, self%options%t0, self%step, self%state%status, self%state%q, &
-                                   self%state%p, self%qn, self%pn, ntaken)
-         if (ntaken == 0 .or. ntaken == nout*every) exit
-         if (ntaken < every) every = ntaken
-         nout = ntaken/every  ! those that all paths can take, once more
-      end do
-      call self%lone%note_rest(ntaken > 0)
-      if (ntaken > 0) then
+      call self%few%walk(ahead(self), self%nreal, self%options%t0, self%step, self%state, nout, every, self%qn, self%pn)
+      taken = nout > 0
+      if (taken) then
          call show_states(self, nout, every)
       else
          call self%state%repeat_last(self%nreal)
-         call one_step(self)
       end if
    end subroutine lone_steps
 
@@ -368,11 +358,18 @@ contains
       if (steps_to_save(self) == self%options%save_every) call save_point(self)
    end subroutine settle_failures
 
-   !> Where in the store the next step stands.
+   !> Steps from the first one that was drawn to the next one.
+   pure integer function ahead(self)
+      type(block_runner), intent(in) :: self
+
+      ahead = int(self%step - 2*self%request%pair)
+   end function ahead
+
+   !> Where in the store the next step stands: that of few paths is brought there.
    pure integer function place(self)
       type(block_runner), intent(in) :: self
 
-      place = int(self%step - 2*self%request%pair)
+      place = merge(0, ahead(self), self%alone)
    end function place
 
    !> What drives the pair of steps that begins: drawn ahead, or asked of the source, for several pairs from an
@@ -380,15 +377,21 @@ contains
    subroutine draw(self)
       type(block_runner), intent(inout) :: self
       integer(i8) :: pair, last, drawn
+      integer :: room
 
       pair = self%step/2
       if (self%nahead > 0 .and. pair < self%request%pair + self%nahead) return
       last = (self%options%first_step + self%options%nstep - 1)/2
-      self%request%pair = pair - mod(pair, min(2_i8, int(self%npair, i8)))
-      self%nahead = int(min(int(self%npair, i8), last - self%request%pair + 1))
+      room = merge(self%few%npair, self%npair, self%alone)
+      self%request%pair = pair - mod(pair, min(2_i8, int(room, i8)))
+      self%nahead = int(min(int(room, i8), last - self%request%pair + 1))
       self%request%npair = self%nahead
       if (self%noise%nnoise == 0) return
-      call self%noise%fill(self%request, self%store, drawn)
+      if (self%alone) then
+         call self%few%fill(self%noise, self%request, drawn)
+      else
+         call self%noise%fill(self%request, self%store, drawn)
+      end if
       self%normals_of_pair = drawn/self%nahead
    end subroutine draw
 
@@ -462,7 +465,7 @@ contains
       type(counters_type), intent(inout) :: total
 
       call add_counters(total, self%counters)
-      if (allocated(self%lone)) call add_counters(total, self%lone%counters)
+      if (allocated(self%few%stepper)) call add_counters(total, self%few%stepper%counters)
       call self%stepper%tally(total)
       call self%rescue%tally(total)
       if (associated(self%narrower)) call self%narrower%tally(total)

@@ -15,7 +15,8 @@ module symsde_ensemble_driver
                                  callback_failed, paths_failed, out_of_memory, too_large
    use symsde_base_text, only: to_text
    use symsde_ensemble_areas, only: choose_areas, check_area_counters
-   use symsde_ensemble_block, only: block_runner, lone_paths
+   use symsde_ensemble_block, only: block_runner
+   use symsde_ensemble_few, only: has_few
    use symsde_ensemble_initial_state, only: initial_state, new_initial_state
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observer, only: observer_type
@@ -246,7 +247,7 @@ contains
          do i = 1, report%nthread
             call self%recipe%new_runner(self%runners(i), report%nlane, has_padding, error)
             if (allocated(error)) return
-            if (takes_lone_paths(model, self%options%npath, report%nlane)) then
+            if (has_few(self%options%npath, report%nlane) .and. has_any_lanes(model)) then
                call self%runners(i)%stepper%offer_lone(lone)
                call self%runners(i)%set_lone(lone, model)
             end if
@@ -256,17 +257,8 @@ contains
       end associate
    end subroutine new_runners
 
-   !> Whether there is a block of few paths, and the model computes a path by itself with the bits of a full vector.
-   pure logical function takes_lone_paths(model, npath, nlane)
-      class(model_type), intent(in) :: model
-      integer(i8), intent(in) :: npath
-      integer, intent(in) :: nlane
-
-      takes_lone_paths = mod(npath, int(nlane, i8)) > 0 .and. mod(npath, int(nlane, i8)) <= lone_paths
-      if (takes_lone_paths) takes_lone_paths = has_any_lanes(model)
-   end function takes_lone_paths
-
-   !> Whether a lane has the same bits whatever their number: so do the models of the catalogue, and users may say so.
+   !> Whether a lane has the same bits whatever their number, one by itself, too: so do the models of the catalogue, and
+   !> users may say so.
    pure logical function has_any_lanes(model)
       class(model_type), intent(in) :: model
 

@@ -7,6 +7,7 @@ module symsde_ensemble_memory
    use symsde_base_status, only: error_type
    use symsde_base_text, only: to_text
    use symsde_ensemble_ahead, only: pairs_ahead, states_ahead
+   use symsde_ensemble_few, only: lone_numbers
    use symsde_ensemble_narrow, only: narrower_width
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
@@ -84,7 +85,8 @@ contains
       kept = 2*states_ahead(nlane, model%traits%ndof)
       numbers = stepper_numbers(model, scheme, newton, options%general, nlane) &
                 + nlane*((12.0_wp + kept)*model%traits%ndof + ahead*(asked%columns(model%traits%nnoise) + 1)) &
-                + noise_numbers(model%traits%nnoise, asked, nlane)
+                + noise_numbers(model%traits%nnoise, asked, nlane) &
+                + lone_numbers(options%npath, nlane, asked%columns(model%traits%nnoise))
    end function block_numbers
 
    !> Numbers that a source of noise needs to fill a block of lanes.

@@ -194,6 +194,8 @@ contains
       if (self%bound < huge(1.0_wp)) call clip_increments(4*m, self%bound, x)
       if (nreal == 1 .and. nlane == lane_unit .and. mod(npair, 2) == 0) then
          call spread_one(self%nnoise, k, npair/2, m, x, w)
+      else if (nlane == 1 .and. mod(npair, 2) == 0) then
+         call spread_alone(self%nnoise, k, npair/2, m, x, w)
       else
          do step = 0, 2*npair - 1
             i = mod(step, 4)*m + (step/4)*nreal
@@ -216,6 +218,20 @@ contains
          end do
       end do
    end subroutine spread_one
+
+   !> The same into a block of one lane.
+   pure subroutine spread_alone(nnoise, k, ndraw, capacity, x, w)
+      integer, intent(in) :: nnoise, k, ndraw, capacity
+      real(wp), intent(in) :: x(0:capacity - 1, 0:3)
+      real(wp), intent(inout) :: w(0:nnoise, 0:3, 0:ndraw - 1)
+      integer :: j, i
+
+      do j = 0, ndraw - 1
+         do i = 0, 3
+            w(k, i, j) = x(j, i)
+         end do
+      end do
+   end subroutine spread_alone
 
    !> The same draws with the functionals of the path they belong to.
    subroutine fill_functionals(self, request, store, drawn)

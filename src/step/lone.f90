@@ -8,7 +8,7 @@
 module symsde_step_lone
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: steps_record
+   use symsde_base_record, only: steps_record, step_store
    use symsde_model_abstract, only: model_type
    implicit none
    private
@@ -28,6 +28,7 @@ module symsde_step_lone
    end type lone_stepper
 
    integer, parameter :: longest_rest = 64
+   integer, parameter :: few = 4  !! numbers that are too few for vectors
 
    abstract interface
       !> One step of one path; where it is not taken nothing is defined, and nothing is counted.
@@ -45,9 +46,11 @@ module symsde_step_lone
 contains
 
    !> All real lanes through the same steps, as far as all of them come; those with a status stay where they are.
-   subroutine walk_lanes(self, steps, t0, first, status, q, p, qn, pn, ntaken)
+   subroutine walk_lanes(self, steps, own, place, t0, first, status, q, p, qn, pn, ntaken)
       class(lone_stepper), intent(inout) :: self
-      type(steps_record), intent(in) :: steps
+      type(steps_record), intent(in) :: steps  !! which they are, without their weights
+      type(step_store), intent(in) :: own(:)   !! the weights of each lane by itself
+      integer, intent(in) :: place           !! where in these stores the first of them stands
       real(wp), intent(in) :: t0             !! when step 0 of the run begins
       integer(i8), intent(in) :: first       !! absolute step of the first of them
       integer(i8), intent(in) :: status(steps%nlane)
@@ -62,7 +65,7 @@ contains
       ntaken = steps%nstep
       do lane = 1, steps%nreal
          if (status(lane) == 0) then
-            call self%walk(steps, t0, first, lane, q, p, qn, pn, n)
+            call self%walk(steps, own(lane)%w(1, 0, place), t0, first, lane, q, p, qn, pn, n)
             ntaken = min(ntaken, n)
          else
             do k = 1, size(qn, 3)
@@ -93,9 +96,10 @@ contains
    end subroutine is_rested
 
    !> Steps of one lane from (q, p), with the states after every steps%every-th, as far as they are usual.
-   subroutine walk(self, steps, t0, first, lane, q, p, qn, pn, ntaken)
+   subroutine walk(self, steps, w, t0, first, lane, q, p, qn, pn, ntaken)
       class(lone_stepper), intent(inout) :: self
       type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: w(0:self%m, steps%nstep)
       real(wp), intent(in) :: t0             !! when step 0 of the run begins
       integer(i8), intent(in) :: first       !! absolute step of the first of them
       integer, intent(in) :: lane
@@ -104,36 +108,58 @@ contains
       real(wp), intent(inout) :: pn(steps%nlane, self%n, steps%nstep/steps%every)
       integer, intent(out) :: ntaken  !! all, or those before the first that is not
       real(wp), dimension(self%n) :: x, y, dx, dy
-      real(wp) :: w(0:self%m), sound
-      integer :: i, k
-      logical :: taken
+      integer :: i, left, out
+      logical :: sound
 
       x = q(lane, :)
       y = p(lane, :)
+      out = 0
+      left = steps%every
       do ntaken = 0, steps%nstep - 1
-         k = ntaken + 1
-         !GCC$ novector  ! few numbers
-         do i = 0, self%m
-            w(i) = steps%w(lane, i, k)
-         end do
          ! increments come through memory, as those of blocks do: no operation of theirs is fused with the sum
-         call self%take(t0 + real(first + ntaken, wp)*steps%h, steps%h, w, x, y, dx, dy, taken)
-         if (.not. taken) return
-         sound = 0
-         !GCC$ novector  ! few numbers
+         call self%take(t0 + real(first + ntaken, wp)*steps%h, steps%h, w(0, ntaken + 1), x, y, dx, dy, sound)
+         if (sound) call advance(self%n, dx, dy, x, y, sound)
+         if (.not. sound) return
+         left = left - 1
+         if (left > 0) cycle
+         left = steps%every
+         out = out + 1
+         !GCC$ novector  ! far from each other
          do i = 1, self%n
-            x(i) = x(i) + dx(i)
-            y(i) = y(i) + dy(i)
-            sound = sound + (0*x(i) + 0*y(i))  ! NaN where one is not finite
-         end do
-         if (.not. abs(sound) <= 0) return
-         if (mod(k, steps%every) /= 0) cycle
-         !GCC$ novector  ! few numbers
-         do i = 1, self%n
-            qn(lane, i, k/steps%every) = x(i)
-            pn(lane, i, k/steps%every) = y(i)
+            qn(lane, i, out) = x(i)
+            pn(lane, i, out) = y(i)
          end do
       end do
    end subroutine walk
+
+   !> VEC Add the increments; sound says that all is finite.
+   pure subroutine advance(n, dx, dy, x, y, sound)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: dx(n), dy(n)
+      real(wp), intent(inout) :: x(n), y(n)
+      logical, intent(out) :: sound
+      real(wp) :: zero
+      integer(i8) :: nbad
+      integer :: i
+
+      if (n <= few) then
+         zero = 0
+         !GCC$ novector
+         do i = 1, n
+            x(i) = x(i) + dx(i)
+            y(i) = y(i) + dy(i)
+            zero = zero + (0*x(i) + 0*y(i))  ! NaN where one is not finite
+         end do
+         sound = abs(zero) <= 0
+      else
+         nbad = 0
+         do i = 1, n
+            x(i) = x(i) + dx(i)
+            y(i) = y(i) + dy(i)
+            nbad = nbad + merge(0_i8, 1_i8, abs(x(i)) <= huge(x) .and. abs(y(i)) <= huge(y))
+         end do
+         sound = nbad == 0
+      end if
+   end subroutine advance
 
 end module symsde_step_lone

@@ -64,7 +64,6 @@ contains
       associate (n => self%n, m => self%m, model => self%model, t1 => t + self%c(1)*h, t2 => t + self%c(2)*h, &
                  x => self%x, y => self%y, first => self%first, second => self%second, force => self%force)
          call model%gradient(1, n, m, t1, w, q, p, hq=force)
-         !GCC$ novector  ! few numbers
          do i = 1, n
             y(i) = p(i) - 0.5_wp*force(i)
          end do
@@ -74,7 +73,6 @@ contains
          else
             call model%gradient(1, n, m, t2, w, q, y, hp=second)
          end if
-         !GCC$ novector  ! few numbers
          do i = 1, n
             x(i) = q(i) + 0.5_wp*first(i)
             x(i) = x(i) + 0.5_wp*second(i)
@@ -82,7 +80,6 @@ contains
             dp(i) = -0.5_wp*force(i)
          end do
          call model%gradient(1, n, m, t2, w, x, y, hq=force)
-         !GCC$ novector  ! few numbers
          do i = 1, n
             dp(i) = dp(i) - 0.5_wp*force(i)
          end do

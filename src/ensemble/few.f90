@@ -1,0 +1,132 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The paths of a block of few, which go through their steps one by one: what takes them, and what drives them. Each has
+!> a store of its own, where the weights of a step stand side by side and are not copied.
+module symsde_ensemble_few
+   use symsde_base_functionals, only: nfunctional
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record, step_store, step_request, new_step_store
+   use symsde_ensemble_ahead, only: pairs_ahead, pairs_of
+   use symsde_model_abstract, only: model_type
+   use symsde_noise_source, only: noise_type
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_state, only: lane_state
+   implicit none
+   private
+   public :: few_paths, lone_paths, has_few, lone_numbers
+
+   integer, parameter :: lone_paths = 2  !! of a block: side by side three take 0.6 to 1.2 of the time
+
+   type :: few_paths
+      class(lone_stepper), allocatable :: stepper
+      integer :: npair = 0                  !! pairs of steps that fit
+      type(step_store) :: own(lone_paths)   !! what drives each path
+      type(steps_record), private :: steps  !! which are taken, without what drives them
+   contains
+      procedure :: equip
+      procedure :: walk
+      procedure :: fill
+      procedure :: bring
+   end type few_paths
+
+contains
+
+   !> Whether a run has a block of few paths.
+   pure logical function has_few(npath, nlane)
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: nlane
+
+      has_few = mod(npath, int(nlane, i8)) > 0 .and. mod(npath, int(nlane, i8)) <= lone_paths
+   end function has_few
+
+   !> Numbers that the stores of such a block hold, with so many columns a step beside h.
+   pure real(wp) function lone_numbers(npath, nlane, ncolumn)
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: nlane, ncolumn
+
+      lone_numbers = 0
+      if (has_few(npath, nlane)) lone_numbers = 2.0_wp*lone_paths*pairs_ahead(1, ncolumn)*(ncolumn + 1)
+   end function lone_numbers
+
+   !> A stepper for paths of a model, and room for steps as those of the store of a block, in a run of so many.
+   subroutine equip(self, stepper, model, ndof, like, nstep)
+      class(few_paths), intent(inout) :: self
+      class(lone_stepper), allocatable, intent(inout) :: stepper  !! taken over
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: ndof
+      type(step_store), intent(in) :: like
+      integer(i8), intent(in) :: nstep
+      integer :: i
+
+      call move_alloc(stepper, self%stepper)
+      self%stepper%model => model
+      self%stepper%n = ndof
+      self%stepper%m = like%nnoise
+      self%steps%nlane = like%nlane
+      self%steps%h = like%h
+      self%npair = pairs_of(nstep, pairs_ahead(1, like%asked%columns(like%nnoise)))
+      do i = 1, lone_paths
+         call new_step_store(self%own(i), 1, like%nnoise, 2*self%npair, like%h, like%asked)
+      end do
+   end subroutine equip
+
+   !> Up to nout states, each after `every` more steps: as many as all paths come to by usual steps, but one of fewer
+   !> steps where they do not come to the first. None are left to the stepper of the block.
+   subroutine walk(self, place, nreal, t0, first, state, nout, every, qn, pn)
+      class(few_paths), intent(inout) :: self
+      integer, intent(in) :: place           !! where in the stores the first step stands
+      integer, intent(in) :: nreal
+      real(wp), intent(in) :: t0             !! when step 0 of the run begins
+      integer(i8), intent(in) :: first       !! absolute step of the first of them
+      type(lane_state), intent(in) :: state
+      integer, intent(inout) :: nout, every  !! in: those that are wanted; nout = 0: none
+      real(wp), intent(inout), contiguous :: qn(:, :, :), pn(:, :, :)  !! (nlane, ndof, at least nout)
+      integer :: ntaken, attempt
+
+      do attempt = 1, 2
+         self%steps%nstep = nout*every
+         self%steps%every = every
+         self%steps%nreal = nreal
+         call self%stepper%walk_lanes(self%steps, self%own, place, t0, first, state%status, state%q, state%p, &
+                                      qn, pn, ntaken)
+         if (ntaken == 0 .or. ntaken == nout*every) exit
+         if (ntaken < every) every = ntaken
+         nout = ntaken/every  ! those that all paths can take, once more
+      end do
+      call self%stepper%note_rest(ntaken > 0)
+      if (ntaken == 0) nout = 0
+   end subroutine walk
+
+   !> The pairs of steps of a request, for each of its real paths.
+   subroutine fill(self, noise, request, drawn)
+      class(few_paths), intent(inout) :: self
+      class(noise_type), intent(in) :: noise
+      type(step_request), intent(in) :: request
+      integer(i8), intent(out) :: drawn   !! normals drawn for one path
+      type(step_request) :: one
+      integer :: lane
+
+      one = step_request(1, 1, request%path(:1), request%pair, request%npair)
+      do lane = 1, request%nreal
+         one%path = request%path(lane:lane)
+         call noise%fill(one, self%own(lane), drawn)
+      end do
+   end subroutine fill
+
+   !> Step i, from 0 on, as the first one of the store of the block, whose further lanes repeat the last path.
+   subroutine bring(self, i, nreal, store)
+      class(few_paths), intent(in) :: self
+      integer, intent(in) :: i, nreal
+      type(step_store), intent(inout) :: store
+      integer :: lane, f
+
+      do lane = 1, store%nlane
+         associate (own => self%own(min(lane, nreal)))
+            store%w(lane, :, 0) = own%w(1, :, i)
+            do f = 1, nfunctional
+               if (store%asked%has(f)) store%of(f)%x(lane, :, 0) = own%of(f)%x(1, :, i)
+            end do
+         end associate
+      end do
+   end subroutine bring
+
+end module symsde_ensemble_few
