@@ -32,6 +32,7 @@ module symsde_model_fpu_chain
       procedure :: hessian
       procedure :: hessian_banded
       procedure :: chain_rows
+      procedure :: force_stiffness
       procedure :: hessian_vector
    end type fpu_chain_model
 
@@ -60,7 +61,7 @@ contains
                     ndof=n, nnoise=n, separable=.true., additive=.true., position_noise=.true., &
                     quadratic=is_zero(beta), identity_mass=.true., bandwidth=min(1, n - 1), &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_chain_rows=.true., &
-                    max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
+                    has_lone_rows=.true., max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
       allocate (self%traits%silent(n), source=is_zero(sigma))
    end subroutine new_fpu_chain
 
@@ -98,7 +99,9 @@ contains
       real(wp) :: force(nlane), wall(nlane)
       integer :: i
 
-      if (present(hq)) then
+      if (present(hq) .and. nlane == 1) then
+         call gradient_alone(ndof, self%beta, self%sigma, w, q, hq)
+      else if (present(hq)) then
          wall = 0
          force = q(:, 1)*(1 + self%beta*q(:, 1)**2)
          do i = 1, ndof - 1
@@ -106,12 +109,54 @@ contains
          end do
          call gradient_row(nlane, self%beta, self%sigma, w, w(1, ndof), q(1, ndof), wall, force, hq(1, ndof))
       end if
-      if (present(hp)) then
+      if (present(hp) .and. nlane == 1) then
+         call velocity_alone(ndof, w(1, 0), p, hp)
+      else if (present(hp)) then
          do i = 1, ndof
             hp(:, i) = w(:, 0)*p(:, i)
          end do
       end if
    end subroutine gradient
+
+   !> VEC
+   pure subroutine velocity_alone(n, weight, p, hp)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: weight, p(n)
+      real(wp), intent(out) :: hp(n)
+      integer :: i
+
+      do i = 1, n
+         hp(i) = weight*p(i)
+      end do
+   end subroutine velocity_alone
+
+   !> VEC All rows of one lane: springs side by side.
+   pure subroutine gradient_alone(n, beta, sigma, w, q, hq)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
+      real(wp), intent(out) :: hq(n)
+      integer, parameter :: tile = 64
+      real(wp) :: force(0:tile), r, weight
+      integer :: first, last, i
+
+      weight = w(0)
+      force(0) = q(1)*(1 + beta*q(1)**2)
+      do first = 0, n - 1, tile
+         last = min(tile, n - first)
+         do i = 1, min(last, n - 1 - first)
+            r = q(first + i + 1) - q(first + i)
+            force(i) = r*(1 + beta*r**2)
+         end do
+         if (first + last == n) then
+            r = 0 - q(n)
+            force(last) = r*(1 + beta*r**2)
+         end if
+         do i = 1, last
+            hq(first + i) = weight*(force(i - 1) - force(i)) - sigma*w(first + i)
+         end do
+         force(0) = force(last)
+      end do
+   end subroutine gradient_alone
 
    !> VEC Row i from the force of the spring before it, which becomes that of the spring after it.
    pure subroutine gradient_row(nlane, beta, sigma, weight, dw, q, next_q, force, hq)
@@ -198,24 +243,18 @@ contains
       real(wp), intent(in) :: t, w(strip_lanes, 0:nnoise), q(strip_lanes, first - 1:last + 1)
       real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
       real(wp), dimension(strip_lanes) :: weight, force, k  !! of H_0; of the spring before the row
-      real(wp) :: beta, sigma, r, s, next_force, next_k
+      real(wp) :: beta, sigma, next_force, next_k
       integer :: i, lane
 
       beta = self%beta
       sigma = self%sigma
       do lane = 1, strip_lanes
          weight(lane) = w(lane, 0)
-         r = q(lane, first) - q(lane, first - 1)
-         s = beta*r**2
-         force(lane) = r + s*r
-         k(lane) = weight(lane)*(1 + 3*s)
+         call spring(beta, weight(lane), q(lane, first) - q(lane, first - 1), force(lane), k(lane))
       end do
       do i = first, last
          do lane = 1, strip_lanes
-            r = q(lane, i + 1) - q(lane, i)
-            s = beta*r**2
-            next_force = r + s*r
-            next_k = weight(lane)*(1 + 3*s)
+            call spring(beta, weight(lane), q(lane, i + 1) - q(lane, i), next_force, next_k)
             hq(lane, i) = weight(lane)*(force(lane) - next_force) - sigma*w(lane, i)
             hqq(lane, 0, i) = k(lane) + next_k
             hqq(lane, 1, i) = -next_k
@@ -224,6 +263,68 @@ contains
          end do
       end do
    end subroutine chain_rows
+
+   !> Force and upper bands: of one lane by the operations of chain_rows, springs side by side.
+   subroutine force_stiffness(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
+      class(fpu_chain_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      integer, intent(in) :: b   !! bandwidth, traits%bandwidth
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
+      real(wp) :: before(nlane), behind(nlane)
+      integer :: i
+
+      if (nlane == 1 .and. b == 1) then
+         call rows_alone(ndof, self%beta, self%sigma, w, q, hq, hqq)
+         return
+      end if
+      call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq=hq)
+      call stiffness(nlane, ndof, 0, self%beta, w(:, 0), q, before)
+      do i = 1, ndof
+         call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, behind)
+         hqq(:, 0, i) = before + behind
+         if (b > 0) hqq(:, 1, i) = -behind
+         before = behind
+      end do
+   end subroutine force_stiffness
+
+   !> VEC
+   pure subroutine rows_alone(n, beta, sigma, w, q, hq, hqq)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
+      real(wp), intent(out) :: hq(n), hqq(0:1, n)
+      integer, parameter :: tile = 64
+      real(wp) :: force(0:tile), k(0:tile), weight
+      integer :: first, last, i
+
+      weight = w(0)
+      call spring(beta, weight, q(1), force(0), k(0))
+      do first = 0, n - 1, tile
+         last = min(tile, n - first)
+         do i = 1, min(last, n - 1 - first)
+            call spring(beta, weight, q(first + i + 1) - q(first + i), force(i), k(i))
+         end do
+         if (first + last == n) call spring(beta, weight, 0 - q(n), force(last), k(last))
+         do i = 1, last
+            hq(first + i) = weight*(force(i - 1) - force(i)) - sigma*w(first + i)
+            hqq(0, first + i) = k(i - 1) + k(i)
+            hqq(1, first + i) = -k(i)
+         end do
+         force(0) = force(last)
+         k(0) = k(last)
+      end do
+   end subroutine rows_alone
+
+   !> Force and weighted stiffness of a spring.
+   pure subroutine spring(beta, weight, r, force, k)
+      real(wp), intent(in) :: beta, weight, r
+      real(wp), intent(out) :: force, k
+      real(wp) :: s
+
+      s = beta*r**2
+      force = r + s*r
+      k = weight*(1 + 3*s)
+   end subroutine spring
 
    !> Hessian of sum_j w_j H_j times (vq, vp).
    subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)

@@ -56,7 +56,7 @@ module symsde_solve_newton
       real(wp), allocatable :: step(:)  !! size of this correction (nlane)
       real(wp), allocatable :: size(:)  !! size of the unknowns (nlane)
       logical, private :: exact = .false.    !! matrix and residual belong together, to rounding
-      type(stopping_test), private :: test = linear
+      type(stopping_test) :: test = linear
       logical, allocatable, private :: active(:)
       integer(i8), allocatable, private :: verdict(:)
       type(block_solver), private :: solver

@@ -16,6 +16,7 @@ module symsde_solve_tridiagonal
    implicit none
    private
    public :: eliminate_down_strip, correct_up_strip, before_first_row, nabove
+   public :: eliminate_down_lane, correct_up_lane
 
    !> What a pair hands to the next one, of its last row: c times the entry right of the diagonal, the inverse of the
    !> pivot, the right-hand side, and whether its lane is trusted (1 or 0); and the largest diagonal entry so far.
@@ -38,7 +39,6 @@ contains
       real(wp), intent(out) :: factor(strip_lanes, m)       !! S^{-1} U: what the row after the pair adds to each of it
       real(wp), intent(out) :: rhs(strip_lanes, m)          !! S^{-1} L^{-1} residual
       real(wp), dimension(strip_lanes) :: carried, inverse, r, trusted, largest
-      real(wp) :: entry, next, pivot, beside, scale, y1, y2
       integer :: lane, i
 
       carried = above(:, 1)
@@ -48,33 +48,17 @@ contains
       largest = above(:, 5)
       do i = 1, m - 1, 2
          do lane = 1, strip_lanes
-            entry = 1 + c*k(lane, 0, i)
-            next = 1 + c*k(lane, 0, i + 1)
-            beside = c*k(lane, 1, i)
-            pivot = entry - carried(lane)**2*inverse(lane)
-            scale = 1/(pivot*next - beside**2)
-            trusted(lane) = merge(trusted(lane), 0.0_wp, is_trusted(pivot, scale, entry*next))
-            entry = merge(entry, next, entry > next)
-            largest(lane) = merge(entry, largest(lane), entry > largest(lane))
-            y1 = x(lane, i) + f(lane, i) - carried(lane)*r(lane)
-            y2 = x(lane, i + 1) + f(lane, i + 1)
-            carried(lane) = c*k(lane, 1, i + 1)
-            inverse(lane) = pivot*scale
-            r(lane) = (pivot*y2 - beside*y1)*scale
-            rhs(lane, i) = (next*y1 - beside*y2)*scale
-            rhs(lane, i + 1) = r(lane)
-            factor(lane, i) = -beside*scale*carried(lane)
-            factor(lane, i + 1) = inverse(lane)*carried(lane)
+            call eliminate_pair(c, x(lane, i) + f(lane, i), x(lane, i + 1) + f(lane, i + 1), k(lane, 0, i), &
+                                k(lane, 1, i), k(lane, 0, i + 1), k(lane, 1, i + 1), carried(lane), inverse(lane), &
+                                r(lane), trusted(lane), largest(lane), factor(lane, i), factor(lane, i + 1), &
+                                rhs(lane, i), rhs(lane, i + 1))
          end do
       end do
       if (modulo(m, 2) == 1) then
          do lane = 1, strip_lanes
-            entry = 1 + c*k(lane, 0, m)
-            pivot = entry - carried(lane)**2*inverse(lane)
-            trusted(lane) = merge(trusted(lane), 0.0_wp, is_trusted(pivot, 1/pivot, entry))
-            largest(lane) = merge(entry, largest(lane), entry > largest(lane))
+            call eliminate_last(c, x(lane, m) + f(lane, m), k(lane, 0, m), carried(lane), inverse(lane), r(lane), &
+                                trusted(lane), largest(lane), rhs(lane, m))
             factor(lane, m) = 0
-            rhs(lane, m) = (x(lane, m) + f(lane, m) - carried(lane)*r(lane))/pivot
          end do
       end if
       above(:, 1) = carried
@@ -83,6 +67,69 @@ contains
       above(:, 4) = trusted
       above(:, 5) = largest
    end subroutine eliminate_down_strip
+
+   !> The same of one lane, all rows.
+   pure subroutine eliminate_down_lane(m, c, x, f, k, factor, rhs, trusted, largest)
+      integer, intent(in) :: m
+      real(wp), intent(in) :: c, x(m), f(m), k(0:1, m)
+      real(wp), intent(out) :: factor(m), rhs(m), trusted, largest
+      real(wp) :: carried, inverse, r
+      integer :: i
+
+      carried = before_first_row(1, 1)
+      inverse = before_first_row(1, 2)
+      r = before_first_row(1, 3)
+      trusted = before_first_row(1, 4)
+      largest = before_first_row(1, 5)
+      do i = 1, m - 1, 2
+         call eliminate_pair(c, x(i) + f(i), x(i + 1) + f(i + 1), k(0, i), k(1, i), k(0, i + 1), k(1, i + 1), &
+                             carried, inverse, r, trusted, largest, factor(i), factor(i + 1), rhs(i), rhs(i + 1))
+      end do
+      if (modulo(m, 2) == 1) then
+         call eliminate_last(c, x(m) + f(m), k(0, m), carried, inverse, r, trusted, largest, rhs(m))
+         factor(m) = 0
+      end if
+   end subroutine eliminate_down_lane
+
+   !> A pair of rows: residuals and entries of K.
+   pure subroutine eliminate_pair(c, res1, res2, k1, beside1, k2, beside2, carried, inverse, r, trusted, largest, &
+                                  factor1, factor2, rhs1, rhs2)
+      real(wp), intent(in) :: c, res1, res2, k1, beside1, k2, beside2
+      real(wp), intent(inout) :: carried, inverse, r, trusted, largest
+      real(wp), intent(out) :: factor1, factor2, rhs1, rhs2
+      real(wp) :: entry, next, pivot, beside, scale, y1
+
+      entry = 1 + c*k1
+      next = 1 + c*k2
+      beside = c*beside1
+      pivot = entry - carried**2*inverse
+      scale = 1/(pivot*next - beside**2)
+      trusted = merge(trusted, 0.0_wp, is_trusted(pivot, scale, entry*next))
+      entry = merge(entry, next, entry > next)
+      largest = merge(entry, largest, entry > largest)
+      y1 = res1 - carried*r
+      carried = c*beside2
+      inverse = pivot*scale
+      r = (pivot*res2 - beside*y1)*scale
+      rhs1 = (next*y1 - beside*res2)*scale
+      rhs2 = r
+      factor1 = -beside*scale*carried
+      factor2 = inverse*carried
+   end subroutine eliminate_pair
+
+   !> The last row where their number is odd.
+   pure subroutine eliminate_last(c, res, k, carried, inverse, r, trusted, largest, rhs)
+      real(wp), intent(in) :: c, res, k, carried, inverse, r
+      real(wp), intent(inout) :: trusted, largest
+      real(wp), intent(out) :: rhs
+      real(wp) :: entry, pivot
+
+      entry = 1 + c*k
+      pivot = entry - carried**2*inverse
+      trusted = merge(trusted, 0.0_wp, is_trusted(pivot, 1/pivot, entry))
+      largest = merge(entry, largest, entry > largest)
+      rhs = (res - carried*r)/pivot
+   end subroutine eliminate_last
 
    !> Whether the pivot and the inverse determinant of a pair are positive, or the determinant within bounds of what it
    !> would be without what is beside the diagonal. False for a NaN.
@@ -102,7 +149,6 @@ contains
       real(wp), intent(inout) :: x(strip_lanes, n)          !! unknowns
       real(wp), intent(out) :: step(strip_lanes), size(strip_lanes)
       real(wp), dimension(strip_lanes) :: d, largest, extent, rests
-      real(wp) :: d1, d2, new1, new2
       integer :: lane, i
 
       d = 0
@@ -119,22 +165,54 @@ contains
       end if
       do i = n - modulo(n, 2), 2, -2
          do lane = 1, strip_lanes
-            d2 = rhs(lane, i) - factor(lane, i)*d(lane)
-            d1 = rhs(lane, i - 1) - factor(lane, i - 1)*d(lane)
-            d(lane) = d1
-            new2 = merge(x(lane, i) - d2, x(lane, i), rests(lane) >= 0)
-            new1 = merge(x(lane, i - 1) - d1, x(lane, i - 1), rests(lane) >= 0)
-            x(lane, i) = new2
-            x(lane, i - 1) = new1
-            d1 = merge(abs(d2), abs(d1), abs(d2) >= abs(d1))
-            new1 = merge(abs(new2), abs(new1), abs(new2) >= abs(new1))
-            ! a NaN is in both rows of a pair and goes on from pair to pair; these comparisons take it
-            largest(lane) = merge(largest(lane), d1, d1 <= largest(lane))
-            extent(lane) = merge(extent(lane), new1, new1 <= extent(lane))
+            call correct_pair(factor(lane, i - 1), factor(lane, i), rhs(lane, i - 1), rhs(lane, i), rests(lane), &
+                              d(lane), x(lane, i - 1), x(lane, i), largest(lane), extent(lane))
          end do
       end do
       step = largest
       size = extent
    end subroutine correct_up_strip
+
+   !> The same in a lane that runs.
+   pure subroutine correct_up_lane(n, factor, rhs, x, step, size)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: factor(n), rhs(n)
+      real(wp), intent(inout) :: x(n)
+      real(wp), intent(out) :: step, size
+      real(wp) :: d
+      integer :: i
+
+      d = 0
+      step = 0
+      size = 0
+      if (modulo(n, 2) == 1) then
+         d = rhs(n)
+         x(n) = x(n) - d
+         step = abs(d)
+         size = abs(x(n))
+      end if
+      do i = n - modulo(n, 2), 2, -2
+         call correct_pair(factor(i - 1), factor(i), rhs(i - 1), rhs(i), 0.0_wp, d, x(i - 1), x(i), step, size)
+      end do
+   end subroutine correct_up_lane
+
+   !> A pair of rows upwards; d is the correction of the row after it, then that of its first row.
+   pure subroutine correct_pair(factor1, factor2, rhs1, rhs2, rests, d, x1, x2, largest, extent)
+      real(wp), intent(in) :: factor1, factor2, rhs1, rhs2
+      real(wp), intent(in) :: rests   !! negative where the lane rests
+      real(wp), intent(inout) :: d, x1, x2, largest, extent
+      real(wp) :: d1, d2
+
+      d2 = rhs2 - factor2*d
+      d1 = rhs1 - factor1*d
+      d = d1
+      x2 = merge(x2 - d2, x2, rests >= 0)
+      x1 = merge(x1 - d1, x1, rests >= 0)
+      d1 = merge(abs(d2), abs(d1), abs(d2) >= abs(d1))
+      d2 = merge(abs(x2), abs(x1), abs(x2) >= abs(x1))
+      ! a NaN is in both rows of a pair and goes on from pair to pair; these comparisons take it
+      largest = merge(largest, d1, d1 <= largest)
+      extent = merge(extent, d2, d2 <= extent)
+   end subroutine correct_pair
 
 end module symsde_solve_tridiagonal

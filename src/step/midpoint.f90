@@ -26,6 +26,7 @@ module symsde_step_midpoint
    use symsde_solve_newton, only: newton_options
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_midpoint, only: lone_midpoint
+   use symsde_step_lone_midpoint_rows, only: lone_midpoint_rows
    use symsde_step_midpoint_by_matrix, only: midpoint_by_matrix, new_midpoint_by_matrix
    use symsde_step_midpoint_by_products, only: midpoint_by_products, new_midpoint_by_products
    use symsde_step_midpoint_by_rows, only: midpoint_by_rows, new_midpoint_by_rows
@@ -132,11 +133,12 @@ contains
       end associate
    end subroutine new_midpoint_stepper
 
-   !> Paths one by one, where matrices solve, noise is in position, and one unknown or two have their derivatives.
+   !> Paths one by one, where matrices or rows solve, noise is in position, one unknown or two have their derivatives.
    subroutine offer_lone(self, lone)
       class(midpoint_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
       type(lone_midpoint), allocatable :: made
+      type(lone_midpoint_rows), allocatable :: rows
 
       if (self%has_shift) return
       select type (part => self%part)
@@ -148,6 +150,12 @@ contains
          made%affine = part%newton%affine
          made%patience = min(made%patience, part%newton%options%max_iter)
          call move_alloc(made, lone)
+      type is (midpoint_by_rows)
+         if (self%ham%model%traits%has_chain_rows .and. .not. self%ham%model%traits%has_lone_rows) return
+         allocate (rows)
+         rows%test = part%newton%test
+         rows%max_iter = part%newton%options%max_iter
+         call move_alloc(rows, lone)
       end select
    end subroutine offer_lone
 
