@@ -4,13 +4,16 @@
 !>
 !>    H = p^2/2 - cos q,   H_1 = sigma (p^2 + q^2)/2
 module symsde_model_pendulum
-   use symsde_base_kinds, only: wp
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
    use symsde_base_sincos, only: sincos_lanes, sincos_tile
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
+   use symsde_model_sine_flow, only: sine_terms, sine_flow
    implicit none
    private
    public :: pendulum_model, new_pendulum, pendulum_names, pendulum_defaults
@@ -24,6 +27,8 @@ module symsde_model_pendulum
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
+      procedure :: has_flow
+      procedure :: flow
    end type pendulum_model
 
 contains
@@ -82,5 +87,29 @@ contains
       if (present(hp)) hp(:, 1) = (w(:, 0) + sigma*w(:, 1))*p(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + sigma*w(:, 1)
    end subroutine evaluate
+
+   !> Whether flow takes steps of this scheme.
+   pure logical function has_flow(self, scheme)
+      class(pendulum_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      has_flow = scheme == 'stormer_verlet'
+   end function has_flow
+
+   !> Whole steps, see model_type.
+   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(pendulum_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      call sine_flow(sine_terms(c=self%sigma, e=self%sigma, noise_c=1, noise_e=1), &
+                     steps, q, p, qn, pn, counters)
+   end subroutine flow
 
 end module symsde_model_pendulum

@@ -3,13 +3,16 @@
 !>
 !>    H = p^2/2 - omega^2 cos q,   H_1 = sigma1 sin q,   H_2 = -sigma2 cos q
 module symsde_model_synchrotron
-   use symsde_base_kinds, only: wp
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
    use symsde_base_sincos, only: sincos_lanes, sincos_tile
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
+   use symsde_model_sine_flow, only: sine_terms, sine_flow
    implicit none
    private
    public :: synchrotron_model, new_synchrotron, synchrotron_names, synchrotron_defaults
@@ -26,6 +29,8 @@ module symsde_model_synchrotron
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
+      procedure :: has_flow
+      procedure :: flow
    end type synchrotron_model
 
 contains
@@ -120,6 +125,30 @@ contains
       call sincos_lanes(nlane, q, sine, hqq)
       call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, hqq)
    end subroutine slope_alone
+
+   !> Whether flow takes steps of this scheme.
+   pure logical function has_flow(self, scheme)
+      class(synchrotron_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      has_flow = scheme == 'stormer_verlet'
+   end function has_flow
+
+   !> Whole steps, see model_type.
+   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(synchrotron_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      call sine_flow(sine_terms(rate=self%omega2, a=self%sigma2, b=self%sigma1, noise_a=2, noise_b=1), &
+                     steps, q, p, qn, pn, counters)
+   end subroutine flow
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
