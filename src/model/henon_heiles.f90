@@ -29,6 +29,7 @@ module symsde_model_henon_heiles
       real(wp) :: sigma2 = 0    !! noise of p_2
    contains
       procedure :: value => weighted_value
+      procedure :: gradient
       procedure :: evaluate
       procedure :: has_flow
       procedure :: flow
@@ -74,6 +75,20 @@ contains
               + self%sigma1*w(:, 1)*q(:, 1) + self%sigma2*w(:, 2)*q(:, 2)
    end subroutine weighted_value
 
+   !> Gradient of sum_j w_j H_j, without asking `evaluate` for it: a path by itself wants little else.
+   subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
+      class(henon_heiles_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+
+      if (present(hq)) call force(nlane, self%alpha, self%sigma1, self%sigma2, w, q, hq)
+      if (present(hp)) then
+         hp(:, 1) = w(:, 0)*p(:, 1)
+         hp(:, 2) = w(:, 0)*p(:, 2)
+      end if
+   end subroutine gradient
+
    !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
    subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
       class(henon_heiles_model), intent(in) :: self
@@ -84,11 +99,7 @@ contains
       real(wp) :: alpha
 
       alpha = self%alpha
-      if (present(hq)) call force(nlane, alpha, self%sigma1, self%sigma2, w, q, hq)
-      if (present(hp)) then
-         hp(:, 1) = w(:, 0)*p(:, 1)
-         hp(:, 2) = w(:, 0)*p(:, 2)
-      end if
+      call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
       if (present(hqq)) then
          hqq(:, 1, 1) = w(:, 0)*(1 + 2*alpha*q(:, 2))
          hqq(:, 2, 1) = w(:, 0)*2*alpha*q(:, 1)

@@ -157,12 +157,6 @@ contains
          end do
          do while (last >= 0 .and. sweep < most_sweeps)
             sweep = sweep + 1
-            if (sweep > 1) then
-               !GCC$ novector  ! few numbers
-               do i = 1, n
-                  x(i) = base(i) + c*v(i)
-               end do
-            end if
             call self%model%gradient(1, n, self%m, t, w, x, self%still, hq=f)
             change = 0
             extent = 0
@@ -171,6 +165,7 @@ contains
                change = max(change, abs(v(i) + f(i))) + 0*(change + f(i))  ! NaN stays
                v(i) = -f(i)
                extent = max(extent, abs(v(i)))
+               x(i) = base(i) + c*v(i)  ! for the next sweep
             end do
             last = sweep_verdict(sweep, stiff_rate, stiff_rate, change, extent, last)
          end do

@@ -5,7 +5,7 @@
 module symsde_step_lone_stages
    use symsde_base_kinds, only: wp
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_slopes, only: add_slopes
+   use symsde_step_slopes, only: add_slopes, slope_sum, find_sum
    use symsde_step_stage_iteration, only: sweep_verdict, most_sweeps, stiff_rate, done
    use symsde_step_stage_plan, only: stage_plan, stage_group
    implicit none
@@ -15,11 +15,15 @@ module symsde_step_lone_stages
    type, extends(lone_stepper) :: lone_stages
       type(stage_plan) :: plan
       real(wp), allocatable :: too_slow(:)    !! contraction from which a group is left (ngroup)
+      type(slope_sum), allocatable, private :: sums(:, :)    !! of the first sweep, and of the others (nstage, 2)
+      real(wp), private :: h = 0                             !! for which the sums are
       real(wp), allocatable, private :: base(:, :), g(:, :)  !! what Q_i has without slopes; slopes (n, nstage)
       real(wp), allocatable, dimension(:), private :: x, f, start  !! (n)
    contains
       procedure :: take
    end type lone_stages
+
+   integer, parameter :: few = 4  !! numbers that are too few for vectors
 
 contains
 
@@ -33,7 +37,9 @@ contains
       if (.not. allocated(self%g)) then
          allocate (self%g(self%n, self%plan%nstage), self%base(self%n, self%plan%nstage))
          allocate (self%x(self%n), self%f(self%n), self%start(self%n))
+         allocate (self%sums(self%plan%nstage, 2))
       end if
+      if (abs(h - self%h) > 0) call find_sums(self, h)
       sweeps = 0
       evaluations = 0
       taken = .true.
@@ -53,6 +59,51 @@ contains
       self%counters%gradients = self%counters%gradients + evaluations
       self%counters%iterations = self%counters%iterations + sweeps
    end subroutine take
+
+   !> What the places of the stages are put together from.
+   subroutine find_sums(self, h)
+      type(lone_stages), intent(inout) :: self
+      real(wp), intent(in) :: h
+      integer :: i
+
+      self%h = h
+      associate (plan => self%plan, s => self%plan%nstage)
+         do i = 1, s
+            call find_sum(s, h, plan%first_b(:, i), self%sums(i, 1))
+            call find_sum(s, h, plan%b(:, i), self%sums(i, 2))
+         end do
+      end associate
+   end subroutine find_sums
+
+   !> Q_i of stage i: one or two slopes of few numbers, as most stages want, without a call.
+   subroutine place(n, nstage, few_slopes, h, b, g, base, x)
+      integer, intent(in) :: n, nstage
+      type(slope_sum), intent(in) :: few_slopes
+      real(wp), intent(in) :: h, b(nstage), g(n, nstage), base(n)
+      real(wp), intent(out) :: x(n)
+      real(wp) :: c1, c2
+      integer :: i, j, k
+
+      if (n > few .or. few_slopes%m > 2 .or. few_slopes%m == 0) then
+         call add_slopes(n, nstage, h, b, g, base, x)
+         return
+      end if
+      c1 = few_slopes%c(1)
+      j = few_slopes%used(1)
+      if (few_slopes%m == 1) then
+         !GCC$ novector
+         do i = 1, n
+            x(i) = base(i) + c1*g(i, j)
+         end do
+      else
+         c2 = few_slopes%c(2)
+         k = few_slopes%used(2)
+         !GCC$ novector
+         do i = 1, n
+            x(i) = base(i) + (c1*g(i, j) + c2*g(i, k))
+         end do
+      end if
+   end subroutine place
 
    !> The slopes of a group.
    subroutine iterate(self, group, too_slow, t, h, w, p, sweeps, evaluations, taken)
@@ -74,9 +125,9 @@ contains
             i = group%stage(k)
             associate (plan => self%plan, n => self%n, x => self%x, f => self%f)
                if (sweep == 1) then
-                  call add_slopes(n, plan%nstage, h, plan%first_b(:, i), self%g, self%base(:, i), x)
+                  call place(n, plan%nstage, self%sums(i, 1), h, plan%first_b(1, i), self%g, self%base(1, i), x)
                else
-                  call add_slopes(n, plan%nstage, h, plan%b(:, i), self%g, self%base(:, i), x)
+                  call place(n, plan%nstage, self%sums(i, 2), h, plan%b(1, i), self%g, self%base(1, i), x)
                end if
                call self%model%gradient(1, n, self%m, t + plan%c(i)*h, w, x, p, hq=f)
                call take_slopes(n, sweep == 1, f, self%g(:, i), change, extent)

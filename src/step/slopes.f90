@@ -4,44 +4,61 @@ module symsde_step_slopes
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: add_slopes
+   public :: add_slopes, slope_sum, find_sum
 
    integer, parameter :: few = 4  !! numbers that a path by itself has, too few for vectors
 
+   !> The coefficients that count, times a factor.
+   type :: slope_sum
+      integer :: m = 0          !! how many there are
+      integer :: used(3) = 0    !! slopes of the first three
+      real(wp) :: c(3) = 0      !! and their coefficients
+   end type slope_sum
+
 contains
+
+   !> What add_slopes adds, found once; of more than three the first three.
+   pure subroutine find_sum(nstage, factor, coefficient, sum)
+      integer, intent(in) :: nstage
+      real(wp), intent(in) :: factor, coefficient(nstage)
+      type(slope_sum), intent(out) :: sum
+      integer :: j
+
+      do j = 1, nstage
+         if (abs(coefficient(j)) <= 0) cycle
+         sum%m = sum%m + 1
+         if (sum%m > 3) cycle
+         sum%used(sum%m) = j
+         sum%c(sum%m) = factor*coefficient(j)
+      end do
+   end subroutine find_sum
 
    !> total = start + factor sum_j coefficient_j slope_j
    pure subroutine add_slopes(n, nstage, factor, coefficient, slope, start, total)
       integer, intent(in) :: n, nstage
       real(wp), intent(in) :: factor, coefficient(nstage), slope(n, nstage), start(n)
       real(wp), intent(out) :: total(n)
-      real(wp) :: c(3)   ! of the first three that count; arrays as long as nstage would be allocated in every call
-      integer :: used(3), m, j
+      type(slope_sum) :: sum
+      integer :: j, m
 
-      m = 0
-      do j = 1, nstage
-         if (abs(coefficient(j)) <= 0) cycle
-         m = m + 1
-         if (m <= 3) then
-            used(m) = j
-            c(m) = factor*coefficient(j)
-            cycle
-         end if
-         if (m == 4) call add_three(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), c(3), slope(1, used(3)), &
-                                    start, total)
-         call add_more(n, factor*coefficient(j), slope(1, j), total)
+      call find_sum(nstage, factor, coefficient, sum)
+      associate (c => sum%c, used => sum%used)
+         select case (sum%m)
+         case (0)
+            total = start
+         case (1)
+            call add_one(n, c(1), slope(1, used(1)), start, total)
+         case (2)
+            call add_two(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), start, total)
+         case default
+            call add_three(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), c(3), slope(1, used(3)), start, total)
+         end select
+         if (sum%m <= 3) return
+         m = used(3)
+      end associate
+      do j = m + 1, nstage
+         if (abs(coefficient(j)) > 0) call add_more(n, factor*coefficient(j), slope(1, j), total)
       end do
-      select case (m)
-      case (0)
-         total = start
-      case (1)
-         call add_one(n, c(1), slope(1, used(1)), start, total)
-      case (2)
-         call add_two(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), start, total)
-      case (3)
-         call add_three(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), c(3), slope(1, used(3)), start, total)
-      case default  ! is added up
-      end select
    end subroutine add_slopes
 
    !> VEC
