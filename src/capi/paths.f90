@@ -17,7 +17,7 @@ module symsde_capi_paths
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_ensemble_recorder, only: path_recorder
    use symsde_ensemble_report, only: run_report
-   use symsde_ensemble_simulate, only: saved_time
+   use symsde_ensemble_simulate, only: fill_times
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
@@ -182,12 +182,9 @@ contains
       integer(i8), intent(in) :: ntime
       type(run_options), intent(in) :: options
       real(wp), pointer, contiguous :: t(:)
-      integer(i8) :: i
 
       call view(given, ntime, t)
-      do i = 1, ntime
-         t(i) = saved_time(options, i - 1)
-      end do
+      call fill_times(options, ntime, t)
    end subroutine put_times
 
    function blank_paths() result(paths)

@@ -8,7 +8,7 @@ module symsde_ensemble_observer
    use symsde_step_state, only: lane_state
    implicit none
    private
-   public :: observer_type, observe_each
+   public :: observer_type
 
    type, abstract :: observer_type
    contains

@@ -3,7 +3,7 @@
 module symsde_ensemble_recorder
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_ensemble_observer, only: observer_type, observe_each
+   use symsde_ensemble_observer, only: observer_type
    use symsde_step_state, only: lane_state
    implicit none
    private
@@ -60,7 +60,7 @@ contains
       end do
    end subroutine observe
 
-   !> Several times at once: for few lanes the loop over times is the inner one.
+   !> Several times at once, straight from where they are: for few lanes the loop over times is the inner one.
    subroutine observe_several(self, isave, nsave, t, q, p, state)
       class(path_recorder), intent(inout) :: self
       integer(i8), intent(in) :: isave
@@ -70,21 +70,43 @@ contains
       real(wp), intent(in) :: q(state%nlane, state%ndof, nsave), p(state%nlane, state%ndof, nsave)
       integer :: lane
 
-      if (self%nreal > few .or. .not. associated(self%q)) then
-         call observe_each(self, isave, nsave, t, q, p, state)
-         return
+      if (associated(self%q)) then
+         associate (last => isave + nsave)
+            if (self%nreal > few) then
+               call copy_lanes(self%nreal, nsave, q, state%status, self%q(:, :, isave + 1:last), self%offset)
+               call copy_lanes(self%nreal, nsave, p, state%status, self%p(:, :, isave + 1:last), self%offset)
+            else
+               do lane = 1, self%nreal
+                  associate (path => self%offset + lane)
+                     call copy_lane(lane, nsave, q, state%status(lane), self%q(:, :, isave + 1:last), path)
+                     call copy_lane(lane, nsave, p, state%status(lane), self%p(:, :, isave + 1:last), path)
+                  end associate
+               end do
+            end if
+         end associate
       end if
-      associate (last => isave + nsave)
-         do lane = 1, self%nreal
-            associate (path => self%offset + lane)
-               call copy_lane(lane, nsave, q, state%status(lane), self%q(:, :, isave + 1:last), path)
-               call copy_lane(lane, nsave, p, state%status(lane), self%p(:, :, isave + 1:last), path)
-            end associate
-         end do
-      end associate
       state%q = q(:, :, nsave)
       state%p = p(:, :, nsave)
    end subroutine observe_several
+
+   !> The first lanes of x as paths offset + 1, .. of saved; NaN in those with a status.
+   pure subroutine copy_lanes(nreal, nsave, x, status, saved, offset)
+      integer, intent(in) :: nreal, nsave
+      integer(i8), intent(in) :: status(nreal), offset
+      real(wp), intent(in), contiguous :: x(:, :, :)
+      real(wp), intent(inout), contiguous :: saved(:, :, :)  !! (npath, ndof, nsave)
+      real(wp) :: nan
+      integer :: i, k, lane
+
+      nan = ieee_value(1.0_wp, ieee_quiet_nan)
+      do k = 1, nsave
+         do i = 1, size(x, 2)
+            do lane = 1, nreal
+               saved(offset + lane, i, k) = merge(x(lane, i, k), nan, status(lane) == 0)
+            end do
+         end do
+      end do
+   end subroutine copy_lanes
 
    !> One lane of x as a path of saved; NaN where it has a status.
    pure subroutine copy_lane(lane, nsave, x, status, saved, path)

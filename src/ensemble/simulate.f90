@@ -19,7 +19,7 @@ module symsde_ensemble_simulate
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: paths_type, moments_type, simulate, moments, new_paths, saved_times, saved_time
+   public :: paths_type, moments_type, simulate, moments, new_paths, saved_times, fill_times
 
    !> Saved paths. Values of a path after its failure are NaN; last_q, last_p keep its last good state.
    type :: paths_type
@@ -250,22 +250,24 @@ contains
    subroutine saved_times(options, t)
       type(run_options), intent(in) :: options
       real(wp), allocatable, intent(inout) :: t(:)
-      integer(i8) :: i, nsave
 
-      nsave = options%nstep/options%save_every
-      if (.not. allocated(t)) allocate (t(nsave + 1))
-      do i = 0, nsave
-         t(i + 1) = saved_time(options, i)
-      end do
+      if (.not. allocated(t)) allocate (t(options%nstep/options%save_every + 1))
+      call fill_times(options, size(t, kind=i8), t)
    end subroutine saved_times
 
-   !> t_n = t0 + n h at saved point number isave, 0 for the first.
-   pure real(wp) function saved_time(options, isave)
+   !> t_n = t0 + n h at the saved points, from the first one on.
+   pure subroutine fill_times(options, ntime, t)
       type(run_options), intent(in) :: options
-      integer(i8), intent(in) :: isave
+      integer(i8), intent(in) :: ntime
+      real(wp), intent(out) :: t(ntime)
+      integer(i8) :: i
 
-      saved_time = options%t0 + real(options%first_step + isave*options%save_every, wp)*options%step
-   end function saved_time
+      associate (t0 => options%t0, first => options%first_step, every => options%save_every, h => options%step)
+         do i = 1, ntime
+            t(i) = t0 + real(first + (i - 1)*every, wp)*h
+         end do
+      end associate
+   end subroutine fill_times
 
    !> Room for the saved paths; sizes that overflow and missing memory are refused.
    subroutine new_paths(run, options, ndof, error)
