@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Models as a user compiles them by numba.cfunc, plainly: lanes in the inner loop, nothing from the library."""
+"""Models as a user compiles them by numba.cfunc, plainly: lanes in the inner loop, nothing from the library.
+
+What the loops beside them compute once is computed once here, too: force and slope share their sine and cosine, by
+one function for gradient and Hessian, and an angle is read once, since outputs may lie anywhere for all a compiler
+knows and a sine that is stored could change the angle of the cosine after it.
+"""
 
 import math
 
@@ -20,19 +25,23 @@ def synchrotron():
             hp[i] = w[0, i] * p[i]
         return 0
 
-    @numba.cfunc(ss.numba_signature("hessian"))
-    def hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user):  # noqa: PLR0917
-        w, q = numba.carray(w, (nham, nlane)), numba.carray(q, nlane)
+    @numba.cfunc(ss.numba_signature("gradient_hessian"))
+    def gradient_hessian(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):  # noqa: PLR0917
+        w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, nlane), numba.carray(p, nlane)
+        hq, hp = numba.carray(hq, nlane), numba.carray(hp, nlane)
         hqq, hqp, hpp = numba.carray(hqq, nlane), numba.carray(hqp, nlane), numba.carray(hpp, nlane)
         for i in range(nlane):
-            hqq[i] = (4.0 * w[0, i] + 0.1 * w[2, i]) * math.cos(q[i]) - 0.2 * w[1, i] * math.sin(q[i])
+            sine, cosine = math.sin(q[i]), math.cos(q[i])
+            a, b = 4.0 * w[0, i] + 0.1 * w[2, i], 0.2 * w[1, i]
+            hq[i] = a * sine + b * cosine
+            hp[i] = w[0, i] * p[i]
+            hqq[i] = a * cosine - b * sine
             hqp[i] = 0.0
             hpp[i] = w[0, i]
         return 0
 
-    return ss.Model(
-        ndof=1, nnoise=2, gradient=gradient, hessian=hessian, separable=True, position_noise=True, identity_mass=True
-    )
+    traits = {"separable": True, "position_noise": True, "identity_mass": True}
+    return ss.Model(ndof=1, nnoise=2, gradient=gradient, gradient_hessian=gradient_hessian, **traits)
 
 
 def many_noises(m):
@@ -50,18 +59,24 @@ def many_noises(m):
                 hq[i] -= COSINES[k - 1] * w[k, i]
         return 0
 
-    @numba.cfunc(ss.numba_signature("hessian"))
-    def hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user):  # noqa: PLR0917
-        w = numba.carray(w, (nham, nlane))
+    @numba.cfunc(ss.numba_signature("gradient_hessian"))
+    def gradient_hessian(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):  # noqa: PLR0917
+        w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, nlane), numba.carray(p, nlane)
+        hq, hp = numba.carray(hq, nlane), numba.carray(hp, nlane)
         hqq, hqp, hpp = numba.carray(hqq, nlane), numba.carray(hqp, nlane), numba.carray(hpp, nlane)
         for i in range(nlane):
+            force = w[0, i] * q[i]
+            for k in range(1, nham):
+                force -= COSINES[k - 1] * w[k, i]
+            hq[i] = force
+            hp[i] = w[0, i] * p[i]
             hqq[i] = w[0, i]
             hqp[i] = 0.0
             hpp[i] = w[0, i]
         return 0
 
     traits = {"separable": True, "additive": True, "position_noise": True, "quadratic": True, "identity_mass": True}
-    return ss.Model(ndof=1, nnoise=m, gradient=gradient, hessian=hessian, **traits)
+    return ss.Model(ndof=1, nnoise=m, gradient=gradient, gradient_hessian=gradient_hessian, **traits)
 
 
 def mean_field(n):
@@ -75,10 +90,11 @@ def mean_field(n):
         for lane in range(nlane):
             x, y = 0.0, 0.0
             for i in range(ndof):
-                hq[i, lane] = math.sin(q[i, lane])
-                hp[i, lane] = math.cos(q[i, lane])
-                y += hq[i, lane]
-                x += hp[i, lane]
+                angle = q[i, lane]
+                sine, cosine = math.sin(angle), math.cos(angle)
+                hq[i, lane], hp[i, lane] = sine, cosine
+                y += sine
+                x += cosine
             x, y = x / ndof, y / ndof
             for i in range(ndof):
                 pull = hq[i, lane] * x - hp[i, lane] * y
@@ -94,10 +110,11 @@ def mean_field(n):
         for lane in range(nlane):
             x, y = 0.0, 0.0
             for i in range(ndof):
-                hqp[0, i, lane] = math.sin(q[i, lane])
-                hpp[0, i, lane] = math.cos(q[i, lane])
-                y += hqp[0, i, lane]
-                x += hpp[0, i, lane]
+                angle = q[i, lane]
+                sine, cosine = math.sin(angle), math.cos(angle)
+                hqp[0, i, lane], hpp[0, i, lane] = sine, cosine
+                y += sine
+                x += cosine
             x, y = x / ndof, y / ndof
             for i in range(ndof):
                 for j in range(ndof):
