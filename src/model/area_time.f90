@@ -42,7 +42,7 @@ contains
       real(wp), intent(out) :: tau                      !! [time]
       type(error_type), allocatable, intent(inout) :: error
       type(point_set) :: points
-      real(wp) :: single, by_noise, by_drift, scale
+      real(wp) :: single, by_noise, by_drift, noise_scale, drift_scale
       integer :: j, k, l, i
 
       points%model => model
@@ -57,21 +57,22 @@ contains
       single = 0
       by_noise = 0
       by_drift = 0
-      scale = 0
+      noise_scale = 0
+      drift_scale = 0
       do l = 2, points%m
          do k = 1, l - 1
             single = single + square_of_bracket(points, k, l)
-            by_drift = by_drift + square_of_nested(points, 0, k, l, scale)
+            by_drift = by_drift + square_of_nested(points, 0, k, l, drift_scale)
             do j = 1, points%m
-               by_noise = by_noise + square_of_nested(points, j, k, l, scale)
+               by_noise = by_noise + square_of_nested(points, j, k, l, noise_scale)
             end do
          end do
       end do
       tau = 0
       if (.not. single > 0 .and. single <= huge(single)) return
-      if (by_noise > vanishing**2*scale .and. by_noise <= huge(tau)) then
+      if (by_noise > vanishing**2*noise_scale .and. by_noise <= huge(tau)) then
          tau = 6*single/by_noise
-      else if (by_drift > vanishing**2*scale .and. by_drift <= huge(tau)) then
+      else if (by_drift > vanishing**2*drift_scale .and. by_drift <= huge(tau)) then
          tau = 6*sqrt(single/by_drift)
       end if
       if (tau > 0 .and. tau <= huge(tau)) return
@@ -90,7 +91,8 @@ contains
       square_of_bracket = sum(v**2)
    end function square_of_bracket
 
-   !> sum over the points of |X_jkl|^2 = |DX_kl X_j - DX_j X_kl|^2; the squares of the two terms are added to scale.
+   !> sum over the points of |X_jkl|^2 = |DX_kl X_j - DX_j X_kl|^2; the squares of the two terms are added to scale, and
+   !> of |X_kl| |X_j|, which they are at points of order one, so that rounding is not measured against itself.
    real(wp) function square_of_nested(points, j, k, l, scale)
       type(point_set), intent(inout) :: points
       integer, intent(in) :: j, k, l
@@ -101,6 +103,7 @@ contains
 
       call field_of_one(points, points%x, j, single)
       call field_of_bracket(points, points%x, k, l, bracket)
+      scale = scale + sum(sum(single**2, dim=2)*sum(bracket**2, dim=2))
       e = step_along(points%n, single)
       do i = 1, 2*points%n
          fore(:, i) = points%x(:, i) + e*single(:, i)
