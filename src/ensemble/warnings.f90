@@ -15,6 +15,7 @@ module symsde_ensemble_warnings
    public :: set_up_warnings
 
    integer, parameter :: largest_dense = 64  !! degrees of freedom up to which a dense Hessian is looked at
+   integer, parameter :: most_noises = 1024  !! noises that are looked at one by one, each with weights for all of them
 
    type :: bounds_type
       real(wp) :: frequency = 0   !! of H [1/time]
@@ -114,7 +115,7 @@ contains
    end subroutine warn_of_rounding
 
    !> Declared bounds, else row sums of Hessians at the initial state: of the noises, sums over all of them in one
-   !> row, since noises on different sites of a lattice do not add up.
+   !> row, since noises on different sites of a lattice do not add up. Nothing is estimated of more noises than that.
    subroutine find_bounds(model, t, q0, p0, bounds)
       class(model_type), intent(in) :: model
       real(wp), intent(in) :: t, q0(:), p0(:)
@@ -133,7 +134,7 @@ contains
          call row_sums(model, t, 0, q0, p0, hqq, hqp, hpp, looked)
          if (looked) bounds%frequency = maxval(hqp) + sqrt(maxval(hqq))*sqrt(maxval(hpp))
       end if
-      if (bounds%lipschitz > 0 .or. model%traits%additive) return
+      if (bounds%lipschitz > 0 .or. model%traits%additive .or. model%traits%nnoise > most_noises) return
       bounds%lipschitz_source = 'estimated at the initial state'
       bounds%nnoise = 0
       row_of_q = 0

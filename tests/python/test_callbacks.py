@@ -289,3 +289,33 @@ def test_handles_of_a_model_are_used_again(kubo, options):
     for _ in range(20):
         ss.simulate(kubo, **options)
     assert len(kubo._handles._idle) == 1
+
+
+def test_results_of_another_real_type_are_converted(options):
+    """A gradient in float32 is that gradient, rounded; integers are numbers."""
+
+    def model(rounded):
+        def gradient(t, w, q, p):
+            return rounded(w[0] * np.sin(q) + w[1] * np.cos(q)), w[0] * p
+
+        return ss.Model(ndof=1, nnoise=1, gradient=gradient, separable=True)
+
+    single = ss.simulate(model(np.float32), scheme="stormer_verlet", **options)
+    by_hand = ss.simulate(model(lambda x: x.astype(np.float32).astype(float)), scheme="stormer_verlet", **options)
+    np.testing.assert_array_equal(single.q, by_hand.q)
+    exact = ss.simulate(model(lambda x: x), scheme="stormer_verlet", **options)
+    assert 0 < np.abs(single.q - exact.q).max() < 1e-5
+
+
+def test_set_up_does_not_ask_for_every_noise_of_very_many():
+    """Each call takes the weights of all noises: one for each noise would be quadratic."""
+    calls = []
+
+    def gradient(t, w, q, p):
+        calls.append(w.shape)
+        return w[0] * q + w[1] * q, w[0] * p
+
+    for noises in (1024, 1025):
+        calls.clear()
+        ss.simulate(ss.Model(ndof=1, nnoise=noises, gradient=gradient), q0=1.0, p0=0.0, step=0.1, steps=1)
+        assert (len(calls) > 1024) == (noises == 1024) and (noises == 1024 or len(calls) < 400)
