@@ -218,23 +218,28 @@ contains
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: value
 
-      value = yes_no(c%symmetric)//', distance from the adjoint '//to_text(c%symmetry_residual)
+      value = yes_no(c%symmetric)
+      if (c%structure /= evidence_claimed) value = value//', distance from the adjoint '//to_text(c%symmetry_residual)
       if (c%frame == frame_shift) value = 'without noise only, its shift by dZ comes last'
       if (c%frame == frame_rotation) value = 'without noise only, its noise comes first'
+      if (c%structure == evidence_claimed) value = value//', claimed'
       call add(text, 'symmetric', value)
    end subroutine add_symmetry
 
    pure subroutine add_invariants(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
+      character(:), allocatable :: value
 
       if (c%keeps_quadratic) then
-         call add(text, 'quadratic invariants', 'preserved exactly')
+         value = 'preserved exactly'
       else if (c%keeps_bilinear) then
-         call add(text, 'quadratic invariants', 'not preserved; those of the form q^T D p, as angular momentum, are')
+         value = 'not preserved; those of the form q^T D p, as angular momentum, are'
       else
-         call add(text, 'quadratic invariants', 'not preserved')
+         value = 'not preserved'
       end if
+      if (c%structure == evidence_claimed) value = value//', claimed'
+      call add(text, 'quadratic invariants', value)
    end subroutine add_invariants
 
    pure function order_label(i) result(label)
