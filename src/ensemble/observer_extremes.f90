@@ -65,8 +65,8 @@ contains
             lane = merge(minloc(x, 1, counts), maxloc(x, 1, counts), side == 1)
             if (ieee_is_nan(x(lane))) cycle
             if (self%counts(2*side - 1) >= 0) then
-               if (.not. is_further(side, x(lane), self%first + lane - 1, it - 1_i8, self%singles(side), &
-                                    self%counts(2*side - 1), self%counts(2*side))) cycle
+               if (.not. is_further(side, x(lane), self%first + lane - 1, self%singles(side), &
+                                    self%counts(2*side - 1))) cycle
             end if
             self%singles(side) = x(lane)
             self%counts(2*side - 1:2*side) = [self%first + lane - 1, it - 1_i8]
@@ -74,15 +74,16 @@ contains
       end associate
    end subroutine take
 
-   !> Whether a value is further out than another one; of equal ones that of the lower path, then the earlier.
-   pure logical function is_further(side, x, path, it, x_old, path_old, it_old)
+   !> Whether a value is further out than another one; of equal ones that of the lower path. Of one path the earlier
+   !> one is taken: its later ones are not further, and times are shown in their order.
+   pure logical function is_further(side, x, path, x_old, path_old)
       integer, intent(in) :: side   !! 1: lowest, 2: highest
       real(wp), intent(in) :: x, x_old
-      integer(i8), intent(in) :: path, it, path_old, it_old
+      integer(i8), intent(in) :: path, path_old
 
       is_further = merge(x < x_old, x > x_old, side == 1)
       if (x < x_old .or. x > x_old) return
-      is_further = path < path_old .or. (path == path_old .and. it < it_old)
+      is_further = path < path_old
    end function is_further
 
    subroutine clear(self, counts, singles)
@@ -106,8 +107,7 @@ contains
          associate (mine => counts(2*side - 1:2*side), other => more_counts(2*side - 1:2*side))
             if (other(1) < 0) cycle
             if (mine(1) >= 0) then
-               if (.not. is_further(side, more_singles(side), other(1), other(2), singles(side), mine(1), &
-                                    mine(2))) cycle
+               if (.not. is_further(side, more_singles(side), other(1), singles(side), mine(1))) cycle
             end if
             mine = other
             singles(side) = more_singles(side)

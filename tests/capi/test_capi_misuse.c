@@ -102,15 +102,17 @@ static void test_misuse(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* a gradient that scales its input in place, and one that leaves an output alone */
+/* a gradient that scales an input in place, q or what user says, and one that leaves an output alone */
+static const int of_w = 1, of_p = 2;
+
 static int scribbling(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                       double *hq, double *hp, void *user) {
    for (int i = 0; i < nlane; i++) {
       hq[i] = w[i] * q[i];
       hp[i] = w[i] * p[i];
-      ((double *)(uintptr_t)q)[i] *= 0.5;
+      ((double *)(uintptr_t)(user == &of_w ? w : user == &of_p ? p : q))[i] *= 0.5;
    }
-   return (void)ndof, (void)nham, (void)t, (void)user, 0;
+   return (void)ndof, (void)nham, (void)t, 0;
 }
 
 static int lazy(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p, double *hq,
@@ -121,15 +123,40 @@ static int lazy(int nlane, int ndof, int nham, double t, const double *w, const 
    return (void)ndof, (void)nham, (void)t, (void)p, (void)hp, (void)user, 0;
 }
 
+static int counting(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                    double *hq, double *hp, void *user) {
+   ++*(int *)user;
+   return (void)nlane, (void)ndof, (void)nham, (void)t, (void)w, (void)q, (void)p, (void)hq, (void)hp, 31;
+}
+
+/* a callback that has failed is not called again for the blocks that are left */
+static void test_failed_callbacks(void) {
+   enum { N = 5000 };
+   static double w[N], q[N], p[N], hq[N];
+   int calls = 0;
+   symsde_model model;
+   symsde_traits traits;
+
+   symsde_traits_init(&traits);
+   traits.nnoise = 0;
+   OK(symsde_model_new("counting", &traits, counting, NULL, NULL, NULL, &calls, &model, &error));
+   EXPECT(SYMSDE_CALLBACK_FAILED, "31", symsde_model_gradient(model, N, 0, w, q, p, hq, NULL, &error));
+   CHECK(calls == 1);
+   symsde_model_delete(&model);
+}
+
 static void test_wrong_gradients(void) {
    symsde_model model;
    symsde_traits traits;
 
    symsde_traits_init(&traits);
-   OK(symsde_model_new("scribbling", &traits, scribbling, NULL, NULL, NULL, NULL, &model, &error));
-   EXPECT(SYMSDE_FALSE_TRAIT, "scribbling|writes into q, p or w|copies",
-          symsde_model_probe(model, 0, &one, &one, &error));
-   symsde_model_delete(&model);
+   for (int i = 0; i < 3; i++) {
+      void *user = i == 0 ? NULL : (void *)(uintptr_t)(i == 1 ? &of_w : &of_p);
+      OK(symsde_model_new("scribbling", &traits, scribbling, NULL, NULL, NULL, user, &model, &error));
+      EXPECT(SYMSDE_FALSE_TRAIT, "scribbling|writes into q, p or w|copies",
+             symsde_model_probe(model, 0, &one, &one, &error));
+      symsde_model_delete(&model);
+   }
    OK(symsde_model_new("lazy", &traits, lazy, NULL, NULL, NULL, NULL, &model, &error));
    EXPECT(SYMSDE_FALSE_TRAIT, "lazy|dS/dp_1|write all of every output",
           symsde_model_probe(model, 0, &one, &one, &error));
@@ -138,6 +165,7 @@ static void test_wrong_gradients(void) {
 
 int main(void) {
    test_wrong_gradients();
+   test_failed_callbacks();
    test_misuse();
    return close_report();
 }

@@ -146,3 +146,14 @@ def test_increments_have_the_law_of_the_scheme():
     assert np.allclose(np.abs(signs), np.sqrt(h))
     again = ss.simulate(model, q0=1.0, p0=0.0, step=h, steps=6, paths=200, increments=signs, scheme="midpoint_weak1")
     assert np.array_equal(run.q, again.q)
+
+
+def test_rounding_of_a_large_gradient_is_no_bracket():
+    """H_1 = 1e6 q, H_2 = 1e6 p with gradients that are 1e6 but for rounding: all that differences see is that."""
+
+    def gradient(t, w, q, p):
+        one, two = (np.sin(3 * x) ** 2 + np.cos(3 * x) ** 2 for x in (q + 2 * p, 2 * q - p))
+        return w[0] * q + 1e6 * w[1] * one, w[0] * p + 1e6 * w[2] * two
+
+    found = ss.commutator(ss.Model(ndof=1, nnoise=2, gradient=gradient))
+    assert found.commutative and 0 < found.noise < 1e-6
