@@ -11,9 +11,8 @@ module symsde_model_noise_time
    private
    public :: noise_changes_in_time
 
-   integer :: i_later
-   !> From 1e-3 to 1e5, each 1.618.. times the one before, so that few periods fit all of them [time].
-   real(wp), parameter :: later(39) = [(1.3e-3_wp*1.618033988749895_wp**i_later, i_later=0, 38)]
+   real(wp), parameter :: earliest = 1.3e-3_wp, latest = 1e5_wp  !! times that are asked for [time]
+   real(wp), parameter :: ratio = 1.618033988749895_wp           !! of each to the one before: no period fits all
 
 contains
 
@@ -22,6 +21,7 @@ contains
       class(model_type), intent(in) :: model
       real(wp), dimension(lane_unit, model%traits%ndof) :: q, p, hq, hp, first_q, first_p
       real(wp) :: w(lane_unit, 0:model%traits%nnoise)
+      real(wp) :: later
       integer :: i, l
 
       noise_changes_in_time = .false.
@@ -36,10 +36,12 @@ contains
       associate (n => model%traits%ndof, m => model%traits%nnoise)
          if (m == 0) return
          call model%gradient(lane_unit, n, m, 0.0_wp, w, q, p, first_q, first_p)
-         do i = 1, size(later)
-            call model%gradient(lane_unit, n, m, later(i), w, q, p, hq, hp)
+         later = earliest
+         do while (later < latest)
+            call model%gradient(lane_unit, n, m, later, w, q, p, hq, hp)
             noise_changes_in_time = differ(hq, first_q) .or. differ(hp, first_p)
             if (noise_changes_in_time) return
+            later = ratio*later
          end do
       end associate
    end function noise_changes_in_time
