@@ -282,6 +282,7 @@ contains
       call stiffness(nlane, ndof, 0, self%beta, w(:, 0), q, before)
       do i = 1, ndof
          call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, behind)
+         hqq(:, :, i) = 0  ! a model may be declared to have more bands
          hqq(:, 0, i) = before + behind
          if (b > 0) hqq(:, 1, i) = -behind
          before = behind

@@ -156,7 +156,7 @@ contains
          do i = 1, n
             x(i) = x(i) + dx(i)
             y(i) = y(i) + dy(i)
-            nbad = nbad + merge(0_i8, 1_i8, abs(x(i)) <= huge(x) .and. abs(y(i)) <= huge(y))
+            nbad = nbad + (merge(0_i8, 1_i8, abs(x(i)) <= huge(x)) + merge(0_i8, 1_i8, abs(y(i)) <= huge(y)))
          end do
          sound = nbad == 0
       end if
