@@ -6,7 +6,8 @@ derivatives    gradients and Hessians of weighted sums, as nodes of one graph
 graph          expressions in which equal parts are one node
 structure      traits and invariants, derived
 emit_c         C for the callbacks of the library
-sites          sums over the sites of a chain; emit_sites, emit_rows their C
+sites          sums over the sites of a chain; site_loops, emit_sites, emit_rows their C
+collective     functions of such sums; emit_collective their C
 in_numpy       the same callbacks without a compiler
 compiler       the system's compiler, and a cache on disk
 observables    values of the state, of any model

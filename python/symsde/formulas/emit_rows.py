@@ -14,7 +14,7 @@ from .._files import optional
 from .derivatives import Derivatives
 from .emit_c import Writer
 from .problem import Problem
-from .sites import Chain, Density
+from .sites import Chain, Density, Number
 
 LANES = 16  #: that the library asks for at once, strip_lanes: what a row hands on stays in registers
 OUTPUTS = {"force": ("hq", 0), "diagonal": ("hqq", 0), "beside": ("hqq", 1)}  #: of a row; places in `Derivatives`
@@ -75,7 +75,7 @@ ALONE = """   if (last == sites - 1) {{ /* beyond the last row there is nothing 
 class _Term:
     """Hamiltonians that stand in a row: one, or one for each site."""
 
-    weight: int
+    weight: Number
     family: bool
 
 

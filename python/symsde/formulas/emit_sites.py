@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """C for chains: every density is a function of one site, which adds to the rows of its neighbours.
 
-The number of sites is no part of the code: a chain of any length is the same file.
+The number of sites is no part of the code: a chain of any length is the same file. Densities of sums that stand in
+functions have weights of their own, g (`emit_collective.py`).
 """
 
 from __future__ import annotations
 
-from . import emit_rows
-from .derivatives import BLOCKS
-from .emit_c import MACROS, Writer, lane_functions
-from .graph import Graph
-from .sites import Chain, Density
+from . import emit_collective, emit_rows
+from .emit_c import MACROS, lane_functions
+from .site_loops import GRADIENT, VECTORS, additions, over_sites, site_loop
+from .sites import Chain
 
-VECTORS = {"uq": ("vq", "vp"), "up": ("vq", "vp")}
 SIZES = {"value": "1", "hq": "sites", "hp": "sites", "uq": "sites", "up": "sites"} | dict.fromkeys(
     ("hqq", "hqp", "hpp"), "sites * sites"
 )
@@ -30,8 +29,9 @@ def source(chain: Chain) -> str:
     parts += [lane_functions(), "#include <string.h>\n", MACROS]
     row = "((site + (offset) + sites) % sites)" if chain.ends == "periodic" else "(site + (offset))"
     parts += [f"#define ROW(offset) {row}\n"]
-    for output in SIZES:
-        parts.append(_output(chain, output))
+    parts += [_output(chain, output) for output in SIZES]
+    if chain.outer:
+        return "\n".join([*parts, emit_collective.source(chain)])
     parts += [_callback(kind, outputs) for kind, outputs in KINDS.items()]
     return "\n".join([*parts, emit_rows.source(chain)])
 
@@ -47,69 +47,26 @@ def _output(chain: Chain, output: str) -> str:
     """All densities of one output: zero, then site after site; once more where lanes are far."""
     vectors = "".join(f", const double *restrict {x}" for x in VECTORS.get(output, ()))
     parameters = f"IN, const ptrdiff_t sites{vectors}, OUT {output}"
-    names = ", ".join([*VECTORS.get(output, ()), output])
+    more = [x for x in emit_collective.WEIGHTS.get(output, ()) if chain.outer]
+    weights = "".join(f", const double *restrict {x}" for x in more)
     text, loops = "", ""
     for k, d in enumerate(chain.densities):
-        body = _site(d, output)
+        body = site_loop(d, additions(d, output)) if output != "value" or not d.inner else ""
         if body:
             text += f"INLINE {output}_{k}({parameters}, const ptrdiff_t site, const int far) {{\n{body}}}\n\n"
-            loops += f"   for (ptrdiff_t site = {d.first}; site <= {d.last}; site++)\n"
-            loops += f"      beyond |= {output}_{k}(n, t, w, q, p, c, sites, {names}, site, far);\n"
+            names = ", ".join(["sites", *VECTORS.get(output, ()), output])
+            loops += over_sites(d, f"{output}_{k}(n, t, {'g' if d.inner else 'w'}, q, p, c, {names}, site, far)")
+        slope = GRADIENT.get(output)
+        if slope and d.inner and site_loop(d, additions(d, slope)):  # what ties the sums
+            loops += over_sites(d, f"{slope}_{k}(n, t, r, q, p, c, sites, {output}, site, far)")
     zero = f"   memset({output}, 0, (size_t)(({SIZES[output]}) * n) * sizeof(double));\n"
-    text += f"INLINE all_{output}({parameters}, const int far) {{\n   int64_t beyond = 0;\n{zero}{loops}"
+    text += f"INLINE all_{output}({parameters}{weights}, const int far) {{\n   int64_t beyond = 0;\n{zero}{loops}"
     text += "   return beyond;\n}\n\n"
-    call = f"all_{output}(n, t, w, q, p, c, sites, {names}"
+    call = f"all_{output}({', '.join(['n, t, w, q, p, c, sites', *VECTORS.get(output, ()), output, *more])}"
     return text + (
-        f"static __attribute__((noinline)) void of_{output}({parameters}) {{\n"
+        f"static __attribute__((noinline)) void of_{output}({parameters}{weights}) {{\n"
         f"   if ({call}, 0) < 0)\n      {call}, 1);\n}}\n"
     )
-
-
-def _site(d: Density, output: str) -> str:
-    """One site: a loop over lanes that adds to the rows of the neighbours."""
-    graph, size = d.derivatives.graph, len(d.offsets)
-    adds = [(target, node) for target, node in _additions(d, graph, output, size) if not graph.is_number(node, 0.0)]
-    if not adds:
-        return ""
-
-    def load(name: str) -> str:
-        letter = name.rstrip("0123456789")
-        if letter == "w":
-            return f"w[({d.weight}{' + site' if d.family else ''}) * (ptrdiff_t)n + i]"
-        return f"{letter}[ROW({d.offsets[int(name[len(letter) :])]}) * n + i]"
-
-    before, inside, _ = Writer(graph, load).lines([node for _, node in adds])
-    writer = Writer(graph, load)
-    stores = [f"      {target} += {writer.operand(node)};" for target, node in adds]
-    head = ["   int64_t beyond = 0;", *before, "#pragma GCC ivdep", "   for (int i = 0; i < n; i++) {"]
-    return "\n".join([*head, *inside, *stores, "   }", "   return beyond;", ""])
-
-
-def _additions(d: Density, graph: Graph, output: str, size: int) -> list[tuple[str, int]]:
-    """Where what is added."""
-    made, rows = d.derivatives.outputs, [f"ROW({o})" for o in d.offsets]
-    if output == "value":
-        return [("value[i]", made["value"][0])]
-    if output in ("hq", "hp"):
-        return [(f"{output}[{row} * n + i]", node) for row, node in zip(rows, made[output], strict=True)]
-    if output in BLOCKS:
-        return [
-            (f"{output}[({rows[j]} * sites + {rows[i]}) * n + i]", made[output][j * size + i])
-            for j in range(size)
-            for i in range(size)
-        ]
-    own, other = ("vq", "vp") if output == "uq" else ("vp", "vq")
-    same = made["hqq" if output == "uq" else "hpp"]
-    result = []
-    for i in range(size):
-        terms = []
-        for j in range(size):
-            mixed = made["hqp"][j * size + i] if output == "uq" else made["hqp"][i * size + j]
-            for node, vector in ((same[j * size + i], own), (mixed, other)):
-                if not graph.is_number(node, 0.0):
-                    terms.append(graph.multiply(node, graph.leaf(f"{vector}{j}", True)))
-        result.append((f"{output}[{rows[i]} * n + i]", graph.sum(terms)))
-    return result
 
 
 def _callback(kind: str, outputs: tuple[str, ...]) -> str:

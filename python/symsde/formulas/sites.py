@@ -8,7 +8,8 @@ sites; code goes from site to site and adds to the rows of the neighbours. At th
     fixed      what lies beyond the ends is zero: a density in which some site exists counts
     periodic   the site after the last is the first
 
-A noise that holds an index outside of a sum, "-sigma*q[k]", is one noise for each site.
+A noise that holds an index outside of a sum, "-sigma*q[k]", is one noise for each site. Sums that stand in anything
+but a sum of terms number * Sum(.., i) are collective variables (`collective.py`).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any
 from .. import _checks
 from .._files import optional
 from ..errors import InvalidArgumentError
+from .collective import Outer, make_outer, split
 from .derivatives import Derivatives
 from .parse import FormulaTextError, Reader, parse
 from .problem import Names, Problem, quoted
@@ -47,16 +49,42 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Number:
+    """The number of a Hamiltonian, whatever the number of sites: some, and families of one for each site, before it."""
+
+    alone: int = 0
+    families: int = 0
+
+    def __str__(self) -> str:
+        """In C, by the number of sites."""
+        return f"({self.alone} + {self.families} * sites)" if self.families else str(self.alone)
+
+    def after(self, family: bool) -> Number:
+        """The number of the next Hamiltonian, after one or a family."""
+        return Number(self.alone + (not family), self.families + family)
+
+    def of(self, sites: int) -> int:
+        """Its value, of so many."""
+        return self.alone + self.families * sites
+
+    @property
+    def is_drift(self) -> bool:
+        """Whether it is H."""
+        return self == Number()
+
+
+@dataclass(frozen=True)
 class Density:
     """What a sum adds up, site after site."""
 
-    weight: int  #: the Hamiltonian it belongs to, the first of them for a family of noises
+    weight: Number  #: the Hamiltonian it belongs to, the first of them for a family
     family: bool  #: one Hamiltonian for each site
     first: Place
     last: Place
     offsets: tuple[int, ...]  #: coordinate k of `derivatives` belongs to site + offsets[k]
     derivatives: Derivatives
     is_rest: bool = False  #: of another density, where it reaches beyond the ends
+    inner: tuple[int, ...] = ()  #: of sums that stand in functions: their numbers, one for each Hamiltonian of its own
 
 
 @dataclass(frozen=True)
@@ -67,6 +95,7 @@ class Chain:
     nnoise: int
     ends: str
     densities: tuple[Density, ...]
+    outer: Outer | None  #: functions of sums
     texts: tuple[str, ...]
     parameters: dict[str, float]
     traits: dict[str, Any]
@@ -77,7 +106,7 @@ class _Whose:
     """The formula that a density belongs to."""
 
     text: str
-    weight: int
+    weight: Number
     family: bool
     parameters: dict[str, float]
 
@@ -132,6 +161,9 @@ class SiteReader(Reader):
         before, self.index = self.index, index
         body = self.read(node.args[0], depth + 1)
         self.index = before
+        for known, same in self.sums.items():
+            if same == body:
+                return known
         stand_in = self.sympy.Dummy("Sum", real=True)
         self.sums[stand_in] = body
         return stand_in
@@ -152,28 +184,51 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
     for text in texts:
         if not isinstance(text, str):
             raise InvalidArgumentError(f"{_checks.shown(text)} is no text: sums over sites are written as text")
-    densities, nham = [], 0
+    densities, weight, inner, functions = [], Number(), {}, []
     for j, text in enumerate(texts):
         try:
-            family, bodies = _bodies(text, names.known, is_noise=j > 0)
+            family, bodies, rest, sums = _bodies(text, names.known, is_noise=j > 0)
             for body in bodies:
-                densities += _at_ends(body, _Whose(text, nham, family, names.values), ends, count)
+                densities += _at_ends(body, _Whose(text, weight, family, names.values), ends, count)
+            for stand_in in [x for x in sums if x in rest.free_symbols]:
+                symbol = sympy.Symbol(f"q{len(inner)}", real=True)
+                rest = rest.xreplace({stand_in: inner.setdefault(sums[stand_in], symbol)})
+            if rest != 0:
+                functions.append((weight, rest, text))
+            if j == len(texts) - 1:
+                densities += _inner(list(inner), _Whose(", ".join(texts), Number(), False, names.values), ends, count)
         except FormulaTextError as error:
             raise InvalidArgumentError(f"the formula {quoted(text)} cannot be used: {error}") from None
-        nham += count if family else 1
+        weight = weight.after(family)
+    outer = make_outer(functions, len(inner), names.values) if functions else None
     return Chain(
         n=count,
-        nnoise=nham - 1,
+        nnoise=weight.of(count) - 1,
         ends=ends,
         densities=tuple(densities),
+        outer=outer,
         texts=tuple(texts),
         parameters=names.values,
-        traits=_traits(densities, count, ends == "periodic"),
+        traits=_traits(densities, outer, count, ends == "periodic"),
     )
 
 
-def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, list[Any]]:
-    """Densities of a formula, and whether it is a family of one for each site."""
+def _inner(bodies: list[Any], whose: _Whose, ends: str, count: int) -> list[Density]:
+    """Densities of sums that stand in functions; those that go over the same sites are computed together."""
+    together: dict[tuple, list[tuple[int, Any]]] = {}
+    for number, body in enumerate(bodies):
+        for piece, first, last in at_ends(body, ends, count):
+            if offsets := offsets_of(piece):
+                together.setdefault((first, last, tuple(sorted({*offsets.values()}))), []).append((number, piece))
+    made = []
+    for (first, last, offsets), group in together.items():
+        numbers, pieces = zip(*group, strict=True)
+        made.append(Density(whose.weight, False, first, last, offsets, _differentiated(pieces, whose), inner=numbers))
+    return made
+
+
+def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, list[Any], Any, dict[Any, Any]]:
+    """Whether a formula is a family of one for each site; its densities; the rest, in symbols, and their sums."""
     for family in (False, True) if is_noise else (False,):
         reader = SiteReader(names, "" if family else None)
         try:
@@ -183,18 +238,11 @@ def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, 
                 continue
             raise
         if family:
-            return True, [total]
-        rest = total.expand()
-        bodies = []
-        for stand_in, body in reader.sums.items():
-            factor = rest.coeff(stand_in)
-            if factor.free_symbols & set(reader.sums):
-                raise FormulaTextError("it holds a product of sums: only sums of sums stay loops")
-            bodies.append(factor * body)
-            rest = rest - (factor * stand_in).expand()
-        if rest.free_symbols & set(reader.sums) or not reader.sums:
-            raise FormulaTextError("it is not a sum of terms number * Sum(.., i)")
-        return False, bodies
+            return True, [total], reader.sympy.Integer(0), {}
+        if not reader.sums:
+            raise FormulaTextError("it holds no Sum(.., i): with n sites, write sums over them")
+        factors, rest = split(total, list(reader.sums))
+        return False, [factor * reader.sums[x] for x, factor in factors.items()], rest, reader.sums
     raise AssertionError
 
 
@@ -243,45 +291,82 @@ def _is_local(symbol: Any) -> bool:
 
 
 def _density(expression: Any, whose: _Whose, first: Place, last: Place, is_rest: bool = False) -> Density | None:
-    """A density with its derivatives, in the names q0 .. and p0 .. of its own; None where it is constant."""
-    sympy = optional("sympy", "sympy")
-    local = [x for x in expression.free_symbols if _is_local(x)]
-    offsets = sorted({int(x.name[1:]) for x in local})
+    """A density with its derivatives; None where it is constant."""
+    offsets = tuple(sorted(set(offsets_of(expression).values())))
     if not offsets:
         return None
-    places = {x: sympy.Symbol(f"{x.name[0]}{offsets.index(int(x.name[1:]))}", real=True) for x in local}
-    problem = Problem((expression.xreplace(places),), (), (whose.text,), len(offsets), whose.parameters)
-    return Density(whose.weight, whose.family, first, last, tuple(offsets), Derivatives(problem), is_rest)
+    return Density(whose.weight, whose.family, first, last, offsets, _differentiated((expression,), whose), is_rest)
 
 
-def _traits(densities: list[Density], count: int, periodic: bool) -> dict[str, Any]:
+def _differentiated(expressions: tuple[Any, ...], whose: _Whose) -> Derivatives:
+    """Derivatives in the names q0 .. and p0 .. of a density's own."""
+    sympy = optional("sympy", "sympy")
+    local = {x: o for e in expressions for x, o in offsets_of(e).items()}
+    offsets = sorted({*local.values()})
+    places = {x: sympy.Symbol(f"{x.name[0]}{offsets.index(o)}", real=True) for x, o in local.items()}
+    renamed = tuple(e.xreplace(places) for e in expressions)
+    return Derivatives(Problem(renamed, (), (whose.text,), len(offsets), whose.parameters))
+
+
+def _block(d: Density, name: str, j: int = 0) -> list[Any]:
+    """Second derivatives of a density, of its j-th Hamiltonian."""
+    q, p = d.derivatives.problem.coordinates("q"), d.derivatives.problem.coordinates("p")
+    rows, columns = {"qq": (q, q), "qp": (q, p), "pp": (p, p)}[name]
+    return [d.derivatives.of(x, y)[j] for x in rows for y in columns]
+
+
+def _slopes(d: Density, letter: str, j: int = 0) -> list[Any]:
+    """First derivatives of a density, of its j-th Hamiltonian."""
+    return [d.derivatives.of(x)[j] for x in d.derivatives.problem.coordinates(letter)]
+
+
+def _all_zero(densities: list[Density], *names: str) -> bool:
+    return all(e == 0 for d in densities for name in names for e in _block(d, name))
+
+
+def _state_free(e: Any, d: Density) -> bool:
+    return not any(d.derivatives.problem.lanes[s.name] for s in getattr(e, "free_symbols", ()))
+
+
+def _traits(densities: list[Density], outer: Outer | None, count: int, periodic: bool) -> dict[str, Any]:
     """Traits of the whole, from derivatives that vanish as formulas."""
-    drift = [d for d in densities if d.weight == 0]
-    noises = [d for d in densities if d.weight > 0]
-
-    def block(d: Density, name: str) -> list[Any]:
-        q, p = d.derivatives.problem.coordinates("q"), d.derivatives.problem.coordinates("p")
-        rows, columns = {"qq": (q, q), "qp": (q, p), "pp": (p, p)}[name]
-        return [d.derivatives.of(x, y)[0] for x in rows for y in columns]
-
-    def all_zero(chosen: list[Density], *names: str) -> bool:
-        return all(e == 0 for d in chosen for name in names for e in block(d, name))
-
-    def state_free(e: Any, d: Density) -> bool:
-        return not any(d.derivatives.problem.lanes[s.name] for s in getattr(e, "free_symbols", ()))
-
-    kinetic = [d for d in drift if any(d.derivatives.of(x)[0] != 0 for x in d.derivatives.problem.coordinates("p"))]
+    plain = [d for d in densities if not d.inner]
+    drift = [d for d in plain if d.weight.is_drift]
+    noises = [d for d in plain if not d.weight.is_drift]
+    kinetic = [d for d in drift if any(x != 0 for x in _slopes(d, "p"))]
     identity = len(kinetic) == 1 and kinetic[0].offsets == (0,)
     if identity:
         [d] = kinetic
         identity = d.derivatives.of("p0")[0] == d.derivatives.symbol["p0"]
-    position = all(d.derivatives.of(x)[0] == 0 for d in noises for x in d.derivatives.problem.coordinates("p"))
     reach = max(d.offsets[-1] - d.offsets[0] for d in densities)
-    return {
-        "separable": all_zero(densities, "qp"),
-        "additive": all_zero(noises, "qq", "qp", "pp"),
-        "position_noise": position,
-        "quadratic": all(state_free(e, d) for d in densities for name in ("qq", "qp", "pp") for e in block(d, name)),
+    traits = {
+        "separable": _all_zero(densities, "qp"),
+        "additive": _all_zero(noises, "qq", "qp", "pp"),
+        "position_noise": all(x == 0 for d in noises for x in _slopes(d, "p")),
+        "quadratic": all(_state_free(e, d) for d in plain for name in ("qq", "qp", "pp") for e in _block(d, name)),
         "identity_mass": identity,
         "bandwidth": reach if 2 * reach < count - 1 and not (periodic and reach) else None,
+    }
+    return (
+        traits
+        if outer is None
+        else {key: left and traits[key] for key, left in _with_functions(densities, outer).items()}
+    )
+
+
+def _with_functions(densities: list[Density], outer: Outer) -> dict[str, Any]:
+    """What functions of sums leave of the traits."""
+    places = [(d, j, number) for d in densities for j, number in enumerate(d.inner)]
+    of_q, of_p = ({a for d, j, a in places if any(x != 0 for x in _slopes(d, letter, j))} for letter in "qp")
+    bent = {a for d, j, a in places if any(e != 0 for name in ("qq", "qp", "pp") for e in _block(d, name, j))}
+    mixed = {a for d, j, a in places if any(e != 0 for e in _block(d, "qp", j))}
+    drift, noise = outer.used(True), outer.used(False)
+    return {
+        "separable": not mixed
+        and not any((a in of_q and b in of_p) or (a in of_p and b in of_q) for a, b in outer.pairs),
+        "additive": not noise,
+        "position_noise": not noise & of_p,
+        "quadratic": outer.is_quadratic() and not (drift | noise) & bent,
+        "identity_mass": not drift & of_p,
+        "bandwidth": None if drift | noise else True,
     }

@@ -59,14 +59,14 @@ def _place(symbol: Any) -> int:
     return sum(symbol.name.encode())
 
 
-def _terms(e: Any) -> float:
+def count_terms(e: Any) -> float:
     """A bound of the number of terms of an expression when it is multiplied out."""
     if e.is_Add:
-        return sum(_terms(x) for x in e.args)
+        return sum(count_terms(x) for x in e.args)
     if e.is_Mul:
-        return math.prod(_terms(x) for x in e.args)
+        return math.prod(count_terms(x) for x in e.args)
     if e.is_Pow and e.exp.is_Integer:
-        return min(_terms(e.base), 1e6) ** min(abs(int(e.exp)), 40)
+        return min(count_terms(e.base), 1e6) ** min(abs(int(e.exp)), 40)
     return 1.0
 
 
@@ -91,7 +91,7 @@ class _Prover:
             return True
         if not e.free_symbols or e.count_ops() > MAX_SIMPLIFY or self._refuted(e):
             return False
-        if _terms(e) > MAX_TERMS:
+        if count_terms(e) > MAX_TERMS:
             return False
         return self.sympy.expand(e) == 0 or bool(self.sympy.simplify(e).is_zero)
 

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""C for one site of a density: a loop over lanes, which adds to the rows of its neighbours."""
+
+from __future__ import annotations
+
+from .derivatives import BLOCKS
+from .emit_c import Writer
+from .sites import Density
+
+VECTORS = {"uq": ("vq", "vp"), "up": ("vq", "vp")}  #: what a product of the Hessian takes
+GRADIENT = {"uq": "hq", "up": "hp"}  #: the gradient in the same rows
+
+
+def over_sites(d: Density, call: str) -> str:
+    """A call for every site of a density."""
+    return f"   for (ptrdiff_t site = {d.first}; site <= {d.last}; site++)\n      beyond |= {call};\n"
+
+
+def site_loop(d: Density, adds: list[tuple[str, int]]) -> str:
+    """One site: a loop over lanes that adds to the rows of the neighbours; empty where there is nothing to add."""
+    graph = d.derivatives.graph
+    adds = [(target, node) for target, node in adds if not graph.is_number(node, 0.0)]
+    if not adds:
+        return ""
+
+    def load(name: str) -> str:
+        letter = name.rstrip("0123456789")
+        if letter == "w":
+            row = d.inner[int(name[1:])] if d.inner else f"({d.weight}{' + site' if d.family else ''})"
+            return f"w[{row} * (ptrdiff_t)n + i]"
+        return f"{letter}[ROW({d.offsets[int(name[len(letter) :])]}) * n + i]"
+
+    writer = Writer(graph, load)
+    before, inside, _ = writer.lines([node for _, node in adds])
+    stores = [f"      {target} += {writer.operand(node)};" for target, node in adds]
+    head = ["   int64_t beyond = 0;", *before, "#pragma GCC ivdep", "   for (int i = 0; i < n; i++) {"]
+    return "\n".join([*head, *inside, *stores, "   }", "   return beyond;", ""])
+
+
+def additions(d: Density, output: str) -> list[tuple[str, int]]:
+    """Where what is added."""
+    graph, size = d.derivatives.graph, len(d.offsets)
+    made, rows = d.derivatives.outputs, [f"ROW({o})" for o in d.offsets]
+    if output == "value":
+        return [("value[i]", made["value"][0])]
+    if output in ("hq", "hp"):
+        return [(f"{output}[{row} * n + i]", node) for row, node in zip(rows, made[output], strict=True)]
+    if output in BLOCKS:
+        return [
+            (f"{output}[({rows[j]} * sites + {rows[i]}) * n + i]", made[output][j * size + i])
+            for j in range(size)
+            for i in range(size)
+        ]
+    own, other = ("vq", "vp") if output == "uq" else ("vp", "vq")
+    same = made["hqq" if output == "uq" else "hpp"]
+    result = []
+    for i in range(size):
+        terms = []
+        for j in range(size):
+            mixed = made["hqp"][j * size + i] if output == "uq" else made["hqp"][i * size + j]
+            for node, vector in ((same[j * size + i], own), (mixed, other)):
+                if not graph.is_number(node, 0.0):
+                    terms.append(graph.multiply(node, graph.leaf(f"{vector}{j}", True)))
+        result.append((f"{output}[{rows[i]} * n + i]", graph.sum(terms)))
+    return result
