@@ -15,7 +15,7 @@ model = ss.models.noncommutative_oscillator(s1=0.5, s2=0.5)
 print(ss.commutator(model))
 orders = {}
 for scheme in ("midpoint", "gauss2", "midpoint_areas"):
-    table = ss.convergence(model, scheme, q0=1.0, p0=0.0, steps=[4, 8, 16, 32], time=1.0, paths=150, seed=1)
+    table = ss.convergence(model, scheme, q0=1.0, p0=0.0, steps=[4, 8, 16, 32], horizon=1.0, paths=150, seed=1)
     orders[scheme] = table.order
     plt.loglog(table.step, table.error, label=f"{scheme}: {table.order:.2f}", **of_scheme(scheme))
 plt.xlabel("h")

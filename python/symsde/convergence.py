@@ -16,7 +16,7 @@ from .model import Model
 from .schemes import Scheme
 from .study import orders
 from .study.errors import References, end, squares, strong_error
-from .study.plan import BATCHES, Plan, make_plan
+from .study.plan import BATCHES, Plan, check_options, make_plan
 
 _MARKS = {"reference": "at the floor", "rounding": "rounding", "saturated": "saturated", "diverged": "diverged"}
 
@@ -82,14 +82,14 @@ def convergence(
     *,
     q0: Any,
     p0: Any,
-    time: float = 1.0,
+    horizon: float = 1.0,
     steps: Sequence[int] = (16, 32, 64, 128, 256),
     paths: int = 1000,
     reference: str = "auto",
     reference_steps: int | None = None,
     **options: Any,
 ) -> Convergence:
-    """Strong errors at `time` for several numbers of steps, all on the same Brownian paths.
+    """Strong errors at time `horizon` (> 0) for several numbers of steps, all on the same Brownian paths.
 
     steps: each is the largest one divided by a power of two. reference: "exact", the name of a scheme, or "auto":
     the exact solution where the model has one, else a better scheme with `reference_steps` steps (a power of two
@@ -97,13 +97,14 @@ def convergence(
     never counted, and warned of (ReferenceWarning). Further options are t0, seed, correction, truncation,
     compensated and threads of `simulate`. Paths that fail anywhere are left out and not counted.
     """
+    check_options(options)
     plan = make_plan(
         model,
         q0=q0,
         p0=p0,
         schemes=[scheme],
         steps=steps,
-        horizon=time,
+        horizon=horizon,
         paths=paths,
         reference=reference,
         reference_steps=reference_steps,

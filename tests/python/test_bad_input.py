@@ -129,6 +129,8 @@ OTHERS = [
         ["steps is missing"],
     ),
     (lambda: ss.convergence(MODEL, **ONE, steps=[4, 8], dt=1), errors.InvalidArgumentError, ["'dt' is no option"]),
+    (lambda: ss.convergence(MODEL, **ONE, schemes=["gauss2"]), errors.InvalidArgumentError, ["'schemes' is no option"]),
+    (lambda: ss.convergence(MODEL, **ONE, horizon=-1.0), errors.InvalidArgumentError, ["horizon = -1", "above 0"]),
     (
         lambda: ss.work_precision(MODEL, **ONE, invariants={"I": 1}),
         errors.InvalidArgumentError,

@@ -33,7 +33,7 @@ def small():
 
 def test_errors_are_those_of_convergence(small):
     other = ss.convergence(
-        ss.models.kubo(), "midpoint", q0=1.0, p0=0.0, time=2.0, steps=[8, 16, 32, 64], paths=1000, seed=3
+        ss.models.kubo(), "midpoint", q0=1.0, p0=0.0, horizon=2.0, steps=[8, 16, 32, 64], paths=1000, seed=3
     )
     mine = [point(small, "midpoint", n) for n in (8, 16, 32, 64)]
     np.testing.assert_allclose([row["err_strong"] for row in mine], other.error, rtol=1e-9)

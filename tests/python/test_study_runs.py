@@ -186,10 +186,10 @@ def test_the_error_of_a_reference_is_that_of_the_paths_that_it_follows():
     """Some escape, and are compared with nothing; where most do, there is no reference."""
     model = ss.models.henon_heiles(sigma1=0.5, sigma2=0.5)
     given = {"q0": 0.2, "p0": 0.0, "steps": [64, 128], "reference": "chin4a", "reference_steps": 512, "paths": 200}
-    table = ss.convergence(model, "stormer_verlet", time=6.0, **given)
+    table = ss.convergence(model, "stormer_verlet", horizon=6.0, **given)
     assert 80 < table.paths < 200 and np.isfinite(table.reference_error)
     with pytest.raises(ss.errors.NumericalError, match="paths fail with the reference"):
-        ss.convergence(model, "stormer_verlet", time=30.0, **given)
+        ss.convergence(model, "stormer_verlet", horizon=30.0, **given)
 
 
 def test_counts_of_a_scene_with_a_column_for_each_path(tmp_path):

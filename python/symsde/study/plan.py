@@ -96,6 +96,13 @@ class Plan:
         simulate(self.model, scheme=scheme, step=self.horizon / steps, steps=0, **options)
 
 
+def check_options(options: Mapping[str, Any]) -> None:
+    """Refuse what is no option of the runs."""
+    for key in options:
+        if key not in OPTIONS:
+            raise InvalidArgumentError(f"{key!r} is no option of a study: there are {_checks.nearest(key, OPTIONS)}")
+
+
 def make_plan(
     model: Model,
     *,
@@ -115,9 +122,7 @@ def make_plan(
     **options: Any,
 ) -> Plan:
     """Check everything; each refusal is a sentence, and comes before the first long run."""
-    for key in options:
-        if key not in OPTIONS:
-            raise InvalidArgumentError(f"{key!r} is no option of a study: there are {_checks.nearest(key, OPTIONS)}")
+    check_options(options)
     counts = check_steps(steps)
     horizon = _checks.finite("horizon", horizon)
     if horizon <= 0:
