@@ -75,6 +75,7 @@ contains
       type(model_traits) :: traits
       real(wp), pointer, contiguous :: rotation(:)
       integer(c_int32_t), pointer :: silent(:)
+      integer :: extent(1)
 
       traits%ndof = given%ndof
       traits%nnoise = given%nnoise
@@ -91,7 +92,8 @@ contains
          traits%rotation = rotation
       end if
       if (c_associated(given%silent) .and. given%nnoise >= 1 .and. given%nnoise <= largest_system) then
-         call c_f_pointer(given%silent, silent, [given%nnoise])
+         extent = given%nnoise
+         call c_f_pointer(given%silent, silent, extent)
          if (any(silent /= 0)) traits%silent = silent /= 0
       end if
    end function to_traits

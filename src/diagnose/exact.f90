@@ -137,6 +137,7 @@ contains
       type(run_options), intent(in) :: options
       integer(i8), intent(in) :: pair
       integer(i8) :: drawn, from(work%nlane)
+      real(wp) :: shape(work%nlane, 0:1), stt_area(work%nlane, 0:1)
       integer :: k
 
       work%request%pair = pair
@@ -146,8 +147,9 @@ contains
          if (noise%silent(k)) cycle
          from = work%request%path
          if (noise%common(k)) from = 0
-         call shape_draws(work%nlane, options%seed, from, pair, k, options%step, work%shape(:, k, :), &
-                          work%stt_area(:, k, :), drawn)
+         call shape_draws(work%nlane, options%seed, from, pair, k, options%step, shape, stt_area, drawn)
+         work%shape(:, k, :) = shape
+         work%stt_area(:, k, :) = stt_area
       end do
       if (noise%asked%has(path_dz)) &
          work%shape = work%store%of(path_dz)%x/options%step - 0.5_wp*work%store%w(:, 1:, :)
@@ -229,14 +231,23 @@ contains
          call raise(error, wrong_shape, 'exact_solution', 'q and p have no room for the '// &
                     'solution: needed is ('//to_text(options%npath)//',1,'//to_text(ntime)// &
                     ') for each')
-      else if (size(q0, 2) /= 1 .or. size(p0, 2) /= 1 .or. all(size(q0, 1, i8) /= [1_i8, options%npath]) .or. &
-               all(size(p0, 1, i8) /= [1_i8, options%npath])) then
+      else if (.not. (one_or_all(q0) .and. one_or_all(p0))) then
          call raise(error, wrong_shape, 'exact_solution', 'the initial q is ('// &
                     to_text(size(q0, 1))//','//to_text(size(q0, 2))// &
                     '), the initial p ('//to_text(size(p0, 1))//','//to_text(size(p0, 2))// &
                     '); needed is one degree of freedom and '//to_text(options%npath)// &
                     ' paths or one for all')
       end if
+
+   contains
+
+      !> One degree of freedom, given once or for every path.
+      logical function one_or_all(x)
+         real(wp), intent(in) :: x(:, :)
+
+         one_or_all = size(x, 2) == 1 .and. (size(x, 1) == 1 .or. size(x, 1, i8) == options%npath)
+      end function one_or_all
+
    end subroutine check_shapes
 
    subroutine new_block(work, noise, nnoise, options)

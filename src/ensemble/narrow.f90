@@ -109,6 +109,7 @@ contains
       type(block_runner), intent(inout), target :: wide
       type(block_runner), intent(in) :: from
       type(block_runner), intent(inout), target :: to
+      integer(i8) :: path(to%state%nlane)
       integer :: lane, n
 
       n = 0
@@ -118,16 +119,19 @@ contains
          to%origin(n) = lane
       end do
       to%origin(n + 1:) = to%origin(n)
+      do lane = 1, to%state%nlane
+         path(lane) = wide%request%path(to%origin(lane))
+      end do
       call to%equip(wide%options, spreading_observer(wide=wide, narrow=to), wide%noise)
-      call to%begin_with(from%step, n, wide%request%path(to%origin))
+      call to%begin_with(from%step, n, path)
       to%pair = from%pair
       to%chunk = from%chunk
       associate (s => to%state, x => wide%state)
-         s%q = x%q(to%origin, :)
-         s%p = x%p(to%origin, :)
+         call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q, s%q)
+         call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%p, s%p)
          if (allocated(s%q_low)) then
-            s%q_low = x%q_low(to%origin, :)
-            s%p_low = x%p_low(to%origin, :)
+            call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q_low, s%q_low)
+            call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%p_low, s%p_low)
          end if
          s%status(:n) = 0
          s%failed_step(:n) = -1
@@ -148,8 +152,9 @@ contains
 
    !> Lanes of a narrower block to where they were; lanes that have a status there keep what they have.
    subroutine spread_state(nreal, origin, narrow, wide)
-      integer, intent(in) :: nreal, origin(:)
+      integer, intent(in) :: nreal
       type(lane_state), intent(in) :: narrow
+      integer, intent(in) :: origin(narrow%nlane)
       type(lane_state), intent(inout) :: wide
       integer :: lane
       logical :: is_ok(nreal)
@@ -168,6 +173,19 @@ contains
          wide%nfailed = wide%nfailed + 1
       end do
    end subroutine spread_state
+
+   pure subroutine gather_lanes(nwide, nnarrow, ndof, origin, wide, narrow)
+      integer, intent(in) :: nwide, nnarrow, ndof, origin(nnarrow)
+      real(wp), intent(in) :: wide(nwide, ndof)
+      real(wp), intent(inout) :: narrow(nnarrow, ndof)
+      integer :: lane, i
+
+      do i = 1, ndof
+         do lane = 1, nnarrow
+            narrow(lane, i) = wide(origin(lane), i)
+         end do
+      end do
+   end subroutine gather_lanes
 
    pure subroutine spread_lanes(nwide, nnarrow, nreal, ndof, origin, is_ok, narrow, wide)
       integer, intent(in) :: nwide, nnarrow, nreal, ndof, origin(nnarrow)
