@@ -25,7 +25,7 @@ MODELS = {  # H, noises, which schemes are generated
     "mixed": ("p**2/2 + a*q*p + q**2/2", ["b*q*p"], ALL[3:4]),
     "magnetic": ("(p - a*q**2)**2/2 + cos(q)", ["b*q*p"], ALL[3:4]),
     "pendulum": ("p**2/2 - cos(q)", ["b*(p**2 + q**2)/2"], ALL),
-    "relativistic": ("sqrt(1 + p**2) + a*cosh(q)", ["b*sin(q)", "b*p"], ALL),
+    "relativistic": ("(1 + p**2)**a + a*cosh(q)", ["b*sin(q)", "b*p"], ALL),
     "one equation": ("p**2/2 - a*cos(q)", ["b*sin(q)"], ALL),
     "several": ("(p1**2 + a*p1*p2 + p2**2)/2 + q1**2*q2 + q1**2 + q2**2", ["b*q1", "b*p2**2"], ALL[:4]),
     "three": (f"{KINETIC} + exp(q1 - q2) + exp(q2 - q3) + exp(q3 - q1)", ["b*q1*q2"], ALL[:4]),

@@ -3,6 +3,7 @@
 
 import ctypes
 import platform
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,18 @@ import pytest
 pytest.importorskip("sympy")
 mpmath = pytest.importorskip("mpmath")
 
-from symsde.formulas import compiler  # noqa: E402
+from symsde.formulas import compiler, in_numpy  # noqa: E402
+from symsde.formulas.graph import FUNCTIONS  # noqa: E402
 
 HEADER = Path(compiler.__file__).with_name("lane_functions.h").read_text(encoding="utf-8")
 CALLS = {
     "sin": "double s, k; lane_sincos(x[i], &s, &k, FAR, &beyond); y[i] = s;",
     "cos": "double s, k; lane_sincos(x[i], &s, &k, FAR, &beyond); y[i] = k;",
-    **{name: f"y[i] = lane_{name}(x[i], FAR, &beyond);" for name in ("exp", "log", "tanh", "sinh", "cosh", "atan")},
+    "pow": "y[i] = lane_pow(x[i], z[i], FAR, &beyond);",
+    **{x: f"y[i] = lane_{x}(x[i], FAR, &beyond);" for x in FUNCTIONS if x not in ("sin", "cos", "tan", "sqrt")},
 }
-BOUNDS = {"sin": 1.0, "cos": 1.0, "exp": 1.0, "log": 1.0, "tanh": 2.0, "sinh": 2.0, "cosh": 2.0, "atan": 1.0}  # ulps
+BOUNDS = dict.fromkeys(CALLS, 2.0) | dict.fromkeys(("sin", "cos", "exp", "log", "atan", "pow"), 1.0)  # ulps
+BOUNDS |= {"asin": 1.5, "acos": 1.5}
 WIDTHS = {"sse2": ["-march=x86-64"], "avx2": ["-march=haswell"], "avx512": ["-march=skylake-avx512"]}
 CONTRACTS = "-DCONTRACTS"  # products and sums as one operation, as a library that is built for one machine has them
 
@@ -27,37 +31,55 @@ if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
 
-def function(name, flags=(), contracts=CONTRACTS in compiler.FLAGS):
-    """One of the functions on whole arrays: values, and whether some argument was far."""
+def program(name):
+    """C for one of the functions on whole arrays, as generated loops call it."""
     loop = "for (int i = 0; i < n; i++) { " + CALLS[name] + " }"
-    text = HEADER + (
-        "int64_t f(int n, const double *restrict x, double *restrict y) {\n   int64_t beyond = 0;\n"
+    return HEADER + (
+        "int64_t f(int n, const double *restrict x, const double *restrict z, double *restrict y) {\n"
+        "   int64_t beyond = 0;\n"
         + "   " + loop.replace("FAR", "0") + "\n   if (beyond < 0)\n      " + loop.replace("FAR", "1")
         + "\n   return beyond;\n}\n"
     )  # fmt: skip
+
+
+def function(name, flags=(), contracts=CONTRACTS in compiler.FLAGS):
+    """One of the functions on whole arrays: values, and whether some argument was far."""
     with pytest.MonkeyPatch.context() as patch:
         usual = [x for x in compiler.FLAGS if x != CONTRACTS]
         patch.setattr(compiler, "FLAGS", (*usual, *flags, *([CONTRACTS] if contracts else [])))
-        library = compiler.build(text).library
+        library = compiler.build(program(name)).library
     library.f.restype = ctypes.c_int64
 
     def call(x):
+        """x: (1 or 2, lane); of pow the second row holds exponents."""
         x = np.ascontiguousarray(x, dtype=float)
-        y = np.empty_like(x)
-        far = library.f(ctypes.c_int(len(x)), ctypes.c_void_p(x.ctypes.data), ctypes.c_void_p(y.ctypes.data))
+        y = np.empty_like(x[0])
+        far = library.f(ctypes.c_int(len(y)), *(ctypes.c_void_p(z.ctypes.data) for z in (x[0], x[-1], y)))
         return y, far < 0
 
     return call
 
 
 def arguments(name):
-    """Ordinary arguments: spread over the range, and where the formulas change."""
+    """Ordinary arguments, (1 or 2, lane): spread over the range, and where the formulas change."""
     rng = np.random.default_rng(5)
+    small = 10 ** rng.uniform(-300, 0, 300)
+    if name == "pow":
+        base = [np.exp(rng.uniform(-700, 700, 1500)), rng.uniform(0.5, 2, 1500), 1 + rng.normal(0, 1e-6, 200)]
+        exponent = np.concatenate([rng.uniform(-1, 1, 1500), rng.uniform(-1000, 1000, 1500), rng.normal(0, 1e8, 200)])
+        return np.array([np.concatenate(base), exponent])
     if name == "log":
         return np.concatenate(
             [np.exp(rng.uniform(-700, 700, 1500)), rng.uniform(0.5, 2, 1500), 1 + rng.normal(0, 1e-6, 200)]
-        )
-    reach = {"sin": 1e5, "cos": 1e5, "exp": 708.0, "tanh": 25.0, "sinh": 708.0, "cosh": 708.0, "atan": 40.0}[name]
+        )[None]
+    if name == "acosh":
+        return 1 + np.concatenate([[0], rng.uniform(0, 2, 1500), 10 ** rng.uniform(-15.9, 140, 500)])[None]
+    if name in ("asin", "acos", "atanh"):
+        sizes = [rng.uniform(0, 1, 1500), rng.uniform(0.48, 0.56, 500), small, 1 - 10 ** rng.uniform(-15.9, -1, 300)]
+        return np.concatenate([*sizes, -sizes[0], [0.0, 0.5, 1.0 - 2.0**-53]])[None]
+    if name == "asinh":
+        return np.concatenate([rng.uniform(-3, 3, 1500), small, -small, 1 / small[small > 1e-150], [0.0]])[None]
+    reach = {"sin": 1e5, "cos": 1e5, "tanh": 25.0, "atan": 40.0, "erf": 7.0}.get(name, 708.0)
     near = np.concatenate(
         [
             rng.uniform(-2, 2, 1500),
@@ -67,15 +89,16 @@ def arguments(name):
         ]
     )
     turns = np.arange(-200, 200) * np.pi / 4 if reach > 150 else np.arange(-100, 100) * np.log(2) / 8
-    return np.concatenate([rng.uniform(-reach, reach, 1500), near, turns, [reach, -reach]])
+    return np.concatenate([rng.uniform(-reach, reach, 1500), near, turns, [reach, -reach]])[None]
 
 
 def ulps(name, x, y):
     """Largest error in units of the last place of the exact result."""
     worst = 0.0
+    exact_one = getattr(mpmath, {"pow": "power"}.get(name, name))
     with mpmath.workprec(200):
-        for a, b in zip(x.tolist(), y.tolist(), strict=True):
-            exact = getattr(mpmath, name)(mpmath.mpf(a))
+        for a, b in zip(x.T.tolist(), y.tolist(), strict=True):
+            exact = exact_one(*(mpmath.mpf(z) for z in a))
             unit = np.spacing(abs(float(exact)))
             worst = max(worst, float(abs(mpmath.mpf(b) - exact) / mpmath.mpf(float(unit))))
     return worst
@@ -89,6 +112,18 @@ def test_ulps(name, bound, contracts):
     assert not far
     assert ulps(name, x, y) < bound
     assert ulps(name, x, y * (1 + 6e-16)) > bound  # the measure sees three units
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_loops_become_vectors(name, tmp_path):
+    """As gcc reports: the loop over ordinary arguments does, and that over far ones does not."""
+    version = subprocess.run([*compiler.command(), "--version"], capture_output=True, text=True, check=True).stdout
+    if platform.machine() != "x86_64" or "Free Software Foundation" not in version:
+        pytest.skip("the report is of gcc on x86-64")
+    (tmp_path / "f.c").write_text(program(name))
+    words = [*compiler.command(), *compiler.FLAGS, "-fopt-info-vec", "-o", "f.so", "f.c", "-lm"]
+    told = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True).stderr
+    assert len({line.split(":")[1] for line in told.splitlines() if "loop vectorized" in line}) == 1
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="widths of x86-64")
@@ -105,22 +140,28 @@ def test_bits_do_not_depend_on_the_width_of_vectors(name, contracts):
         if (width in ("sse2", "avx2") or "avx512dq" in known) and not (contracts and width == "sse2"):
             y, _ = function(name, flags, contracts=contracts)(x)
             assert (y == expected).all(), width
-    backwards, _ = function(name, contracts=contracts)(x[::-1][:-3])  # other lanes beside it
+    backwards, _ = function(name, contracts=contracts)(x[:, ::-1][:, :-3])  # other lanes beside it
     assert (backwards[::-1] == expected[3:]).all()
+
+
+FAR = [0.5, 1e5, 1.1e5, -3e7, 1e300, np.inf, -np.inf, np.nan, 5e-324, 1e-310, -1.0, 0.0, 700.0, 720.0, -760.0]
+FAR += [1.0, 1.5, -1.5, 1e-300, -0.0, 1e200, -(1 - 2.0**-53), -2.5, 2.0]
 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_far_arguments_are_those_of_the_c_library(name):
-    x = np.array(
-        [0.5, 1e5, 1.1e5, -3e7, 1e300, np.inf, -np.inf, np.nan, 5e-324, 1e-310, -1.0, 0.0, 700.0, 720.0, -760.0]
-    )
+    """Outside of the domain too: no number; of powers every pair of a base and an exponent."""
+    x = np.array([FAR] if name != "pow" else np.meshgrid(FAR, [0.5, -0.5, 2.5, 3.0, 0.0, 1e300, np.inf, np.nan]))
+    x = x.reshape(len(x), -1)
     y, far = function(name)(x)
     assert far
     with np.errstate(all="ignore"):
-        expected = getattr(np, {"atan": "arctan"}.get(name, name))(x)
+        expected = in_numpy._OPERATIONS[name](*x)
+    assert (y[expected == 0] == 0).all()
+    assert name == "sin" or (np.signbit(y) == np.signbit(expected))[expected == 0].all()  # sin(-0) is 0 in lanes
     assert (np.isnan(y) == np.isnan(expected)).all()
     fine = np.isfinite(expected) & (expected != 0)
     np.testing.assert_allclose(y[fine], expected[fine], rtol=4e-16, atol=1e-323)
     assert (y[np.isinf(expected)] == expected[np.isinf(expected)]).all()
-    near, _ = function(name)(x[:1])
-    assert y[0] == near[0]  # neighbours that are far change nothing
+    near, _ = function(name)(x[:, :1])
+    np.testing.assert_array_equal(y[:1], near)  # neighbours that are far change nothing

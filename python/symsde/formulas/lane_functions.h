@@ -14,6 +14,13 @@
  *    sinh      |x| <= 708                      2
  *    cosh      |x| <= 708                      2
  *    atan      finite                          1
+ *    asin      |x| <= 1                        1.5
+ *    acos      |x| <= 1                        1.5
+ *    asinh     |x| <= 1e150                    2
+ *    acosh     1 <= x <= 1e150                 2
+ *    atanh     |x| < 1                         2
+ *    erf       finite                          2
+ *    pow       x positive, normal, 2^-1021 < result < 2^1023   1
  */
 #include <math.h>
 #include <stddef.h>
@@ -78,17 +85,21 @@ LANE void lane_sincos(double x, double *sine, double *cosine, const int far, int
    *beyond |= outside(x, 1e5);
 }
 
-/* x = k log 2 + r, the series of exp(r) to the power 13, and k added to the exponent. */
-LANE double near_exp(double x) {
-   const double shifted = FMA(x, 1.4426950408889634, to_integer);
-   const double k = shifted - to_integer;
-   const double r = FMA(-k, 1.90821492927058770002e-10, FMA(-k, 6.93147180369123816490e-01, x));
+/* 2^k exp(r), k the integer that was added to 2^52 * 1.5 for `shifted`: the series to the power 13, |r| < 0.35. */
+LANE double exp_of(double shifted, double r) {
    const double high = HORNER6(r, 2.4801587301587302e-5, 2.7557319223985893e-6, 2.7557319223985888e-7,
                                2.505210838544172e-8, 2.08767569878681e-9, 1.6059043836821613e-10);
    const double poly = HORNER6(r, 0.5, 0.16666666666666666, 0.041666666666666664, 8.333333333333333e-3,
                                1.3888888888888889e-3, FMA(r, high, 1.9841269841269841e-4));
    const double y = 1 + FMA(r * r, poly, r);
    return double_of((uint64_t)bits_of(y) + ((uint64_t)bits_of(shifted) << 52));
+}
+
+/* x = k log 2 + r */
+LANE double near_exp(double x) {
+   const double shifted = FMA(x, 1.4426950408889634, to_integer);
+   const double k = shifted - to_integer;
+   return exp_of(shifted, FMA(-k, 1.90821492927058770002e-10, FMA(-k, 6.93147180369123816490e-01, x)));
 }
 
 LANE double lane_exp(double x, const int far, int64_t *beyond) {
@@ -98,25 +109,49 @@ LANE double lane_exp(double x, const int far, int64_t *beyond) {
    return near_exp(x);
 }
 
-/* x = 2^k (1 + f) with 1 + f between sqrt(1/2) and sqrt(2); the approximation of fdlibm in f/(2 + f). */
-LANE double lane_log(double x, const int far, int64_t *beyond) {
-   const uint64_t smallest = UINT64_C(0x0010000000000000), largest = UINT64_C(0x7fefffffffffffff);
-   const uint64_t bits = (uint64_t)bits_of(x);
-   if (far && !(bits >= smallest && bits <= largest))
-      return log(x);
-   *beyond |= (int64_t)((bits - smallest) | (largest - bits));
-   const uint64_t excess = bits - UINT64_C(0x3fe6a09e667f3bcd);
-   const double k =
-       double_of(UINT64_C(0x4330000000000000) | ((excess + (UINT64_C(1024) << 52)) >> 52)) - (0x1p52 + 1024);
-   const double f = double_of(bits - (excess & UINT64_C(0xfff0000000000000))) - 1;
+/* x = 2^k m, positive and normal, with m from `least` to twice that, which lies below one: m, and k */
+LANE double split(double x, uint64_t least, double *k) {
+   const uint64_t excess = (uint64_t)bits_of(x) - least;
+   *k = double_of(UINT64_C(0x4330000000000000) | ((excess + (UINT64_C(1024) << 52)) >> 52)) - (0x1p52 + 1024);
+   return double_of((uint64_t)bits_of(x) - (excess & UINT64_C(0xfff0000000000000)));
+}
+
+/* k log 2 + log(1 + f) + small, with 1 + f between sqrt(1/2) and sqrt(2): the approximation of fdlibm in f/(2 + f). */
+LANE double log_of(double k, double f, double small) {
    const double s = f / (2 + f), z = s * s, w = z * z;
    const double even = w * FMA(w, FMA(w, 1.531383769920937332e-01, 2.222219843214978396e-01), 3.999999999940941908e-01);
    const double odd =
        z * FMA(w, FMA(w, FMA(w, 1.479819860510658591e-01, 1.818357216161805012e-01), 2.857142874366239149e-01),
                6.666666666666735130e-01);
    const double square = 0.5 * f * f;
-   const double rest = FMA(s, square + (odd + even), k * 1.90821492927058770002e-10);
+   const double rest = FMA(s, square + (odd + even), small);
    return FMA(k, 6.93147180369123816490e-01, -((square - rest) - f));
+}
+
+static const double log_low = 1.90821492927058770002e-10; /* of log 2, below the bits that log_of multiplies */
+static const uint64_t half_root = UINT64_C(0x3fe6a09e667f3bcd); /* sqrt(1/2) */
+
+/* negative where x is not positive and normal */
+LANE int64_t not_normal(double x) {
+   const uint64_t bits = (uint64_t)bits_of(x);
+   return (int64_t)((bits - UINT64_C(0x0010000000000000)) | (UINT64_C(0x7fefffffffffffff) - bits));
+}
+
+LANE double lane_log(double x, const int far, int64_t *beyond) {
+   if (far && not_normal(x) < 0)
+      return log(x);
+   *beyond |= not_normal(x);
+   double k;
+   const double f = split(x, half_root, &k) - 1;
+   return log_of(k, f, k * log_low);
+}
+
+/* log(1 + x) for x >= 0, with what 1 + x loses by rounding */
+LANE double near_log1p(double x) {
+   double k;
+   const double u = 1 + x, lost = x - (u - 1);
+   const double f = split(u, half_root, &k) - 1;
+   return log_of(k, f, FMA(k, log_low, lost / u));
 }
 
 /* Near zero a quotient of polynomials (Cephes), elsewhere by exp(2 |x|). */
@@ -174,4 +209,123 @@ LANE double lane_atan(double x, const int far, int64_t *beyond) {
    const double below = HORNER6(z, 1.945506571482613964425e2, 4.853903996359136964868e2, 4.328810604912902668951e2,
                                 1.650270098316988542046e2, 2.485846490142306297962e1, 1.0);
    return copysign(turn + (FMA(r, z * (above / below), r) + rest), x);
+}
+
+/* asin(r)/r - 1 by z = r^2 <= 1/4 (fdlibm) */
+LANE double more_of_asin(double z) {
+   const double above =
+       HORNER6(z, 1.66666666666666657415e-01, -3.25565818622400915405e-01, 2.01212532134862925881e-01,
+               -4.00555345006794114027e-02, 7.91534994289814532176e-04, 3.47933107596021167570e-05);
+   const double below =
+       FMA(z, FMA(z, FMA(z, FMA(z, 7.70381505559019352791e-02, -6.88283971605453293030e-01), 2.02094576023350569471),
+                  -2.40339491173441421878),
+           1);
+   return z * (above / below);
+}
+
+/* Above 1/2 by the half angle: asin(x) = pi/2 - 2 asin(sqrt((1 - x)/2)). */
+LANE double lane_asin(double x, const int far, int64_t *beyond) {
+   if (far && !(fabs(x) <= 1))
+      return asin(x);
+   *beyond |= outside(x, 1);
+   const double size = fabs(x), half = 0.5 * (1 - size), twice = 2 * sqrt(half);
+   const double more = more_of_asin(size < 0.5 ? x * x : half);
+   const double rest = 0.7853981633974483 - twice; /* from pi/4 on, without rounding where it counts */
+   const double large = 0.7853981633974483 + (rest - FMA(twice, more, -6.123233995736766e-17));
+   return copysign(size < 0.5 ? FMA(size, more, size) : large, x);
+}
+
+LANE double lane_acos(double x, const int far, int64_t *beyond) {
+   if (far && !(fabs(x) <= 1))
+      return acos(x);
+   *beyond |= outside(x, 1);
+   const double size = fabs(x), half = 0.5 * (1 - size), r = size < 0.5 ? x : 2 * sqrt(half);
+   const double y = FMA(r, more_of_asin(size < 0.5 ? x * x : half), r);
+   const double middle = 1.5707963267948966 - (y - 6.123233995736766e-17);
+   const double large = x < 0 ? 3.141592653589793 - (y - 1.2246467991473532e-16) : y;
+   return size < 0.5 ? middle : large;
+}
+
+LANE double lane_asinh(double x, const int far, int64_t *beyond) {
+   if (far && !(fabs(x) <= 1e150))
+      return asinh(x);
+   *beyond |= outside(x, 1e150);
+   const double size = fabs(x), z = x * x;
+   return copysign(near_log1p(size + z / (1 + sqrt(1 + z))), x);
+}
+
+LANE double lane_acosh(double x, const int far, int64_t *beyond) {
+   if (far && !(x >= 1 && x <= 1e150))
+      return acosh(x);
+   *beyond |= (bits_of(x) - bits_of(1.0)) | (bits_of(1e150) - bits_of(x));
+   const double more = x - 1;
+   return near_log1p(more + sqrt(FMA(more, more, 2 * more)));
+}
+
+LANE double lane_atanh(double x, const int far, int64_t *beyond) {
+   if (far && !(fabs(x) < 1))
+      return atanh(x);
+   *beyond |= outside(x, 0x1.fffffffffffffp-1);
+   const double size = fabs(x), twice = 2 * size;
+   return copysign(0.5 * near_log1p(twice + twice * size / (1 - size)), x);
+}
+
+/* Up to 1 a quotient of polynomials, which was fitted to 7e-19, then 1 - exp(-x^2) a/b (Cephes) */
+LANE double lane_erf(double x, const int far, int64_t *beyond) {
+   if (far && !(fabs(x) <= 0x1.fffffffffffffp1023))
+      return erf(x);
+   *beyond |= outside(x, 0x1.fffffffffffffp1023);
+   const double size = fabs(x), y = size > 6 ? 6 : size, z = y * y;
+   const double above = HORNER6(z, 0.1283791670955126, -0.3170141296970381, -0.048309764364948916,
+                                -0.008812531962234244, -0.0004951304464755514, -2.071014803824855e-05);
+   const double below = HORNER6(z, 1.0, 0.4604505596365237, 0.0937841047084297, 0.010687352702938214,
+                                0.0006919161614429158, 2.078384613287413e-05);
+   const double over = HORNER6(
+       y, 5.57535335369399327526e2, 1.02755188689515710272e3, 9.34528527171957607540e2, 5.26445194995477358631e2,
+       1.96520832956077098242e2,
+       FMA(y, FMA(y, FMA(y, 2.46196981473530512524e-10, 5.64189564831068821977e-1), 7.46321056442269912687),
+           4.86371970985681366614e1));
+   const double under =
+       HORNER6(y, 5.57535340817727675546e2, 1.65666309194161350182e3, 2.24633760818710981792e3,
+               1.82390916687909736289e3, 9.75708501743205489753e2,
+               FMA(y, FMA(y, FMA(y, 1, 1.32281951154744992508e1), 8.67072140885989742329e1), 3.54937778887819891062e2));
+   const double quotient = (y < 1 ? above : near_exp(-z) * over) / (y < 1 ? below : under);
+   return copysign(y < 1 ? FMA(y, quotient, y) : 1 - quotient, x);
+}
+
+/* the upper 21 bits of a mantissa: products of two such numbers have no rounding */
+LANE double upper(double x) {
+   return double_of((uint64_t)bits_of(x) & UINT64_C(0xffffffff00000000));
+}
+
+/* x^y = 2^(y log2 x), with log2 x in two parts as in fdlibm: x = 2^k m with m near 1 or 3/2 */
+LANE double lane_pow(double x, double y, const int far, int64_t *beyond) {
+   double k;
+   const double m = split(x, UINT64_C(0x3febb67ae8584caa), &k); /* sqrt(3/4) */
+   const double base = m < 1.224744871391589 ? 1 : 1.5;
+   const double shift = m < 1.224744871391589 ? 0 : 5.84962487220764160156e-01; /* log2 of the base, in two parts */
+   const double shift_low = m < 1.224744871391589 ? 0 : 1.35003920212974897128e-08;
+   const double u = m - base, v = 1 / (m + base), s = u * v; /* log(m/base) = 2 atanh(s) */
+   const double s_high = upper(s), t_high = upper(m + base), t_low = m - (t_high - base);
+   const double s_low = v * ((u - s_high * t_high) - s_high * t_low);
+   const double z = s * s;
+   const double series =
+       z * z * HORNER6(z, 5.99999999999994648725e-01, 4.28571428578550184252e-01, 3.33333329818377432918e-01,
+                       2.72728123808534006489e-01, 2.30660745775561754067e-01, 2.06975017800338417784e-01) +
+       s_low * (s_high + s);
+   const double square = s_high * s_high;
+   const double sum = upper(3 + square + series), sum_low = series - ((sum - 3) - square);
+   const double a = s_high * sum, b = s_low * sum + sum_low * s;
+   const double p = upper(a + b), p_low = b - (p - a);
+   const double c = 9.61796700954437255859e-01 * p; /* 2/(3 log 2), in two parts */
+   const double c_low = -7.02846165095275826516e-09 * p + p_low * 9.61796693925975554329e-01 + shift_low;
+   const double log2 = upper(((c + c_low) + shift) + k), log2_low = c_low - (((log2 - k) - shift) - c);
+   const double y_high = upper(y), high = y_high * log2, low = (y - y_high) * log2 + y * log2_low;
+   const double exponent = low + high;
+   if (far && ((not_normal(x) | outside(exponent, 1021)) < 0))
+      return pow(x, y);
+   *beyond |= not_normal(x) | outside(exponent, 1021);
+   const double shifted = exponent + to_integer, rest = high - (shifted - to_integer), r = upper(low + rest);
+   const double tail = (low - (r - rest)) * 6.93147180559945286227e-01 + r * -1.90465429995776804525e-09;
+   return exp_of(shifted, r * 6.93147182464599609375e-01 + tail);
 }
