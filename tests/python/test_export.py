@@ -30,7 +30,17 @@ SCENES = {
     "chain": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(cosh(q[i+1]-q[i]), i)"\nnoise = ["-s*q[k]"]\nn = 9\n'
     'ends = "fixed"\n'
     "[model.params]\ns = 0.2\n" + RUN,
+    # neighbours on both sides across the ends, products of q and p, noises of each site before and after one of all
+    "ring": '[model]\nH = "Sum((q[i+1]-q[i])**2/2 + (p[i+2]-p[i-1])**2*E/8 + g*(q[i]**2+p[i]**2)**2/4*cos(t), i)"\n'
+    'noise = ["s*Sum(q[i]*p[i+1], i)", "s*q[k]", "s*p[k]", "Sum(s*cos(q[i])*log(2+p[i]**2)**E, i)"]\nn = 7\n'
+    'ends = "periodic"\n[model.params]\ng = 0.7\nE = 1.3\ns = 0.2\n'
+    + RUN.replace("q0 = 0.4", f"q0 = {[0.1*k for k in range(7)]}"),
+    "toda": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(exp(q[i+1]-q[i]), i)"\nnoise = ["Sum(s*q[i], i)"]\nn = 12\n'
+    '[model.params]\ns = 0.2\n' + RUN + 'scheme = "stormer_verlet"\n',
 }  # fmt: skip
+
+
+SITES = [name for name in SCENES if "Sum(" in SCENES[name]]
 
 
 def export(folder, name, language, capsys):
@@ -49,9 +59,7 @@ def numbers(folder, line, name):
     return np.array([[float(x) for x in row.split()] for row in done.stdout.splitlines()[1:]])
 
 
-CASES = [
-    (name, language) for name in SCENES for language in ("c", "fortran") if (name, language) != ("chain", "fortran")
-]
+CASES = [(name, language) for name in SCENES for language in ("c", "fortran")]
 
 
 @pytest.mark.parametrize(("name", "language"), CASES)
@@ -59,7 +67,7 @@ def test_programs_give_the_numbers_of_the_scene(name, language, tmp_path, capsys
     if language == "fortran" and shutil.which("gfortran") is None:
         pytest.skip("no gfortran")
     line, text = export(tmp_path, name, language, capsys)
-    assert line in text and (name == "chain" or max(len(row) for row in text.splitlines() if line not in row) <= 132)
+    assert line in text and (name in SITES or max(len(row) for row in text.splitlines() if line not in row) <= 132)
     found = numbers(tmp_path, line, name)
     known = scene.load(tmp_path / f"{name}.toml").compute_moments()
     n = known.mean_q.shape[1]
@@ -69,6 +77,28 @@ def test_programs_give_the_numbers_of_the_scene(name, language, tmp_path, capsys
     np.testing.assert_allclose(found[:, 0], known.t, rtol=1e-15)
     np.testing.assert_allclose(found[:, 1::2], columns, rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(found[:, 2::2], errors, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize("language", ["c", "fortran"])
+def test_chains_of_any_length_are_the_same_program(language, tmp_path, capsys):
+    """But for the number of sites; the one of a hundred thousand in Fortran runs."""
+    H = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + b*(q[i+1]-q[i])**4/4, i)"
+    SCENES["short"] = f'[model]\nH = "{H}"\nnoise = ["Sum(s*q[i], i)"]\nn = 40\nends = "fixed"\n'
+    SCENES["short"] += "[model.params]\nb = 0.7\ns = 0.2\n" + RUN.replace("40", "2").replace("20", "2").replace(
+        "30", "2"
+    )
+    SCENES["long"] = SCENES["short"].replace("n = 40", "n = 100000")
+    short = export(tmp_path, "short", language, capsys)[1]
+    line, text = export(tmp_path, "long", language, capsys)
+    for sites, few in ((" 100000", " 40"), (" 200001", " 81"), ("long", "short")):
+        text = text.replace(sites, few)
+    assert text == short
+    if language == "c" or shutil.which("gfortran") is None:
+        return
+    found = numbers(tmp_path, line, "long")
+    known = scene.load(tmp_path / "long.toml").compute_moments()
+    np.testing.assert_allclose(found[1, 1:200001:2], known.mean_q[1], rtol=1e-12)
+    np.testing.assert_allclose(found[1, 200001:400001:2], known.mean_p[1], rtol=1e-12)
 
 
 def test_the_program_is_written_from_the_formulas(tmp_path, capsys):
@@ -109,7 +139,11 @@ def test_names_that_are_made_are_nobody_elses(names):
 @pytest.mark.parametrize(
     ("text", "language", "words"),
     [
-        (SCENES["chain"], "fortran", "sums over sites are exported to C only: say --to c"),
+        (
+            SCENES["toda"].replace("(p[i]**2/2, i)", "(p[i], i)**2"),
+            "fortran",
+            "of sums over sites are exported to C only",
+        ),
         (SCENES["builtin"].replace("q0 = 0.4", f"q0 = [{[0.1] * 30}]"), "c", "differ from path to path"),
         ('[model]\npython = "m:f"\n' + RUN, "c", "a Python function cannot be exported: give formulas"),
     ],

@@ -46,13 +46,13 @@ class Expressions:
         if node.what == "leaf":
             return self.leaf(node.value), ATOM
         if node.what == "negative":
-            return f"-{self._held(node.arguments[0], PRODUCT)}", SUM
+            return f"-{self.held(node.arguments[0], PRODUCT)}", SUM
         if node.what in ("+", "-"):
             a, b = node.arguments
-            return f"{self._held(a, SUM)} {node.what} {self._held(b, PRODUCT)}", SUM
+            return f"{self.held(a, SUM)} {node.what} {self.held(b, PRODUCT)}", SUM
         if node.what in ("*", "/"):
             a, b = node.arguments
-            return f"{self._held(a, PRODUCT)}{node.what}{self._held(b, ATOM)}", PRODUCT
+            return f"{self.held(a, PRODUCT)}{node.what}{self.held(b, ATOM)}", PRODUCT
         arguments = [self._text[a][0] for a in node.arguments]
         return self.called(node.what, arguments), ATOM
 
@@ -60,7 +60,8 @@ class Expressions:
         """A function of its arguments."""
         return f"{function}({', '.join(arguments)})"
 
-    def _held(self, x: int, strength: int) -> str:
+    def held(self, x: int, strength: int) -> str:
+        """A node in an operation that holds so strongly."""
         text, own = self._text[x]
         return text if own >= strength else f"({text})"
 

@@ -123,6 +123,11 @@ class Given:
     ntime: int
     has_energy: bool
 
+    @property
+    def is_chain(self) -> bool:
+        """Whether the model holds sums over sites."""
+        return self.model is not None and self.model._chain is not None
+
 
 def given_of(scene: Scene, stem: str) -> Given:
     """Read a scene; what a program cannot say is refused."""
@@ -184,3 +189,17 @@ def identifiers(names: Iterable[str]) -> dict[str, str]:
         result[name] = name if fits else f"parameter_{k + 1}"
         used.add(result[name].lower())
     return result
+
+
+_FEW = 8  #: degrees of freedom that are written one by one
+
+
+def columns(ndof: int, has_energy: bool) -> str:
+    """What a line of the output holds."""
+    names = [f"{x}{i + 1}" if ndof > 1 else x for x in "qp" for i in range(ndof)] if ndof <= _FEW else ["all q, all p"]
+    return " ".join([*names, *(["H"] if has_energy else [])])
+
+
+def equal(values: tuple[float, ...]) -> bool:
+    """Whether these are many equal numbers."""
+    return len(values) > _FEW and len(set(values)) == 1

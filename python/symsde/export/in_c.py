@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from ..formulas import emit_c
 from .expressions import Expressions, wrapped
-from .given import Given
+from .given import Given, columns, equal
 
 WIDTH = 110
 IN = "int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p"
@@ -23,7 +23,7 @@ def source(given: Given, compile_line: str) -> str:
     head += ["#include <math.h>", "#include <stdio.h>", "#include <stdlib.h>", "#include <symsde.h>", ""]
     model = []
     if given.model is not None:
-        model = _chain(given) if given.model._remade[1][0]["n"] is not None else _functions(given)
+        model = _chain(given) if given.is_chain else _functions(given)
     return "\n".join([*head, *model, *_main(given)]) + "\n"
 
 
@@ -105,7 +105,7 @@ def _main(given: Given) -> list[str]:
     lines += [f'   check(symsde_scheme_get("{given.scheme}", &scheme, &error), &error);', ""]
     lines += ["   symsde_options options;", "   symsde_options_init(&options);"]
     lines += [f"   options.{name} = {_literal(name, value)};" for name, value in given.options.items()]
-    lines += ["", f"   const double q0[NDOF] = {_array(given.q0)};", f"   const double p0[NDOF] = {_array(given.p0)};"]
+    lines += ["", *_state("q0", given.q0), *_state("p0", given.p0)]
     lines += ["   symsde_input input;", "   symsde_input_init(&input);"]
     lines += ["   input.q0 = q0; /* one state for all paths */", "   input.p0 = p0;", ""]
     lines += ["   static double t[NTIME], mean[NTIME][NVALUE], variance[NTIME][NVALUE], se[NTIME][NVALUE];"]
@@ -117,7 +117,7 @@ def _main(given: Given) -> list[str]:
     lines += ["   moments.t = t;", "   moments.n_ok = n_ok;", "   moments.mean = &mean[0][0];"]
     lines += ["   moments.variance = &variance[0][0];", "   moments.se_mean = &se[0][0];"]
     lines += ["   check(symsde_compute_moments(model, scheme, &options, &input, &moments, NULL, &error), &error);", ""]
-    lines += [f'   puts("# t, then the mean and its standard error of {_columns(n, given.has_energy)}");']
+    lines += [f'   puts("# t, then the mean and its standard error of {columns(n, given.has_energy)}");']
     lines += ["   for (int i = 0; i < NTIME; i++) {", '      printf("%.17g", t[i]);']
     lines += ["      for (int k = 0; k < NVALUE; k++)", '         printf(" %.17g %.17g", mean[i][k], se[i][k]);']
     lines += ['      printf("\\n");', "   }", "   symsde_model_delete(&model);", "   symsde_scheme_delete(&scheme);"]
@@ -133,7 +133,7 @@ def _model(given: Given) -> list[str]:
             f"   const double values[] = {_array(given.parameters.values()) if given.parameters else '{0}'};",
             f'   check(symsde_model_get("{given.name}", {count}, keys, values, &model, &error), &error);',
         ]
-    traits, is_chain = given.model.traits, given.model._remade[1][0]["n"] is not None
+    traits, is_chain = given.model.traits, given.is_chain
     flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass")
     lines = [
         "   symsde_traits traits; /* what may be left out; false ones are refused */",
@@ -159,11 +159,6 @@ def _model(given: Given) -> list[str]:
     return lines
 
 
-def _columns(n: int, has_energy: bool) -> str:
-    names = [f"{x}{i + 1}" if n > 1 else x for x in "qp" for i in range(n)]
-    return " ".join([*(names if n <= 8 else ["all q", "all p"]), *(["H"] if has_energy else [])])
-
-
 def _literal(name: str, value: float) -> str:
     return f"UINT64_C({value})" if name in ("seed", "common_noise") else _number(value)
 
@@ -174,3 +169,11 @@ def _number(value: float) -> str:
 
 def _array(values) -> str:
     return "{" + ", ".join(_number(float(x)) for x in values) + "}"
+
+
+def _state(name: str, values: tuple[float, ...]) -> list[str]:
+    """One state; of many equal numbers by a loop."""
+    if not equal(values):
+        return [f"   static const double {name}[NDOF] = {_array(values)};"]
+    loop = ["   for (int i = 0; i < NDOF; i++)", f"      {name}[i] = {_number(values[0])};"]
+    return [f"   static double {name}[NDOF];", *loop]

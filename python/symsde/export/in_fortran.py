@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from ..errors import InvalidArgumentError
+from . import sites_in_fortran
 from .expressions import Expressions, wrapped
-from .given import Given
+from .given import Given, columns, equal
 
 WIDTH = 118
 BLOCKS = {"value": ("value",), "gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp")}
@@ -22,8 +23,8 @@ _LOGICAL = ("compensated", "general")
 
 def source(given: Given, compile_line: str) -> str:
     """The whole file."""
-    if given.model is not None and given.model._remade[1][0]["n"] is not None:
-        raise InvalidArgumentError("sums over sites are exported to C only: say --to c")
+    if given.is_chain and given.model._chain.outer is not None:
+        raise InvalidArgumentError("functions of sums over sites are exported to C only: say --to c")
     lines = [*(f"!> {line}".rstrip() for line in given.title), "!>", f"!>    {compile_line}"]
     if given.model is not None:
         lines += _module(given)
@@ -31,18 +32,22 @@ def source(given: Given, compile_line: str) -> str:
 
 
 def _module(given: Given) -> list[str]:
+    kinds = sites_in_fortran.PROCEDURES if given.is_chain else BLOCKS
     lines = [f"module formula_of_{given.stem}", "   use symsde, only: wp, model_type", "   implicit none", "   private"]
     lines += ["   public :: formula_model", "", "   type, extends(model_type) :: formula_model"]
     lines += [f"      real(wp) :: {given.identifiers[x]} = {_number(v)}" for x, v in given.parameters.items()]
     lines += [
         "   contains",
-        *(f"      procedure :: {kind} => weighted_{kind}" for kind in BLOCKS),
+        *(f"      procedure :: {kind} => weighted_{kind}" for kind in kinds),
         "   end type formula_model",
         "",
         "contains",
     ]
-    for kind in BLOCKS:
-        lines += ["", *_procedure(given, kind)]
+    for kind in kinds:
+        if given.is_chain:
+            lines += ["", *sites_in_fortran.procedure(given, kind, WIDTH, _Fortran, _number)]
+        else:
+            lines += ["", *_procedure(given, kind)]
     return [*lines, "", f"end module formula_of_{given.stem}", ""]
 
 
@@ -112,11 +117,10 @@ def _program(given: Given) -> list[str]:
     lines += ["   type(error_type), allocatable :: error", "   integer :: i, k", "", *_model(given)]
     lines += [f"   call get_scheme(scheme, '{given.scheme}', error)"]
     lines += [f"   options%{OPTIONS.get(x, x)} = {_option(x, v)}" for x, v in given.options.items()]
-    lines += [f"   call moments(model, scheme, options, q0={_array(given.q0)}, p0={_array(given.p0)}, &"]
+    lines += [f"   call moments(model, scheme, options, q0={_state(given.q0)}, p0={_state(given.p0)}, &"]
     lines += ["                result=averages, error=error)", "   if (allocated(error)) then"]
     lines += ["      print '(a)', error%message", "      error stop 1", "   end if", ""]
-    names = [f"{x}{i + 1}" if n > 1 else x for x in "qp" for i in range(n)] + (["H"] if given.has_energy else [])
-    lines += [f"   print '(a)', '# t, then the mean and its standard error of {' '.join(names)}'"]
+    lines += [f"   print '(a)', '# t, then the mean and its standard error of {columns(n, given.has_energy)}'"]
     lines += ["   do i = 1, size(averages%t)", "      print '(*(es25.17e3, 1x))', averages%t(i), &"]
     lines += ["         (averages%mean(k, i), averages%se_mean(k, i), k=1, size(averages%mean, 1))", "   end do"]
     return [*(line for x in lines for line in wrapped(x, WIDTH, " " * 16, " &")), f"end program run_of_{given.stem}"]
@@ -131,11 +135,10 @@ def _model(given: Given) -> list[str]:
         ]
     traits = given.model.traits
     flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass")
+    offered = ("has_value", "has_hessian", *(["has_hessian_vector"] if given.is_chain else []))
     lines = [f"   model%name = '{given.name}'", "   ! what may be left out; false ones are refused"]
     lines += [f"   model%traits%ndof = {traits.ndof}", f"   model%traits%nnoise = {traits.nnoise}"]
-    lines += [
-        f"   model%traits%{x} = .true." for x in (*(f for f in flags if getattr(traits, f)), "has_value", "has_hessian")
-    ]
+    lines += [f"   model%traits%{x} = .true." for x in (*(f for f in flags if getattr(traits, f)), *offered)]
     if traits.bandwidth is not None:
         lines += [f"   model%traits%bandwidth = {traits.bandwidth}"]
     return [*lines, f"   model%traits%rotation = {_array(traits.rotation)}"] if traits.rotation else lines
@@ -158,3 +161,8 @@ def _number(value: float | str) -> str:
 
 def _array(values) -> str:
     return "[" + ", ".join(_number(float(x)) for x in values) + "]"
+
+
+def _state(values: tuple[float, ...]) -> str:
+    """One state; of many equal numbers as such."""
+    return f"spread({_number(values[0])}, 1, {len(values)})" if equal(values) else _array(values)

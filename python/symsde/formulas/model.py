@@ -42,6 +42,7 @@ class FormulaModel(Model):
 
     formula: Formula
     _derivatives: Derivatives | None  #: nodes of all derivatives; None of sums over sites
+    _chain: Chain | None  #: sums over sites
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """As of every model; what does not fit the model is told with its formulas."""
@@ -123,6 +124,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     """A model from the arguments of `model_from_sympy`."""
     start = time.perf_counter()
     chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends")}
+    chain = None
     if given["n"] is None:
         problem = make_problem(**chosen)
         structure = structure_of(problem)
@@ -151,7 +153,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         file=str(compiled.path) if compiled else "",
     )
     model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], **traits, **functions)
-    model.formula, model._derivatives = formula, derivatives
+    model.formula, model._derivatives, model._chain = formula, derivatives, chain
     model.parameters = dict(parameters)
     model._remade = (_made, (given,))
     return model

@@ -38,28 +38,33 @@ def site_loop(d: Density, adds: list[tuple[str, int]]) -> str:
 
 
 def additions(d: Density, output: str) -> list[tuple[str, int]]:
-    """Where what is added."""
-    graph, size = d.derivatives.graph, len(d.offsets)
-    made, rows = d.derivatives.outputs, [f"ROW({o})" for o in d.offsets]
+    """Where what is added, in C."""
+    rows = [f"ROW({o})" for o in d.offsets]
+    places = {0: "i", 1: "{0} * n + i", 2: "({1} * sites + {0}) * n + i"}
+    return [(f"{output}[{places[len(at)].format(*(rows[k] for k in at))}]", node) for at, node in entries(d, output)]
+
+
+def entries(d: Density, output: str) -> list[tuple[tuple[int, ...], int]]:
+    """What one site adds to an output: neighbours (by their places in d.offsets), one for each index, and the node."""
+    size, made = len(d.offsets), d.derivatives.outputs
     if output == "value":
-        return [("value[i]", made["value"][0])]
+        return [((), made["value"][0])]
     if output in ("hq", "hp"):
-        return [(f"{output}[{row} * n + i]", node) for row, node in zip(rows, made[output], strict=True)]
+        return [((i,), node) for i, node in enumerate(made[output])]
     if output in BLOCKS:
-        return [
-            (f"{output}[({rows[j]} * sites + {rows[i]}) * n + i]", made[output][j * size + i])
-            for j in range(size)
-            for i in range(size)
-        ]
+        return [((i, j), made[output][j * size + i]) for j in range(size) for i in range(size)]
+    return [((i,), _product(d, output, i)) for i in range(size)]
+
+
+def _product(d: Density, output: str, i: int) -> int:
+    """Row i of the Hessian times (vq, vp)."""
+    graph, size, made = d.derivatives.graph, len(d.offsets), d.derivatives.outputs
     own, other = ("vq", "vp") if output == "uq" else ("vp", "vq")
     same = made["hqq" if output == "uq" else "hpp"]
-    result = []
-    for i in range(size):
-        terms = []
-        for j in range(size):
-            mixed = made["hqp"][j * size + i] if output == "uq" else made["hqp"][i * size + j]
-            for node, vector in ((same[j * size + i], own), (mixed, other)):
-                if not graph.is_number(node, 0.0):
-                    terms.append(graph.multiply(node, graph.leaf(f"{vector}{j}", True)))
-        result.append((f"{output}[{rows[i]} * n + i]", graph.sum(terms)))
-    return result
+    terms = []
+    for j in range(size):
+        mixed = made["hqp"][j * size + i] if output == "uq" else made["hqp"][i * size + j]
+        for node, vector in ((same[j * size + i], own), (mixed, other)):
+            if not graph.is_number(node, 0.0):
+                terms.append(graph.multiply(node, graph.leaf(f"{vector}{j}", True)))
+    return graph.sum(terms)

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sums over sites in Fortran: procedures of the model that go from site to site, however many there are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..formulas.site_loops import entries
+from ..formulas.sites import Chain, Density, Place
+from .expressions import PRODUCT, wrapped
+from .given import Given, harmless
+
+#: procedures: what they are, the arguments that are arrays of states, and their results
+PROCEDURES = {
+    "value": ("S = sum_j w_j H_j, lane by lane: one lane is one path", (), ("value",)),
+    "gradient": ("S_q and S_p; what is absent is not wanted", (), ("hq", "hp")),
+    "hessian_vector": ("The Hessian of S times (vq, vp)", ("vq", "vp"), ("uq", "up")),
+}
+
+
+def procedure(given: Given, kind: str, width: int, expressions: Any, number: Any) -> list[str]:
+    """A procedure of the model; expressions, number: how formulas are written."""
+    about, vectors, results = PROCEDURES[kind]
+    chain = given.model._chain
+    pieces = [_Piece(given, d, x, expressions, number) for x in results for d in chain.densities]
+    names = ", ".join([*vectors, *results])
+    lines = [f"   !> {about}", f"   subroutine weighted_{kind}(self, nlane, ndof, nnoise, t, w, q, p, {names})"]
+    lines += ["      class(formula_model), intent(in) :: self", "      integer, intent(in) :: nlane, ndof, nnoise"]
+    lines += ["      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)"]
+    lines += [f"      real(wp), intent(in) :: {', '.join(f'{x}(nlane, ndof)' for x in vectors)}"] if vectors else []
+    optional = ", optional" if kind == "gradient" else ""
+    shape = "(nlane)" if kind == "value" else "(nlane, ndof)"
+    lines += [f"      real(wp), intent(out){optional} :: {', '.join(x + shape for x in results)}"]
+    if most := max(len(piece.parts) for piece in pieces):
+        lines += wrapped(f"      real(wp) :: {', '.join(f'x{k + 1}' for k in range(most))}", width, " " * 9, " &")
+    rows = sorted({x for piece in pieces for x in piece.rows})
+    lines += [f"      integer :: {', '.join(['i', 'site', *rows])}", ""]
+    for x in results:
+        body = [f"{x} = 0", *(line for piece in pieces if piece.output == x for line in piece.lines())]
+        if optional:
+            body = [f"if (present({x})) then", *(f"   {line}" for line in body), "end if"]
+        for line in body:
+            indent = " " * (len(line) - len(line.lstrip()) + 12)
+            lines += wrapped(f"      {line}", width, indent, " &")
+    return [*lines, f"   end subroutine weighted_{kind}"]
+
+
+class _Piece:
+    """What a density adds to one output."""
+
+    def __init__(self, given: Given, density: Density, output: str, expressions: Any, number: Any):
+        """Write its formulas."""
+        self.density, self.output = density, output
+        self.chain: Chain = given.model._chain
+        self.names = list(given.identifiers.values())
+        self.rows: dict[str, int] = {}  #: of periodic ends: names of neighbouring sites -> offset
+        graph = density.derivatives.graph
+        added = [(at, node) for at, node in entries(density, output) if not graph.is_number(node, 0.0)]
+        text = expressions(graph, [node for _, node in added], self._leaf, number)
+        self.parts = text.parts
+        self.adds = [
+            (f"{output}({', '.join(['i', *(self._row(density.offsets[k]) for k in at)])})", text.held(node, PRODUCT))
+            for at, node in added
+        ]
+        self.about = _about(density, given)
+
+    def _row(self, offset: int) -> str:
+        """The site at an offset."""
+        if offset and self.chain.ends == "periodic":
+            name = f"{'next' if offset > 0 else 'last'}_{abs(offset)}"
+            self.rows[name] = offset
+            return name
+        return "site" if offset == 0 else f"site {'+' if offset > 0 else '-'} {abs(offset)}"
+
+    def _leaf(self, name: str) -> str:
+        letter = name.rstrip("0123456789")
+        number = int(name[len(letter) :] or 0)
+        if letter == "t":
+            return "t"
+        if letter == "c":
+            return f"self%{self.names[number]}"
+        if letter == "w":
+            return f"w(i, {self._weight()})"
+        return f"{letter}(i, {self._row(self.density.offsets[number])})"
+
+    def _weight(self) -> str:
+        """The Hamiltonian's number, by that of the sites where it follows noises of each site."""
+        number = self.density.weight
+        alone = number.alone - int(self.density.family)
+        terms = ["site"] if self.density.family else []
+        terms += [f"{number.families}*ndof" if number.families > 1 else "ndof"] if number.families else []
+        return " + ".join([*terms, *([str(alone)] if alone or not terms else [])])
+
+    def lines(self) -> list[str]:
+        """From site to site, and in each the loop over lanes."""
+        if not self.adds:
+            return []
+        first, last = _site(self.density.first), _site(self.density.last)
+        shifts = {x: "" if o == 1 else f" {'+' if o > 1 else '-'} {abs(o - 1)}" for x, o in self.rows.items()}
+        neighbours = [f"{x} = modulo(site{shift}, ndof) + 1" for x, shift in shifts.items()]
+        body = [*neighbours, "do i = 1, nlane"]
+        body += [f"   {name} = {value}" for name, value in self.parts]
+        body += [f"   {target} = {target} + {value}" for target, value in self.adds]
+        body += ["end do"]
+        if first == last:
+            return [f"! {self.about}", f"site = {first}", *body]
+        return [f"! {self.about}", f"do site = {first}, {last}", *(f"   {line}" for line in body), "end do"]
+
+
+def _site(place: Place) -> str:
+    """A site, counted from 1."""
+    if place.from_last:
+        return f"ndof {'+' if place.shift > 0 else '-'} {abs(place.shift)}" if place.shift else "ndof"
+    return str(place.shift + 1)
+
+
+def _about(density: Density, given: Given) -> str:
+    """The formula of a density, in the names of the scene."""
+    problem = density.derivatives.problem
+    names = {f"c{k}": x for k, x in enumerate(problem.parameters)}
+    for k, offset in enumerate(density.offsets):
+        names |= {f"{x}{k}": f"{x}[i{f'{offset:+d}' if offset else ''}]" for x in "qp"}
+    [formula] = problem.hamiltonians
+    shown = formula.xreplace({x: type(x)(names[x.name]) for x in formula.free_symbols if x.name in names})
+    number = density.weight
+    which = "H" if number.is_drift else f"H_{number.of(given.model._chain.n)}{' ..' if density.family else ''}"
+    return f"of {which}: {harmless(str(shown))}"
