@@ -2,9 +2,10 @@
 """Draw every committed figure again from its data, the JSON file beside it.
 
     .venv/bin/python docs/figures.py                     # draw all
-    .venv/bin/python docs/figures.py --measure           # compute the data of kubo_invariant and mean-square first
+    .venv/bin/python docs/figures.py --measure           # first the data of those without run times
     .venv/bin/python docs/figures.py --horizons          # those of horizons, which are run times: on a quiet machine
 
+Without run times are kubo_invariant, mean-square and weak-orders.
 The other data are written with their pages, which hold run times: `symsde stability --markdown docs/stability.md` and
 `symsde study --all examples/scenes --markdown docs/work-precision.md`. A test draws all figures and compares them.
 """
@@ -20,6 +21,8 @@ from symsde.stability import long_time, mean_square_map
 from symsde.study import horizons
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import weak_orders
 from peers import page as peers
 
 FOLDER = Path(__file__).with_name("figures")
@@ -29,6 +32,7 @@ OTHERS = {
     "mean-square": mean_square_map.save,
     "horizons": horizons.save,
     "peers": peers.save,
+    "weak-orders": weak_orders.save,
 }  #: stem of the data -> drawing
 
 
@@ -44,10 +48,11 @@ def draw(data: Path, picture: Path) -> None:
 
 
 def measure() -> None:
-    """Compute the data of the README's figure (seconds), and of mean-square stability (a minute)."""
+    """Compute the data of the README's figure and of weak orders (seconds), and of mean-square stability (a minute)."""
     text = _files.json_text(symplecticity.invariant_curves())
     (FOLDER / "kubo_invariant.json").write_text(text, encoding="utf-8")
-    (FOLDER / "mean-square.json").write_text(_files.json_text(mean_square_map.compute()), encoding="utf-8")
+    for name, module in (("mean-square", mean_square_map), ("weak-orders", weak_orders)):
+        (FOLDER / f"{name}.json").write_text(_files.json_text(module.compute()), encoding="utf-8")
 
 
 def main() -> None:

@@ -33,7 +33,7 @@ STATE = {"q0": 0.9, "p0": 0.4, "seed": 11, "horizon": 1.0}
 NODES = 12  # of Gauss and Hermite
 FINER = 32  # steps of a path halved
 TWO_POINT, THREE_POINT = ((-1, 1), (0.5, 0.5)), ((-np.sqrt(3), 0, np.sqrt(3)), (1 / 6, 2 / 3, 1 / 6))
-LAWS = {"midpoint_weak1": TWO_POINT, "gauss2_weak2": THREE_POINT}
+LAWS = {"midpoint_weak1": TWO_POINT, "gauss2_weak2": THREE_POINT, "gauss2_weak2_areas": THREE_POINT}
 
 
 def tilted_pendulum():
@@ -167,32 +167,51 @@ def noise_matrix(row, column, value):
 
 
 LINEAR = [
-    (lambda: ss.models.noncommutative_oscillator(s1=0.0, s2=STRENGTH), noise_matrix(2, 1, -STRENGTH)),
-    (lambda: ss.models.linear_oscillator(sigma=1.0), noise_matrix(2, 0, 1.0)),
+    (lambda: ss.models.noncommutative_oscillator(s1=0.0, s2=STRENGTH), [noise_matrix(2, 1, -STRENGTH)]),
+    (lambda: ss.models.linear_oscillator(sigma=1.0), [noise_matrix(2, 0, 1.0)]),
 ]
+CROSSED = [  # for schemes whose weak order is that of every noise: two that do not commute
+    (
+        lambda: ss.models.noncommutative_oscillator(s1=STRENGTH, s2=STRENGTH),
+        [noise_matrix(1, 2, STRENGTH), noise_matrix(2, 1, -STRENGTH)],
+    ),
+]
+
+
+def drives(noises, scheme, h):
+    """Every way in which a step may be driven: rows (row, noise), probability. The noise that acts is the last one."""
+    roots, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    gauss = tuple(roots), tuple(weights / weights.sum())
+    law = LAWS.get(scheme, gauss)
+    shapes = gauss if scheme not in LAWS else ((0.0,), (1.0,))
+    stt_areas = gauss if scheme.startswith("chin4a") else ((0.0,), (1.0,))
+    for (x, u), (y, v), (z, w) in itertools.product(*(zip(*each, strict=True) for each in (law, shapes, stt_areas))):
+        rows = np.zeros((4, noises))
+        rows[:, -1] = QUARTERS @ (np.sqrt(h / np.array([1, 12, 720])) * (x, y, z))
+        yield rows, u * v * w
+
+
+def crossed_drives(law, h):
+    """Two noises of a law with areas +-h/2: a square that has the area, then a straight line."""
+    side = math.sqrt(h / 2)
+    for (x, u), (y, v), sign in itertools.product(zip(*law, strict=True), zip(*law, strict=True), (-1, 1)):
+        square = side * np.array([(1, 0), (0, sign), (-1, 0), (0, -sign)])
+        yield np.concatenate([square, np.tile((x, y), (4, 1)) * math.sqrt(h) / 4]), u * v / 2
 
 
 def mean_map(model, scheme, h):
     """Mean over one step of A (x) A, for the scheme's map A of (1, q, p): (9, 9)."""
-    roots, weights = np.polynomial.hermite_e.hermegauss(NODES)
-    gauss = tuple(roots), tuple(weights / weights.sum())
-    law = LAWS.get(scheme, gauss)
-    silent = model.nnoise - 1  # the noise that acts is the last one
-    shapes = gauss if scheme not in LAWS else ((0.0,), (1.0,))
-    stt_areas = gauss if scheme.startswith("chin4a") else ((0.0,), (1.0,))
-    total = np.zeros((9, 9))
-    points = [
-        ((x, y, z), u * v * w)
-        for (x, u), (y, v), (z, w) in itertools.product(*(zip(*each, strict=True) for each in (law, shapes, stt_areas)))
-    ]
+    crossed = ss.schemes.get(scheme).info.crosses_noises
+    points = list(crossed_drives(LAWS[scheme], h) if crossed else drives(model.nnoise, scheme, h))
     starts = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    rows = np.zeros((4, model.nnoise, 3 * len(points)))
-    for i, (normals, _) in enumerate(points):
-        path = QUARTERS @ (np.sqrt(h / np.array([1, 12, 720])) * normals)
-        rows[:, silent, 3 * i : 3 * i + 3] = path[:, np.newaxis]
+    rows = np.repeat(np.stack([rows for rows, _ in points], axis=-1), 3, axis=-1)
     q0, p0 = (np.tile(starts[:, k], len(points))[np.newaxis] for k in (0, 1))
-    run = ss.simulate(model, q0=q0, p0=p0, scheme=scheme, step=h, steps=1, paths=q0.shape[1], increments=rows, refine=2)
+    refine = len(rows).bit_length() - 1
+    run = ss.simulate(
+        model, q0=q0, p0=p0, scheme=scheme, step=h, steps=1, paths=q0.shape[1], increments=rows, refine=refine
+    )
     ends = np.stack([run.q[-1, 0], run.p[-1, 0]]).reshape(2, len(points), 3)
+    total = np.zeros((9, 9))
     for i, (_, weight) in enumerate(points):
         shift, first, second = ends[:, i].T
         step = np.array([[1.0, 0, 0], *np.stack([shift, first - shift, second - shift], axis=1)])
@@ -215,9 +234,9 @@ def weak(scheme):
     """
     if scheme.endswith("_strong2"):
         return None
-    for make, noise in LINEAR:
+    for make, noises in CROSSED if ss.schemes.get(scheme).info.crosses_noises else LINEAR:
         model = make()
-        exact = generator_map(noise)
+        exact = generator_map(noises)
         counts = [16, 32, 64, 128]
         try:
             maps = [np.linalg.matrix_power(mean_map(model, scheme, 1.0 / n), n) for n in counts]
@@ -236,11 +255,11 @@ def weak(scheme):
     return None
 
 
-def generator_map(noise):
-    """exp(T G) of the products of two coordinates, T = 1; the squares of the noise are the Stratonovich drift."""
-    unit, square = np.eye(3), noise @ noise / 2
-    drift = SPIN + square
-    return exponential(np.kron(drift, unit) + np.kron(unit, drift) + np.kron(noise, noise))
+def generator_map(noises):
+    """exp(T G) of the products of two coordinates, T = 1; the squares of the noises are the Stratonovich drift."""
+    unit = np.eye(3)
+    drift = SPIN + sum(noise @ noise for noise in noises) / 2
+    return exponential(np.kron(drift, unit) + np.kron(unit, drift) + sum(np.kron(noise, noise) for noise in noises))
 
 
 # ---- all of them --------------------------------------------------------------------------------

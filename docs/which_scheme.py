@@ -36,6 +36,7 @@ USE = {
     "gauss2_strong32": "paths under commuting noise at small tolerances: order 3/2, with dZ",
     "gauss2_strong32_areas": "paths at small tolerances under any noise: order 1 where it does not commute, else 3/2",
     "gauss2_weak2": "means under commuting noise, no paths: weak order 2 with three-point increments",
+    "gauss2_weak2_areas": "means under any noise, no paths: weak order 2, three-point increments, two-point areas",
     "midpoint_areas": "paths under noise that does not commute: order 1 instead of 1/2, with areas",
     "midpoint_weak1": "means, no paths: bounded two-point increments, so implicit steps always have their solution",
     "verlet_dz": "additive noise on momenta, separable: explicit, strong order 2, with dZ",

@@ -206,7 +206,7 @@ typedef struct symsde_scheme_info {
    double measured_order[SYMSDE_ORDERS], measured_half_width[SYMSDE_ORDERS]; /* 95 %; NaN = not measured */
    double measured_floor[SYMSDE_ORDERS]; /* error of the reference over the smallest error that counts */
    int32_t uses_dz, uses_areas, uses_stt_area, uses_magnus; /* functionals of the path beside dW: dZ, A, K, J */
-   int32_t uses_nested_bracket;
+   int32_t uses_nested_bracket; /* 0 none, 1 {{H,H_k},H_k}, 2 {{H_l,H_k},H_k} of noises, too */
    int32_t law;          /* of the increments: 0 Gaussian, 1 three-point, 2 two-point */
    int32_t explicit_for; /* 0 no model, 1 separable models, 2 every model */
    int32_t gradients_per_step, unknowns, unknowns_if_separable; /* of an iteration; for each degree of freedom */

@@ -31,6 +31,7 @@ SCHEMES = {
     "euler_maruyama": (GREY, "P"),
     "gauss2_strong32": (BLACK, "*"),
     "gauss2_strong32_areas": (BROWN, "*"),
+    "gauss2_weak2_areas": (TEAL, "*"),
     "midpoint_areas": (SKY, "p"),
     "verlet_dz": (FOREST, ">"),
     "averaged_shift_midpoint": (TEAL, "<"),

@@ -67,7 +67,8 @@ class SchemeInfo:
     uses_areas: bool
     uses_stt_area: bool  #: K, the space-time-time Levy area
     uses_magnus: bool  #: J, the second Magnus term of the kicks
-    uses_nested_bracket: bool
+    uses_nested_bracket: bool  #: {{H, H_k}, H_k}
+    crosses_noises: bool  #: {{H_l, H_k}, H_k}, too: its weak order is that of every noise
     law: str  #: of the increments: Gaussian, three-point or two-point
     explicit_for: str  #: never, separable models, every model
     gradients_per_step: int  #: of each iteration where implicit
@@ -111,7 +112,9 @@ class Scheme:
     def _read_info(self) -> SchemeInfo:
         given = _handles.new(_abi.SchemeInfo, "scheme_info")
         _handles.call("scheme_get_info", self._handle.pointer, ctypes.byref(given))
-        fields = {name: getattr(given, name) for name in SchemeInfo.__dataclass_fields__ if name != "orders"}
+        made = ("orders", "crosses_noises")
+        fields = {name: getattr(given, name) for name in SchemeInfo.__dataclass_fields__ if name not in made}
+        fields["crosses_noises"] = fields["uses_nested_bracket"] > 1
         for name in ("name", "reference"):
             fields[name] = fields[name].decode("utf-8", "replace")
         for name, kind in SchemeInfo.__annotations__.items():
@@ -159,6 +162,7 @@ class Scheme:
             "{H_k, H} with dZ": info.uses_dz,
             "{H_l, H_k} with areas": info.uses_areas,
             "{{H, H_k}, H_k}": info.uses_nested_bracket,
+            "{{H_l, H_k}, H_k}": info.crosses_noises,
         }
         added = ", ".join(name for name, used in brackets.items() if used)
         parts = [f"brackets added to H: {added}"] * bool(added) + [f"{info.law} increments"] * (info.law != "Gaussian")

@@ -62,7 +62,7 @@ def _orders(facts: dict[str, schemes.SchemeInfo]) -> str:
     rows = []
     for name, info in facts.items():
         cells = [_order(order) for order in info.orders.values()]
-        if info.uses_nested_bracket:
+        if info.uses_nested_bracket and not info.crosses_noises:
             cells[-1] += ", general 1"
         rows.append([f"`{name}`", *cells, f"{info.order_noise_free}"])
     return markdown(["scheme", "additive", "commutative", "general", "flows commute", "weak", "no noise"], rows)
@@ -107,7 +107,8 @@ def _extras(info: schemes.SchemeInfo) -> str:
     """What a step needs beside Gaussian increments."""
     integrals = {"dZ": info.uses_dz, "areas": info.uses_areas, "K": info.uses_stt_area, "J": info.uses_magnus}
     found = [word for word, used in integrals.items() if used]
-    found += ["nested bracket"] * info.uses_nested_bracket
+    found += ["nested bracket"] * (info.uses_nested_bracket and not info.crosses_noises)
+    found += ["nested brackets, those of noises, too"] * info.crosses_noises
     found += [f"{info.law} increments"] * (info.law != "Gaussian")
     return ", ".join(found) or "-"
 

@@ -83,7 +83,7 @@ contains
       info%uses_areas = truth(c%asks%has(path_areas))
       info%uses_stt_area = truth(c%asks%has(path_stt_area))
       info%uses_magnus = truth(c%asks%has(path_magnus))
-      info%uses_nested_bracket = truth(c%brackets%nested)
+      info%uses_nested_bracket = truth(c%brackets%nested) + truth(c%brackets%crossed)
       info%law = c%law
       info%explicit_for = c%explicit_for
       info%gradients_per_step = c%gradients_per_step

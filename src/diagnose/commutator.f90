@@ -208,7 +208,7 @@ contains
                   'gauss2_strong32 with dZ; weak order 2 from gauss2_weak2'
       else
          c%text = 'the noises '//to_text(c%k)//' and '//to_text(c%l)//' do not commute: strong order 1/2 with '// &
-                  'increments alone, 1 from midpoint_areas with areas; weak order 1'
+                  'increments alone, 1 from midpoint_areas with areas; weak order 1, 2 from gauss2_weak2_areas'
       end if
    end subroutine expect_orders
 

@@ -4,6 +4,7 @@ module symsde_ensemble_areas
    use symsde_base_area_rule, only: area_rule, areas_in_law, most_paired
    use symsde_base_functionals, only: functional_set, path_areas
    use symsde_base_kinds, only: wp
+   use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, too_large
    use symsde_base_text, only: to_text
    use symsde_ensemble_options, only: run_options
@@ -27,18 +28,26 @@ contains
 
       areas = area_rule(options%areas, options%area_time)
       if (areas%kind == areas_in_law) then
-         if (.not. scheme%asks%has(path_areas)) &
+         if (.not. scheme%asks%has(path_areas)) then
             call raise(error, incompatible, 'run_ensemble', 'areas in law are asked for, and scheme '//scheme%name// &
                        ' draws none: leave the choice of areas out, or take a scheme with areas, such as '// &
                        'midpoint_areas')
+         else if (scheme%law /= law_gaussian) then
+            call raise(error, incompatible, 'run_ensemble', 'areas in law are asked for, and scheme '//scheme%name// &
+                       ' has areas of two values: leave the choice of areas out, or take a scheme with Gaussian '// &
+                       'increments, such as midpoint_areas')
+         end if
+      else if (scheme%law /= law_gaussian) then
+         areas%time = 0  ! nothing is halved
       else if (asked%has(path_areas) .and. .not. areas%time > 0) then
          call derive_area_time(model, options%t0, areas%time, error)
       end if
    end subroutine choose_areas
 
    !> The sub-increments of areas, or their pairs of noises, must stay within the counters.
-   subroutine check_area_counters(nnoise, options, areas, error)
+   subroutine check_area_counters(nnoise, law, options, areas, error)
       integer, intent(in) :: nnoise
+      integer, intent(in) :: law       !! of the increments
       type(run_options), intent(in) :: options
       type(area_rule), intent(in) :: areas
       type(error_type), allocatable, intent(inout) :: error
@@ -50,10 +59,10 @@ contains
          call raise(error, too_large, 'run_ensemble', 'the areas of '//to_text(options%nstep)//' steps need '// &
                     to_text(rows)//' sub-increments, beyond 2^47, the range of the step counter: give fewer or '// &
                     'longer steps')
-      else if (areas%kind == areas_in_law .and. nnoise > most_paired) then
-         call raise(error, too_large, 'run_ensemble', 'areas in law count pairs of noises, and those of '// &
-                    to_text(nnoise)//' noises exceed the range of their counter: give at most '// &
-                    to_text(most_paired)//' noises, or areas by the path')
+      else if ((areas%kind == areas_in_law .or. law /= law_gaussian) .and. nnoise > most_paired) then
+         call raise(error, too_large, 'run_ensemble', 'areas that are drawn by themselves count pairs of '// &
+                    'noises, and those of '//to_text(nnoise)//' noises exceed the range of their counter: '// &
+                    'give at most '//to_text(most_paired)//' noises, or a scheme whose areas follow the path')
       end if
    end subroutine check_area_counters
 

@@ -372,7 +372,7 @@ contains
                     model%name//', which one prescribed increment a step does not determine: give finer rows, '// &
                     '2^refine a step with refine >= 1, or a scheme that needs increments only, such as midpoint')
       else if (asked%has(path_areas)) then
-         call check_area_counters(model%traits%nnoise, options, areas, error)
+         call check_area_counters(model%traits%nnoise, scheme%law, options, areas, error)
       end if
    end subroutine check_functionals
 

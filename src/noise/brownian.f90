@@ -244,7 +244,7 @@ contains
       integer :: i, f
 
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%common, &
-                             self%asked, self%areas)
+                             self%asked, self%areas, self%law)
       if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
          call fill_direct(draws, request, store, drawn)
          return

@@ -3,6 +3,8 @@
 !>
 !>    three-point   +-sqrt(3) with probability 1/6 each, else 0     moments of a normal up to the fifth
 !>    two-point     +-1 with probability 1/2 each                   up to the third
+!>
+!> Areas of such steps are +-|h|/2, independent of the increments: the mean and the variance of the true ones.
 module symsde_noise_discrete
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_three_point
@@ -10,9 +12,10 @@ module symsde_noise_discrete
    use symsde_noise_philox, only: philox_lanes
    implicit none
    private
-   public :: discrete_pairs
+   public :: discrete_pairs, sign_pairs
 
    integer, parameter :: purpose_discrete = 6  !! counter word of these draws
+   integer, parameter :: purpose_sign = 10     !! and of the signs of areas; their noise word is the index of the pair
 
 contains
 
@@ -30,6 +33,20 @@ contains
       call to_values(nlane, law == law_three_point, even)
       call to_values(nlane, law == law_three_point, odd)
    end subroutine discrete_pairs
+
+   !> Two independent signs a lane, of the area of a pair of noises.
+   subroutine sign_pairs(nlane, seed, path, pair, index, even, odd)
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: seed, path(nlane), pair  !! as in normal_pairs
+      integer, intent(in) :: index                        !! area_index of the noises
+      real(wp), intent(out) :: even(nlane), odd(nlane)
+      integer(i8) :: words(nlane, 4)
+
+      call philox_lanes(nlane, seed, path, pair, index, 0, purpose_sign, words)
+      call uniform_open_lanes(nlane, words, even, odd)
+      call to_values(nlane, .false., even)
+      call to_values(nlane, .false., odd)
+   end subroutine sign_pairs
 
    !> Uniforms on (0,1) to the values of the law.
    pure subroutine to_values(nlane, three, u)

@@ -14,6 +14,8 @@
 !> and so is one whose areas are drawn in law (base/area_rule): of these K is a part.
 !> J is merged from four quarters of a step (noise/functionals).
 !>
+!> Steps of a discrete law have no shape: dW of that law and areas +-|h|/2 (noise/discrete).
+!>
 !> An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, with
 !> 2^n >= tau/(12 |h|) for a time scale tau (model/area_time): its mean-square error |h|^2/(12 2^n) is at most
 !> |h|^3/tau.
@@ -28,7 +30,9 @@ module symsde_noise_integrals
    use symsde_base_functionals, only: functional_set, functional_count, area_index, nfunctional, path_areas, &
                                       path_dz, path_stt_area, path_magnus
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_laws, only: law_gaussian
    use symsde_base_record, only: step_request, step_store
+   use symsde_noise_discrete, only: discrete_pairs, sign_pairs
    use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals
    use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_column, pairs_of_steps
    implicit none
@@ -55,6 +59,7 @@ module symsde_noise_integrals
       logical, allocatable :: common(:)    !! noises drawn with the counters of path 0 for all paths (nnoise)
       type(functional_set) :: asked        !! functionals that are wanted
       type(area_rule) :: areas             !! how areas are drawn
+      integer :: law = law_gaussian        !! of base/laws
    contains
       procedure :: are_direct
       procedure :: in_law
@@ -217,11 +222,49 @@ contains
       type(path_shape) :: first, second
       type(halving_draws) :: u1, u2
 
+      if (d%law /= law_gaussian) then
+         call discrete_pair(d, nlane, path, pair, length, even, odd, drawn)
+         return
+      end if
       call draw_shapes(d, nlane, path, pair, length, first, second, drawn)
       if (levels_below(d, length) > 0) call draw_halving(d, nlane, path, pair, 1, length, u1, u2, drawn)
       call complete(d, nlane, path, 0, 2*pair, length, first, u1, even, drawn)
       call complete(d, nlane, path, 0, 2*pair + 1, length, second, u2, odd, drawn)
    end subroutine finest_pair
+
+   !> dW and areas of a discrete law on the finest intervals 2*pair and 2*pair+1.
+   subroutine discrete_pair(d, nlane, path, pair, length, even, odd, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(in) :: length
+      type(path_interval), intent(out) :: even, odd
+      integer(i8), intent(inout) :: drawn
+      integer :: k, l, kl
+
+      call new_path_interval(even, nlane, d%nnoise, length, d%asked)
+      call new_path_interval(odd, nlane, d%nnoise, length, d%asked)
+      even%w = 0
+      odd%w = 0
+      even%of(path_areas)%x = 0
+      odd%of(path_areas)%x = 0
+      do l = 1, d%nnoise
+         if (d%silent(l)) cycle
+         call discrete_pairs(nlane, d%seed, merge(0_i8, path, d%common(l)), pair, l, d%law, even%w(:, l), odd%w(:, l))
+         drawn = drawn + 2
+         do k = 1, l - 1
+            if (d%silent(k)) cycle
+            kl = area_index(k, l)
+            call sign_pairs(nlane, d%seed, merge(0_i8, path, d%common(k) .and. d%common(l)), pair, kl, &
+                            even%of(path_areas)%x(:, kl), odd%of(path_areas)%x(:, kl))
+            drawn = drawn + 2
+         end do
+      end do
+      even%w = sqrt(abs(length))*even%w
+      odd%w = sqrt(abs(length))*odd%w
+      even%of(path_areas)%x = (0.5_wp*abs(length))*even%of(path_areas)%x
+      odd%of(path_areas)%x = (0.5_wp*abs(length))*odd%of(path_areas)%x
+   end subroutine discrete_pair
 
    !> dW, H, K and the rest of the areas of the finest intervals 2*pair and 2*pair+1.
    subroutine draw_shapes(d, nlane, path, pair, length, even, odd, drawn)

@@ -18,14 +18,15 @@ module symsde_scheme_catalogue
    private
    public :: get_scheme, scheme_names, scheme_families
 
-   integer, parameter :: nplain = 40  !! names without a parameter; the families follow
+   integer, parameter :: nplain = 41  !! names without a parameter; the families follow
    character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: & !&
       'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', & !&
       'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', & !&
       'lobatto3_swapped', 'lobatto4', 'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', & !&
       'P1N3Q4Lob', 'P2N2Q2Lob', 'P2N2Q2Otr', 'P2N3Q4Lob', 'P2N3Q6Gau', 'P2N4Q6Lob', & !&
-      'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'midpoint_areas', 'midpoint_weak1', & !&
-      'verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', 'exact_rotation', & !&
+      'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'gauss2_weak2_areas', & !&
+      'midpoint_areas', 'midpoint_weak1', 'verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', & !&
+      'exact_rotation', & !&
       'gauss_dkdkd', 'verlet_kdk', 'chin4a', 'gauss_dkdkd_strong2', 'verlet_kdk_strong2', 'chin4a_strong2', & !&
       'gauss_dkdkd_rotation', 'heun', 'euler_maruyama', 'dirk:', 'lambda:'] !&
 
@@ -81,7 +82,8 @@ contains
          call swap(scheme)
       case ('heun', 'euler_maruyama')
          call contrast(scheme, name, error)
-      case ('gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'midpoint_areas', 'midpoint_weak1')
+      case ('gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'gauss2_weak2_areas', 'midpoint_areas', &
+            'midpoint_weak1')
          call expanded(scheme, name, error)
       case ('verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', 'exact_rotation')
          call additive_scheme(scheme, name, error)

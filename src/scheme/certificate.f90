@@ -250,7 +250,7 @@ contains
       if (i == weak_order) label = 'weak'
    end function order_label
 
-   !> One line a class of noise. Weak order two takes the noises to commute.
+   !> One line a class of noise. Weak order two takes the noises to commute where theirs are not nested.
    pure subroutine add_orders(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -259,8 +259,13 @@ contains
 
       do i = 1, norder
          call describe(c%order(i), value)
-         if (i == weak_order .and. c%brackets%nested) &
-            value = value//' for commutative noises, 1.0 for the others'
+         if (i == weak_order .and. c%brackets%nested) then
+            if (c%brackets%crossed) then
+               value = value//' for every noise'
+            else
+               value = value//' for commutative noises, 1.0 for the others'
+            end if
+         end if
          call add(text, order_label(i), value)
       end do
    end subroutine add_orders
@@ -278,7 +283,11 @@ contains
          brackets = ''
          if (c%brackets%single) brackets = brackets//', {H_k,H} with dZ'
          if (c%brackets%areas) brackets = brackets//', {H_l,H_k} with areas'
-         if (c%brackets%nested) brackets = brackets//', {{H,H_k},H_k} by differences of values'
+         if (c%brackets%crossed) then
+            brackets = brackets//', {{H,H_k},H_k} and {{H_l,H_k},H_k} by differences of values'
+         else if (c%brackets%nested) then
+            brackets = brackets//', {{H,H_k},H_k} by differences of values'
+         end if
          call add(text, 'brackets added', brackets(3:)//'; without an analytic Hessian symplectic to the error '// &
                   'of its differences')
       end if

@@ -6,6 +6,7 @@
 !>    midpoint_areas          with areas: strong 1 for every noise
 !>    gauss2_strong32_areas   with both: strong 3/2 for commutative noises, 1 for the others
 !>    gauss2_weak2            three-point increments: weak 2 for commutative noises
+!>    gauss2_weak2_areas      with two-point areas beside: weak 2 for every noise
 !>    midpoint_weak1          two-point increments, nothing added: weak 1
 module symsde_scheme_expansion
    use symsde_base_functionals, only: functionals, path_dz, path_areas
@@ -22,7 +23,7 @@ contains
 
    !> The plain scheme under an expanded name: gauss2 or midpoint.
    pure function base_of(name) result(base)
-      character(*), intent(in) :: name   !! one of the five
+      character(*), intent(in) :: name   !! one of the six
       character(len=index(name, '_') - 1) :: base
 
       base = name
@@ -32,11 +33,12 @@ contains
    !>
    !> Orders are those of the truncated logarithm of the flow (Castell 1993, adapted): dZ and the nested
    !> bracket leave a local error of size h^2 for commutative noises, areas alone one of size h^(3/2) with
-   !> mean h^2. Brackets of commuting Hamiltonians vanish: such flows keep the order of the plain scheme.
+   !> mean h^2. The mean of the flow with three-point increments and areas +-h/2 is that of the equation to h^2
+   !> (docs/method.md). Brackets of commuting Hamiltonians vanish: such flows keep the order of the plain scheme.
    !> What commutes with every H_j commutes with their brackets: quadratic invariants stay.
    pure subroutine expand_scheme(scheme, name)
       type(scheme_type), intent(inout) :: scheme
-      character(*), intent(in) :: name   !! one of the five
+      character(*), intent(in) :: name   !! one of the six
 
       select case (name)
       case ('gauss2_strong32')
@@ -54,6 +56,10 @@ contains
       case ('gauss2_weak2')
          scheme%brackets = bracket_terms(nested=.true.)
          call declare(scheme, law_three_point, 0.0_wp, 0.0_wp, 2.0_wp)
+      case ('gauss2_weak2_areas')
+         scheme%asks = functionals([path_areas])
+         scheme%brackets = bracket_terms(areas=.true., nested=.true., crossed=.true.)
+         call declare(scheme, law_three_point, 0.0_wp, 0.0_wp, 2.0_wp)
       case ('midpoint_weak1')
          call declare(scheme, law_two_point, 0.0_wp, 0.0_wp, 1.0_wp)
       case default  ! the base as it is
@@ -69,7 +75,7 @@ contains
       type(scheme_type), intent(inout) :: scheme
       integer, intent(in) :: law
       real(wp), intent(in) :: commutative, general  !! strong orders
-      real(wp), intent(in) :: weak                  !! weak order, commutative noises
+      real(wp), intent(in) :: weak                  !! weak order, commutative noises; every noise where crossed
 
       scheme%law = law
       call set_order(scheme%order(additive_noise), commutative, evidence_claimed)

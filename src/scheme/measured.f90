@@ -263,7 +263,7 @@ module symsde_scheme_measured
                                                1.06_wp, 0.015_wp, 0.0_wp), &
                                    measurement('lambda:0.3', commuting_flows, 'kubo', &
                                                0.991_wp, 0.002_wp, 0.0_wp)]
-   type(measurement), parameter :: weak(39) = [ &
+   type(measurement), parameter :: weak(40) = [ &
                                    measurement('midpoint', weak_order, 'noncommutative_oscillator', &
                                                1.014_wp, 0.013_wp, 0.0_wp), &
                                    measurement('symplectic_euler', weak_order, 'noncommutative_oscillator', &
@@ -314,6 +314,8 @@ module symsde_scheme_measured
                                                3.011_wp, 0.011_wp, 0.0_wp), &
                                    measurement('gauss2_weak2', weak_order, 'noncommutative_oscillator', &
                                                1.998_wp, 0.002_wp, 0.0_wp), &
+                                   measurement('gauss2_weak2_areas', weak_order, 'noncommutative_oscillator', &
+                                               1.997_wp, 0.003_wp, 0.0_wp), &
                                    measurement('midpoint_areas', weak_order, 'noncommutative_oscillator', &
                                                1.014_wp, 0.013_wp, 0.0_wp), &
                                    measurement('midpoint_weak1', weak_order, 'noncommutative_oscillator', &

@@ -65,6 +65,7 @@ module symsde_scheme_scheme
       logical :: single = .false.  !! sum_k (h dW_k/2 - dZ_k) {H_k,H}
       logical :: areas = .false.   !! sum_{k<l} A_kl {H_l,H_k}
       logical :: nested = .false.  !! (h^2/12) sum_k {{H,H_k},H_k}
+      logical :: crossed = .false. !! with the nested ones, those of noises: (h/12) sum_kl dW_l {{H_l,H_k},H_k}
    contains
       procedure :: are_added
    end type bracket_terms

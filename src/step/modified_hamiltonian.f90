@@ -1,7 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> What is added to the random Hamiltonian of one step for orders beyond one (docs/method.md):
 !>
-!>    sum_k (h dW_k/2 - dZ_k) {H_k,H}  +  sum_{k<l} A_kl {H_l,H_k}  +  (h|h|/12) sum_k {{H,H_k},H_k}
+!>    sum_k (h dW_k/2 - dZ_k) {H_k,H}  +  sum_{k<l} A_kl {H_l,H_k}  +  (|h|/12) sum_k {{F,H_k},H_k}
+!>
+!> with F = h H, or F = h H + sum_l dW_l H_l where the brackets are crossed,
 !>
 !> each part only where the scheme asks for it and the model's traits do not prove it without effect.
 !> Every part is a Hamiltonian of which the exact gradient is taken, so a symplectic scheme stays one.
@@ -12,8 +14,8 @@
 !>    [H(x+bv) + H(x-bv) - 2H(x)]/b^2
 !>    - [H_k(x+au+bv) + H_k(x-au-bv) - H_k(x+au-bv) - H_k(x-au+bv)]/(4ab),   a = r |h|, b = r sqrt|h|
 !>
-!> differences over r times the step's own moves by drift and by noise. It differs from the bracket by
-!> O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2. Noise that
+!> (H stands for F/h) differences over r times the step's own moves by drift and by noise. It differs from the bracket
+!> by O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2. Noise that
 !> depends on position alone with H = p.p/2 + U(q) needs no difference: the bracket is H_k,q . H_k,q.
 !>
 !> H may depend on time. Noises that do join with what the brackets are in the phase space with time,
@@ -47,6 +49,7 @@ module symsde_step_modified_hamiltonian
       logical :: simple = .false.        !! position noise, H = p.p/2 + U(q)
       logical :: time_dependent = .false.                 !! some noise changes in time, in a way that has an effect
       logical, private :: turning = .false.       !! {H_k(t_1),H_k(t_0)} has an effect
+      real(wp), allocatable, private :: nested(:, :)       !! weights of F/h in the nested brackets (nlane, 0:nnoise)
       real(wp), allocatable, private :: f(:, :), g(:, :)   !! weights of two sums (nlane, 0:nnoise)
       real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable, private :: vq(:, :), vp(:, :), bq(:, :), bp(:, :)  !! (nlane, ndof)
@@ -73,6 +76,7 @@ contains
       active%areas = brackets%areas .and. needed%has(path_areas)
       active%nested = brackets%nested .and. traits%nnoise > 0 .and. &
                       .not. (traits%additive .and. traits%position_noise .and. traits%identity_mass)
+      active%crossed = brackets%crossed .and. active%areas
    end function active_brackets
 
    !> Room for blocks of nlane lanes.
@@ -95,7 +99,8 @@ contains
       if (self%active%single .or. self%turning) self%time_dependent = noise_changes_in_time(model)
       allocate (self%noisy(m), source=.true.)
       if (allocated(model%traits%silent)) self%noisy = .not. model%traits%silent
-      allocate (self%f(nlane, 0:m), self%g(nlane, 0:m), self%c(nlane, 0:m), source=0.0_wp)
+      allocate (self%f(nlane, 0:m), self%g(nlane, 0:m), self%c(nlane, 0:m), self%nested(nlane, 0:m), source=0.0_wp)
+      self%nested(:, 0) = 1
       allocate (self%vq(nlane, n), self%vp(nlane, n), self%bq(nlane, n), self%bp(nlane, n))
       allocate (self%uq(nlane, n), self%up(nlane, n), self%yq(nlane, n), self%yp(nlane, n))
       allocate (self%xq(nlane, n), self%xp(nlane, n), self%gq(nlane, n), self%gp(nlane, n))
@@ -117,6 +122,7 @@ contains
       self%sp = 0
       if (self%active%single) call add_single(self, t, step, q, p, counters, nreal)
       if (self%active%areas) call add_areas(self, t, step, q, p, counters, nreal)
+      if (self%active%crossed) self%nested(:, 1:) = step%w(:, 1:)/step%h
       if (self%active%nested) call add_nested(self, t, step%h, q, p, counters, nreal)
       if (self%time_dependent) call add_motion(self, step, q, p, counters, nreal)
       if (present(hq)) hq = hq + self%sq
@@ -332,7 +338,7 @@ contains
       counters%gradients = counters%gradients + nreal*(1 + 3*count(self%noisy))
    end subroutine add_shifts
 
-   !> The general case. With G(e,f) = grad H_k at x + e u + f v, and alike g(f) of H at x + f v,
+   !> The general case, H and u of F/h. With G(e,f) = grad H_k at x + e u + f v, and alike g(f) of H at x + f v,
    !>
    !>    c [g(b) + g(-b) - 2 g(0)] + (Dv)^T c b [g(b) - g(-b)]                     c = (h|h|/12)/b^2
    !>    - c' sum_{s,r=+-1} s r [1 + s a (Du)^T + r b (Dv)^T] G(s a, r b)          c' = (h|h|/12)/(4ab)
@@ -351,7 +357,7 @@ contains
       b = reach*sqrt(abs(h))
       c = h/(12*reach**2)
       c2 = h*abs(h)/(48*a*b)
-      call field_of(self, t, 0, q, p)
+      call field_of_sum(self, t, self%nested, q, p)
       self%uq = self%vq
       self%up = self%vp
       self%yq = 0
@@ -363,11 +369,11 @@ contains
          self%rp = 0
          call second_difference(self, t, b, c, q, p)
          call mixed_difference(self, t, k, a, b, c2, q, p)
-         call add_transposed(self, t, k, q, p)
+         call add_transposed(self, t, self%f, q, p)
       end do
       self%rq = self%yq
       self%rp = self%yp
-      call add_transposed(self, t, 0, q, p)
+      call add_transposed(self, t, self%nested, q, p)
       ! -2c sum_k grad H, from the field of H
       self%sq = self%sq + (2*c*count(self%noisy))*self%up
       self%sp = self%sp - (2*c*count(self%noisy))*self%uq
@@ -382,8 +388,7 @@ contains
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       integer :: sign
 
-      self%g = 0
-      self%g(:, 0) = 1
+      self%g = self%nested
       do sign = -1, 1, 2
          call add_sum(self, t, q, p, 0.0_wp, sign*b, c)
          self%rq = self%rq + (sign*c*b)*self%gq
@@ -441,20 +446,27 @@ contains
 
       self%f = 0
       self%f(:, k) = 1
-      call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, self%f, q, p, self%vp, self%vq)
-      self%vp = -self%vp
+      call field_of_sum(self, t, self%f, q, p)
    end subroutine field_of
 
-   !> Add (D field of H_k)^T r = Hess H_k (-r_p, r_q) to the result.
-   subroutine add_transposed(self, t, k, q, p)
+   !> The same of the sum with these weights.
+   subroutine field_of_sum(self, t, weights, q, p)
       type(modified_hamiltonian), intent(inout) :: self
-      integer, intent(in) :: k
-      real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(in) :: t, weights(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
 
-      self%f = 0
-      self%f(:, k) = 1
+      call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, weights, q, p, self%vp, self%vq)
+      self%vp = -self%vp
+   end subroutine field_of_sum
+
+   !> Add (D field of G)^T r = Hess G (-r_p, r_q) to the result, G the sum with these weights.
+   subroutine add_transposed(self, t, weights, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, weights(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+
       self%xq = -self%rp
-      call self%model%hessian_vector(self%nlane, self%ndof, self%nnoise, t, self%f, q, p, self%xq, self%rq, &
+      call self%model%hessian_vector(self%nlane, self%ndof, self%nnoise, t, weights, q, p, self%xq, self%rq, &
                                      self%bq, self%bp)
       self%sq = self%sq + self%bq
       self%sp = self%sp + self%bp

@@ -27,7 +27,8 @@ module symsde_step_single_brackets
    type :: single_brackets
       private
       integer :: nlane = 0, nnoise = 0
-      real(wp), allocatable :: unit(:, :, :)        !! weights of H_j alone (nlane, 0:nnoise, 0:nnoise)
+      !> Weights of H_j alone, and at -1 of F/h, of which the nested brackets are (nlane, 0:nnoise, -1:nnoise).
+      real(wp), allocatable :: unit(:, :, :)
       real(wp), allocatable :: c(:, :)              !! h dW_k/2 - dZ_k; c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable :: rate(:, :)           !! c/h (nlane, 0:nnoise)
       type(derivatives), allocatable :: of(:)       !! H_j (0:nnoise)
@@ -49,8 +50,9 @@ contains
       self%nlane = parts%nlane
       self%nnoise = parts%nnoise
       associate (n => parts%nlane, m => parts%nnoise)
-         allocate (self%unit(n, 0:m, 0:m), self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
+         allocate (self%unit(n, 0:m, -1:m), self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
          allocate (self%of(0:m))
+         self%unit(:, 0, -1) = 1
          do j = 0, m
             self%unit(:, j, j) = 1
             call new_derivatives(n, self%of(j))
@@ -75,6 +77,7 @@ contains
       type(step_record), intent(in) :: step
       integer :: k
 
+      if (parts%active%crossed) self%unit(:, 1:, -1) = step%w(:, 1:)/step%h
       if (.not. parts%active%single) return
       do k = 1, self%nnoise
          self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)
@@ -99,6 +102,7 @@ contains
          if (parts%time_dependent) call add_motion(self, parts%model, step, q, p, hq, counters, nreal)
       else
          call add_up(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
+         if (parts%active%crossed) call cross(self, parts)
          if (parts%active%nested) call add_nested(self, parts, t, step%h, q, p, hq, hp, counters, nreal)
          if (parts%time_dependent) call parts%add_motion_to(step, self%c, q, p, hq, hp, counters, nreal)
       end if
@@ -270,7 +274,29 @@ contains
       end do
    end subroutine add_products
 
-   !> (h|h|/12) sum_k {{H,H_k},H_k} by the differences of step/modified_hamiltonian: additive noise needs those of H
+   !> From here on H_0 is F/h, of which the nested brackets are.
+   subroutine cross(self, parts)
+      class(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      integer :: k, lane
+      real(wp) :: w
+
+      do k = 1, self%nnoise
+         if (.not. parts%noisy(k)) cycle
+         associate (e => self%of(0), d => self%of(k))
+            do lane = 1, self%nlane
+               w = self%unit(lane, k, -1)
+               e%q(lane) = e%q(lane) + w*d%q(lane)
+               e%p(lane) = e%p(lane) + w*d%p(lane)
+               e%qq(lane) = e%qq(lane) + w*d%qq(lane)
+               e%qp(lane) = e%qp(lane) + w*d%qp(lane)
+               e%pp(lane) = e%pp(lane) + w*d%pp(lane)
+            end do
+         end associate
+      end do
+   end subroutine cross
+
+   !> (|h|/12) sum_k {{F,H_k},H_k} by the differences of step/modified_hamiltonian: additive noise needs those of H
    !> alone.
    subroutine add_nested(self, parts, t, h, q, p, hq, hp, counters, nreal)
       class(single_brackets), intent(inout) :: self
@@ -302,7 +328,7 @@ contains
                rq = 0
                rp = 0
                do r = -1, 1, 2
-                  call ask(self, parts%model, 0, t, q, p, 0.0_wp, r*b)
+                  call ask(self, parts%model, -1, t, q, p, 0.0_wp, r*b)
                   call share(n, c, 0.0_wp, r*b*c, self%gq, self%gp, hq, hp, yq, yp, rq, rp)
                   asked = asked + 1
                   if (additive) cycle

@@ -68,6 +68,8 @@ def test_a_tableau_makes_its_scheme_again(name):
 BESIDE = {
     "gauss2_strong32": "brackets added to H: {H_k, H} with dZ, {{H, H_k}, H_k}",
     "gauss2_strong32_areas": "brackets added to H: {H_k, H} with dZ, {H_l, H_k} with areas, {{H, H_k}, H_k}",
+    "gauss2_weak2_areas": "brackets added to H: {H_l, H_k} with areas, {{H, H_k}, H_k}, {{H_l, H_k}, H_k}; "
+    "three-point increments",
     "gauss2_weak2": "brackets added to H: {{H, H_k}, H_k}; three-point increments",
     "midpoint_areas": "brackets added to H: {H_l, H_k} with areas",
     "midpoint_weak1": "two-point increments",
