@@ -240,6 +240,7 @@ contains
       real(wp), intent(in) :: length
       type(path_interval), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
+      integer(i8) :: from(nlane)
       integer :: k, l, kl
 
       call new_path_interval(even, nlane, d%nnoise, length, d%asked)
@@ -250,13 +251,14 @@ contains
       odd%of(path_areas)%x = 0
       do l = 1, d%nnoise
          if (d%silent(l)) cycle
-         call discrete_pairs(nlane, d%seed, merge(0_i8, path, d%common(l)), pair, l, d%law, even%w(:, l), odd%w(:, l))
+         from = merge(0_i8, path, d%common(l))
+         call discrete_pairs(nlane, d%seed, from, pair, l, d%law, even%w(:, l), odd%w(:, l))
          drawn = drawn + 2
          do k = 1, l - 1
             if (d%silent(k)) cycle
             kl = area_index(k, l)
-            call sign_pairs(nlane, d%seed, merge(0_i8, path, d%common(k) .and. d%common(l)), pair, kl, &
-                            even%of(path_areas)%x(:, kl), odd%of(path_areas)%x(:, kl))
+            from = merge(0_i8, path, d%common(k) .and. d%common(l))
+            call sign_pairs(nlane, d%seed, from, pair, kl, even%of(path_areas)%x(:, kl), odd%of(path_areas)%x(:, kl))
             drawn = drawn + 2
          end do
       end do
