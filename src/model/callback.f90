@@ -14,24 +14,23 @@
 !> Do not copy with allocate(source=): two models would own one record of failure. Assignment is
 !> safe.
 module symsde_model_callback
-   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, &
-                                                                             c_int, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_null_ptr, c_ptr
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory
    use symsde_base_traits, only: model_traits, strip_lanes
    use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, &
-                                    hessian_vector_composed
+                                    hessian_vector_composed, force_stiffness_composed
    use symsde_model_callback_flow, only: user_flows
+   use symsde_model_callback_functions, only: gradient_callback, value_callback, hessian_callback, &
+                                              hessian_vector_callback, gradient_hessian_callback
    use symsde_model_chain_rows, only: check_chain, chain_rows_callback
    use symsde_model_outputs, only: little, find_room, keep, spoil
    use symsde_model_parameters, only: check_traits
    implicit none
    private
    public :: callback_model, new_callback_model
-   public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback, gradient_hessian_callback
-   public :: chain_rows_callback
 
    type, extends(model_type) :: callback_model
       private
@@ -57,6 +56,7 @@ module symsde_model_callback
       procedure :: set_gradient_hessian
       procedure :: set_flow
       procedure :: chain_rows
+      procedure :: force_stiffness
       procedure :: set_chain_rows
       procedure :: accept_null
       procedure :: failure_code
@@ -65,70 +65,6 @@ module symsde_model_callback
       generic :: assignment(=) => copy
       final :: release
    end type callback_model
-
-   abstract interface
-      !> Gradient of sum_j w_j H_j.
-      function gradient_callback(nlane, ndof, nham, t, w, q, p, hq, hp, user) bind(c) result(code)
-         import :: c_int, c_double, c_ptr
-         integer(c_int), value :: nlane, ndof, nham
-         real(c_double), value :: t
-         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
-         real(c_double), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
-         type(c_ptr), value :: user
-         integer(c_int) :: code  !! 0 = ok
-      end function gradient_callback
-
-      !> Value of sum_j w_j H_j.
-      function value_callback(nlane, ndof, nham, t, w, q, p, value, user) bind(c) result(code)
-         import :: c_int, c_double, c_ptr
-         integer(c_int), value :: nlane, ndof, nham
-         real(c_double), value :: t
-         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
-         real(c_double), intent(out) :: value(nlane)
-         type(c_ptr), value :: user
-         integer(c_int) :: code
-      end function value_callback
-
-      !> Blocks of its Hessian.
-      function hessian_callback(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user) &
-         bind(c) result(code)
-         import :: c_int, c_double, c_ptr
-         integer(c_int), value :: nlane, ndof, nham
-         real(c_double), value :: t
-         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
-         real(c_double), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
-         real(c_double), intent(out), optional :: hpp(nlane, ndof, ndof)
-         type(c_ptr), value :: user
-         integer(c_int) :: code
-      end function hessian_callback
-
-      !> Its Hessian times (vq, vp).
-      function hessian_vector_callback(nlane, ndof, nham, t, w, q, p, vq, vp, uq, up, user) &
-         bind(c) result(code)
-         import :: c_int, c_double, c_ptr
-         integer(c_int), value :: nlane, ndof, nham
-         real(c_double), value :: t
-         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
-         real(c_double), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
-         real(c_double), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
-         type(c_ptr), value :: user
-         integer(c_int) :: code
-      end function hessian_vector_callback
-
-      !> Gradient and blocks of the Hessian at one point, for functions that share work between them.
-      function gradient_hessian_callback(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user) &
-         bind(c) result(code)
-         import :: c_int, c_double, c_ptr
-         integer(c_int), value :: nlane, ndof, nham
-         real(c_double), value :: t
-         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
-         real(c_double), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
-         real(c_double), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
-         real(c_double), intent(out), optional :: hpp(nlane, ndof, ndof)
-         type(c_ptr), value :: user
-         integer(c_int) :: code
-      end function gradient_hessian_callback
-   end interface
 
 contains
 
@@ -225,11 +161,13 @@ contains
       if (allocated(error)) return
       nullify (self%on_chain_rows)
       self%traits%has_chain_rows = .false.
+      self%traits%has_lone_rows = .false.
       if (.not. c_associated(chain_rows)) return
       call check_chain(self%name, self%traits, error)
       if (allocated(error)) return
       call c_f_procpointer(chain_rows, self%on_chain_rows)
       self%traits%has_chain_rows = .true.
+      self%traits%has_lone_rows = .true.  ! asked for where any_lanes says that the bits are the same
    end subroutine set_chain_rows
 
    !> The functions look whether an output is NULL, before the model is used: what is not wanted is not computed.
@@ -383,6 +321,36 @@ contains
       call spoil(strip_lanes, last - first + 1, hq)
       call spoil(strip_lanes, 2*(last - first + 1), hqq)
    end subroutine chain_rows
+
+   !> Force and upper bands: of one lane by its rows, where there are such.
+   subroutine force_stiffness(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      integer, intent(in) :: b   !! bandwidth, traits%bandwidth
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
+      real(wp), target :: few(little)
+      real(wp), allocatable, target :: more(:)
+      real(wp), pointer, contiguous :: padded(:)  !! q with the rows before the first and behind the last
+      integer(i4) :: code
+
+      if (nlane > 1 .or. b /= 1 .or. .not. associated(self%on_chain_rows)) then
+         call force_stiffness_composed(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
+         return
+      end if
+      call find_room(ndof + 2, few, more, padded)
+      code = out_of_memory
+      if (associated(padded)) then
+         padded(1) = 0
+         padded(2:ndof + 1) = q(1, :)
+         padded(ndof + 2) = 0
+         code = self%on_chain_rows(1, ndof, nnoise + 1, 0, ndof - 1, t, w, padded, hq, hqq, self%user)
+      end if
+      if (code == 0) return
+      call note(self, code)
+      call spoil(1, ndof, hq)
+      call spoil(1, 2*ndof, hqq)
+   end subroutine force_stiffness
 
    !> All blocks of the Hessian by a function that does not accept NULL; those that are wanted are kept.
    subroutine whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)

@@ -128,7 +128,7 @@ ROWS = [  # springs alone; looking back, on-site terms, time, noises of the stat
 
 @pytest.mark.parametrize("ends", ["free", "fixed"])
 @pytest.mark.parametrize(("H", "noise"), ROWS)
-@pytest.mark.parametrize("lanes", [5, 16, 37])
+@pytest.mark.parametrize("lanes", [1, 5, 16, 37])
 def test_rows_are_those_of_gradient_and_hessian(H, noise, ends, lanes):
     n = 9
     model = ss.model_from_sympy(H, noise, params=PARAMS, n=n, ends=ends)
@@ -144,6 +144,37 @@ def test_rows_are_those_of_gradient_and_hessian(H, noise, ends, lanes):
             np.testing.assert_allclose(k[i - first, 0], hessian[i, i], rtol=1e-13, atol=1e-13)
             if i < n - 1:
                 np.testing.assert_allclose(k[i - first, 1], hessian[i + 1, i], rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("ends", ["free", "fixed"])
+@pytest.mark.parametrize(("H", "noise"), ROWS)
+def test_a_lane_by_itself_has_the_same_bits(H, noise, ends):
+    n = 150  # tiles of rows: full ones, and what is left over
+    model = ss.model_from_sympy(H, noise, params=PARAMS, n=n, ends=ends)
+    x, y, w = points(model, 67)  # more than a strip of lanes
+    beyond = np.zeros((1, 67))
+    padded = np.concatenate([beyond, x, beyond])
+    force, velocity = model.gradient(x, y, w, t=0.7)
+    ranges = ((0, n - 1), (0, 64), (70, n - 1), (n - 1, n - 1))
+    strips = [rows(model, padded[first : last + 3], w, first, last) for first, last in ranges]
+    for lane in (0, 15, 66):
+        own = slice(lane, lane + 1)
+        alone = model.gradient(x[:, own], y[:, own], w[:, own], t=0.7)
+        assert (alone[0] == force[:, own]).all() and (alone[1] == velocity[:, own]).all()
+        for (first, last), (f, k) in zip(ranges, strips, strict=True):
+            alone = rows(model, padded[first : last + 3, own], w[:, own], first, last)
+            assert (alone[0] == f[:, own]).all()
+            assert (alone[1][:-1] == k[:-1, :, own]).all() and (alone[1][-1, 0] == k[-1, 0, own]).all()
+
+
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint"])
+@pytest.mark.parametrize("n", [9, 100])
+def test_one_path_of_a_chain_is_that_of_a_block(scheme, n):
+    H, noise = ROWS[1]
+    model = ss.model_from_sympy(H, noise, params=PARAMS, n=n, ends="fixed")
+    run = {"q0": 0.3 * np.sin(np.arange(float(n))), "p0": 0.0, "step": 0.1, "steps": 10, "scheme": scheme, "seed": 3}
+    many, one = ss.simulate(model, paths=21, **run), ss.simulate(model, paths=1, **run)
+    assert (one.q[:, :, 0] == many.q[:, :, 0]).all() and (one.p[:, :, 0] == many.p[:, :, 0]).all()
 
 
 def rows(model, q, w, first, last):

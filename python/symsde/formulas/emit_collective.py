@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .derivatives import Derivatives
 from .emit_c import Loops
-from .site_loops import VECTORS, additions, over_sites, site_loop
+from .site_loops import VECTORS, additions, one_or_many, over_sites, site_loop
 from .sites import Chain
 
 #: beside w: g, the derivatives of the functions by the sums; r, what the second derivatives make of a vector
@@ -164,7 +164,7 @@ def _added_up(chain: Chain, name: str, rows: str, *vectors: str) -> str:
     """All densities of sums, for sums or their gradients; once more where lanes are far."""
     given = "".join(f", const double *restrict {x}" for x in vectors)
     parameters = f"IN, const ptrdiff_t sites{given}, OUT {name}"
-    names = ", ".join(["n, t, w, q, p, c, sites", *vectors, name])
+    names = ", ".join(["t, w, q, p, c, sites", *vectors, name])
     text, loops = "", ""
     for k, d in enumerate(chain.densities):
         if not d.inner:
@@ -179,14 +179,11 @@ def _added_up(chain: Chain, name: str, rows: str, *vectors: str) -> str:
             if there:
                 text += f"INLINE {function}({parameters}, const ptrdiff_t site, const int far) {{\n{there}}}\n\n"
         if there:
-            loops += over_sites(d, f"{function}({names}, site, far)")
+            loops += over_sites(d, f"{function}(n, {names}, site, far)", name != slope and d.offsets == (0,))
     zero = f"   memset({name}, 0, (size_t)({rows} * (ptrdiff_t)n) * sizeof(double));\n"
     text += f"INLINE all_{name}({parameters}, const int far) {{\n   int64_t beyond = 0;\n{zero}{loops}"
     text += "   return beyond;\n}\n\n"
-    return text + (
-        f"static __attribute__((noinline)) void of_{name}({parameters}) {{\n"
-        f"   if (all_{name}({names}, 0) < 0)\n      all_{name}({names}, 1);\n}}\n"
-    )
+    return text + one_or_many(name, parameters, names)
 
 
 def _value(made: Derivatives, j: int) -> int:

@@ -17,18 +17,22 @@ from .problem import Problem
 from .sites import Chain, Density, Number
 
 LANES = 16  #: that the library asks for at once, strip_lanes: what a row hands on stays in registers
+TILE = 64  #: rows of one lane side by side, what they hand on in the nearest cache
+WIDE = 64  #: lanes of a gradient that hand on together: blocks of long chains have as many
 OUTPUTS = {"force": ("hq", 0), "diagonal": ("hqq", 0), "beside": ("hqq", 1)}  #: of a row; places in `Derivatives`
 HANDED = {"force": ("hq", 1), "diagonal": ("hqq", 3)}  #: what the next row adds to its own
 
 BODY = """
+/* Rows first .. last of some lanes: `above` is the row before them, `below` the one behind. What a row hands on to the
+ * next one stands in force and diagonal; stiffness is found where `stiff` says so. */
 INLINE rows(const ptrdiff_t n, const int lanes, const ptrdiff_t sites, const ptrdiff_t first, const ptrdiff_t last,
-            const double t, const double *restrict w, const double *restrict q, const double *restrict c,
-            double *restrict hq, double *restrict hqq, const int far) {{
+            const double t, const double *restrict w, const double *restrict above, const double *restrict q,
+            const double *restrict below, const double *restrict c, double *restrict hq, double *restrict hqq,
+            double *restrict force, double *restrict diagonal, const int stiff, const int far) {{
    int64_t beyond = 0;
-   double force[LANES], diagonal[LANES]; /* what the row before adds */
 {handed}{before}   for (ptrdiff_t row = first; row <= {last}; row++) {{
-      const double *restrict x = q + (row - first + 1) * n, *restrict y = x + n;
-      double *restrict f = hq + (row - first) * n, *restrict k = hqq + 2 * (row - first) * n;
+      const double *restrict x = q + (row - first) * n, *restrict y = row == last ? below : x + n;
+      double *restrict f = hq + (row - first) * n, *restrict k = stiff ? hqq + 2 * (row - first) * n : NULL;
 #pragma GCC ivdep
       for (int i = 0; i < lanes; i++) {{
 {row}      }}
@@ -36,35 +40,107 @@ INLINE rows(const ptrdiff_t n, const int lanes, const ptrdiff_t sites, const ptr
 {alone}   return beyond;
 }}
 
+/* The same of one lane, whose rows are computed side by side: q holds the row before them, too, and the one behind. */
+INLINE lone_rows(const ptrdiff_t sites, const ptrdiff_t first, const ptrdiff_t last, const double t,
+                 const double *restrict w, const double *restrict q, const double *restrict c, double *restrict hq,
+                 double *restrict hqq, const int stiff, const int far) {{
+   enum {{ n = 1, lanes = 1 }};
+   const double *const above = q, *const below = q + (last - first + 2);
+   double force[TILE + 1], diagonal[TILE + 1];
+   int64_t beyond = 0;
+{lone_handed}{before}   q++;
+   for (ptrdiff_t tile = first; tile <= {last}; tile += TILE) {{
+      const ptrdiff_t left = {last} - tile + 1;
+      const int some = left < TILE ? (int)left : TILE;
+      const double *restrict x = q + (tile - first), *restrict y = x + 1;
+      double *restrict f = hq + (tile - first), *restrict k = stiff ? hqq + 2 * (tile - first) : NULL;
+#pragma GCC ivdep
+      for (int i = 0; i < some; i++) {{
+{side}      }}
+#pragma GCC ivdep
+      for (int i = 0; i < some; i++) {{
+         f[i] = force[i] + f[i];
+         if (stiff)
+            k[2 * i] = diagonal[i] + k[2 * i];
+      }}
+      force[0] = force[some];
+      diagonal[0] = diagonal[some];
+   }}
+{alone}   return beyond;
+}}
+
 int formula_chain_rows(int nlane, int ndof, int nham, int first, int last, double t, const double *w, const double *q,
                        double *hq, double *hqq, void *user) {{
    (void)nham;
+   double force[LANES], diagonal[LANES];
+   const double *const own = q + nlane, *const below = q + (ptrdiff_t)(last - first + 2) * nlane;
    if (nlane == LANES) {{ /* a number that the compiler knows */
-      if (rows(LANES, LANES, ndof, first, last, t, w, q, user, hq, hqq, 0) < 0)
-         rows(LANES, LANES, ndof, first, last, t, w, q, user, hq, hqq, 1);
+      if (rows(LANES, LANES, ndof, first, last, t, w, q, own, below, user, hq, hqq, force, diagonal, 1, 0) < 0)
+         rows(LANES, LANES, ndof, first, last, t, w, q, own, below, user, hq, hqq, force, diagonal, 1, 1);
+      return 0;
+   }}
+   if (nlane == 1) {{
+      if (lone_rows(ndof, first, last, t, w, q, user, hq, hqq, 1, 0) < 0)
+         lone_rows(ndof, first, last, t, w, q, user, hq, hqq, 1, 1);
       return 0;
    }}
    for (int i = 0; i < nlane; i += LANES) {{
       const int some = nlane - i < LANES ? nlane - i : LANES;
-      if (rows(nlane, some, ndof, first, last, t, w + i, q + i, user, hq + i, hqq + i, 0) < 0)
-         rows(nlane, some, ndof, first, last, t, w + i, q + i, user, hq + i, hqq + i, 1);
+      if (rows(nlane, some, ndof, first, last, t, w + i, q + i, own + i, below + i, user, hq + i, hqq + i, force,
+               diagonal, 1, 0) < 0)
+         rows(nlane, some, ndof, first, last, t, w + i, q + i, own + i, below + i, user, hq + i, hqq + i, force,
+              diagonal, 1, 1);
    }}
    return 0;
 }}
 """
+GRADIENT = """
+/* The gradient in q, row after row. */
+INLINE strip_of_hq(const int n, const int lanes, const double t, const double *restrict w, const double *restrict q,
+                   const double *restrict c, const ptrdiff_t sites, OUT hq, const int far) {
+   const double zero[WIDE] = {0};
+   double force[WIDE];
+   if (lanes == WIDE) /* a number that the compiler knows */
+      return rows(n, WIDE, sites, 0, sites - 1, t, w, zero, q, zero, c, hq, NULL, force, NULL, 0, far);
+   return rows(n, lanes, sites, 0, sites - 1, t, w, zero, q, zero, c, hq, NULL, force, NULL, 0, far);
+}
+
+static __attribute__((noinline)) void of_hq(IN, const ptrdiff_t sites, OUT hq) {
+   if (n == 1) {
+      double x[TILE + 2];
+      for (ptrdiff_t first = 0; first < sites; first += TILE) {
+         const ptrdiff_t last = first + TILE < sites ? first + TILE - 1 : sites - 1;
+         x[0] = first > 0 ? q[first - 1] : 0;
+         memcpy(x + 1, q + first, (size_t)(last - first + 1) * sizeof(double));
+         x[last - first + 2] = last + 1 < sites ? q[last + 1] : 0;
+         if (lone_rows(sites, first, last, t, w, x, c, hq + first, NULL, 0, 0) < 0)
+            lone_rows(sites, first, last, t, w, x, c, hq + first, NULL, 0, 1);
+      }
+      return;
+   }
+   for (int i = 0; i < n; i += WIDE) {
+      const int some = n - i < WIDE ? n - i : WIDE;
+      if (strip_of_hq(n, some, t, w + i, q + i, c, sites, hq + i, 0) < 0)
+         strip_of_hq(n, some, t, w + i, q + i, c, sites, hq + i, 1);
+   }
+}
+"""
 HANDED_FROM_ABOVE = """   if ({there}) {{
-      const double *restrict x = q, *restrict y = q + n;
+      const double *restrict x = above, *restrict y = OWN;
 {before}      for (int i = 0; i < lanes; i++) {{
 {inside}      }}
    }} else {{
-      for (int i = 0; i < lanes; i++)
-         force[i] = diagonal[i] = 0;
+      for (int i = 0; i < lanes; i++) {{
+         force[i] = 0;
+         if (stiff)
+            diagonal[i] = 0;
+      }}
    }}
 """
 ALONE = """   if (last == sites - 1) {{ /* beyond the last row there is nothing */
       const ptrdiff_t row = last;
-      const double *restrict x = q + (row - first + 1) * n;
-      double *restrict f = hq + (row - first) * n, *restrict k = hqq + 2 * (row - first) * n;
+      const double *restrict x = q + (row - first) * n;
+      double *restrict f = hq + (row - first) * n, *restrict k = stiff ? hqq + 2 * (row - first) * n : NULL;
 {before}      for (int i = 0; i < lanes; i++) {{
 {inside}      }}
    }}
@@ -80,9 +156,7 @@ class _Term:
 
 
 def source(chain: Chain) -> str:
-    """The functions; empty where the chain is none with rows."""
-    if not has_rows(chain):
-        return ""
+    """The functions."""
     closed = chain.ends == "fixed"  # densities that reach beyond the ends count
     terms, whole = _together(chain, chain.densities)
     parts = {
@@ -90,14 +164,25 @@ def source(chain: Chain) -> str:
         "last": "last" if closed else "(last == sites - 1 ? last - 1 : last)",
         "alone": "",
     }
-    before, inside = _loop(whole, terms, OUTPUTS, "f[i] = force[i] + {force};", "k[i] = diagonal[i] + {diagonal};")
-    parts |= {"before": before, "row": inside + _lines(whole, "k[n + i] = {beside};", OUTPUTS) + _hand_on(whole)}
+    own = ("f[i] = force[i] + {force};", "k[i] = diagonal[i] + {diagonal};", "k[n + i] = {beside};")
+    before, inside = _loop(whole, terms, OUTPUTS, own)
+    parts |= {
+        "before": before,
+        "row": inside + _stores(whole, HANDED, ("force[i] = {force};", "diagonal[i] = {diagonal};")),
+    }
+    own = ("f[i] = {force};", "k[2 * i] = {diagonal};", "k[2 * i + 1] = {beside};")
+    parts["side"] = _loop(whole, terms, OUTPUTS, own, weights=("w[{0}]", "w[{0} + tile + i]"))[1]
+    parts["side"] += _stores(whole, HANDED, ("force[i + 1] = {force};", "diagonal[i + 1] = {diagonal};"))
     if not closed:
         terms, single = _together(chain, [d for d in chain.densities if len(d.offsets) == 1])
-        stores = ("f[i] = force[i] + {force};", "k[i] = diagonal[i] + {diagonal};")
-        before, inside = _loop(single, terms, {x: OUTPUTS[x] for x in ("force", "diagonal")}, *stores)
-        parts["alone"] = ALONE.format(before=before, inside=inside + "         k[n + i] = 0;\n")
-    return f"#define LANES {LANES}" + BODY.format(**parts)
+        own = ("f[i] = force[i] + {force};", "k[i] = diagonal[i] + {diagonal};", "k[n + i] = 0;")
+        before, inside = _loop(single, terms, {x: OUTPUTS[x] for x in ("force", "diagonal")}, own)
+        parts["alone"] = ALONE.format(before=before, inside=inside)
+    sizes = f"enum {{ LANES = {LANES}, TILE = {TILE}, WIDE = {WIDE} }};\n"
+    above = parts.pop("handed")
+    handed = [above.replace("OWN", x) for x in ("q", "q + 1")]
+    body = BODY.format(**parts, handed=handed[0], lone_handed=handed[1])
+    return sizes + body + GRADIENT
 
 
 def has_rows(chain: Chain) -> bool:
@@ -128,35 +213,40 @@ def _together(chain: Chain, densities: Any) -> tuple[list[_Term], Derivatives]:
     return list(sums), Derivatives(problem)
 
 
-def _loop(made: Derivatives, terms: list[_Term], outputs: dict[str, Any], *stores: str) -> tuple[str, str]:
-    """What is the same for all lanes, and the loop over lanes up to these stores."""
+def _loop(
+    made: Derivatives,
+    terms: list[_Term],
+    outputs: dict[str, Any],
+    stores: tuple[str, ...],
+    weights: tuple[str, str] = ("w[{0} * n + i]", "w[({0} + row) * n + i]"),
+) -> tuple[str, str]:
+    """What is the same for all lanes, and the loop over lanes with these stores; weights of one Hamiltonian, and of one
+    for each site."""
 
     def load(name: str) -> str:
         if name[0] == "w":
             term = terms[int(name[1:])]
-            return f"w[{f'({term.weight} + row)' if term.family else term.weight} * n + i]"
+            return weights[term.family].format(term.weight)
         return {"q0": "x[i]", "q1": "y[i]"}[name]
 
     roots = [made.outputs[block][at] for block, at in outputs.values()]
     if outputs is OUTPUTS:
         roots += [made.outputs[block][at] for block, at in HANDED.values()]
     before, inside, _ = Writer(made.graph, load).lines(roots)
-    text = "".join(f"   {line}\n" for line in inside) + "".join(_lines(made, x, outputs) for x in stores)
+    text = "".join(f"   {line}\n" for line in inside) + _stores(made, outputs, stores)
     return "".join(f"{line}\n" for line in before), text
 
 
-def _lines(made: Derivatives, store: str, outputs: dict[str, Any]) -> str:
-    """A store of outputs by their names."""
+def _stores(made: Derivatives, outputs: dict[str, Any], stores: tuple[str, ...]) -> str:
+    """Stores of outputs by their names: of a force, and where it is wanted of stiffness."""
     writer = Writer(made.graph, str)
     values = {name: writer.operand(made.outputs[block][at]) for name, (block, at) in outputs.items()}
-    return f"         {store.format(**values)}\n"
-
-
-def _hand_on(made: Derivatives) -> str:
-    return "".join(_lines(made, f"{x}[i] = {{{x}}};", HANDED) for x in HANDED)
+    force, *stiffness = (f"{store.format(**values)}\n" for store in stores)
+    wanted = "".join(f"            {store}" for store in stiffness)
+    return f"         {force}         if (stiff) {{\n{wanted}         }}\n"
 
 
 def _handed_from_above(made: Derivatives, terms: list[_Term], closed: bool) -> str:
     """What the row before the first adds to it."""
-    before, inside = _loop(made, terms, HANDED, *(f"{x}[i] = {{{x}}};" for x in HANDED))
+    before, inside = _loop(made, terms, HANDED, ("force[i] = {force};", "diagonal[i] = {diagonal};"))
     return HANDED_FROM_ABOVE.format(there="1" if closed else "first > 0", before=before, inside=inside)

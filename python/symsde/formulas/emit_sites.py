@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from . import emit_collective, emit_rows
 from .emit_c import MACROS, lane_functions
-from .site_loops import GRADIENT, VECTORS, additions, over_sites, site_loop
+from .site_loops import GRADIENT, VECTORS, additions, one_or_many, over_sites, site_loop
 from .sites import Chain
 
 SIZES = {"value": "1", "hq": "sites", "hp": "sites", "uq": "sites", "up": "sites"} | dict.fromkeys(
@@ -29,11 +29,12 @@ def source(chain: Chain) -> str:
     parts += [lane_functions(), "#include <string.h>\n", MACROS]
     row = "((site + (offset) + sites) % sites)" if chain.ends == "periodic" else "(site + (offset))"
     parts += [f"#define ROW(offset) {row}\n"]
-    parts += [_output(chain, output) for output in SIZES]
+    by_rows = emit_rows.has_rows(chain)
+    parts += [_output(chain, output) for output in SIZES if output != "hq" or not by_rows]
     if chain.outer:
         return "\n".join([*parts, emit_collective.source(chain)])
-    parts += [_callback(kind, outputs) for kind, outputs in KINDS.items()]
-    return "\n".join([*parts, emit_rows.source(chain)])
+    parts += [emit_rows.source(chain)] if by_rows else []
+    return "\n".join([*parts, *(_callback(kind, outputs) for kind, outputs in KINDS.items())])
 
 
 def _densities(chain: Chain) -> str:
@@ -49,24 +50,23 @@ def _output(chain: Chain, output: str) -> str:
     parameters = f"IN, const ptrdiff_t sites{vectors}, OUT {output}"
     more = [x for x in emit_collective.WEIGHTS.get(output, ()) if chain.outer]
     weights = "".join(f", const double *restrict {x}" for x in more)
-    text, loops = "", ""
+    text, loops, zero = "", "", f"   memset({output}, 0, (size_t)(({SIZES[output]}) * n) * sizeof(double));\n"
     for k, d in enumerate(chain.densities):
-        body = site_loop(d, additions(d, output)) if output != "value" or not d.inner else ""
+        own = SIZES[output] == "sites" and d.offsets == (0,)  # each site adds to its own row
+        first = own and not (loops or d.is_rest or d.inner)
+        body = site_loop(d, additions(d, output), "=" if first else "+=") if output != "value" or not d.inner else ""
         if body:
+            zero = "" if first else zero
             text += f"INLINE {output}_{k}({parameters}, const ptrdiff_t site, const int far) {{\n{body}}}\n\n"
             names = ", ".join(["sites", *VECTORS.get(output, ()), output])
-            loops += over_sites(d, f"{output}_{k}(n, t, {'g' if d.inner else 'w'}, q, p, c, {names}, site, far)")
+            loops += over_sites(d, f"{output}_{k}(n, t, {'g' if d.inner else 'w'}, q, p, c, {names}, site, far)", own)
         slope = GRADIENT.get(output)
         if slope and d.inner and site_loop(d, additions(d, slope)):  # what ties the sums
-            loops += over_sites(d, f"{slope}_{k}(n, t, r, q, p, c, sites, {output}, site, far)")
-    zero = f"   memset({output}, 0, (size_t)(({SIZES[output]}) * n) * sizeof(double));\n"
+            loops += over_sites(d, f"{slope}_{k}(n, t, r, q, p, c, sites, {output}, site, far)", own)
     text += f"INLINE all_{output}({parameters}{weights}, const int far) {{\n   int64_t beyond = 0;\n{zero}{loops}"
     text += "   return beyond;\n}\n\n"
-    call = f"all_{output}({', '.join(['n, t, w, q, p, c, sites', *VECTORS.get(output, ()), output, *more])}"
-    return text + (
-        f"static __attribute__((noinline)) void of_{output}({parameters}{weights}) {{\n"
-        f"   if ({call}, 0) < 0)\n      {call}, 1);\n}}\n"
-    )
+    names = ", ".join(["t, w, q, p, c, sites", *VECTORS.get(output, ()), output, *more])
+    return text + one_or_many(output, f"{parameters}{weights}", names)
 
 
 def _callback(kind: str, outputs: tuple[str, ...]) -> str:

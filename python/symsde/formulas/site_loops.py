@@ -11,12 +11,20 @@ VECTORS = {"uq": ("vq", "vp"), "up": ("vq", "vp")}  #: what a product of the Hes
 GRADIENT = {"uq": "hq", "up": "hp"}  #: the gradient in the same rows
 
 
-def over_sites(d: Density, call: str) -> str:
-    """A call for every site of a density."""
-    return f"   for (ptrdiff_t site = {d.first}; site <= {d.last}; site++)\n      beyond |= {call};\n"
+def over_sites(d: Density, call: str, own: bool = False) -> str:
+    """A call for every site of a density; own: each writes to a row of its own, so that rows may go side by side."""
+    apart = "#pragma GCC ivdep\n" if own else ""
+    return f"{apart}   for (ptrdiff_t site = {d.first}; site <= {d.last}; site++)\n      beyond |= {call};\n"
 
 
-def site_loop(d: Density, adds: list[tuple[str, int]]) -> str:
+def one_or_many(name: str, parameters: str, names: str) -> str:
+    """A function of all sites: loops over the lanes, or over the sites of one lane; once more where lanes are far."""
+    text = f"static __attribute__((noinline)) void of_{name}({parameters}) {{\n"
+    text += f"   if (n == 1 && all_{name}(1, {names}, 0) < 0)\n      all_{name}(1, {names}, 1);\n"
+    return text + f"   if (n > 1 && all_{name}(n, {names}, 0) < 0)\n      all_{name}(n, {names}, 1);\n}}\n"
+
+
+def site_loop(d: Density, adds: list[tuple[str, int]], how: str = "+=") -> str:
     """One site: a loop over lanes that adds to the rows of the neighbours; empty where there is nothing to add."""
     graph = d.derivatives.graph
     adds = [(target, node) for target, node in adds if not graph.is_number(node, 0.0)]
@@ -32,7 +40,7 @@ def site_loop(d: Density, adds: list[tuple[str, int]]) -> str:
 
     writer = Writer(graph, load)
     before, inside, _ = writer.lines([node for _, node in adds])
-    stores = [f"      {target} += {writer.operand(node)};" for target, node in adds]
+    stores = [f"      {target} {how} {writer.operand(node)};" for target, node in adds]
     head = ["   int64_t beyond = 0;", *before, "#pragma GCC ivdep", "   for (int i = 0; i < n; i++) {"]
     return "\n".join([*head, *inside, *stores, "   }", "   return beyond;", ""])
 
