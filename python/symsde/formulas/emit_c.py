@@ -8,7 +8,7 @@ of an elementary function are computed again by `far`, all outputs in one loop w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 
 from .derivatives import BLOCKS, Derivatives
@@ -191,14 +191,15 @@ class _File(Loops):
 class Writer:
     """Operations of a graph in C."""
 
-    def __init__(self, graph: Graph, load: Callable[[str], str]):
-        """`load`: where what differs from lane to lane is found, by name."""
+    def __init__(self, graph: Graph, load: Callable[[str], str], given: Mapping[int, str] | None = None):
+        """`load`: where what differs from lane to lane is found, by name; `given`: nodes that are there, and where."""
         self.graph = graph
         self.load = load
+        self.given = given or {}
 
     def lines(self, roots: Iterable[int]) -> tuple[list[str], list[str], bool]:
         """What is computed before the loop over lanes, and in it, for these nodes; whether lanes may be far."""
-        needed = [(x, self.graph.nodes[x]) for x in reachable(self.graph, roots)]
+        needed = [(x, self.graph.nodes[x]) for x in reachable(self.graph, roots, self.given) if x not in self.given]
         before = [x for x, node in needed if not node.lane and node.what not in ("number", "leaf")]
         done: set[int] = set()
         inside = [line for x, node in needed if node.lane for line in self.statement(x, done)]
@@ -246,7 +247,7 @@ class Writer:
         for place in (1, 0):
             product, other = node.arguments[place], self.operand(node.arguments[1 - place])
             given = self.graph.nodes[product]
-            if given.what == "*" and given.lane == node.lane:
+            if given.what == "*" and given.lane == node.lane and product not in self.given:
                 a, b = (self.operand(x) for x in given.arguments)
                 if node.what == "-":
                     a, other = (f"-{a}", other) if place == 1 else (a, f"-{other}")
@@ -255,20 +256,22 @@ class Writer:
 
     def operand(self, x: int) -> str:
         """A node as it stands in an operation."""
+        if x in self.given:
+            return self.given[x]
         node = self.graph.nodes[x]
         if node.what == "number":
             return node.value if float(node.value) >= 0 else f"({node.value})"
         return _leaf(node) if node.what == "leaf" else _name(x)
 
 
-def reachable(graph: Graph, roots: Iterable[int]) -> list[int]:
-    """The nodes that these take, in their order."""
+def reachable(graph: Graph, roots: Iterable[int], given: Container[int] = ()) -> list[int]:
+    """The nodes that these take, in their order; nothing for those that are given."""
     found, waiting = set(), list(roots)
     while waiting:
         x = waiting.pop()
         if x not in found:
             found.add(x)
-            waiting.extend(graph.nodes[x].arguments)
+            waiting.extend(graph.nodes[x].arguments if x not in given else ())
     return sorted(found)
 
 

@@ -6,7 +6,7 @@ What depends on the formulas, gradients and Hessian of one lane, is generated; t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from .derivatives import BLOCKS, Derivatives
@@ -26,8 +26,10 @@ enum {{ NOT_CONVERGED = 1, NONFINITE = 3 }}; /* of symsde.h */
 #define GROUP {group}
 #define MAY_BE_FAR {far}
 
+/* Of a lane; e: what forces take from the coordinates alone, whatever the weights are. */
+#define KEPT {kept}
 typedef struct {{
-   double q[DOF], p[DOF];
+   double q[DOF], p[DOF], e[KEPT > 0 ? KEPT : 1];
 }} state;
 
 /* What every step of a lane is given: its weights, of which that of H is the step h, and the parameters. */
@@ -57,9 +59,11 @@ def source(made: Derivatives) -> str:
         return ""
     operations = len(_needed(made, BLOCKS))
     may_be_far = any(made.graph.nodes[x].what in NEAR and made.graph.nodes[x].lane for x in _needed(made, BLOCKS))
-    group = 1 if operations > 160 else 2 if may_be_far else 8
-    parts = [HEAD.format(dof=made.problem.ndof, strip=STRIP, group=group, far=int(may_be_far))]
+    group = 1 if operations > 160 or may_be_far else 8
+    kept = _kept(made) if "stormer_verlet" in schemes else []
+    parts = [HEAD.format(dof=made.problem.ndof, strip=STRIP, group=group, far=int(may_be_far), kept=len(kept))]
     parts += [_function(made, "force", ["hq"]), _function(made, "velocity", ["hp"])]
+    parts += [_places(made, kept), _kick(made, kept)] if "stormer_verlet" in schemes else []
     parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _text("eliminate")]
     eliminated = _eliminates(made)
     if eliminated:
@@ -73,7 +77,8 @@ def source(made: Derivatives) -> str:
         how = _text("newton") if scheme in newton else _text("closed")
         unknowns = 4 if scheme == "gauss2" else made.problem.ndof * (1 if eliminated else 2)
         how = how.replace("STEP_UNKNOWNS", str(unknowns))
-        parts.append((how + _text("call")).replace("STEP", scheme))
+        sizes = f"\n#define STEP_KEPT {'KEPT' if scheme == 'stormer_verlet' else '0'}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
+        parts.append((sizes + how + _text("call")).replace("STEP", scheme))
     return "\n".join(parts)
 
 
@@ -101,19 +106,55 @@ def _eliminates(made: Derivatives) -> bool:
     return separable and not _is_quadratic(made) and not any(x[0] in "qp" for x in _leaves(made, ["hpp"]))
 
 
+def _kept(made: Derivatives) -> list[int]:
+    """The largest parts of the force that hang on the coordinates and on no weight, leaves aside: after a step of
+    Stormer-Verlet they are those before the next one."""
+    graph, roots = made.graph, set(made.outputs["hq"])
+    needed = _needed(made, ["hq"])
+    weighted: set[int] = set()
+    for x in needed:
+        node = graph.nodes[x]
+        if (node.what == "leaf" and node.value[0] == "w") or any(a in weighted for a in node.arguments):
+            weighted.add(x)
+    takers = {a for x in needed if x in weighted for a in graph.nodes[x].arguments} | roots
+    return [x for x in needed if x in takers - weighted and graph.nodes[x].lane and graph.nodes[x].what != "leaf"]
+
+
+def _places(made: Derivatives, kept: list[int]) -> str:
+    """What is kept of the force, of one lane."""
+    return _lines(made, "places", "double *restrict e", [(f"e[{k}]", x) for k, x in enumerate(kept)])
+
+
+def _kick(made: Derivatives, kept: list[int]) -> str:
+    """The force by what is kept of it."""
+    outputs = [(f"hq[{k}]", x) for k, x in enumerate(made.outputs["hq"])]
+    given = {x: f"s->e[{k}]" for k, x in enumerate(kept)}
+    return _lines(made, "kick", "double *restrict hq", outputs, given)
+
+
 def _function(made: Derivatives, name: str, blocks: list[str]) -> str:
     """Blocks of derivatives of one lane."""
+    outputs = [(f"{block}[{k}]", x) for block in blocks for k, x in enumerate(made.outputs[block])]
+    return _lines(made, name, ", ".join(f"double *restrict {block}" for block in blocks), outputs)
+
+
+def _lines(
+    made: Derivatives,
+    name: str,
+    targets: str,
+    outputs: list[tuple[str, int]],
+    given: Mapping[int, str] | None = None,
+) -> str:
+    """A function of one lane that stores these nodes."""
 
     def load(leaf: str) -> str:
         if leaf == "w0":
             return "h"  # the weight of H: of every lane and step the same
         return f"w[{leaf[1:]} * n]" if leaf[0] == "w" else f"s->{leaf[0]}[{leaf[1:]}]"
 
-    outputs = [(f"{block}[{k}]", x) for block in blocks for k, x in enumerate(made.outputs[block])]
-    before, inside, _ = Writer(made.graph, load).lines([x for _, x in outputs])
-    writer = Writer(made.graph, load)
-    given = "".join(f", double *restrict {block}" for block in blocks)
-    head = f"INLINE {name}(LANE_IN, const state *s{given}, const int far) {{"
+    writer = Writer(made.graph, load, given)
+    before, inside, _ = writer.lines([x for _, x in outputs])
+    head = f"INLINE {name}(LANE_IN, const state *s, {targets}, const int far) {{"
     lines = [head, "   int64_t beyond = 0;", *before, *(line[3:] for line in inside)]
     lines += [f"   {target} = {writer.operand(x)};" for target, x in outputs]
     return "\n".join([*lines, "   return beyond;", "}", ""])

@@ -7,11 +7,14 @@ int formula_flow_STEP(int nlane, int ndof, int nham, int nstep, int every, int m
    const ptrdiff_t n = nlane, stride = nham * n;
    for (ptrdiff_t first = 0; first < n; first += STRIP) {
       const int lanes = n - first < STRIP ? (int)(n - first) : STRIP;
-      double x[2 * DOF * STRIP];
+      double x[STEP_ROWS * STRIP];
       for (int k = 0; k < DOF; k++) {
          memcpy(x + k * STRIP, q + k * n + first, (size_t)lanes * sizeof(double));
          memcpy(x + (DOF + k) * STRIP, p + k * n + first, (size_t)lanes * sizeof(double));
       }
+#if STEP_KEPT
+      STEP_begin(lanes, w + first, n, user, h, x);
+#endif
       for (int out = 0; out < nstep / every; out++) {
          STEP_strip(lanes, every, max_iter, stride, w + out * every * stride + first, n, user, h, x, status + first);
          for (int k = 0; k < DOF; k++) {

@@ -1,58 +1,78 @@
 
 /* ---- STEP, which needs no iterations: a group of steps keeps the state of a lane in registers ---- */
 
-INLINE STEP_in_lanes(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, double *restrict x,
+#if STEP_KEPT
+INLINE STEP_places(const int lanes, LANE_IN, double *restrict x, const int far) {
+   int64_t beyond = 0;
+#pragma GCC ivdep
+   for (int i = 0; i < lanes; i++) {
+      state s = state_of(x, i, 0);
+      beyond |= places(w + i, n, c, h, &s, s.e, far);
+      put_state(s, x, i, STEP_KEPT);
+   }
+   return beyond;
+}
+
+/* What is kept, before the first step. */
+static void STEP_begin(const int lanes, LANE_IN, double *restrict x) {
+   if (STEP_places(lanes, LANE_OF, x, 0) < 0)
+      STEP_places(lanes, LANE_OF, x, 1);
+}
+#endif
+
+/* Steps of lanes from x to y, which may be x. */
+INLINE STEP_in_lanes(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y,
                      const int far) {
    int64_t beyond = 0;
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
-      state s = state_of(x, i);
+      state s = state_of(x, i, STEP_KEPT);
 #pragma GCC unroll 8
       for (int j = 0; j < steps; j++)
          beyond |= STEP(w + j * stride + i, n, c, h, &s, far);
-      put_state(s, x, i);
+      put_state(s, y, i, STEP_KEPT);
    }
    return beyond;
 }
 
-SELDOM STEP_far(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, double *restrict x) {
-   for (int j = 0; j < steps; j++)
-      STEP_in_lanes(lanes, 1, stride, w + j * stride, n, c, h, x, 1);
+SELDOM STEP_far(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
+   for (int j = 0; j < steps; j++, x = y)
+      STEP_in_lanes(lanes, 1, stride, w + j * stride, n, c, h, x, y, 1);
 }
 
 /* The steps of a path that is alone. */
-INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, double *restrict x) {
+INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
    int64_t beyond = 0;
-   state s = state_of(x, 0);
+   state s = state_of(x, 0, STEP_KEPT);
 #pragma GCC unroll 1
    for (int j = 0; j < steps; j++)
       beyond |= STEP(w + j * stride, n, c, h, &s, 0);
-   put_state(s, x, 0);
+   put_state(s, y, 0, STEP_KEPT);
    return beyond;
 }
 
-static void STEP_several(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, double *restrict x) {
-   double before[2 * DOF * STRIP];
-   if (MAY_BE_FAR)
-      memcpy(before, x, sizeof before);
-   const int64_t beyond = lanes == 1       ? STEP_alone(steps, stride, LANE_OF, x)
-                          : steps == GROUP ? STEP_in_lanes(lanes, GROUP, stride, LANE_OF, x, 0)
-                                           : STEP_in_lanes(lanes, 1, stride, LANE_OF, x, 0);
-   if (MAY_BE_FAR && beyond < 0) {
-      memcpy(x, before, sizeof before);
-      STEP_far(lanes, steps, stride, LANE_OF, x);
-   }
+/* From x to y; where lanes may be far these are two, so that steps can be taken once more. */
+static void STEP_several(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
+   const int64_t beyond = lanes == 1       ? STEP_alone(steps, stride, LANE_OF, x, y)
+                          : steps == GROUP ? STEP_in_lanes(lanes, GROUP, stride, LANE_OF, x, y, 0)
+                                           : STEP_in_lanes(lanes, 1, stride, LANE_OF, x, y, 0);
+   if (MAY_BE_FAR && beyond < 0)
+      STEP_far(lanes, steps, stride, LANE_OF, x, y);
 }
 
-static void STEP_strip(const int lanes, const int nstep, const int max_iter, const ptrdiff_t stride, LANE_IN,
-                       double *restrict x, int64_t *restrict status) {
+static void STEP_strip(const int lanes, const int nstep, const int max_iter, const ptrdiff_t stride, LANE_IN, double *x,
+                       int64_t *restrict status) {
    (void)max_iter, (void)status;
-   int left = nstep;
-   for (; left >= GROUP && lanes > 1; left -= GROUP, w += GROUP * stride)
-      STEP_several(lanes, GROUP, stride, LANE_OF, x);
-   if (lanes == 1 && left > 0)
-      STEP_several(1, left, stride, LANE_OF, x);
-   else
-      for (; left > 0; left--, w += stride)
-         STEP_several(lanes, 1, stride, LANE_OF, x);
+   double other[MAY_BE_FAR ? STEP_ROWS * STRIP : 1], *from = x, *to = MAY_BE_FAR ? other : x;
+   for (int left = nstep; left > 0;) {
+      const int some = lanes == 1 ? left : left >= GROUP ? GROUP : 1;
+      STEP_several(lanes, some, stride, LANE_OF, from, to);
+      left -= some;
+      w += some * stride;
+      double *const swap = from;
+      from = to;
+      to = swap;
+   }
+   if (from != x)
+      memcpy(x, from, sizeof other);
 }

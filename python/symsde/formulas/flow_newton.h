@@ -55,7 +55,7 @@ INLINE STEP_derivatives(const int lanes, LANE_IN, const double *restrict x, cons
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
       double e[STEP_DERIVATIVES];
-      const state s = state_of(x, i);
+      const state s = state_of(x, i, STEP_KEPT);
       STEP_lane lane;
       if (first) {
          beyond |= STEP_begin(w + i, n, c, h, &s, status[i], &lane, far);
@@ -90,7 +90,7 @@ LANE STEP_rest STEP_corrections(const int lanes, LANE_IN, const double *restrict
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
       double e[STEP_DERIVATIVES];
-      state s = state_of(x, i);
+      state s = state_of(x, i, STEP_KEPT);
       STEP_lane lane = STEP_lane_of(u, i);
       for (int k = 0; k < STEP_DERIVATIVES; k++)
          e[k] = v[k * STRIP + i];
@@ -101,7 +101,7 @@ LANE STEP_rest STEP_corrections(const int lanes, LANE_IN, const double *restrict
       STEP_put(lane, i, u);
       if (!first) {
          STEP_increment(w + i, n, c, h, &s, lane.z);
-         put_state(s, y, i);
+         put_state(s, y, i, STEP_KEPT);
       }
    }
    return (STEP_rest){going, undone, gentle};
@@ -113,9 +113,9 @@ SELDOM STEP_sort_out(const int lanes, LANE_IN, const double *restrict x, const d
    for (int i = 0; i < lanes; i++) {
       const STEP_lane lane = STEP_lane_of(u, i);
       if (lane.steep > 1) {
-         state s = state_of(x, i);
+         state s = state_of(x, i, STEP_KEPT);
          STEP_steep_increment(w + i, n, c, h, &s, lane.z);
-         put_state(s, y, i);
+         put_state(s, y, i, STEP_KEPT);
       }
       if (lane.last > -1.5 && lane.last < 0)
          continue;
@@ -176,12 +176,12 @@ static void STEP_strip(const int lanes, const int nstep, const int max_iter, con
                        double *restrict x, int64_t *restrict status) {
    double other[2 * DOF * STRIP], *from = x, *to = other;
    if (lanes == 1) {
-      state s = state_of(x, 0);
+      state s = state_of(x, 0, STEP_KEPT);
       int64_t outcome = 0;
 #pragma GCC unroll 1
       for (int step = 0; step < nstep && outcome == 0; step++)
          outcome = STEP_alone(max_iter, w + step * stride, n, c, h, &s, status);
-      put_state(s, x, 0);
+      put_state(s, x, 0, STEP_KEPT);
       return;
    }
    for (int step = 0; step < nstep; step++, w += stride) {

@@ -3,13 +3,16 @@
  *
  *    force, velocity   S_q, S_p
  *    slopes            S_q and S_p with S_qq, S_qp, S_pp
+ *    places, kick      what S_q takes from q alone, and S_q by that
  *
  * DOF degrees of freedom; the weights of a lane stand n apart. A step is told `far`, and returns a negative number where
  * some argument was far, as the functions do.
  */
 
-LANE state state_of(const double *restrict x, const int i) {
+LANE state state_of(const double *restrict x, const int i, const int kept) {
    state s;
+   for (int k = 0; k < kept; k++)
+      s.e[k] = x[(2 * DOF + k) * STRIP + i];
    for (int k = 0; k < DOF; k++) {
       s.q[k] = x[k * STRIP + i];
       s.p[k] = x[(DOF + k) * STRIP + i];
@@ -17,7 +20,9 @@ LANE state state_of(const double *restrict x, const int i) {
    return s;
 }
 
-LANE void put_state(const state s, double *restrict x, const int i) {
+LANE void put_state(const state s, double *restrict x, const int i, const int kept) {
+   for (int k = 0; k < kept; k++)
+      x[(2 * DOF + k) * STRIP + i] = s.e[k];
    for (int k = 0; k < DOF; k++) {
       x[k * STRIP + i] = s.q[k];
       x[(DOF + k) * STRIP + i] = s.p[k];
@@ -48,6 +53,23 @@ INLINE symplectic_euler_adjoint(LANE_IN, state *s, const int far) {
    return beyond;
 }
 
+#if KEPT
+/* half a kick, a drift, half a kick, the force by `places`, which are found once a step */
+INLINE stormer_verlet(LANE_IN, state *s, const int far) {
+   double d[DOF];
+   int64_t beyond = kick(LANE_OF, s, d, far);
+   for (int k = 0; k < DOF; k++)
+      s->p[k] = FMA(-0.5, d[k], s->p[k]);
+   beyond |= velocity(LANE_OF, s, d, far);
+   for (int k = 0; k < DOF; k++)
+      s->q[k] += d[k];
+   beyond |= places(LANE_OF, s, s->e, far);
+   beyond |= kick(LANE_OF, s, d, far);
+   for (int k = 0; k < DOF; k++)
+      s->p[k] = FMA(-0.5, d[k], s->p[k]);
+   return beyond;
+}
+#else
 /* half a kick, a drift, half a kick */
 INLINE stormer_verlet(LANE_IN, state *s, const int far) {
    double d[DOF];
@@ -62,3 +84,4 @@ INLINE stormer_verlet(LANE_IN, state *s, const int far) {
       s->p[k] = FMA(-0.5, d[k], s->p[k]);
    return beyond;
 }
+#endif

@@ -36,6 +36,8 @@
 
 /* c0 + x (c1 + x (.. + x c5)) */
 #define HORNER6(x, c0, c1, c2, c3, c4, c5) FMA(x, FMA(x, FMA(x, FMA(x, FMA(x, c5, c4), c3), c2), c1), c0)
+/* the same by pairs, y = x x: what waits for x is shorter */
+#define PAIRS6(x, y, c0, c1, c2, c3, c4, c5) FMA(y, FMA(y, FMA(x, c5, c4), FMA(x, c3, c2)), FMA(x, c1, c0))
 
 LANE int64_t bits_of(double x) {
    int64_t bits;
@@ -69,15 +71,15 @@ LANE void lane_sincos(double x, double *sine, double *cosine, const int far, int
    const double first = FMA(-turns, 1.5707963267923333, x), second = turns * 2.5633441515839558e-12;
    const double r = first - second;
    const double low = FMA(-turns, 1.0562999066987428e-23, (first - r) - second);
-   const double z = r * r;
-   const double s = HORNER6(z, -0.16666666666666632, 0.008333333333322418, -0.00019841269829812402,
+   const double z = r * r, y = z * z;
+   const double s = PAIRS6(z, y, -0.16666666666666632, 0.008333333333322418, -0.00019841269829812402,
                             2.755731369357982e-06, -2.505075838538343e-08, 1.5896811852068921e-10);
-   const double c = HORNER6(z, 0.0416666666666666, -0.0013888888888874131, 2.4801587289487006e-05,
+   const double c = PAIRS6(z, y, 0.0416666666666666, -0.0013888888888874131, 2.4801587289487006e-05,
                             -2.755731435378607e-07, 2.087572347857163e-09, -1.1359658818861251e-11);
    const double a = r + FMA(r, z * s, low);
    const double half = 0.5 * z;
    double b = 1 - half;
-   b = b + (((1 - b) - half) + FMA(z * z, c, -(r * low)));
+   b = b + (((1 - b) - half) + FMA(y, c, -(r * low)));
    const uint64_t a_bits = (uint64_t)bits_of(a), b_bits = (uint64_t)bits_of(b);
    const uint64_t swap = (a_bits ^ b_bits) & -(turn & 1);
    *sine = double_of((a_bits ^ swap) ^ ((turn & 2) << 62));
