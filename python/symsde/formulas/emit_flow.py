@@ -77,7 +77,8 @@ def source(made: Derivatives) -> str:
         how = _text("newton") if scheme in newton else _text("closed")
         unknowns = 4 if scheme == "gauss2" else made.problem.ndof * (1 if eliminated else 2)
         how = how.replace("STEP_UNKNOWNS", str(unknowns))
-        sizes = f"\n#define STEP_KEPT {'KEPT' if scheme == 'stormer_verlet' else '0'}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
+        kept = "KEPT" if scheme == "stormer_verlet" else "0"
+        sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
         parts.append((sizes + how + _text("call")).replace("STEP", scheme))
     return "\n".join(parts)
 
