@@ -57,8 +57,7 @@ typedef struct symsde_error {
    char message[SYMSDE_MESSAGE_SIZE]; /* what was given, what is allowed, what to do; ends with 0 */
 } symsde_error;
 
-/* Texts are copied into buffer (at most size bytes, always terminated); *needed, if not NULL, receives the size of the
- * whole text. */
+/* Texts are copied into buffer (at most size bytes, terminated); *needed, if not NULL, receives the whole text's size */
 int symsde_status_text(int code, char *buffer, size_t size, size_t *needed);
 /* version of the library */
 int symsde_version(char *buffer, size_t size, size_t *needed);
@@ -84,6 +83,7 @@ typedef struct symsde_traits {
    double noise_lipschitz; /* Lipschitz constant of the noise [1/sqrt(time)]; 0 = not declared */
    const double *rotation; /* [ndof] frequencies of the stiff linear part; NULL = none */
    const int32_t *silent;  /* [nnoise] not 0: H_k is zero, and nothing is drawn for it; NULL = none */
+   int32_t constant_mass;  /* H = p.M^-1 p/2 + U(q) with a constant matrix M */
 } symsde_traits;
 
 /* Callbacks work on whole blocks: arrays [..][nlane], each lane from its own numbers alone. w[nham][nlane] are the

@@ -49,6 +49,7 @@ class Traits(Structure):
         ("noise_lipschitz", c_double),
         ("rotation", POINTER(c_double)),
         ("silent", POINTER(c_int32)),
+        ("constant_mass", c_int32),
     )
 
 

@@ -60,7 +60,7 @@ def model(shown: Model) -> str:
     if shown.parameters:
         text += table(list(shown.parameters), [[f"{value:g}" for value in shown.parameters.values()]])
     traits = shown.traits
-    names = ("separable", "additive", "position_noise", "quadratic", "identity_mass")
+    names = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
     given = [name.replace("_", " ") for name in names if getattr(traits, name)]
     sizes = f"{traits.ndof} degrees of freedom, {traits.nnoise} noises"
     return f"<div>{text}<br>{sizes}; {', '.join(given) or 'no traits'}</div>"

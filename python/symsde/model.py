@@ -15,7 +15,7 @@ import numpy as np
 from . import _abi, _callbacks, _checks, _handles
 from .errors import IncompatibleError, InvalidArgumentError, SymsdeError, WrongShapeError, WrongTypeError
 
-_FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass")
+_FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
 _KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
 
 
@@ -30,6 +30,7 @@ class Traits:
     position_noise: bool  #: every H_k, k >= 1, depends on q alone
     quadratic: bool  #: every H_j is a polynomial of degree two at most
     identity_mass: bool  #: H = p.p/2 + U(q)
+    constant_mass: bool  #: H = p.M^-1 p/2 + U(q) with a constant matrix M
     bandwidth: int | None  #: of every block of the Hessian; None = dense
     max_frequency: float  #: bound of the frequencies of H; 0 = not declared
     noise_lipschitz: float  #: Lipschitz constant of the noise; 0 = not declared
@@ -39,6 +40,11 @@ class Traits:
     has_value: bool  #: the Hamiltonians can be evaluated
     has_hessian: bool  #: Hessians are analytic
     has_hessian_vector: bool  #: products of Hessian and vector are analytic
+
+    @property
+    def kicked(self) -> bool:
+        """Noise in position and a constant mass: what schemes of drifts and kicks need."""
+        return self.position_noise and (self.identity_mass or self.constant_mass)
 
 
 class ModelHandle(_handles.Handle):
@@ -106,6 +112,7 @@ class Model:
         position_noise: bool = False,
         quadratic: bool = False,
         identity_mass: bool = False,
+        constant_mass: bool = False,
         bandwidth: int | None = None,
         max_frequency: float = 0.0,
         noise_lipschitz: float = 0.0,
@@ -123,6 +130,7 @@ class Model:
             "position_noise": position_noise,
             "quadratic": quadratic,
             "identity_mass": identity_mass,
+            "constant_mass": constant_mass,
         }
         traits = _handles.new(_abi.Traits, "traits")
         traits.ndof = _checks.integer("ndof", ndof, _checks.INT32)

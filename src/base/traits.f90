@@ -24,6 +24,7 @@ module symsde_base_traits
       logical :: position_noise = .false.  !! every H_k, k >= 1, depends on q alone
       logical :: quadratic = .false.       !! every H_j is a polynomial of degree two at most
       logical :: identity_mass = .false.   !! H = p.p/2 + U(q)
+      logical :: constant_mass = .false.   !! H = p.M^-1 p/2 + U(q), M a matrix of constants; identity_mass says more
       logical, allocatable :: silent(:)    !! noises whose H_k vanishes: nothing is drawn for them (nnoise)
       integer :: bandwidth = dense         !! b: every Hessian block vanishes for |i-j| > b
       logical :: has_value = .false.       !! the Hamiltonians themselves can be evaluated
@@ -38,6 +39,7 @@ module symsde_base_traits
       real(wp), allocatable :: rotation(:)
    contains
       procedure :: correction_vanishes
+      procedure :: has_constant_mass
       procedure :: one_solve
    end type model_traits
 
@@ -50,6 +52,13 @@ contains
 
       vanishes = self%nnoise == 0 .or. self%additive .or. self%position_noise
    end function correction_vanishes
+
+   !> Whether H = p.M^-1 p/2 + U(q) with a constant M, declared in one way or the other.
+   pure logical function has_constant_mass(self)
+      class(model_traits), intent(in) :: self
+
+      has_constant_mass = self%identity_mass .or. self%constant_mass
+   end function has_constant_mass
 
    !> Whether one linear solve finds the root of a step: quadratic Hamiltonians with exact Hessians.
    !> Differences leave errors of 1e-11 in a Hessian, which a second iteration removes.

@@ -24,6 +24,7 @@ module symsde_capi_traits
       real(c_double) :: noise_lipschitz
       type(c_ptr) :: rotation
       type(c_ptr) :: silent
+      integer(c_int32_t) :: constant_mass
    end type c_traits
 
 contains
@@ -56,6 +57,7 @@ contains
       filled%position_noise = merge(1, 0, traits%position_noise)
       filled%quadratic = merge(1, 0, traits%quadratic)
       filled%identity_mass = merge(1, 0, traits%identity_mass)
+      filled%constant_mass = merge(1, 0, traits%constant_mass)
       filled%bandwidth = traits%bandwidth
       filled%has_value = merge(1, 0, traits%has_value)
       filled%has_hessian = merge(1, 0, traits%has_hessian)
@@ -84,6 +86,7 @@ contains
       traits%position_noise = given%position_noise /= 0
       traits%quadratic = given%quadratic /= 0
       traits%identity_mass = given%identity_mass /= 0
+      traits%constant_mass = given%constant_mass /= 0
       traits%bandwidth = given%bandwidth
       traits%max_frequency = given%max_frequency
       traits%noise_lipschitz = given%noise_lipschitz

@@ -14,6 +14,7 @@ module symsde_model_probe
    use symsde_model_abstract, only: model_type
    use symsde_model_parameters, only: check_traits
    use symsde_model_probe_gradient, only: probe_gradient
+   use symsde_model_probe_mass, only: compare_mass
    use symsde_model_probe_points, only: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, &
                                         worst, largest_entry
    use symsde_model_probe_rows, only: probe_rows
@@ -91,7 +92,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
-      if (k == 0 .and. traits%identity_mass) call probe_identity_mass(points, error)
+      if (k == 0 .and. traits%has_constant_mass()) call probe_mass(points, error)
       if (k > 0 .and. allocated(traits%silent)) call probe_silent(points, k, error)
       if (k > 0 .and. traits%position_noise) call probe_position_noise(points, error)
       if (k > 0 .and. traits%additive) call probe_additive(points, error)
@@ -115,22 +116,17 @@ contains
 
    ! ---- traits -----------------------------------------------------------------------------------
 
-   !> identity_mass: H_p = p.
-   subroutine probe_identity_mass(points, error)
+   !> identity_mass: H_p = p; constant_mass: H_p = M^-1 p.
+   subroutine probe_mass(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), allocatable :: hq(:, :), hp(:, :)
-      real(wp) :: scale(nlane)
+      character(:), allocatable :: trait, what
       type(finding) :: bad
+      real(wp) :: x
 
-      call points%gradient(hq, hp, scale)
-      hq = 0
-      hp = hp - points%p
-      call worst(hq, hp, scale, vanishing, bad)
-      if (bad%lane == 0) return
-      call refuse(points, 'identity_mass', 'dH_0/dp_'//to_text(bad%i)//' - p_'//to_text(bad%i), &
-                  hp(bad%lane, bad%i), bad%lane, bad%i, bad%i, error)
-   end subroutine probe_identity_mass
+      call compare_mass(points, vanishing, trait, bad, what, x)
+      if (bad%lane > 0) call refuse(points, trait, what, x, bad%lane, bad%i, bad%i, error)
+   end subroutine probe_mass
 
    !> silent: H_k = 0.
    subroutine probe_silent(points, k, error)

@@ -134,7 +134,7 @@ def _model(given: Given) -> list[str]:
             f'   check(symsde_model_get("{given.name}", {count}, keys, values, &model, &error), &error);',
         ]
     traits, is_chain = given.model.traits, given.is_chain
-    flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass")
+    flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
     lines = [
         "   symsde_traits traits; /* what may be left out; false ones are refused */",
         "   symsde_traits_init(&traits);",

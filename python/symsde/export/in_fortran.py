@@ -134,7 +134,7 @@ def _model(given: Given) -> list[str]:
             f"   call get_model(model, '{given.name}', [character(len=32) :: {keys}], [real(wp) :: {values}], error)"
         ]
     traits = given.model.traits
-    flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass")
+    flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
     offered = ("has_value", "has_hessian", *(["has_hessian_vector"] if given.is_chain else []))
     lines = [f"   model%name = '{given.name}'", "   ! what may be left out; false ones are refused"]
     lines += [f"   model%traits%ndof = {traits.ndof}", f"   model%traits%nnoise = {traits.nnoise}"]

@@ -338,6 +338,12 @@ def _traits(densities: list[Density], outer: Outer | None, count: int, periodic:
     if identity:
         [d] = kinetic
         identity = d.derivatives.of("p0")[0] == d.derivatives.symbol["p0"]
+    constant = len(kinetic) == 1 and kinetic[0].offsets == (0,) and not identity and _all_zero(kinetic, "qp")
+    if constant:  # a number times p^2
+        [d] = kinetic
+        mass, p0 = d.derivatives.of("p0", "p0")[0], d.derivatives.symbol["p0"]
+        timeless = not any(s.name == "t" for s in getattr(mass, "free_symbols", ()))
+        constant = _state_free(mass, d) and timeless and (d.derivatives.of("p0")[0] - mass * p0).expand() == 0
     reach = max(d.offsets[-1] - d.offsets[0] for d in densities)
     traits = {
         "separable": _all_zero(densities, "qp"),
@@ -345,6 +351,7 @@ def _traits(densities: list[Density], outer: Outer | None, count: int, periodic:
         "position_noise": all(x == 0 for d in noises for x in _slopes(d, "p")),
         "quadratic": all(_state_free(e, d) for d in plain for name in ("qq", "qp", "pp") for e in _block(d, name)),
         "identity_mass": identity,
+        "constant_mass": constant,
         "bandwidth": reach if 2 * reach < count - 1 and not (periodic and reach) else None,
     }
     return (
@@ -368,5 +375,6 @@ def _with_functions(densities: list[Density], outer: Outer) -> dict[str, Any]:
         "position_noise": not noise & of_p,
         "quadratic": outer.is_quadratic() and not (drift | noise) & bent,
         "identity_mass": not drift & of_p,
+        "constant_mass": not drift & of_p,
         "bandwidth": None if drift | noise else True,
     }

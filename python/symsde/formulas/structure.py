@@ -44,9 +44,11 @@ class Structure:
 
     def traits(self) -> dict[str, Any]:
         """What a `Model` is told."""
-        names = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "rotation", "silent")
+        flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
         banded = self.ndof >= _SMALLEST_BANDED and 4 * self.bandwidth <= self.ndof
-        return {key: asdict(self)[key] for key in names} | {"bandwidth": self.bandwidth if banded else None}
+        told = {key: asdict(self)[key] for key in (*flags, "rotation", "silent")}
+        told["constant_mass"] &= not self.identity_mass  # which says more
+        return told | {"bandwidth": self.bandwidth if banded else None}
 
 
 def structure_of(problem: Problem) -> Structure:

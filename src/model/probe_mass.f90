@@ -1,0 +1,71 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The probe of what a model declares of its kinetic energy: H_p = p, or H_p = M^-1 p with a constant M.
+module symsde_model_probe_mass
+   use symsde_base_kinds, only: wp
+   use symsde_base_text, only: to_text
+   use symsde_model_probe_points, only: probe_points, nlane, npoint, finding, worst, no_verdict
+   implicit none
+   private
+   public :: compare_mass
+
+   real(wp), parameter :: later = 0.37_wp  !! another time, at which a constant mass is the same
+
+contains
+
+   !> Where H_p of the sum that is probed, H_0, is not what is declared: bad%lane = 0 where it is. In words what should
+   !> vanish, and its value.
+   !>
+   !> M^-1 p is a function of p alone, and additive: H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b) at any two
+   !> points and times. That is compared for the points beside the first and the first.
+   subroutine compare_mass(points, tolerance, trait, bad, what, x)
+      type(probe_points), intent(in) :: points
+      real(wp), intent(in) :: tolerance               !! part of the gradient that is rounding
+      character(:), allocatable, intent(out) :: trait !! that is judged
+      type(finding), intent(out) :: bad
+      character(:), allocatable, intent(out) :: what
+      real(wp), intent(out) :: x
+      real(wp), allocatable :: hq(:, :), hp(:, :), zero(:, :)
+      real(wp) :: scale(nlane)
+
+      call points%gradient(hq, hp, scale)
+      allocate (zero, source=points%zero)
+      x = 0
+      if (points%model%traits%identity_mass) then
+         trait = 'identity_mass'
+         hp = hp - points%p
+         call worst(zero, hp, scale, tolerance, bad)
+         what = 'dH_0/dp_'//to_text(bad%i)//' - p_'//to_text(bad%i)
+      else
+         trait = 'constant_mass'
+         call subtract_sum(points, hp, scale)
+         call worst(zero, hp, scale, tolerance, bad)
+         what = 'dH_0/dp_'//to_text(bad%i)//' at the sum of two momenta (and a later time) minus its values at these'
+      end if
+      if (bad%lane > 0) x = hp(bad%lane, bad%i)
+   end subroutine compare_mass
+
+   !> H_p(q_a, p_a + p_1) - H_p(q_a, p_a) - H_p(q_1, p_1) in place of hp; the first point gives no verdict.
+   subroutine subtract_sum(points, hp, scale)
+      type(probe_points), intent(in) :: points
+      real(wp), intent(inout) :: hp(nlane, points%ndof), scale(nlane)
+      real(wp), allocatable :: sum_p(:, :), hq(:, :), found(:, :)
+      real(wp) :: first(points%ndof)
+      integer :: lane
+
+      allocate (sum_p, found, hq, mold=points%zero)
+      first = hp(1, :)
+      do lane = 1, nlane
+         sum_p(lane, :) = points%p(lane, :) + points%p(1, :)
+      end do
+      associate (n => points%ndof, m => points%nnoise)
+         call points%model%gradient(nlane, n, m, points%t + later, points%w, points%q, sum_p, hq, found)
+      end associate
+      do lane = 1, nlane
+         scale(lane) = max(scale(lane), scale(1), maxval(abs(found(lane, :)))) + 0*(scale(lane) + scale(1))
+         hp(lane, :) = found(lane, :) - hp(lane, :) - first
+      end do
+      scale(1) = no_verdict
+      scale(npoint + 1:) = no_verdict
+   end subroutine subtract_sum
+
+end module symsde_model_probe_mass
