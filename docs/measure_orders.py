@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Measure the orders that schemes have, by class of noise, into docs/measured.json.
 
-    .venv/bin/python docs/measure_orders.py
+    .venv/bin/python docs/measure_orders.py [SCHEME ..]
+
+Schemes that are named are measured alone, and the others keep what is known of them.
 
 Strong orders: root-mean-square distances at T = 1 on common Brownian paths, fitted over the steps that stand out from
 the reference, as `symsde.convergence` does: the exact solution for Kubo, else a scheme of higher order eight times
@@ -18,6 +20,7 @@ a finite sum; its powers are compared with exp(T G), G the generator on these pr
 import itertools
 import json
 import math
+import sys
 from pathlib import Path
 
 import numba
@@ -33,7 +36,10 @@ STATE = {"q0": 0.9, "p0": 0.4, "seed": 11, "horizon": 1.0}
 NODES = 12  # of Gauss and Hermite
 FINER = 32  # steps of a path halved
 TWO_POINT, THREE_POINT = ((-1, 1), (0.5, 0.5)), ((-np.sqrt(3), 0, np.sqrt(3)), (1 / 6, 2 / 3, 1 / 6))
-LAWS = {"midpoint_weak1": TWO_POINT, "gauss2_weak2": THREE_POINT, "gauss2_weak2_areas": THREE_POINT}
+LAWS = {
+    "midpoint_weak1": TWO_POINT,
+    **dict.fromkeys(("gauss2_weak2", "gauss2_weak2_areas", "verlet_dkd_weak2"), THREE_POINT),
+}
 
 
 def tilted_pendulum():
@@ -266,9 +272,13 @@ def generator_map(noises):
 
 
 def main() -> None:
-    """Measure every scheme of the catalogue."""
-    names = [*ss.schemes.names(), *FAMILIES]
-    found = {name: {} for name in names}
+    """Measure every scheme of the catalogue, or those that are named."""
+    every = [*ss.schemes.names(), *FAMILIES]
+    names = sys.argv[1:] or every
+    if unknown := set(names) - set(every):
+        sys.exit(f"no schemes of the catalogue: {', '.join(sorted(unknown))}")
+    known = json.loads(FILE.read_text(encoding="utf-8")) if sys.argv[1:] else {}
+    found = {name: {} if name in names else known.get(name, {}) for name in every}
     for kind in STRONG:
         able = [name for name in names if ss.schemes.get(name).info.orders[kind].value > 0]
         for name, row in strong(kind, able).items():

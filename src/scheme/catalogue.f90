@@ -18,7 +18,7 @@ module symsde_scheme_catalogue
    private
    public :: get_scheme, scheme_names, scheme_families
 
-   integer, parameter :: nplain = 41  !! names without a parameter; the families follow
+   integer, parameter :: nplain = 44  !! names without a parameter; the families follow
    character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: & !&
       'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', & !&
       'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', & !&
@@ -28,7 +28,8 @@ module symsde_scheme_catalogue
       'midpoint_areas', 'midpoint_weak1', 'verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', & !&
       'exact_rotation', & !&
       'gauss_dkdkd', 'verlet_kdk', 'chin4a', 'gauss_dkdkd_strong2', 'verlet_kdk_strong2', 'chin4a_strong2', & !&
-      'gauss_dkdkd_rotation', 'heun', 'euler_maruyama', 'dirk:', 'lambda:'] !&
+      'gauss_dkdkd_rotation', 'gauss_dkdkd_midpoint', 'verlet_kdk_midpoint', 'verlet_dkd_weak2', & !&
+      'heun', 'euler_maruyama', 'dirk:', 'lambda:'] !&
 
 contains
 

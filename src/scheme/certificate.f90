@@ -11,6 +11,7 @@ module symsde_scheme_certificate
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
                                    splitting_form, symplecticity_residual, model_needs, frame_none, frame_shift, &
                                    frame_rotation
+   use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_orders, only: order_type, norder, order_names, weak_order, evidence_claimed, evidence_derived, &
                                    evidence_text
    use symsde_scheme_properties, only: symmetry_residual, quadratic_residual, stratonovich_sum, &
@@ -32,6 +33,7 @@ module symsde_scheme_certificate
       integer :: form = tableau_form
       integer :: nstage = 0
       integer :: degree = 0
+      integer :: implicit_drifts = 0            !! midpoint steps between kicks
       type(functional_set) :: asks              !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets           !! added to the one-step Hamiltonian
       integer :: law = law_gaussian             !! law of the increments (base/laws)
@@ -94,7 +96,9 @@ contains
       c%order_noise_free = scheme%order_noise_free
       if (is_explicit(scheme, .true.)) c%explicit_for = explicit_if_separable
       if (is_explicit(scheme, .false.)) c%explicit_for = always_explicit
-      c%gradients_per_step = scheme%nstage
+      if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) &
+         c%implicit_drifts = scheme%kicks%ndrift()
+      c%gradients_per_step = scheme%nstage + c%implicit_drifts
       c%unknowns = implicit_unknowns(scheme, .false.)
       c%unknowns_if_separable = implicit_unknowns(scheme, .true.)
    end function certificate
@@ -181,6 +185,7 @@ contains
          value = 'yes, as a discrete Lagrangian'
       else if (c%form == splitting_form) then
          value = 'yes, as a composition of exact flows'
+         if (c%implicit_drifts > 0) value = 'yes, as a composition of kicks, which are exact, and midpoint steps'
       else if (c%form == ito_form) then
          value = 'no, it steps the Ito form'
       else
@@ -315,9 +320,13 @@ contains
       character(:), allocatable :: value
 
       value = to_text(c%gradients_per_step)//' gradients'
-      if (c%explicit_for /= always_explicit) &
+      if (c%implicit_drifts > 0) then
+         value = to_text(c%nstage)//' gradients; midpoint steps: '//to_text(c%implicit_drifts)// &
+                 ', of 1 gradient for each iteration of '//to_text(c%unknowns)//' unknowns per degree of freedom'
+      else if (c%explicit_for /= always_explicit) then
          value = value//' for each iteration of '//to_text(c%unknowns)//' unknowns per degree of freedom ('// &
                  to_text(c%unknowns_if_separable)//' where separable)'
+      end if
       call add(text, 'cost per step', value)
    end subroutine add_cost
 
@@ -339,7 +348,11 @@ contains
          else
             return
          end if
-         if (needs%identity_mass) value = value//', H = p.p/2 + U(q)'
+         if (needs%identity_mass) then
+            value = value//', H = p.p/2 + U(q)'
+         else if (needs%constant_mass) then
+            value = value//', H = p.M^-1 p/2 + U(q) with a constant mass'
+         end if
          if (needs%rotation) value = value//', frequencies of its linear part (trait rotation)'
       end associate
       if (allocated(c%remark)) value = value//'; '//c%remark

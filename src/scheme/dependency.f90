@@ -6,6 +6,7 @@
 !> H_p at stage j needs (Q_j,P_j), for separable Hamiltonians P_j alone; H_q needs Q_j alone then.
 module symsde_scheme_dependency
    use symsde_base_kinds, only: wp
+   use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_scheme, only: scheme_type, galerkin_form, splitting_form
    implicit none
    private
@@ -19,7 +20,7 @@ contains
       logical, intent(in) :: separable  !! every H_j(q,p) = T_j(p) + U_j(q)
       integer :: order(2*scheme%nstage), known
 
-      is_explicit = scheme%form == splitting_form .and. separable
+      is_explicit = scheme%form == splitting_form .and. separable .and. scheme%kicks%flow /= flow_midpoint
       if (.not. scheme%has_tableau()) return
       call evaluation_order(scheme, separable, order, known)
       is_explicit = known == size(order)
@@ -65,6 +66,7 @@ contains
       if (.not. scheme%has_tableau()) then
          unknowns = 0
          if (scheme%form == galerkin_form) unknowns = scheme%degree + scheme%nstage
+         if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) unknowns = 2
          return
       end if
       needs = dependencies(scheme, separable)

@@ -1,17 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Kicks between flows of the kinetic energy, as data: explicit, symplectic, of strong order 3/2 or 2 for any
+!> Kicks between flows of the rest, as data: explicit, symplectic, of strong order 3/2 or 2 for any
 !> number of noises in position (docs/method.md derives it).
 !>
-!> For H = p.p/2 + U(t,q) and H_k(t,q) a step is a sequence of drifts and kicks. Kick i comes where the drift
-!> has arrived at t_n + c_i h, and is the flow of
+!> For H = p.M^-1 p/2 + U(t,q), M constant, and H_k(t,q) a step is a sequence of drifts and kicks. Kick i comes
+!> where the drift has arrived at t_n + c_i h, and is the flow of
 !>
-!>    b_i h U + sum_k w_ik H_k  +  kappa_i h |V_q|^2  +  s_i/2 sum_kl D_kl H_k,q . H_l,q
+!>    b_i h U + sum_k w_ik H_k  +  kappa_i h V_q.M^-1 V_q  +  s_i/2 sum_kl D_kl H_k,q . M^-1 H_l,q
 !>
 !>    w_ik = beta_i dW_k + gamma_i a_k + eta_i K_k,       a_k = dZ_k/h - dW_k/2,   s = time in the step over h
 !>    K_k  = int (s^2 - s + 1/6) dW_k /2, the space-time-time Levy area, of variance h/720
 !>    V    = h U + sum_k (dW_k + zeta K_k) H_k
 !>
-!> What the kicks of a noise leave of its second Magnus term, sum_kl J_kl H_k,q . H_l,q /2 with
+!> What the kicks of a noise leave of its second Magnus term, sum_kl J_kl H_k,q . M^-1 H_l,q /2 with
 !> J_kl = int W_k (dW_l - W_l ds) symmetrised, is made good by the last part:
 !>
 !>    D_kl = h sum_{i<j} (c_j - c_i) (w_ik w_jl + w_il w_jk)/2 - 2 kappa h v_k v_l - J_kl,   v_k = dW_k + zeta K_k
@@ -20,12 +20,23 @@
 !>
 !>    c = sum_{i<j} (c_j - c_i) (beta_i beta_j + gamma_i gamma_j/12 + eta_i eta_j/720) - 2 kappa (1 + zeta^2/720)
 !>
-!> for strong order 3/2, kappa = sum_i kappa_i.
+!> for strong order 3/2, kappa = sum_i kappa_i. With dW alone (gamma = eta = 0) the same c gives weak order 2.
+!>
+!> Between kicks p stays (flow_free), or a declared linear part turns q and p (flow_rotation), or all of H moves them by
+!> the implicit midpoint rule (flow_midpoint), and the kicks are those of the noises alone, b = 0. None of the
+!> conditions sees the difference. With c = 0 nothing but the noises is kicked: H may be any then.
 module symsde_scheme_kicks
    use symsde_base_kinds, only: wp
    implicit none
    private
    public :: kicks_type, new_kicks, mean_coefficient, moment_residual
+   public :: flow_free, flow_rotation, flow_midpoint
+
+   enum, bind(c)
+      enumerator :: flow_free = 0      !! of the kinetic energy
+      enumerator :: flow_rotation = 1  !! of it and a linear part whose frequencies the model declares
+      enumerator :: flow_midpoint = 2  !! of H, by the implicit midpoint rule
+   end enum
 
    type :: kicks_type
       real(wp), allocatable :: c(:)        !! where in the step, 0 <= c_1 < c_2 < .. <= 1 (nkick)
@@ -37,30 +48,57 @@ module symsde_scheme_kicks
       real(wp), allocatable :: share(:)    !! s: part of the potential with D, their sum is one (nkick)
       real(wp) :: zeta = 0                 !! factor of K in V
       logical :: samples = .false.         !! J is sampled, else its mean is used
-      logical :: rotates = .false.         !! drifts are rotations by the frequencies that the model declares
+      integer :: flow = flow_free          !! what happens between kicks: one of the enumerators
+   contains
+      procedure :: uses_dz
+      procedure :: uses_k
+      procedure :: ndrift
    end type kicks_type
 
 contains
 
    !> Kicks from the coefficients that are not zero; share is b where it is not given.
-   pure subroutine new_kicks(kicks, c, b, gamma, eta, kappa, zeta, share)
+   pure subroutine new_kicks(kicks, c, b, gamma, eta, kappa, zeta, share, flow)
       type(kicks_type), intent(out) :: kicks
       real(wp), intent(in) :: c(:), b(:)           !! (nkick)
-      real(wp), intent(in) :: gamma(:)             !! (nkick)
+      real(wp), intent(in), optional :: gamma(:)   !! (nkick)
       real(wp), intent(in), optional :: eta(:), kappa(:), share(:) !! (nkick)
       real(wp), intent(in), optional :: zeta
+      integer, intent(in), optional :: flow        !! with flow_midpoint b is what the kicks have of the noises
 
       kicks%c = c
       kicks%b = b
       kicks%beta = b
-      kicks%gamma = gamma
       kicks%share = b
-      allocate (kicks%eta(size(c)), kicks%kappa(size(c)), source=0.0_wp)
+      allocate (kicks%gamma(size(c)), kicks%eta(size(c)), kicks%kappa(size(c)), source=0.0_wp)
+      if (present(gamma)) kicks%gamma = gamma
+      if (present(flow)) kicks%flow = flow
+      if (kicks%flow == flow_midpoint) kicks%b = 0
       if (present(eta)) kicks%eta = eta
       if (present(kappa)) kicks%kappa = kappa
       if (present(share)) kicks%share = share
       if (present(zeta)) kicks%zeta = zeta
    end subroutine new_kicks
+
+   !> Whether kicks follow dZ: paths are meant then. Those of dW alone are meant for means.
+   pure logical function uses_dz(self)
+      class(kicks_type), intent(in) :: self
+
+      uses_dz = any(abs(self%gamma) > 0)
+   end function uses_dz
+
+   pure logical function uses_k(self)
+      class(kicks_type), intent(in) :: self
+
+      uses_k = any(abs(self%eta) > 0)
+   end function uses_k
+
+   !> Drifts of a step: one before each kick and one after the last, but for kicks at the ends.
+   pure integer function ndrift(self)
+      class(kicks_type), intent(in) :: self
+
+      ndrift = size(self%c) + 1 - count([self%c(1) <= 0, self%c(size(self%c)) >= 1])
+   end function ndrift
 
    !> The c of the mean form: E D_kl = c h^2 delta_kl, from Var dW = h, Var a = h/12, Var K = h/720.
    pure real(wp) function mean_coefficient(kicks) result(c)
@@ -86,7 +124,8 @@ contains
 
    !> How far the kicks of a noise are from its moments int s^r dW, r = 0 .. degree, with s^0 = 1, int s dW =
    !> dW/2 - a, int s^2 dW = dW/3 - a + 2K: the largest |sum_i w_i c_i^r - moment| over the three coefficients,
-   !> and of those of the potential, 1/(r+1). Degree one is what strong order 3/2 needs.
+   !> and of those of the potential, 1/(r+1). Degree one is what strong order 3/2 needs; a is left out of it for kicks
+   !> of dW alone, and the potential where the flow between kicks has it.
    pure real(wp) function moment_residual(kicks, degree) result(residual)
       type(kicks_type), intent(in) :: kicks
       integer, intent(in) :: degree  !! 0, 1 or 2
@@ -95,10 +134,10 @@ contains
       residual = 0
       do r = 0, degree
          associate (power => kicks%c**r)
-            residual = max(residual, abs(sum(kicks%b*power) - 1.0_wp/(r + 1)), &
-                           abs(sum(kicks%beta*power) - 1.0_wp/(r + 1)), &
-                           abs(sum(kicks%gamma*power) - merge(0, -1, r == 0)), &
-                           abs(sum(kicks%eta*power) - merge(2, 0, r == 2)))
+            residual = max(residual, abs(sum(kicks%beta*power) - 1.0_wp/(r + 1)))
+            if (kicks%flow /= flow_midpoint) residual = max(residual, abs(sum(kicks%b*power) - 1.0_wp/(r + 1)))
+            if (kicks%uses_dz()) residual = max(residual, abs(sum(kicks%gamma*power) - merge(0, -1, r == 0)), &
+                                                abs(sum(kicks%eta*power) - merge(2, 0, r == 2)))
          end associate
       end do
    end function moment_residual

@@ -19,7 +19,7 @@ module symsde_scheme_measured
       real(wp) :: floor           !! error of the reference over the smallest error that counts
    end type measurement
 
-   type(measurement), parameter :: additive(40) = [ &
+   type(measurement), parameter :: additive(42) = [ &
                                    measurement('midpoint', additive_noise, 'tilted_pendulum', &
                                                1.012_wp, 0.012_wp, 0.001_wp), &
                                    measurement('symplectic_euler', additive_noise, 'tilted_pendulum', &
@@ -92,6 +92,10 @@ module symsde_scheme_measured
                                                3.013_wp, 0.028_wp, 0.088_wp), &
                                    measurement('gauss_dkdkd_rotation', additive_noise, 'henon_heiles', &
                                                2.0_wp, 0.004_wp, 1.2e-08_wp), &
+                                   measurement('gauss_dkdkd_midpoint', additive_noise, 'fpu_chain', &
+                                               1.99_wp, 0.011_wp, 3.3e-08_wp), &
+                                   measurement('verlet_kdk_midpoint', additive_noise, 'fpu_chain', &
+                                               1.991_wp, 0.003_wp, 7.8e-09_wp), &
                                    measurement('heun', additive_noise, 'tilted_pendulum', &
                                                1.017_wp, 0.012_wp, 0.0011_wp), &
                                    measurement('euler_maruyama', additive_noise, 'tilted_pendulum', &
@@ -100,7 +104,7 @@ module symsde_scheme_measured
                                                1.013_wp, 0.012_wp, 0.0011_wp), &
                                    measurement('lambda:0.3', additive_noise, 'tilted_pendulum', &
                                                1.005_wp, 0.011_wp, 0.00061_wp)]
-   type(measurement), parameter :: commutative(37) = [ &
+   type(measurement), parameter :: commutative(39) = [ &
                                    measurement('midpoint', commutative_noise, 'pendulum', &
                                                1.043_wp, 0.017_wp, 0.0011_wp), &
                                    measurement('symplectic_euler', commutative_noise, 'pendulum', &
@@ -167,6 +171,10 @@ module symsde_scheme_measured
                                                2.469_wp, 0.035_wp, 0.023_wp), &
                                    measurement('gauss_dkdkd_rotation', commutative_noise, 'synchrotron', &
                                                1.512_wp, 0.025_wp, 3.6e-07_wp), &
+                                   measurement('gauss_dkdkd_midpoint', commutative_noise, 'synchrotron', &
+                                               1.512_wp, 0.025_wp, 3.6e-07_wp), &
+                                   measurement('verlet_kdk_midpoint', commutative_noise, 'synchrotron', &
+                                               1.589_wp, 0.032_wp, 2.7e-07_wp), &
                                    measurement('heun', commutative_noise, 'pendulum', &
                                                1.043_wp, 0.021_wp, 0.00064_wp), &
                                    measurement('euler_maruyama', commutative_noise, 'pendulum', &
@@ -263,7 +271,7 @@ module symsde_scheme_measured
                                                1.06_wp, 0.015_wp, 0.0_wp), &
                                    measurement('lambda:0.3', commuting_flows, 'kubo', &
                                                0.991_wp, 0.002_wp, 0.0_wp)]
-   type(measurement), parameter :: weak(40) = [ &
+   type(measurement), parameter :: weak(43) = [ &
                                    measurement('midpoint', weak_order, 'noncommutative_oscillator', &
                                                1.014_wp, 0.013_wp, 0.0_wp), &
                                    measurement('symplectic_euler', weak_order, 'noncommutative_oscillator', &
@@ -336,6 +344,12 @@ module symsde_scheme_measured
                                                3.011_wp, 0.011_wp, 0.0_wp), &
                                    measurement('gauss_dkdkd_rotation', weak_order, 'linear_oscillator', &
                                                3.994_wp, 0.006_wp, 0.0_wp), &
+                                   measurement('gauss_dkdkd_midpoint', weak_order, 'noncommutative_oscillator', &
+                                               2.0_wp, 0.0_wp, 0.0_wp), &
+                                   measurement('verlet_kdk_midpoint', weak_order, 'noncommutative_oscillator', &
+                                               1.999_wp, 0.001_wp, 0.0_wp), &
+                                   measurement('verlet_dkd_weak2', weak_order, 'noncommutative_oscillator', &
+                                               2.0_wp, 0.0_wp, 0.0_wp), &
                                    measurement('heun', weak_order, 'noncommutative_oscillator', &
                                                2.017_wp, 0.016_wp, 0.0_wp), &
                                    measurement('euler_maruyama', weak_order, 'noncommutative_oscillator', &

@@ -29,6 +29,8 @@ contains
                missing = missing//', or additive noise where drift and noise share their weights'
          else if (needs%identity_mass .and. .not. traits%identity_mass) then
             missing = 'H = p.p/2 + U(q) (trait identity_mass)'
+         else if (needs%constant_mass .and. .not. traits%has_constant_mass()) then
+            missing = 'H = p.M^-1 p/2 + U(q) with a constant mass M (trait constant_mass, or identity_mass)'
          else if (needs%rotation .and. .not. allocated(traits%rotation)) then
             missing = 'the frequencies of the linear part of H (trait rotation)'
          end if

@@ -55,6 +55,7 @@ module symsde_scheme_scheme
       logical :: position_noise = .false.
       logical :: additive_will_do = .false.   !! instead of position_noise, where drift and noise share coefficients
       logical :: identity_mass = .false.
+      logical :: constant_mass = .false.      !! identity_mass will do
       logical :: rotation = .false.           !! frequencies of the linear part of H
       character(:), allocatable :: why        !! the scheme has such needs, for messages
       character(:), allocatable :: instead    !! what to use where the model declares less

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Splitting schemes by name: drifts and kicks for H = p.p/2 + U(t,q) with noise in position, explicit and
+!> Splitting schemes by name: drifts and kicks for H = p.M^-1 p/2 + U(t,q) with noise in position, explicit and
 !> symplectic (scheme/kicks says what the coefficients mean, docs/method.md derives them).
 !>
 !>    gauss_dkdkd            kicks at Gauss' two nodes: c = 0, two forces and nothing else
@@ -7,11 +7,16 @@
 !>    chin4a                 the forward flow 4A of Chin, of order four, with one integral of the path more
 !>    .._strong2             the same with the second Magnus term of the noise sampled
 !>    gauss_dkdkd_rotation   drifts are the exact flow of a linear part that the model declares
+!>    verlet_kdk_midpoint    the noise alone at both ends, one step of the implicit midpoint rule for H between
+!>    gauss_dkdkd_midpoint   the noise alone at Gauss' nodes, midpoint steps between, for any H
+!>    verlet_dkd_weak2       one kick by dW alone, of three points: for means
 module symsde_scheme_splitting
    use symsde_base_functionals, only: functionals, path_dz, path_stt_area, path_magnus
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument
-   use symsde_scheme_kicks, only: kicks_type, new_kicks, moment_residual
+   use symsde_base_laws, only: law_three_point
+   use symsde_scheme_kicks, only: kicks_type, new_kicks, mean_coefficient, moment_residual, flow_free, flow_rotation, &
+                                  flow_midpoint
    use symsde_scheme_orders, only: set_order, evidence_claimed, evidence_derived, additive_noise, commutative_noise, &
                                    weak_order
    use symsde_scheme_scheme, only: scheme_type, model_needs, splitting_form
@@ -33,26 +38,32 @@ contains
       real(wp), parameter :: third = 1/3.0_wp, sixth = 1/6.0_wp, half(2) = 0.5_wp
       real(wp), parameter :: ends(2) = [0.0_wp, 1.0_wp]
       real(wp) :: x
+      integer :: flow
 
       known = .true.
+      flow = flow_free
+      if (index(name, '_rotation') > 0) flow = flow_rotation
+      if (index(name, '_midpoint') > 0) flow = flow_midpoint
       x = 0.5_wp*(1 - sqrt(third))
       select case (name)
-      case ('gauss_dkdkd', 'gauss_dkdkd_strong2', 'gauss_dkdkd_rotation')
-         call new_kicks(kicks, [x, 1 - x], half, sqrt(3.0_wp)*[1, -1])
+      case ('gauss_dkdkd', 'gauss_dkdkd_strong2', 'gauss_dkdkd_rotation', 'gauss_dkdkd_midpoint')
+         call new_kicks(kicks, [x, 1 - x], half, sqrt(3.0_wp)*[1, -1], flow=flow)
          scheme%reference = 'kicks at Gauss'' nodes; docs/method.md'
-      case ('verlet_kdk', 'verlet_kdk_strong2')
-         call new_kicks(kicks, ends, half, [1.0_wp, -1.0_wp])
+      case ('verlet_kdk', 'verlet_kdk_strong2', 'verlet_kdk_midpoint')
+         call new_kicks(kicks, ends, half, [1.0_wp, -1.0_wp], flow=flow)
          scheme%reference = 'velocity Verlet with dZ; docs/method.md'
       case ('chin4a', 'chin4a_strong2')
          call new_kicks(kicks, [0.0_wp, 0.5_wp, 1.0_wp], [sixth, 2*third, sixth], [1.0_wp, 0.0_wp, -1.0_wp], &
                         eta=[4.0_wp, -8.0_wp, 4.0_wp], kappa=[0.0_wp, -1/72.0_wp, 0.0_wp], zeta=-12.0_wp, &
                         share=[0.0_wp, 1.0_wp, 0.0_wp])
          scheme%reference = 'forward flow 4A (Chin 1997) with dZ and K; docs/method.md'
+      case ('verlet_dkd_weak2')
+         call new_kicks(kicks, [0.5_wp], [1.0_wp])
+         scheme%reference = 'position Verlet with three-point dW; docs/method.md'
       case default
          known = .false.
          return
       end select
-      kicks%rotates = index(name, '_rotation') > 0
       kicks%samples = index(name, '_strong2') > 0
       call complete(scheme, name, kicks, error)
       if (.not. allocated(error)) call set_orders(scheme, kicks)
@@ -74,20 +85,31 @@ contains
       scheme%form = splitting_form
       scheme%nstage = size(kicks%c)
       scheme%c = kicks%c
-      scheme%alpha = kicks%b
+      scheme%alpha = kicks%beta
       scheme%beta = kicks%beta
       scheme%kicks = kicks
-      scheme%needs = model_needs(position_noise=.true., identity_mass=.true., rotation=kicks%rotates, &
+      scheme%needs = model_needs(position_noise=.true., identity_mass=kicks%flow == flow_rotation, &
+                                 constant_mass=kicks%flow /= flow_midpoint .or. has_products(kicks), &
+                                 rotation=kicks%flow == flow_rotation, &
                                  instead='gauss2_strong32 for strong order 3/2, or midpoint')
-      scheme%asks = functionals([path_dz])
-      scheme%asks%has(path_stt_area) = any(abs(kicks%eta) > 0)
+      if (kicks%flow == flow_midpoint .and. has_products(kicks)) scheme%needs%instead = 'gauss_dkdkd_midpoint'
+      if (kicks%uses_dz()) scheme%asks = functionals([path_dz])
+      scheme%asks%has(path_stt_area) = kicks%uses_k()
       scheme%asks%has(path_magnus) = kicks%samples
       scheme%symplectic = .true.
       scheme%symmetric = is_palindrome(kicks)
    end subroutine complete
 
-   !> Orders hold for noise in position with H = p.p/2 + U; other models are refused. The strong ones follow from
-   !> the moments that the kicks meet, since the mean of the second Magnus term is taken away by construction.
+   !> Whether some kick multiplies gradients, which takes the mass.
+   pure logical function has_products(kicks)
+      type(kicks_type), intent(in) :: kicks
+
+      has_products = kicks%samples .or. any(abs(kicks%kappa) > 0) .or. abs(mean_coefficient(kicks)) > 0
+   end function has_products
+
+   !> Orders hold for noise in position with a constant mass (any H where midpoint steps have no products beside them);
+   !> other models are refused. The strong ones follow from the moments that the kicks meet, since the mean of the
+   !> second Magnus term is taken away by construction; with dW alone there is the weak one.
    pure subroutine set_orders(scheme, kicks)
       type(scheme_type), intent(inout) :: scheme
       type(kicks_type), intent(in) :: kicks
@@ -95,6 +117,11 @@ contains
 
       forward = any(abs(kicks%kappa) > 0)  ! a flow of order four
       scheme%order_noise_free = merge(4, 2, forward)
+      if (.not. kicks%uses_dz()) then
+         scheme%law = law_three_point
+         call set_order(scheme%order(weak_order), 2.0_wp, evidence_derived)
+         return
+      end if
       call set_order(scheme%order(additive_noise), merge(3.0_wp, 2.0_wp, moment_residual(kicks, 2) < tolerance), &
                      evidence_derived)
       call set_order(scheme%order(commutative_noise), merge(2.0_wp, 1.5_wp, kicks%samples), evidence_derived)

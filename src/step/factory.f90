@@ -87,6 +87,7 @@ contains
       task%nlane = nlane
       task%newton = options%newton
       task%as_increments = options%as_increments
+      task%general = options%general
       do i = 1, nstepper
          call offer(i, stepper)
          if (options%general .and. .not. stepper%is_oracle()) cycle

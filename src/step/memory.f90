@@ -7,7 +7,10 @@
 module symsde_step_memory
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
+   use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
+   use symsde_scheme_catalogue, only: get_scheme
+   use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
                                    splitting_form, frame_none
    use symsde_solve_newton, only: newton_options
@@ -27,13 +30,15 @@ module symsde_step_memory
 contains
 
    !> Numbers of eight bytes that a stepper of nlane lanes holds at most, with what the model needs for a call.
-   real(wp) function stepper_numbers(model, scheme, options, general, nlane) result(numbers)
+   recursive real(wp) function stepper_numbers(model, scheme, options, general, nlane) result(numbers)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       type(newton_options), intent(in) :: options
       logical, intent(in) :: general               !! the general stepper is asked for
       integer, intent(in) :: nlane
       type(bracket_terms) :: active
+      type(scheme_type) :: midpoint
+      type(error_type), allocatable :: error
       real(wp) :: n, m, stages, lane, once, unknowns
 
       n = model%traits%ndof
@@ -53,6 +58,11 @@ contains
       end if
       unknowns = 2*n*stages
       numbers = nlane*lane + once
+      if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) then  ! with a stepper of its own
+         call get_scheme(midpoint, 'midpoint', error)
+         numbers = numbers + stepper_numbers(model, midpoint, options, general, nlane)
+         return
+      end if
       if (unknowns <= most_rescued .and. options%fixed_point == 0) &  ! the rescue's general stepper, of eight lanes
          numbers = numbers + lane_unit*(unknowns**2 + 6*n**2 + 8*unknowns) + 2*unknowns**2
    end function stepper_numbers

@@ -1,22 +1,27 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Drifts and kicks for H = p.p/2 + U(t,q) with any number of noises in position: explicit, symplectic.
+!> Drifts and kicks for H = p.M^-1 p/2 + U(t,q) with any number of noises in position: explicit, symplectic; or
+!> midpoint steps for H and kicks by the noises.
 !>
 !> What a kick is, and why: symsde_scheme_kicks. Each kick is a function of q alone, so its flow moves p by a
 !> gradient; its Hamiltonians are taken at its own time t_n + c_i h, which serves potentials and noises that
 !> depend on time. The parts with products of gradients need one Hessian-vector product each:
 !>
-!>    grad |F_q|^2 = 2 Hess F F_q,      grad 1/2 sum_kl D_kl H_k,q . H_l,q = sum_k Hess H_k sum_l D_kl H_l,q
+!>    grad F_q.M^-1 F_q = 2 Hess F M^-1 F_q
+!>    grad 1/2 sum_kl D_kl H_k,q.M^-1 H_l,q = sum_k Hess H_k M^-1 sum_l D_kl H_l,q
 !>
-!> Linear noises have no such part. With one degree of freedom one gradient and Hessian of each Hamiltonian at the
-!> point of the kick serve all of its parts.
+!> Linear noises have no such part. A mass that is not the identity is asked of the model: its H_p at v is M^-1 v.
+!> With one degree of freedom and mass one a gradient and Hessian of each Hamiltonian at the point of the kick serve
+!> all of its parts.
 module symsde_step_splitting
+   use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, pair_index
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_kicks, only: kicks_type, mean_coefficient
+   use symsde_scheme_kicks, only: kicks_type, mean_coefficient, flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: scheme_type, correction_none, splitting_form
    use symsde_step_drift_flow, only: drift_flow, new_drift_flow
+   use symsde_step_midpoint_flow, only: midpoint_flow, new_midpoint_flow
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -28,12 +33,14 @@ module symsde_step_splitting
       type(kicks_type) :: kicks
       logical :: products = .false.                !! noises are not linear: H_k,q . H_l,q matters
       real(wp) :: c = 0                            !! of the mean form
-      type(drift_flow) :: between_kicks                  !! what happens between kicks
+      type(drift_flow) :: between_kicks            !! what happens between kicks
+      type(midpoint_flow), allocatable :: midpoint !! or this
+      logical :: by_mass = .false.                 !! the mass is constant, and not known to be the identity
       integer, allocatable :: noisy(:)             !! the noises that are not silent
       real(wp), allocatable :: a(:, :)             !! a_k (nlane, nnoise)
       real(wp), allocatable :: w(:, :, :)          !! w_ik with b_i h in front (nlane, 0:nnoise, nkick)
       real(wp), allocatable :: v(:, :)             !! weights of V (nlane, 0:nnoise)
-      real(wp), allocatable :: unit(:, :)          !! weights of one noise alone (nlane, 0:nnoise)
+      real(wp), allocatable :: unit(:, :)          !! weights of one Hamiltonian alone (nlane, 0:nnoise)
       real(wp), allocatable :: d(:, :)             !! D_kl at pair_index (nlane, nnoise(nnoise+1)/2)
       real(wp), allocatable :: x(:, :), y(:, :)    !! where q and p are in the step (nlane, ndof)
       real(wp), allocatable :: f(:, :)             !! gradient of a kick (nlane, ndof)
@@ -46,6 +53,7 @@ module symsde_step_splitting
       procedure :: make
       procedure :: is_oracle
       procedure :: increment
+      procedure :: tally
    end type splitting_stepper
 
 contains
@@ -62,6 +70,13 @@ contains
       type(stepper_task), intent(in) :: task
 
       call new_splitting_stepper(self, task%model, task%scheme, task%nlane)
+      if (self%kicks%flow /= flow_midpoint) return
+      allocate (self%midpoint)
+      call new_midpoint_flow(self%midpoint, task)
+      self%name = 'kicks between midpoint steps'
+      self%explicit = .false.
+      self%one_solve = self%midpoint%stepper%one_solve
+      if (allocated(self%midpoint%stepper%left_out)) self%left_out = self%midpoint%stepper%left_out
    end subroutine make
 
    pure logical function is_oracle(self)
@@ -70,7 +85,7 @@ contains
       is_oracle = .true.
    end function is_oracle
 
-   !> A stepper for blocks of nlane lanes; the model has noise in position and H = p.p/2 + U.
+   !> A stepper for blocks of nlane lanes; the model has noise in position and a constant mass.
    subroutine new_splitting_stepper(self, model, scheme, nlane)
       type(splitting_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -85,7 +100,8 @@ contains
       self%kicks = scheme%kicks
       self%c = mean_coefficient(self%kicks)
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      if (self%kicks%rotates) then
+      self%by_mass = .not. model%traits%identity_mass
+      if (self%kicks%flow == flow_rotation) then
          call new_drift_flow(self%between_kicks, size(self%kicks%c) + 1, model%traits%rotation)
       else
          call new_drift_flow(self%between_kicks, size(self%kicks%c) + 1)
@@ -114,16 +130,51 @@ contains
       dp = 0
       call weigh(self, step)
       reached = 0
-      associate (kicks => self%kicks, nlane => self%ham%nlane, n => self%ham%ndof)
+      associate (kicks => self%kicks)
          do i = 1, size(kicks%c)
             if (kicks%c(i) > reached) &
-               call self%between_kicks%move(i, (kicks%c(i) - reached)*step%h, nlane, n, q, p, dq, dp)
+               call drift(self, i, step%t + reached*step%h, (kicks%c(i) - reached)*step%h, q, p, dq, dp, status)
             reached = kicks%c(i)
             call kick(self, i, step%t + reached*step%h, step%h, q, p, dq, dp)
          end do
-         if (reached < 1) call self%between_kicks%move(size(kicks%c) + 1, (1 - reached)*step%h, nlane, n, q, p, dq, dp)
+         if (reached < 1) &
+            call drift(self, size(kicks%c) + 1, step%t + reached*step%h, (1 - reached)*step%h, q, p, dq, dp, status)
       end associate
    end subroutine increment
+
+   !> Over the time tau from the time t on, the leg-th flow of the step.
+   subroutine drift(self, leg, t, tau, q, p, dq, dp, status)
+      type(splitting_stepper), intent(inout) :: self
+      integer, intent(in) :: leg
+      real(wp), intent(in) :: t, tau
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(inout) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      associate (nlane => self%ham%nlane, n => self%ham%ndof)
+         if (allocated(self%midpoint)) then
+            call self%midpoint%move(self%ham%nreal, t, tau, nlane, n, q, p, dq, dp, status)
+         else if (self%by_mass) then
+            call add(nlane*n, p, dp, self%s)
+            call divide_by_mass(self, t, q)
+            call add_times(nlane*n, tau, self%s, dq)
+         else
+            call self%between_kicks%move(leg, tau, nlane, n, q, p, dq, dp)
+         end if
+      end associate
+   end subroutine drift
+
+   !> M^-1 s in place of s.
+   subroutine divide_by_mass(self, t, x)
+      type(splitting_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp), intent(in) :: x(self%ham%nlane, self%ham%ndof)  !! where the path is
+
+      self%u = self%s
+      self%unit(:, 0) = 1
+      call self%ham%gradient(t, self%unit, x, self%u, hp=self%s)
+      self%unit(:, 0) = 0
+   end subroutine divide_by_mass
 
    !> The weights of every kick, of V, and D.
    subroutine weigh(self, step)
@@ -138,7 +189,7 @@ contains
          self%v(:, 0) = step%h
          do j = 1, size(self%noisy)
             k = self%noisy(j)
-            call find_a(nlane, step%h, step%w(:, k), step%of(path_dz)%x(:, k), self%a(:, k))
+            if (kicks%uses_dz()) call find_a(nlane, step%h, step%w(:, k), step%of(path_dz)%x(:, k), self%a(:, k))
             self%v(:, k) = step%w(:, k)
             do i = 1, size(kicks%c)
                self%w(:, k, i) = kicks%beta(i)*step%w(:, k) + kicks%gamma(i)*self%a(:, k)
@@ -189,7 +240,7 @@ contains
 
       associate (kicks => self%kicks, nlane => self%ham%nlane, n => self%ham%ndof)
          call add(nlane*n, q, dq, self%x)
-         if (n == 1 .and. has_products(self, i)) then
+         if (n == 1 .and. .not. self%by_mass .and. has_products(self, i)) then
             call find_single(self, i, t, h, p)
             call subtract(nlane, self%f, dp)
             return
@@ -254,7 +305,7 @@ contains
       end associate
    end subroutine find_single
 
-   !> f = f + factor Hess V V_q
+   !> f = f + factor Hess V M^-1 V_q
    subroutine add_force_gradient(self, factor, t, h, p)
       type(splitting_stepper), intent(inout) :: self
       real(wp), intent(in) :: factor, t, h
@@ -263,13 +314,14 @@ contains
       associate (nlane => self%ham%nlane, n => self%ham%ndof)
          call self%ham%gradient(t, self%v, self%x, p, hq=self%s)
          call self%between_kicks%remove_linear(h, nlane, n, self%x, self%s)
+         if (self%by_mass) call divide_by_mass(self, t, self%x)
          call self%ham%hessian_vector(t, self%v, self%x, p, self%s, self%zero, self%u, self%up)
          call self%between_kicks%remove_linear(h, nlane, n, self%s, self%u)
          call add_times(nlane*n, factor, self%u, self%f)
       end associate
    end subroutine add_force_gradient
 
-   !> f = f + share sum_k Hess H_k sum_l D_kl H_l,q
+   !> f = f + share sum_k Hess H_k M^-1 sum_l D_kl H_l,q
    subroutine add_products(self, share, t, h, p)
       type(splitting_stepper), intent(inout) :: self
       real(wp), intent(in) :: share, t, h
@@ -294,6 +346,7 @@ contains
             else
                self%s = (self%c*h*abs(h))*self%g(:, :, noisy(k))
             end if
+            if (self%by_mass) call divide_by_mass(self, t, self%x)
             self%unit(:, noisy(k)) = 1
             call self%ham%hessian_vector(t, self%unit, self%x, p, self%s, self%zero, self%u, self%up)
             self%unit(:, noisy(k)) = 0
@@ -301,6 +354,15 @@ contains
          end do
       end associate
    end subroutine add_products
+
+   !> Add what was counted, by midpoint steps too.
+   subroutine tally(self, total)
+      class(splitting_stepper), intent(in) :: self
+      type(counters_type), intent(inout) :: total
+
+      call add_counters(total, self%ham%counters)
+      if (allocated(self%midpoint)) call self%midpoint%tally(total)
+   end subroutine tally
 
    ! ---- kernels ----------------------------------------------------------------------------------
 

@@ -26,6 +26,7 @@ module symsde_step_stepper
       type(scheme_type) :: scheme
       integer :: correction = correction_none  !! resolved: never correction_auto
       integer :: nlane = 0                     !! lanes of a block
+      logical :: general = .false.             !! the oracle is wanted, of all parts of the step
       type(newton_options) :: newton
       logical :: as_increments = .false.       !! increments are wanted to their own last place, not states
    contains

@@ -323,6 +323,15 @@ def test_masses():
     assert ss.model_from_sympy(p**2 / (2 * a), q=q, p=p, params={"a": 2.0}).formula.structure.constant_mass
     assert not ss.model_from_sympy(p**2 / (2 * a), q=q, p=p, params={"a": 2.0}).traits.identity_mass
     assert ss.model_from_sympy(p**2 / (2 * a), q=q, p=p, params={"a": 1.0}).traits.identity_mass
+    heavy = ss.model_from_sympy(p**2 / (2 * a) - sp.cos(q), [sp.sin(q) / 2], q=q, p=p, params={"a": 4.0})
+    assert heavy.traits.constant_mass and heavy.traits.kicked
+    # q -> 2 q, p -> p/2 makes the mass one
+    light = ss.model_from_sympy(p**2 / 2 - sp.cos(q / 2), [sp.sin(q / 2) / 2], q=q, p=p)
+    assert light.traits.identity_mass and not light.traits.constant_mass and light.traits.kicked
+    run = {"step": 0.1, "steps": 30, "paths": 20, "seed": 1, "scheme": "chin4a"}
+    one, other = ss.simulate(heavy, q0=0.3, p0=0.8, **run), ss.simulate(light, q0=0.6, p0=0.4, **run)
+    np.testing.assert_allclose(2 * one.q, other.q, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(one.p, 2 * other.p, rtol=0, atol=1e-13)
     assert not ss.model_from_sympy(p**2 / 2 + p, q=q, p=p).formula.structure.constant_mass
     assert not ss.model_from_sympy(p**2 * sp.exp(-t) / 2, q=q, p=p).formula.structure.constant_mass
 

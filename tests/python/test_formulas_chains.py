@@ -75,6 +75,7 @@ def test_the_chain_of_the_catalogue():
     for scheme in ("midpoint", "symplectic_euler", "stormer_verlet", "gauss2"):
         one, other = (ss.simulate(m, scheme=scheme, **run) for m in (mine, known))
         np.testing.assert_allclose(one.q, other.q, rtol=0, atol=1e-12)
+    assert not mine.traits.constant_mass and mine.traits.kicked
     wrong = ss.simulate(fpu(16, beta=0.81), **run)
     assert np.abs(wrong.q - ss.simulate(known, **run).q).max() > 1e-6
 

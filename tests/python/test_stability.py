@@ -127,6 +127,9 @@ SYMPLECTIC_EULER = np.log(np.roots([1, 2.2**2 - 2, 1]) ** 2).max() / 2  # eigenv
 LIMITS = [  # scheme, omega h, where growth is told, log of the growth there, from where on it is stable again
     ("midpoint", math.inf, math.inf, 0.0, math.inf),
     ("gauss_dkdkd_rotation", math.inf, math.inf, 0.0, math.inf),
+    ("gauss_dkdkd_midpoint", math.inf, math.inf, 0.0, math.inf),
+    ("verlet_kdk_midpoint", math.inf, math.inf, 0.0, math.inf),
+    ("verlet_dkd_weak2", 2.0, 2.2, SYMPLECTIC_EULER, math.inf),
     ("stormer_verlet", 2.0, 2.2, SYMPLECTIC_EULER, math.inf),
     ("symplectic_euler_adjoint", 2.0, 2.2, SYMPLECTIC_EULER, math.inf),
     ("lobatto3", math.sqrt(8), 1.1 * math.sqrt(8), None, math.inf),

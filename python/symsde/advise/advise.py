@@ -133,17 +133,16 @@ def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
         names.append("stormer_verlet")
     if traits.separable and (traits.position_noise or traits.additive):
         names.append("symplectic_euler")
-    kicked = traits.position_noise and traits.identity_mass
-    if kicked:
+    if traits.kicked:
         names += ["gauss_dkdkd", "chin4a"]
     if traits.additive:
-        names += ["verlet_dz"] if kicked else ["averaged_shift_midpoint"]
+        names += ["verlet_dz"] if traits.kicked and traits.identity_mass else ["averaged_shift_midpoint"]
     brackets = commutator(model, t=t0) if model.nnoise else None
     if brackets is None or brackets.flows_commute:
         names += ["gauss2", "gauss3"]
     elif not brackets.commutative:
         names += ["midpoint_areas", "gauss2_strong32_areas"]
-    elif not kicked:
+    elif not traits.kicked:
         names.append("gauss2_strong32")
     return names
 

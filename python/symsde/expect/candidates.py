@@ -31,7 +31,7 @@ def weak_order(problem: Problem, scheme: Scheme) -> float:
 
 def _splits_evenly(traits: Traits, name: str) -> bool:
     """Drifts and kicks of order two whose kicks have the mean of the noise's second Magnus term right (method.md)."""
-    if not (traits.position_noise and traits.identity_mass):
+    if not traits.kicked:
         return False
     return name == "lobatto2_swapped" or (name == "stormer_verlet" and traits.additive)
 
@@ -49,7 +49,7 @@ def _names(traits: Traits) -> list[str]:
     names = ["midpoint"]
     if traits.separable:
         names += ["stormer_verlet", "lobatto2_swapped"]
-    if traits.position_noise and traits.identity_mass:
+    if traits.kicked:
         names += ["gauss_dkdkd", "chin4a"]
     elif traits.ndof <= 8:
         names += ["gauss2_strong32"]

@@ -293,7 +293,7 @@ def _has_exact(plan: Plan) -> bool:
 def _better(model: Model, scheme: Scheme) -> str:
     """The best affordable scheme on the Brownian paths of another."""
     commutative = model.nnoise < 2 or model.traits.additive or model.traits.position_noise
-    if model.ndof <= SMALL and model.traits.position_noise and model.traits.identity_mass:
+    if model.ndof <= SMALL and model.traits.kicked:
         return "gauss_dkdkd_strong2" if scheme.name == "chin4a_strong2" else "chin4a_strong2"
     if model.ndof > SMALL:
         if model.traits.additive and model.traits.position_noise and model.traits.identity_mass:
