@@ -8,7 +8,7 @@ module symsde_ensemble_ahead
 
    integer, parameter :: few_lanes = 8, few_columns = 8
    integer, parameter :: columns_of_one = 256     !! of a path by itself: 128 steps of them take 256 kB
-   integer, parameter :: most_increments = 32768  !! of a block that are drawn ahead: 256 kB
+   integer, parameter :: most_increments = 36864  !! of a block that are drawn ahead: 288 kB
    integer(i8), parameter :: most_states = 4096   !! values of q that are kept until they are shown: 32 kB
 
 contains

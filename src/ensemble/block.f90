@@ -192,6 +192,7 @@ contains
       class(block_runner), intent(inout) :: self
       integer(i8) :: last, ticks, ticks_end, rate
       real(wp) :: seconds
+      integer :: nout, every
       logical :: alone, taken
 
       call system_clock(ticks, rate)
@@ -202,7 +203,8 @@ contains
          if (alone) call self%few%stepper%is_rested(alone)
          taken = self%whole
          if (self%whole) then
-            call whole_steps(self, last - self%step)
+            call plan_states(self, last - self%step, nout, every)
+            call take_whole(self, nout, every)
          else if (alone) then
             call lone_steps(self, last - self%step, taken)
          end if
@@ -232,26 +234,21 @@ contains
 
       call self%store%show(place(self), time_of(self, self%step), self%record)
       associate (s => self%state)
-         call self%stepper%increment(self%record, s%q, s%p, self%dq, self%dp, s%status)
-         if (self%rescue%available) then
-            if (count(s%status /= 0) > s%nfailed) &
-               call self%rescue%attempt(s%nlane, self%record, s%q, s%p, s%failed_step, self%dq, self%dp, s%status)
+         if (self%stepper%moves .and. .not. self%options%compensated) then
+            call self%stepper%move(self%record, s%q, s%p, s%status)
+            if (count(s%status /= 0) > s%nfailed) call settle_lanes(self, (s%status), (s%q), (s%p))
+         else
+            call self%stepper%increment(self%record, s%q, s%p, self%dq, self%dp, s%status)
+            if (self%rescue%available) then
+               if (count(s%status /= 0) > s%nfailed) &
+                  call self%rescue%attempt(s%nlane, self%record, s%q, s%p, s%failed_step, self%dq, self%dp, s%status)
+            end if
+            call s%advance(self%step, self%dq, self%dp)
          end if
-         call s%advance(self%step, self%dq, self%dp)
       end associate
       call account(self, 1)
       if (steps_to_save(self) == self%options%save_every) call save_point(self)
    end subroutine one_step
-
-   !> Steps that the model takes as a whole.
-   subroutine whole_steps(self, left)
-      type(block_runner), intent(inout) :: self
-      integer(i8), intent(in) :: left  !! steps that may be taken
-      integer :: nout, every
-
-      call plan_states(self, left, nout, every)
-      call take_whole(self, nout, every)
-   end subroutine whole_steps
 
    !> Which steps are taken at once: as many as are left and have been drawn, up to the next saved point, or from saved
    !> point to saved point.
@@ -305,7 +302,9 @@ contains
       if (taken) then
          call show_states(self, nout, every)
       else if (nout*every == 1) then
-         call settle_failures(self)
+         call settle_lanes(self, self%status, self%qn(:, :, 1), self%pn(:, :, 1))
+         call account(self, 1)
+         if (steps_to_save(self) == self%options%save_every) call save_point(self)
       else
          do i = 1, nout*every
             if (self%state%nfailed == self%state%nlane) exit
@@ -336,27 +335,27 @@ contains
    end subroutine show_states
 
    !> One step in which a lane failed: it is rescued where that is possible, or gets its status and step.
-   subroutine settle_failures(self)
+   subroutine settle_lanes(self, status, q, p)
       type(block_runner), intent(inout) :: self
-      type(step_record) :: step
+      integer(i8), intent(in) :: status(self%state%nlane)  !! as the step left it
+      real(wp), dimension(self%state%nlane, self%state%ndof), intent(in) :: q, p  !! after it
+      real(wp), dimension(self%state%nlane, self%state%ndof) :: qn, pn
       integer :: lane
 
+      qn = q
+      pn = p
       associate (s => self%state)
-         s%status = self%status
-         if (self%rescue%available) then
-            call self%store%show(place(self), time_of(self, self%step), step)
-            call self%rescue%attempt(s%nlane, step, s%q, s%p, s%failed_step, self%dq, self%dp, s%status)
-            do lane = 1, self%nreal
-               if (self%status(lane) == 0 .or. s%status(lane) /= 0) cycle
-               self%qn(lane, :, 1) = s%q(lane, :) + self%dq(lane, :)
-               self%pn(lane, :, 1) = s%p(lane, :) + self%dp(lane, :)
-            end do
-         end if
-         call s%settle(self%step, self%qn(:, :, 1), self%pn(:, :, 1))
+         s%status = status
+         call self%store%show(place(self), time_of(self, self%step), self%record)
+         call self%rescue%attempt(s%nlane, self%record, s%q, s%p, s%failed_step, self%dq, self%dp, s%status)
+         do lane = 1, s%nlane
+            if (status(lane) == 0 .or. s%status(lane) /= 0) cycle
+            qn(lane, :) = s%q(lane, :) + self%dq(lane, :)
+            pn(lane, :) = s%p(lane, :) + self%dp(lane, :)
+         end do
+         call s%settle(self%step, qn, pn)
       end associate
-      call account(self, 1)
-      if (steps_to_save(self) == self%options%save_every) call save_point(self)
-   end subroutine settle_failures
+   end subroutine settle_lanes
 
    !> Steps from the first one that was drawn to the next one.
    pure integer function ahead(self)

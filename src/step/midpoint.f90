@@ -31,6 +31,7 @@ module symsde_step_midpoint
    use symsde_step_midpoint_by_products, only: midpoint_by_products, new_midpoint_by_products
    use symsde_step_midpoint_by_rows, only: midpoint_by_rows, new_midpoint_by_rows
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
+   use symsde_step_midpoint_states, only: add_in_place, find_states, find_bad, put_states, tame
    use symsde_step_newton_by_products, only: pays_by_products
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -47,13 +48,15 @@ module symsde_step_midpoint
       class(midpoint_part), allocatable :: part
       type(midpoint_equation) :: eq            !! of the lanes that take the step together
       logical :: has_shift = .false.           !! additive noise moves the positions: g /= 0
+      real(wp), allocatable :: extent(:)       !! largest number of the state, of the lanes that go together (eq%nlane)
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
       real(wp), allocatable :: w(:, :)         !! where not all lanes go together: their w (eq%nlane, 0:nnoise)
-      real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! where lanes are filled up (eq%nlane, ndof)
+      real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! where lanes are taken out (eq%nlane, ndof)
    contains
       procedure :: fits
       procedure :: make
       procedure :: increment
+      procedure :: move
       procedure :: offer_lone
    end type midpoint_stepper
 
@@ -124,12 +127,13 @@ contains
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       associate (n => model%traits%ndof, m => model%traits%nnoise)
          call new_midpoint_equation(self%eq, together, n, m)
+         allocate (self%extent(together))
          self%has_shift = m > 0 .and. .not. model%traits%position_noise
          if (self%has_shift) allocate (self%shift(together, n))
-         if (together == nlane) return
-         allocate (self%w(together, 0:m))
-         if (modulo(nlane, together) == 0) return
-         allocate (self%q(together, n), self%p(together, n), self%dq(together, n), self%dp(together, n))
+         self%moves = chosen == by_rows .and. modulo(nlane, together) == 0 .and. .not. self%has_shift
+         if (self%moves .or. modulo(nlane, together) /= 0) &
+            allocate (self%q(together, n), self%p(together, n), self%dq(together, n), self%dp(together, n))
+         if (together /= nlane) allocate (self%w(together, 0:m))
       end associate
    end subroutine new_midpoint_stepper
 
@@ -183,8 +187,7 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: before
 
-      self%eq%h = step%h
-      self%eq%t = step%t + 0.5_wp*step%h
+      call set_time(self%eq, step)
       associate (nlane => self%ham%nlane, together => self%eq%nlane)
          if (together == nlane) then
             self%eq%nreal = self%ham%nreal
@@ -199,6 +202,36 @@ contains
          if (before < nlane) call fill_up(self, before, step%w, q, p, dq, dp, status)
       end associate
    end subroutine increment
+
+   pure subroutine set_time(eq, step)
+      type(midpoint_equation), intent(inout) :: eq
+      type(step_record), intent(in) :: step
+
+      eq%h = step%h
+      eq%t = step%t + 0.5_wp*step%h
+   end subroutine set_time
+
+   !> Lanes that go together get their new state while the old one is near.
+   subroutine move(self, step, q, p, status)
+      class(midpoint_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(inout) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer :: before
+
+      call set_time(self%eq, step)
+      associate (nlane => self%ham%nlane, together => self%eq%nlane)
+         do before = 0, nlane - together, together
+            self%eq%nreal = max(0, min(together, self%ham%nreal - before))
+            if (together == nlane) then
+               call move_together(self, nlane, before, step%w, q, p, status)
+            else
+               call take_rows(nlane, self%ham%nnoise + 1, before, step%w, self%w)
+               call move_together(self, nlane, before, self%w, q, p, status(before + 1))
+            end if
+         end do
+      end associate
+   end subroutine move
 
    !> The last lanes of a block, too few to go together: the very last one fills up, in copies that rest.
    subroutine fill_up(self, before, w, q, p, dq, dp, status)
@@ -236,18 +269,74 @@ contains
       real(wp), intent(inout) :: dq(nlane, self%eq%n), dp(nlane, self%eq%n)
       integer(i8), intent(inout) :: status(self%eq%nlane)
 
-      associate (eq => self%eq, n => self%eq%n, together => self%eq%nlane)
+      call solve_mild(self, nlane, before, w, q, p, status)
+      call finish_increments(self, nlane, before, w, q, p, dq, dp, status)
+   end subroutine step_together
+
+   !> V of the lanes that go together.
+   subroutine solve_mild(self, nlane, before, w, q, p, status)
+      class(midpoint_stepper), intent(inout) :: self
+      integer, intent(in) :: nlane, before
+      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m), q(nlane, self%eq%n), p(nlane, self%eq%n)
+      integer(i8), intent(inout) :: status(self%eq%nlane)
+
+      associate (eq => self%eq)
          eq%for_dq = .false.
          eq%stiff = .false.
          eq%c = 0.25_wp*eq%h
-         call half_drift(nlane, n, before, together, eq%h, q, p, eq%base(1, 1))
+         if (self%moves) then
+            call half_drift_strips(nlane, eq%n, before, eq%nlane, eq%h, q, p, eq%base(1, 1), self%extent)
+         else
+            call half_drift(nlane, eq%n, before, eq%nlane, eq%h, q, p, eq%base(1, 1))
+         end if
          if (self%has_shift) call add_shift(self, w)
          call self%part%solve(self%ham, eq, w, status)
-         call find_increments(nlane, n, before, together, eq%h, p, eq%x, dq, dp)
-         if (self%has_shift) dq(before + 1:before + together, :) = dq(before + 1:before + together, :) + self%shift
+      end associate
+   end subroutine solve_mild
+
+   !> Their increments, from V, and in stiff lanes from dq.
+   subroutine finish_increments(self, nlane, before, w, q, p, dq, dp, status)
+      class(midpoint_stepper), intent(inout) :: self
+      integer, intent(in) :: nlane, before
+      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m), q(nlane, self%eq%n), p(nlane, self%eq%n)
+      real(wp), intent(inout) :: dq(nlane, self%eq%n), dp(nlane, self%eq%n)
+      integer(i8), intent(inout) :: status(self%eq%nlane)
+
+      associate (eq => self%eq, first => before + 1, last => before + self%eq%nlane)
+         call find_increments(nlane, eq%n, before, eq%nlane, eq%h, p, eq%x, dq, dp)
+         if (self%has_shift) dq(first:last, :) = dq(first:last, :) + self%shift
          if (eq%stiff) call step_stiff(self, nlane, before, w, q, p, dq, dp, status)
       end associate
-   end subroutine step_together
+   end subroutine finish_increments
+
+   !> One step of the states of lanes that go together.
+   subroutine move_together(self, nlane, before, w, q, p, status)
+      class(midpoint_stepper), intent(inout) :: self
+      integer, intent(in) :: nlane, before
+      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m)
+      real(wp), intent(inout) :: q(nlane, self%eq%n), p(nlane, self%eq%n)
+      integer(i8), intent(inout) :: status(self%eq%nlane)
+
+      call solve_mild(self, nlane, before, w, q, p, status)
+      associate (eq => self%eq, n => self%eq%n, together => self%eq%nlane, first => before + 1, &
+                 last => before + self%eq%nlane)
+         if (eq%stiff) then
+            self%q = q(first:last, :)
+            self%p = p(first:last, :)
+            call finish_increments(self, together, 0, w, self%q, self%p, self%dq, self%dp, status)
+            eq%base(:, 1:n) = self%q + self%dq
+            eq%x = self%p + self%dp
+            call find_bad(together, n, eq%base(1, 1), eq%x, status)
+         else if (all(status == 0 .and. self%part%newton%size <= tame .and. self%extent <= tame) .and. &
+                  abs(eq%h) <= tame) then
+            call add_in_place(nlane, n, before, together, eq%h, eq%x, q, p)
+            return
+         else
+            call find_states(nlane, n, before, together, eq%h, q, p, eq%base(1, 1), eq%x, status)
+         end if
+         call put_states(nlane, n, before, together, eq%base(1, 1), eq%x, status, q, p)
+      end associate
+   end subroutine move_together
 
    !> Half of g to the positions; g does not depend on where it is read.
    subroutine add_shift(self, w)
@@ -307,6 +396,29 @@ contains
          end do
       end do
    end subroutine half_drift
+
+   !> VEC The same in strips, with the largest number of every lane. A NaN is passed over: it is in base.
+   pure subroutine half_drift_strips(nlane, n, before, together, h, q, p, base, extent)
+      integer, intent(in) :: nlane, n, before, together
+      real(wp), intent(in) :: h, q(nlane, n), p(nlane, n)
+      real(wp), intent(out) :: base(together, n), extent(together)
+      real(wp) :: x, y, largest(strip_lanes)
+      integer :: i, done, lane
+
+      do done = 0, together - strip_lanes, strip_lanes
+         largest = 0
+         do i = 1, n
+            do lane = 1, strip_lanes
+               x = q(before + done + lane, i)
+               y = p(before + done + lane, i)
+               base(done + lane, i) = x + 0.5_wp*(h*y)
+               x = merge(abs(x), abs(y), abs(x) > abs(y))
+               largest(lane) = merge(x, largest(lane), x > largest(lane))
+            end do
+         end do
+         extent(done + 1:done + strip_lanes) = largest
+      end do
+   end subroutine half_drift_strips
 
    !> VEC dp = V and dq = h (p + V/2)
    pure subroutine find_increments(nlane, n, before, together, h, p, v, dq, dp)

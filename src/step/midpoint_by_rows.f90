@@ -20,7 +20,7 @@ module symsde_step_midpoint_by_rows
    private
    public :: midpoint_by_rows, new_midpoint_by_rows
 
-   integer, parameter :: panel = 16  !! rows asked of the model at once
+   integer, parameter :: panel = 32  !! rows asked of the model at once
 
    type, extends(midpoint_part) :: midpoint_by_rows
       private
@@ -32,6 +32,7 @@ module symsde_step_midpoint_by_rows
       real(wp), allocatable :: x(:, :), f(:, :), k(:, :, :)  !! a strip of a block (strip_lanes, [0:1,] ndof)
       real(wp) :: above(strip_lanes, nabove) = 0      !! of the row before
    contains
+      procedure :: solve
       procedure :: iterate
    end type midpoint_by_rows
 
@@ -57,6 +58,21 @@ contains
       end associate
    end subroutine new_midpoint_by_rows
 
+   !> As any part does it, but V = 0 is not written down: the first iteration knows.
+   subroutine solve(self, ham, eq, w, status)
+      class(midpoint_by_rows), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer(i8), intent(inout) :: status(eq%nlane)
+
+      call self%newton%start(status)
+      if (.not. (self%newton%running .or. eq%for_dq)) eq%x = 0
+      do while (self%newton%running)
+         call self%iterate(ham, eq, w, status)
+      end do
+   end subroutine solve
+
    subroutine iterate(self, ham, eq, w, status)
       class(midpoint_by_rows), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -64,14 +80,16 @@ contains
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
       integer(i8), intent(inout) :: status(eq%nlane)
       integer :: first, last, before
+      logical :: starts
 
+      starts = eq%starts(self%newton)
       self%above = before_first_row
       if (self%gives_rows) then
          do first = 1, eq%n, self%nrow
             last = min(first + self%nrow - 1, eq%n)
             call linearise(self, ham%model, eq, w, first, last)
-            call eliminate_down_strip(last - first + 1, 0.25_wp*eq%h, eq%x(1, first), self%hq, self%hqq, self%above, &
-                                      self%factor(1, first), self%rhs(1, first))
+            call eliminate_down_strip(last - first + 1, 0.25_wp*eq%h, starts, eq%x(1, first), self%hq, self%hqq, &
+                                      self%above, self%factor(1, first), self%rhs(1, first))
          end do
          call correct(self, ham, eq, w, 0, eq%x, status)
       else
@@ -79,7 +97,7 @@ contains
          do before = 0, eq%nlane - strip_lanes, strip_lanes
             call take_strip(eq%nlane, eq%n, before, eq%x, self%hq, self%hqq, self%x, self%f, self%k)
             self%above = before_first_row
-            call eliminate_down_strip(eq%n, 0.25_wp*eq%h, self%x, self%f, self%k, self%above, self%factor, &
+            call eliminate_down_strip(eq%n, 0.25_wp*eq%h, starts, self%x, self%f, self%k, self%above, self%factor, &
                                       self%rhs)
             call correct(self, ham, eq, w, before, self%x, status)
             eq%x(before + 1:before + strip_lanes, :) = self%x
@@ -123,8 +141,8 @@ contains
             eq%stiff = eq%stiff .or. any(eq%stiff_ratio(first:last) > 1)
          end if
          if (any(trusted <= 0 .and. newton%last(first:last) >= 0)) call solve_suspects(self, ham, eq, w, before, status)
-         call correct_up_strip(eq%n, self%factor, self%rhs, newton%last(first), x, newton%step(first), &
-                               newton%size(first))
+         call correct_up_strip(eq%n, eq%starts(newton), self%factor, self%rhs, newton%last(first), x, &
+                               newton%step(first), newton%size(first))
       end associate
    end subroutine correct
 
@@ -175,10 +193,14 @@ contains
 
       associate (nlane => eq%nlane, n => eq%n, c => 0.25_wp*eq%h, newton => self%newton)
          allocate (q(nlane, 0:n + 1), r(nlane, n), hqq(nlane, 0:1, n), bands(nlane, -1:1, n))
-         call place(eq, 1, n, q)
+         if (eq%starts(newton)) then
+            q = eq%base
+         else
+            call place(eq, 1, n, q)
+         end if
          call evaluate(ham%model, self%gives_rows, eq, w, 1, n, q, r, hqq)
          call eq%weigh(1, n, r)
-         call add_unknown(nlane*n, eq%x, r)
+         if (.not. eq%starts(newton)) call add_unknown(nlane*n, eq%x, r)
          bands(:, 0, :) = 1 + c*hqq(:, 0, :)
          bands(:, 1, :) = c*hqq(:, 1, :)
          bands(:, -1, 2:) = bands(:, 1, :n - 1)

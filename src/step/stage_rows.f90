@@ -241,7 +241,7 @@ contains
                call eliminate_down_blocks(s, n, first, last, self%nrow, self%c, g, self%f, self%k, self%above, &
                                           self%factor, self%rhs)
             else
-               call eliminate_down_strip(last - first + 1, h*group%b(1, 1), g(1, 1, first), self%f, self%k, &
+               call eliminate_down_strip(last - first + 1, h*group%b(1, 1), .false., g(1, 1, first), self%f, self%k, &
                                          self%above_one, self%factor(1, 1, 1, first), self%rhs(1, 1, first))
             end if
          end do
@@ -254,7 +254,7 @@ contains
             call correct_up_blocks(s, n, self%c, self%factor, self%rhs, newton%last(before + 1), g, &
                                    newton%step(before + 1), newton%size(before + 1))
          else
-            call correct_up_strip(n, self%factor, self%rhs, newton%last(before + 1), g, &
+            call correct_up_strip(n, .false., self%factor, self%rhs, newton%last(before + 1), g, &
                                   newton%step(before + 1), newton%size(before + 1))
          end if
       end associate

@@ -2,7 +2,8 @@
 !> The abstract stepper: it finds the increment of q and p over one step, for a block of paths.
 !>
 !> Increments, not new states, so that one place adds them (with or without compensation), checks that
-!> they are finite and freezes failed paths. A stepper owns its workspace: every thread has its own.
+!> they are finite and freezes failed paths. A stepper that takes lanes in small groups may add theirs itself
+!> while they are near (`moves`). A stepper owns its workspace: every thread has its own.
 !>
 !> A stepper describes itself: which tasks it fits, how it is made for one, what it leaves out, and whether it is the
 !> oracle of its schemes. The factory only keeps them in order.
@@ -39,12 +40,14 @@ module symsde_step_stepper
       character(:), allocatable :: name      !! which stepper this is, for the run report
       logical :: explicit = .false.          !! no solver is called
       logical :: one_solve = .false.         !! its equations are linear for this model: no iteration
+      logical :: moves = .false.             !! move is there
       character(:), allocatable :: left_out    !! what else it does without, for the run report
       type(one_step_hamiltonian) :: ham
    contains
       procedure(fits_interface), deferred :: fits
       procedure(make_interface), deferred :: make
       procedure(increment_interface), deferred :: increment
+      procedure :: move
       procedure :: is_oracle
       procedure :: offer_lone
       procedure :: tally
@@ -79,6 +82,15 @@ module symsde_step_stepper
    end interface
 
 contains
+
+   !> One step of the states themselves, with the bits of the sums of q, p and the increments. Lanes that fail, by a
+   !> state that is not finite, too, get a status; what has one stays where it is.
+   subroutine move(self, step, q, p, status)
+      class(stepper_type), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(inout) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+   end subroutine move
 
    !> Whether it executes its schemes for every model that they allow, by their equations as they stand: what the
    !> others are tested against, and what the option `general` asks for.

@@ -11,6 +11,7 @@ module open_chain
    public :: open_chain_type, new_open_chain
 
    type, extends(fpu_chain_model) :: open_chain_type
+      logical :: loose = .false.  !! no springs at all: its masses fly freely
    contains
       procedure :: chain_rows
    end type open_chain_type
@@ -35,6 +36,10 @@ contains
       real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
 
       call self%fpu_chain_model%chain_rows(ndof, nnoise, first, last, t, w, q, hq, hqq)
+      if (self%loose) then
+         hq = 0
+         hqq = 0
+      end if
       if (last == ndof) hqq(:, 1, ndof) = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine chain_rows
 

@@ -1,0 +1,105 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The states after a step of the midpoint rule, from V, while the lanes that went together are near.
+!>
+!> They have the bits of states to which increments are added from memory, so this file is compiled without
+!> contraction: no product is fused with the sum.
+module symsde_step_midpoint_states
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lane_unit
+   use symsde_base_status, only: nonfinite
+   implicit none
+   private
+   public :: add_in_place, find_states, find_bad, put_states, tame
+
+   real(wp), parameter :: tame = 1e75_wp  !! where h, states and V are not larger, the sums do not overflow
+
+contains
+
+   !> VEC The increments dp = V and dq = h (p + V/2) added where nothing can overflow.
+   pure subroutine add_in_place(nlane, n, before, together, h, v, q, p)
+      integer, intent(in) :: nlane, n, before, together
+      real(wp), intent(in) :: h, v(together, n)
+      real(wp), intent(inout) :: q(nlane, n), p(nlane, n)
+      integer :: i, done, lane
+
+      do i = 1, n
+         do done = 0, together - lane_unit, lane_unit
+            !GCC$ unroll 8
+            do lane = done + 1, done + lane_unit
+               q(before + lane, i) = q(before + lane, i) + h*(p(before + lane, i) + 0.5_wp*v(lane, i))
+               p(before + lane, i) = p(before + lane, i) + v(lane, i)
+            end do
+         end do
+      end do
+   end subroutine add_in_place
+
+   !> q + dq and p + dp with dp = V and dq = h (p + V/2), in place of V; a status where they are not finite.
+   pure subroutine find_states(nlane, n, before, together, h, q, p, qn, v, status)
+      integer, intent(in) :: nlane, n, before, together
+      real(wp), intent(in) :: h, q(nlane, n), p(nlane, n)
+      real(wp), intent(out) :: qn(together, n)
+      real(wp), intent(inout) :: v(together, n)  !! V, then p + V
+      integer(i8), intent(inout) :: status(together)
+      real(wp) :: x, y, zero(lane_unit)
+      integer :: i, done, lane
+
+      do done = 0, together - lane_unit, lane_unit
+         zero = 0
+         do i = 1, n
+            !GCC$ unroll 8
+            do lane = 1, lane_unit
+               x = q(before + done + lane, i) + h*(p(before + done + lane, i) + 0.5_wp*v(done + lane, i))
+               y = p(before + done + lane, i) + v(done + lane, i)
+               qn(done + lane, i) = x
+               v(done + lane, i) = y
+               zero(lane) = zero(lane) + (0*x + 0*y)  ! NaN where one is not finite
+            end do
+         end do
+         do lane = 1, lane_unit
+            if (.not. abs(zero(lane)) <= 0 .and. status(done + lane) == 0) status(done + lane) = nonfinite
+         end do
+      end do
+   end subroutine find_states
+
+   !> A status where states are not finite.
+   pure subroutine find_bad(nlane, n, q, p, status)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: q(nlane, n), p(nlane, n)
+      integer(i8), intent(inout) :: status(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         if (status(lane) /= 0) cycle
+         if (.not. (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p)))) status(lane) = nonfinite
+      end do
+   end subroutine find_bad
+
+   !> VEC The states of lanes without a status, to their place in the block.
+   pure subroutine put_states(nlane, n, before, together, qn, pn, status, q, p)
+      integer, intent(in) :: nlane, n, before, together
+      real(wp), intent(in) :: qn(together, n), pn(together, n)
+      integer(i8), intent(in) :: status(together)
+      real(wp), intent(inout) :: q(nlane, n), p(nlane, n)
+      integer :: i, done, lane
+
+      if (all(status == 0)) then
+         do i = 1, n
+            do done = 0, together - lane_unit, lane_unit
+               !GCC$ unroll 8
+               do lane = done + 1, done + lane_unit
+                  q(before + lane, i) = qn(lane, i)
+                  p(before + lane, i) = pn(lane, i)
+               end do
+            end do
+         end do
+      else
+         do i = 1, n
+            do lane = 1, together
+               q(before + lane, i) = merge(qn(lane, i), q(before + lane, i), status(lane) == 0)
+               p(before + lane, i) = merge(pn(lane, i), p(before + lane, i), status(lane) == 0)
+            end do
+         end do
+      end if
+   end subroutine put_states
+
+end module symsde_step_midpoint_states
