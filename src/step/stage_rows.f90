@@ -25,11 +25,13 @@ module symsde_step_stage_rows
    use symsde_step_stage_plan, only: stage_group
    implicit none
    private
-   public :: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once
+   public :: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once, fewest_rows
 
    integer, parameter :: panel = 16          !! sites asked of the model at once
    integer, parameter :: most_stages = 3     !! of a group
    integer, parameter :: most_iterations = 30
+
+   integer, parameter :: fewest_rows = 4  !! chains that are shorter are taken as dense systems
 
    type :: stage_rows
       private
@@ -61,8 +63,8 @@ contains
       type(model_traits), intent(in) :: traits
       type(stage_group), intent(in) :: group
 
-      fits_stage_rows = traits%bandwidth == 1 .and. traits%ndof > 3 .and. group%nmember <= most_stages .and. &
-                        allocated(group%inverse)
+      fits_stage_rows = traits%bandwidth == 1 .and. traits%ndof >= fewest_rows .and. &
+                        group%nmember <= most_stages .and. allocated(group%inverse)
    end function fits_stage_rows
 
    !> Whether the equations are linear and their matrix exact: one solve from slopes zero finds the root.

@@ -25,7 +25,7 @@ module symsde_step_stages
    use symsde_step_stage_iteration, only: iterate_group, solved, untried, stiff_rate
    use symsde_step_stage_plan, only: stage_group
    use symsde_step_stage_newton, only: stage_newton, new_stage_newton
-   use symsde_step_stage_rows, only: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once
+   use symsde_step_stage_rows, only: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once, fewest_rows
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
@@ -115,7 +115,8 @@ contains
                 (self%width*model%traits%ndof > cached_values .and. self%width > lane_unit))
          self%width = self%width - lane_unit
       end do
-      if (model%traits%has_chain_rows) self%width = merge(strip_lanes, lane_unit, modulo(nlane, strip_lanes) == 0)
+      if (model%traits%has_chain_rows .and. model%traits%ndof >= fewest_rows) &
+         self%width = merge(strip_lanes, lane_unit, modulo(nlane, strip_lanes) == 0)
       call new_stage_equations(self%equations, model, scheme, self%width)
       self%name = 'stages'
       if (self%equations%eliminated) self%name = 'stages, momenta eliminated'
