@@ -106,23 +106,24 @@ typedef int (*symsde_hessian_vector)(int nlane, int ndof, int nham, double t, co
 typedef int (*symsde_gradient_hessian)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                        const double *p, double *hq, double *hp, double *hqq, double *hqp, double *hpp,
                                        void *user);
-
-/* whole steps of one scheme, from q, p [ndof][nlane] to the states qn, pn [nstep/every][ndof][nlane] after every
- * `every`-th step (nstep is a multiple of it). t is when the first step begins, h the step with its sign; w
- * [nstep][nham][nlane] are the weights (h, dW_1 .. dW_m) of each step. functionals[0] .. [3] are dZ, areas, K and J of
- * each step, [nstep][columns][nlane], NULL where the scheme does not ask for them. max_iter bounds the iterations of a
- * solver in one step. status[nlane]: lanes with a status other than 0 have failed and may be left alone; a lane that
- * fails gets SYMSDE_NOT_CONVERGED, or another status of a path, or values that are not finite and stay so. Promised:
- * each lane from its own numbers alone, and the same bits whether steps are asked for one by one or many at once */
+/* whole steps of one scheme, from q, p [ndof][nlane] to qn, pn [nstep/every][ndof][nlane] after every `every`-th step
+ * (nstep is a multiple of it). t is when the first step begins, h the step with its sign; w[nstep][nham][nlane] are the
+ * weights (h, dW_1 .. dW_m). functionals[0] .. [3] are dZ, areas, K and J, [nstep][columns][nlane], NULL where the scheme
+ * does not ask for them. max_iter bounds a solver's iterations in a step. status[nlane]: lanes whose status is not 0 have
+ * failed and may be left alone; a lane that fails gets SYMSDE_NOT_CONVERGED, or another status of a path, or values that
+ * are not finite and stay so. Promised: the same bits whether steps are asked for one by one or many at once */
 typedef int (*symsde_flow)(int nlane, int ndof, int nham, int nstep, int every, int max_iter, double t, double h,
                            const double *w, const double *const *functionals, const double *q, const double *p,
                            double *qn, double *pn, int64_t *status, void *user);
-
 /* rows first .. last, counted from 0, of the chain H = p.p/2 + U(q), noise in position or additive, whose Hessian is
  * tridiagonal: q[row][nlane] from row first - 1 to row last + 1 (zero beyond the ends); hq[row][nlane], the gradient of
  * sum_j w[j] H_j in q; hqq[row][2][nlane], its derivative by q of the row, and by q of the next one */
 typedef int (*symsde_chain_rows)(int nlane, int ndof, int nham, int first, int last, double t, const double *w,
                                  const double *q, double *hq, double *hqq, void *user);
+/* third derivatives along two vectors: uq, up [ndof][nlane] is the gradient of a^T (the Hessian) b */
+typedef int (*symsde_third_derivative)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
+                                       const double *p, const double *aq, const double *ap, const double *bq,
+                                       const double *bp, double *uq, double *up, void *user);
 
 int symsde_traits_init(symsde_traits *traits);
 /* names of the built-in models, one a line */
@@ -136,25 +137,24 @@ int symsde_model_get(const char *name, int nparameter, const char *const *keys, 
 int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradient gradient, symsde_value value,
                      symsde_hessian hessian, symsde_hessian_vector hessian_vector, void *user, symsde_model *model,
                      symsde_error *error);
-/* give a model of symsde_model_new one more function, called wherever a scheme wants gradient and Hessian at one point;
- * it also stands in for hessian where that is NULL. Same user pointer; NULL = the separate functions again */
+/* Further functions for a model of symsde_model_new, with its user pointer; NULL = without. They are probed. */
+/* called where a scheme wants gradient and Hessian at one point; it also stands in for a hessian that is NULL */
 int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian gradient_hessian,
                                       symsde_error *error);
-/* give a model of symsde_model_new that declares bandwidth 1, identity_mass, and position_noise or additive one more
- * function: midpoint then takes a few rows at a time, and neither force nor matrix is stored as a whole. The rows must
- * agree with the gradient to rounding: that is probed. Same user pointer; NULL = without it again */
+/* for bandwidth 1, identity_mass, and position_noise or additive: midpoint then takes a few rows at a time, and neither
+ * force nor matrix is stored as a whole. The rows must agree with the gradient to rounding */
 int symsde_model_set_chain_rows(symsde_model model, symsde_chain_rows chain_rows, symsde_error *error);
-/* the functions of a model of symsde_model_new look whether an output is NULL: from now on those that are not wanted
- * are, and are not computed. Without this they are room that is thrown away */
+/* schemes with nested brackets take these as they are then, and not by differences */
+int symsde_model_set_third_derivative(symsde_model model, symsde_third_derivative third, symsde_error *error);
+/* the functions look for NULL: from now on outputs that are not wanted are, else they are room that is thrown away */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
-/* give a model of symsde_model_new whole steps of a scheme of the catalogue, without correction; runs by this scheme
- * call nothing else, and are refused where the steps are not those of the library. "midpoint", "symplectic_euler",
- * "symplectic_euler_adjoint" and "stormer_verlet" stand for every scheme that is one of these. Same user pointer;
- * NULL = without them again */
+/* whole steps of a scheme of the catalogue, without correction; runs by this scheme call nothing else, and are refused
+ * where the steps are not those of the library. "midpoint", "symplectic_euler", "symplectic_euler_adjoint" and
+ * "stormer_verlet" stand for every scheme that is one of these */
 int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow flow, symsde_error *error);
-/* the functions of a model of symsde_model_new give a lane the same bits whatever nlane is: from now on they are given
- * the paths alone, and not the lanes that fill a block up to full vectors. True of loops that are compiled without
- * contraction and with the scalar functions of the C library; one path then takes an eighth of the time */
+/* the functions give a lane the same bits whatever nlane is: from now on they are given the paths alone, and not the
+ * lanes that fill a block up to full vectors. True of loops that are compiled without contraction and with the scalar
+ * functions of the C library; one path then takes an eighth of the time */
 int symsde_model_accept_any_lanes(symsde_model model, symsde_error *error);
 int symsde_model_delete(symsde_model *model);
 /* its traits; rotation and silent point into the model and live as long */

@@ -203,6 +203,7 @@ CALLBACKS = {
     "hessian": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p),
     "hessian_vector": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
     "gradient_hessian": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
+    "third_derivative": CFUNCTYPE(*_block, *(c_void_p,) * 7),
     "flow": CFUNCTYPE(c_int, *(c_int,) * 6, c_double, c_double, *(c_void_p,) * 8),
 }
 CALLBACKS["chain_rows"] = CFUNCTYPE(
@@ -293,6 +294,7 @@ FUNCTIONS = {
     ),
     "model_set_gradient_hessian": (_handle, CALLBACKS["gradient_hessian"], _error),
     "model_set_chain_rows": (_handle, CALLBACKS["chain_rows"], _error),
+    "model_set_third_derivative": (_handle, CALLBACKS["third_derivative"], _error),
     "model_accept_null": (_handle, _error),
     "model_set_flow": (_handle, c_char_p, CALLBACKS["flow"], _error),
     "model_accept_any_lanes": (_handle, _error),

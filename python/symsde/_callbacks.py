@@ -31,9 +31,10 @@ RETURNS = {
     "hessian": ("hqq", "hqp", "hpp"),
     "hessian_vector": ("uq", "up"),
     "gradient_hessian": ("hq", "hp", "hqq", "hqp", "hpp"),
+    "third_derivative": ("uq", "up"),
 }
 # kind -> number of vectors (dof, lane) among the inputs after w
-_VECTORS = {"gradient": 2, "value": 2, "hessian": 2, "hessian_vector": 4, "gradient_hessian": 2}
+_VECTORS = {"gradient": 2, "value": 2, "hessian": 2, "hessian_vector": 4, "gradient_hessian": 2, "third_derivative": 6}
 
 
 class WithData(NamedTuple):
@@ -216,7 +217,7 @@ def takes_any_lanes(functions: Iterable[object]) -> bool:
 
 
 def numba_signature(kind: str):
-    """Signature of a callback (gradient, value, hessian, .., flow, chain_rows) for numba.cfunc.
+    """Signature of a callback (gradient, value, hessian, .., third_derivative, flow, chain_rows) for numba.cfunc.
 
     Inside the function, with the shapes of `Model`:
 

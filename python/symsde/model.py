@@ -70,12 +70,13 @@ class Model:
     - ``hessian_vector(t, w, q, p, vq, vp) -> (S_qq vq + S_qp vp, S_pq vq + S_pp vp)``
     - ``gradient_hessian(t, w, q, p) -> (S_q, S_p, S_qq, S_qp, S_pp)``, where the two share work; it is called where
       a scheme wants both at one point, and stands in for a ``hessian`` that is not given
-
+    - ``third_derivative(t, w, q, p, aq, ap, bq, bp) -> (uq, up)``, the gradient of a^T S'' b for two vectors: nested
+      brackets (``gauss2_strong32`` and its kin) are exact then, and no differences of gradients
     - ``chain_rows``, compiled only (`symsde_chain_rows` in symsde.h): rows of the force and of the tridiagonal
       stiffness of a chain H = p.p/2 + U(q), noise in position or additive; ``midpoint`` of a chain of one's own is then
       as fast as of the built-in one
 
-    with w of shape (nnoise + 1, lane), q, p, vq, vp and gradients of shape (dof, lane). A lane fails by NaN.
+    with w of shape (nnoise + 1, lane), q, p, vq, vp, aq .. bp and gradients of shape (dof, lane). A lane fails by NaN.
     Everything is float64: results of other real types are converted, and those computed in float32 keep its error
     of 1e-7, below which Newton and differences of such a gradient find nothing.
     They are Python functions on NumPy arrays (then runs use one thread unless told otherwise), or compiled
@@ -106,6 +107,7 @@ class Model:
         hessian: Any = None,
         hessian_vector: Any = None,
         gradient_hessian: Any = None,
+        third_derivative: Any = None,
         chain_rows: Any = None,
         separable: bool = False,
         additive: bool = False,
@@ -150,6 +152,7 @@ class Model:
             "hessian": hessian,
             "hessian_vector": hessian_vector,
             "gradient_hessian": gradient_hessian,
+            "third_derivative": third_derivative,
             "chain_rows": chain_rows,
         }
         kinds = _kinds(functions)
@@ -350,12 +353,14 @@ def _builtin_handle(name: str, parameters: Mapping[str, float]) -> ModelHandle:
 def _user_handle(name: str, traits: _abi.Traits, functions: dict[str, Any], accepts_null: bool) -> ModelHandle:
     """A handle of a model of the user's own, with callbacks that store their exceptions for it alone."""
     failures = _callbacks.Failures()
-    (*callbacks, joint, rows), user = _all_callbacks(functions, failures)
+    (*callbacks, joint, third, rows), user = _all_callbacks(functions, failures)
     pointer = ctypes.c_void_p()
     _handles.call("model_new", _handles.encode(name), ctypes.byref(traits), *callbacks, user, ctypes.byref(pointer))
-    handle = ModelHandle(pointer, (callbacks, joint, rows, tuple(functions.values())), failures)
+    handle = ModelHandle(pointer, (callbacks, joint, third, rows, tuple(functions.values())), failures)
     if joint:
         _handles.call("model_set_gradient_hessian", pointer, joint)
+    if third:
+        _handles.call("model_set_third_derivative", pointer, third)
     if rows:
         _handles.call("model_set_chain_rows", pointer, rows)
     if accepts_null:

@@ -30,6 +30,7 @@ module symsde_base_traits
       logical :: has_value = .false.       !! the Hamiltonians themselves can be evaluated
       logical :: has_hessian = .false.     !! Hessians are analytic, not differences of gradients
       logical :: has_hessian_vector = .false.  !! Hessian-vector products are analytic
+      logical :: has_third_derivative = .false.  !! third derivatives are analytic: third_derivative of the model
       logical :: has_chain_rows = .false.  !! force and stiffness come by rows: chain_rows of the model
       logical :: has_lone_rows = .false.   !! .. and with the same bits for one lane, by force_stiffness with b = 1
       real(wp) :: max_frequency = 0        !! declared bound of the frequencies of H; 0 = not declared

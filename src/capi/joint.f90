@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a user's model offers beside its functions: one for gradient and Hessian together, rows of a chain, whole
-!> steps of schemes, and that they accept NULL or any number of lanes.
+!> What a user's model offers beside its functions: one for gradient and Hessian together, third derivatives, rows of a
+!> chain, whole steps of schemes, and that they accept NULL or any number of lanes.
 module symsde_capi_joint
    use, intrinsic :: iso_c_binding, only: c_funptr, c_int, c_ptr
    use symsde_base_status, only: error_type, raise, incompatible
@@ -15,7 +15,7 @@ module symsde_capi_joint
    implicit none
    private
    public :: symsde_model_set_gradient_hessian, symsde_model_accept_null, symsde_model_set_flow
-   public :: symsde_model_accept_any_lanes, symsde_model_set_chain_rows
+   public :: symsde_model_accept_any_lanes, symsde_model_set_chain_rows, symsde_model_set_third_derivative
 
 contains
 
@@ -48,6 +48,20 @@ contains
       if (.not. allocated(refusal)) call known%set_chain_rows(chain_rows, refusal)
       status = finish(refusal, error)
    end function symsde_model_set_chain_rows
+
+   !> Give a model of symsde_model_new third derivatives; NULL takes them back. Refuses built-in models (incompatible).
+   function symsde_model_set_third_derivative(model, third_derivative, error) result(status) &
+      bind(c, name='symsde_model_set_third_derivative')
+      type(c_ptr), intent(in), value :: model, error
+      type(c_funptr), intent(in), value :: third_derivative
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+
+      call find_callback_model(model, known, 'symsde_model_set_third_derivative', refusal)
+      if (.not. allocated(refusal)) call known%set_third_derivative(third_derivative)
+      status = finish(refusal, error)
+   end function symsde_model_set_third_derivative
 
    !> From now on an output that is not wanted is NULL. Refuses built-in models (incompatible).
    function symsde_model_accept_null(model, error) result(status) bind(c, name='symsde_model_accept_null')

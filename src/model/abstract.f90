@@ -39,6 +39,7 @@ module symsde_model_abstract
       procedure :: hessian_banded => hessian_banded_by_differences
       procedure :: force_stiffness => force_stiffness_composed
       procedure :: chain_rows => chain_rows_missing
+      procedure :: third_derivative => third_derivative_missing
       procedure :: has_flow => has_no_flow
       procedure :: flow => no_flow
       procedure :: failure_code => never_failed
@@ -212,6 +213,20 @@ contains
       hq = ieee_value(1.0_wp, ieee_quiet_nan)
       hqq = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine chain_rows_missing
+
+   !> The gradient of a^T S'' b, S = sum_j w_j H_j, for vectors a = (aq, ap) and b: third derivatives along both, with
+   !> which nested brackets are exact. This default serves models without it: traits%has_third_derivative is false.
+   subroutine third_derivative_missing(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+
+      uq = ieee_value(1.0_wp, ieee_quiet_nan)
+      up = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine third_derivative_missing
 
    !> Whether flow takes steps of this scheme. Schemes are asked for by the names of the catalogue; midpoint,
    !> symplectic_euler, symplectic_euler_adjoint and stormer_verlet stand for every scheme that is one of these.

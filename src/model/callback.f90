@@ -24,7 +24,8 @@ module symsde_model_callback
                                     hessian_vector_composed, force_stiffness_composed
    use symsde_model_callback_flow, only: user_flows
    use symsde_model_callback_functions, only: gradient_callback, value_callback, hessian_callback, &
-                                              hessian_vector_callback, gradient_hessian_callback
+                                              hessian_vector_callback, gradient_hessian_callback, &
+                                              third_derivative_callback
    use symsde_model_chain_rows, only: check_chain, chain_rows_callback
    use symsde_model_outputs, only: little, find_room, keep, spoil
    use symsde_model_parameters, only: check_traits
@@ -42,6 +43,7 @@ module symsde_model_callback
       procedure(hessian_vector_callback), pointer, nopass :: on_hessian_vector => null()
       procedure(gradient_hessian_callback), pointer, nopass :: on_gradient_hessian => null()
       procedure(chain_rows_callback), pointer, nopass :: on_chain_rows => null()
+      procedure(third_derivative_callback), pointer, nopass :: on_third_derivative => null()
       logical :: null_accepted = .false.         !! outputs that are not wanted are NULL
       type(c_ptr) :: user = c_null_ptr           !! handed to every function as it is
       integer(i4), pointer :: failure => null()  !! first nonzero return; a model is intent(in)
@@ -58,6 +60,8 @@ module symsde_model_callback
       procedure :: chain_rows
       procedure :: force_stiffness
       procedure :: set_chain_rows
+      procedure :: third_derivative
+      procedure :: set_third_derivative
       procedure :: accept_null
       procedure :: failure_code
       procedure :: clear_failure
@@ -169,6 +173,17 @@ contains
       self%traits%has_chain_rows = .true.
       self%traits%has_lone_rows = .true.  ! asked for where any_lanes says that the bits are the same
    end subroutine set_chain_rows
+
+   !> One more function, before the model is used: third derivatives, with which schemes that take nested brackets take
+   !> them as they are. c_null_funptr: by differences of gradients again.
+   subroutine set_third_derivative(self, third_derivative)
+      class(callback_model), intent(inout) :: self
+      type(c_funptr), intent(in) :: third_derivative  !! a third_derivative_callback, or c_null_funptr
+
+      nullify (self%on_third_derivative)
+      self%traits%has_third_derivative = c_associated(third_derivative)
+      if (self%traits%has_third_derivative) call c_f_procpointer(third_derivative, self%on_third_derivative)
+   end subroutine set_third_derivative
 
    !> The functions look whether an output is NULL, before the model is used: what is not wanted is not computed.
    subroutine accept_null(self)
@@ -352,6 +367,23 @@ contains
       call spoil(1, 2*ndof, hqq)
    end subroutine force_stiffness
 
+   !> Third derivatives of sum_j w_j H_j along two vectors; asked for where the trait has_third_derivative says that
+   !> they are there.
+   subroutine third_derivative(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      integer(i4) :: code
+
+      code = self%on_third_derivative(nlane, ndof, nnoise + 1, t, w, q, p, aq, ap, bq, bp, uq, up, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, ndof, uq)
+      call spoil(nlane, ndof, up)
+   end subroutine third_derivative
+
    !> All blocks of the Hessian by a function that does not accept NULL; those that are wanted are kept.
    subroutine whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)
       type(callback_model), intent(in) :: self
@@ -445,6 +477,7 @@ contains
       left%on_hessian_vector => right%on_hessian_vector
       left%on_gradient_hessian => right%on_gradient_hessian
       left%on_chain_rows => right%on_chain_rows
+      left%on_third_derivative => right%on_third_derivative
       left%null_accepted = right%null_accepted
       left%any_lanes = right%any_lanes
       left%flows = right%flows

@@ -5,6 +5,7 @@ module symsde_model_callback_functions
    implicit none
    private
    public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback, gradient_hessian_callback
+   public :: third_derivative_callback
 
    abstract interface
       !> Gradient of sum_j w_j H_j.
@@ -68,6 +69,19 @@ module symsde_model_callback_functions
          type(c_ptr), value :: user
          integer(c_int) :: code
       end function gradient_hessian_callback
+
+      !> The gradient of a^T (its Hessian) b: third derivatives along (aq, ap) and (bq, bp).
+      function third_derivative_callback(nlane, ndof, nham, t, w, q, p, aq, ap, bq, bp, uq, up, user) &
+         bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
+         real(c_double), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function third_derivative_callback
    end interface
 
 end module symsde_model_callback_functions

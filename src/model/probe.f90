@@ -18,6 +18,7 @@ module symsde_model_probe
    use symsde_model_probe_points, only: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, &
                                         worst, largest_entry
    use symsde_model_probe_rows, only: probe_rows
+   use symsde_model_probe_third, only: probe_third
    implicit none
    private
    public :: probe_model
@@ -112,6 +113,7 @@ contains
       if (traits%has_hessian_vector) call probe_second(points, by_product, error)
       call probe_dense(points, merge(largest_dense, dense_alone, k == 0), error)
       if (traits%bandwidth >= 0) call probe_second(points, by_bands, error)
+      if (traits%has_third_derivative) call probe_third(points, error)
    end subroutine probe_derivatives
 
    ! ---- traits -----------------------------------------------------------------------------------

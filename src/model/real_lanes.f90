@@ -13,7 +13,7 @@ module symsde_model_real_lanes
    private
    public :: real_lanes_model, new_real_lanes
 
-   integer, parameter :: narray = 8  !! w, q, p; a product's vectors or qq and qp; gradient; pp
+   integer, parameter :: narray = 10  !! w, q, p; a product's vectors or qq and qp; gradient; pp; further vectors
 
    type :: buffer_type
       real(wp), allocatable :: x(:)
@@ -30,6 +30,7 @@ module symsde_model_real_lanes
       procedure :: value => weighted_value
       procedure :: hessian
       procedure :: hessian_vector
+      procedure :: third_derivative
       procedure :: gradient_hessian
       procedure :: hessian_banded
       procedure :: has_flow
@@ -175,6 +176,34 @@ contains
          call spread_lanes(nlane, n, ndof, b, up)
       end associate
    end subroutine hessian_vector
+
+   !> Third derivatives of sum_j w_j H_j along two vectors.
+   subroutine third_derivative(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp), pointer, contiguous :: a(:), b(:)
+
+      if (self%nreal >= nlane) then
+         call self%model%third_derivative(nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
+         return
+      end if
+      call take_inputs(self, nlane, ndof, nnoise, w, q, p)
+      call gather(nlane, self%nreal, ndof, aq, self%buffer(4)%x)
+      call gather(nlane, self%nreal, ndof, ap, self%buffer(5)%x)
+      call gather(nlane, self%nreal, ndof, bq, self%buffer(9)%x)
+      call gather(nlane, self%nreal, ndof, bp, self%buffer(10)%x)
+      call take_buffer(self, 6, ndof, .true., a)
+      call take_buffer(self, 7, ndof, .true., b)
+      associate (r => self%buffer, n => self%nreal)
+         call self%model%third_derivative(n, ndof, nnoise, t, r(1)%x, r(2)%x, r(3)%x, r(4)%x, r(5)%x, r(9)%x, &
+                                          r(10)%x, a, b)
+         call spread_lanes(nlane, n, ndof, a, uq)
+         call spread_lanes(nlane, n, ndof, b, up)
+      end associate
+   end subroutine third_derivative
 
    !> Bands of the Hessian blocks.
    subroutine hessian_banded(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)

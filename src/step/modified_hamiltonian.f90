@@ -16,7 +16,8 @@
 !>
 !> (H stands for F/h) differences over r times the step's own moves by drift and by noise. It differs from the bracket
 !> by O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2. Noise that
-!> depends on position alone with H = p.p/2 + U(q) needs no difference: the bracket is H_k,q . H_k,q.
+!> depends on position alone with H = p.p/2 + U(q) needs no difference: the bracket is H_k,q . H_k,q. Nor do models
+!> that offer third derivatives, or have none (step/exact_bracket).
 !>
 !> H may depend on time. Noises that do join with what the brackets are in the phase space with time,
 !> {H_k,H} + H_{k,t}: with the ends t_0 and t_1 of the step
@@ -35,6 +36,7 @@ module symsde_step_modified_hamiltonian
    use symsde_model_noise_time, only: noise_changes_in_time
    use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
    use symsde_scheme_scheme, only: bracket_terms
+   use symsde_step_exact_bracket, only: exact_bracket, new_exact_bracket, has_exact_bracket
    implicit none
    private
    public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets, reach
@@ -56,6 +58,7 @@ module symsde_step_modified_hamiltonian
       real(wp), allocatable, private :: uq(:, :), up(:, :), yq(:, :), yp(:, :), sq(:, :), sp(:, :)
       real(wp), allocatable, private :: xq(:, :), xp(:, :), gq(:, :), gp(:, :), rq(:, :), rp(:, :)
       type(algebra_work), private :: work
+      type(exact_bracket), private :: exact
    contains
       procedure :: add_gradient
       procedure :: add_motion_to
@@ -106,6 +109,7 @@ contains
       allocate (self%xq(nlane, n), self%xp(nlane, n), self%gq(nlane, n), self%gp(nlane, n))
       allocate (self%sq(nlane, n), self%sp(nlane, n), self%rq(nlane, n), self%rp(nlane, n))
       call new_algebra_work(self%work, nlane, n)
+      if (self%active%nested .and. has_exact_bracket(model%traits)) call new_exact_bracket(self%exact, nlane, n, m)
    end subroutine new_modified_hamiltonian
 
    !> Add the gradient of all active parts to the wanted outputs.
@@ -157,6 +161,8 @@ contains
 
       if (self%simple) then
          call add_squares(self, t, h, q, p, counters, nreal)
+      else if (has_exact_bracket(self%model%traits)) then
+         call self%exact%add(self%model, self%noisy, self%nested, t, h, q, p, self%sq, self%sp, counters, nreal)
       else if (self%model%traits%additive) then
          call add_shifts(self, t, h, q, p, counters, nreal)
       else

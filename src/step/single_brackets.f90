@@ -4,16 +4,18 @@
 !> With the gradients and Hessians of H and of every H_k at a point, all brackets there are a few products; what is
 !> left to ask the model for is what differences need at other points, and noises at the ends of the step. So one
 !> evaluation costs 1 + m of the model where noise is in position and H = p^2/2 + U(q), and otherwise six more for each
-!> noise, two of them where it is additive.
+!> noise, two of them where it is additive; with third derivatives one for each H_j at the point itself, and with those
+!> that vanish none.
 !>
-!> The gradient is exact. The Hessian is without third derivatives, and without most of the nested bracket: Newton's
-!> iteration finds the same root, and more slowly by the factor that these have in the equations.
+!> The gradient is exact. The Hessian is without third derivatives, and by differences without most of the nested
+!> bracket: Newton's iteration finds the same root, and more slowly by the factor that these have in the equations.
 module symsde_step_single_brackets
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: area_index, path_areas, path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
+   use symsde_step_exact_bracket, only: add_second_derivatives, has_exact_bracket
    use symsde_step_modified_hamiltonian, only: modified_hamiltonian, reach
    implicit none
    private
@@ -103,7 +105,11 @@ contains
       else
          call add_up(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
          if (parts%active%crossed) call cross(self, parts)
-         if (parts%active%nested) call add_nested(self, parts, t, step%h, q, p, hq, hp, counters, nreal)
+         if (parts%active%nested .and. has_exact_bracket(parts%model%traits)) then
+            call add_exact(self, parts, t, step%h, q, p, hq, hp, hqq, hqp, hpp, counters, nreal)
+         else if (parts%active%nested) then
+            call add_nested(self, parts, t, step%h, q, p, hq, hp, counters, nreal)
+         end if
          if (parts%time_dependent) call parts%add_motion_to(step, self%c, q, p, hq, hp, counters, nreal)
       end if
       counters%gradients = counters%gradients + nreal*asked
@@ -295,6 +301,57 @@ contains
          end associate
       end do
    end subroutine cross
+
+   !> (|h|/12) sum_k {{F,H_k},H_k} by third derivatives (step/exact_bracket). All else that it takes is there.
+   subroutine add_exact(self, parts, t, h, q, p, hq, hp, hqq, hqp, hpp, counters, nreal)
+      type(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+      real(wp) :: c
+      integer :: k, asked
+
+      c = h*abs(h)/12
+      asked = 0
+      associate (n => self%nlane, e => self%of(0), traits => parts%model%traits)
+         call field(n, e%q, e%p, self%uq, self%up)
+         do k = 1, self%nnoise
+            if (.not. parts%noisy(k)) cycle
+            associate (d => self%of(k))
+               call field(n, d%q, d%p, self%vq, self%vp)
+               if (.not. traits%quadratic) then
+                  call add_third(self, parts%model, -1, c, t, q, p, self%vq, self%vp, hq, hp)
+                  asked = asked + 1
+               end if
+               if (traits%additive) cycle
+               if (.not. traits%quadratic) then
+                  call add_third(self, parts%model, k, -c, t, q, p, self%uq, self%up, hq, hp)
+                  asked = asked + 1
+               end if
+               call add_second_derivatives(n, c, e%qq, e%qp, e%pp, d%qq, d%qp, d%pp, self%uq, self%up, &
+                                           self%vq, self%vp, hq, hp, hqq, hqp, hpp)
+            end associate
+         end do
+      end associate
+      counters%hessian_vectors = counters%hessian_vectors + nreal*asked
+   end subroutine add_exact
+
+   !> c times the third derivative of H_j, of F/h for j = -1, along a and v.
+   subroutine add_third(self, model, j, c, t, q, p, aq, ap, hq, hp)
+      type(single_brackets), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: j
+      real(wp), intent(in) :: c, t
+      real(wp), intent(in), dimension(self%nlane) :: q, p, aq, ap
+      real(wp), intent(inout), dimension(self%nlane) :: hq, hp
+
+      call model%third_derivative(self%nlane, 1, self%nnoise, t, self%unit(:, :, j), q, p, aq, ap, self%vq, self%vp, &
+                                  self%gq, self%gp)
+      call subtract(self%nlane, -c, self%gq, self%gp, hq, hp)
+   end subroutine add_third
 
    !> (|h|/12) sum_k {{F,H_k},H_k} by the differences of step/modified_hamiltonian: additive noise needs those of H
    !> alone.

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  *
- * What spares a user's model its second sine and cosine: symsde_model_set_gradient_hessian, symsde_sincos.
+ * What spares a user's model its second sine and cosine: symsde_model_set_gradient_hessian, symsde_sincos; third
+ * derivatives, symsde_model_set_third_derivative.
  */
 #include "run.h"
 
@@ -141,6 +142,92 @@ static void test_joint_fails(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* H = (p^2 + q^2)/2 + c q^3/3 - q^2 p, H_1 = s (q p^2/2 + q^3): cubic, so that the differences in nested brackets are exact */
+typedef struct cubic_user {
+   double c, s;
+   double wrong; /* factor of third derivatives - 1 */
+   int asked;
+} cubic_user;
+
+static int cubic_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                          double *hq, double *hp, void *user) {
+   const cubic_user *u = user;
+   (void)t, (void)ndof, (void)nham;
+   for (int i = 0; i < nlane; i++) {
+      const double x = q[i], y = p[i], a = w[i], b = u->s * w[nlane + i];
+      hq[i] = a * (x + u->c * x * x - 2 * x * y) + b * (y * y / 2 + 3 * x * x);
+      hp[i] = a * (y - x * x) + b * x * y;
+   }
+   return 0;
+}
+
+static int cubic_hessian(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                         double *hqq, double *hqp, double *hpp, void *user) {
+   const cubic_user *u = user;
+   (void)t, (void)ndof, (void)nham;
+   for (int i = 0; i < nlane; i++) {
+      const double x = q[i], y = p[i], a = w[i], b = u->s * w[nlane + i];
+      hqq[i] = a * (1 + 2 * u->c * x - 2 * y) + b * 6 * x;
+      hqp[i] = -2 * a * x + b * y;
+      hpp[i] = a + b * x;
+   }
+   return 0;
+}
+
+static int cubic_third(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                       const double *aq, const double *ap, const double *bq, const double *bp, double *uq, double *up,
+                       void *user) {
+   cubic_user *u = user;
+   (void)t, (void)ndof, (void)nham, (void)q, (void)p;
+   u->asked++;
+   for (int i = 0; i < nlane; i++) {
+      const double a = w[i] * (1 + u->wrong), b = u->s * w[nlane + i] * (1 + u->wrong);
+      const double qqq = 2 * u->c * a + 6 * b, qqp = -2 * a, qpp = b, mixed = aq[i] * bp[i] + ap[i] * bq[i];
+      uq[i] = qqq * aq[i] * bq[i] + qqp * mixed + qpp * ap[i] * bp[i];
+      up[i] = qqp * aq[i] * bq[i] + qpp * mixed;
+   }
+   return 0;
+}
+
+/* the same paths with nested brackets that are exact, and by differences; wrong third derivatives are refused */
+static void test_third_derivative(void) {
+   static arrays differences, exact;
+   cubic_user user = {0.7, 0.2, 0, 0};
+   symsde_model model = NULL, kubo = new_kubo();
+   symsde_traits traits;
+   symsde_scheme scheme = new_scheme("gauss2_strong32");
+   symsde_options options = some_options();
+   const double q0 = 0.3;
+   const symsde_input input = some_input(&q0, &zero);
+   symsde_paths paths = paths_in(&differences, 0);
+   double largest = 0;
+
+   symsde_traits_init(&traits);
+   traits.ndof = traits.nnoise = 1;
+   OK(symsde_model_new("cubic", &traits, cubic_gradient, NULL, cubic_hessian, NULL, &user, &model, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(user.asked == 0);
+   OK(symsde_model_set_third_derivative(model, cubic_third, &error));
+   paths = paths_in(&exact, 0);
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(user.asked > 10);
+   for (int i = 0; i < NTIME * PATHS; i++) {
+      largest = fmax(largest, fabs(differences.q[i] - exact.q[i]));
+   }
+   CHECK(largest > 0 && largest < 1e-11);
+   user.wrong = 0.01;
+   EXPECT(SYMSDE_FALSE_TRAIT, "cubic|offers third_derivative, but by it the third derivative of H_0",
+          symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   OK(symsde_model_set_third_derivative(model, NULL, &error));
+   user.asked = 0;
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(user.asked == 0);
+   EXPECT(SYMSDE_INCOMPATIBLE, "kubo|symsde_model_new", symsde_model_set_third_derivative(kubo, cubic_third, &error));
+   symsde_model_delete(&model);
+   symsde_model_delete(&kubo);
+   symsde_scheme_delete(&scheme);
+}
+
 /* calls with an output that is NULL, and with all of them */
 static int with_null, whole;
 
@@ -242,6 +329,7 @@ static void test_sincos(void) {
 int main(void) {
    test_joint_is_called();
    test_joint_fails();
+   test_third_derivative();
    test_null_is_not_handed_out();
    test_sincos();
    return close_report();

@@ -78,6 +78,11 @@ _TAKEN = frozenset(
         "gradient_hessian",
         "hessian_banded",
         "force_stiffness",
+        "third_derivative",
+        "aq",
+        "ap",
+        "bq",
+        "bp",
         "chain_rows",
         "has_flow",
         "flow",
@@ -122,6 +127,7 @@ class Given:
     p0: tuple[float, ...]
     ntime: int
     has_energy: bool
+    third: dict[str, list[int]]  #: nodes of third derivatives, where the scheme takes them
 
     @property
     def is_chain(self) -> bool:
@@ -141,6 +147,8 @@ def given_of(scene: Scene, stem: str) -> Given:
     names = [name for name, *_ in _abi.Options._fields_ if name not in _LEFT_OUT]
     options = {x: getattr(setup.options, x) for x in names if getattr(setup.options, x) != getattr(default, x)}
     is_formula = isinstance(model, FormulaModel)
+    made = model._derivatives if is_formula else None
+    takes_third = made is not None and setup.scheme.info.uses_nested_bracket and made.has_brackets()
     return Given(
         stem=stem,
         title=_title(scene, model),
@@ -154,6 +162,7 @@ def given_of(scene: Scene, stem: str) -> Given:
         p0=tuple(np.asarray(setup.p0)[:, 0].tolist()),
         ntime=setup.ntime,
         has_energy=model.traits.has_value,
+        third=(takes_third and made.third()) or {},
     )
 
 

@@ -8,12 +8,15 @@ from .expressions import Expressions, wrapped
 from .given import Given, columns, equal
 
 WIDTH = 110
+DIGITS, LETTERS = "0123456789", "wqpab"
 IN = "int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p"
 BLOCKS = {"value": ("value",), "gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp")}
+THIRD = {"third_derivative": ("tq", "tp")}
 ABOUT = {
     "value": "S = sum_j w[j] H_j: arrays are [..][nlane], one lane is one path",
     "gradient": "S_q and S_p",
     "hessian": "S_qq, S_qp and S_pp",
+    "third_derivative": "the gradient of a^T (the Hessian) b",
 }
 
 
@@ -34,7 +37,7 @@ def _functions(given: Given) -> list[str]:
     lines = ["typedef struct parameters {"]
     lines += [f"   double {x};" for x in given.identifiers.values()] or ["   int none;"]
     lines += ["} parameters;", ""]
-    for kind in BLOCKS:
+    for kind in BLOCKS | (THIRD if given.third else {}):
         lines += _function(given, kind)
     return lines
 
@@ -46,13 +49,15 @@ def _function(given: Given, kind: str) -> list[str]:
     def leaf(name: str) -> str:
         return f"par->{names[int(name[1:])]}" if name[0] == "c" else name
 
-    outputs = [(block, k, x) for block in BLOCKS[kind] for k, x in enumerate(made.outputs[block])]
+    blocks, nodes = (BLOCKS | THIRD)[kind], made.outputs | given.third
+    vectors = emit_c.VECTORS.get(blocks, ())
+    outputs = [(block, k, x) for block in blocks for k, x in enumerate(nodes[block])]
     text = Expressions(made.graph, [x for *_, x in outputs], leaf, lambda value: value)
     leaves = {made.graph.nodes[x].value for x in emit_c.reachable(made.graph, [x for *_, x in outputs])}
-    loads = [(x, f"{x[0]}[{_at(int(x[1:]))}]") for x in _ordered(leaves, given.model.nnoise, n)]
+    loads = [(x, f"{x.rstrip(DIGITS)}[{_at(int(x.lstrip(LETTERS)))}]") for x in _ordered(leaves, given.model.nnoise, n)]
     body = [f"const double {name} = {value};" for name, value in (*loads, *text.parts)]
     body += [f"{block}[{_at(k)}] = {value};" for (block, k, _), value in zip(outputs, text.results, strict=True)]
-    given_out = ", ".join(f"double *{block}" for block in BLOCKS[kind])
+    given_out = ", ".join([*(f"const double *{x}" for x in vectors), *(f"double *{block}" for block in blocks)])
     return [
         f"/* {ABOUT[kind]} */",
         *wrapped(f"static int {kind}({IN}, {given_out}, void *user) {{", WIDTH, " " * (len(kind) + 12)),
@@ -68,7 +73,8 @@ def _function(given: Given, kind: str) -> list[str]:
 
 
 def _ordered(leaves: set, nnoise: int, ndof: int) -> list[str]:
-    every = [f"w{j}" for j in range(nnoise + 1)] + [f"{x}{i}" for x in "qp" for i in range(ndof)]
+    letters = ("q", "p", "aq", "ap", "bq", "bp")
+    every = [f"w{j}" for j in range(nnoise + 1)] + [f"{x}{i}" for x in letters for i in range(ndof)]
     return [x for x in every if x in leaves]
 
 
@@ -152,6 +158,9 @@ def _model(given: Given) -> list[str]:
         lines += [f"   parameters par = {{{values}}};"]
         names = ("gradient", "value", "hessian", "NULL", "&par")
     lines += [f'   check(symsde_model_new("{given.name}", &traits, {", ".join(names)}, &model, &error), &error);']
+    third = "third_derivative" if given.third else "formula_third_derivative"
+    if given.third or (is_chain and third in given.model.formula.source):
+        lines += [f"   check(symsde_model_set_third_derivative(model, {third}, &error), &error);"]
     if is_chain and "formula_chain_rows" in given.model.formula.source:
         lines += ["   check(symsde_model_set_chain_rows(model, formula_chain_rows, &error), &error);"]
     if is_chain:

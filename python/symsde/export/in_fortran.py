@@ -4,16 +4,20 @@
 from __future__ import annotations
 
 from ..errors import InvalidArgumentError
+from ..formulas.emit_c import VECTORS
 from . import sites_in_fortran
 from .expressions import Expressions, wrapped
 from .given import Given, columns, equal
 
 WIDTH = 118
 BLOCKS = {"value": ("value",), "gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp")}
+THIRD = {"third_derivative": ("tq", "tp")}
+CALLED = {"tq": "uq", "tp": "up"}  #: outputs as the library's interface names them
 ABOUT = {
     "value": "S = sum_j w_j H_j, lane by lane: one lane is one path",
     "gradient": "S_q and S_p; what is absent is not wanted",
     "hessian": "S_qq, S_qp and S_pp; hqp(:, i, j) = d2 S/(dq_i dp_j)",
+    "third_derivative": "The gradient of a^T (the Hessian) b",
 }
 #: members of symsde_options -> components of run_options
 OPTIONS = {"steps": "nstep", "paths": "npath"}
@@ -32,7 +36,7 @@ def source(given: Given, compile_line: str) -> str:
 
 
 def _module(given: Given) -> list[str]:
-    kinds = sites_in_fortran.PROCEDURES if given.is_chain else BLOCKS
+    kinds = sites_in_fortran.PROCEDURES if given.is_chain else [*BLOCKS, *(THIRD if given.third else ())]
     lines = [f"module formula_of_{given.stem}", "   use symsde, only: wp, model_type", "   implicit none", "   private"]
     lines += ["   public :: formula_model", "", "   type, extends(model_type) :: formula_model"]
     lines += [f"      real(wp) :: {given.identifiers[x]} = {_number(v)}" for x, v in given.parameters.items()]
@@ -52,16 +56,20 @@ def _module(given: Given) -> list[str]:
 
 
 def _procedure(given: Given, kind: str) -> list[str]:
-    n, optional = given.model.ndof, "" if kind == "value" else ", optional"
-    arguments = ", ".join(BLOCKS[kind])
-    shape = {"value": "(nlane)", "gradient": "(nlane, ndof)", "hessian": "(nlane, ndof, ndof)"}[kind]
-    blocks = [_block(given, kind, block, n) for block in BLOCKS[kind]]
+    n, optional = given.model.ndof, "" if kind in ("value", *THIRD) else ", optional"
+    names = (BLOCKS | THIRD)[kind]
+    vectors = VECTORS.get(names, ())
+    outputs = [CALLED.get(x, x) for x in names]
+    arguments = ", ".join((*vectors, *outputs))
+    shape = {"value": "(nlane)", "hessian": "(nlane, ndof, ndof)"}.get(kind, "(nlane, ndof)")
+    blocks = [_block(given, kind, block, n) for block in names]
     most = max(count for count, _ in blocks)
     lines = [f"   !> {ABOUT[kind]}"]
     lines += [f"   subroutine weighted_{kind}(self, nlane, ndof, nnoise, t, w, q, p, {arguments})"]
     lines += ["      class(formula_model), intent(in) :: self", "      integer, intent(in) :: nlane, ndof, nnoise"]
     lines += ["      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)"]
-    lines += [f"      real(wp), intent(out){optional} :: {', '.join(x + shape for x in BLOCKS[kind])}"]
+    lines += [f"      real(wp), intent(in), dimension(nlane, ndof) :: {', '.join(vectors)}"] if vectors else []
+    lines += [f"      real(wp), intent(out){optional} :: {', '.join(x + shape for x in outputs)}"]
     if most:
         lines += wrapped(f"      real(wp) :: {', '.join(f'x{k + 1}' for k in range(most))}", WIDTH, " " * 9, " &")
     lines += ["      integer :: i", ""]
@@ -76,25 +84,28 @@ def _block(given: Given, kind: str, block: str, n: int) -> tuple[int, list[str]]
     names = list(given.identifiers.values())
 
     def leaf(name: str) -> str:
-        letter, number = name[0], int(name[1:]) if name[1:] else 0
+        letter = name.rstrip("0123456789")
+        number = int(name[len(letter) :] or 0)
         if letter == "c":
             return f"self%{names[number]}"
         return "t" if letter == "t" else f"w(i, {number})" if letter == "w" else f"{letter}(i, {number + 1})"
 
-    text = _Fortran(made.graph, made.outputs[block], leaf, _number)
+    text = _Fortran(made.graph, (made.outputs | given.third)[block], leaf, _number)
     body = [f"{name} = {value}" for name, value in text.parts]
     places = {
         "value": lambda k: "i",
         "gradient": lambda k: f"i, {k + 1}",
+        "third_derivative": lambda k: f"i, {k + 1}",
         "hessian": lambda k: f"i, {k % n + 1}, {k // n + 1}",
     }
-    body += [f"{block}({places[kind](k)}) = {value}" for k, value in enumerate(text.results)]
-    indent = " " * (6 if kind == "value" else 9)
+    body += [f"{CALLED.get(block, block)}({places[kind](k)}) = {value}" for k, value in enumerate(text.results)]
+    whole = kind in ("value", *THIRD)
+    indent = " " * (6 if whole else 9)
     lines = [f"{indent}do i = 1, nlane"]
     for statement in body:
         lines += wrapped(f"{indent}   {statement}", WIDTH, indent + " " * 6, " &")
     lines += [f"{indent}end do"]
-    if kind != "value":
+    if not whole:
         lines = [f"      if (present({block})) then", *lines, "      end if"]
     return len(text.parts), lines
 
@@ -139,6 +150,8 @@ def _model(given: Given) -> list[str]:
     lines = [f"   model%name = '{given.name}'", "   ! what may be left out; false ones are refused"]
     lines += [f"   model%traits%ndof = {traits.ndof}", f"   model%traits%nnoise = {traits.nnoise}"]
     lines += [f"   model%traits%{x} = .true." for x in (*(f for f in flags if getattr(traits, f)), *offered)]
+    if given.third:
+        lines += ["   model%traits%has_third_derivative = .true."]
     if traits.bandwidth is not None:
         lines += [f"   model%traits%bandwidth = {traits.bandwidth}"]
     return [*lines, f"   model%traits%rotation = {_array(traits.rotation)}"] if traits.rotation else lines

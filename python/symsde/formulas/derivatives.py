@@ -9,6 +9,7 @@ state, as (omega^2 w_0 + sigma w_2) sin q, it is multiplied once.
 from __future__ import annotations
 
 import importlib
+import itertools
 from typing import Any
 
 from .._files import optional
@@ -17,6 +18,7 @@ from .graph import Graph
 from .problem import Problem, quoted
 
 MAX_GRADIENT = 3_000  #: operations
+MAX_THIRD = 600  #: third derivatives that do not vanish, of all degrees of freedom together
 BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
 
 
@@ -60,6 +62,38 @@ class Derivatives:
             before, last = self.of(*key[:-1]), self.symbol[key[-1]]
             self._entries[key] = [h.diff(last) if last in h.free_symbols else 0 * last for h in before]
         return self._entries[key]
+
+    def third(self) -> dict[str, list[int]] | None:
+        """Nodes of the gradient of a^T S'' b, outputs tq and tp, in leaves aq0 .., ap0 .., bq0 .., bp0 ..
+
+        None where they vanish, or are too many.
+        """
+        names = [*self.problem.coordinates("q"), *self.problem.coordinates("p")]
+        terms: dict[str, list[int]] = {x: [] for x in names}
+        count = 0
+        for j, k in itertools.combinations_with_replacement(range(len(names)), 2):
+            x, y = names[j], names[k]
+            present = {s.name for e in self.of(x, y) for s in e.free_symbols}
+            for z in names:
+                if z not in present or all(e == 0 for e in self.of(x, y, z)):
+                    continue
+                count += 1
+                if count > MAX_THIRD:
+                    return None
+                a, b = ([self.graph.leaf(f"{letter}{v}", True) for v in (x, y)] for letter in "ab")
+                along = self.graph.multiply(a[0], b[1])
+                if j != k:
+                    along = self.graph.sum((along, self.graph.multiply(a[1], b[0])))
+                terms[z].append(self.graph.multiply(self._weighted(self.of(x, y, z), x + y + z), along))
+        n = self.problem.ndof
+        nodes = [self.graph.sum(terms[x]) for x in names]
+        return {"tq": nodes[:n], "tp": nodes[n:]} if count else None
+
+    def has_brackets(self) -> bool:
+        """Whether nested brackets take third derivatives: they are squares for H = p.p/2 + U(q), noise in position."""
+        slopes = {x: self.of(x) for x in self.problem.coordinates("p")}
+        simple = all(e[0] == self.symbol[x] and all(h == 0 for h in e[1:]) for x, e in slopes.items())
+        return len(self.hamiltonians) > 1 and not simple
 
     def _block(self, variables: str) -> list[int]:
         """Nodes of a block of derivatives: [i] or, by rows, [j][i] with i of the first letter, j of the second."""

@@ -20,6 +20,8 @@ SETS = {
     "separable": (("hq", "hp", "hqq", "hpp"), ("hq", "hqq"), ("hp", "hpp"), ("hq", "hp")),
     "mixed": (tuple(BLOCKS), ("hq", "hqp"), ("hp", "hqp"), ("hq", "hp")),
 }
+#: vectors that outputs take beside the state
+VECTORS = {("uq", "up"): ("vq", "vp"), ("tq", "tp"): ("aq", "ap", "bq", "bp")}
 MAX_TOGETHER = 1_500  #: operations of formulas that are worth a function for each set, in time of compilation
 MAX_STORES = 32  #: of one loop: compilers take long for many, not for many operations
 _BOTH = ("sin", "cos", "tan")
@@ -90,7 +92,7 @@ class Loops:
     @staticmethod
     def _arguments(outputs: tuple[str, ...], wanted: tuple[str, ...] | None = None) -> tuple[str, str]:
         """Arguments of a call, and their declaration."""
-        vectors = ("vq", "vp") if outputs == ("uq", "up") else ()
+        vectors = VECTORS.get(outputs, ())
         targets = [x if wanted is None or x in wanted else "NULL" for x in outputs]
         declared = "".join(f", const double *restrict {x}" for x in vectors) + "".join(f", OUT {x}" for x in outputs)
         return ", ".join(["n", "t", "w", "q", "p", "c", *vectors, *targets]), "IN" + declared
@@ -125,6 +127,8 @@ class _File(Loops):
         formulas = "\n".join(f" *    H_{j} = {h}" for j, h in enumerate(derivatives.problem.hamiltonians))
         self.head = HEAD.format(formulas=formulas)
         self._along(derivatives)
+        self.third = (derivatives.has_brackets() and derivatives.third()) or {}
+        self.outputs |= self.third
         separable = all(self.graph.is_number(node, 0.0) for node in self.outputs["hqp"])
         together = SETS["separable" if separable else "mixed"] if len(self.graph.nodes) <= MAX_TOGETHER else ()
         self.sets = [s for s in together if self._stores(s) <= MAX_STORES]
@@ -157,11 +161,13 @@ class _File(Loops):
     def text(self) -> str:
         """Functions for sets of outputs, one for lanes that are far, then the callbacks."""
         parts = [self.head, lane_functions(), MACROS]
-        parts += [self.far(family) for family in (("value",), ("uq", "up"), tuple(BLOCKS))]
-        for outputs in (("value",), ("uq", "up"), *self.sets):
+        third = [("tq", "tp")] if self.third else []
+        parts += [self.far(family) for family in (("value",), ("uq", "up"), *third, tuple(BLOCKS))]
+        for outputs in (("value",), ("uq", "up"), *third, *self.sets):
             parts.append(self.function(outputs))
         parts += [self._callback("value", ("value",), [("value",)])]
-        parts += [self._callback("hessian_vector", ("uq", "up"), [("uq", "up")], ("vq", "vp"))]
+        parts += [self._callback("hessian_vector", ("uq", "up"), [("uq", "up")])]
+        parts += [self._callback("third_derivative", x, [x]) for x in third]
         for name, blocks in (
             ("gradient", ("hq", "hp")),
             ("hessian", ("hqq", "hqp", "hpp")),
@@ -170,8 +176,9 @@ class _File(Loops):
             parts.append(self._callback(name, blocks, [s for s in self.sets if set(s) <= set(blocks)]))
         return "\n".join(parts)
 
-    def _callback(self, kind: str, outputs: tuple[str, ...], sets: list[tuple[str, ...]], vectors=()) -> str:
+    def _callback(self, kind: str, outputs: tuple[str, ...], sets: list[tuple[str, ...]]) -> str:
         """A function of symsde.h that serves every set of wanted outputs, the largest functions first."""
+        vectors = VECTORS.get(outputs, ())
         given = "".join(f", const double *{x}" for x in vectors) + "".join(f", double *{x}" for x in outputs)
         name = f"formula_{kind}"
         lines = [f"int {name}(CALLBACK_IN{given}, void *user);", f"int {name}(CALLBACK_IN{given}, void *user) {{"]

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from .derivatives import Derivatives
 from .emit_c import Loops
-from .site_loops import VECTORS, additions, one_or_many, over_sites, site_loop
+from .site_loops import additions, one_or_many, over_sites, site_loop
 from .sites import Chain
 
 #: beside w: g, the derivatives of the functions by the sums; r, what the second derivatives make of a vector
-WEIGHTS = dict.fromkeys(("hq", "hp", "hqq", "hqp", "hpp"), ("g",)) | dict.fromkeys(VECTORS, ("g", "r"))
+WEIGHTS = dict.fromkeys(("hq", "hp", "hqq", "hqp", "hpp"), ("g",)) | dict.fromkeys(("uq", "up"), ("g", "r"))
 HEAD = """
 /* ---- functions of sums over sites: S_0 .. are in sums[..][n] ---- */
 

@@ -12,15 +12,14 @@ from .emit_c import MACROS, lane_functions
 from .site_loops import GRADIENT, VECTORS, additions, one_or_many, over_sites, site_loop
 from .sites import Chain
 
-SIZES = {"value": "1", "hq": "sites", "hp": "sites", "uq": "sites", "up": "sites"} | dict.fromkeys(
-    ("hqq", "hqp", "hpp"), "sites * sites"
-)
 KINDS = {
     "value": ("value",),
     "gradient": ("hq", "hp"),
     "hessian": ("hqq", "hqp", "hpp"),
     "hessian_vector": ("uq", "up"),
+    "third_derivative": ("tq", "tp"),
 }
+SIZES = {"value": "1"} | dict.fromkeys(("hqq", "hqp", "hpp"), "sites * sites")  #: of an output; else one row a site
 
 
 def source(chain: Chain) -> str:
@@ -30,11 +29,19 @@ def source(chain: Chain) -> str:
     row = "((site + (offset) + sites) % sites)" if chain.ends == "periodic" else "(site + (offset))"
     parts += [f"#define ROW(offset) {row}\n"]
     by_rows = emit_rows.has_rows(chain)
-    parts += [_output(chain, output) for output in SIZES if output != "hq" or not by_rows]
+    kinds = KINDS if _has_third(chain) else {kind: KINDS[kind] for kind in KINDS if kind != "third_derivative"}
+    every = [output for outputs in kinds.values() for output in outputs]
+    parts += [_output(chain, output) for output in every if output != "hq" or not by_rows]
     if chain.outer:
         return "\n".join([*parts, emit_collective.source(chain)])
     parts += [emit_rows.source(chain)] if by_rows else []
-    return "\n".join([*parts, *(_callback(kind, outputs) for kind, outputs in KINDS.items())])
+    return "\n".join([*parts, *(_callback(kind, outputs) for kind, outputs in kinds.items())])
+
+
+def _has_third(chain: Chain) -> bool:
+    """Whether some scheme takes third derivatives; functions of sums have none, and leave them to differences."""
+    simple = chain.traits["position_noise"] and chain.traits["identity_mass"]
+    return not (chain.nnoise == 0 or simple or chain.traits["quadratic"] or chain.outer)
 
 
 def _densities(chain: Chain) -> str:
@@ -50,9 +57,13 @@ def _output(chain: Chain, output: str) -> str:
     parameters = f"IN, const ptrdiff_t sites{vectors}, OUT {output}"
     more = [x for x in emit_collective.WEIGHTS.get(output, ()) if chain.outer]
     weights = "".join(f", const double *restrict {x}" for x in more)
-    text, loops, zero = "", "", f"   memset({output}, 0, (size_t)(({SIZES[output]}) * n) * sizeof(double));\n"
+    text, loops, zero = (
+        "",
+        "",
+        f"   memset({output}, 0, (size_t)(({SIZES.get(output, 'sites')}) * n) * sizeof(double));\n",
+    )
     for k, d in enumerate(chain.densities):
-        own = SIZES[output] == "sites" and d.offsets == (0,)  # each site adds to its own row
+        own = output not in SIZES and d.offsets == (0,)  # each site adds to its own row
         first = own and not (loops or d.is_rest or d.inner)
         body = site_loop(d, additions(d, output), "=" if first else "+=") if output != "value" or not d.inner else ""
         if body:
@@ -71,7 +82,7 @@ def _output(chain: Chain, output: str) -> str:
 
 def _callback(kind: str, outputs: tuple[str, ...]) -> str:
     """A function of symsde.h; outputs that are not wanted are NULL."""
-    vectors = ("vq", "vp") if kind == "hessian_vector" else ()
+    vectors = VECTORS.get(outputs[0], ())
     given = "".join(f", const double *{x}" for x in vectors) + "".join(f", double *{x}" for x in outputs)
     lines = [f"int formula_{kind}(CALLBACK_IN{given}, void *user) {{", "   (void)nham;"]
     for x in outputs:

@@ -37,13 +37,20 @@ class InNumpy:
     def __init__(self, derivatives: Derivatives, parameters: dict[str, float]):
         """Formulas with values of their parameters."""
         self.graph = derivatives.graph
-        self.outputs = derivatives.outputs
+        self.outputs = derivatives.outputs | ((derivatives.has_brackets() and derivatives.third()) or {})
         self.ndof = derivatives.problem.ndof
         self.parameters = {f"c{k}": value for k, value in enumerate(parameters.values())}
 
     def functions(self) -> dict[str, Any]:
         """By the names that `Model` gives them."""
-        return {name: getattr(self, name) for name in ("gradient", "value", "hessian", "hessian_vector")}
+        names = (
+            "gradient",
+            "value",
+            "hessian",
+            "hessian_vector",
+            *(["third_derivative"] if "tq" in self.outputs else []),
+        )
+        return {name: getattr(self, name) for name in names}
 
     def value(self, t, w, q, p):
         """S = sum_j w[j] H_j."""
@@ -63,13 +70,19 @@ class InNumpy:
         uq = np.einsum("jil,jl->il", qq, vq) + np.einsum("jil,jl->il", qp, vp)
         return uq, np.einsum("ijl,jl->il", qp, vq) + np.einsum("jil,jl->il", pp, vp)
 
-    def _block(self, name: str, at: tuple, shape: tuple[int, ...]) -> np.ndarray:
+    def third_derivative(self, t, w, q, p, aq, ap, bq, bp):  # noqa: PLR0917 - what the library hands over
+        """The gradient of a^T S'' b."""
+        vectors = {"aq": aq, "ap": ap, "bq": bq, "bp": bp}
+        return tuple(self._block(x, (t, w, q, p), (self.ndof,), **vectors) for x in ("tq", "tp"))
+
+    def _block(self, name: str, at: tuple, shape: tuple[int, ...], **vectors: np.ndarray) -> np.ndarray:
         """One block of outputs, the lanes last."""
         t, w, q, p = at
         given = {"t": t, **self.parameters}
         given |= {
             f"{letter}{i}": row for letter, rows in zip("wqp", (w, q, p), strict=True) for i, row in enumerate(rows)
         }
+        given |= {f"{letter}{i}": row for letter, rows in vectors.items() for i, row in enumerate(rows)}
         return values_of(self.graph, self.outputs[name], given, q.shape[-1]).reshape(*shape, -1)
 
 

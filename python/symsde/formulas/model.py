@@ -21,7 +21,7 @@ from .problem import make_problem, quoted
 from .sites import Chain, make_chain
 from .structure import Structure, structure_of
 
-KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "chain_rows")
+KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "third_derivative", "chain_rows")
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from .derivatives import BLOCKS
 from .emit_c import Writer
 from .sites import Density
 
-VECTORS = {"uq": ("vq", "vp"), "up": ("vq", "vp")}  #: what a product of the Hessian takes
+#: what a product of the Hessian takes, and third derivatives
+VECTORS = dict.fromkeys(("uq", "up"), ("vq", "vp")) | dict.fromkeys(("tq", "tp"), ("aq", "ap", "bq", "bp"))
 GRADIENT = {"uq": "hq", "up": "hp"}  #: the gradient in the same rows
 
 
@@ -61,6 +62,9 @@ def entries(d: Density, output: str) -> list[tuple[tuple[int, ...], int]]:
         return [((i,), node) for i, node in enumerate(made[output])]
     if output in BLOCKS:
         return [((i, j), made[output][j * size + i]) for j in range(size) for i in range(size)]
+    if output in ("tq", "tp"):
+        third = d.derivatives.third()
+        return [((i,), node) for i, node in enumerate(third[output])] if third else []
     return [((i,), _product(d, output, i)) for i in range(size)]
 
 
