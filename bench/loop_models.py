@@ -9,6 +9,7 @@ knows and a sine that is stored could change the angle of the cosine after it.
 import math
 
 import numba
+import numpy as np
 import symsde as ss
 from loops import COSINES
 
@@ -87,19 +88,21 @@ def mean_field(n):
         shape = (ndof, nlane)
         w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, shape), numba.carray(p, shape)
         hq, hp = numba.carray(hq, shape), numba.carray(hp, shape)
+        sines, cosines, moves = np.empty(ndof), np.empty(ndof), hp.ctypes.data != 0
         for lane in range(nlane):
             x, y = 0.0, 0.0
             for i in range(ndof):
                 angle = q[i, lane]
                 sine, cosine = math.sin(angle), math.cos(angle)
-                hq[i, lane], hp[i, lane] = sine, cosine
+                sines[i], cosines[i] = sine, cosine
                 y += sine
                 x += cosine
             x, y = x / ndof, y / ndof
             for i in range(ndof):
-                pull = hq[i, lane] * x - hp[i, lane] * y
+                pull = sines[i] * x - cosines[i] * y
                 hq[i, lane] = w[0, lane] * (q[i, lane] + pull) - 0.03 * COSINES[i] * w[1, lane]
-                hp[i, lane] = w[0, lane] * p[i, lane]
+                if moves:  # what is not asked for need not be computed
+                    hp[i, lane] = w[0, lane] * p[i, lane]
         return 0
 
     @numba.cfunc(ss.numba_signature("hessian"))
@@ -107,26 +110,30 @@ def mean_field(n):
         w, q = numba.carray(w, (nham, nlane)), numba.carray(q, (ndof, nlane))
         shape = (ndof, ndof, nlane)
         hqq, hqp, hpp = numba.carray(hqq, shape), numba.carray(hqp, shape), numba.carray(hpp, shape)
+        sines, cosines = np.empty(ndof), np.empty(ndof)
+        mixed, moves = hqp.ctypes.data != 0, hpp.ctypes.data != 0
         for lane in range(nlane):
             x, y = 0.0, 0.0
             for i in range(ndof):
                 angle = q[i, lane]
                 sine, cosine = math.sin(angle), math.cos(angle)
-                hqp[0, i, lane], hpp[0, i, lane] = sine, cosine
+                sines[i], cosines[i] = sine, cosine
                 y += sine
                 x += cosine
             x, y = x / ndof, y / ndof
             for i in range(ndof):
                 for j in range(ndof):
-                    pair = hqp[0, i, lane] * hqp[0, j, lane] + hpp[0, i, lane] * hpp[0, j, lane]
-                    hqq[j, i, lane] = -w[0, lane] * pair / ndof
-                hqq[i, i, lane] += w[0, lane] * (1 + hpp[0, i, lane] * x + hqp[0, i, lane] * y)
-            for i in range(ndof):
-                for j in range(ndof):
-                    hqp[j, i, lane] = 0.0
-                    hpp[j, i, lane] = 0.0
-                hpp[i, i, lane] = w[0, lane]
+                    if hqq.ctypes.data != 0:
+                        hqq[j, i, lane] = -w[0, lane] * (sines[i] * sines[j] + cosines[i] * cosines[j]) / ndof
+                    if mixed:
+                        hqp[j, i, lane] = 0.0
+                    if moves:
+                        hpp[j, i, lane] = 0.0
+                if hqq.ctypes.data != 0:
+                    hqq[i, i, lane] += w[0, lane] * (1 + cosines[i] * x + sines[i] * y)
+                if moves:
+                    hpp[i, i, lane] = w[0, lane]
         return 0
 
     traits = {"separable": True, "additive": True, "position_noise": True, "identity_mass": True}
-    return ss.Model(ndof=n, nnoise=1, gradient=gradient, hessian=hessian, **traits)
+    return ss.Model(ndof=n, nnoise=1, gradient=gradient, hessian=hessian, accepts_null=True, **traits)
