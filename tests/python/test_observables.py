@@ -169,6 +169,7 @@ def test_functions_are_watched_too(found):
 def test_without_a_compiler(found, monkeypatch):
     monkeypatch.setenv("SYMSDE_CC", "")
     monkeypatch.setattr("symsde.formulas.compiler.command", lambda: None)
+    monkeypatch.setattr("symsde.formulas.llvm.engine.binding", lambda: None)
     from symsde.formulas import observables
 
     observables._read.cache_clear()

@@ -8,8 +8,9 @@ structure      traits and invariants, derived
 emit_c         C for the callbacks of the library
 sites          sums over the sites of a chain; site_loops, emit_sites, emit_rows their C
 collective     functions of such sums; emit_collective their C
-in_numpy       the same callbacks without a compiler
 compiler       the system's compiler, and a cache on disk
+llvm           LLVM in its place
+in_numpy       the same callbacks without either
 observables    values of the state, of any model
 model          `model_from_sympy`
 """

@@ -21,6 +21,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from .._setup import build_info
 from ..errors import InvalidArgumentError, NotWrittenError
@@ -41,9 +42,10 @@ PATIENCE = 3600.0  #: seconds by the clock
 class Compiled:
     """A compiled file."""
 
-    library: ctypes.CDLL
-    path: Path
+    library: Any  #: functions by their names
+    path: Path | None  #: None = in this process alone
     seconds: float  #: of compilation; 0 = it was there
+    backend: str = "C"
 
 
 def command() -> list[str] | None:

@@ -15,8 +15,8 @@ from .emit_c import reachable
 from .graph import Graph
 
 SENTENCE = (
-    "there is no C compiler, so that the formulas are evaluated by NumPy on one thread, which takes 20 to 30 "
-    "times as long for many paths and 600 to 800 times for one: install gcc or clang, or set SYMSDE_CC to one"
+    "there is no C compiler and no llvmlite, so that the formulas are evaluated by NumPy on one thread, which takes 40 "
+    "to 70 times as long for many paths and 800 to 2000 times for one: install gcc or clang, or pip install llvmlite"
 )
 _OPERATIONS: dict[str, Callable] = {
     "+": operator.add,

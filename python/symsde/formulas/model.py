@@ -15,7 +15,7 @@ import numpy as np
 from .. import _callbacks, _checks
 from ..errors import IncompatibleError, InvalidArgumentError, SlowFormulaWarning
 from ..model import Model
-from . import compiler, emit_c, emit_flow, emit_sites, in_numpy
+from . import backends, compiler, emit_c, emit_flow, emit_sites, in_numpy
 from .derivatives import Derivatives
 from .problem import make_problem, quoted
 from .sites import Chain, make_chain
@@ -30,7 +30,7 @@ class Formula:
 
     hamiltonians: tuple[str, ...]  #: H, H_1 .. H_m as given
     structure: Structure | None  #: what was derived from them; of sums over sites see the traits
-    backend: str  #: "C", or "NumPy" where there is no compiler
+    backend: str  #: "C"; "LLVM" where there is no compiler, but llvmlite; "NumPy" where that is missing, too
     source: str  #: the generated code
     seconds_derivatives: float  #: for derivatives and code
     seconds_compilation: float  #: 0 = it was compiled before
@@ -102,8 +102,9 @@ def model_from_sympy(
     noises as "-sigma*q[k]", one for each site; ends: "free", "fixed" (zero beyond the ends) or "periodic".
 
     Derivatives and traits are derived, C code is generated, compiled by the system's compiler and kept on disk
-    (SYMSDE_CACHE); values of parameters are given when it runs. ``model.formula`` tells all that. Errors are
-    InvalidArgumentError with a sentence that quotes the formula.
+    (SYMSDE_CACHE; without a compiler LLVM takes its place, if llvmlite is installed); values of parameters are given
+    when it runs. ``model.formula`` tells all that. Errors are InvalidArgumentError with a sentence that quotes the
+    formula.
     """
     given = {
         "H": H,
@@ -146,11 +147,11 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     formula = Formula(
         hamiltonians=texts,
         structure=structure,
-        backend="C" if compiled else "NumPy",
+        backend=compiled.backend if compiled else "NumPy",
         source=source,
         seconds_derivatives=derived,
         seconds_compilation=compiled.seconds if compiled else 0.0,
-        file=str(compiled.path) if compiled else "",
+        file=str(compiled.path) if compiled and compiled.path else "",
     )
     model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], **traits, **functions)
     model.formula, model._derivatives, model._chain = formula, derivatives, chain
@@ -166,11 +167,14 @@ def _shown(state: np.ndarray) -> str:
 
 
 def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
-    """The compiled code; None, with a sentence about the cost, where there is no compiler."""
-    if compiler.command() is not None:
-        return compiler.build(source)
+    """The compiled code; None, with a sentence about the cost, where nothing compiles."""
+    compiled = backends.build(source)
+    if compiled is not None:
+        return compiled
     if is_chain:
-        raise InvalidArgumentError("sums over sites need a C compiler: install gcc or clang, or set SYMSDE_CC to one")
+        raise InvalidArgumentError(
+            "sums over sites need a C compiler, or llvmlite: install gcc or clang, or pip install llvmlite"
+        )
     warnings.warn(in_numpy.SENTENCE, SlowFormulaWarning, stacklevel=4)
     return None
 

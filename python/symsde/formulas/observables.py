@@ -22,7 +22,7 @@ from .. import _abi, _checks
 from .._files import optional
 from ..errors import InvalidArgumentError
 from ..model import Model
-from . import compiler, sums
+from . import backends, compiler, sums
 from .derivatives import engine, free
 from .emit_c import MACROS, Loops, lane_functions
 from .graph import Graph
@@ -140,14 +140,12 @@ def _read(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: obje
                 f"observable {name!r}: {_checks.shown(str(formula))} cannot be computed: write it in + - * / **, "
                 "sin, cos, tan, exp, log, sqrt, sinh, cosh, tanh, their inverses, erf"
             ) from None
-    if compiler.command() is None:
-        return made
     loops = Loops(made.graph, {"values": made.roots})
     source = [HEAD, lane_functions(), MACROS, loops.far(("values",)), loops.function(("values",))]
     if made.sums:
         source += ["#include <stdlib.h>\n#include <string.h>\n", sums.source(made.sums, ends)]
     body = WITH_SUMS.replace("COUNT", str(len(made.sums))) if made.sums else PLAIN
-    return dataclasses.replace(made, compiled=compiler.build("\n".join([*source, CALLBACK.replace("BODY", body)])))
+    return dataclasses.replace(made, compiled=backends.build("\n".join([*source, CALLBACK.replace("BODY", body)])))
 
 
 def _known(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: object) -> Names:

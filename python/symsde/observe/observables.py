@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import _callbacks, _checks
 from ..errors import InvalidArgumentError, WrongTypeError
-from ..formulas import compiler
+from ..formulas import backends
 from ..formulas.observables import FormulaObservables, is_formula
 from ..model import Model
 
@@ -58,7 +58,7 @@ def are_in_python(observables: Mapping[str, Observable]) -> bool:
     """Whether the library calls Python for them, which only one thread at a time can be in."""
     if not observables:
         return False
-    return compiler.command() is None or not all(is_formula(x) for x in observables.values())
+    return not backends.is_there() or not all(is_formula(x) for x in observables.values())
 
 
 def described(observables: Mapping[str, Observable] | Iterable[str]) -> dict[str, str]:
