@@ -16,8 +16,8 @@ from pathlib import Path
 
 from symsde import _files, study
 from symsde.paper import symplecticity
+from symsde.stability import bifurcation, long_time, mean_square_map
 from symsde.stability import figure as stability_figure
-from symsde.stability import long_time, mean_square_map
 from symsde.study import horizons
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
@@ -28,6 +28,7 @@ from peers import page as peers
 FOLDER = Path(__file__).with_name("figures")
 OTHERS = {
     "stability": stability_figure.save,
+    "fixed-points": bifurcation.save,
     "long-time": long_time.save,
     "mean-square": mean_square_map.save,
     "horizons": horizons.save,

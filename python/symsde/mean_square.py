@@ -5,20 +5,32 @@ from __future__ import annotations
 
 import itertools
 import math
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
 from . import _checks
-from .errors import IncompatibleError
-from .mlmc.sampler import driven_by_more
+from .errors import IncompatibleError, PathsFailedWarning, TooLargeError
 from .model import Model
 from .schemes import Scheme, as_scheme
-from .step import step as make_step
+from .simulate import simulate
 
 MOST_NOISES = 2
+MOST_POINTS = 2**21  #: of the rules, beyond which a step is not averaged
+MOST_ENTRIES = 2**24  #: of the matrix of second moments: 128 MB, and a few times that while it is looked at
 _NODES = (48, 67)  #: of Gauss and Hermite; where the two disagree, the moments are infinite
+_SHAPES = ((6, 4), (8, 5))  #: the same of what dZ and K say beside increments
 _AGREE = 1e-4
+_LAWS = {
+    "Gaussian": None,
+    "three-point": ((-math.sqrt(3), 0.0, math.sqrt(3)), (1 / 6, 2 / 3, 1 / 6)),
+    "two-point": ((-1.0, 1.0), (0.5, 0.5)),
+}
+_ROWS = 4
+_MIDDLES = (np.arange(_ROWS) + 0.5) / _ROWS
+#: straight rows that have any dW, H = dZ/h - dW/2 = int (1/2 - s) dW and K = int (s^2 - s + 1/6) dW /2
+_OF_SHAPE = np.linalg.pinv(np.stack([np.ones(_ROWS), 0.5 - _MIDDLES, (_MIDDLES**2 - _MIDDLES + 1 / 6 + 1 / 192) / 2]))
 
 
 @dataclass(frozen=True)
@@ -28,7 +40,7 @@ class MeanSquare:
     growth: float  #: spectral radius of that map; infinite where a step has no second moments
     exact: float  #: the same of the equations themselves over the step; of a negative one, backward along their noise
     mean: float  #: spectral radius of E M
-    matrix: np.ndarray  #: E M x M, ((2 dof)^2, (2 dof)^2), of z = (q, p)
+    matrix: np.ndarray | None  #: E M x M, ((2 dof)^2, (2 dof)^2), of z = (q, p); None beyond 32 degrees of freedom
 
     @property
     def excess(self) -> float:
@@ -39,19 +51,22 @@ class MeanSquare:
 def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float, t: float = 0.0) -> MeanSquare:
     """How second moments grow in one step of a scheme, exactly, for a model whose Hamiltonians are quadratic.
 
-    The step is the library's own: its linear map M(dW) at the nodes of a Gauss-Hermite rule gives E M, E M x M. Noise
-    of H_k bilinear in (q, p) makes M random; linear terms of additive noise add constants, which do not matter for
-    stability. Where a step may meet a singular matrix, as midpoint's under noise on the stiffness, its second moments
-    are infinite: growth says so where increments that matter do it, two rules disagreeing; truncate them then.
-    Everything is dimensionless.
+    The step is the library's own: its linear map M at the nodes of the law of its increments (Gauss-Hermite rules where
+    they are Gaussian, of what dZ and K say beside them, too) gives E M, E M x M. Noise of H_k bilinear in (q, p) makes
+    M random; linear terms of additive noise add constants, which do not matter for stability, and M is one matrix: such
+    models may be chains. Where a step may meet a singular matrix, as midpoint's under noise on the stiffness, its
+    second moments are infinite: growth says so where increments that matter do it, two rules disagreeing; truncate them
+    then. Everything is dimensionless.
 
-    IncompatibleError for other models, for schemes that take more of the path than increments, and for more than two
-    noises that are not additive.
+    IncompatibleError for other models, for schemes that take J or areas, and for more than two noises that are not
+    additive; TooLargeError for these beyond 32 degrees of freedom.
     """
     chosen = as_scheme(scheme)
     step, t = _checks.finite("step", step), _checks.finite("t", t)
     _refuse(model, chosen)
-    moments = [_moments(model, chosen, step, t, nodes) for nodes in _NODES]
+    if model.traits.additive or model.nnoise == 0:
+        return _of_one_matrix(model, chosen, step, t)
+    moments = [_moments(model, chosen, step, t, rule) for rule in zip(_NODES, _SHAPES, strict=True)]
     first, second = (pair[1] for pair in moments)
     size = 2 * model.ndof
     known = bool(np.isfinite(second).all() and np.abs(first - second).max() < _AGREE * (1 + np.abs(second).max()))
@@ -64,35 +79,93 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
 def _refuse(model: Model, scheme: Scheme) -> None:
     if not model.traits.quadratic:
         raise IncompatibleError(f"model {model.name} is not quadratic: linear equations alone have such a matrix")
-    if driven_by_more(scheme) or scheme.info.law != "Gaussian":
+    if model.traits.additive or model.nnoise == 0:
+        return
+    info = scheme.info
+    if info.uses_magnus or (info.uses_areas and model.nnoise > 1 and not model.traits.position_noise):
         raise IncompatibleError(
-            f"scheme {scheme.name} takes more than Gaussian increments, over which this averages: give midpoint"
+            f"scheme {scheme.name} takes J or areas of the path, over which this does not average: give midpoint"
         )
-    if not model.traits.additive and model.nnoise > MOST_NOISES:
+    if model.nnoise > MOST_NOISES:
         raise IncompatibleError(f"model {model.name} has {model.nnoise} noises: {MOST_NOISES} are allowed")
+    points = math.prod(len(axis) for axis in _axes(scheme, (_NODES[1], _SHAPES[1]))) ** model.nnoise
+    if points > MOST_POINTS:
+        raise IncompatibleError(
+            f"scheme {scheme.name} with {model.nnoise} noises would be averaged over {points} ways to drive a step, "
+            f"{MOST_POINTS} are allowed: give a scheme of increments alone, or a model of one noise"
+        )
+    if (2 * model.ndof) ** 4 > MOST_ENTRIES:
+        raise TooLargeError(
+            f"model {model.name} has {model.ndof} degrees of freedom: the matrix of its second moments would have "
+            f"(2 x {model.ndof})^4 = {(2 * model.ndof) ** 4:.3g} entries, {MOST_ENTRIES} are allowed: give at most "
+            f"{math.floor(MOST_ENTRIES**0.25 / 2)} degrees of freedom, or additive noise, whose step is one matrix"
+        )
 
 
-def _moments(model: Model, scheme: Scheme, step: float, t: float, nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """E M and E M x M over the increments."""
-    size, noises = 2 * model.ndof, 0 if model.traits.additive else model.nnoise
+def _of_one_matrix(model: Model, scheme: Scheme, step: float, t: float) -> MeanSquare:
+    """Of a step that no noise makes random: squares of the eigenvalues of M, and of exp(h A)."""
+    size = 2 * model.ndof
+    matrix = _maps(model, scheme, step, t, np.zeros((_ROWS, model.nnoise, 1)))[0]
+    radius = _radius(matrix) if np.isfinite(matrix).all() else math.inf
+    rates = np.linalg.eigvals(_flow(model, 0, t)).real * step
+    pairs = np.kron(matrix, matrix) if size**4 <= MOST_ENTRIES else None
+    return MeanSquare(radius**2, math.exp(2 * rates.max()), radius, pairs)
+
+
+def _axes(scheme: Scheme, rule: tuple[int, tuple[int, int]]) -> list[list[tuple[float, float]]]:
+    """Nodes and weights of what one noise draws in a step: dW, H, K, each of variance one; those not drawn are zero."""
+    info, (nodes, shapes) = scheme.info, rule
+    law = _LAWS[info.law]
+    rules = [_hermite(nodes) if law is None else law]
+    for used, count in ((info.uses_dz, shapes[0]), (info.uses_stt_area, shapes[1])):
+        rules.append(_hermite(count) if used else ((0.0,), (1.0,)))
+    return [list(zip(*rule, strict=True)) for rule in rules]
+
+
+def _hermite(nodes: int) -> tuple[np.ndarray, np.ndarray]:
     x, weight = np.polynomial.hermite_e.hermegauss(nodes)
-    weight = weight / weight.sum()
-    grid = list(itertools.product(range(nodes), repeat=noises))
-    dw = np.zeros((model.nnoise, len(grid)))
-    weights = np.ones(len(grid))
-    for column, indices in enumerate(grid):
-        for k, i in enumerate(indices):
-            dw[k, column] = math.sqrt(abs(step)) * x[i]
-            weights[column] *= weight[i]
-    points = np.concatenate([np.zeros((size, 1)), np.eye(size)], axis=1)  # the origin, then every direction
-    z = np.tile(points, len(grid))
-    driven = np.repeat(dw, size + 1, axis=1) if model.nnoise else 0.0
+    return x, weight / weight.sum()
+
+
+def _moments(model: Model, scheme: Scheme, step: float, t: float, rule: tuple) -> tuple[np.ndarray, np.ndarray]:
+    """E M and E M x M over what drives a step."""
+    size = 2 * model.ndof
+    scale = np.sqrt(abs(step) / np.array([1, 12, 720]))
+    one = list(itertools.product(*_axes(scheme, rule)))
+    rows = _OF_SHAPE @ (scale[:, None] * np.array([[x for x, _ in drawn] for drawn in one]).T)  # (row, way)
+    chance = np.array([math.prod(w for _, w in drawn) for drawn in one])
+    grid = np.array(list(itertools.product(range(len(one)), repeat=model.nnoise)))
+    maps = _maps(model, scheme, step, t, np.ascontiguousarray(rows[:, grid].transpose(0, 2, 1)))
+    weights = chance[grid].prod(axis=1)
+    flat = maps.reshape(len(grid), size * size)
     with np.errstate(all="ignore"):
-        q, p = make_step(model, scheme, z[: model.ndof], z[model.ndof :], step, driven, t)
-    ends = np.concatenate([q, p]).reshape(size, len(grid), size + 1)
-    maps = (ends[:, :, 1:] - ends[:, :, :1]).transpose(1, 0, 2)
-    pairs = np.einsum("n,nij,nkl->ikjl", weights, maps, maps)
+        pairs = (weights[:, None] * flat).T @ flat
+    pairs = pairs.reshape(size, size, size, size).transpose(0, 2, 1, 3)  # from (i, j), (k, l) to (i, k), (j, l)
     return np.einsum("n,nij->ij", weights, maps), pairs.reshape(size * size, size * size)
+
+
+def _maps(model: Model, scheme: Scheme, step: float, t: float, rows: np.ndarray) -> np.ndarray:
+    """The linear maps (way, size, size) of a step that is driven by rows (row, noise, way); NaN where it fails."""
+    size, ways = 2 * model.ndof, rows.shape[2]
+    points = np.concatenate([np.zeros((size, 1)), np.eye(size)], axis=1)  # the origin, then every direction
+    z = np.tile(points, ways)
+    given = {"increments": np.repeat(rows, size + 1, axis=2), "refine": 2} if model.nnoise else {}
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", PathsFailedWarning)
+        run = simulate(model, q0=z[: model.ndof], p0=z[model.ndof :], scheme=scheme, step=step, steps=1, t0=t,
+                       paths=z.shape[1], **given)  # fmt: skip
+    ends = np.concatenate([run.q[-1], run.p[-1]])
+    ends[:, run.status != 0] = np.nan
+    ends = ends.reshape(size, ways, size + 1)
+    return (ends[:, :, 1:] - ends[:, :, :1]).transpose(1, 0, 2)
+
+
+def _flow(model: Model, j: int, t: float) -> np.ndarray:
+    """The matrix of the field of H_j."""
+    w = np.zeros(model.nnoise + 1)
+    w[j] = 1
+    qq, qp, pp = (block[:, :, 0] for block in model.hessian(np.zeros(model.ndof), np.zeros(model.ndof), w, t))
+    return np.block([[qp, pp], [-qq, -qp.T]])
 
 
 def _generator(model: Model, step: float, t: float) -> np.ndarray:
@@ -100,12 +173,7 @@ def _generator(model: Model, step: float, t: float) -> np.ndarray:
     + 1 x C_k), C_k = B_k^2/2 the Ito term: increments have the variance |h| backward, too.
     """
     size = 2 * model.ndof
-    flows = []
-    for j in range(model.nnoise + 1):
-        w = np.zeros(model.nnoise + 1)
-        w[j] = 1
-        qq, qp, pp = (block[:, :, 0] for block in model.hessian(np.zeros(model.ndof), np.zeros(model.ndof), w, t))
-        flows.append(np.block([[qp, pp], [-qq, -qp.T]]))
+    flows = [_flow(model, j, t) for j in range(model.nnoise + 1)]
     zero, one = np.zeros((size, size)), np.eye(size)
     drift = step * flows[0] + abs(step) * sum((b @ b for b in flows[1:]), zero) / 2
     pairs = abs(step) * sum((np.kron(b, b) for b in flows[1:]), np.kron(zero, zero))

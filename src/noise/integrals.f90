@@ -257,7 +257,7 @@ contains
          do k = 1, l - 1
             if (d%silent(k)) cycle
             kl = area_index(k, l)
-            from = merge(0_i8, path, d%common(k) .and. d%common(l))
+            from = merge(0_i8, path, d%common(l) .and. d%common(k))
             call sign_pairs(nlane, d%seed, from, pair, kl, even%of(path_areas)%x(:, kl), odd%of(path_areas)%x(:, kl))
             drawn = drawn + 2
          end do

@@ -6,12 +6,18 @@ import math
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.stability.systems import noisy_spring
+from symsde.stability.systems import bilinear, noisy_spring, soft
 
 
 def spring(sigma: float = 0.4) -> ss.Model:
     """H = (p^2 + q^2)/2, H_1 = sigma q^2/2."""
     return noisy_spring(1.0, sigma)
+
+
+def two_springs():
+    """H = (p^2 + q^2)/2 with two noises on the stiffness."""
+    flags = dict.fromkeys(("separable", "position_noise", "identity_mass"), True)
+    return bilinear(lambda w: (w[0] + 0.1 * w[1] + 0.2 * w[2], 0, w[0]), nnoise=2, **flags)
 
 
 @pytest.mark.parametrize(("a", "sigma", "h"), [(1.0, 0.3, 0.2), (2.0, 0.5, 0.5)])
@@ -47,10 +53,21 @@ def test_verlet_ends_at_two():
     assert ss.mean_square(model, "midpoint", step=30.0).growth == pytest.approx(1.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("scheme", ["stormer_verlet", "symplectic_euler", "heun"])
-def test_paths_grow_as_the_matrix_says(scheme):
-    """E q^2, q p, p^2 after 12 steps over 4e4 paths, each within 4.5 standard errors (2e-5 for nine)."""
-    model, h, steps = spring(), 0.4, 12
+DRIVEN = {"stiffness": spring(), "mass": soft(0.4), "Kubo": ss.models.kubo(a=1.0, sigma=0.4)}
+
+
+@pytest.mark.parametrize(
+    ("scheme", "equation"),
+    [
+        ("stormer_verlet", "stiffness"), ("stormer_verlet", "mass"), ("stormer_verlet", "Kubo"),
+        ("symplectic_euler", "stiffness"), ("symplectic_euler", "Kubo"), ("heun", "stiffness"), ("heun", "mass"),
+        ("gauss2_strong32", "stiffness"), ("gauss2_strong32", "mass"), ("gauss_dkdkd", "stiffness"),
+        ("chin4a", "stiffness"), ("gauss2_weak2", "mass"), ("midpoint_weak1", "stiffness"),
+    ],
+)  # fmt: skip
+def test_paths_grow_as_the_matrix_says(scheme, equation):
+    """E q^2, q p, p^2 after 12 steps over 4e4 paths, each within 4.5 standard errors (9e-5 for thirteen by four)."""
+    model, h, steps = DRIVEN[equation], 0.4, 12
     matrix = ss.mean_square(model, scheme, step=h).matrix
     start = np.array([1.0, 0.5])
     expected = np.linalg.matrix_power(matrix, steps) @ np.kron(start, start)
@@ -73,11 +90,51 @@ def test_a_step_that_may_be_singular_has_no_second_moments():
 def test_misuse_gets_a_sentence():
     for model, scheme, words in (
         (ss.models.pendulum(), "midpoint", "not quadratic"),
-        (ss.models.linear_oscillator(), "chin4a", "more than Gaussian increments"),
-        (ss.models.linear_oscillator(), "midpoint_weak1", "more than Gaussian increments"),
+        (spring(), "chin4a_strong2", "takes J or areas"),
+        (ss.models.noncommutative_oscillator(), "midpoint_areas", "takes J or areas"),
+        (two_springs(), "chin4a", "ways to drive a step"),
     ):
         with pytest.raises(ss.errors.IncompatibleError, match=words):
             ss.mean_square(model, scheme, step=0.1)
+
+
+@pytest.mark.parametrize("n", [20, 100])
+def test_a_chain_under_additive_noise(n):
+    """Fixed ends: omega_k = 2 sin(k pi/(2n + 2)). Verlet's largest multiplier at x = h omega_n > 2 solves
+    l^2 + (x^2 - 2) l + 1 = 0; midpoint's are on the unit circle."""
+    model = ss.models.fpu_chain(n=n, beta=0.0, sigma=0.3)
+    fastest = 2 * math.sin(n * math.pi / (2 * n + 2))
+    for h in (0.5, 1.9 / fastest, 2.2 / fastest):
+        s = max((h * fastest) ** 2 / 2 - 1, 1.0)
+        found = ss.mean_square(model, "stormer_verlet", step=h)
+        assert found.growth == pytest.approx((s + math.sqrt(s**2 - 1)) ** 2, rel=1e-9)
+        assert found.exact == pytest.approx(1.0, abs=1e-10) and found.mean == pytest.approx(math.sqrt(found.growth))
+        assert (found.matrix is None) == (n > 32)
+    assert ss.mean_square(model, "midpoint", step=3.0).growth == pytest.approx(1.0, abs=1e-10)
+
+
+def test_one_matrix_is_the_matrix_of_pairs():
+    """Additive noise, the step of a damped shape (heun grows): E M x M by its definition."""
+    found = ss.mean_square(ss.models.linear_oscillator(), "heun", step=0.5)
+    x = 0.5
+    one = np.array([[1 - x**2 / 2, x], [-x, 1 - x**2 / 2]])
+    np.testing.assert_allclose(found.matrix, np.kron(one, one), atol=1e-14)
+    assert found.growth == pytest.approx(1 + x**4 / 4, rel=1e-12)
+
+
+def test_many_degrees_of_freedom_get_a_sentence_before_memory():
+    """(2 x 400)^4 entries are 3 TB."""
+
+    def hessian(t, w, q, p):
+        unit = np.eye(400)[:, :, None] * np.ones(q.shape[1])
+        return (w[0] + 0.1 * w[1]) * unit, 0 * unit, w[0] * unit
+
+    def gradient(t, w, q, p):
+        return (w[0] + 0.1 * w[1]) * q, w[0] * p
+
+    model = ss.Model(ndof=400, nnoise=1, gradient=gradient, hessian=hessian, quadratic=True, separable=True)
+    with pytest.raises(ss.errors.TooLargeError, match="at most 32 degrees of freedom"):
+        ss.mean_square(model, "midpoint", step=0.1)
 
 
 @pytest.mark.parametrize("h", [0.3, -0.3])

@@ -11,7 +11,18 @@ import pytest
 import symsde as ss
 from symsde import cli, look
 from symsde.expectations import Expectations
-from symsde.stability import SCENARIOS, failures, limits, linear, long_time, noise, nonlinear, page, rounding
+from symsde.stability import (
+    SCENARIOS,
+    bifurcation,
+    failures,
+    limits,
+    linear,
+    long_time,
+    noise,
+    nonlinear,
+    page,
+    rounding,
+)
 
 
 def test_every_criterion_holds(tmp_path, capsys):
@@ -66,6 +77,22 @@ FAULTS = [
     (limits.stability_limits, limits, "rate", times(1.05)),
     (limits.stability_limits, limits, "is_stable", replaced(lambda matrix: bool(np.abs(matrix).max() < 2))),
     (limits.stability_limits, limits, "sizes", lambda real: lambda scheme, x, **n: real("heun", x, **n)),
+    (bifurcation.bifurcations, bifurcation, "trace_of_cycle", times(1.01)),
+    (bifurcation.bifurcations, bifurcation, "cycle_of_kicks", lambda real: lambda name, x: real(name, 1.001 * x)),
+    (
+        bifurcation.bifurcations,
+        bifurcation,
+        "others",
+        lambda real: lambda name, scheme, x: real(name, scheme.replace("midpoint", "gauss_dkdkd"), x),
+    ),
+    (bifurcation.bifurcations, bifurcation, "ROOM", replaced(0.75)),
+    (bifurcation.bifurcations, bifurcation, "lost", replaced(lambda scheme, part: [])),
+    (
+        bifurcation.bifurcations,
+        bifurcation,
+        "fixed_points",
+        lambda real: lambda *given, step, **more: real(*given, step=1.02 * step, **more),
+    ),
     (long_time.long_time, long_time, "CONTRASTS", replaced(())),
     (long_time.long_time, long_time, "energy_change", lambda real: lambda scheme, n: real("heun", n)),
     (long_time.long_time, long_time, "energy_change", lambda real: lambda scheme, n: real("midpoint", n)),

@@ -6,10 +6,13 @@ One function a scenario, through the public interface of symsde only.
 
 from __future__ import annotations
 
-from . import failures, limits, linear, long_time, noise, nonlinear, rounding
+from . import bifurcation, failures, limits, linear, long_time, noise, nonlinear, rounding
+from .one_step_map import FixedPoint as FixedPoint
+from .one_step_map import fixed_points as fixed_points
 
 SCENARIOS = (
     limits.stability_limits,
+    bifurcation.bifurcations,
     long_time.long_time,
     linear.fast_mode,
     linear.energy_input,

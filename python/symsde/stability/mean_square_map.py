@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +11,19 @@ import numpy as np
 from .. import look
 from ..errors import SymsdeError
 from ..mean_square import mean_square
-from ..models import kubo
+from ..models import kubo, linear_oscillator
+from ..schemes import names
 from .systems import noisy_spring, soft
 
 SCHEMES = ("symplectic_euler", "stormer_verlet", "midpoint", "gauss2", "heun")
 STABLE = 0.01  #: log of the growth beyond the exact one, in a step, up to which a scheme counts as stable
+TOLD = (0.01, 0.1, 0.32)  #: sigma sqrt(h) of the table of all schemes
 _OMEGA = np.geomspace(0.05, 3.2, 25)  #: omega h
 _SIGMA = np.geomspace(0.01, 1.0, 17)  #: sigma sqrt(h), with sigma in units of omega
 
 
 EQUATIONS = {
+    "additive noise, H_1 = -sigma q": linear_oscillator,
     "noise on the stiffness, H_1 = sigma q^2/2": lambda sigma: noisy_spring(1.0, sigma),
     "noise on the mass, H_1 = sigma p^2/2": soft,
     "Kubo, H_1 = sigma (p^2 + q^2)/2": lambda sigma: kubo(1.0, sigma),
@@ -33,13 +37,26 @@ def compute() -> dict:
         for scheme in SCHEMES:
             rows = [[_excess(make, scheme, x, y) for x in _OMEGA] for y in _SIGMA]
             maps.append({"equation": equation, "scheme": scheme, "excess": rows, "stable_up_to": _limits(rows)})
-    return {"omega_h": _OMEGA.tolist(), "sigma_sqrt_h": _SIGMA.tolist(), "stable": STABLE, "maps": maps}
+    limits = {name: {equation: _longest(make, name) for equation, make in EQUATIONS.items()} for name in names()}
+    grid = {"omega_h": _OMEGA.tolist(), "sigma_sqrt_h": _SIGMA.tolist(), "told_at": TOLD}
+    return {**grid, "stable": STABLE, "maps": maps, "limits": limits}
+
+
+def _longest(make, scheme: str) -> list[float] | None:
+    """At each of TOLD, the largest omega h of the map below which every step is stable; None: a model is refused."""
+    rows = [[_excess(make, scheme, x, y) for x in _OMEGA] for y in TOLD]
+    return None if all(x is None for row in rows for x in row) else _limits(rows)
 
 
 def _excess(make, scheme: str, omega_h: float, sigma_sqrt_h: float) -> float | None:
     """With omega = 1 the step is omega h, and sigma is sigma sqrt(h) over the root of that."""
+    return _found(make, scheme, omega_h, 1.0 if make is linear_oscillator else sigma_sqrt_h / np.sqrt(omega_h))
+
+
+@functools.cache
+def _found(make, scheme: str, omega_h: float, sigma: float) -> float | None:
     try:
-        found = mean_square(make(sigma_sqrt_h / np.sqrt(omega_h)), scheme, step=omega_h).excess
+        found = mean_square(make(sigma), scheme, step=omega_h).excess
     except SymsdeError:
         return None
     return float(f"{found:.4e}") if np.isfinite(found) else None
@@ -59,7 +76,7 @@ def save(path: Path, data: dict) -> None:
     """Draw the excess with the line up to which schemes are stable."""
     x, y = np.array(data["omega_h"]), np.array(data["sigma_sqrt_h"])
     rows = list(dict.fromkeys(one["equation"] for one in data["maps"]))
-    with look.drawing(path, 9.5, 6.0, 110) as page:
+    with look.drawing(path, 9.5, 7.6, 110) as page:
         axes = page.subplots(len(rows), len(SCHEMES), sharex=True, sharey=True)
         for one in data["maps"]:
             here = axes[rows.index(one["equation"]), SCHEMES.index(one["scheme"])]

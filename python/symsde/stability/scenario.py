@@ -13,19 +13,19 @@ import symsde as ss
 EPS = float(np.finfo(float).eps)
 
 
-def _quiet(function):
+def quiet(function):
     """Failed paths are what is looked at here, not warned of."""
 
     @functools.wraps(function)
-    def quiet(*arguments, **options):
+    def called(*arguments, **options):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ss.PathsFailedWarning)
             return function(*arguments, **options)
 
-    return quiet
+    return called
 
 
-simulate, moments = _quiet(ss.simulate), _quiet(ss.moments)
+simulate, moments = quiet(ss.simulate), quiet(ss.moments)
 
 
 def says(report, words: str) -> bool:
