@@ -487,9 +487,9 @@ int symsde_stationary_path(symsde_model model, symsde_scheme scheme, const symsd
 int symsde_commutator(symsde_model model, double t, int64_t npoint, const double *q, const double *p, double *gradients,
                       int32_t *commute, char *text, size_t size, symsde_progress progress, void *user,
                       symsde_error *error);
-/* exact solution on the run's own Brownian path where the model has one (kubo; linear_oscillator and
- * additive_oscillator, from the very dW, and dZ where the scheme takes it, that drive the run, and two more draws a
- * step): q, p [ntime][ndof][paths]. SYMSDE_INCOMPATIBLE for schemes with two- or three-point increments */
+/* exact solution on the run's own Brownian path where the model has one (quadratic with flows that commute;
+ * linear_oscillator and additive_oscillator, from what drives the run, dW, dZ, K, and two more draws a step): q, p
+ * [ntime][ndof][paths]. SYMSDE_INCOMPATIBLE for schemes with two- or three-point increments */
 int symsde_exact_solution(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                           const symsde_input *input, double *q, double *p, symsde_error *error);
 

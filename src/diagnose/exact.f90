@@ -6,6 +6,8 @@
 !>    linear_oscillator,    Y_{k+1} = F Y_k + u_k, Y = (q,p), F = (cos h, sin h; -sin h, cos h),
 !>    additive_oscillator   u_k = sigma (C_1; -S_1) + gamma (S_2; C_2)         (after [WHSB] (92))
 !>
+!>    quadratic models      whose flows commute: the flow of t H + sum_k W_k(t) H_k (diagnose/linear_flow)
+!>
 !> W(t) is the sum of the run's increments. (C_k, S_k) are drawn from their law given what the run itself takes from
 !> the path, dW_k, H_k = dZ_k/h - dW_k/2 and K_k, two normals more for each step and noise (noise/oscillator_law): the
 !> solution has the exact law jointly with the increments, and where the scheme takes dZ or K, with these. For schemes
@@ -22,6 +24,7 @@ module symsde_diagnose_exact
    use symsde_base_record, only: step_store, step_request, new_step_store
    use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation, incompatible
    use symsde_base_text, only: to_text
+   use symsde_diagnose_linear_flow, only: linear_flow, new_linear_flow
    use symsde_ensemble_driver, only: new_noise
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
@@ -44,6 +47,7 @@ module symsde_diagnose_exact
       real(wp) :: a = 0                        !! angular velocity [1/time]
       real(wp) :: sigma = 0                    !! kubo: noise of the angular velocity
       real(wp), allocatable :: to_q(:), to_p(:)  !! additive: dW_k in dq and in dp (nnoise)
+      type(linear_flow), allocatable :: flow   !! of quadratic models whose flows commute
    end type oscillator
 
    !> One block of paths on its way.
@@ -53,12 +57,14 @@ module symsde_diagnose_exact
       type(step_request) :: request            !! of a pair of steps
       type(step_store) :: store                !! the answer
       real(wp), allocatable, dimension(:, :, :) :: shape, stt_area  !! H_k and K_k of these (nlane, nnoise, 0:1)
-      real(wp), allocatable, dimension(:) :: q0, p0, q, p, sum_w, low, xi1, xi2, c, s  !! (nlane)
+      real(wp), allocatable, dimension(:, :) :: q0, p0, q, p  !! (nlane, ndof)
+      real(wp), allocatable, dimension(:, :) :: sum_w, low    !! W_k(t) (nlane, nnoise)
+      real(wp), allocatable, dimension(:) :: xi1, xi2, c, s   !! (nlane)
    end type exact_block
 
 contains
 
-   !> q(path, 1, n), p(path, 1, n) at the saved times of a run with these options, t0 included.
+   !> q(path, i, n), p(path, i, n) at the saved times of a run with these options, t0 included.
    !> Errors: missing_operation for models without an exact solution; incompatible for schemes whose increments are no
    !> Brownian ones; wrong_shape; those of check_options and of the noise; stopped, by the monitor.
    subroutine exact_solution(model, options, q0, p0, q, p, error, dw, scheme, monitor)
@@ -83,14 +89,14 @@ contains
       nullify (given)
       if (present(dw)) given => dw
       call check_options(options, error)
-      if (.not. allocated(error)) call recognise(model, system, error)
-      if (.not. allocated(error)) call check_shapes(options, q0, p0, q, p, error)
+      if (.not. allocated(error)) call recognise(model, options, system, error)
+      if (.not. allocated(error)) call check_shapes(model%traits%ndof, options, q0, p0, q, p, error)
       if (allocated(error)) return
       fine = finest(options)
       call new_noise(noise, model, fine, lost, error, given)
       if (present(scheme)) call ask_for(scheme, model, noise, error)
       if (allocated(error)) return
-      call new_block(work, noise, model%traits%nnoise, fine)
+      call new_block(work, noise, model%traits%ndof, model%traits%nnoise, fine)
       do while (work%first < fine%npath)
          call begin_block(work, fine, q0, p0)
          call save_point(work, 1, q, p)
@@ -157,10 +163,12 @@ contains
    end subroutine fill
 
    !> The model's parameters, read from its gradients at unit points and unit weights; exact.
-   subroutine recognise(model, system, error)
+   subroutine recognise(model, options, system, error)
       class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
       type(oscillator), intent(out) :: system
       type(error_type), allocatable, intent(inout) :: error
+      character(:), allocatable :: reason
       integer :: k
 
       select type (model)
@@ -172,10 +180,14 @@ contains
       type is (additive_oscillator_model)
          system%additive = .true.
       class default
-         call raise(error, missing_operation, 'exact_solution', 'this model has no exact '// &
-                    'solution in the library: kubo, linear_oscillator and additive_oscillator '// &
-                    'have; compare with a run at a much smaller step on the same path '// &
-                    '(refine) instead')
+         allocate (system%flow)
+         call new_linear_flow(system%flow, model, options%t0, &
+                              options%t0 + options%step*real(options%first_step + options%nstep, wp), reason)
+         if (len(reason) > 0) &
+            call raise(error, missing_operation, 'exact_solution', 'this model '//reason//' and has no exact '// &
+                       'solution in the library: kubo, linear_oscillator, additive_oscillator and quadratic models '// &
+                       'whose flows commute have; compare with a run at a much smaller step on the same path '// &
+                       '(refine) instead')
       end select
       if (.not. system%additive) return
       system%a = 1
@@ -219,51 +231,53 @@ contains
       fine%save_every = min(options%save_every, max(options%nstep, 1_i8))*parts
    end function finest
 
-   subroutine check_shapes(options, q0, p0, q, p, error)
+   subroutine check_shapes(ndof, options, q0, p0, q, p, error)
+      integer, intent(in) :: ndof
       type(run_options), intent(in) :: options
       real(wp), intent(in) :: q0(:, :), p0(:, :), q(:, :, :), p(:, :, :)
       type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: ntime
 
       ntime = options%nstep/options%save_every + 1
-      if (size(q, 1, i8) /= options%npath .or. size(q, 2) /= 1 .or. size(q, 3, i8) /= ntime .or. &
+      if (size(q, 1, i8) /= options%npath .or. size(q, 2) /= ndof .or. size(q, 3, i8) /= ntime .or. &
           any(shape(p, i8) /= shape(q, i8))) then
          call raise(error, wrong_shape, 'exact_solution', 'q and p have no room for the '// &
-                    'solution: needed is ('//to_text(options%npath)//',1,'//to_text(ntime)// &
+                    'solution: needed is ('//to_text(options%npath)//','//to_text(ndof)//','//to_text(ntime)// &
                     ') for each')
       else if (.not. (one_or_all(q0) .and. one_or_all(p0))) then
          call raise(error, wrong_shape, 'exact_solution', 'the initial q is ('// &
                     to_text(size(q0, 1))//','//to_text(size(q0, 2))// &
                     '), the initial p ('//to_text(size(p0, 1))//','//to_text(size(p0, 2))// &
-                    '); needed is one degree of freedom and '//to_text(options%npath)// &
-                    ' paths or one for all')
+                    '); needed are, of degrees of freedom, '//to_text(ndof)//' and '// &
+                    to_text(options%npath)//' paths or one for all')
       end if
 
    contains
 
-      !> One degree of freedom, given once or for every path.
+      !> All degrees of freedom, given once or for every path.
       logical function one_or_all(x)
          real(wp), intent(in) :: x(:, :)
 
-         one_or_all = size(x, 2) == 1 .and. (size(x, 1) == 1 .or. size(x, 1, i8) == options%npath)
+         one_or_all = size(x, 2) == ndof .and. (size(x, 1) == 1 .or. size(x, 1, i8) == options%npath)
       end function one_or_all
 
    end subroutine check_shapes
 
-   subroutine new_block(work, noise, nnoise, options)
+   subroutine new_block(work, noise, ndof, nnoise, options)
       type(exact_block), intent(out) :: work
       class(noise_type), intent(in) :: noise
-      integer, intent(in) :: nnoise
+      integer, intent(in) :: ndof, nnoise
       type(run_options), intent(in) :: options
       integer :: nlane
 
-      nlane = lanes_for(1, options%npath)
+      nlane = lanes_for(ndof, options%npath)
       work%nlane = nlane
       call new_step_store(work%store, nlane, nnoise, 2, options%step, noise%asked)
       work%request%nlane = nlane
       allocate (work%request%path(nlane), work%shape(nlane, nnoise, 0:1), work%stt_area(nlane, nnoise, 0:1))
-      allocate (work%q0(nlane), work%p0(nlane), work%q(nlane), work%p(nlane), work%sum_w(nlane), &
-                work%low(nlane), work%xi1(nlane), work%xi2(nlane), work%c(nlane), work%s(nlane))
+      allocate (work%q0(nlane, ndof), work%p0(nlane, ndof), work%q(nlane, ndof), work%p(nlane, ndof))
+      allocate (work%sum_w(nlane, nnoise), work%low(nlane, nnoise))
+      allocate (work%xi1(nlane), work%xi2(nlane), work%c(nlane), work%s(nlane))
       work%shape = 0
       work%stt_area = 0
    end subroutine new_block
@@ -281,8 +295,8 @@ contains
       call path_of_lane(work%nlane, options%first_path + work%first, work%nreal, work%request%path)
       do lane = 1, work%nlane
          row = work%first + min(lane, work%nreal)
-         work%q0(lane) = q0(min(row, size(q0, 1, i8)), 1)
-         work%p0(lane) = p0(min(row, size(p0, 1, i8)), 1)
+         work%q0(lane, :) = q0(min(row, size(q0, 1, i8)), :)
+         work%p0(lane, :) = p0(min(row, size(p0, 1, i8)), :)
       end do
       work%q = work%q0
       work%p = work%p0
@@ -304,12 +318,14 @@ contains
 
       half = int(mod(n, 2_i8))
       if (.not. system%additive) then
-         call add_compensated(work%nlane, work%store%w(:, 1, half), work%sum_w, work%low)
+         do k = 1, size(work%sum_w, 2)
+            call add_compensated(work%nlane, work%store%w(:, k, half), work%sum_w(:, k), work%low(:, k))
+         end do
          return
       end if
       versine = 2*sin(0.5_wp*options%step)**2
       sine = sin(options%step)
-      call turn(work%nlane, versine, sine, work%q, work%p)
+      call turn(work%nlane, versine, sine, work%q(:, 1), work%p(:, 1))
       do k = 1, size(system%to_q)
          if (abs(system%to_q(k)) <= 0 .and. abs(system%to_p(k)) <= 0) cycle
          from = work%request%path
@@ -317,23 +333,32 @@ contains
          call oscillator_draws(work%nlane, options%seed, from, n, k, work%xi1, work%xi2)
          call oscillator_integrals(work%nlane, options%step, work%store%w(:, k, half), work%shape(:, k, half), &
                                    work%stt_area(:, k, half), work%xi1, work%xi2, work%c, work%s)
-         work%q = work%q + (system%to_q(k)*work%c + system%to_p(k)*work%s)
-         work%p = work%p + (system%to_p(k)*work%c - system%to_q(k)*work%s)
+         work%q(:, 1) = work%q(:, 1) + (system%to_q(k)*work%c + system%to_p(k)*work%s)
+         work%p(:, 1) = work%p(:, 1) + (system%to_p(k)*work%c - system%to_q(k)*work%s)
       end do
    end subroutine advance
 
-   !> The Kubo oscillator after the time t, from its initial state and W(t).
+   !> The Kubo oscillator, or a quadratic model, after the time t, from the initial state and W(t).
    subroutine rotate(work, system, t)
       type(exact_block), intent(inout) :: work
       type(oscillator), intent(in) :: system
       real(wp), intent(in) :: t
-      real(wp) :: theta
+      real(wp) :: theta, z(2*size(work%q, 2))
       integer :: lane
 
+      if (allocated(system%flow)) then
+         do lane = 1, work%nreal
+            z = [work%q0(lane, :), work%p0(lane, :)]
+            call system%flow%solve(t, work%sum_w(lane, :) + work%low(lane, :), z)
+            work%q(lane, :) = z(:size(work%q, 2))
+            work%p(lane, :) = z(size(work%q, 2) + 1:)
+         end do
+         return
+      end if
       do lane = 1, work%nlane
-         theta = system%a*t + system%sigma*(work%sum_w(lane) + work%low(lane))
-         work%q(lane) = work%q0(lane)*cos(theta) + work%p0(lane)*sin(theta)
-         work%p(lane) = work%p0(lane)*cos(theta) - work%q0(lane)*sin(theta)
+         theta = system%a*t + system%sigma*(work%sum_w(lane, 1) + work%low(lane, 1))
+         work%q(lane, 1) = work%q0(lane, 1)*cos(theta) + work%p0(lane, 1)*sin(theta)
+         work%p(lane, 1) = work%p0(lane, 1)*cos(theta) - work%q0(lane, 1)*sin(theta)
       end do
    end subroutine rotate
 
@@ -344,8 +369,8 @@ contains
       integer :: lane
 
       do lane = 1, work%nreal
-         q(work%first + lane, 1, isave) = work%q(lane)
-         p(work%first + lane, 1, isave) = work%p(lane)
+         q(work%first + lane, :, isave) = work%q(lane, :)
+         p(work%first + lane, :, isave) = work%p(lane, :)
       end do
    end subroutine save_point
 

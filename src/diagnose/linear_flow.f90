@@ -1,0 +1,168 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Quadratic Hamiltonians whose flows commute: the solution is the flow of one of them, of
+!>
+!>    S = t H + sum_k W_k(t) H_k,   z(t) = exp(J Hess S) z_0  with what linear terms of S add,
+!>
+!> whatever the path between. Fields J grad H_j = A_j z + b_j are read from gradients at unit points; they commute where
+!> A_i A_j = A_j A_i and A_i b_j = A_j b_i, to rounding. With b_j as one more column it is one matrix exponential.
+module symsde_diagnose_linear_flow
+   use symsde_base_kinds, only: wp
+   use symsde_model_abstract, only: model_type
+   implicit none
+   private
+   public :: linear_flow, new_linear_flow, exponential
+
+   integer, parameter :: largest = 64                        !! degrees of freedom, and noises
+   real(wp), parameter :: rounding = 64*epsilon(1.0_wp)
+   real(wp), parameter :: looked_at(6) = [0.0_wp, 0.11_wp, 0.37_wp, 0.5_wp, 0.79_wp, 1.0_wp]  !! parts of the time
+
+   type :: linear_flow
+      private
+      integer :: n = 0                                       !! of z = (q, p)
+      real(wp), allocatable :: field(:, :, :)                !! (A_j, b_j; 0, 0) (n + 1, n + 1, 0:nnoise)
+   contains
+      procedure :: solve
+   end type linear_flow
+
+contains
+
+   !> Of a model between two times, or the reason why there is none; '' where there is.
+   subroutine new_linear_flow(self, model, t0, t1, reason)
+      type(linear_flow), intent(out) :: self
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: t0, t1
+      character(:), allocatable, intent(out) :: reason
+      integer :: j, i, m
+
+      m = model%traits%nnoise
+      self%n = 2*model%traits%ndof
+      reason = ''
+      if (.not. model%traits%quadratic) then
+         reason = 'is not declared quadratic'
+      else if (max(model%traits%ndof, m) > largest) then
+         reason = 'has more than 64 degrees of freedom or noises'
+      end if
+      if (len(reason) > 0) return
+      allocate (self%field(self%n + 1, self%n + 1, 0:m), source=0.0_wp)
+      do j = 0, m
+         call read_field(self, model, t0, j)
+      end do
+      do j = 0, m
+         if (.not. holds(self, model, t0, t1, j)) reason = 'changes in time, or is not quadratic'
+      end do
+      do j = 0, m
+         do i = 0, j - 1
+            if (.not. commute(self%field(:, :, i), self%field(:, :, j))) reason = 'has flows that do not commute'
+         end do
+      end do
+   end subroutine new_linear_flow
+
+   !> A_j and b_j: halves of differences and sums of the field at opposite unit points.
+   subroutine read_field(self, model, t, j)
+      type(linear_flow), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: t
+      integer, intent(in) :: j
+      real(wp) :: z(self%n), right(self%n), left(self%n)
+      integer :: i
+
+      z = 0
+      call field_at(self, model, t, j, z, right)
+      self%field(:self%n, self%n + 1, j) = right
+      do i = 1, self%n
+         z(i) = 1
+         call field_at(self, model, t, j, z, right)
+         z(i) = -1
+         call field_at(self, model, t, j, z, left)
+         z(i) = 0
+         self%field(:self%n, i, j) = 0.5_wp*(right - left)
+      end do
+   end subroutine read_field
+
+   !> Whether the field is that at a point without zeros, at times from t0 to t1.
+   logical function holds(self, model, t0, t1, j)
+      type(linear_flow), intent(in) :: self
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: t0, t1
+      integer, intent(in) :: j
+      real(wp) :: z(self%n), found(self%n), known(self%n), allowed
+      integer :: i
+
+      z = [(1.3_wp + 0.7_wp*modulo(0.618_wp*i, 1.0_wp), i=1, self%n)]
+      known = matmul(self%field(:self%n, :self%n, j), z) + self%field(:self%n, self%n + 1, j)
+      allowed = 1.0e-10_wp*(maxval(abs(known)) + maxval(abs(self%field(:, :, j))))
+      holds = .true.
+      do i = 1, size(looked_at)
+         call field_at(self, model, t0 + looked_at(i)*(t1 - t0), j, z, found)
+         holds = holds .and. all(abs(found - known) <= allowed)
+      end do
+   end function holds
+
+   !> (H_j,p, -H_j,q) at one point.
+   subroutine field_at(self, model, t, j, z, field)
+      type(linear_flow), intent(in) :: self
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: t, z(self%n)
+      integer, intent(in) :: j
+      real(wp), intent(out) :: field(self%n)
+      real(wp) :: w(1, 0:model%traits%nnoise), q(1, self%n/2), p(1, self%n/2), hq(1, self%n/2), hp(1, self%n/2)
+      integer :: d
+
+      d = self%n/2
+      w = 0
+      w(1, j) = 1
+      q(1, :) = z(:d)
+      p(1, :) = z(d + 1:)
+      call model%gradient(1, d, model%traits%nnoise, t, w, q, p, hq, hp)
+      field(:d) = hp(1, :)
+      field(d + 1:) = -hq(1, :)
+   end subroutine field_at
+
+   pure logical function commute(a, b)
+      real(wp), intent(in) :: a(:, :), b(:, :)
+      real(wp) :: c(size(a, 1), size(a, 1))
+
+      c = matmul(a, b) - matmul(b, a)
+      commute = all(abs(c) <= rounding*size(a, 1)*maxval(abs(a))*maxval(abs(b)))
+   end function commute
+
+   !> The state after the time t, with W_k = w(k), from z.
+   subroutine solve(self, t, w, z)
+      class(linear_flow), intent(in) :: self
+      real(wp), intent(in) :: t, w(:)           !! (nnoise)
+      real(wp), intent(inout) :: z(self%n)
+      real(wp) :: s(self%n + 1, self%n + 1)
+      integer :: k
+
+      s = t*self%field(:, :, 0)
+      do k = 1, size(w)
+         s = s + w(k)*self%field(:, :, k)
+      end do
+      s = exponential(self%n + 1, s)
+      z = matmul(s(:self%n, :self%n), z) + s(:self%n, self%n + 1)
+   end subroutine solve
+
+   !> exp(s): Taylor's series of s/2^k, of size 1/2 at most, squared k times; its first term left out is 1e-19 of one.
+   pure function exponential(n, s) result(e)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: s(n, n)
+      real(wp) :: e(n, n), part(n, n), one(n, n)
+      integer, parameter :: degree = 15
+      integer :: i, k
+
+      k = max(0, exponent(maxval(sum(abs(s), dim=1))) + 1)
+      part = scale(s, -k)
+      one = 0
+      do i = 1, n
+         one(i, i) = 1
+      end do
+      e = one
+      do i = degree, 1, -1
+         e = one + matmul(part, e)/i
+      end do
+      do i = 1, k
+         e = matmul(e, e)
+      end do
+   end function exponential
+
+end module symsde_diagnose_linear_flow

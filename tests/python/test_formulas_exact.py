@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Exact solutions of quadratic formulas whose flows commute, as references of studies."""
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import errors
+
+pytest.importorskip("sympy")
+
+PARAMS = {"a": 1.3, "s": 0.4, "b": 0.2}
+RUN = {"step": 0.05, "steps": 40, "save_every": 20, "paths": 9, "seed": 3}
+
+
+def test_kubo_from_its_formula():
+    mine = ss.model_from_sympy("a*(p**2 + q**2)/2", ["s*(p**2 + q**2)/2"], params=PARAMS)
+    known = ss.models.kubo(a=1.3, sigma=0.4)
+    run = ss.simulate(mine, q0=1.0, p0=-0.5, **RUN)
+    for one, other in zip(
+        ss.diagnose.exact(run), ss.diagnose.exact(ss.simulate(known, q0=1.0, p0=-0.5, **RUN)), strict=True
+    ):
+        np.testing.assert_allclose(one, other, rtol=0, atol=2e-14)
+
+
+# coupled oscillators turned together by two noises; a drift along what is kept, with linear terms; growth and decay
+COMMUTING = [
+    ("a*(x**2+y**2+u**2+v**2)/2", ["s*(x*v - y*u)", "b*(x**2+y**2+u**2+v**2)/2"], ["x", "y"], ["u", "v"]),
+    ("a*u**2/2 + b*u + (y*v)/3", ["s*u", "b*y*v"], ["x", "y"], ["u", "v"]),
+]
+
+
+@pytest.mark.parametrize(("H", "noise", "q", "p"), COMMUTING)
+def test_gauss3_comes_to_the_exact_solution(H, noise, q, p):
+    model = ss.model_from_sympy(H, noise, q=q, p=p, params=PARAMS)
+    assert model.formula.structure.flows_commute
+    given = {"q0": [0.4, -0.3], "p0": [0.2, 0.7], **RUN}
+    run = ss.simulate(model, scheme="gauss3", **given)
+    q_exact, p_exact = ss.diagnose.exact(run)
+    assert np.abs(q_exact[-1] - q_exact[0]).max() > 0.05
+    np.testing.assert_allclose(run.q, q_exact, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(run.p, p_exact, rtol=0, atol=1e-7)
+    table = ss.convergence(model, "midpoint", q0=[0.4, -0.3], p0=[0.2, 0.7], steps=(8, 16, 32, 64), paths=200, seed=1)
+    assert table.reference == "the exact solution" and table.reference_error == 0
+    assert 0.85 < table.order < 2.2
+
+
+@pytest.mark.parametrize(
+    ("H", "noise", "words"),
+    [
+        ("(p**2 + q**2)/2", ["s*q*p"], "has flows that do not commute"),
+        ("(p**2 + q**2)/2", ["s*q"], "has flows that do not commute"),
+        ("p**2/2 - cos(q)", ["s*q"], "is not declared quadratic"),
+        ("(2 + sin(t))*(p**2 + q**2)/2", ["s*(p**2 + q**2)"], "changes in time"),
+    ],
+)
+def test_others_have_none(H, noise, words):
+    model = ss.model_from_sympy(H, noise, params=PARAMS)
+    with pytest.raises(errors.MissingOperationError, match=f"{words}.*quadratic models whose flows commute"):
+        ss.diagnose.exact(ss.simulate(model, q0=1.0, p0=0.0, **RUN))
+
+
+def test_a_model_that_is_not_what_it_declares_has_none():
+    def gradient(t, w, q, p):
+        return w[0] * q + w[1] * 0.3 * q, w[0] * p + w[1] * 0.3 * p + 0.2 * w[0] * p**3 * (np.abs(p) > 1.2)
+
+    model = ss.Model(ndof=1, nnoise=1, gradient=gradient, quadratic=True)
+    with pytest.raises((errors.MissingOperationError, errors.FalseTraitError), match="quadratic"):
+        ss.diagnose.exact(ss.simulate(model, q0=0.01, p0=0.01, **RUN))
