@@ -449,6 +449,11 @@ def test_python_models_only_where_allowed(tmp_path, capsys, monkeypatch):
         ("p**2/2 + ~q", 0.4, "it holds ~ or not"),
         ("p**2/2 + log(q)", -1.0, "a Hamiltonian or its derivative is not finite at q0 = -1"),  # its derivative is 1/q
         (sp.Symbol("p") ** 2 / 2 + sp.Integral(sp.Symbol("q"), sp.Symbol("q")), 0.4, "cannot be differentiated"),
+        (
+            sp.zeta(sp.Symbol("q") + 2) + sp.Symbol("p"),
+            0.4,
+            "zeta in a formula has no derivative",
+        ),
         (sp.Symbol("p") ** 2 / 2 + sp.Heaviside(sp.Symbol("q")), 0.4, "Heaviside in a formula has no derivative"),
         (sp.Integer(10) ** 400 * sp.Symbol("q"), 0.4, "the constant 1000000000000000000000000000000000000000 in"),
     ],
@@ -460,7 +465,23 @@ def test_what_a_sentence_says(H, start, sentence):
 
 def test_names_of_generated_code_and_of_c_are_free():
     """Whatever a parameter is called, the numbers are those of the formula."""
-    names = ["x19", "c0", "w0", "far", "beyond", "double", "while_", "E", "I", "S", "N", "q0", "p0", "λ"]
+    names = [
+        "x19",
+        "c0",
+        "w0",
+        "far",
+        "beyond",
+        "double",
+        "while_",
+        "E",
+        "I",
+        "S",
+        "N",
+        "q0",
+        "p0",
+        "λ",
+        "ϕ",
+    ]  # Python reads the last as another letter
     terms = " + ".join(f"{name}*q**{k + 1}" for k, name in enumerate(names))
     values = {name: 0.1 * (k + 1) for k, name in enumerate(names)}
     mine = ss.model_from_sympy(f"p**2/2 + {terms}", params=values)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import math
+import unicodedata
 from collections.abc import Mapping
 from typing import Any
 
@@ -75,7 +76,7 @@ class Reader:
     def __init__(self, names: Mapping[str, Any]):
         """`names`: what names in the text stand for."""
         self.sympy = optional("sympy", "sympy")
-        self.names = names
+        self.names = {unicodedata.normalize("NFKC", name): x for name, x in names.items()}  # as Python reads them
 
     def read(self, node: ast.AST, depth: int) -> Any:
         """The expression of a node."""

@@ -104,7 +104,7 @@ class _Prover:
             try:
                 if abs(complex(e.xreplace(points))) > 1e-6:  # rounding stays below, where it is near one
                     return True
-            except (TypeError, ValueError, OverflowError, ZeroDivisionError):
+            except (TypeError, ValueError, OverflowError, ZeroDivisionError, RecursionError):
                 continue
         return False
 
