@@ -298,7 +298,7 @@ typedef struct symsde_input {
    size_t struct_size;
    const double *q0, *p0;         /* [ndof][q0_paths], [ndof][p0_paths] */
    int64_t q0_paths, p0_paths;    /* 1 (the same for all) or the number of paths */
-   const double *increments;      /* [steps*2^refine][nnoise][increment_paths]; NULL = Brownian from the seed */
+   const double *increments;      /* [steps*2^refine][nnoise of dW, dZ, K][increment_paths], or NULL */
    int64_t increment_rows, increment_noises, increment_paths; /* paths: 1 (the same for all) or all */
    const double *q0_low, *p0_low; /* low parts [ndof][paths], to resume a compensated run; NULL = zero */
    symsde_progress progress;      /* may be NULL */

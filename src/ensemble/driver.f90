@@ -7,7 +7,7 @@ module symsde_ensemble_driver
    use symsde_base_clock, only: seconds
    use symsde_base_area_rule, only: area_rule, areas_in_law
    use symsde_base_counters, only: counters_type
-   use symsde_base_functionals, only: functional_set, name_functionals, path_areas
+   use symsde_base_functionals, only: functional_set, name_functionals, path_areas, path_dz, path_stt_area
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, padded
    use symsde_base_laws, only: law_gaussian
@@ -164,7 +164,9 @@ contains
          noise => given
       else
          noise => self%noise
-         call check_functionals(self%model, self%recipe%scheme, self%options, noise%asked, noise%areas, .false., error)
+         if (noise%asked%has(path_areas)) &
+            call check_area_counters(self%model%traits%nnoise, self%recipe%scheme%law, self%options, noise%areas, &
+                                     error)
       end if
       if (allocated(error)) return
       start = seconds()
@@ -294,12 +296,11 @@ contains
          law = scheme%law
          asked = scheme%asks%needed_for(model%traits)
          call choose_areas(model, scheme, options, asked, areas, error)
-         if (.not. allocated(error)) call check_functionals(model, scheme, options, asked, areas, present(dw), error)
-         if (allocated(error)) return
       end if
       if (present(dw)) then
          extent = shape(dw, i8)
-         call check_increments(options, model%traits%nnoise, extent, error)
+         if (.not. allocated(error)) call check_increments(options, model%traits%nnoise, extent, error)
+         if (.not. allocated(error)) call check_given(model, scheme, options, asked, areas, int(extent(2)), error)
          if (allocated(error)) return
          if (.not. all(abs(dw) <= huge(dw))) then
             call raise(error, invalid_argument, 'run_ensemble', 'the prescribed increments hold values that '// &
@@ -307,9 +308,12 @@ contains
             return
          end if
          call new_prescribed_noise(prescribed, dw, options%first_path, options%first_step, options%refine, &
-                                   options%step)
+                                   options%step, model%traits%nnoise)
          allocate (noise, source=prescribed)
       else
+         if (.not. allocated(error) .and. asked%has(path_areas)) &
+            call check_area_counters(model%traits%nnoise, law, options, areas, error)
+         if (allocated(error)) return
          allocate (silent(model%traits%nnoise), source=.false.)
          if (allocated(model%traits%silent)) silent = model%traits%silent
          call new_brownian_noise(brownian, model%traits%nnoise, options%seed, options%step, options%refine, &
@@ -348,33 +352,42 @@ contains
    end subroutine share_noises
 
    !> What a scheme asks for beyond increments must be there: in prescribed increments it comes from finer
-   !> rows.
-   subroutine check_functionals(model, scheme, options, asked, areas, prescribed, error)
+   !> rows, or from columns of its own, which must not be there in vain.
+   subroutine check_given(model, scheme, options, asked, areas, ncolumn, error)
       class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
+      type(scheme_type), intent(in), optional :: scheme
       type(run_options), intent(in) :: options
       type(functional_set), intent(in) :: asked
       type(area_rule), intent(in) :: areas
-      logical, intent(in) :: prescribed
+      integer, intent(in) :: ncolumn
       type(error_type), allocatable, intent(inout) :: error
-      character(:), allocatable :: what
+      type(functional_set) :: missing, idle
+      character(:), allocatable :: what, name
+      integer :: m
 
-      if (asked%is_empty()) return
-      call name_functionals(asked, what)
-      if (prescribed) then
-         if (asked%has(path_areas) .and. areas%kind == areas_in_law) then
-            call raise(error, incompatible, 'run_ensemble', 'prescribed increments are the path, and its areas '// &
-                       'follow from them: leave the choice of areas in law out')
-            return
-         end if
-         if (options%refine >= 1) return
-         call raise(error, incompatible, 'run_ensemble', 'scheme '//scheme%name//' needs '//what//' for model '// &
+      m = model%traits%nnoise
+      name = 'what reads them'
+      if (present(scheme)) name = 'scheme '//scheme%name
+      idle%has(path_dz) = ncolumn > m .and. .not. asked%has(path_dz)
+      idle%has(path_stt_area) = ncolumn > 2*m .and. .not. asked%has(path_stt_area)
+      missing = asked
+      missing%has(path_dz) = asked%has(path_dz) .and. ncolumn <= m
+      missing%has(path_stt_area) = asked%has(path_stt_area) .and. ncolumn <= 2*m
+      if (.not. idle%is_empty()) then
+         call name_functionals(idle, what)
+         call raise(error, incompatible, 'run_ensemble', 'the prescribed increments have columns of '//what// &
+                    ', and '//name//' takes none for model '//model%name//': leave these columns out')
+      else if (asked%has(path_areas) .and. areas%kind == areas_in_law) then
+         call raise(error, incompatible, 'run_ensemble', 'prescribed increments are the path, and its areas '// &
+                    'follow from them: leave the choice of areas in law out')
+      else if (options%refine < 1 .and. .not. missing%is_empty()) then
+         call name_functionals(missing, what)
+         call raise(error, incompatible, 'run_ensemble', name//' needs '//what//' for model '// &
                     model%name//', which one prescribed increment a step does not determine: give finer rows, '// &
-                    '2^refine a step with refine >= 1, or a scheme that needs increments only, such as midpoint')
-      else if (asked%has(path_areas)) then
-         call check_area_counters(model%traits%nnoise, scheme%law, options, areas, error)
+                    '2^refine a step with refine >= 1, dZ and K as more columns (all dW, all dZ, all K), or a '// &
+                    'scheme that needs increments only, such as midpoint')
       end if
-   end subroutine check_functionals
+   end subroutine check_given
 
    !> Prescribed increments must have one row for every (finer) step and one column for every noise.
    subroutine check_increments(options, nnoise, extent, error)
@@ -390,12 +403,13 @@ contains
          return
       end if
       rows = options%nstep*2_i8**options%refine
-      if (extent(3) /= rows .or. extent(2) /= nnoise .or. &
+      if (extent(3) /= rows .or. .not. any(extent(2) == nnoise*[1, 2, 3]) .or. &
           (extent(1) /= 1 .and. extent(1) /= options%npath)) then
          call raise(error, wrong_shape, 'run_ensemble', 'the prescribed increments have '//to_text(extent(3))// &
                     ' rows, '//to_text(extent(2))//' noises and '//to_text(extent(1))//' paths; needed are '// &
                     to_text(rows)//' rows (steps*2^refine), '//to_text(nnoise)//' noises and '// &
-                    to_text(options%npath)//' paths or one for all')
+                    to_text(options%npath)//' paths or one for all; columns beyond the noises are as many of dZ, '// &
+                    'and of K')
       end if
    end subroutine check_increments
 

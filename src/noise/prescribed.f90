@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Increments given by the user, one row a step; with refine = l > 0, 2^l finer rows a step, added as a tree.
 !>
-!> Schemes that need functionals of the path need finer rows: the path is then the polygon through them,
+!> Schemes that need functionals of the path need them beside the increments, as columns of their own: dW_1 .. dW_m,
+!> dZ_1 .. dZ_m, and K_1 .. K_m of each row; or finer rows: the path is then the polygon through them,
 !> whose functionals are exact (the mean-square error against the Brownian path is h^3/(12 4^l) in dZ and
-!> h^2/(4 2^l) in an area).
+!> h^2/(4 2^l) in an area). Finer rows with columns of their own merge to those of the step.
 module symsde_noise_prescribed
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
@@ -20,7 +21,8 @@ module symsde_noise_prescribed
       integer(i8) :: first_path = 0, first_step = 0
       integer :: refine = 0
       real(wp) :: h = 0                             !! step with its sign, for dZ [time]
-      real(wp), pointer, contiguous :: dw(:, :, :)  !! (npath or 1, nnoise, nstep*2^refine), the user's array
+      !> (npath or 1, nnoise or two or three times as many, nstep*2^refine), the user's array
+      real(wp), pointer, contiguous :: dw(:, :, :)
    contains
       procedure :: fill => fill_prescribed
    end type prescribed_noise
@@ -28,15 +30,18 @@ module symsde_noise_prescribed
 contains
 
    !> A source that reads the user's array; path 1 of it is first_path, its first row is first_step.
-   subroutine new_prescribed_noise(self, dw, first_path, first_step, refine, h)
+   subroutine new_prescribed_noise(self, dw, first_path, first_step, refine, h, nnoise)
       type(prescribed_noise), intent(out) :: self
-      real(wp), intent(in), target, contiguous :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      !> (npath or 1, columns, rows), with nnoise columns of dW, then as many of dZ, then of K, where they are given
+      real(wp), intent(in), target, contiguous :: dw(:, :, :)
       integer(i8), intent(in) :: first_path, first_step
       integer, intent(in) :: refine  !! 0 or more
       real(wp), intent(in), optional :: h  !! step of the run, needed for dZ [time]
+      integer, intent(in), optional :: nnoise  !! m; all columns are increments if absent
 
       if (present(h)) self%h = h
       self%nnoise = size(dw, 2)
+      if (present(nnoise)) self%nnoise = nnoise
       self%dw => dw
       self%first_path = first_path
       self%first_step = first_step
@@ -86,14 +91,14 @@ contains
       end do
    end subroutine fill_step
 
-   !> Rows row .. row+rows-1 as one interval; a single row is a straight line: dZ = h dW/2, no area.
+   !> Rows row .. row+rows-1 as one interval; a single row without dZ is a straight line: dZ = h dW/2, no area.
    recursive subroutine polygon(self, nlane, path, row, rows, whole)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane), row, rows
       type(path_interval), intent(out) :: whole
       type(path_interval) :: left, right
-      real(wp) :: straight(nlane, self%nnoise)  !! H = 0
+      real(wp) :: hh(nlane, self%nnoise), kk(nlane, self%nnoise)
       integer :: k, f
 
       if (rows > 1) then
@@ -103,13 +108,19 @@ contains
          return
       end if
       call new_path_interval(whole, nlane, self%nnoise, self%h/2.0_wp**self%refine, self%asked)
+      hh = 0
+      kk = 0
       do k = 1, self%nnoise
          call sum_rows(self, nlane, path, k, row, 1_i8, whole%w(:, k))
+         if (size(self%dw, 2) > self%nnoise) then
+            call sum_rows(self, nlane, path, self%nnoise + k, row, 1_i8, hh(:, k))
+            hh(:, k) = hh(:, k)/whole%length - 0.5_wp*whole%w(:, k)
+         end if
+         if (size(self%dw, 2) > 2*self%nnoise) call sum_rows(self, nlane, path, 2*self%nnoise + k, row, 1_i8, kk(:, k))
       end do
-      straight = 0
       do f = 1, nfunctional
          if (self%asked%has(f)) &
-            call shape_values(f, nlane, self%nnoise, whole%length, whole%w, straight, x=whole%of(f)%x)
+            call shape_values(f, nlane, self%nnoise, whole%length, whole%w, hh, x=whole%of(f)%x, kk=kk)
       end do
    end subroutine polygon
 

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Increments of one's own with dZ and K beside dW: they drive what a polygon of finer rows drives, or are refused."""
+
+import numpy as np
+import pytest
+import symsde as ss
+
+STEPS, FINE, PATHS, STEP = 3, 8, 5, 0.25
+TWO = ss.models.synchrotron(omega=2.0, sigma1=0.8, sigma2=0.5)
+START = {"q0": 1.0, "p0": 0.3, "step": STEP, "steps": STEPS, "paths": PATHS}
+
+
+def polygon(parts):
+    """Finer rows (step*part, noise, path), and dW, dZ, K of steps cut into so many parts, by hand."""
+    rows = np.random.default_rng(5).normal(0.0, np.sqrt(STEP / FINE), (STEPS * FINE, 2, PATHS))
+    number = FINE // parts
+    w = rows.reshape(STEPS * parts, number, 2, PATHS)
+    ends = np.arange(number + 1) / number
+    area = ends**3 / 3 - ends**2 / 2 + ends / 6  # of s^2 - s + 1/6
+    dz = np.einsum("j,ijnp->inp", 1 - (ends[1:] + ends[:-1]) / 2, w) * STEP / parts
+    k = np.einsum("j,ijnp->inp", np.diff(area) * number / 2, w)
+    return rows, w.sum(axis=1), dz, k
+
+
+@pytest.mark.parametrize(("scheme", "columns"), [("gauss2_strong32", 2), ("gauss_dkdkd", 2), ("chin4a", 3)])
+@pytest.mark.parametrize("parts", [1, 2])
+def test_columns_drive_as_the_polygon_does(scheme, columns, parts):
+    """Values by hand against the library's own merging; parts = 2: two rows a step, merged with their dZ and K."""
+    rows, *known = polygon(parts)
+    given = np.concatenate(known[:columns], axis=1)
+    fine = ss.simulate(TWO, scheme=scheme, increments=rows, refine=3, **START)
+    run = ss.simulate(TWO, scheme=scheme, increments=given, refine=parts - 1, **START)
+    np.testing.assert_allclose([run.q, run.p], [fine.q, fine.p], rtol=0, atol=2e-14)
+    one = ss.simulate(TWO, scheme=scheme, increments=given[:, :, 2], refine=parts - 1, **START)
+    np.testing.assert_array_equal(one.q[:, :, 0], run.q[:, :, 2])
+    for column in range(columns):  # each of them matters
+        other = given.copy()
+        other[:, 2 * column] *= 1.1
+        moved = ss.simulate(TWO, scheme=scheme, increments=other, refine=parts - 1, **START)
+        assert np.abs(moved.q[-1] - run.q[-1]).max() > 1e-6
+
+
+def test_a_prepared_run_takes_them():
+    """Its own run and that of `simulate` have the same bits."""
+    given = np.concatenate(polygon(1)[1:], axis=1)
+    whole = ss.simulate(TWO, scheme="chin4a", increments=given, **START)
+    prepared = ss.prepare(TWO, "chin4a", q0=1.0, p0=0.3, step=STEP, paths=PATHS)
+    parts = [prepared.run(1, increments=given[:1]), prepared.run(2, increments=given[1:])]
+    np.testing.assert_array_equal(np.concatenate([parts[0].q, parts[1].q[1:]]), whole.q)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "columns", "words"),
+    [
+        ("midpoint", 2, "columns of dZ, and scheme midpoint takes none"),
+        ("gauss_dkdkd", 3, "columns of K, and scheme gauss_dkdkd takes none"),
+        ("chin4a", 2, "needs K"),
+        ("chin4a", 1, "needs dZ and K"),
+        ("gauss_dkdkd", 1, r"dZ and K as more columns \(all dW, all dZ, all K\)"),
+        ("chin4a_strong2", 3, "needs J"),
+        ("midpoint", 4, "columns beyond the noises are as many of dZ, and of K"),
+        ("midpoint", 1.5, "8 noises|3 noises"),
+    ],
+)
+def test_columns_that_do_not_fit_get_a_sentence(scheme, columns, words):
+    given = np.zeros((STEPS, int(2 * columns), PATHS))
+    with pytest.raises(ValueError, match=words):
+        ss.simulate(TWO, scheme=scheme, increments=given, **START)
+
+
+def test_columns_that_are_not_finite_get_a_sentence():
+    given = np.zeros((STEPS, 4, PATHS))
+    given[1, 3, 0] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        ss.simulate(TWO, scheme="gauss_dkdkd", increments=given, **START)
