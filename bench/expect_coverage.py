@@ -28,12 +28,14 @@ from typing import Any
 
 import numpy as np
 import symsde as ss
-from symsde.expect import choice
+from symsde.expect import choice, variants
 from symsde.expect.candidates import suitable
 from symsde.expect.choice import Plan
-from symsde.expect.pilot import Pilot
+from symsde.expect.pilot import MEASURED, Pilot
 from symsde.expect.problem import make_problem
+from symsde.expect.quasi import Quasi
 from symsde.expect.tolerance import Tolerance, make_tolerance
+from symsde.expect.trial import LEVELS
 from symsde.expect.watch import Watch
 from symsde.expect.work import Work
 
@@ -150,20 +152,28 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
     }
 
 
+def every_plan(pilot: Pilot) -> list[Plan]:
+    """Of all schemes and methods, by eight times the paths; the cheapest first."""
+    pilot.try_all()
+    for trial in pilot.trials:
+        for _ in range(3):
+            trial.double()
+        found = choice.plain(trial, pilot.error)
+        level = min(LEVELS - 1, found.level if found else LEVELS - 1)
+        for method, kind in MEASURED.items():
+            if math.isfinite(variants.price(trial, method, level)):
+                trial.look_at(kind, level)
+        if math.isfinite(variants.price(trial, Quasi.name, level)):
+            for whole in range(LEVELS):
+                trial.look_evenly(whole)
+    return pilot.plans()
+
+
 def by_hand(case: Case, tolerance: Tolerance) -> tuple[list[float], str]:
     """Seconds of the best plan that there is, and which one it is: the likely ones are all carried out."""
     problem = make_problem(case.model, case.f, seed=10**9, threads=1, **case.start)
     pilot = Pilot(problem, tolerance, Watch(None, False), suitable(problem), None)
-    plans: list[Plan] = []
-    for trial in pilot.trials:
-        for _ in range(3):
-            trial.double()
-        error = pilot.error
-        ways = [kind(trial, error) for kind in (choice.plain, choice.extrapolated, choice.multilevel)]
-        plans += [way for way in ways if way is not None]
-        if ways[0] is not None:
-            plans += choice.variants(trial, ways[0].level, error, math.inf)
-    plans.sort(key=lambda plan: plan.seconds)
+    plans = every_plan(pilot)
     likely = [plan for plan in plans[:8] if plan.seconds < 4 * plans[0].seconds]
     spent: dict[str, list[float]] = {}
     for plan in likely:

@@ -23,7 +23,15 @@ from symsde.expect.work import Work
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
-METHODS = ["plain", "antithetic", "extrapolated", "control variate", "multilevel", "quasi-Monte Carlo"]
+METHODS = [
+    "plain",
+    "antithetic",
+    "extrapolated",
+    "control variate",
+    "multilevel",
+    "quasi-Monte Carlo",
+    choice.EVEN_LEVELS,
+]
 
 
 def exact_square(t: float) -> float:
@@ -39,7 +47,7 @@ def nonlinear():
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_gives_the_exact_mean(method):
     """E q of Kubo's oscillator, within two half widths (8e-5)."""
-    if method == "quasi-Monte Carlo":
+    if "quasi-Monte Carlo" in method:
         pytest.importorskip("scipy")
     answer = ss.expect(ss.models.kubo(), "q", **PLACE, abs=4e-3, method=method, scheme="stormer_verlet", seed=2)
     exact = math.exp(-0.09) * math.cos(2.0)
@@ -128,7 +136,7 @@ def test_bridge_makes_brownian_increments():
     """Covariance h times unity for any number of steps, exactly: the map is linear in the normals."""
     for steps in (1, 2, 7, 16):
         bridge = quasi.Bridge(steps, horizon=3.0)
-        columns = bridge.increments(np.eye(steps)[:, np.newaxis, :])[:, 0]
+        columns = bridge.increments(np.eye(steps)[np.newaxis, :, np.newaxis, :])[:, 0]
         np.testing.assert_allclose(columns @ columns.T, 3.0 / steps * np.eye(steps), atol=1e-14)
         np.testing.assert_allclose(columns[:, 0].sum(), math.sqrt(3.0))  # the first normal is W(T)
         np.testing.assert_allclose(columns[:, 1:].sum(axis=0), 0.0, atol=1e-14)
@@ -150,7 +158,10 @@ def test_quasi_units_are_independent_and_repeatable():
     estimator = quasi.Quasi(problem, as_scheme("midpoint"), 4, 0, log2_points=4)
     means = [estimator.draw(1).units.mean for _ in range(4)]
     assert len(set(means)) == 4
-    assert quasi.Quasi(problem, as_scheme("midpoint"), 4, 2, log2_points=4).draw(1).units.mean == means[2]
+    again = quasi.Quasi(problem, as_scheme("midpoint"), 4, 0, log2_points=4)
+    assert again.draw_from(2, 1).units.mean == means[2]
+    assert again.draw_from(0, 4).units.mean == pytest.approx(np.mean(means), rel=1e-14)
+    assert quasi.Quasi(problem, as_scheme("midpoint"), 4, 1, log2_points=4).draw(1).units.mean not in means
 
 
 class FakeTrial:
@@ -183,7 +194,7 @@ def test_multilevel_is_reckoned_as_giles_has_it():
     plan = choice.multilevel(trial, error)
     assert plan.level == 5 and plan.coarsest == 2  # 0.1/32 < 1e-2 sqrt(0.1)
     terms = [math.sqrt(4e-6)] + [math.sqrt(4.0**-k * 1.5e-6 * 2.0**k) for k in range(3, 6)]
-    begun = 256 * 1.5e-6 * (8 + 16 + 32)
+    begun = 256 * 1.5e-6 * (8 + 16 + 32) + 3 * choice._A_LEVEL
     assert plan.seconds == pytest.approx(sum(terms) ** 2 / (0.9 * error**2) + begun)
     single = choice.plain(trial, error)  # between the steps of the ladder: the bias is a third of the noise
     assert single.level == pytest.approx(math.log2(0.1 / (1e-2 * math.sqrt(0.1))))
@@ -208,13 +219,6 @@ def test_steps_between_those_of_the_ladder(nonlinear):
         math.log(10, 4)
     )
     assert choice.longest(lambda level: (0.0, 0.0), 1e-2) == 0
-
-
-def test_scramblings_are_reckoned_with_what_each_takes_once():
-    """12 ms and a microsecond a point: of 2^15 points 44.8 ms, not the 64 times of 2^9."""
-    seconds = {points: 0.012 + 1e-6 * 2**points for points in (6, 9)}
-    assert choice._of_scrambling(seconds, 15, 1e-7) == pytest.approx(0.012 + 1e-6 * 2**15)
-    assert choice._of_scrambling({6: 0.012, 9: 0.012}, 15, 1e-7) == pytest.approx(0.012 + 1e-7 * (2**15 - 2**9))
 
 
 def test_multilevel_is_not_chosen_where_paths_dephase():
@@ -423,21 +427,6 @@ def test_units_that_all_fail_do_not_go_on_for_ever(nonlinear):
         work.answer()
 
 
-def test_sobol_points_end_at_2_to_the_30(nonlinear, monkeypatch):
-    """A tolerance that would take more is left to other methods: SciPy refuses them."""
-    pytest.importorskip("scipy")
-    trial = SimpleNamespace(variance=1.0, seconds=lambda level: 0.0, problem=None)
-
-    def needed(variance):
-        units = Tally(8, 0.0, 7 * variance)
-        monkeypatch.setattr(Plan, "estimator", lambda *_: SimpleNamespace(draw=lambda _: Drawn(units, 1.0, 0, 8)))
-        return choice._quasi(trial, 0, 1.0, math.inf)
-
-    # flat from few to many points: the variance is taken to fall as 1/points, and 16 units may have 16
-    assert needed(16.0 * 2**21).options == {"log2_points": 30}
-    assert needed(16.0 * 2**22) is None
-
-
 def test_frequency_is_that_of_the_time():
     """H = p^2/2 + (1 + t) q^2/2 from t0 = 8 to 15: from 3 to 4."""
     model = ss.Model(
@@ -456,11 +445,28 @@ def test_formulas_hold_the_time_of_the_end():
     assert abs(answer.value - 5 - math.cos(2.0)) < 2 * answer.half_width
 
 
-def test_a_pilot_is_no_longer_than_what_the_cheapest_way_is_worth(nonlinear):
-    """Plain paths of 100 s are worth 10 s of learning; beside a control variate of 1 s they are worth 0.1 s."""
-    pilot = SimpleNamespace(watch=Watch(None, False))
-    doubled = [SimpleNamespace(seconds=0.0), SimpleNamespace(seconds=0.15)]
-    best = SimpleNamespace(bias=(0.0, 1.0), seconds=100.0, level=1, trial=SimpleNamespace(draws=doubled))
-    assert Pilot._may_learn(pilot, best, 600.0) and not Pilot._may_learn(pilot, best, 1.0)
-    best.bias = (1.1, 1.0)
-    assert not Pilot._may_learn(pilot, best, 600.0)
+def pilot_of(problem, *, left, spent, tasks):
+    """A pilot that was made, with what it may measure next."""
+    pilot = object.__new__(Pilot)
+    pilot._least, pilot._tasks = 0.25, lambda best=None: iter(tasks)
+    pilot.watch = SimpleNamespace(seconds=0.25 + spent, max_time=left, elapsed=0.0)
+    return pilot
+
+
+def test_a_pilot_is_no_longer_than_what_the_cheapest_way_is_worth():
+    """A fifth of the best plan so far, of the time that is left or of ten minutes, for everything beyond the first
+    scheme; what is too dear is passed over, and without any plan the cheapest measurement is made."""
+    tasks = [(0.3, "dear"), (0.1, "cheap")]
+    for seconds, left, spent, chosen in (
+        (2.0, math.inf, 0.0, "dear"),
+        (1.4, math.inf, 0.0, "cheap"),
+        (2.0, math.inf, 0.15, "cheap"),
+        (2.0, 0.6, 0.0, "cheap"),
+        (2.0, math.inf, 0.35, None),
+        (1e9, math.inf, 119.8, "cheap"),
+        (1e9, math.inf, 120.0, None),
+    ):
+        pilot = pilot_of(None, left=left, spent=spent, tasks=tasks)
+        assert pilot._next([SimpleNamespace(seconds=seconds)]) == chosen
+    pilot._untried, pilot.trials = [], [SimpleNamespace(doubled=99, seconds_spent=0.0)]
+    assert pilot._next([]) == "cheap"

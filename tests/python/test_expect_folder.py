@@ -15,7 +15,7 @@ import symsde as ss
 from symsde.batch.folder import RunFolder
 from symsde.batch.shard_file import read
 from symsde.cli import main
-from symsde.expect import keep
+from symsde.expect import choice, keep
 from symsde.expect.estimators import Drawn, Plain
 from symsde.expect.keep import InFolder, open_folder
 from symsde.expect.problem import make_problem
@@ -62,9 +62,11 @@ def test_work_goes_on_and_counts_every_unit_once(model, tmp_path):
     assert kept["made"]["symsde_version"] == ss.__version__
 
 
-@pytest.mark.parametrize("method", ["multilevel", "control variate", "antithetic", "quasi-Monte Carlo"])
+@pytest.mark.parametrize(
+    "method", ["multilevel", "control variate", "antithetic", "quasi-Monte Carlo", choice.EVEN_LEVELS]
+)
 def test_what_is_there_is_not_drawn_again(model, tmp_path, monkeypatch, method):
-    if method == "quasi-Monte Carlo":
+    if "quasi-Monte Carlo" in method:
         pytest.importorskip("scipy")
     asked = {**PLACE, **STEADY, "abs": 2e-2, "method": method, "out": tmp_path}
     whole = ss.expect(model, "q**2", **asked)
@@ -197,7 +199,8 @@ def test_a_killed_command_goes_on(tmp_path):
     assert all(path.read_bytes() == content for path, content in there.items())
     low, high = (float(x) for x in done.stdout.split("[")[1].rstrip("]\n").split(","))
     assert 7e-4 * 2.1 > high - low > 0 and abs((low + high) / 2 - 0.9995) < 4e-3
-    assert not list((out / "shards").glob(".*"))  # nothing half-written
+    # nothing half-written but what the killed process may have had in hand
+    assert all(f".{process.pid}." in path.name for path in (out / "shards").glob(".*"))
 
 
 def test_the_command_says_how_to_go_on(tmp_path, capsys):
@@ -226,3 +229,49 @@ def test_parts_are_read_as_they_were_written():
     tallies = [Tally(7, 0.1, 2.0, -3.0, 5.0), Tally(8, 1.1, 2.5, 3.5, 4.5), Tally(9, -1.0, 0.0, 0.25, 0.5)]
     for part in (Drawn(tallies[0], 0.25, 2, 18), keep.Draw(*tallies, 0.5, 3)):
         assert keep._part_of(keep._shard_of(part, "me")) == part
+
+
+def test_processes_share_a_folder(tmp_path):
+    """Two at once print the same bits, by parts that either of them drew: every unit is there once."""
+    scene, out = tmp_path / "scene.toml", tmp_path / "out"
+    scene.write_text(SCENE)
+    command = [sys.executable, "-m", "symsde", "expect", str(scene), "--out", str(out), "--quiet"]
+    both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    said = [process.communicate(timeout=120)[0] for process in both]
+    assert [process.returncode for process in both] == [0, 0] and said[0] == said[1] != ""
+    parts = [read(path) for path in shards(out, "units")]
+    assert 1 <= len({part.facts["by"] for part in parts}) <= 2
+    paths = json.loads((out / "answer.json").read_text())["paths"]
+    assert 0 < paths <= sum(part.arrays["tallies"][0][0] for part in parts)
+
+
+@pytest.mark.filterwarnings("ignore::symsde.BudgetWarning")
+def test_multilevel_by_itself_goes_on(model, tmp_path, monkeypatch):
+    """Stopped after its first levels, gone on with, and then read: the parts that are there stay, the bits are the
+    same, nothing is drawn again. Another first number of paths, or another reader, is refused."""
+    asked = {**PLACE, "scheme": "gauss_dkdkd", "threads": 1, "abs": 4e-3, "out": tmp_path}
+    first = ss.mlmc(model, "q**2", **asked, max_time=1e-9)
+    there = {path: path.read_bytes() for path in shards(tmp_path, "level")}
+    assert not first.reached and there
+    whole = ss.mlmc(model, "q**2", **asked)
+    assert whole.reached and all(path.read_bytes() == content for path, content in there.items())
+    assert sum(x.paths for x in whole.levels) > sum(x.paths for x in first.levels)
+    found = sum(int(read(path).arrays["tallies"][0][0]) for path in shards(tmp_path, "level"))
+    assert found == sum(x.paths for x in whole.levels)
+    drawn = LevelSampler(make_problem(model, "q**2", **PLACE), "gauss_dkdkd", whole.levels[0].steps)
+    for i, level in enumerate(whole.levels):
+        assert level.mean == pytest.approx(drawn.draw(i, level.paths).difference.mean, rel=1e-12)
+
+    def no_more(*_, **__):
+        raise AssertionError("drawn again")
+
+    monkeypatch.setattr(LevelSampler, "_pair", no_more)
+    again = ss.mlmc(model, "q**2", **asked)
+    assert (again.value, again.interval, again.cost > 0) == (whole.value, whole.interval, True)
+    for change in ({"first": 2048}, {"antithetic": True, "scheme": "midpoint"}, {"abs": 3e-3}, {"levels": 11}):
+        with pytest.raises(ss.errors.SceneError, match="holds another run"):
+            ss.mlmc(model, "q**2", **{**asked, **change})
+    with pytest.raises(ss.errors.SceneError, match="holds another run"):
+        ss.expect(model, "q**2", **{**asked, "method": "multilevel"})
+    with pytest.raises(ss.errors.SceneError, match=r"call of `symsde\.mlmc`"):
+        ss.open_run(tmp_path)

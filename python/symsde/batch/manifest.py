@@ -136,10 +136,10 @@ def _flat(manifest: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any
 def require_run(there: dict[str, Any], folder: Path) -> None:
     """Refuse the folder of an expectation, where that of a run is meant."""
     if "expect" in there["inputs"]:
-        raise SceneError(
-            f"{folder} holds an expectation: `symsde expect SCENE.toml --out {folder}` goes on in it, its answer is "
-            "answer.json; give a folder that `symsde run` has written"
-        )
+        how = f"`symsde expect SCENE.toml --out {folder}` goes on in it, its answer is answer.json"
+        if "mlmc" in there["inputs"]:
+            how = "the call of `symsde.mlmc` that made it goes on in it"
+        raise SceneError(f"{folder} holds an expectation: {how}; give a folder that `symsde run` has written")
 
 
 def require_same(there: dict[str, Any], here: dict[str, Any], folder: Path) -> None:

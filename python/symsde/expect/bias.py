@@ -8,11 +8,15 @@ of h beyond the first may change it by a half for every halving in between.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 _DOUBT = 0.5  #: relative change for each halving between a difference and the step it is used for
 _EXACT = 1e300  #: weight of a difference without noise
+_TERMS = 3  #: differences of a pilot, and powers of h that they tell
 _SURE = 4.0  #: standard errors above which a difference counts as seen
 
 
@@ -32,6 +36,29 @@ def estimate(means: Sequence[float], errors: Sequence[float], order: float, extr
         total = sum(weights)
         best = sum(w * x for w, x in zip(weights, told, strict=True)) / total
     return best, math.sqrt(1 / total) if total < _EXACT else 0.0
+
+
+def left(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> tuple[float, float]:
+    """The same where the two finest of three differences are seen: by two powers of h, as far as a third changes it.
+
+    A scheme of weak order one may have the errors of one of order two on all steps that were tried: the differences
+    then fall by four, and what falls by two is hidden in how this number changes.
+    """
+    if len(means) != _TERMS or any(abs(m) <= _SURE * e for m, e in zip(means[1:], errors[1:], strict=True)):
+        return estimate(means, errors, order, extra)
+    two, three = (_weights(order, extra, terms) for terms in (_TERMS - 1, _TERMS))
+    value, other = (math.fsum(w * m for w, m in zip(weights, means, strict=True)) for weights in (two, three))
+    noise = math.sqrt(math.fsum((w * e) ** 2 for w, e in zip(two, errors, strict=True)))
+    return value, math.hypot(noise, value - other)
+
+
+@functools.lru_cache(maxsize=1024)
+def _weights(order: float, extra: float, terms: int) -> tuple[float, ...]:
+    """Of three differences in E f - E f(x_h), if that is made of so many powers of h, the lowest being `order`."""
+    powers = order + np.arange(terms)
+    rows = 2.0 ** np.outer(np.arange(_TERMS)[::-1][-terms:], powers)  # of what each power adds to the finest difference
+    rest = 2.0 ** (-extra * powers) / (2.0**powers - 1)
+    return (0.0,) * (_TERMS - terms) + tuple(np.linalg.solve(rows.T, rest))
 
 
 def size(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> float:

@@ -4,20 +4,22 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from ..mlmc.sampler import driven_by_more
 from ..schemes import Scheme
-from . import control, quasi
+from . import control, quasi, variants
 from .estimators import Antithetic, Estimator, Extrapolated, Plain
 from .problem import Problem
 from .quasi import Quasi
+from .tally import Tally
 from .tolerance import BIAS_SHARE
 from .trial import LEVELS, MOST_HALVINGS, Trial
 
+EVEN_LEVELS = "multilevel quasi-Monte Carlo"
 _BEGUN_WITH = 256  #: paths of every level, before anything is known of it
+_A_LEVEL = 1.5e-3  #: seconds that a level takes beside its paths, about: calls, tallies, allocation
+_FEWEST = 5  #: log2 of the points of a level
 
 
 @dataclass(eq=False)
@@ -57,6 +59,10 @@ class Plan:
         """What draws it, from a path on."""
         return estimator_of(self.method, problem, self.scheme, self.steps, first=first, options=self.options)
 
+    def even_level(self, index: int, first: int, problem: Problem) -> Quasi:
+        """What draws a level of multilevel quasi-Monte Carlo."""
+        return even_level_of(problem, self.scheme, self.coarsest_steps, index, first=first, options=self.options)
+
 
 def estimator_of(
     method: str, problem: Problem, scheme: Scheme, steps: int, *, first: int, options: dict
@@ -64,6 +70,19 @@ def estimator_of(
     """The estimator of a method, from a path on."""
     kinds = {kind.name: kind for kind in (Plain, Antithetic, Extrapolated, control.Control, Quasi)}
     return kinds[method](problem, scheme, steps, first, **options)
+
+
+def even_level_of(
+    problem: Problem, scheme: Scheme, coarsest: int, index: int, *, first: int, options: dict
+) -> Quasi:  # fmt: skip
+    """Of multilevel quasi-Monte Carlo the estimator of a level, counted from the coarsest one."""
+    points = options["log2_points"][index]
+    return Quasi(problem, scheme, coarsest << index, first, log2_points=points, differences=index > 0)
+
+
+def _allowed(error: float) -> float:
+    """Variance of the value that is left to noise."""
+    return max((1 - BIAS_SHARE) * error**2, 1e-300)
 
 
 def coarse_enough(left: Callable[[int], tuple[float, float]], error: float, first: int = 0) -> int | None:
@@ -114,78 +133,86 @@ def multilevel(trial: Trial, error: float) -> Plan | None:
         for level in range(coarsest + 1, finest + 1):
             pair = trial.seconds(level) + trial.seconds(level - 1)
             total += math.sqrt(trial.spread(level) * pair)
-            begun += _BEGUN_WITH * pair
+            begun += _BEGUN_WITH * pair + _A_LEVEL
         seconds = total**2 / ((1 - BIAS_SHARE) * error**2) + begun
         if best is None or seconds < best.seconds:
             best = Plan("multilevel", trial, finest, seconds, coarsest=coarsest)
     return best
 
 
-def variants(trial: Trial, level: float, error: float, budget: float) -> list[Plan]:
-    """Antithetic, control variate and quasi-Monte Carlo at a step, by what a pilot of each shows."""
-    problem, steps = trial.problem, trial.steps(level)
-    found = []
-    allowed = max((1 - BIAS_SHARE) * error**2, 1e-300)
-    if control.applies(problem, steps):
-        found.append(_measured(Plan(control.Control.name, trial, level, math.inf), allowed, budget))
-    if not driven_by_more(trial.scheme) and problem.model.nnoise:
-        if problem.options.get("truncation") is None:
-            found.append(_measured(Plan(Antithetic.name, trial, level, math.inf), allowed, budget))
-        if quasi.applies(problem, steps):
-            found.append(_quasi(trial, level, allowed, budget))
-    return [plan for plan in found if plan is not None]
-
-
-_PILOT = 1024  #: units of a variant
-_FIRST = 2**45  #: path that the pilots of variants begin at, far from those of levels and of answers
-
-
-def _measured(plan: Plan, allowed: float, budget: float) -> Plan | None:
-    """With the seconds that variance and cost of few units tell; none where half of these fail."""
-    paths = control.FIT + _PILOT if plan.method == control.Control.name else _PILOT
-    if paths * plan.trial.seconds(plan.level) * 3 > budget:
+def of_variant(trial: Trial, method: str, error: float) -> Plan | None:
+    """Antithetic or control variate by what was measured of it, at the longest step."""
+    variant, level = trial.measured.get(method), longest(trial.bias, error)
+    if variant is None or level is None or math.isinf(variants.price(trial, method, level)):
         return None
-    begin = time.process_time()
-    estimator = plan.estimator(_FIRST, plan.trial.problem)
-    prepared = time.process_time() - begin
-    drawn = estimator.draw(_PILOT)
-    if drawn.units.n < _PILOT / 2:
+    unit = variant.seconds * trial.seconds(level) / trial.seconds(variant.level)
+    seconds = variant.once + max(2.0, variant.variance / _allowed(error)) * unit
+    return Plan(method, trial, level, seconds, variance=variant.variance)
+
+
+def even(trial: Trial, error: float) -> Plan | None:
+    """Quasi-Monte Carlo: points a unit such that the fewest units are enough, by how the variance fell."""
+    level = longest(trial.bias, error)
+    known = [x for x in trial.even.values() if x is not None]
+    if level is None or not known or not quasi.applies(trial.problem, trial.scheme, trial.steps(level)):
         return None
-    plan.variance = drawn.units.variance
-    plan.seconds = prepared + max(2.0, plan.variance / allowed) * drawn.seconds / drawn.units.n
+    near = min(known, key=lambda x: abs(x.level - level))
+    points = _points(near.fine, _allowed(error) * Quasi.least_units)
+    if points is None:
+        return None
+    longer = trial.steps(level) / trial.steps(near.level)
+    plan = Plan(Quasi.name, trial, level, longer * (near.once + Quasi.least_units * near.path * 2.0**points))
+    plan.options, plan.variance = {"log2_points": points}, trial.variance / 2.0**points
     return plan
 
 
-_SHORT, _LONG, _SCRAMBLINGS = 6, 9, 8  #: of the pilot: log2 of points, randomisations
-_SCRAMBLE = 1e-2  #: seconds that SciPy takes for a scrambling
-
-
-def _quasi(trial: Trial, level: float, allowed: float, budget: float) -> Plan | None:
-    """Points a unit such that the fewest units are enough, by how the variance fell from few to more points."""
-    if _SCRAMBLINGS * (2 * _SCRAMBLE + 2**_LONG * trial.seconds(level) * 4) > budget:
-        return None
-    variance, seconds = {}, {}
-    for points in (_SHORT, _LONG):
-        plan = Plan(Quasi.name, trial, level, math.inf, options={"log2_points": points})
-        drawn = plan.estimator(_FIRST, plan.trial.problem).draw(_SCRAMBLINGS)
-        if drawn.units.n < _SCRAMBLINGS:
-            return None
-        variance[points], seconds[points] = drawn.units.variance, drawn.seconds / drawn.units.n
-    fall = math.log2(max(variance[_SHORT], 1e-300) / max(variance[_LONG], 1e-300)) / (_LONG - _SHORT)
-    fall = min(max(fall - 0.3, 1.0), 3.0)  # of eight units the variance is known to a half
-    needed = allowed * Quasi.least_units
-    points = _LONG
-    while variance[_LONG] * 2.0 ** (-fall * (points - _LONG)) > needed:
+def _points(units: dict[int, Tally], needed: float) -> int | None:
+    """log2 of the points of a unit, from those that were tried on, whose variance is what is needed."""
+    points, slope = variants.LONG, variants.fall(units)
+    while units[variants.LONG].variance * 2.0 ** (-slope * (points - variants.LONG)) > needed:
         points += 1
         if points > quasi.MOST_POINTS:
             return None
-    plan.options, plan.variance = {"log2_points": points}, trial.variance / 2.0**points
-    plan.seconds = Quasi.least_units * _of_scrambling(seconds, points, trial.seconds(level))
-    return plan
+    return points
 
 
-def _of_scrambling(seconds: dict[int, float], points: int, path: float) -> float:
-    """Seconds of a scrambling of 2^points from those of few and of more points, a + b 2^points, b not below a path."""
-    few, more = 2.0**_SHORT, 2.0**_LONG
-    slope = max((seconds[_LONG] - seconds[_SHORT]) / (more - few), path)
-    return max(seconds[_LONG] - slope * more, 0.0) + slope * 2.0**points
+def even_levels(trial: Trial, error: float) -> Plan | None:
+    """Multilevel quasi-Monte Carlo, from the best coarsest level that was looked at."""
+    finest = coarse_enough(trial.bias, error)
+    if not finest or not quasi.applies(trial.problem, trial.scheme, trial.steps(finest)):
+        return None
+    best = None
+    for coarsest in (level for level in range(finest) if trial.even.get(level)):
+        plan = _even_levels(trial, coarsest, finest, _allowed(error) * Quasi.least_units)
+        if plan is not None and (best is None or plan.seconds < best.seconds):
+            best = plan
+    return best
+
+
+def _even_levels(trial: Trial, coarsest: int, finest: int, needed: float) -> Plan | None:
+    """Points are doubled where the variance of a unit over its seconds is largest, until its sum is what is needed."""
+    variance, slope, path, once = [], [], [], 0.0
+    for level in range(coarsest, finest + 1):
+        near = trial.even.get(min(level, LEVELS - 1))
+        if near is None:
+            return None
+        units = near.fine if level == coarsest else near.change
+        smaller = (
+            trial.spread(level) / trial.spread(near.level) if level > near.level and trial.spread(near.level) else 1.0
+        )
+        slope.append(2.0 ** -variants.fall(units))
+        known = max(units[variants.LONG].variance * smaller, 1e-300)
+        variance.append(known * slope[-1] ** (_FEWEST - variants.LONG))
+        longer = trial.steps(level) / trial.steps(near.level)
+        path.append(near.path * longer)
+        once += near.once * longer
+    points = [_FEWEST] * len(path)
+    while sum(variance) > needed:
+        i = max(range(len(path)), key=lambda j: variance[j] / (path[j] * 2.0 ** points[j]))
+        points[i] += 1
+        variance[i] *= slope[i]
+        if points[i] > quasi.MOST_POINTS:
+            return None
+    seconds = once + Quasi.least_units * sum(x * 2.0**n for x, n in zip(path, points, strict=True))
+    options = {"log2_points": points}
+    return Plan(EVEN_LEVELS, trial, finest, seconds, coarsest=coarsest, variance=trial.variance, options=options)

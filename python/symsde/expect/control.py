@@ -22,7 +22,7 @@ MOST_ROWS = 1024  #: increments of a path, up to which responses are computed
 _FULL = 2  #: degrees of freedom up to which every pair of components is a control
 _BUMP = 1e-4  #: increment, in sqrt(h), by which derivatives are taken
 _BY_INCREMENTS = {"truncation": None, "areas": "path", "area_time": None}  #: options of runs that take these alone
-FIT = 4096  #: paths that the regression is fitted on, none of which count
+FIT = 1024  #: paths that the regression is fitted on, none of which count
 
 
 class Control(Estimator):

@@ -51,6 +51,11 @@ class Estimator:
         self._next = self._begin = first  # a subclass that uses up some paths moves both
 
     @property
+    def begin(self) -> int:
+        """Index of the first unit."""
+        return self._begin
+
+    @property
     def step(self) -> float:
         """Size of a step."""
         return self.problem.horizon / self.steps

@@ -26,9 +26,10 @@ from ..batch.shard_file import Shard
 from ..mlmc.sampler import Draw
 from ..schemes import Scheme
 from .answer import Answer
-from .choice import Plan, estimator_of
+from .choice import Plan, estimator_of, even_level_of
 from .estimators import Drawn, Estimator
 from .problem import Problem
+from .quasi import Quasi
 from .tally import Tally
 from .tolerance import Tolerance
 from .watch import Watch
@@ -59,6 +60,10 @@ class KeptPlan:
     def estimator(self, first: int, problem: Problem) -> Estimator:
         """What draws it, from a path on."""
         return estimator_of(self.method, problem, self.scheme, self.steps, first=first, options=self.options)
+
+    def even_level(self, index: int, first: int, problem: Problem) -> Quasi:
+        """What draws a level of multilevel quasi-Monte Carlo."""
+        return even_level_of(problem, self.scheme, self.coarsest_steps, index, first=first, options=self.options)
 
 
 @dataclass

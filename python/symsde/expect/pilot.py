@@ -4,18 +4,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from ..errors import InvalidArgumentError, NumericalError
-from ..mlmc.sampler import driven_by_more
 from ..schemes import Scheme
-from . import choice
+from . import choice, variants
 from .choice import Plan
-from .control import MOST_ROWS
-from .estimators import Drawn, Plain
+from .control import MOST_ROWS, Control
+from .estimators import Antithetic, Drawn, Plain
 from .problem import Problem
+from .quasi import Quasi
 from .stability import fewest_steps
 from .tails import require_variance
 from .tally import Tally
@@ -23,14 +24,22 @@ from .tolerance import Tolerance
 from .trial import LEVELS, UNSTABLE, Trial
 from .watch import Watch
 
-METHODS = ("plain", "antithetic", "extrapolated", "control variate", "multilevel", "quasi-Monte Carlo")
-_PATHS = 512  #: of each level of a trial
+METHODS = (
+    "plain",
+    "antithetic",
+    "extrapolated",
+    "control variate",
+    "multilevel",
+    "quasi-Monte Carlo",
+    choice.EVEN_LEVELS,
+)
+MEASURED = {Antithetic.name: Antithetic, Control.name: Control}
+_PATHS = 256  #: of each level of a trial, to begin with
 _LOOKED_AT = 4096  #: values of f that tell of its tails
 _MOST_LOOKED_AT = 2**17  #: the same where the mean is to be told from 0
-_SHARE = 0.1  #: of the seconds of a plan that the pilot may take to know its bias better
+_SHARE = 0.2  #: of the seconds of the best plan so far that all measurements beyond the first scheme may take
 _DOUBLINGS = 12
 _LONG = 600.0  #: seconds of a plan, above which the pilot is made no longer
-_AFFORDED = 0.03  #: seconds that the pilot of a variant may take in any case
 _SEEN = 3.0  #: standard errors by which a mean is told from 0
 _FIRST = 2**45 + 2**44  #: path that values of f are looked at from
 _VARIES = "; {} needs an f that varies"
@@ -38,10 +47,11 @@ _DRIVEN = "; {} needs noise, no truncation, {}"
 _ALONE = "and a scheme that takes increments alone"
 #: what a method takes beside a small error
 _NEEDS = {
+    choice.EVEN_LEVELS: _DRIVEN.format(choice.EVEN_LEVELS, "SciPy, and a scheme that takes no areas"),
     "extrapolated": _VARIES.format("extrapolated"),
     "multilevel": _VARIES.format("multilevel"),
     "antithetic": _DRIVEN.format("antithetic", _ALONE),
-    "quasi-Monte Carlo": _DRIVEN.format("quasi-Monte Carlo", f"SciPy, {_ALONE}"),
+    "quasi-Monte Carlo": _DRIVEN.format("quasi-Monte Carlo", "SciPy, and a scheme that takes no areas"),
     "control variate": _DRIVEN.format("control variate", f"and at most {MOST_ROWS} increments a path"),
 }
 
@@ -52,22 +62,49 @@ class Pilot:
     def __init__(
         self, problem: Problem, tolerance: Tolerance, watch: Watch, schemes: Sequence[Scheme], method: str | None
     ):
-        """Try every scheme; refuse what no work could answer."""
+        """Try the first scheme that works; refuse what no work could answer."""
         self.problem, self.tolerance, self.watch, self.method = problem, tolerance, watch, method
         if not schemes:
             raise InvalidArgumentError("no scheme that is tried by itself fits these options: give scheme")
-        coarsest = fewest_steps(problem)
-        paths = _PATHS if problem.model.nnoise else 2
+        self._coarsest, self._untried = fewest_steps(problem), list(schemes)
         self.seconds = 0.0  #: of the processor, until there is a choice
-        tried = [Trial(problem.on_one_thread(), scheme, coarsest, paths) for scheme in schemes]
-        self.trials = [trial for trial in tried if trial.usable]
+        self.trials: list[Trial] = []
+        while self._untried and not self.trials:
+            self._try_next()
         if not self.trials:
             names = ", ".join(scheme.name for scheme in schemes)
+            last = self._coarsest << (UNSTABLE + LEVELS - 2)
             raise NumericalError(
-                f"paths fail with every scheme that fits ({names}) up to {coarsest << (UNSTABLE + LEVELS - 2)} steps: "
+                f"paths fail with every scheme that fits ({names}) up to {last} steps: "
                 "E f may not exist because paths escape; look at them with `simulate`"
             )
         self._look_at_f()
+        self._least = watch.seconds  #: of the processor, that nothing could be known without
+
+    def try_all(self) -> None:
+        """Every scheme that is left."""
+        while self._untried:
+            self._try_next()
+
+    def _highest(self) -> float:
+        """Weak order of the schemes that were not tried; one that is higher may take far fewer steps."""
+        return max(map(_order, self._untried), default=0.0)
+
+    def _try_highest(self) -> None:
+        """The first of these of the highest order."""
+        highest = max(self._untried, key=_order)
+        self._untried.remove(highest)
+        self._untried.insert(0, highest)
+        self._try_next()
+
+    def _try_next(self) -> None:
+        """The next scheme on a ladder of steps."""
+        paths = _PATHS if self.problem.model.nnoise else 2
+        trial = Trial(self.problem.on_one_thread(), self._untried.pop(0), self._coarsest, paths)
+        if trial.usable:
+            self.trials.append(trial)
+            if len(self.trials) > 1:
+                trial.known_variance = self.looked_at.units.variance
 
     def _look_at_f(self) -> None:
         """Values of f at a trustworthy step: their variance, their mean, their tails."""
@@ -102,24 +139,19 @@ class Pilot:
         return self.tolerance.error(self.value)
 
     def choose(self) -> list[Plan]:
-        """Every plan, the cheapest first."""
-        most = _LONG  #: seconds that the work may take as far as is known, variants looked at once
-        for doubling in range(_DOUBLINGS):
-            plans = self._simple()
-            best = min(plans, key=lambda plan: plan.seconds) if plans else None
-            if doubling == 0 and self.method is None and best is not None and self._may_learn(best, most):
-                most = min([most, *(plan.seconds for plan in self._variants(plans))])
-            if self.watch.over or not self._learn(best, most):
-                break
-        plans = self._simple()
-        if self.method is None or not any(plan.method == self.method for plan in plans):
-            plans += self._variants(plans)
-        if self.method is not None:
-            plans = [plan for plan in plans if plan.method == self.method]
+        """Every plan, the cheapest first.
+
+        The least that nothing could be known without is a ladder of one scheme. What else is measured, method by
+        method and scheme by scheme, takes together no more than a share of what the best plan so far is reckoned to.
+        """
+        plans = self.plans()
+        while not self.watch.over and (task := self._next(plans)) is not None:
+            task()
+            plans = self.plans()
         self.seconds = self.watch.seconds
         if not plans:
             raise NumericalError(self._hopeless())
-        return sorted(plans, key=lambda plan: plan.seconds)
+        return plans
 
     def _hopeless(self) -> str:
         way = f"by {self.method} " if self.method else ""
@@ -129,39 +161,72 @@ class Pilot:
             f"tells: give a larger tolerance, a shorter horizon, or another scheme{_NEEDS.get(self.method, '')}"
         )
 
-    def _simple(self) -> list[Plan]:
-        """Plans of every trial that need no pilot of their own."""
-        found = []
-        for trial in self.trials:
-            found += [kind(trial, self.error) for kind in (choice.plain, choice.extrapolated, choice.multilevel)]
-        return [plan for plan in found if plan is not None]
+    def plans(self) -> list[Plan]:
+        """Plans of every trial by all that was measured, of the method that is asked for; the cheapest first."""
+        ways = [choice.plain, choice.extrapolated, choice.multilevel, choice.even, choice.even_levels]
+        ways += [partial(choice.of_variant, method=method) for method in MEASURED]
+        found = [way(trial, error=self.error) for trial in self.trials for way in ways]
+        wanted = [plan for plan in found if plan is not None and self.method in (None, plan.method)]
+        return sorted(wanted, key=lambda plan: plan.seconds)
 
-    def _learn(self, best: Plan | None, most: float) -> bool:
-        """Better know the bias of the best plan, where noise in it asks for a finer step and knowing it is cheap."""
-        if best is None:
-            trial = min(self.trials, key=lambda x: x.seconds_spent)
-            trial.double()
-            return True
-        if not self._may_learn(best, most):
-            return False
-        best.trial.double()
-        return True
+    def _next(self, plans: list[Plan]) -> Callable[[], None] | None:
+        """What is to be measured next; None where nothing is worth it."""
+        if not plans:  # whatever it takes, the way to one at least
+            tasks = sorted(self._tasks(), key=lambda task: task[0]) + self._last_tasks()
+            return tasks[0][1] if tasks else None
+        worth = _SHARE * min(plans[0].seconds, _LONG, self.watch.max_time - self.watch.elapsed)
+        left = worth - (self.watch.seconds - self._least)
+        return next((task for seconds, task in self._tasks(plans[0]) if seconds <= left), None)
 
-    def _may_learn(self, best: Plan, most: float) -> bool:
-        """Its step is that of noise in its bias, and twice the paths cost little beside work of so many seconds."""
-        seen, noise = best.bias
-        doubled = sum(draw.seconds for draw in best.trial.draws[1:])
-        afforded = _SHARE * min(best.seconds, self.watch.max_time, most)
-        return best.level != 0 and noise >= math.fabs(seen) and doubled <= afforded
+    def _tasks(self, best: Plan | None = None) -> Iterator[tuple[float, Callable[[], None]]]:
+        """Seconds that each measurement takes, about, and the measurement; the most promising first."""
+        known = [(plan, trial) for trial in self.trials if (plan := choice.plain(trial, self.error)) is not None]
+        known.sort(key=lambda x: x[0].seconds)
+        for rank, (plan, trial) in enumerate(known):
+            fine = plan.level > LEVELS - 1
+            if rank == 0 and fine and self._highest() > max(_order(x.scheme) for x in self.trials):
+                yield trial.seconds_spent / 2**trial.doubled, self._try_highest
+            yield from self._variants(trial, min(plan.level, LEVELS - 1))
+            if best is not None and best.trial is trial and _noise_decides(best):
+                yield from self._evenly(trial, range(1, LEVELS))
+                yield sum(draw.seconds for draw in trial.draws[1:]), trial.double
+            if rank == 0 and self._untried:
+                yield trial.seconds_spent / 2**trial.doubled, self._try_next
+        for _, trial in known[:2]:
+            if self.method in (None, choice.EVEN_LEVELS):
+                yield from self._evenly(trial, range(LEVELS))
 
-    def _variants(self, plans: list[Plan]) -> list[Plan]:
-        """Of the cheapest plain plans, and of the cheapest one whose scheme takes increments alone."""
-        simple = sorted((plan for plan in plans if plan.method == Plain.name), key=lambda plan: plan.seconds)
-        tried = simple[:2] + [plan for plan in simple if not driven_by_more(plan.trial.scheme)][:1]
-        found: list[Plan] = []
-        for plan in dict.fromkeys(tried):
-            budget = math.inf
-            if self.method is None:
-                budget = max(_SHARE * min(x.seconds for x in [*plans, *found]), _AFFORDED)
-            found += choice.variants(plan.trial, plan.level, self.error, budget)
-        return found
+    def _variants(self, trial: Trial, level: float) -> Iterator[tuple[float, Callable[[], None]]]:
+        """Methods whose units were not looked at."""
+        for method, kind in MEASURED.items():
+            if self.method in (None, method) and method not in trial.measured:
+                seconds = variants.price(trial, method, level)
+                if math.isfinite(seconds):
+                    yield seconds, partial(trial.look_at, kind, level)
+        if self.method in (None, Quasi.name):
+            yield from self._evenly(trial, [math.ceil(level)])
+
+    @staticmethod
+    def _evenly(trial: Trial, levels: Iterable[int]) -> Iterator[tuple[float, Callable[[], None]]]:
+        """Levels that were not looked at by Sobol's points."""
+        for level in levels:
+            if level not in trial.even and math.isfinite(seconds := variants.price(trial, Quasi.name, level)):
+                yield seconds, partial(trial.look_evenly, level)
+
+    def _last_tasks(self) -> list[tuple[float, Callable[[], None]]]:
+        """Where nothing reaches the tolerance yet: other schemes, then more paths."""
+        if self._untried:
+            return [(0.0, self._try_next)]
+        trial = min(self.trials, key=lambda x: x.seconds_spent)
+        return [(0.0, trial.double)] if trial.doubled < _DOUBLINGS else []
+
+
+def _order(scheme: Scheme) -> float:
+    """Weak order, as the certificate has it."""
+    return scheme.info.orders["weak"].value or 0.0
+
+
+def _noise_decides(best: Plan) -> bool:
+    """Its step is that of noise in its bias: more paths may allow a longer one."""
+    seen, noise = best.bias
+    return best.level != 0 and noise >= math.fabs(seen)

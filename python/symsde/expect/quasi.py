@@ -2,8 +2,9 @@
 """Randomised quasi-Monte Carlo: scrambled Sobol points through the Brownian bridge.
 
 The first points of a Sobol sequence are its most even ones: they go to W(T) of every noise, the next to W(T/2), and so
-on, each the larger share of what is left of the path. Each unit is the mean over 2^k points with a scrambling of its
-own: unbiased, and independent of the others, so that their scatter gives the interval.
+on, each the larger share of what is left of the path; what a step takes beside its increment (dZ, K) comes last. Each
+unit is the mean over 2^k points. All units of an estimator share one random matrix scrambling, and each has a digital
+shift of its own: given the matrices they are unbiased and independent, so that their scatter gives the interval.
 """
 
 from __future__ import annotations
@@ -13,59 +14,118 @@ import importlib.util
 import numpy as np
 
 from .._files import optional
+from ..mlmc.sampler import coupled
 from ..schemes import Scheme
 from .estimators import Estimator
 from .problem import Problem
 
 MOST_DIMENSIONS = 21201  #: of SciPy's Sobol points
 MOST_POINTS = 30  #: log2 of the points of one scrambling, which are multiples of 2^-30
-_HALF = 2.0**-31  #: half of their distance: none is 0 or 1, and their mean is 1/2
+_HALF = 0.5  #: of their distance: none is 0 or 1, and their mean is 1/2
+_HELD = 2**20  #: numbers of a sequence that are kept for the next units
 
 
 class Quasi(Estimator):
-    """The mean over randomisations of Sobol's points."""
+    """The mean over randomisations of Sobol's points: of f, or of its change from twice the step to the step."""
 
     name = "quasi-Monte Carlo"
     least_units = 16
 
-    def __init__(self, problem: Problem, scheme: Scheme, steps: int, first: int, *, log2_points: int):
+    def __init__(
+        self, problem: Problem, scheme: Scheme, steps: int, first: int, *, log2_points: int, differences: bool = False
+    ):
         """Units of 2^log2_points paths."""
         super().__init__(problem, scheme, steps, first)
-        self.log2_points = log2_points
-        self.paths_a_unit = 2**log2_points
+        self.log2_points, self._differences = log2_points, differences
+        self.paths_a_unit = 2**log2_points * (2 if differences else 1)
+        self._columns = columns(problem, scheme)
         self._bridge = Bridge(steps, problem.horizon)
-        self._qmc = optional("scipy.stats.qmc", "qmc")
-        self._special = importlib.import_module("scipy.special")
+        self._points = Points(self.dimension, [problem.seed, first])
 
     @property
     def part(self) -> int:
         """Units that are computed at a time."""
-        return 1
+        return max(1, self._at_a_time >> self.log2_points)
 
     @property
     def dimension(self) -> int:
         """Of the points."""
-        return self.steps * self.problem.model.nnoise
+        return self.steps * self.problem.model.nnoise * self._columns
+
+    @property
+    def _at_a_time(self) -> int:
+        """Paths, whole blocks of the sequence."""
+        most = max(8, self._part_with_increments // self._columns)
+        return 1 << (most.bit_length() - 1)
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-        sobol = self._qmc.Sobol(self.dimension, scramble=True, rng=self._generator(first))
-        total, failed = 0.0, False
-        left = self.paths_a_unit
-        while left:
-            part = min(left, self._part_with_increments)
-            part = 1 << (part.bit_length() - 1)  # whole blocks of the sequence
-            normals = self._special.ndtri(sobol.random(part).T + _HALF)
-            dw = self._bridge.increments(normals.reshape(self.steps, -1, part))
-            run = self.problem.run(self.scheme, self.steps, increments=dw, paths=part)
-            values, ok = self.problem.values(run)
-            failed |= not ok.all()
-            total += values[ok].sum()
-            left -= part
-        return np.array([total / self.paths_a_unit]), np.array([not failed])
+        both, ok = self.fine_and_difference(first, count)
+        return both[int(self._differences)], ok
 
-    def _generator(self, unit: int) -> np.random.Generator:
-        """Of the scrambling of a unit."""
-        return np.random.default_rng([self.problem.seed, unit])
+    def fine_and_difference(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Means of f and of its change from twice the step, (2, unit); the latter 0 where it is not wanted."""
+        begin = first - self._begin
+        total, ok = np.zeros((2, count)), np.ones(count, bool)
+        points = 1 << self.log2_points
+        for start in range(0, points, self._at_a_time):
+            part = min(points, self._at_a_time)
+            normals = self._points.normals(begin, count, start, part)
+            dw = self._bridge.increments(normals.reshape(self._columns, self.steps, -1, count * part))
+            for i, (values, good) in enumerate(self._values(dw)):
+                total[i] += np.where(good, values, 0.0).reshape(count, part).sum(axis=1)
+                ok &= good.reshape(count, part).all(axis=1)
+        return total / points, ok
+
+    def _values(self, dw: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """f, and where it is wanted its change, with the paths that are ok."""
+        driven = {"increments": dw, "paths": dw.shape[2]}
+        if not self._differences:
+            return [self.problem.values(self.problem.run(self.scheme, self.steps, **driven))]
+        fine, coarse, ok = coupled(self.problem, self.scheme, self.steps, driven)
+        return [(fine, ok), (fine - coarse, ok)]
+
+
+class Points:
+    """Normals from Sobol's points by one matrix scrambling, and a shift for every unit."""
+
+    def __init__(self, dimension: int, seed: list[int]):
+        """Of a dimension; the seed tells the scrambling and all shifts."""
+        self._dimension, self._seed = dimension, seed
+        generator = np.random.default_rng(seed)
+        self._sobol = optional("scipy.stats.qmc", "qmc").Sobol(dimension, rng=generator, bits=MOST_POINTS)
+        self._ndtri = importlib.import_module("scipy.special").ndtri
+        self._shifts = np.zeros((0, dimension), np.uint32)
+        self._held = np.zeros((dimension, 0), np.uint32)
+        self._drawn = 0
+
+    def normals(self, unit: int, units: int, start: int, count: int) -> np.ndarray:
+        """(dimension, units*count): of so many units the points from `start` on."""
+        shifts = self._shifts_of(unit + units)[unit:].T
+        points = self._integers(start, count)
+        shifted = points[:, np.newaxis, :] ^ shifts[:, :, np.newaxis]
+        return self._ndtri((shifted.reshape(self._dimension, units * count) + _HALF) * 2.0**-MOST_POINTS)
+
+    def _shifts_of(self, units: int) -> np.ndarray:
+        """(unit, dimension), of all units from the first one; the same whatever their number."""
+        if units > len(self._shifts):
+            generator = np.random.default_rng([*self._seed, 1])
+            shape = (max(units, 16), self._dimension)
+            self._shifts = generator.integers(0, 2**MOST_POINTS, shape, dtype=np.uint32)
+        return self._shifts[:units]
+
+    def _integers(self, start: int, count: int) -> np.ndarray:
+        """(dimension, count) of the sequence, as multiples of 2^-30."""
+        if start + count <= self._held.shape[1]:
+            return self._held[:, start : start + count]
+        if start != self._drawn:
+            self._sobol.reset()
+            if start:
+                self._sobol.fast_forward(start)
+        found = np.ascontiguousarray((self._sobol.random(count).T * 2.0**MOST_POINTS).astype(np.uint32))
+        self._drawn = start + count
+        if start == 0 and found.size <= _HELD:
+            self._held = found
+        return found
 
 
 class Bridge:
@@ -74,30 +134,47 @@ class Bridge:
     def __init__(self, steps: int, horizon: float):
         """For so many steps to the horizon."""
         self.steps, self.step = steps, horizon / steps
-        self.order: list[tuple[int, int, int]] = []  #: (left, middle, right) of every point but the last
-        waiting = [(0, steps)]
-        while waiting:
-            left, right = waiting.pop(0)
-            if right - left > 1:
-                middle = (left + right) // 2
-                self.order.append((left, middle, right))
-                waiting += [(left, middle), (middle, right)]
+        self._halvings = []  #: rows of normals, left, middle and right of the points that one halving adds, and weights
+        row, waiting = 1, [(0, steps)]
+        while waiting := [(a, b) for a, b in waiting if b - a > 1]:
+            left, right = np.array(waiting).T
+            middle = (left + right) // 2
+            share = ((middle - left) / (right - left))[:, np.newaxis, np.newaxis]
+            spread = np.sqrt((middle - left) * (right - middle) / (right - left) * self.step)[:, np.newaxis, np.newaxis]
+            self._halvings.append((slice(row, row + len(middle)), left, middle, right, share, spread))
+            row += len(middle)
+            ends = zip(left, middle, right, strict=True)
+            waiting = [half for a, m, b in ends for half in ((a, m), (m, b))]
 
     def increments(self, normals: np.ndarray) -> np.ndarray:
-        """dW (step, noise, path) from normals of the same shape."""
-        w = np.zeros((self.steps + 1, *normals.shape[1:]))
-        w[-1] = np.sqrt(self.steps * self.step) * normals[0]
-        for row, (left, middle, right) in enumerate(self.order, 1):
-            before, after = middle - left, right - middle
-            share = before / (right - left)
-            spread = np.sqrt(before * after / (right - left) * self.step)
-            w[middle] = (1 - share) * w[left] + share * w[right] + spread * normals[row]
-        return np.diff(w, axis=0)
+        """dW, and where there are two or three groups of normals dZ and K beside it: (step, group*noise, path).
+
+        normals: (group, step, noise, path). dZ = h (dW/2 + H), H ~ N(0, h/12); K ~ N(0, h/720): independent of dW.
+        """
+        w = np.zeros((self.steps + 1, *normals.shape[2:]))
+        w[-1] = np.sqrt(self.steps * self.step) * normals[0, 0]
+        for rows, left, middle, right, share, spread in self._halvings:
+            w[middle] = (1 - share) * w[left] + share * w[right] + spread * normals[0, rows]
+        found = [np.diff(w, axis=0)]
+        if len(normals) > 1:
+            found.append(self.step * (0.5 * found[0] + np.sqrt(self.step / 12) * normals[1]))
+        if len(normals) > 2:
+            found.append(np.sqrt(self.step / 720) * normals[2])
+        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
 
 
-def applies(problem: Problem, steps: int) -> bool:
+def columns(problem: Problem, scheme: Scheme) -> int:
+    """Numbers that drive a noise in a step: 1 where it is dW, 2 with dZ, 3 with K; 0 where areas or J are needed."""
+    info, traits = scheme.info, problem.model.traits
+    areas = info.uses_areas and problem.model.nnoise > 1 and not (traits.additive or traits.position_noise)
+    if info.law != "Gaussian" or areas or (info.uses_magnus and not traits.additive):
+        return 0
+    return 3 if info.uses_stt_area else 2 if info.uses_dz else 1
+
+
+def applies(problem: Problem, scheme: Scheme, steps: int) -> bool:
     """There is noise that is not truncated, of a dimension that Sobol points have, and SciPy is there."""
-    rows = steps * problem.model.nnoise
+    rows = steps * problem.model.nnoise * columns(problem, scheme)
     if not 0 < rows <= MOST_DIMENSIONS or problem.options.get("truncation") is not None:
         return False
     return importlib.util.find_spec("scipy") is not None

@@ -9,12 +9,14 @@ from ..mlmc.sampler import NOTHING, Draw, LevelSampler
 from ..schemes import Scheme
 from . import bias as weak
 from .candidates import weak_order
-from .estimators import Plain
+from .estimators import Estimator, Plain
 from .problem import Problem
+from .variants import LONG, Even, Variant, measure, measure_even
 
 LEVELS = 4  #: of a pilot, the first without differences
 MOST_HALVINGS = 10  #: of the finest of them
 _NEARLY = 1 - 1e-12  #: rounding of powers of two is no step more
+_TIMED = 1024  #: paths of a call that is timed
 UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
 
 
@@ -28,13 +30,17 @@ class Trial:
         self.seconds_spent = 0.0
         self.known_variance = 0.0
         self.usable = False
+        self.doubled = 0  #: times
+        self._biases: dict[float, tuple[float, float]] = {}  #: by level, of the draws so far
+        self.measured: dict[str, Variant | None] = {}  #: by method
+        self.even: dict[int, Even | None] = {}  #: by level
         for _ in range(UNSTABLE):
             self.sampler = LevelSampler(problem, scheme, coarsest)
             self.draws: list[Draw] = [NOTHING] * LEVELS
             self.more(paths)
             if self._holds():
                 self.usable = True
-                self._time(paths)
+                self._time()
                 return
             coarsest *= 2
 
@@ -52,26 +58,40 @@ class Trial:
 
     def double(self) -> None:
         """Twice the paths of the levels with differences."""
+        self.doubled += 1
         for level in range(1, LEVELS):
             self._draw(level, self.draws[level].difference.n)
 
     def _draw(self, level: int, paths: int) -> None:
+        self._biases.clear()
         drawn = self.sampler.draw(level, paths)
         self.draws[level] += drawn
         self.seconds_spent += drawn.seconds
 
-    def _time(self, paths: int) -> None:
-        """Seconds of a path as a + b steps, each the least of two."""
-        known = []
-        for level in (0, LEVELS - 1):
-            steps = self.sampler.steps(level)
-            count = max(paths, 1024)
-            least = min(Plain(self.problem, self.scheme, steps, 0).draw(count).seconds for _ in range(2))
-            known.append((steps, least / count))
-            self.seconds_spent += 2 * least
-        (few, short), (many, long) = known
-        self._slope = max((long - short) / (many - few), 0.2 * long / many)
-        self._once = max(short - self._slope * few, 0.0)
+    def _time(self) -> None:
+        """Seconds of a path as a + b steps, those of a call apart."""
+        few, many = (self.sampler.steps(level) for level in (0, LEVELS - 1))
+        little, short, long = (self._seconds_of(*x) for x in ((few, _TIMED // 8), (few, _TIMED), (many, _TIMED)))
+        path = max((short - little) / (_TIMED - _TIMED // 8), 0.1 * short / _TIMED)
+        call = short - path * _TIMED
+        last = max((long - call) / _TIMED, path)
+        self._slope = max((last - path) / (many - few), 0.2 * last / many)
+        self._once = max(path - self._slope * few, 0.0)
+
+    def _seconds_of(self, steps: int, count: int) -> float:
+        """Of a call for so many paths."""
+        seconds = Plain(self.problem, self.scheme, steps, 0).draw(count).seconds
+        self.seconds_spent += seconds
+        return seconds
+
+    def look_at(self, kind: type[Estimator], level: float) -> None:
+        """What few units of another method show."""
+        self.measured[kind.name] = measure(self, kind, level)
+
+    def look_evenly(self, level: int) -> None:
+        """What few scramblings of Sobol's points show at a level."""
+        self._biases.clear()
+        self.even[level] = measure_even(self, level)
 
     def seconds(self, level: float) -> float:
         """Of a path at a level of the ladder."""
@@ -92,6 +112,11 @@ class Trial:
 
         Between two levels it falls as a power, with the sign and the relative error of the finer one.
         """
+        if level not in self._biases:
+            self._biases[level] = self._bias(level)
+        return self._biases[level]
+
+    def _bias(self, level: float) -> tuple[float, float]:
         if level != int(level):
             begin = math.floor(level)
             coarse, fine = self.bias(begin), self.bias(begin + 1)
@@ -100,7 +125,7 @@ class Trial:
             return fine[0] * larger, fine[1] * larger
         level = int(level)
         means, errors = self._differences()
-        return _left(means, errors, weak.order_of(means, errors, self.order), level)
+        return _left(means, errors, self.order, level)
 
     def rest(self, level: int) -> tuple[float, float]:
         """The same of what extrapolation from this level and the one before leaves; its order is taken as no higher."""
@@ -112,7 +137,12 @@ class Trial:
 
     def _differences(self) -> tuple[list[float], list[float]]:
         """Means of f(x_h) - f(x_2h) at levels above 0, and their errors."""
-        return [draw.difference.mean for draw in self.draws[1:]], [draw.error for draw in self.draws[1:]]
+        means = [draw.difference.mean for draw in self.draws[1:]]
+        errors = [draw.error for draw in self.draws[1:]]
+        for level, even in self.even.items():  # the better known of the two
+            if even is not None and level > 0 and 0 < even.error < errors[level - 1]:
+                means[level - 1], errors[level - 1] = even.change[LONG].mean, even.error
+        return means, errors
 
     def spread(self, level: int) -> float:
         """Variance of f(x_h) - f(x_2h) at a level above 0; beyond those tried, it falls as there."""
@@ -126,7 +156,7 @@ class Trial:
 def _left(means: list[float], errors: list[float], order: float, level: int) -> tuple[float, float]:
     """What all finer levels add to a level, and its error, from differences up to the last level that was tried."""
     if level >= LEVELS - 1:
-        return weak.estimate(means, errors, order, level - LEVELS + 1)
-    tail, noise = weak.estimate(means, errors, order)
+        return weak.left(means, errors, order, level - LEVELS + 1)
+    tail, noise = weak.left(means, errors, order)
     finer = len(means) - (LEVELS - 1 - level)
     return tail + sum(means[finer:]), math.hypot(noise, *errors[finer:])

@@ -8,12 +8,14 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..errors import BudgetWarning, NumericalError
 from ..mlmc.answer import Multilevel
 from ..mlmc.mlmc import Estimate
 from ..mlmc.sampler import MOST_LEVELS, LevelSampler
 from .answer import Alternative, Answer
-from .choice import Plan
+from .choice import EVEN_LEVELS, Plan
 from .estimators import NOTHING, Drawn, Estimator
 from .keep import InFolder, KeptPilot, KeptPlan, Nowhere
 from .pilot import Pilot
@@ -66,18 +68,20 @@ class Work:
                 BudgetWarning,
                 stacklevel=3,
             )
-        if self.plan.method == Quasi.name and self.plan.seconds > left and store is None:
+        if self.plan.method in (Quasi.name, EVEN_LEVELS) and self.plan.seconds > left and store is None:
             self._shorten(left)
 
     def _shorten(self, left: float) -> None:
         """Fewer points of a scrambling, so that the time allows as many as an interval takes."""
         halvings = math.ceil(math.log2(self.plan.seconds / max(left, 1e-3)))
-        points = self.plan.options["log2_points"]
-        self.plan.options["log2_points"] = max(points - halvings, min(points, _LEAST_POINTS))
+        given = self.plan.options["log2_points"]
+        fewer = [max(points - halvings, min(points, _LEAST_POINTS)) for points in np.atleast_1d(given).tolist()]
+        self.plan.options["log2_points"] = fewer if self.plan.method == EVEN_LEVELS else fewer[0]
 
     def answer(self) -> Answer:
         """Carry the plan out; Ctrl-C carries the answer until then, None where there is none."""
-        return self._multilevel() if self.plan.method == "multilevel" else self._one_step()
+        ways = {"multilevel": self._multilevel, EVEN_LEVELS: self._even_levels}
+        return ways.get(self.plan.method, self._one_step)()
 
     def _one_step(self) -> Answer:
         drawn = NOTHING
@@ -100,13 +104,56 @@ class Work:
             raise
         return self._answer(drawn)
 
-    def _next_part(self, estimator: Estimator, drawn: Drawn, missing: int) -> Drawn | None:
+    def _even_levels(self) -> Answer:
+        """Scramblings of every level, and then more of the one whose variance over its seconds is largest."""
+        plan, least = self.plan, Quasi.least_units
+        levels = [plan.even_level(i, FIRST + i, self.pilot.problem) for i in range(len(plan.options["log2_points"]))]
+        drawn = [NOTHING] * len(levels)
+        try:
+            for i, level in enumerate(levels):
+                while drawn[i].units.n < least:
+                    part = self._next_part(level, drawn[i], least - drawn[i].units.n, f"even-{i:02d}")
+                    if part is None:
+                        return self._of_even_levels(drawn)
+                    drawn[i] += part
+                    if drawn[i].failed >= least:
+                        raise NumericalError(_failures(drawn[i])[0])
+            while not self.watch.over and self._too_wide(drawn):
+                i = max(
+                    range(len(drawn)), key=lambda j: drawn[j].units.variance / (drawn[j].units.n * drawn[j].seconds)
+                )
+                part = self._next_part(levels[i], drawn[i], least // 2, f"even-{i:02d}")
+                if part is None:
+                    break
+                drawn[i] += part
+                self.watch.tell(_units_of(drawn) / (_units_of(drawn) + 1))
+        except KeyboardInterrupt as stop:
+            stop.partial = self._of_even_levels(drawn) if all(x.units.n > 1 for x in drawn) else None
+            raise
+        return self._of_even_levels(drawn)
+
+    def _too_wide(self, drawn: list[Drawn]) -> bool:
+        """The noise has more than its share of the error."""
+        error = self.tolerance.half_width(sum(x.units.mean for x in drawn)) / quantile(_units_of(drawn))
+        return sum(x.units.variance / x.units.n for x in drawn) > (1 - BIAS_SHARE) * error**2
+
+    def _of_even_levels(self, drawn: list[Drawn]) -> Answer:
+        value, bias = sum(x.units.mean for x in drawn), math.hypot(*self.plan.bias)
+        error = math.sqrt(sum(x.units.variance / x.units.n for x in drawn))
+        notes = [note for x in drawn for note in _failures(x)]
+        paths = sum(x.paths for x in drawn)
+        half = half_width(error, bias, _units_of(drawn))
+        return self._finished(_Outcome(value, half, error, bias, paths, notes))
+
+    def _next_part(
+        self, estimator: Estimator, drawn: Drawn, missing: int, name: str = "units"
+    ) -> Drawn | None:  # fmt: skip
         """The next units, of as many as are missing; None where the time is over."""
         first = drawn.units.n + drawn.failed
         count = self.store.grain(estimator.part, missing, drawn.seconds / first if first else -1.0)
         if isinstance(self.store, Nowhere):
             count = min(count, missing)
-        return self.store.part("units", first, count, missing, estimator.draw_from)
+        return self.store.part(name, first, count, missing, estimator.draw_from)
 
     def _units_for(self, units: Tally) -> int:
         """Units whose noise has its share of the error, by their variance so far."""
@@ -193,6 +240,13 @@ class Work:
             f"{reckoned}, {times:.2g} times less than the next ({other.method} by {other.scheme.name}, "
             f"h = {self.pilot.problem.horizon / other.steps:.4g})"
         )
+
+
+def _units_of(drawn: list[Drawn]) -> int:
+    """As many units of one sample would know the variance of the sum as well (Satterthwaite 1946)."""
+    shares = [x.units.variance / x.units.n for x in drawn]
+    doubt = sum(share**2 / (x.units.n - 1) for share, x in zip(shares, drawn, strict=True))
+    return 1 + int(sum(shares) ** 2 / doubt) if doubt > 0 else max(x.units.n for x in drawn)
 
 
 def _failures(drawn: Drawn) -> list[str]:

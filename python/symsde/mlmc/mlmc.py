@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import os
 from functools import partial
 from typing import Any
 
@@ -13,6 +14,7 @@ from ..errors import InvalidArgumentError, NumericalError
 from ..expect import bias as weak
 from ..expect.candidates import best_coupled, weak_order
 from ..expect.estimators import Plain
+from ..expect.keep import inputs_of, open_folder
 from ..expect.problem import make_problem
 from ..expect.stability import fewest_steps
 from ..expect.tails import require_variance
@@ -53,6 +55,7 @@ def mlmc(
     antithetic: bool = False,
     max_time: float | None = None,
     progress: Progress = False,
+    out: str | os.PathLike | None = None,
     **options: Any,
 ) -> Multilevel:
     """E f(q, p) at t0 + horizon by multilevel Monte Carlo, with a 95 % interval of the half width asked for.
@@ -65,6 +68,7 @@ def mlmc(
     - levels: the most there may be, 2 .. 31; first: paths that a new level begins with, 16 .. 2^30
     - antithetic: fine paths in pairs with the halves of each coarse step exchanged, for noises that do not commute
     - max_time: seconds of the clock after which the interval is given as it is then
+    - out: a folder that keeps the draws; the same call goes on in it, also beside other processes
     - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
 
     The paths of each level are as many as its measured variance and cost ask for. Levels are added until the bias,
@@ -82,7 +86,13 @@ def mlmc(
         most = _checks.integer("levels", levels, (2, MOST_LEVELS))
         first = _checks.integer("first", first, (16, 2**30))
         sampler = LevelSampler(problem, chosen, coarsest, antithetic=antithetic)
-        return Estimate(sampler, tolerance, levels=most, first=first, watch=watch).run()
+        given = {"levels": most, "first": first, "watch": watch}
+        if out is None:
+            return Estimate(sampler, tolerance, **given).run()
+        inputs = inputs_of(problem, tolerance, chosen.name, "multilevel")
+        inputs["mlmc"] = {"steps": sampler.coarsest, "levels": most, "first": first, "antithetic": antithetic}
+        with open_folder(out, inputs, problem.seed, watch) as store:
+            return Estimate(sampler, tolerance, **given, store=store).run()
     except KeyboardInterrupt as stop:
         if not isinstance(getattr(stop, "partial", None), Multilevel):
             stop.partial = None  # nothing was begun
@@ -302,7 +312,7 @@ class Estimate:
             **slopes,
             reached=reached,
             notes=tuple(notes),
-            cost=self.watch.seconds,
+            cost=self.watch.seconds + (0.0 if self.store is None else self.store.seconds),
         )
 
     def _level(self, i: int) -> Level:

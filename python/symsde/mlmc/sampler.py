@@ -158,16 +158,15 @@ class LevelSampler:
         """f fine, f coarse, and which paths are ok in both."""
         problem, steps = self.problem, self.steps(level)
         paths: dict[str, Any] = {"first_path": first, "paths": count}
-        fine, ok = problem.values(problem.run(self.scheme, steps, **paths))
         if level == 0:
+            fine, ok = problem.values(problem.run(self.scheme, steps, **paths))
             return fine, np.zeros_like(fine), ok
+        fine, coarse, ok = coupled(problem, self.scheme, steps, paths)
         if self.antithetic:
             paths["increments"] = self._swapped(steps, **paths)
             swapped, also = problem.values(problem.run(self.scheme, steps, **paths))
-            del paths["increments"]
             fine, ok = (fine + swapped) / 2, ok & also
-        coarse, also = problem.values(problem.run(self.scheme, steps // 2, refine=1, **paths))
-        return fine, coarse, ok & also
+        return fine, coarse, ok
 
     def _swapped(self, steps: int, **paths: int) -> np.ndarray:
         """The fine increments, the two of each coarse step exchanged: the same coarse path, areas of the other sign.
@@ -180,6 +179,15 @@ class LevelSampler:
         step = problem.horizon / steps
         dw = increments(problem.model, step=step, steps=steps, seed=problem.seed, truncation=truncation, **paths)
         return dw.reshape(steps // 2, 2, *dw.shape[1:])[:, ::-1].reshape(dw.shape)
+
+
+def coupled(
+    problem: Problem, scheme: Scheme, steps: int, paths: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """f at so many steps, an even number, and at half of them, on the same paths, and which are ok in both."""
+    fine, ok = problem.values(problem.run(scheme, steps, **paths))
+    coarse, also = problem.values(problem.run(scheme, steps // 2, refine=1, **paths))
+    return fine, coarse, ok & also
 
 
 def driven_by_more(scheme: Scheme) -> bool:

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sobol's points: what they drive, levels of them, what a plan reckons; and the bias that differences tell."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde.expect import bias, choice, quasi, variants
+from symsde.expect.estimators import Plain
+from symsde.expect.problem import make_problem
+from symsde.expect.tally import Tally
+from symsde.schemes import as_scheme
+from test_expect import FakeTrial, units
+
+
+@pytest.fixture
+def nonlinear():
+    return ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
+
+
+def even_of(variances, *, level=0, path=1e-6, once=0.0):
+    """What scramblings may have shown at a level: variances of units of 2^6 and of 2^9 points."""
+    tallies = {points: Tally(8, 0.0, 7 * x) for points, x in zip((6, 9), variances, strict=True)}
+    return variants.Even(level, tallies, tallies, path, once)
+
+
+def test_sobol_points_end_at_2_to_the_30():
+    """Flat from few to many points, the variance is taken to fall as 1/points, and 16 units may have 16; SciPy refuses
+    more points than 2^30. Of a variance that falls by 8 each time the slope is 2.7."""
+    units = even_of((1.0, 1.0)).fine
+    assert choice._points(units, 2.0**-21) == 30 and choice._points(units, 2.0**-22) is None
+    assert choice._points(even_of((1.0, 2.0**-9)).fine, 2.0**-9 * 2.0**-5.3) == 11
+
+
+def test_points_are_doubled_where_variance_over_cost_is_largest():
+    """With 2^9 points variances of 1 and 1/4, points of 1 and 3 us: the sum comes below 2 and would not by a doubling
+    less on either level."""
+    trial = FakeTrial(0.25)
+    trial.even = {0: even_of((8.0, 1.0), path=1e-6, once=0.5), 1: even_of((2.0, 0.25), level=1, path=3e-6, once=0.25)}
+    trial.steps = lambda level: 2**level
+    plan = choice._even_levels(trial, 0, 1, 2.0)
+    falls = [variants.fall(trial.even[i].fine) for i in (0, 1)]
+    variance = [2.0 ** (4 * f) * v for f, v in zip(falls, (1.0, 0.25), strict=True)]
+    points = plan.options["log2_points"]
+    left = [v * 2.0 ** (-f * (n - 5)) for v, f, n in zip(variance, falls, points, strict=True)]
+    assert sum(left) <= 2.0 < min(sum(left) + x * (2.0**f - 1) for x, f in zip(left, falls, strict=True))
+    assert min(points) > 5
+    cost = [p * 2.0**n for p, n in zip((1e-6, 3e-6), points, strict=True)]
+    assert plan.seconds == pytest.approx(0.75 + 16 * sum(cost))
+    assert choice._even_levels(trial, 0, 1, 1e-300) is None
+
+
+@pytest.mark.parametrize(("scheme", "columns"), [("midpoint", 1), ("gauss_dkdkd", 2), ("chin4a", 3)])
+def test_sobol_points_drive_what_a_scheme_takes(nonlinear, scheme, columns):
+    """dW, dZ and K: the mean is that of independent paths within 4.5 standard errors (7e-6), the variance below a
+    third of theirs. With dZ and K of the wrong size it is not: see tests/mutants."""
+    pytest.importorskip("scipy")
+    problem = make_problem(nonlinear, "q**2", q0=1.0, p0=0.0, horizon=2.0)
+    assert quasi.columns(problem, as_scheme(scheme)) == columns
+    even = quasi.Quasi(problem, as_scheme(scheme), 2, 0, log2_points=11)
+    assert even.dimension == 2 * 2 * columns
+    even, plain = even.draw(24).units, units(Plain, problem, scheme, 2, 200_000)
+    assert abs(even.mean - plain.mean) < 4.5 * math.hypot(plain.error, even.error)
+    assert even.variance < plain.variance / 2**11 / 3
+
+
+def test_dz_and_k_have_their_law():
+    """The map is linear in the normals: covariance h, h^3/3, h/720 and h^2/2 of dW with dZ, exactly."""
+    bridge, h = quasi.Bridge(4, horizon=2.0), 0.5
+    normals = np.eye(12).reshape(3, 4, 1, 12)
+    rows = bridge.increments(normals)
+    assert rows.shape == (4, 3, 12)
+    found = np.einsum("sci,tdi->cdst", rows, rows)
+    law = np.array([[h, h**2 / 2, 0], [h**2 / 2, h**3 / 3, 0], [0, 0, h / 720]])
+    np.testing.assert_allclose(found, law[:, :, None, None] * np.eye(4), atol=1e-14)
+
+
+def test_differences_of_levels_telescope(nonlinear):
+    """Sobol points at h and 2h on one path: the means of f and of its changes add to that of the finest level, within
+    4.5 standard errors (7e-6); the change is that of the schemes, refuted as 0."""
+    pytest.importorskip("scipy")
+    problem = make_problem(nonlinear, "q**2", q0=1.0, p0=0.0, horizon=2.0)
+    scheme = as_scheme("gauss_dkdkd")
+    levels = [
+        quasi.Quasi(problem, scheme, 4 << i, i, log2_points=9, differences=i > 0).draw(24).units for i in range(3)
+    ]
+    finest = quasi.Quasi(problem, scheme, 16, 9, log2_points=11).draw(24).units
+    error = math.sqrt(sum(x.error**2 for x in [*levels, finest]))
+    assert abs(sum(x.mean for x in levels) - finest.mean) < 4.5 * error
+    assert abs(levels[1].mean) > 4.5 * levels[1].error
+
+
+def test_bias_of_two_orders_is_told_from_one():
+    """Differences of 1e-2 h + h^2 from h = 1/2 on, which fall by nearly four: what is left is h's, within a percent."""
+    left = [1e-2 * h + h**2 for h in (0.5, 0.25, 0.125, 0.0625)]
+    means = [a - b for a, b in itertools.pairwise(left)]
+    for extra in (0, 1, 3):
+        h = 0.0625 / 2**extra
+        value, error = bias.left(means, [1e-9] * 3, 1.0, extra)
+        assert value == pytest.approx(1e-2 * h + h**2, rel=1e-2) and error < 1e-2 * value
+    assert abs(bias.estimate(means, [1e-9] * 3, 2.0)[0] / left[-1] - 1) > 0.05  # one power alone
+    cubic = [a + h**3 for a, h in zip(left, (0.5, 0.25, 0.125, 0.0625), strict=True)]
+    value, error = bias.left([a - b for a, b in itertools.pairwise(cubic)], [1e-9] * 3, 1.0)
+    assert error == pytest.approx(abs(value - cubic[-1]), rel=1e-6)  # a third power is the doubt
+    assert bias.left(means, [1.0] * 3, 1.0) == bias.estimate(means, [1.0] * 3, 1.0)  # not seen
