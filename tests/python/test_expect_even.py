@@ -35,20 +35,14 @@ def test_sobol_points_end_at_2_to_the_30():
 
 
 def test_points_are_doubled_where_variance_over_cost_is_largest():
-    """With 2^9 points variances of 1 and 1/4, points of 1 and 3 us: the sum comes below 2 and would not by a doubling
-    less on either level."""
+    """Level 0: 1 by 2^9 points, which falls as points^-1.7; level 1: 1/4, as 1/points; points of 1 and of 30 us. From
+    2^5 points on they are 111 and 4; 1 (2^9) and 2 (2^6) are too many, and level 0 is the cheaper one to double."""
     trial = FakeTrial(0.25)
-    trial.even = {0: even_of((8.0, 1.0), path=1e-6, once=0.5), 1: even_of((2.0, 0.25), level=1, path=3e-6, once=0.25)}
+    trial.even = {0: even_of((64.0, 1.0), once=0.5), 1: even_of((2.0, 0.25), level=1, path=3e-5, once=0.25)}
     trial.steps = lambda level: 2**level
-    plan = choice._even_levels(trial, 0, 1, 2.0)
-    falls = [variants.fall(trial.even[i].fine) for i in (0, 1)]
-    variance = [2.0 ** (4 * f) * v for f, v in zip(falls, (1.0, 0.25), strict=True)]
-    points = plan.options["log2_points"]
-    left = [v * 2.0 ** (-f * (n - 5)) for v, f, n in zip(variance, falls, points, strict=True)]
-    assert sum(left) <= 2.0 < min(sum(left) + x * (2.0**f - 1) for x, f in zip(left, falls, strict=True))
-    assert min(points) > 5
-    cost = [p * 2.0**n for p, n in zip((1e-6, 3e-6), points, strict=True)]
-    assert plan.seconds == pytest.approx(0.75 + 16 * sum(cost))
+    plan = choice._even_levels(trial, 0, 1, 2.5)
+    assert plan.options == {"log2_points": [10, 6]} and plan.coarsest == 0
+    assert plan.seconds == pytest.approx(0.75 + 16 * (1e-6 * 2**10 + 3e-5 * 2**6))
     assert choice._even_levels(trial, 0, 1, 1e-300) is None
 
 
