@@ -2,7 +2,7 @@
 """Coverage and cost of the intervals of `symsde.expect` on scenes whose mean is known.
 
     .venv/bin/python bench/expect_coverage.py [--repeats 1000] [--pilots 250] [--scenes WORD] [--out FILE.json]
-    .venv/bin/python bench/expect_coverage.py --cost 8 [--scenes WORD] [--out FILE.json]
+    .venv/bin/python bench/expect_coverage.py --cost 8 [--repeats 5] [--scenes WORD] [--out FILE.json]
 
 All means but one are known exactly; the reference of the last scene is a run of 2^24 paths by another scheme, whose own
 error is told. Coverage is the share of answers whose interval holds the mean, with its standard error. A pilot takes
@@ -169,7 +169,7 @@ def every_plan(pilot: Pilot) -> list[Plan]:
     return pilot.plans()
 
 
-def by_hand(case: Case, tolerance: Tolerance) -> tuple[list[float], str]:
+def by_hand(case: Case, tolerance: Tolerance, repeats: int) -> tuple[list[float], str]:
     """Seconds of the best plan that there is, and which one it is: the likely ones are all carried out."""
     problem = make_problem(case.model, case.f, seed=10**9, threads=1, **case.start)
     pilot = Pilot(problem, tolerance, Watch(None, False), suitable(problem), None)
@@ -178,7 +178,7 @@ def by_hand(case: Case, tolerance: Tolerance) -> tuple[list[float], str]:
     spent: dict[str, list[float]] = {}
     for plan in likely:
         taken = []
-        for seed in range(3):
+        for seed in range(repeats):
             pilot.problem = dataclasses.replace(problem, seed=10**9 + 1 + seed)
             begin = time.process_time()
             Work(pilot, [plan]).answer()
@@ -188,10 +188,10 @@ def by_hand(case: Case, tolerance: Tolerance) -> tuple[list[float], str]:
     return spent[best], best
 
 
-def cost(case: Case, times: float, repeats: int = 5) -> dict:
+def cost(case: Case, times: float, repeats: int) -> dict:
     """Seconds of whole answers to a half width `times` narrower, and of the best choice by hand."""
     tolerance = make_tolerance(case.abs / times, None)
-    best, which = by_hand(case, tolerance)
+    best, which = by_hand(case, tolerance, max(3, repeats // 10))
     whole, work, chosen = [], [], collections.Counter()
     for seed in range(repeats):
         answer = ss.expect(case.model, case.f, abs=tolerance.absolute, seed=seed, threads=1, **case.start)
@@ -228,7 +228,7 @@ def told(row: dict) -> str:
 def main() -> None:
     """Print a table; write it as JSON on request."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=1000)
+    parser.add_argument("--repeats", type=int, help="answers: 1000, with --cost 5")
     parser.add_argument("--pilots", type=int, default=250)
     parser.add_argument("--scenes", default="")
     parser.add_argument("--log2-paths", type=int, default=24)
@@ -240,7 +240,10 @@ def main() -> None:
     for case in cases(0 if options.cost else options.log2_paths):
         if options.scenes not in case.name:
             continue
-        row = cost(case, options.cost) if options.cost else repeat(case, options.repeats, options.pilots)
+        if options.cost:
+            row = cost(case, options.cost, options.repeats or 5)
+        else:
+            row = repeat(case, options.repeats or 1000, options.pilots)
         rows.append(row)
         print(told(row), flush=True)
         if options.out:

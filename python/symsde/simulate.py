@@ -165,7 +165,8 @@ def simulate(
     - scheme: a name (`symsde.schemes.names()`) or a Scheme
     - paths, first_path: global indices first_path .. first_path + paths - 1
     - seed: 0 .. 2^64 - 1
-    - increments: dW of your own, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths
+    - increments: dW of your own, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths; for schemes
+      that take them dZ of all noises as further columns, and K
     - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the bridge
     - first_step: absolute index of the first step; with q0, p0 = last_q, last_p of an earlier run it resumes
     - correction: of one-sided schemes, "auto", "none", "mean" or "increments"
