@@ -138,8 +138,8 @@ def test_estimate_of_a_bias():
         np.testing.assert_allclose(further, exact / 4**order, rtol=1e-6)
         assert bias.order_of(means, [1e-9] * 3, 1.0) == min(order, 2.0)
     # noise alone is reckoned with, and a difference that passes through zero on a coarse step hides nothing
-    assert bias.size([0.0], [1e-3], 1.0) == pytest.approx(1e-3)
-    assert bias.size([0.0, 1e-2], [1e-5, 1e-5], 1.0) > 0.8e-2
+    assert math.hypot(*bias.estimate([0.0], [1e-3], 1.0)) == pytest.approx(1e-3)
+    assert math.hypot(*bias.estimate([0.0, 1e-2], [1e-5, 1e-5], 1.0)) > 0.8e-2
     assert bias.order_of([1e-3, 1e-4], [1e-3, 1e-3], 1.0) == 1.0
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 _DOUBT = 0.5  #: relative change for each halving between a difference and the step it is used for
 _EXACT = 1e300  #: weight of a difference without noise
-_TERMS = 3  #: differences of a pilot, and powers of h that they tell
+TERMS = 3  #: differences of a pilot, and powers of h that they tell
 _SURE = 4.0  #: standard errors above which a difference counts as seen
 
 
@@ -39,14 +39,16 @@ def estimate(means: Sequence[float], errors: Sequence[float], order: float, extr
 
 
 def left(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> tuple[float, float]:
-    """The same where the two finest of three differences are seen: by two powers of h, as far as a third changes it.
+    """The same where the two finest of three or more are seen: by two powers of h, as far as a third changes it.
 
     A scheme of weak order one may have the errors of one of order two on all steps that were tried: the differences
     then fall by four, and what falls by two is hidden in how this number changes.
     """
-    if len(means) != _TERMS or any(abs(m) <= _SURE * e for m, e in zip(means[1:], errors[1:], strict=True)):
+    finest = list(zip(means, errors, strict=True))[1 - TERMS :]
+    if len(means) < TERMS or any(abs(m) <= _SURE * e for m, e in finest):
         return estimate(means, errors, order, extra)
-    two, three = (_weights(order, extra, terms) for terms in (_TERMS - 1, _TERMS))
+    means, errors = means[-TERMS:], errors[-TERMS:]
+    two, three = (_weights(order, extra, terms) for terms in (TERMS - 1, TERMS))
     value, other = (math.fsum(w * m for w, m in zip(weights, means, strict=True)) for weights in (two, three))
     noise = math.sqrt(math.fsum((w * e) ** 2 for w, e in zip(two, errors, strict=True)))
     return value, math.hypot(noise, value - other)
@@ -56,14 +58,9 @@ def left(means: Sequence[float], errors: Sequence[float], order: float, extra: f
 def _weights(order: float, extra: float, terms: int) -> tuple[float, ...]:
     """Of three differences in E f - E f(x_h), if that is made of so many powers of h, the lowest being `order`."""
     powers = order + np.arange(terms)
-    rows = 2.0 ** np.outer(np.arange(_TERMS)[::-1][-terms:], powers)  # of what each power adds to the finest difference
+    rows = 2.0 ** np.outer(np.arange(TERMS)[::-1][-terms:], powers)  # of what each power adds to the finest difference
     rest = 2.0 ** (-extra * powers) / (2.0**powers - 1)
-    return (0.0,) * (_TERMS - terms) + tuple(np.linalg.solve(rows.T, rest))
-
-
-def size(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> float:
-    """Root mean square of the bias that has to be reckoned with: what is seen, and what noise may hide."""
-    return math.hypot(*estimate(means, errors, order, extra))
+    return (0.0,) * (TERMS - terms) + tuple(np.linalg.solve(rows.T, rest))
 
 
 def order_of(means: Sequence[float], errors: Sequence[float], known: float) -> float:

@@ -155,7 +155,7 @@ class Estimate:
             self._tell(wanted)
             return True
         allowed = self._allowed()
-        seen, noise = weak.estimate(*self._means(), self._slope())
+        seen, noise = self._left()
         if math.hypot(seen, noise) <= allowed:
             return False
         if noise > _NOISE_SHARE * allowed and math.fabs(seen) < 2 * noise and self._finest_is_cheap():
@@ -263,8 +263,11 @@ class Estimate:
         finer = self.draws[1 : max(self._begun(), 1)]
         return [draw.difference.mean for draw in finer], [draw.error for draw in finer]
 
-    def _slope(self) -> float:
-        return weak.order_of(*self._means(), self.order)
+    def _left(self) -> tuple[float, float]:
+        """What is left of the error of the step, and its standard error."""
+        means, errors = self._means()
+        order = self.order if len(means) >= weak.TERMS else weak.order_of(means, errors, self.order)
+        return weak.left(means, errors, order)
 
     @property
     def value(self) -> float:
@@ -279,7 +282,7 @@ class Estimate:
     def answer(self) -> Multilevel:
         """What is known so far, by the levels that were begun: there is one at least."""
         value, error, begun = self.value, self.error, self._begun()
-        bias = weak.size(*self._means(), self._slope()) if begun > 1 else math.inf
+        bias = math.hypot(*self._left()) if begun > 1 else math.inf
         half = half_width(error, bias, min(draw.difference.n for draw in self.draws[:begun]))
         seen = sum((draw.fine for draw in self.draws), self.known)
         hidden = unseen(self.sampler.problem, self.sampler.scheme, self.sampler.steps(0), seen)
