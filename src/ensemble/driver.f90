@@ -375,8 +375,9 @@ contains
       missing%has(path_stt_area) = asked%has(path_stt_area) .and. ncolumn <= 2*m
       if (.not. idle%is_empty()) then
          call name_functionals(idle, what)
-         call raise(error, incompatible, 'run_ensemble', 'the prescribed increments have columns of '//what// &
-                    ', and '//name//' takes none for model '//model%name//': leave these columns out')
+         call raise(error, incompatible, 'run_ensemble', 'the prescribed increments have '//to_text(ncolumn)// &
+                    ' columns for '//to_text(m)//' noises, among them '//what//', and '//name//' takes none for '// &
+                    'model '//model%name//': leave these columns out')
       else if (asked%has(path_areas) .and. areas%kind == areas_in_law) then
          call raise(error, incompatible, 'run_ensemble', 'prescribed increments are the path, and its areas '// &
                     'follow from them: leave the choice of areas in law out')

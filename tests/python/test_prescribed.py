@@ -52,8 +52,8 @@ def test_a_prepared_run_takes_them():
 @pytest.mark.parametrize(
     ("scheme", "columns", "words"),
     [
-        ("midpoint", 2, "columns of dZ, and scheme midpoint takes none"),
-        ("gauss_dkdkd", 3, "columns of K, and scheme gauss_dkdkd takes none"),
+        ("midpoint", 2, "4 columns for 2 noises, among them dZ, and scheme midpoint takes none"),
+        ("gauss_dkdkd", 3, "among them K, and scheme gauss_dkdkd takes none"),
         ("chin4a", 2, "needs K"),
         ("chin4a", 1, "needs dZ and K"),
         ("gauss_dkdkd", 1, r"dZ and K as more columns \(all dW, all dZ, all K\)"),
