@@ -182,11 +182,14 @@ class Pilot:
         """Seconds that each measurement takes, about, and the measurement; the most promising first."""
         known = [(plan, trial) for trial in self.trials if (plan := choice.plain(trial, self.error)) is not None]
         known.sort(key=lambda x: x[0].seconds)
+        for plan, trial in known:
+            yield from self._variants(trial, min(plan.level, LEVELS - 1))
         for rank, (plan, trial) in enumerate(known):
             fine = plan.level > LEVELS - 1
             if rank == 0 and fine and self._highest() > max(_order(x.scheme) for x in self.trials):
                 yield trial.seconds_spent / 2**trial.doubled, self._try_highest
-            yield from self._variants(trial, min(plan.level, LEVELS - 1))
+            if self.method in (None, Quasi.name):
+                yield from self._evenly(trial, [math.ceil(min(plan.level, LEVELS - 1))])
             if best is not None and best.trial is trial and _noise_decides(best):
                 yield from self._evenly(trial, range(1, LEVELS))
                 yield sum(draw.seconds for draw in trial.draws[1:]), trial.double
@@ -197,14 +200,12 @@ class Pilot:
                 yield from self._evenly(trial, range(LEVELS))
 
     def _variants(self, trial: Trial, level: float) -> Iterator[tuple[float, Callable[[], None]]]:
-        """Methods whose units were not looked at."""
+        """Methods whose units were not looked at, for a millisecond each."""
         for method, kind in MEASURED.items():
             if self.method in (None, method) and method not in trial.measured:
                 seconds = variants.price(trial, method, level)
                 if math.isfinite(seconds):
                     yield seconds, partial(trial.look_at, kind, level)
-        if self.method in (None, Quasi.name):
-            yield from self._evenly(trial, [math.ceil(level)])
 
     @staticmethod
     def _evenly(trial: Trial, levels: Iterable[int]) -> Iterator[tuple[float, Callable[[], None]]]:
