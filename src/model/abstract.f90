@@ -40,6 +40,7 @@ module symsde_model_abstract
       procedure :: force_stiffness => force_stiffness_composed
       procedure :: chain_rows => chain_rows_missing
       procedure :: third_derivative => third_derivative_missing
+      procedure :: sweeps => sweeps_missing
       procedure :: has_flow => has_no_flow
       procedure :: flow => no_flow
       procedure :: failure_code => never_failed
@@ -227,6 +228,25 @@ contains
       uq = ieee_value(1.0_wp, ieee_quiet_nan)
       up = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine third_derivative_missing
+
+   !> Sweeps first .. last over two stages of one path that wait for each other, where H = p.p/2 + U(q), with noise in
+   !> position or additive, and two degrees of freedom. With slopes g_i = -Hhat_q(x_i) of the stages
+   !>
+   !>    x_1 = (q + r_1 p) + (c_11 g_1 + c_21 g_2),  then  x_2 = (q + r_2 p) + (c_12 g_1 + c_22 g_2)
+   !>
+   !> from the last slopes that are known; in sweep 1 x_1 = q + r_1 p, x_2 = (q + r_2 p) + c_first g_1. The bits are
+   !> those of gradient: a path by itself waits for one slope after the other, and here no call comes between them.
+   !> This default serves models without it: traits%has_sweeps is false.
+   subroutine sweeps_missing(self, nnoise, first, last, t, w, q, p, r, c_first, c, most, slope)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nnoise, first, last, most
+      real(wp), intent(in) :: t(2), w(0:nnoise)
+      real(wp), intent(in) :: q(2), p(2), r(2), c_first, c(2, 2)
+      real(wp), intent(inout) :: slope(most, 2, 2)  !! of each stage, after each sweep; those before the first are given
+
+      slope(first:last, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine sweeps_missing
 
    !> Whether flow takes steps of this scheme. Schemes are asked for by the names of the catalogue; midpoint,
    !> symplectic_euler, symplectic_euler_adjoint and stormer_verlet stand for every scheme that is one of these.

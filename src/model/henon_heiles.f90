@@ -31,6 +31,7 @@ module symsde_model_henon_heiles
       procedure :: value => weighted_value
       procedure :: gradient
       procedure :: evaluate
+      procedure :: sweeps
       procedure :: has_flow
       procedure :: flow
    end type henon_heiles_model
@@ -57,7 +58,8 @@ contains
       self%traits = model_traits( &
                     ndof=2, nnoise=2, separable=.true., additive=.true., position_noise=.true., &
                     quadratic=is_zero(alpha), identity_mass=.true., rotation=[1.0_wp, 1.0_wp], &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true.)
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
+                    has_sweeps=.true.)
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)
@@ -122,10 +124,81 @@ contains
       integer :: lane
 
       do lane = 1, nlane
-         hq(lane, 1) = w(lane, 0)*(q(lane, 1) + 2*alpha*q(lane, 1)*q(lane, 2)) + sigma1*w(lane, 1)
-         hq(lane, 2) = w(lane, 0)*(q(lane, 2) + alpha*(q(lane, 1)**2 - q(lane, 2)**2)) + sigma2*w(lane, 2)
+         call force_of_one(alpha, sigma1, sigma2, w(lane, 0), w(lane, 1), w(lane, 2), q(lane, 1), q(lane, 2), &
+                           hq(lane, 1), hq(lane, 2))
       end do
    end subroutine force
+
+   !> The gradient in q of one lane. A path by itself waits for three operations in a row; what is contracted is the
+   !> same wherever this is inlined, because the products stand here, those with q first.
+   pure subroutine force_of_one(alpha, sigma1, sigma2, w, w1, w2, q1, q2, hq1, hq2)
+      real(wp), intent(in) :: alpha, sigma1, sigma2, w, w1, w2, q1, q2
+      real(wp), intent(out) :: hq1, hq2
+
+      hq1 = (w*q1 + sigma1*w1) + (2*alpha*w)*q1*q2
+      hq2 = (w*q2 + sigma2*w2) + (alpha*w)*(q1**2 - q2**2)
+   end subroutine force_of_one
+
+   !> Sweeps over two stages of one path, see model_type. The numbers of a sweep do not lie side by side in memory: gcc
+   !> would put them into vectors, and take these apart again.
+   subroutine sweeps(self, nnoise, first, last, t, w, q, p, r, c_first, c, most, slope)
+      class(henon_heiles_model), intent(in) :: self
+      integer, intent(in) :: nnoise, first, last, most
+      real(wp), intent(in) :: t(2), w(0:nnoise)
+      real(wp), intent(in) :: q(2), p(2), r(2), c_first, c(2, 2)
+      real(wp), intent(inout) :: slope(most, 2, 2)
+      real(wp) :: a1, a2, b1, b2, x1, x2
+      real(wp) :: f1, f2, g1, g2  ! slopes of the first and of the second stage
+      integer :: k
+
+      a1 = q(1) + r(1)*p(1)
+      a2 = q(2) + r(1)*p(2)
+      b1 = q(1) + r(2)*p(1)
+      b2 = q(2) + r(2)*p(2)
+      if (first == 1) then
+         call slope_of_one(self%alpha, self%sigma1, self%sigma2, w, a1, a2, f1, f2)
+         x1 = b1 + c_first*f1
+         x2 = b2 + c_first*f2
+         call slope_of_one(self%alpha, self%sigma1, self%sigma2, w, x1, x2, g1, g2)
+         call keep(1)
+      else
+         f1 = slope(first - 1, 1, 1)
+         f2 = slope(first - 1, 2, 1)
+         g1 = slope(first - 1, 1, 2)
+         g2 = slope(first - 1, 2, 2)
+      end if
+      do k = max(first, 2), last
+         x1 = a1 + (c(1, 1)*f1 + c(2, 1)*g1)
+         x2 = a2 + (c(1, 1)*f2 + c(2, 1)*g2)
+         call slope_of_one(self%alpha, self%sigma1, self%sigma2, w, x1, x2, f1, f2)
+         x1 = b1 + (c(1, 2)*f1 + c(2, 2)*g1)
+         x2 = b2 + (c(1, 2)*f2 + c(2, 2)*g2)
+         call slope_of_one(self%alpha, self%sigma1, self%sigma2, w, x1, x2, g1, g2)
+         call keep(k)
+      end do
+
+   contains
+
+      subroutine keep(sweep)
+         integer, intent(in) :: sweep
+
+         slope(sweep, 1, 1) = f1
+         slope(sweep, 2, 1) = f2
+         slope(sweep, 1, 2) = g1
+         slope(sweep, 2, 2) = g2
+      end subroutine keep
+
+   end subroutine sweeps
+
+   !> The slope of a momentum.
+   pure subroutine slope_of_one(alpha, sigma1, sigma2, w, q1, q2, g1, g2)
+      real(wp), intent(in) :: alpha, sigma1, sigma2, w(0:2), q1, q2
+      real(wp), intent(out) :: g1, g2
+
+      call force_of_one(alpha, sigma1, sigma2, w(0), w(1), w(2), q1, q2, g1, g2)
+      g1 = -g1
+      g2 = -g2
+   end subroutine slope_of_one
 
    !> Whether flow takes steps of this scheme.
    pure logical function has_flow(self, scheme)

@@ -5,12 +5,22 @@
 module symsde_step_lone_stages
    use symsde_base_kinds, only: wp
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_slopes, only: add_slopes, slope_sum, find_sum
-   use symsde_step_stage_iteration, only: sweep_verdict, most_sweeps, stiff_rate, done
+   use symsde_step_slopes, only: add_slopes, slope_sum, find_sum, add_pair
+   use symsde_step_stage_iteration, only: sweep_verdict, judge_ahead, most_sweeps, stiff_rate, done
    use symsde_step_stage_plan, only: stage_plan, stage_group
    implicit none
    private
    public :: lone_stages
+
+   integer, parameter :: most_ahead = 12  !! sweeps of a step that are asked of the model
+
+   !> Two stages and two degrees of freedom of a model that takes the sweeps itself.
+   type :: stage_pair
+      integer :: nsweep = 3                   !! how many the last step took: asked for at once
+      real(wp) :: r(2) = 0, c_first = 0, c(2, 2) = 0  !! what its stages are put together from
+      real(wp) :: all = 0, v(2) = 0           !! and its increments: weights of p and of slopes in dq
+      real(wp) :: slope(most_ahead, 2, 2) = 0
+   end type stage_pair
 
    type, extends(lone_stepper) :: lone_stages
       type(stage_plan) :: plan
@@ -19,6 +29,7 @@ module symsde_step_lone_stages
       real(wp), private :: h = 0                             !! for which the sums are
       real(wp), allocatable, private :: base(:, :), g(:, :)  !! what Q_i has without slopes; slopes (n, nstage)
       real(wp), allocatable, dimension(:), private :: x, f, start  !! (n)
+      type(stage_pair), allocatable, private :: pair               !! where the model offers it
    contains
       procedure :: take
    end type lone_stages
@@ -40,6 +51,10 @@ contains
          allocate (self%sums(self%plan%nstage, 2))
       end if
       if (abs(h - self%h) > 0) call find_sums(self, h)
+      if (allocated(self%pair)) then
+         call take_pair(self, self%pair, t, h, w, q, p, dq, dp, taken)
+         return
+      end if
       sweeps = 0
       evaluations = 0
       taken = .true.
@@ -72,8 +87,45 @@ contains
             call find_sum(s, h, plan%first_b(:, i), self%sums(i, 1))
             call find_sum(s, h, plan%b(:, i), self%sums(i, 2))
          end do
+         if (.not. (self%model%traits%has_sweeps .and. self%n == 2 .and. s == 2 .and. plan%ngroup == 1)) return
+         if (.not. (all(self%sums(:, 1)%m == [0, 1]) .and. all(self%sums(:, 2)%m == 2))) return
+         self%pair = stage_pair(r=h*plan%r, c_first=self%sums(2, 1)%c(1), all=h*sum(plan%alpha), v=h*plan%v)
+         self%pair%c(:, 1) = self%sums(1, 2)%c(:2)
+         self%pair%c(:, 2) = self%sums(2, 2)%c(:2)
       end associate
    end subroutine find_sums
+
+   !> A step of two stages by sweeps of the model: as many as the step before took, which mostly is enough, then one by
+   !> one.
+   subroutine take_pair(self, pair, t, h, w, q, p, dq, dp, taken)
+      class(lone_stages), intent(inout) :: self
+      type(stage_pair), intent(inout) :: pair
+      real(wp), intent(in) :: t, h, w(0:self%m), q(2), p(2)
+      real(wp), intent(out) :: dq(2), dp(2)
+      logical, intent(out) :: taken
+      real(wp) :: last, times(2), start(2)
+      integer :: first, sweep
+
+      times(1) = t + self%plan%c(1)*h
+      times(2) = t + self%plan%c(2)*h
+      start(1) = pair%all*p(1)
+      start(2) = pair%all*p(2)
+      last = 0
+      first = 1
+      do while (last >= 0 .and. pair%nsweep <= most_ahead)
+         call self%model%sweeps(self%m, first, pair%nsweep, times, w, q, p, pair%r, pair%c_first, pair%c, most_ahead, &
+                                pair%slope)
+         call judge_ahead(first, pair%nsweep, self%too_slow(1), stiff_rate, most_ahead, pair%slope, last, sweep)
+         first = pair%nsweep + 1
+         if (last >= 0) pair%nsweep = first
+      end do
+      pair%nsweep = min(sweep, most_ahead)
+      taken = abs(last - done) <= 0
+      if (.not. taken) return
+      call add_pair(pair%v, self%plan%alpha, most_ahead, pair%slope(sweep, 1, 1), start, dq, dp)
+      self%counters%gradients = self%counters%gradients + 2*sweep
+      self%counters%iterations = self%counters%iterations + sweep
+   end subroutine take_pair
 
    !> Q_i of stage i: one or two slopes of few numbers, as most stages want, without a call.
    subroutine place(n, nstage, few_slopes, h, b, g, base, x)

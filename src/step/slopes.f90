@@ -4,7 +4,7 @@ module symsde_step_slopes
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: add_slopes, slope_sum, find_sum
+   public :: add_slopes, slope_sum, find_sum, add_pair
 
    integer, parameter :: few = 4  !! numbers that a path by itself has, too few for vectors
 
@@ -60,6 +60,19 @@ contains
          if (abs(coefficient(j)) > 0) call add_more(n, factor*coefficient(j), slope(1, j), total)
       end do
    end subroutine add_slopes
+
+   !> The same for both increments of a path of two degrees of freedom, from the slopes of two stages: without a loop.
+   pure subroutine add_pair(v, alpha, stride, slope, start, dq, dp)
+      integer, intent(in) :: stride               !! in memory, from one of the four slopes to the next
+      real(wp), intent(in) :: v(2), alpha(2), start(2)
+      real(wp), intent(in) :: slope(stride, *)    !! in the first row: two of each stage
+      real(wp), intent(out) :: dq(2), dp(2)
+
+      dq(1) = start(1) + (v(1)*slope(1, 1) + v(2)*slope(1, 3))
+      dq(2) = start(2) + (v(1)*slope(1, 2) + v(2)*slope(1, 4))
+      dp(1) = 0 + (alpha(1)*slope(1, 1) + alpha(2)*slope(1, 3))
+      dp(2) = 0 + (alpha(1)*slope(1, 2) + alpha(2)*slope(1, 4))
+   end subroutine add_pair
 
    !> VEC
    pure subroutine add_one(n, c, x, start, total)
