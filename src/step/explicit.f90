@@ -121,9 +121,7 @@ contains
       if (.not. (self%is_euler .or. is_verlet(self)) .or. .not. self%ham%model%traits%separable) return
       allocate (made)
       made%c(:self%nstage) = self%c
-      associate (t => self%ham%model%traits)
-         made%mass_alone = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
-      end associate
+      made%mass_alone = self%ham%mass_alone
       made%kind = kick_drift_kick
       if (self%is_euler) made%kind = merge(kick_drift, drift_kick, self%plan(1)%force)
       call move_alloc(made, lone)

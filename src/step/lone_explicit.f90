@@ -17,7 +17,7 @@ module symsde_step_lone_explicit
       integer :: kind = kick_drift
       real(wp) :: c(2) = 0           !! nodes of the stages
       logical :: mass_alone = .false.  !! the velocity is h p, whenever it is asked for
-      real(wp), allocatable, dimension(:), private :: x, y, first, second, force  !! (n)
+      real(wp), allocatable, dimension(:), private :: x, first, second, force  !! (n)
    contains
       procedure :: take
    end type lone_explicit
@@ -30,23 +30,30 @@ contains
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
 
+      integer :: i
+
       taken = .true.
       if (.not. allocated(self%x)) &
-         allocate (self%x(self%n), self%y(self%n), self%first(self%n), self%second(self%n), self%force(self%n))
-      associate (n => self%n, m => self%m, model => self%model, c => self%counters, t1 => t + self%c(1)*h, &
-                 x => self%x, force => self%force)
+         allocate (self%x(self%n), self%first(self%n), self%second(self%n), self%force(self%n))
+      associate (n => self%n, c => self%counters, t1 => t + self%c(1)*h, x => self%x, force => self%force)
          select case (self%kind)
          case (kick_drift)
-            call model%gradient(1, n, m, t1, w, q, p, hq=force)
-            dp = -force
-            x = p - force
-            call model%gradient(1, n, m, t1, w, q, x, hp=dq)
+            call self%model%gradient(1, n, self%m, t1, w, q, p, hq=force)
+            do i = 1, n
+               dp(i) = -force(i)
+               x(i) = p(i) - force(i)
+            end do
+            call find_velocity(self, t1, w, q, x, dq)
             c%gradients = c%gradients + 2
          case (drift_kick)
-            call model%gradient(1, n, m, t1, w, q, p, hp=dq)
-            x = q + dq
-            call model%gradient(1, n, m, t1, w, x, p, hq=force)
-            dp = -force
+            call find_velocity(self, t1, w, q, p, dq)
+            do i = 1, n
+               x(i) = q(i) + dq(i)
+            end do
+            call self%model%gradient(1, n, self%m, t1, w, x, p, hq=force)
+            do i = 1, n
+               dp(i) = -force(i)
+            end do
             c%gradients = c%gradients + 2
          case default
             call verlet(self, t, h, w, q, p, dq, dp)
@@ -59,32 +66,60 @@ contains
       type(lone_explicit), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
+      real(wp) :: t1, t2
       integer :: i
 
-      associate (n => self%n, m => self%m, model => self%model, t1 => t + self%c(1)*h, t2 => t + self%c(2)*h, &
-                 x => self%x, y => self%y, first => self%first, second => self%second, force => self%force)
-         call model%gradient(1, n, m, t1, w, q, p, hq=force)
+      t1 = t + self%c(1)*h
+      t2 = t + self%c(2)*h
+      associate (n => self%n, m => self%m, x => self%x, first => self%first, second => self%second, force => self%force)
+         call self%model%gradient(1, n, m, t1, w, q, p, hq=force)
          do i = 1, n
-            y(i) = p(i) - 0.5_wp*force(i)
-         end do
-         call model%gradient(1, n, m, t1, w, q, y, hp=first)
-         if (self%mass_alone) then
-            second = first
-         else
-            call model%gradient(1, n, m, t2, w, q, y, hp=second)
-         end if
-         do i = 1, n
-            x(i) = q(i) + 0.5_wp*first(i)
-            x(i) = x(i) + 0.5_wp*second(i)
-            dq(i) = 0.5_wp*first(i) + 0.5_wp*second(i)
             dp(i) = -0.5_wp*force(i)
+            x(i) = p(i) - 0.5_wp*force(i)
          end do
-         call model%gradient(1, n, m, t2, w, x, y, hq=force)
+         call find_velocity(self, t1, w, q, x, first)
+         if (.not. self%mass_alone) then
+            call find_velocity(self, t2, w, q, x, second)
+            call move(n, q, first, second, x, dq)
+         else
+            call move(n, q, first, first, x, dq)
+         end if
+         call self%model%gradient(1, n, m, t2, w, x, p, hq=force)
          do i = 1, n
             dp(i) = dp(i) - 0.5_wp*force(i)
          end do
          self%counters%gradients = self%counters%gradients + merge(3, 4, self%mass_alone)
       end associate
    end subroutine verlet
+
+   !> Hhat_p, without asking for it where it is h p.
+   subroutine find_velocity(self, t, w, q, p, hp)
+      type(lone_explicit), intent(in) :: self
+      real(wp), intent(in) :: t, w(0:self%m), q(self%n), p(self%n)
+      real(wp), intent(out) :: hp(self%n)
+      integer :: i
+
+      if (.not. self%mass_alone) then
+         call self%model%gradient(1, self%n, self%m, t, w, q, p, hp=hp)
+         return
+      end if
+      do i = 1, self%n
+         hp(i) = w(0)*p(i)
+      end do
+   end subroutine find_velocity
+
+   !> The drift of two halves.
+   pure subroutine move(n, q, first, second, x, dq)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: q(n), first(n), second(n)
+      real(wp), intent(out) :: x(n), dq(n)
+      integer :: i
+
+      do i = 1, n
+         x(i) = q(i) + 0.5_wp*first(i)
+         x(i) = x(i) + 0.5_wp*second(i)
+         dq(i) = 0.5_wp*first(i) + 0.5_wp*second(i)
+      end do
+   end subroutine move
 
 end module symsde_step_lone_explicit

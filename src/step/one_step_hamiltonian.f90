@@ -33,6 +33,7 @@ module symsde_step_one_step_hamiltonian
       integer :: nreal = 0                    !! real paths of the block, what the counters count
       integer :: correction = correction_none
       real(wp) :: coefficient = 0             !! 1/2 - lambda
+      logical :: mass_alone = .false.         !! H = p.p/2 + U(q), noise in position: Hhat_p = h p, correction apart
       type(counters_type) :: counters
       type(modified_hamiltonian), allocatable :: modified  !! brackets of schemes beyond order one
       real(wp), allocatable, private :: v(:, :)       !! weights of the noise alone (nlane, 0:nnoise)
@@ -66,6 +67,9 @@ contains
       self%nreal = nlane
       self%correction = correction
       self%coefficient = coefficient
+      associate (t => model%traits)
+         self%mass_alone = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
+      end associate
       if (present(brackets)) active = active_brackets(brackets, model%traits)
       if (active%are_added()) then
          allocate (self%modified)
@@ -86,11 +90,29 @@ contains
       real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(step_record), intent(in), optional :: step
 
-      call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hq, hp)
+      if (self%mass_alone .and. present(hp) .and. .not. present(hq)) then
+         call find_velocity(self%nlane, self%ndof, w, p, hp)
+      else
+         call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hq, hp)
+      end if
       self%counters%gradients = self%counters%gradients + self%nreal
       if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
       if (allocated(self%modified)) call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
+
+   !> VEC Hhat_p where it is h p: a user's function would compute the force, too.
+   pure subroutine find_velocity(nlane, ndof, w, p, hp)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: w(nlane), p(nlane, ndof)
+      real(wp), intent(out) :: hp(nlane, ndof)
+      integer :: i, lane
+
+      do i = 1, ndof
+         do lane = 1, nlane
+            hp(lane, i) = w(lane)*p(lane, i)
+         end do
+      end do
+   end subroutine find_velocity
 
    !> Hessian of sum_j w_j H_j times (vq, vp), without correction and brackets.
    subroutine hessian_vector(self, t, w, q, p, vq, vp, uq, up)
