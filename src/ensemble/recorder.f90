@@ -120,8 +120,9 @@ contains
          saved(path, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
          return
       end if
-      do k = 1, nsave
-         do i = 1, size(x, 2)
+      do i = 1, size(x, 2)
+         !GCC$ unroll 4
+         do k = 1, nsave
             saved(path, i, k) = x(lane, i, k)
          end do
       end do

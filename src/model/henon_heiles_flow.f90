@@ -25,53 +25,69 @@ contains
       real(wp), intent(out) :: qn(steps%nlane, 2, steps%nstep/steps%every), pn(steps%nlane, 2, steps%nstep/steps%every)
       type(counters_type), intent(inout) :: counters
       real(wp), contiguous, pointer :: w(:, :, :)
-      integer :: out, first, n, m
+      integer :: out, first, n
 
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
-      m = merge(1, steps%nlane, steps%nreal == 1)  ! a path that is alone is lane 1
-      do out = 1, steps%nstep/steps%every
-         if (out == 1) then
-            qn(:m, :, out) = q(:m, :)
-            pn(:m, :, out) = p(:m, :)
-         else
-            qn(:m, :, out) = qn(:m, :, out - 1)
-            pn(:m, :, out) = pn(:m, :, out - 1)
-         end if
-         first = (out - 1)*steps%every + 1
-         do while (first <= out*steps%every)
-            n = merge(group, 1, out*steps%every - first + 1 >= group)
-            if (steps%nreal == 1) n = steps%every
-            call pass(steps%nlane, n, steps%nreal == 1, steps%h, alpha, sigma1, sigma2, &
-                      w(:, :, first:first + n - 1), qn(:, 1, out), qn(:, 2, out), pn(:, 1, out), pn(:, 2, out))
-            first = first + n
+      if (steps%nreal == 1) then
+         call pass_alone(steps%nlane, steps%nstep, steps%every, steps%h, alpha, sigma1, sigma2, w, q, p, qn, pn)
+      else
+         do out = 1, steps%nstep/steps%every
+            if (out == 1) then
+               qn(:, :, out) = q
+               pn(:, :, out) = p
+            else
+               qn(:, :, out) = qn(:, :, out - 1)
+               pn(:, :, out) = pn(:, :, out - 1)
+            end if
+            first = (out - 1)*steps%every + 1
+            do while (first <= out*steps%every)
+               n = merge(group, 1, out*steps%every - first + 1 >= group)
+               call pass(steps%nlane, n, steps%h, alpha, sigma1, sigma2, w(:, :, first:first + n - 1), &
+                         qn(:, 1, out), qn(:, 2, out), pn(:, 1, out), pn(:, 2, out))
+               first = first + n
+            end do
          end do
-      end do
+      end if
       counters%gradients = counters%gradients + 3*steps%nstep*steps%nreal
    end subroutine henon_heiles_flow
 
-   !> VEC Steps in place: one or a group, or any number of lane 1 alone.
-   pure subroutine pass(nlane, nstep, alone, h, alpha, sigma1, sigma2, w, q1, q2, p1, p2)
+   !> Steps of lane 1 alone: each waits for the one before it.
+   pure subroutine pass_alone(nlane, nstep, every, h, alpha, sigma1, sigma2, w, q, p, qn, pn)
+      integer, intent(in) :: nlane, nstep, every
+      real(wp), intent(in) :: h, alpha, sigma1, sigma2, w(nlane, 0:2, nstep), q(nlane, 2), p(nlane, 2)
+      real(wp), intent(inout) :: qn(nlane, 2, nstep/every), pn(nlane, 2, nstep/every)
+      real(wp) :: x1, x2, y1, y2
+      integer :: step, left, out
+
+      x1 = q(1, 1)
+      x2 = q(1, 2)
+      y1 = p(1, 1)
+      y2 = p(1, 2)
+      left = every
+      out = 0
+      !GCC$ novector
+      do step = 1, nstep
+         call verlet(h, alpha, sigma1*w(1, 1, step), sigma2*w(1, 2, step), x1, x2, y1, y2)
+         left = left - 1
+         if (left > 0) cycle
+         left = every
+         out = out + 1
+         qn(1, 1, out) = x1
+         qn(1, 2, out) = x2
+         pn(1, 1, out) = y1
+         pn(1, 2, out) = y2
+      end do
+   end subroutine pass_alone
+
+   !> VEC Steps in place: one or a group.
+   pure subroutine pass(nlane, nstep, h, alpha, sigma1, sigma2, w, q1, q2, p1, p2)
       integer, intent(in) :: nlane, nstep
-      logical, intent(in) :: alone
       real(wp), intent(in) :: h, alpha, sigma1, sigma2, w(nlane, 0:2, nstep)
       real(wp), intent(inout), dimension(nlane) :: q1, q2, p1, p2
       real(wp) :: x1, x2, y1, y2
       integer :: lane, step
 
-      if (alone) then
-         x1 = q1(1)
-         x2 = q2(1)
-         y1 = p1(1)
-         y2 = p2(1)
-         !GCC$ novector  ! each step waits for the one before it
-         do step = 1, nstep
-            call verlet(h, alpha, sigma1*w(1, 1, step), sigma2*w(1, 2, step), x1, x2, y1, y2)
-         end do
-         q1(1) = x1
-         q2(1) = x2
-         p1(1) = y1
-         p2(1) = y2
-      else if (nstep == group) then
+      if (nstep == group) then
          do lane = 1, nlane
             x1 = q1(lane)
             x2 = q2(lane)

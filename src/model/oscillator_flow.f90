@@ -7,9 +7,11 @@
 !>    its adjoint        q' = q + (c p + e),  p' = p - (a q' + b)                           [WHSB] (91)-(92)
 !>    Stormer-Verlet     half a kick, a drift, half a kick
 !>    midpoint           dq = (v - c f/2)/(1 + a c/4), dp = -(f + a v/2)/(1 + a c/4), f = a q + b, v = c p + e
+!>    Gauss, two stages  dq = (u v - c f/2)/(u^2 + a c/4), dp = -(u f + a v/2)/(u^2 + a c/4), u = 1 - a c/12
 !>
-!> ([WHSB] (71)-(72) solved). A group of steps keeps the states of the lanes in registers; a path that is alone goes
-!> through all of its steps at once.
+!> ([WHSB] (71)-(72) solved; with Z the matrix of the linear equations, two stages of Gauss add
+!> (1 - Z/2 + Z^2/12)^-1 (v, -f), and Z^2 = -a c.) A group of steps keeps the states of the lanes in registers; a path
+!> that is alone goes through all of its steps at once.
 module symsde_model_oscillator_flow
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
@@ -26,10 +28,12 @@ module symsde_model_oscillator_flow
    end type oscillator_terms
 
    enum, bind(c)
-      enumerator :: euler = 1, adjoint = 2, verlet = 3, midpoint = 4, additive_euler = 5, additive_adjoint = 6
+      enumerator :: euler = 1, adjoint = 2, verlet = 3, midpoint = 4, gauss2 = 5
+      enumerator :: additive_euler = 6, additive_adjoint = 7
    end enum
 
-   integer, parameter :: group = 8  !! steps of one pass over the lanes
+   !> Steps of one pass over the lanes; those of Gauss have more operations than gcc would unroll eight times.
+   integer, parameter :: group = 8, gauss_group = 4
 
 contains
 
@@ -52,6 +56,8 @@ contains
          index_of = verlet
       case ('midpoint')
          index_of = midpoint
+      case ('gauss2')
+         index_of = gauss2
       case default
          index_of = 0
       end select
@@ -66,28 +72,32 @@ contains
       real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       type(counters_type), intent(inout) :: counters
       real(wp), contiguous, pointer :: w(:, :, :)
-      integer :: which, out, n, m
+      integer :: which, out, n
 
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
-      m = merge(1, steps%nlane, steps%nreal == 1)  ! a path that is alone is lane 1
       which = index_of(scheme)
-      if (terms%noise_a == 0 .and. terms%noise_c == 0) then
-         if (which == euler) which = additive_euler
-         if (which == adjoint) which = additive_adjoint
-      end if
-      do out = 1, steps%nstep/steps%every
-         if (out == 1) then
-            qn(:m, out) = q(:m)
-            pn(:m, out) = p(:m)
-         else
-            qn(:m, out) = qn(:m, out - 1)
-            pn(:m, out) = pn(:m, out - 1)
+      if (steps%nreal == 1) then
+         call advance_alone(terms, which, steps%nlane, steps%nnoise, steps%nstep, steps%every, terms%rate*steps%h, w, &
+                            q(1), p(1), qn, pn)
+      else
+         if (terms%noise_a == 0 .and. terms%noise_c == 0) then
+            if (which == euler) which = additive_euler
+            if (which == adjoint) which = additive_adjoint
          end if
-         call advance(terms, which, steps%nreal == 1, steps%nlane, steps%nnoise, steps%every, terms%rate*steps%h, &
-                      w(:, :, (out - 1)*steps%every + 1:out*steps%every), qn(:, out), pn(:, out))
-      end do
+         do out = 1, steps%nstep/steps%every
+            if (out == 1) then
+               qn(:, out) = q
+               pn(:, out) = p
+            else
+               qn(:, out) = qn(:, out - 1)
+               pn(:, out) = pn(:, out - 1)
+            end if
+            call advance(terms, which, steps%nlane, steps%nnoise, steps%every, terms%rate*steps%h, &
+                         w(:, :, (out - 1)*steps%every + 1:out*steps%every), qn(:, out), pn(:, out))
+         end do
+      end if
       n = steps%nstep*steps%nreal
-      if (which == midpoint) then
+      if (which == midpoint .or. which == gauss2) then
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
       else
@@ -95,71 +105,99 @@ contains
       end if
    end subroutine oscillator_flow
 
-   !> Steps in place, in groups as long as there are enough; those of a path that is alone at once, in lane 1.
-   pure subroutine advance(terms, which, alone, nlane, nnoise, nstep, h, w, q, p)
+   !> Steps in place, in groups as long as there are enough.
+   pure subroutine advance(terms, which, nlane, nnoise, nstep, h, w, q, p)
       type(oscillator_terms), intent(in) :: terms
       integer, intent(in) :: which, nlane, nnoise, nstep
-      logical, intent(in) :: alone
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
       integer :: first, n
 
       first = 1
       do while (first <= nstep)
-         n = merge(group, 1, nstep - first + 1 >= group)
-         if (alone) n = nstep
+         n = merge(gauss_group, group, which == midpoint .or. which == gauss2)
+         if (nstep - first + 1 < n) n = 1
          associate (t => terms)
             select case (which)
             case (euler)
-               call euler_pass(h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, alone, nlane, &
-                               nnoise, n, w(:, :, first:), q, p)
+               call euler_pass(h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, nlane, nnoise, &
+                               n, w(:, :, first:), q, p)
             case (adjoint)  ! the scheme itself with (q, p) -> (p, -q)
-               call euler_pass(-h, -t%c, -t%e, -t%a, -t%b, t%noise_c, t%noise_e, t%noise_a, t%noise_b, alone, nlane, &
-                               nnoise, n, w(:, :, first:), p, q)
+               call euler_pass(-h, -t%c, -t%e, -t%a, -t%b, t%noise_c, t%noise_e, t%noise_a, t%noise_b, nlane, nnoise, &
+                               n, w(:, :, first:), p, q)
             case (additive_euler)
-               call additive_pass(h, t%b, t%e, t%noise_b, t%noise_e, alone, nlane, nnoise, n, w(:, :, first:), q, p)
+               call additive_pass(h, t%b, t%e, t%noise_b, t%noise_e, nlane, nnoise, n, w(:, :, first:), q, p)
             case (additive_adjoint)
-               call additive_pass(-h, -t%e, -t%b, t%noise_e, t%noise_b, alone, nlane, nnoise, n, w(:, :, first:), p, q)
+               call additive_pass(-h, -t%e, -t%b, t%noise_e, t%noise_b, nlane, nnoise, n, w(:, :, first:), p, q)
             case (verlet)
-               call verlet_pass(t, alone, nlane, nnoise, n, h, w(:, :, first:), q, p)
+               call verlet_pass(t, nlane, nnoise, n, h, w(:, :, first:), q, p)
             case default
-               call midpoint_pass(t, alone, nlane, nnoise, n, h, w(:, :, first:), q, p)
+               call gauss_pass(t, merge(1.0_wp/12, 0.0_wp, which == gauss2), nlane, nnoise, n, h, &
+                               w(:, :, first:), q, p)
             end select
          end associate
          first = first + n
       end do
    end subroutine advance
 
-   ! ---- kernels: nstep is 1 or group, or any number for lane 1 alone ----------------------------------
+   !> Steps of a path that is alone, in lane 1: each waits for the one before it.
+   pure subroutine advance_alone(terms, which, nlane, nnoise, nstep, every, h, w, q, p, qn, pn)
+      type(oscillator_terms), intent(in) :: terms
+      integer, intent(in) :: which, nlane, nnoise, nstep, every
+      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep), q, p
+      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      real(wp) :: x, y, a, c, part
+      integer :: step, left, out
+
+      x = q
+      y = p
+      part = merge(1.0_wp/12, 0.0_wp, which == gauss2)
+      left = every
+      out = 0
+      do step = 1, nstep
+         associate (b => terms%b, e => terms%e, wb => w(1, terms%noise_b, step), we => w(1, terms%noise_e, step))
+            a = h + terms%a*w(1, terms%noise_a, step)
+            c = h + terms%c*w(1, terms%noise_c, step)
+            select case (which)
+            case (euler)
+               call kick_and_drift(a, b, wb, c, e, we, x, y)
+            case (adjoint)
+               call kick_and_drift(-c, -e, we, -a, -b, wb, y, x)
+            case (verlet)
+               call verlet_step(a, b, wb, c, e, we, x, y)
+            case default
+               call gauss_step(part, a, c, a*x + b*wb, c*y + e*we, x, y)
+            end select
+         end associate
+         left = left - 1
+         if (left > 0) cycle
+         left = every
+         out = out + 1
+         qn(1, out) = x
+         pn(1, out) = y
+      end do
+   end subroutine advance_alone
+
+   ! ---- kernels: nstep is 1 or a group ----------------------------------
 
    !> VEC Force at x, then velocity at y.
-   pure subroutine euler_pass(h, ca, cb, cc, ce, i, j, k, l, alone, nlane, nnoise, nstep, w, q, p)
+   pure subroutine euler_pass(h, ca, cb, cc, ce, i, j, k, l, nlane, nnoise, nstep, w, q, p)
       real(wp), intent(in) :: h, ca, cb, cc, ce   !! strengths of the noises i, j, k, l
       integer, intent(in) :: i, j, k, l
-      logical, intent(in) :: alone
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
       real(wp) :: x, y
       integer :: lane, step
 
-      if (alone) then
-         x = q(1)
-         y = p(1)
-         !GCC$ novector  ! each step waits for the one before it
-         do step = 1, nstep
-            call kick_and_drift(h + ca*w(1, i, step), cb*w(1, j, step), h + cc*w(1, k, step), ce*w(1, l, step), x, y)
-         end do
-         q(1) = x
-         p(1) = y
-      else if (nstep == group) then
+      if (nstep == group) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
             !GCC$ unroll 8
             do step = 1, group
-               call kick_and_drift(h + ca*w(lane, i, step), cb*w(lane, j, step), h + cc*w(lane, k, step), &
-                                   ce*w(lane, l, step), x, y)
+               call kick_and_drift(h + ca*w(lane, i, step), cb, w(lane, j, step), h + cc*w(lane, k, step), &
+                                   ce, w(lane, l, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -168,7 +206,7 @@ contains
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            call kick_and_drift(h + ca*w(lane, i, 1), cb*w(lane, j, 1), h + cc*w(lane, k, 1), ce*w(lane, l, 1), x, y)
+            call kick_and_drift(h + ca*w(lane, i, 1), cb, w(lane, j, 1), h + cc*w(lane, k, 1), ce, w(lane, l, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do
@@ -176,32 +214,22 @@ contains
    end subroutine euler_pass
 
    !> VEC The same where a = c = h.
-   pure subroutine additive_pass(h, cb, ce, j, l, alone, nlane, nnoise, nstep, w, q, p)
+   pure subroutine additive_pass(h, cb, ce, j, l, nlane, nnoise, nstep, w, q, p)
       real(wp), intent(in) :: h, cb, ce   !! strengths of the noises j, l
       integer, intent(in) :: j, l
-      logical, intent(in) :: alone
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
       real(wp) :: x, y
       integer :: lane, step
 
-      if (alone) then
-         x = q(1)
-         y = p(1)
-         !GCC$ novector  ! each step waits for the one before it
-         do step = 1, nstep
-            call kick_and_drift(h, cb*w(1, j, step), h, ce*w(1, l, step), x, y)
-         end do
-         q(1) = x
-         p(1) = y
-      else if (nstep == group) then
+      if (nstep == group) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
             !GCC$ unroll 8
             do step = 1, group
-               call kick_and_drift(h, cb*w(lane, j, step), h, ce*w(lane, l, step), x, y)
+               call kick_and_drift(h, cb, w(lane, j, step), h, ce, w(lane, l, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -210,7 +238,7 @@ contains
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            call kick_and_drift(h, cb*w(lane, j, 1), h, ce*w(lane, l, 1), x, y)
+            call kick_and_drift(h, cb, w(lane, j, 1), h, ce, w(lane, l, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do
@@ -218,9 +246,8 @@ contains
    end subroutine additive_pass
 
    !> VEC Half a kick, a drift, half a kick.
-   pure subroutine verlet_pass(terms, alone, nlane, nnoise, nstep, h, w, q, p)
+   pure subroutine verlet_pass(terms, nlane, nnoise, nstep, h, w, q, p)
       type(oscillator_terms), intent(in) :: terms
-      logical, intent(in) :: alone
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
@@ -235,23 +262,14 @@ contains
       j = terms%noise_b
       k = terms%noise_c
       l = terms%noise_e
-      if (alone) then
-         x = q(1)
-         y = p(1)
-         !GCC$ novector  ! each step waits for the one before it
-         do step = 1, nstep
-            call verlet_step(h + ca*w(1, i, step), cb*w(1, j, step), h + cc*w(1, k, step), ce*w(1, l, step), x, y)
-         end do
-         q(1) = x
-         p(1) = y
-      else if (nstep == group) then
+      if (nstep == group) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
             !GCC$ unroll 8
             do step = 1, group
-               call verlet_step(h + ca*w(lane, i, step), cb*w(lane, j, step), h + cc*w(lane, k, step), &
-                                ce*w(lane, l, step), x, y)
+               call verlet_step(h + ca*w(lane, i, step), cb, w(lane, j, step), h + cc*w(lane, k, step), &
+                                ce, w(lane, l, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -260,21 +278,21 @@ contains
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            call verlet_step(h + ca*w(lane, i, 1), cb*w(lane, j, 1), h + cc*w(lane, k, 1), ce*w(lane, l, 1), x, y)
+            call verlet_step(h + ca*w(lane, i, 1), cb, w(lane, j, 1), h + cc*w(lane, k, 1), ce, w(lane, l, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do
       end if
    end subroutine verlet_pass
 
-   !> VEC The linear equations solved.
-   pure subroutine midpoint_pass(terms, alone, nlane, nnoise, nstep, h, w, q, p)
+   !> VEC The linear equations of one stage of Gauss, or of two, solved.
+   pure subroutine gauss_pass(terms, part, nlane, nnoise, nstep, h, w, q, p)
       type(oscillator_terms), intent(in) :: terms
-      logical, intent(in) :: alone
+      real(wp), intent(in) :: part  !! of a c in 1 - u
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y, ca, cb, cc, ce
+      real(wp) :: x, y, a, c, ca, cb, cc, ce
       integer :: lane, step, i, j, k, l
 
       ca = terms%a
@@ -285,23 +303,15 @@ contains
       j = terms%noise_b
       k = terms%noise_c
       l = terms%noise_e
-      if (alone) then
-         x = q(1)
-         y = p(1)
-         !GCC$ novector  ! each step waits for the one before it
-         do step = 1, nstep
-            call midpoint_step(h + ca*w(1, i, step), cb*w(1, j, step), h + cc*w(1, k, step), ce*w(1, l, step), x, y)
-         end do
-         q(1) = x
-         p(1) = y
-      else if (nstep == group) then
+      if (nstep == gauss_group) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            !GCC$ unroll 8
-            do step = 1, group
-               call midpoint_step(h + ca*w(lane, i, step), cb*w(lane, j, step), h + cc*w(lane, k, step), &
-                                  ce*w(lane, l, step), x, y)
+            !GCC$ unroll 4
+            do step = 1, gauss_group
+               a = h + ca*w(lane, i, step)
+               c = h + cc*w(lane, k, step)
+               call gauss_step(part, a, c, a*x + cb*w(lane, j, step), c*y + ce*w(lane, l, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -310,40 +320,43 @@ contains
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            call midpoint_step(h + ca*w(lane, i, 1), cb*w(lane, j, 1), h + cc*w(lane, k, 1), ce*w(lane, l, 1), x, y)
+            a = h + ca*w(lane, i, 1)
+            c = h + cc*w(lane, k, 1)
+            call gauss_step(part, a, c, a*x + cb*w(lane, j, 1), c*y + ce*w(lane, l, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do
       end if
-   end subroutine midpoint_pass
+   end subroutine gauss_pass
 
-   pure subroutine kick_and_drift(a, b, c, e, x, y)
-      real(wp), intent(in) :: a, b, c, e
+   ! Products of noise stand behind those with x and y, which are contracted then, wherever this is inlined.
+
+   pure subroutine kick_and_drift(a, cb, wb, c, ce, we, x, y)
+      real(wp), intent(in) :: a, cb, wb, c, ce, we
       real(wp), intent(inout) :: x, y
 
-      y = y - (a*x + b)
-      x = x + (c*y + e)
+      y = y - (a*x + cb*wb)
+      x = x + (c*y + ce*we)
    end subroutine kick_and_drift
 
-   pure subroutine verlet_step(a, b, c, e, x, y)
-      real(wp), intent(in) :: a, b, c, e
+   pure subroutine verlet_step(a, cb, wb, c, ce, we, x, y)
+      real(wp), intent(in) :: a, cb, wb, c, ce, we
       real(wp), intent(inout) :: x, y
 
-      y = y - 0.5_wp*(a*x + b)
-      x = x + (c*y + e)
-      y = y - 0.5_wp*(a*x + b)
+      y = y - 0.5_wp*(a*x + cb*wb)
+      x = x + (c*y + ce*we)
+      y = y - 0.5_wp*(a*x + cb*wb)
    end subroutine verlet_step
 
-   pure subroutine midpoint_step(a, b, c, e, x, y)
-      real(wp), intent(in) :: a, b, c, e
+   pure subroutine gauss_step(part, a, c, force, velocity, x, y)
+      real(wp), intent(in) :: part, a, c, force, velocity
       real(wp), intent(inout) :: x, y
-      real(wp) :: inverse, force, velocity
+      real(wp) :: u, inverse
 
-      inverse = 1/(1 + 0.25_wp*a*c)
-      force = a*x + b
-      velocity = c*y + e
-      x = x + (velocity - 0.5_wp*c*force)*inverse
-      y = y - (force + 0.5_wp*a*velocity)*inverse
-   end subroutine midpoint_step
+      u = 1 - part*(a*c)
+      inverse = 1/(u*u + 0.25_wp*(a*c))
+      x = x + (u*velocity - 0.5_wp*c*force)*inverse
+      y = y - (u*force + 0.5_wp*a*velocity)*inverse
+   end subroutine gauss_step
 
 end module symsde_model_oscillator_flow
