@@ -259,17 +259,73 @@ def kubo_midpoint(generator, q0, p0, step, steps, paths):
 def kubo_midpoint_saved(generator, q0, p0, step, steps, paths):
     """The same; every step is kept."""
     root = math.sqrt(step)
-    saved = np.empty((steps + 1, 2, paths))
+    saved = np.empty((paths, steps + 1, 2))
     for path in range(paths):
         q, p = q0[0], p0[0]
-        saved[0, 0, path], saved[0, 1, path] = q, p
+        saved[path, 0, 0], saved[path, 0, 1] = q, p
         for i in range(steps):
             half = 0.5 * (step + 0.3 * root * generator.standard_normal())
             factor = 2 * half / (1 + half * half)
             dq, dp = factor * (p - half * q), -factor * (q + half * p)
             q, p = q + dq, p + dp
-            saved[i + 1, 0, path], saved[i + 1, 1, path] = q, p
-    return saved[-1, 0, 0]
+            saved[path, i + 1, 0], saved[path, i + 1, 1] = q, p
+    return saved[-1, -1, 0]
+
+
+@_compiled
+def linear_midpoint_saved(generator, q0, p0, step, steps, paths):
+    """Of one noise; every step is kept."""
+    root = math.sqrt(step)
+    inverse = 1 / (1 + 0.25 * step * step)
+    saved = np.empty((paths, steps + 1, 2))
+    for path in range(paths):
+        q, p = q0[0], p0[0]
+        saved[path, 0, 0], saved[path, 0, 1] = q, p
+        for i in range(steps):
+            dp = (root * generator.standard_normal() - step * (q + 0.5 * step * p)) * inverse
+            q += step * (p + 0.5 * dp)
+            p += dp
+            saved[path, i + 1, 0], saved[path, i + 1, 1] = q, p
+    return saved[-1, -1, 0]
+
+
+@_compiled
+def henon_heiles_verlet_saved(generator, q0, p0, step, steps, paths):
+    """alpha = 1, sigma1 = sigma2 = 1e-4; every step is kept."""
+    root = math.sqrt(step)
+    q, p, f, w = np.empty(2), np.empty(2), np.empty(2), np.empty(3)
+    saved = np.empty((paths, steps + 1, 4))
+    w[0] = step
+    for path in range(paths):
+        q[:], p[:] = q0, p0
+        saved[path, 0, :2], saved[path, 0, 2:] = q, p
+        for i in range(steps):
+            w[1], w[2] = root * generator.standard_normal(), root * generator.standard_normal()
+            henon_heiles_force(w, q, f, f)
+            p[0], p[1] = p[0] + 0.5 * f[0], p[1] + 0.5 * f[1]
+            q[0], q[1] = q[0] + step * p[0], q[1] + step * p[1]
+            henon_heiles_force(w, q, f, f)
+            p[0], p[1] = p[0] + 0.5 * f[0], p[1] + 0.5 * f[1]
+            saved[path, i + 1, 0], saved[path, i + 1, 1] = q[0], q[1]
+            saved[path, i + 1, 2], saved[path, i + 1, 3] = p[0], p[1]
+    return saved[-1, -1, 0]
+
+
+@_compiled
+def pendulum_verlet_saved(generator, q0, p0, step, steps, paths):
+    """H = p^2/2 - cos q, H_1 = 0.5 (p^2 + q^2)/2; every step is kept."""
+    root = math.sqrt(step)
+    saved = np.empty((paths, steps + 1, 2))
+    for path in range(paths):
+        q, p = q0[0], p0[0]
+        saved[path, 0, 0], saved[path, 0, 1] = q, p
+        for i in range(steps):
+            s = 0.5 * root * generator.standard_normal()
+            p -= 0.5 * (step * math.sin(q) + s * q)
+            q += (step + s) * p
+            p -= 0.5 * (step * math.sin(q) + s * q)
+            saved[path, i + 1, 0], saved[path, i + 1, 1] = q, p
+    return saved[-1, -1, 0]
 
 
 @_compiled

@@ -16,6 +16,7 @@ GROUPS = {
     "formula": "formulas beside the built-in model",
     "formula1": "formulas, 1 path",
     "saved": "1 path, every step saved",
+    "saved1000": "1000 paths, every step saved",
     "saved_unsaved": "1 path, every step saved, beside the library without",
     "moments": "1000 paths, moments at every step",
     "call": "us of a call; the target is for these",

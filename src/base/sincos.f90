@@ -6,7 +6,7 @@ module symsde_base_sincos
    use symsde_base_kinds, only: wp, i4, i8
    implicit none
    private
-   public :: sincos_lanes, sincos_bound, sincos_tile
+   public :: sincos_lanes, sincos_one, sincos_bound, sincos_tile
 
    !> Arguments up to this size take the fast path: then x 2/pi rounds to less than 2**16, which
    !> makes the products with the 37-bit parts of pi/2 exact.
@@ -54,6 +54,20 @@ contains
       end do
       if (beyond < 0) call sincos_far(n, x, s, c)
    end subroutine sincos_lanes
+
+   !> The sine, and the cosine, of one argument, with the bits of a lane: a path by itself waits for the sine, which comes
+   !> and goes in registers here.
+   real(wp) function sincos_one(x, c) result(s)
+      real(wp), value :: x               !! radians
+      real(wp), intent(out) :: c         !! cos(x)
+
+      if (abs(x) <= sincos_bound) then  ! nothing of sincos_near on this side of it: all of that is contracted as in lanes
+         call sincos_near(x, s, c)
+      else
+         s = sin(x)
+         c = cos(x)
+      end if
+   end function sincos_one
 
    !> The fast path. x = q pi/2 + r + low with q the nearest integer (Cody and Waite); x - q
    !> half_pi_1 is exact, and low collects what the second subtraction lost and the third part.

@@ -19,12 +19,16 @@ module symsde_model_abstract
    use symsde_base_traits, only: model_traits, strip_lanes
    implicit none
    private
-   public :: model_type, difference_along, default_step
+   public :: model_type, difference_along, default_step, corrected
    ! the defaults, for models that offer an operation only sometimes
    public :: value_missing, hessian_by_differences, hessian_vector_composed, force_stiffness_composed
 
    !> Step of a central difference, relative to the larger of the state and one.
    real(wp), parameter :: default_step = epsilon(1.0_wp)**(1.0_wp/3)
+
+   !> Behind the name of a one-sided scheme that is asked of has_flow and flow: with its correction in increments form,
+   !> +-F_p.F_q/2 added to the one-step Hamiltonian, F = sum_k dW_k H_k.
+   character(*), parameter :: corrected = ', corrected'
 
    !> A model is immutable once constructed: shared by all threads, intent(in) wherever it is used.
    type, abstract :: model_type
@@ -250,7 +254,7 @@ contains
 
    !> Whether flow takes steps of this scheme. Schemes are asked for by the names of the catalogue; midpoint,
    !> symplectic_euler, symplectic_euler_adjoint and stormer_verlet stand for every scheme that is one of these.
-   !> A flow is of the scheme as it stands, without the correction of one-sided schemes.
+   !> A flow is of the scheme as it stands, without the correction of one-sided schemes, unless `corrected` follows.
    pure logical function has_no_flow(self, scheme) result(has_flow)
       class(model_type), intent(in) :: self
       character(*), intent(in) :: scheme

@@ -24,7 +24,7 @@ contains
       class(oscillator_model), intent(in) :: self
       character(*), intent(in) :: scheme
 
-      has_flow = oscillator_has_flow(scheme)
+      has_flow = oscillator_has_flow(self%terms, scheme)
    end function has_flow
 
    !> Whole steps, see model_type.

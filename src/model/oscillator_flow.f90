@@ -5,6 +5,8 @@
 !>
 !>    symplectic Euler   p' = p - (a q + b),  q' = q + (c p' + e)                           [WHSB] (89)-(90)
 !>    its adjoint        q' = q + (c p + e),  p' = p - (a q' + b)                           [WHSB] (91)-(92)
+!>    corrected          with d q p added to Hhat: p' = (p - (a q + b))/(1 + d),  q' = q + (c p' + e) + d q, where
+!>                       d = A dW_i C dW_k/2; its adjoint takes (q, p) -> (p, -q), and -d becomes d
 !>    Stormer-Verlet     half a kick, a drift, half a kick
 !>    midpoint           dq = (v - c f/2)/(1 + a c/4), dp = -(f + a v/2)/(1 + a c/4), f = a q + b, v = c p + e
 !>    Gauss, two stages  dq = (u v - c f/2)/(u^2 + a c/4), dp = -(u f + a v/2)/(u^2 + a c/4), u = 1 - a c/12
@@ -16,6 +18,7 @@ module symsde_model_oscillator_flow
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: steps_record
+   use symsde_model_abstract, only: corrected
    implicit none
    private
    public :: oscillator_terms, oscillator_flow, oscillator_has_flow
@@ -29,19 +32,21 @@ module symsde_model_oscillator_flow
 
    enum, bind(c)
       enumerator :: euler = 1, adjoint = 2, verlet = 3, midpoint = 4, gauss2 = 5
-      enumerator :: additive_euler = 6, additive_adjoint = 7
+      enumerator :: additive_euler = 6, additive_adjoint = 7, corrected_euler = 8, corrected_adjoint = 9
    end enum
 
-   !> Steps of one pass over the lanes; those of Gauss have more operations than gcc would unroll eight times.
-   integer, parameter :: group = 8, gauss_group = 4
+   !> Steps of one pass over the lanes; the short one where there are more operations than gcc would unroll eight times.
+   integer, parameter :: group = 8, short = 4
 
 contains
 
    !> Whether these steps are offered here.
-   pure logical function oscillator_has_flow(scheme) result(has_flow)
+   pure logical function oscillator_has_flow(terms, scheme) result(has_flow)
+      type(oscillator_terms), intent(in) :: terms
       character(*), intent(in) :: scheme
 
       has_flow = index_of(scheme) > 0
+      if (index_of(scheme) >= corrected_euler) has_flow = terms%noise_b == 0 .and. terms%noise_e == 0
    end function oscillator_has_flow
 
    pure integer function index_of(scheme)
@@ -58,6 +63,10 @@ contains
          index_of = midpoint
       case ('gauss2')
          index_of = gauss2
+      case ('symplectic_euler'//corrected)
+         index_of = corrected_euler
+      case ('symplectic_euler_adjoint'//corrected)
+         index_of = corrected_adjoint
       case default
          index_of = 0
       end select
@@ -76,7 +85,17 @@ contains
 
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       which = index_of(scheme)
-      if (steps%nreal == 1) then
+      if (steps%nreal == 1 .and. which == corrected_euler) then
+         associate (r => terms%rate*steps%h, t => terms)
+            call corrected_alone(steps%nlane, steps%nnoise, steps%nstep, steps%every, r, t%a, t%c, t%noise_a, &
+                                 t%noise_c, w, q(1), p(1), qn, pn)
+         end associate
+      else if (steps%nreal == 1 .and. which == corrected_adjoint) then
+         associate (r => terms%rate*steps%h, t => terms)
+            call corrected_alone(steps%nlane, steps%nnoise, steps%nstep, steps%every, -r, -t%c, -t%a, t%noise_c, &
+                                 t%noise_a, w, p(1), q(1), pn, qn)
+         end associate
+      else if (steps%nreal == 1) then
          call advance_alone(terms, which, steps%nlane, steps%nnoise, steps%nstep, steps%every, terms%rate*steps%h, w, &
                             q(1), p(1), qn, pn)
       else
@@ -97,7 +116,7 @@ contains
          end do
       end if
       n = steps%nstep*steps%nreal
-      if (which == midpoint .or. which == gauss2) then
+      if (which == midpoint .or. which == gauss2 .or. which >= corrected_euler) then
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
       else
@@ -115,7 +134,7 @@ contains
 
       first = 1
       do while (first <= nstep)
-         n = merge(gauss_group, group, which == midpoint .or. which == gauss2)
+         n = merge(short, group, which == midpoint .or. which == gauss2 .or. which >= corrected_euler)
          if (nstep - first + 1 < n) n = 1
          associate (t => terms)
             select case (which)
@@ -129,6 +148,10 @@ contains
                call additive_pass(h, t%b, t%e, t%noise_b, t%noise_e, nlane, nnoise, n, w(:, :, first:), q, p)
             case (additive_adjoint)
                call additive_pass(-h, -t%e, -t%b, t%noise_e, t%noise_b, nlane, nnoise, n, w(:, :, first:), p, q)
+            case (corrected_euler)
+               call corrected_pass(h, t%a, t%c, t%noise_a, t%noise_c, nlane, nnoise, n, w(:, :, first:), q, p)
+            case (corrected_adjoint)
+               call corrected_pass(-h, -t%c, -t%a, t%noise_c, t%noise_a, nlane, nnoise, n, w(:, :, first:), p, q)
             case (verlet)
                call verlet_pass(t, nlane, nnoise, n, h, w(:, :, first:), q, p)
             case default
@@ -178,6 +201,29 @@ contains
       end do
    end subroutine advance_alone
 
+   !> Steps of the corrected scheme for a path that is alone, in lane 1.
+   pure subroutine corrected_alone(nlane, nnoise, nstep, every, h, ca, cc, i, k, w, q, p, qn, pn)
+      integer, intent(in) :: nlane, nnoise, nstep, every, i, k
+      real(wp), intent(in) :: h, ca, cc, w(nlane, 0:nnoise, nstep), q, p
+      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      real(wp) :: x, y
+      integer :: step, left, out
+
+      x = q
+      y = p
+      left = every
+      out = 0
+      do step = 1, nstep
+         call corrected_step(h, ca*w(1, i, step), cc*w(1, k, step), x, y)
+         left = left - 1
+         if (left > 0) cycle
+         left = every
+         out = out + 1
+         qn(1, out) = x
+         pn(1, out) = y
+      end do
+   end subroutine corrected_alone
+
    ! ---- kernels: nstep is 1 or a group ----------------------------------
 
    !> VEC Force at x, then velocity at y.
@@ -212,6 +258,37 @@ contains
          end do
       end if
    end subroutine euler_pass
+
+   !> VEC The corrected scheme, for noises i and k of strengths ca and cc.
+   pure subroutine corrected_pass(h, ca, cc, i, k, nlane, nnoise, nstep, w, q, p)
+      real(wp), intent(in) :: h, ca, cc
+      integer, intent(in) :: i, k, nlane, nnoise, nstep
+      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      real(wp) :: x, y
+      integer :: lane, step
+
+      if (nstep == short) then
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            !GCC$ unroll 4
+            do step = 1, short
+               call corrected_step(h, ca*w(lane, i, step), cc*w(lane, k, step), x, y)
+            end do
+            q(lane) = x
+            p(lane) = y
+         end do
+      else
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            call corrected_step(h, ca*w(lane, i, 1), cc*w(lane, k, 1), x, y)
+            q(lane) = x
+            p(lane) = y
+         end do
+      end if
+   end subroutine corrected_pass
 
    !> VEC The same where a = c = h.
    pure subroutine additive_pass(h, cb, ce, j, l, nlane, nnoise, nstep, w, q, p)
@@ -303,12 +380,12 @@ contains
       j = terms%noise_b
       k = terms%noise_c
       l = terms%noise_e
-      if (nstep == gauss_group) then
+      if (nstep == short) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
             !GCC$ unroll 4
-            do step = 1, gauss_group
+            do step = 1, short
                a = h + ca*w(lane, i, step)
                c = h + cc*w(lane, k, step)
                call gauss_step(part, a, c, a*x + cb*w(lane, j, step), c*y + ce*w(lane, l, step), x, y)
@@ -338,6 +415,16 @@ contains
       y = y - (a*x + cb*wb)
       x = x + (c*y + ce*we)
    end subroutine kick_and_drift
+
+   pure subroutine corrected_step(h, a, c, x, y)
+      real(wp), intent(in) :: h, a, c  !! the last two: of the noises alone
+      real(wp), intent(inout) :: x, y
+      real(wp) :: d
+
+      d = 0.5_wp*(a*c)
+      y = (y - (h + a)*x)*(1/(1 + d))
+      x = x + ((h + c)*y + d*x)
+   end subroutine corrected_step
 
    pure subroutine verlet_step(a, cb, wb, c, ce, we, x, y)
       real(wp), intent(in) :: a, cb, wb, c, ce, we

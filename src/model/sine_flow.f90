@@ -10,7 +10,7 @@ module symsde_model_sine_flow
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: steps_record
-   use symsde_base_sincos, only: sincos_lanes, sincos_tile
+   use symsde_base_sincos, only: sincos_lanes, sincos_one, sincos_tile
    implicit none
    private
    public :: sine_terms, sine_flow
@@ -82,28 +82,28 @@ contains
       integer, intent(in) :: nlane, nnoise, nstep, every
       real(wp), intent(in) :: rate, h, w(nlane, 0:nnoise, nstep), q, p
       real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
-      real(wp) :: x(1), sine(1), cosine(1), y, a, b, c
+      real(wp) :: x, y, sine, cosine, a, b, c
       integer :: step, left, out
 
       x = q
       y = p
-      call sincos_lanes(1, x, sine, cosine)
+      sine = sincos_one(x, cosine)
       left = every
       out = 0
       do step = 1, nstep
          associate (t => terms)
             call find_weights(rate, t%a, t%b, t%c, w(1, t%noise_a, step), w(1, t%noise_b, step), &
                               w(1, t%noise_c, step), a, b, c)
-            call kick(a, b, c, sine(1), cosine(1), x(1), y)
-            x(1) = x(1) + (h + t%e*w(1, t%noise_e, step))*y
+            call kick(a, b, c, sine, cosine, x, y)
+            x = x + (h + t%e*w(1, t%noise_e, step))*y
          end associate
-         call sincos_lanes(1, x, sine, cosine)
-         call kick(a, b, c, sine(1), cosine(1), x(1), y)
+         sine = sincos_one(x, cosine)
+         call kick(a, b, c, sine, cosine, x, y)
          left = left - 1
          if (left > 0) cycle
          left = every
          out = out + 1
-         qn(1, out) = x(1)
+         qn(1, out) = x
          pn(1, out) = y
       end do
    end subroutine verlet_alone

@@ -9,7 +9,8 @@ module symsde_step_whole
    use symsde_base_record, only: step_record, steps_record
    use symsde_base_status, only: error_type
    use symsde_scheme_catalogue, only: get_scheme
-   use symsde_scheme_scheme, only: scheme_type, correction_none, tableau_form, frame_none
+   use symsde_model_abstract, only: corrected
+   use symsde_scheme_scheme, only: scheme_type, correction_none, correction_increments, tableau_form, frame_none
    use symsde_step_explicit, only: is_explicit
    use symsde_step_one_sided, only: is_one_sided
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
@@ -36,23 +37,37 @@ contains
       type(stepper_task), intent(in) :: task
       character(:), allocatable :: name
 
-      fits = task%correction == correction_none .and. task%newton%fixed_point == 0 .and. .not. task%as_increments
+      fits = task%newton%fixed_point == 0 .and. .not. task%as_increments
+      if (fits .and. task%correction /= correction_none) &
+         fits = task%correction == correction_increments .and. is_one_sided(task%scheme)
       if (.not. fits) return
       call name_of_flow(task%scheme, name)
       fits = .false.
-      if (task%model%has_flow(name)) fits = is_of_catalogue(task%scheme, name)
+      if (task%model%has_flow(name//suffix(task))) fits = is_of_catalogue(task%scheme, name)
    end function fits
+
+   !> What stands behind the name of a scheme where it is corrected.
+   pure function suffix(task)
+      type(stepper_task), intent(in) :: task
+      character(len=merge(len(corrected), 0, task%correction /= correction_none)) :: suffix
+
+      suffix = corrected
+   end function suffix
 
    subroutine make(self, task)
       class(whole_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
+      logical :: plain
 
+      plain = task%correction == correction_none
       call name_of_flow(task%scheme, self%scheme)
+      self%scheme = self%scheme//suffix(task)
       self%name = 'whole steps of '//self%scheme//' by the model'
       self%max_iter = task%newton%max_iter
-      self%explicit = is_explicit(task%model, task%scheme)
+      self%explicit = plain .and. is_explicit(task%model, task%scheme)
       self%one_solve = task%model%traits%one_solve(.false.) .and. .not. self%explicit
-      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
+      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, task%correction, &
+                                    merge(0.0_wp, task%scheme%correction_coefficient(), plain))
    end subroutine make
 
    !> The name by which a model is asked for a scheme: nothing depends on what a user calls one of the four.
