@@ -55,13 +55,13 @@ contains
       if (beyond < 0) call sincos_far(n, x, s, c)
    end subroutine sincos_lanes
 
-   !> The sine, and the cosine, of one argument, with the bits of a lane: a path by itself waits for the sine, which comes
-   !> and goes in registers here.
+   !> The sine, and the cosine, of one argument, with the bits of a lane: a path by itself waits for the sine, which
+   !> comes and goes in registers here.
    real(wp) function sincos_one(x, c) result(s)
       real(wp), value :: x               !! radians
       real(wp), intent(out) :: c         !! cos(x)
 
-      if (abs(x) <= sincos_bound) then  ! nothing of sincos_near on this side of it: all of that is contracted as in lanes
+      if (abs(x) <= sincos_bound) then  ! before all of sincos_near, so that it is contracted as in lanes
          call sincos_near(x, s, c)
       else
          s = sin(x)
