@@ -236,15 +236,20 @@ def rows() -> Iterator[Row]:
             yield Row("formula", name, paths, 1.05, partial(formula_beside_built_in, name, paths))
             yield Row("formula1", name, 1, 1.2, partial(formula, name, 1))
     yield Row("error", "synchrotron chin4a beside Taylor 3/2, rms 1e-5", 1000, 0.4, accurate)
+    yield from rows_that_save()
+    yield Row("moments", "kubo with an observable in Python", 1000, 1.5, observed)
+    for name in ("kubo midpoint", "fpu64 midpoint"):
+        yield Row("call", f"{name} 10 steps", 1, 40.0, partial(scene, name, 1), per_call=10)
+
+
+def rows_that_save() -> Iterator[Row]:
+    """Beside loops that save, and beside the library without."""
     for name in SAVED:
         yield Row("saved", name, 1, 1.5, partial(saved, name, 1))
     for name in ("kubo midpoint", "pendulum stormer_verlet"):
         yield Row("saved1000", name, 1000, 1.5, partial(saved, name, 1000))
     for name in (*SAVED, "synchrotron midpoint", "cfunc synchrotron midpoint"):
         yield Row("saved_unsaved", name, 1, 1.5, partial(saved_or_not, name))
-    yield Row("moments", "kubo with an observable in Python", 1000, 1.5, observed)
-    for name in ("kubo midpoint", "fpu64 midpoint"):
-        yield Row("call", f"{name} 10 steps", 1, 40.0, partial(scene, name, 1), per_call=10)
 
 
 def repeat(run: Run, paths: int, seconds: float) -> int:

@@ -122,7 +122,7 @@ contains
       pair%nsweep = min(sweep, most_ahead)
       taken = abs(last - done) <= 0
       if (.not. taken) return
-      call add_pair(pair%v, self%plan%alpha, most_ahead, pair%slope(sweep, 1, 1), start, dq, dp)
+      call add_pair(pair%v, self%plan%alpha, most_ahead, sweep, pair%slope, start, dq, dp)
       self%counters%gradients = self%counters%gradients + 2*sweep
       self%counters%iterations = self%counters%iterations + sweep
    end subroutine take_pair

@@ -62,16 +62,16 @@ contains
    end subroutine add_slopes
 
    !> The same for both increments of a path of two degrees of freedom, from the slopes of two stages: without a loop.
-   pure subroutine add_pair(v, alpha, stride, slope, start, dq, dp)
-      integer, intent(in) :: stride               !! in memory, from one of the four slopes to the next
+   pure subroutine add_pair(v, alpha, nrow, row, slope, start, dq, dp)
+      integer, intent(in) :: nrow, row
       real(wp), intent(in) :: v(2), alpha(2), start(2)
-      real(wp), intent(in) :: slope(stride, *)    !! in the first row: two of each stage
+      real(wp), intent(in) :: slope(nrow, 2, 2)   !! in this row: of each stage
       real(wp), intent(out) :: dq(2), dp(2)
 
-      dq(1) = start(1) + (v(1)*slope(1, 1) + v(2)*slope(1, 3))
-      dq(2) = start(2) + (v(1)*slope(1, 2) + v(2)*slope(1, 4))
-      dp(1) = 0 + (alpha(1)*slope(1, 1) + alpha(2)*slope(1, 3))
-      dp(2) = 0 + (alpha(1)*slope(1, 2) + alpha(2)*slope(1, 4))
+      dq(1) = start(1) + (v(1)*slope(row, 1, 1) + v(2)*slope(row, 1, 2))
+      dq(2) = start(2) + (v(1)*slope(row, 2, 1) + v(2)*slope(row, 2, 2))
+      dp(1) = 0 + (alpha(1)*slope(row, 1, 1) + alpha(2)*slope(row, 1, 2))
+      dp(2) = 0 + (alpha(1)*slope(row, 2, 1) + alpha(2)*slope(row, 2, 2))
    end subroutine add_pair
 
    !> VEC

@@ -61,8 +61,9 @@ contains
 
       plain = task%correction == correction_none
       call name_of_flow(task%scheme, self%scheme)
-      self%scheme = self%scheme//suffix(task)
       self%name = 'whole steps of '//self%scheme//' by the model'
+      if (.not. plain) self%name = 'whole corrected steps of '//self%scheme//' by the model'
+      self%scheme = self%scheme//suffix(task)
       self%max_iter = task%newton%max_iter
       self%explicit = plain .and. is_explicit(task%model, task%scheme)
       self%one_solve = task%model%traits%one_solve(.false.) .and. .not. self%explicit
