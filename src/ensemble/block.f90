@@ -12,7 +12,7 @@ module symsde_ensemble_block
    use symsde_base_record, only: step_record, steps_record, step_store, step_request, new_step_store
    use symsde_base_status, only: stopped
    use symsde_ensemble_ahead, only: pairs_ahead, pairs_of, states_ahead
-   use symsde_ensemble_few, only: few_paths, lone_paths
+   use symsde_ensemble_few, only: few_paths
    use symsde_ensemble_initial_state, only: initial_state
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
@@ -120,9 +120,9 @@ contains
       class(lone_stepper), allocatable, intent(inout) :: lone  !! taken over
       class(model_type), intent(in), target :: model
 
-      if (.not. allocated(lone) .or. self%options%compensated) return
-      call self%few%equip(lone, model, self%state%ndof, self%store, self%options%nstep)
-      call make_room(self)
+      if (.not. (allocated(lone) .or. self%whole) .or. self%options%compensated) return
+      if (.not. self%whole) call make_room(self)
+      call self%few%equip(lone, model, self%state%ndof, self%nout, self%store, self%options%nstep)
    end subroutine set_lone
 
    !> What one drive of the runner needs: which steps and saves, who looks on, what the noise is. All else in the
@@ -163,7 +163,7 @@ contains
 
       call path_of_lane(self%state%nlane, first, nreal, path)
       call self%begin_with(self%options%first_step, nreal, path)
-      self%alone = allocated(self%few%stepper) .and. nreal <= lone_paths
+      self%alone = self%few%are_alone(nreal)
       call start%give(first - self%options%first_path, nreal, self%options%first_step + self%options%nstep, self%step, &
                       self%state)
    end subroutine take_state
@@ -199,7 +199,7 @@ contains
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%enough)
          if (self%step/2 /= self%pair .or. self%nahead == 0) call draw(self)
-         alone = self%alone
+         alone = self%alone .and. .not. self%whole
          if (alone) call self%few%stepper%is_rested(alone)
          taken = self%whole
          if (self%whole) then
@@ -208,9 +208,7 @@ contains
          else if (alone) then
             call lone_steps(self, last - self%step, taken)
          end if
-         if (taken) cycle
-         if (self%alone) call self%few%bring(ahead(self), self%nreal, self%store)
-         call one_step(self)
+         if (.not. taken) call one_step(self)
       end do
       call system_clock(ticks_end)
       seconds = real(ticks_end - ticks, wp)/real(rate, wp)
@@ -232,7 +230,7 @@ contains
    subroutine one_step(self)
       type(block_runner), intent(inout) :: self
 
-      call self%store%show(place(self), time_of(self, self%step), self%record)
+      call show_step(self)
       associate (s => self%state)
          if (self%stepper%moves .and. .not. self%options%compensated) then
             call self%stepper%move(self%record, s%q, s%p, s%status)
@@ -290,13 +288,18 @@ contains
       logical :: taken
       integer :: i
 
-      call self%store%show_several(place(self), nout*every, time_of(self, self%step), self%steps)
-      self%steps%every = every
-      self%steps%nreal = self%nreal
       self%status = self%state%status
       select type (stepper => self%stepper)
       class is (whole_stepper)
-         call stepper%flow(self%steps, self%state%q, self%state%p, self%qn, self%pn, self%status)
+         if (self%alone) then
+            call self%few%flow(stepper, ahead(self), time_of(self, self%step), nout, every, self%state%q, &
+                               self%state%p, self%qn, self%pn, self%status)
+         else
+            call self%store%show_several(ahead(self), nout*every, time_of(self, self%step), self%steps)
+            self%steps%every = every
+            self%steps%nreal = self%nreal
+            call stepper%flow(self%steps, self%state%q, self%state%p, self%qn, self%pn, self%status)
+         end if
       end select
       call self%state%judge(self%nreal, nout, self%status, self%qn, self%pn, taken)
       if (taken) then
@@ -346,7 +349,7 @@ contains
       pn = p
       associate (s => self%state)
          s%status = status
-         call self%store%show(place(self), time_of(self, self%step), self%record)
+         call show_step(self)
          call self%rescue%attempt(s%nlane, self%record, s%q, s%p, s%failed_step, self%dq, self%dp, s%status)
          do lane = 1, s%nlane
             if (status(lane) == 0 .or. s%status(lane) /= 0) cycle
@@ -364,12 +367,13 @@ contains
       ahead = int(self%step - 2*self%request%pair)
    end function ahead
 
-   !> Where in the store the next step stands: that of few paths is brought there.
-   pure integer function place(self)
-      type(block_runner), intent(in) :: self
+   !> The next step of the store of the block; that of few paths is brought there.
+   subroutine show_step(self)
+      type(block_runner), intent(inout) :: self
 
-      place = merge(0, ahead(self), self%alone)
-   end function place
+      if (self%alone) call self%few%bring(ahead(self), self%nreal, self%store)
+      call self%store%show(merge(0, ahead(self), self%alone), time_of(self, self%step), self%record)
+   end subroutine show_step
 
    !> What drives the pair of steps that begins: drawn ahead, or asked of the source, for several pairs from an
    !> even one on.

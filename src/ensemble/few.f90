@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The paths of a block of few, which go through their steps one by one: what takes them, and what drives them. Each has
-!> a store of its own, where the weights of a step stand side by side and are not copied.
+!> a store of its own, where the weights of a step stand side by side and are not copied. Where the model takes whole
+!> steps, a path that is alone has such a store, too.
 module symsde_ensemble_few
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
@@ -10,6 +11,7 @@ module symsde_ensemble_few
    use symsde_noise_source, only: noise_type
    use symsde_step_lone, only: lone_stepper
    use symsde_step_state, only: lane_state
+   use symsde_step_whole, only: whole_stepper
    implicit none
    private
    public :: few_paths, lone_paths, has_few, lone_numbers
@@ -21,8 +23,11 @@ module symsde_ensemble_few
       integer :: npair = 0                  !! pairs of steps that fit
       type(step_store) :: own(lone_paths)   !! what drives each path
       type(steps_record), private :: steps  !! which are taken, without what drives them
+      real(wp), allocatable, dimension(:, :, :), private :: qn, pn  !! states after whole steps (1, ndof, ..)
    contains
       procedure :: equip
+      procedure :: are_alone
+      procedure :: flow
       procedure :: walk
       procedure :: fill
       procedure :: bring
@@ -48,19 +53,23 @@ contains
    end function lone_numbers
 
    !> A stepper for paths of a model, and room for steps as those of the store of a block, in a run of so many.
-   subroutine equip(self, stepper, model, ndof, like, nstep)
+   subroutine equip(self, stepper, model, ndof, nout, like, nstep)
       class(few_paths), intent(inout) :: self
-      class(lone_stepper), allocatable, intent(inout) :: stepper  !! taken over
+      class(lone_stepper), allocatable, intent(inout) :: stepper  !! taken over; none: the model takes whole steps
       class(model_type), intent(in), target :: model
-      integer, intent(in) :: ndof
+      integer, intent(in) :: ndof, nout  !! degrees of freedom, states that are asked for at once
       type(step_store), intent(in) :: like
       integer(i8), intent(in) :: nstep
       integer :: i
 
-      call move_alloc(stepper, self%stepper)
-      self%stepper%model => model
-      self%stepper%n = ndof
-      self%stepper%m = like%nnoise
+      if (allocated(stepper)) then
+         call move_alloc(stepper, self%stepper)
+         self%stepper%model => model
+         self%stepper%n = ndof
+         self%stepper%m = like%nnoise
+      else
+         allocate (self%qn(1, ndof, nout), self%pn(1, ndof, nout))
+      end if
       self%steps%nlane = like%nlane
       self%steps%h = like%h
       self%npair = pairs_of(nstep, pairs_ahead(1, like%asked%columns(like%nnoise)))
@@ -68,6 +77,37 @@ contains
          call new_step_store(self%own(i), 1, like%nnoise, 2*self%npair, like%h, like%asked)
       end do
    end subroutine equip
+
+   !> Whether so many paths are taken here.
+   pure logical function are_alone(self, nreal)
+      class(few_paths), intent(in) :: self
+      integer, intent(in) :: nreal
+
+      are_alone = self%npair > 0 .and. nreal <= merge(lone_paths, 1, allocated(self%stepper))
+   end function are_alone
+
+   !> Whole steps of the one path of a block, which is lane 1: nout states, each after `every` more steps.
+   subroutine flow(self, stepper, place, t, nout, every, q, p, qn, pn, status)
+      class(few_paths), intent(inout) :: self
+      class(whole_stepper), intent(inout) :: stepper
+      integer, intent(in) :: place           !! where in the store the first step stands
+      real(wp), intent(in) :: t              !! when it begins
+      integer, intent(in) :: nout, every
+      real(wp), intent(in) :: q(:, :), p(:, :)                  !! (nlane, ndof)
+      real(wp), intent(inout) :: qn(:, :, :), pn(:, :, :)       !! (nlane, ndof, at least nout)
+      integer(i8), intent(inout) :: status(1)
+      real(wp), dimension(1, size(q, 2)) :: q1, p1
+
+      call self%own(1)%show_several(place, nout*every, t, self%steps)
+      self%steps%every = every
+      self%steps%nreal = 1
+      self%steps%max_iter = stepper%max_iter
+      q1(1, :) = q(1, :)
+      p1(1, :) = p(1, :)
+      call stepper%flow(self%steps, q1, p1, self%qn, self%pn, status)
+      qn(1, :, :nout) = self%qn(1, :, :nout)
+      pn(1, :, :nout) = self%pn(1, :, :nout)
+   end subroutine flow
 
    !> Up to nout states, each after `every` more steps: as many as all paths come to by usual steps, but one of fewer
    !> steps where they do not come to the first. None are left to the stepper of the block.

@@ -121,10 +121,10 @@ contains
    subroutine flow(self, steps, q, p, qn, pn, status)
       class(whole_stepper), intent(inout) :: self
       type(steps_record), intent(in) :: steps
-      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
-      real(wp), intent(out) :: qn(self%ham%nlane, self%ham%ndof, steps%nstep/steps%every)
-      real(wp), intent(out) :: pn(self%ham%nlane, self%ham%ndof, steps%nstep/steps%every)
-      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp), intent(in) :: q(steps%nlane, self%ham%ndof), p(steps%nlane, self%ham%ndof)
+      real(wp), intent(out) :: qn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
 
       associate (ham => self%ham)
          call ham%model%flow(self%scheme, steps, ham%ndof, q, p, qn, pn, status, ham%counters)
