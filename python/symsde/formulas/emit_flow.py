@@ -6,11 +6,12 @@ What depends on the formulas, gradients and Hessian of one lane, is generated; t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable
 from pathlib import Path
 
 from .derivatives import BLOCKS, Derivatives
 from .emit_c import NEAR, Writer, reachable
+from .graph import Graph
 
 MAX_DOF = 4
 MAX_OPERATIONS = 400  #: of gradient and Hessian: above, the callbacks are not what takes the time
@@ -28,6 +29,10 @@ enum {{ NOT_CONVERGED = 1, NONFINITE = 3 }}; /* of symsde.h */
 
 /* Of a lane; e: what forces take from the coordinates alone, whatever the weights are. */
 #define KEPT {kept}
+#define SEPARABLE {separable}
+#define MIXED {mixed}
+#define MOVES {moves} /* a gradient at zero */
+#define NHAM {nham}
 typedef struct {{
    double q[DOF], p[DOF], e[KEPT > 0 ? KEPT : 1];
 }} state;
@@ -61,14 +66,38 @@ def source(made: Derivatives) -> str:
     may_be_far = any(made.graph.nodes[x].what in NEAR and made.graph.nodes[x].lane for x in _needed(made, BLOCKS))
     group = 1 if operations > 160 or may_be_far else 8
     kept = _kept(made) if "stormer_verlet" in schemes else []
-    parts = [HEAD.format(dof=made.problem.ndof, strip=STRIP, group=group, far=int(may_be_far), kept=len(kept))]
+    separable = int("stormer_verlet" in schemes)
+    sizes = {
+        "dof": made.problem.ndof,
+        "strip": STRIP,
+        "group": group,
+        "far": int(may_be_far),
+        "kept": len(kept),
+        "nham": made.problem.nnoise + 1,
+    }
+    parts = [
+        HEAD.format(
+            **sizes,
+            separable=separable,
+            moves=int(_moves_at_zero(made)),
+            mixed=int(not made.graph.is_number(made.outputs["hqp"][0], 0.0)),
+        )
+    ]
     parts += [_function(made, "force", ["hq"]), _function(made, "velocity", ["hp"])]
-    parts += [_places(made, kept), _kick(made, kept)] if "stormer_verlet" in schemes else []
+    if separable:
+        parts += [
+            _places(made, kept),
+            _moves(made, "fall", "hq", kept),
+            _moves(made, "kick", "hq"),
+            _moves(made, "drift", "hp"),
+        ]
     parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _text("eliminate")]
     eliminated = _eliminates(made)
     if eliminated:
         parts += [_function(made, "mobility", ["hpp"]), _function(made, "stiffness", ["hq", "hqq"])]
     parts.append(_text("midpoint_eliminated" if eliminated else "midpoint"))
+    rotates = made.problem.ndof == 1 and _is_quadratic(made)
+    parts += [_text("midpoint_linear")] if rotates else []
     if "gauss2" in schemes:
         parts.append(_text("gauss2"))
     newton = [x for x in schemes if x == "gauss2" or (x == "midpoint" and not _is_quadratic(made))]
@@ -79,6 +108,7 @@ def source(made: Derivatives) -> str:
         how = how.replace("STEP_UNKNOWNS", str(unknowns))
         kept = "KEPT" if scheme == "stormer_verlet" else "0"
         sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
+        sizes += f"#define STEP_LINEAR {int(rotates and scheme == 'midpoint')}\n"
         parts.append((sizes + how + _text("call")).replace("STEP", scheme))
     return "\n".join(parts)
 
@@ -99,6 +129,14 @@ def _leaves(made: Derivatives, blocks: Iterable[str]) -> set[str]:
 def _is_quadratic(made: Derivatives) -> bool:
     """Whether no second derivative depends on the state, whatever the parameters are."""
     return not any(x[0] in "qp" for x in _leaves(made, ("hqq", "hqp", "hpp")))
+
+
+def _moves_at_zero(made: Derivatives) -> bool:
+    """Whether some term of the gradient does not hang on the state: of quadratic Hamiltonians, the gradient at zero."""
+    graph = made.graph
+    state = _above(graph, {x for x, node in enumerate(graph.nodes) if node.what == "leaf" and node.value[0] in "qp"})
+    terms = (x for block in ("hq", "hp") for output in made.outputs[block] for _, x in _signed(graph, output))
+    return any(x not in state for x in terms)
 
 
 def _eliminates(made: Derivatives) -> bool:
@@ -126,11 +164,55 @@ def _places(made: Derivatives, kept: list[int]) -> str:
     return _lines(made, "places", "double *restrict e", [(f"e[{k}]", x) for k, x in enumerate(kept)])
 
 
-def _kick(made: Derivatives, kept: list[int]) -> str:
-    """The force by what is kept of it."""
-    outputs = [(f"hq[{k}]", x) for k, x in enumerate(made.outputs["hq"])]
+def _moves(made: Derivatives, name: str, block: str, kept: Iterable[int] = ()) -> str:
+    """p - part S_q or q + part S_p in place, term after term: first those that do not wait for the state, last those
+    that wait for what is kept, so that one step waits for the other as little as may be."""
+    graph, target, sign = made.graph, *(("p", "-") if block == "hq" else ("q", ""))
     given = {x: f"s->e[{k}]" for k, x in enumerate(kept)}
-    return _lines(made, "kick", "double *restrict hq", outputs, given)
+    found = [_signed(graph, x) for x in made.outputs[block]]
+    state = _above(graph, {x for x, node in enumerate(graph.nodes) if node.what == "leaf" and node.value[0] in "qp"})
+    late = _above(graph, set(given))
+    pairs = [[(minus, *_factors(graph, x, state, given)) for minus, x in terms] for terms in found]
+    writer = Writer(graph, _load, given)
+    before, inside, _ = writer.lines([x for terms in pairs for _, *factors in terms for x in factors if x >= 0])
+    lines = [f"INLINE {name}(LANE_IN, state *s, const double part, const int far) {{", "   int64_t beyond = 0;"]
+    lines += [*before, *(line[3:] for line in inside)]
+    for k, terms in enumerate(pairs):
+        terms.sort(key=lambda x: (x[1] in state or x[2] in state, x[1] in late or x[2] in late, max(x[1:])))
+        for minus, factor, x in terms:
+            how = "-" if minus != (sign == "-") else ""
+            by = f"{how}part * {writer.operand(factor)}" if factor >= 0 else f"{how}part"
+            lines.append(f"   s->{target}[{k}] = FMA({by}, {writer.operand(x)}, s->{target}[{k}]);")
+    return "\n".join([*lines, "   return beyond;", "}", ""])
+
+
+def _signed(graph: Graph, x: int, minus: bool = False) -> list[tuple[bool, int]]:
+    """The terms of a sum, each with whether it is subtracted."""
+    node = graph.nodes[x]
+    if node.what in ("+", "-"):
+        a, b = node.arguments
+        return _signed(graph, a, minus) + _signed(graph, b, minus != (node.what == "-"))
+    if node.what == "negative":
+        return _signed(graph, node.arguments[0], not minus)
+    return [] if graph.is_number(x, 0.0) else [(minus, x)]
+
+
+def _factors(graph: Graph, x: int, state: set[int], given: Container[int]) -> tuple[int, int]:
+    """A product as what waits less for the state, and the rest; -1 where a term is no product."""
+    node = graph.nodes[x]
+    if node.what != "*" or x in given:
+        return -1, x
+    a, b = sorted(node.arguments, key=lambda y: y in state)
+    return a, b
+
+
+def _above(graph: Graph, nodes: set[int]) -> set[int]:
+    """These nodes and all that take them."""
+    found = set(nodes)
+    for x, node in enumerate(graph.nodes):
+        if any(a in found for a in node.arguments):
+            found.add(x)
+    return found
 
 
 def _function(made: Derivatives, name: str, blocks: list[str]) -> str:
@@ -139,21 +221,16 @@ def _function(made: Derivatives, name: str, blocks: list[str]) -> str:
     return _lines(made, name, ", ".join(f"double *restrict {block}" for block in blocks), outputs)
 
 
-def _lines(
-    made: Derivatives,
-    name: str,
-    targets: str,
-    outputs: list[tuple[str, int]],
-    given: Mapping[int, str] | None = None,
-) -> str:
+def _load(leaf: str) -> str:
+    """Where a leaf of a lane is found; the weight of H is that of every lane and step."""
+    if leaf == "w0":
+        return "h"
+    return f"w[{leaf[1:]} * n]" if leaf[0] == "w" else f"s->{leaf[0]}[{leaf[1:]}]"
+
+
+def _lines(made: Derivatives, name: str, targets: str, outputs: list[tuple[str, int]]) -> str:
     """A function of one lane that stores these nodes."""
-
-    def load(leaf: str) -> str:
-        if leaf == "w0":
-            return "h"  # the weight of H: of every lane and step the same
-        return f"w[{leaf[1:]} * n]" if leaf[0] == "w" else f"s->{leaf[0]}[{leaf[1:]}]"
-
-    writer = Writer(made.graph, load, given)
+    writer = Writer(made.graph, _load)
     before, inside, _ = writer.lines([x for _, x in outputs])
     head = f"INLINE {name}(LANE_IN, const state *s, {targets}, const int far) {{"
     lines = [head, "   int64_t beyond = 0;", *before, *(line[3:] for line in inside)]

@@ -41,6 +41,31 @@ SELDOM STEP_far(const int lanes, const int steps, const ptrdiff_t stride, LANE_I
 }
 
 /* The steps of a path that is alone. */
+#if STEP_LINEAR
+INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
+   enum { CHUNK = 64 };
+   double m[COEFFICIENTS][CHUNK], e[COEFFICIENTS];
+   state s = state_of(x, 0, STEP_KEPT);
+   for (int first = 0; first < steps; first += CHUNK) {
+      const int some = steps - first < CHUNK ? steps - first : CHUNK;
+#pragma GCC ivdep
+      for (int j = 0; j < some; j++) { /* side by side */
+         double own[COEFFICIENTS];
+         STEP_coefficients(w + (first + j) * stride, n, c, h, own, 0);
+         for (int k = 0; k < COEFFICIENTS; k++)
+            m[k][j] = own[k];
+      }
+#pragma GCC unroll 1
+      for (int j = 0; j < some; j++) {
+         for (int k = 0; k < COEFFICIENTS; k++)
+            e[k] = m[k][j];
+         STEP_turn(e, &s);
+      }
+   }
+   put_state(s, y, 0, STEP_KEPT);
+   return 0;
+}
+#else
 INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
    int64_t beyond = 0;
    state s = state_of(x, 0, STEP_KEPT);
@@ -50,10 +75,12 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
    put_state(s, y, 0, STEP_KEPT);
    return beyond;
 }
+#endif
 
 /* From x to y; where lanes may be far these are two, so that steps can be taken once more. */
 static void STEP_several(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
-   const int64_t beyond = lanes == 1       ? STEP_alone(steps, stride, LANE_OF, x, y)
+   const int64_t beyond = lanes == 1 && n == 1 ? STEP_alone(steps, NHAM, w, 1, c, h, x, y)
+                          : lanes == 1     ? STEP_alone(steps, stride, LANE_OF, x, y)
                           : steps == GROUP ? STEP_in_lanes(lanes, GROUP, stride, LANE_OF, x, y, 0)
                                            : STEP_in_lanes(lanes, 1, stride, LANE_OF, x, y, 0);
    if (MAY_BE_FAR && beyond < 0)

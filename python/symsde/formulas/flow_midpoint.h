@@ -71,6 +71,7 @@ LANE void midpoint_increment(LANE_IN, state *s, const double *z) {
    }
 }
 
+#if DOF > 1
 /* of quadratic Hamiltonians: one correction is the solution */
 INLINE midpoint(LANE_IN, state *s, const int far) {
    double e[midpoint_DERIVATIVES], d[2 * DOF], g[DOF];
@@ -84,5 +85,6 @@ INLINE midpoint(LANE_IN, state *s, const int far) {
    }
    return beyond;
 }
+#endif
 
 #define midpoint_steep_increment midpoint_increment /* both unknowns are there */

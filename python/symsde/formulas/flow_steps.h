@@ -3,7 +3,8 @@
  *
  *    force, velocity   S_q, S_p
  *    slopes            S_q and S_p with S_qq, S_qp, S_pp
- *    places, kick      what S_q takes from q alone, and S_q by that
+ *    kick, drift       p - part S_q, q + part S_p
+ *    places, fall      what S_q takes from q alone, and p - part S_q by that
  *
  * DOF degrees of freedom; the weights of a lane stand n apart. A step is told `far`, and returns a negative number where
  * some argument was far, as the functions do.
@@ -30,58 +31,23 @@ LANE void put_state(const state s, double *restrict x, const int i, const int ke
 }
 
 /* p' = p - S_q(q), q' = q + S_p(p') */
+#if SEPARABLE
 INLINE symplectic_euler(LANE_IN, state *s, const int far) {
-   double d[DOF];
-   int64_t beyond = force(LANE_OF, s, d, far);
-   for (int k = 0; k < DOF; k++)
-      s->p[k] -= d[k];
-   beyond |= velocity(LANE_OF, s, d, far);
-   for (int k = 0; k < DOF; k++)
-      s->q[k] += d[k];
-   return beyond;
+   const int64_t beyond = kick(LANE_OF, s, 1, far);
+   return beyond | drift(LANE_OF, s, 1, far);
 }
 
 /* q' = q + S_p(p), p' = p - S_q(q') */
 INLINE symplectic_euler_adjoint(LANE_IN, state *s, const int far) {
-   double d[DOF];
-   int64_t beyond = velocity(LANE_OF, s, d, far);
-   for (int k = 0; k < DOF; k++)
-      s->q[k] += d[k];
-   beyond |= force(LANE_OF, s, d, far);
-   for (int k = 0; k < DOF; k++)
-      s->p[k] -= d[k];
-   return beyond;
+   const int64_t beyond = drift(LANE_OF, s, 1, far);
+   return beyond | kick(LANE_OF, s, 1, far);
 }
 
-#if KEPT
-/* half a kick, a drift, half a kick, the force by `places`, which are found once a step */
-INLINE stormer_verlet(LANE_IN, state *s, const int far) {
-   double d[DOF];
-   int64_t beyond = kick(LANE_OF, s, d, far);
-   for (int k = 0; k < DOF; k++)
-      s->p[k] = FMA(-0.5, d[k], s->p[k]);
-   beyond |= velocity(LANE_OF, s, d, far);
-   for (int k = 0; k < DOF; k++)
-      s->q[k] += d[k];
-   beyond |= places(LANE_OF, s, s->e, far);
-   beyond |= kick(LANE_OF, s, d, far);
-   for (int k = 0; k < DOF; k++)
-      s->p[k] = FMA(-0.5, d[k], s->p[k]);
-   return beyond;
-}
-#else
 /* half a kick, a drift, half a kick */
 INLINE stormer_verlet(LANE_IN, state *s, const int far) {
-   double d[DOF];
-   int64_t beyond = force(LANE_OF, s, d, far);
-   for (int k = 0; k < DOF; k++)
-      s->p[k] = FMA(-0.5, d[k], s->p[k]);
-   beyond |= velocity(LANE_OF, s, d, far);
-   for (int k = 0; k < DOF; k++)
-      s->q[k] += d[k];
-   beyond |= force(LANE_OF, s, d, far);
-   for (int k = 0; k < DOF; k++)
-      s->p[k] = FMA(-0.5, d[k], s->p[k]);
-   return beyond;
+   int64_t beyond = fall(LANE_OF, s, 0.5, far);
+   beyond |= drift(LANE_OF, s, 1, far);
+   beyond |= places(LANE_OF, s, s->e, far);
+   return beyond | fall(LANE_OF, s, 0.5, far);
 }
 #endif

@@ -1,0 +1,53 @@
+
+/* Of quadratic Hamiltonians of one degree of freedom a step is z' = z + m z + z0, where m and z0 hang on the weights
+ * alone: with a = S_qq/2, b = S_qp/2, k = S_pp/2, and f, g the gradient at zero,
+ *
+ *    (1 - b^2 + a k) m = [2 b (1 + b) - 2 a k,  2 k;  -2 a,  -2 b (1 - b) - 2 a k]
+ *    (1 - b^2 + a k) z0 = [(1 + b) g - k f,  -(1 - b) f - a g]
+ *
+ * What a step waits for of the one before it is a product and a sum or two. */
+enum { COEFFICIENTS = 6 };
+
+INLINE midpoint_coefficients(LANE_IN, double *restrict m, const int far) {
+   const state zero = {{0}, {0}, {0}};
+   double f[1], g[1], hqq[1], hqp[1], hpp[1];
+   const int64_t beyond = slopes(LANE_OF, &zero, f, g, hqq, hqp, hpp, far);
+   const double a = 0.5 * hqq[0], k = 0.5 * hpp[0];
+#if MIXED
+   const double b = 0.5 * hqp[0], inverse = 1 / FMA(a, k, FMA(-b, b, 1.0));
+   const double turn = 2 * b * inverse;
+   m[1] = hpp[0] * inverse;
+   m[2] = -hqq[0] * inverse;
+   m[0] = FMA(turn, 1 + b, -a * m[1]);
+   m[3] = FMA(turn, b - 1, k * m[2]);
+   m[4] = FMA(1 + b, g[0], -k * f[0]) * inverse;
+   m[5] = FMA(b - 1, f[0], -a * g[0]) * inverse;
+#else
+   const double inverse = 1 / FMA(a, k, 1.0);
+   m[1] = hpp[0] * inverse;
+   m[2] = -hqq[0] * inverse;
+   m[0] = -a * m[1];
+   m[3] = k * m[2];
+   m[4] = FMA(-k, f[0], g[0]) * inverse;
+   m[5] = FMA(-a, g[0], -f[0]) * inverse;
+#endif
+   return beyond;
+}
+
+LANE void midpoint_turn(const double *m, state *s) {
+   const double q = s->q[0], p = s->p[0];
+#if MOVES
+   s->q[0] = FMA(m[1], p, q) + FMA(m[0], q, m[4]);
+   s->p[0] = FMA(m[2], q, p) + FMA(m[3], p, m[5]);
+#else
+   s->q[0] = FMA(m[0], q, FMA(m[1], p, q));
+   s->p[0] = FMA(m[3], p, FMA(m[2], q, p));
+#endif
+}
+
+INLINE midpoint(LANE_IN, state *s, const int far) {
+   double m[COEFFICIENTS];
+   const int64_t beyond = midpoint_coefficients(LANE_OF, m, far);
+   midpoint_turn(m, s);
+   return beyond;
+}
