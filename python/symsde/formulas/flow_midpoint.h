@@ -71,7 +71,8 @@ LANE void midpoint_increment(LANE_IN, state *s, const double *z) {
    }
 }
 
-#if DOF > 1
+#if DOF == 1
+#else
 /* of quadratic Hamiltonians: one correction is the solution */
 INLINE midpoint(LANE_IN, state *s, const int far) {
    double e[midpoint_DERIVATIVES], d[2 * DOF], g[DOF];
