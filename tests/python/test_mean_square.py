@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Mean-square stability: the matrix of second moments beside hand calculations and beside paths."""
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -156,3 +158,12 @@ def test_exact_growth_of_large_steps(sigma, h):
     found = ss.mean_square(spring(sigma), "heun", step=h)
     assert found.exact == pytest.approx(math.exp(h * rates), rel=1e-11)
     assert found.excess == math.log(found.growth / found.exact) and abs(found.excess) > 0.1
+
+
+def test_the_map_of_the_pages_tells_of_every_scheme():
+    """Those with which a step is one matrix are where they are by hand: Verlet below 2, midpoint everywhere."""
+    path = Path(__file__).resolve().parents[2] / "docs/figures/mean-square.json"
+    data = json.loads(path.read_text(encoding="utf-8"))
+    assert list(data["limits"]) == ss.schemes.names()
+    still = {name: found["additive noise, H_1 = -sigma q"] for name, found in data["limits"].items()}
+    assert set(still["midpoint"]) == {data["omega_h"][-1]} and 1.8 < min(still["stormer_verlet"]) < 2
