@@ -35,7 +35,8 @@ module symsde_step_single_brackets
       real(wp), allocatable :: rate(:, :)           !! c/h (nlane, 0:nnoise)
       type(derivatives), allocatable :: of(:)       !! H_j (0:nnoise)
       type(derivatives) :: f                        !! of a sum
-      real(wp), allocatable, dimension(:) :: uq, up, vq, vp, yq, yp, rq, rp, gq, gp, xq, xp  !! (nlane)
+      real(wp), allocatable, dimension(:) :: uq, up, vq, vp, yq, yp, xq, xp  !! (nlane)
+      real(wp), allocatable, dimension(:, :) :: gq, gp  !! gradients at six points (nlane, 6)
    contains
       procedure :: begin
       procedure :: evaluate
@@ -61,7 +62,7 @@ contains
          end do
          call new_derivatives(n, self%f)
          allocate (self%uq(n), self%up(n), self%vq(n), self%vp(n), self%yq(n), self%yp(n))
-         allocate (self%rq(n), self%rp(n), self%gq(n), self%gp(n), self%xq(n), self%xp(n))
+         allocate (self%gq(n, 6), self%gp(n, 6), self%xq(n), self%xp(n))
       end associate
    end subroutine new_single_brackets
 
@@ -349,8 +350,9 @@ contains
       real(wp), intent(inout), dimension(self%nlane) :: hq, hp
 
       call model%third_derivative(self%nlane, 1, self%nnoise, t, self%unit(:, :, j), q, p, aq, ap, self%vq, self%vp, &
-                                  self%gq, self%gp)
-      call subtract(self%nlane, -c, self%gq, self%gp, hq, hp)
+                                  self%gq(:, 1), self%gp(:, 1))
+      hq = hq + c*self%gq(:, 1)
+      hp = hp + c*self%gp(:, 1)
    end subroutine add_third
 
    !> (|h|/12) sum_k {{F,H_k},H_k} by the differences of step/modified_hamiltonian: additive noise needs those of H
@@ -365,7 +367,7 @@ contains
       integer, intent(in) :: nreal
       real(wp) :: a, b, c, c2
       logical :: additive
-      integer :: k, s, r, asked
+      integer :: k, asked
 
       a = reach*abs(h)
       b = reach*sqrt(abs(h))
@@ -375,27 +377,25 @@ contains
       self%yq = 0
       self%yp = 0
       asked = 0
-      associate (n => self%nlane, e => self%of(0), rq => self%rq, rp => self%rp, yq => self%yq, yp => self%yp)
+      associate (n => self%nlane, e => self%of(0), yq => self%yq, yp => self%yp)
          call field(n, e%q, e%p, self%uq, self%up)
          do k = 1, self%nnoise
             if (.not. parts%noisy(k)) cycle
             associate (d => self%of(k))
                call field(n, d%q, d%p, self%vq, self%vp)
-               call subtract(n, 2*c, e%q, e%p, hq, hp)
-               rq = 0
-               rp = 0
-               do r = -1, 1, 2
-                  call ask(self, parts%model, -1, t, q, p, 0.0_wp, r*b)
-                  call share(n, c, 0.0_wp, r*b*c, self%gq, self%gp, hq, hp, yq, yp, rq, rp)
-                  asked = asked + 1
-                  if (additive) cycle
-                  do s = -1, 1, 2
-                     call ask(self, parts%model, k, t, q, p, s*a, r*b)
-                     call share(n, -s*r*c2, -r*a*c2, -s*b*c2, self%gq, self%gp, hq, hp, yq, yp, rq, rp)
-                     asked = asked + 1
-                  end do
-               end do
-               if (.not. additive) call add_transposed(n, d%qq, d%qp, d%pp, rq, rp, hq, hp)
+               call ask(self, parts%model, -1, t, q, p, 0.0_wp, -b, 1)
+               call ask(self, parts%model, -1, t, q, p, 0.0_wp, b, 2)
+               asked = asked + 2
+               if (additive) then
+                  call add_second_difference(n, c, e%q, e%p, self%gq, self%gp, hq, hp)
+                  cycle
+               end if
+               call ask(self, parts%model, k, t, q, p, -a, -b, 3)
+               call ask(self, parts%model, k, t, q, p, a, -b, 4)
+               call ask(self, parts%model, k, t, q, p, -a, b, 5)
+               call ask(self, parts%model, k, t, q, p, a, b, 6)
+               asked = asked + 4
+               call add_differences(n, a, b, c, c2, e%q, e%p, self%gq, self%gp, d%qq, d%qp, d%pp, hq, hp, yq, yp)
             end associate
          end do
          if (.not. additive) call add_transposed(n, e%qq, e%qp, e%pp, yq, yp, hq, hp)
@@ -403,17 +403,18 @@ contains
       counters%gradients = counters%gradients + nreal*asked
    end subroutine add_nested
 
-   !> (gq, gp) = gradient of H_j at x + e u + f v.
-   subroutine ask(self, model, j, t, q, p, e, f)
+   !> Column `at` of (gq, gp) = gradient of H_j at x + e u + f v.
+   subroutine ask(self, model, j, t, q, p, e, f, at)
       type(single_brackets), intent(inout) :: self
       class(model_type), intent(in) :: model
-      integer, intent(in) :: j
+      integer, intent(in) :: j, at
       real(wp), intent(in) :: t, e, f
       real(wp), intent(in), dimension(self%nlane) :: q, p
 
       call move(self%nlane, e, f, q, self%uq, self%vq, self%xq)
       call move(self%nlane, e, f, p, self%up, self%vp, self%xp)
-      call model%gradient(self%nlane, 1, self%nnoise, t, self%unit(:, :, j), self%xq, self%xp, self%gq, self%gp)
+      call model%gradient(self%nlane, 1, self%nnoise, t, self%unit(:, :, j), self%xq, self%xp, &
+                          self%gq(:, at), self%gp(:, at))
    end subroutine ask
 
    !> VEC
@@ -441,35 +442,46 @@ contains
       end do
    end subroutine field
 
-   !> VEC
-   pure subroutine subtract(nlane, c, gq, gp, hq, hp)
+   !> VEC Additive noise: c [H(x+bv) + H(x-bv) - 2H(x)], whose gradients are the columns 1 and 2 of (gq, gp), and
+   !> (eq, ep).
+   pure subroutine add_second_difference(nlane, c, eq, ep, gq, gp, hq, hp)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: c, gq(nlane), gp(nlane)
-      real(wp), intent(inout) :: hq(nlane), hp(nlane)
+      real(wp), intent(in) :: c, eq(nlane), ep(nlane), gq(nlane, 6), gp(nlane, 6)
+      real(wp), intent(inout), dimension(nlane) :: hq, hp
       integer :: lane
 
       do lane = 1, nlane
-         hq(lane) = hq(lane) - c*gq(lane)
-         hp(lane) = hp(lane) - c*gp(lane)
+         hq(lane) = hq(lane) + c*((gq(lane, 1) + gq(lane, 2)) - 2*eq(lane))
+         hp(lane) = hp(lane) + c*((gp(lane, 1) + gp(lane, 2)) - 2*ep(lane))
       end do
-   end subroutine subtract
+   end subroutine add_second_difference
 
-   !> VEC What one gradient of a difference adds to the result, and by the fields of H and of H_k.
-   pure subroutine share(nlane, c, of_u, of_v, gq, gp, hq, hp, yq, yp, rq, rp)
+   !> VEC The same, and what the points share by the fields: that of H_k, by its Hessian (qq, qp, pp), and that of H, to
+   !> which (yq, yp) is added; with c2 times the mixed difference of H_k at x -+ a u - b v and x -+ a u + b v, whose
+   !> gradients are the columns 3 and 4, 5 and 6.
+   pure subroutine add_differences(nlane, a, b, c, c2, eq, ep, gq, gp, qq, qp, pp, hq, hp, yq, yp)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: c, of_u, of_v, gq(nlane), gp(nlane)
-      real(wp), intent(inout), dimension(nlane) :: hq, hp, yq, yp, rq, rp
+      real(wp), intent(in) :: a, b, c, c2, eq(nlane), ep(nlane), gq(nlane, 6), gp(nlane, 6)
+      real(wp), intent(in), dimension(nlane) :: qq, qp, pp
+      real(wp), intent(inout), dimension(nlane) :: hq, hp, yq, yp
+      real(wp) :: rq, rp, before, behind
       integer :: lane
 
       do lane = 1, nlane
-         hq(lane) = hq(lane) + c*gq(lane)
-         hp(lane) = hp(lane) + c*gp(lane)
-         yq(lane) = yq(lane) + of_u*gq(lane)
-         yp(lane) = yp(lane) + of_u*gp(lane)
-         rq(lane) = rq(lane) + of_v*gq(lane)
-         rp(lane) = rp(lane) + of_v*gp(lane)
+         before = gq(lane, 4) - gq(lane, 3)
+         behind = gq(lane, 6) - gq(lane, 5)
+         rq = b*(c*(gq(lane, 2) - gq(lane, 1)) - c2*(before + behind))
+         hq(lane) = hq(lane) + (c*((gq(lane, 1) + gq(lane, 2)) - 2*eq(lane)) - c2*(behind - before))
+         yq(lane) = yq(lane) - a*c2*((gq(lane, 5) - gq(lane, 3)) + (gq(lane, 6) - gq(lane, 4)))
+         before = gp(lane, 4) - gp(lane, 3)
+         behind = gp(lane, 6) - gp(lane, 5)
+         rp = b*(c*(gp(lane, 2) - gp(lane, 1)) - c2*(before + behind))
+         hp(lane) = hp(lane) + (c*((gp(lane, 1) + gp(lane, 2)) - 2*ep(lane)) - c2*(behind - before))
+         yp(lane) = yp(lane) - a*c2*((gp(lane, 5) - gp(lane, 3)) + (gp(lane, 6) - gp(lane, 4)))
+         hq(lane) = hq(lane) + (qp(lane)*rq - qq(lane)*rp)
+         hp(lane) = hp(lane) + (pp(lane)*rq - qp(lane)*rp)
       end do
-   end subroutine share
+   end subroutine add_differences
 
    !> VEC Add (D field)^T r = Hessian (-r_p, r_q).
    pure subroutine add_transposed(nlane, qq, qp, pp, rq, rp, hq, hp)
