@@ -343,15 +343,18 @@ contains
       type(exact_block), intent(inout) :: work
       type(oscillator), intent(in) :: system
       real(wp), intent(in) :: t
-      real(wp) :: theta, z(2*size(work%q, 2))
-      integer :: lane
+      real(wp) :: theta, z(2*size(work%q, 2)), w(size(work%sum_w, 2))
+      integer :: lane, n
 
       if (allocated(system%flow)) then
+         n = size(work%q, 2)
          do lane = 1, work%nreal
-            z = [work%q0(lane, :), work%p0(lane, :)]
-            call system%flow%solve(t, work%sum_w(lane, :) + work%low(lane, :), z)
-            work%q(lane, :) = z(:size(work%q, 2))
-            work%p(lane, :) = z(size(work%q, 2) + 1:)
+            z(:n) = work%q0(lane, :)
+            z(n + 1:) = work%p0(lane, :)
+            w = work%sum_w(lane, :) + work%low(lane, :)
+            call system%flow%solve(t, w, z)
+            work%q(lane, :) = z(:n)
+            work%p(lane, :) = z(n + 1:)
          end do
          return
       end if

@@ -88,8 +88,11 @@ contains
       real(wp) :: z(self%n), found(self%n), known(self%n), allowed
       integer :: i
 
-      z = [(1.3_wp + 0.7_wp*modulo(0.618_wp*i, 1.0_wp), i=1, self%n)]
-      known = matmul(self%field(:self%n, :self%n, j), z) + self%field(:self%n, self%n + 1, j)
+      do i = 1, self%n
+         z(i) = 1.3_wp + 0.7_wp*modulo(0.618_wp*i, 1.0_wp)
+      end do
+      known = matmul(self%field(:self%n, :self%n, j), z)
+      known = known + self%field(:self%n, self%n + 1, j)
       allowed = 1.0e-10_wp*(maxval(abs(known)) + maxval(abs(self%field(:, :, j))))
       holds = .true.
       do i = 1, size(looked_at)
@@ -120,10 +123,11 @@ contains
 
    pure logical function commute(a, b)
       real(wp), intent(in) :: a(:, :), b(:, :)
-      real(wp) :: c(size(a, 1), size(a, 1))
+      real(wp), dimension(size(a, 1), size(a, 1)) :: ab, ba
 
-      c = matmul(a, b) - matmul(b, a)
-      commute = all(abs(c) <= rounding*size(a, 1)*maxval(abs(a))*maxval(abs(b)))
+      ab = matmul(a, b)
+      ba = matmul(b, a)
+      commute = all(abs(ab - ba) <= rounding*size(a, 1)*maxval(abs(a))*maxval(abs(b)))
    end function commute
 
    !> The state after the time t, with W_k = w(k), from z.
@@ -131,22 +135,24 @@ contains
       class(linear_flow), intent(in) :: self
       real(wp), intent(in) :: t, w(:)           !! (nnoise)
       real(wp), intent(inout) :: z(self%n)
-      real(wp) :: s(self%n + 1, self%n + 1)
+      real(wp), dimension(self%n + 1, self%n + 1) :: s, flow
+      real(wp) :: moved(self%n)
       integer :: k
 
       s = t*self%field(:, :, 0)
       do k = 1, size(w)
          s = s + w(k)*self%field(:, :, k)
       end do
-      s = exponential(self%n + 1, s)
-      z = matmul(s(:self%n, :self%n), z) + s(:self%n, self%n + 1)
+      flow = exponential(self%n + 1, s)
+      moved = matmul(flow(:self%n, :self%n), z)
+      z = moved + flow(:self%n, self%n + 1)
    end subroutine solve
 
    !> exp(s): Taylor's series of s/2^k, of size 1/2 at most, squared k times; its first term left out is 1e-19 of one.
    pure function exponential(n, s) result(e)
       integer, intent(in) :: n
       real(wp), intent(in) :: s(n, n)
-      real(wp) :: e(n, n), part(n, n), one(n, n)
+      real(wp) :: e(n, n), part(n, n), one(n, n), product(n, n)
       integer, parameter :: degree = 15
       integer :: i, k
 
@@ -158,10 +164,12 @@ contains
       end do
       e = one
       do i = degree, 1, -1
-         e = one + matmul(part, e)/i
+         product = matmul(part, e)
+         e = one + product/i
       end do
       do i = 1, k
-         e = matmul(e, e)
+         product = matmul(e, e)
+         e = product
       end do
    end function exponential
 

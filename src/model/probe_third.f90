@@ -30,7 +30,9 @@ contains
          bq(:, i) = generic(i, 3)
          bp(:, i) = generic(i, 8)
       end do
-      e = step*max(1.0_wp, maxval(abs(points%q), dim=2), maxval(abs(points%p), dim=2))
+      do i = 1, nlane
+         e(i) = step*max(1.0_wp, maxval(abs(points%q(i, :))), maxval(abs(points%p(i, :))))
+      end do
       call second_difference(points, e, bq, bp, dq, dp, largest)
       associate (x => points)
          call x%model%third_derivative(nlane, x%ndof, x%nnoise, x%t, x%w, x%q, x%p, x%vq, x%vp, bq, bp, uq, up)
