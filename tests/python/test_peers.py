@@ -14,10 +14,12 @@ import symsde as ss
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "bench"))
 
-from peers import page  # noqa: E402
 from peers.equations import PROBLEMS  # noqa: E402
 from peers.models import MODELS  # noqa: E402
 from peers.numpy_steps import heun_step, integrated, rk4_step  # noqa: E402
+from symsde import study  # noqa: E402
+from symsde.study import page as study_page  # noqa: E402
+from symsde.study import peers  # noqa: E402
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -71,33 +73,57 @@ def rows(**curves):
 
 def test_seconds_to_an_error_are_between_points_and_never_beyond():
     points = [(1e-1, 1.0), (1e-3, 100.0)]
-    assert page.seconds_to(points, 1e-2) == pytest.approx(10.0)
-    assert page.seconds_to(points, 0.5) == 1.0 and page.seconds_to(points, 1e-3) == 100.0
-    assert page.seconds_to(points, 1e-4) is None
+    assert peers.seconds_to(points, 1e-2) == pytest.approx(10.0)
+    assert peers.seconds_to(points, 0.5) == 1.0 and peers.seconds_to(points, 1e-3) == 100.0
+    assert peers.seconds_to(points, 1e-4) is None
 
 
 def test_the_page_says_who_wins_and_by_how_much():
     found = rows(symsde__a=[(1e-1, 2.0), (1e-3, 200.0)], fast__b=[(1e-1, 1.0), (1e-2, 5.0)], slow__c=[(1e-2, 200.0)],
                  lost__d=[(1e-9, 1.0)])  # fmt: skip
-    assert page.compared(found, "kubo") == {
+    assert peers.compared(found, "kubo") == {
         ("fast", "b"): (pytest.approx(0.25), pytest.approx(0.5), 0),
         ("slow", "c"): (pytest.approx(10.0), pytest.approx(10.0), 0),
         ("lost", "d"): None,
     }
-    said = page.sentence(found, "kubo")
+    said = peers.sentence(found, "kubo")
     assert "**A peer wins:** fast b is up to 4 times faster than symsde at every error" in said
     assert "slow c takes 10 times as long" in said and "lost d came to no error" in said
     without = [row for row in found if row["package"] != "fast"]
-    assert page.sentence(without, "kubo").startswith("symsde is the fastest")
+    assert peers.sentence(without, "kubo").startswith("symsde is the fastest")
 
 
 def test_the_committed_page_is_that_of_its_data():
     data = json.loads((ROOT / "docs/figures/peers.json").read_text())["peers"]
     text = re.sub(r"\s+", " ", (ROOT / "docs/peers.md").read_text())
     for problem in dict.fromkeys(row["problem"] for row in data):
-        assert re.sub(r"\s+", " ", page.sentence(data, problem)) in text
+        assert re.sub(r"\s+", " ", peers.sentence(data, problem)) in text
         assert {row["package"] for row in data if row["problem"] == problem} >= {
             "symsde, given",
             "symsde, own",
             "numba_loop",
         }
+
+
+def test_the_page_of_scenes_shows_the_same_rows():
+    """Of the five scenes, the data of the figures hold the rows, and the text says who wins there and by how much."""
+    data = json.loads((ROOT / "docs/figures/peers.json").read_text())["peers"]
+    text = re.sub(r"\s+", " ", (ROOT / "docs/work-precision.md").read_text())
+    for problem, scene in peers.SCENES.items():
+        kept = json.loads((ROOT / f"docs/figures/work-precision-{scene}.json").read_text())
+        assert (
+            kept["peers"] == [row for row in data if row["problem"] == problem] == study.of_data(kept).data()["peers"]
+        )
+        assert re.sub(r"\s+", " ", study_page.beside(kept["peers"])) in text.partition(f"## {scene} ")[2]
+    assert re.sub(r"\s+", " ", peers.lesson(data)) in text
+    assert peers.lesson(data).endswith("on fpu_chain (numba_loop Heun, up to 2.9 times to the same error).")
+    assert peers.lesson([row for row in data if row["problem"] == "kubo"]).count("on none of the scenes") == 1
+
+
+def test_other_packages_are_drawn_at_their_errors_and_seconds():
+    axes = pytest.importorskip("matplotlib.figure").Figure().subplots()
+    peers.draw(axes, rows(slow__c=[(1e-2, 200.0), (1e-3, 300.0), (math.inf, 1.0)], symsde__a=[(1e-1, 2.0)]))
+    drawn = {line.get_label(): line for line in axes.lines}
+    assert set(drawn) == {"slow c", "symsde a"}
+    assert list(drawn["slow c"].get_xdata()) == [200.0, 300.0] and list(drawn["slow c"].get_ydata()) == [1e-2, 1e-3]
+    assert (drawn["slow c"].get_linestyle(), drawn["symsde a"].get_linestyle()) == ("--", "-")

@@ -329,6 +329,30 @@ def test_what_is_drawn(result):
     assert left.get_xlabel() == "run time of a path [s]" and right.get_xlabel() == "step $h$"
 
 
+def test_weak_errors_are_drawn_and_hollow_where_they_may_be_zero(result):
+    """The largest of E q, E p and E H of every point; the bar of a hollow one ends above it alone."""
+    figures = pytest.importorskip("matplotlib.figure")
+    made = [cost_row("a", 1.0, 0.2, 1.0, weak_q=-0.3, weak_q_ci=0.1, weak_p=0.2, weak_p_ci=0.01),
+            cost_row("a", 0.5, 0.1, 2.0, weak_q=0.01, weak_q_ci=0.03, weak_p=0.0, weak_p_ci=0.2),
+            cost_row("a", 0.2, 0.1, 3.0),
+            cost_row("a", 2.0, 9.0, 0.5, status="diverged", weak_q=9.0, weak_q_ci=1.0)]  # fmt: skip
+    for x, place in (("seconds", 0), ("h", 1)):
+        axes = figures.Figure().subplots(1, 2)
+        figure.draw_weak(SimpleNamespace(schemes=["a"], rows=made), *axes)
+        (bars,) = axes[place].containers
+        assert list(bars[0].get_xdata()) == [row[x] for row in made[:2]] and list(bars[0].get_ydata()) == [0.3, 0.01]
+        np.testing.assert_allclose(np.array(bars[2][0].get_segments())[:, :, 1], [[0.2, 0.4], [0.01, 0.04]])
+        (hollow,) = [line for line in axes[place].lines if line.get_markerfacecolor() == "white"]
+        assert list(hollow.get_xdata()) == [made[1][x]]
+        axes = figures.Figure().subplots(1, 2)
+        figure.draw_weak(result.study, *axes)
+        for bars, scheme in zip(axes[place].containers, GIVEN["schemes"], strict=True):
+            rows = [row for row in result.study.rows if row["scheme"] == scheme]
+            largest = [max(abs(row[f"weak_{name}"]) for name in "qpH") for row in rows]
+            np.testing.assert_array_equal(bars[0].get_ydata(), largest)
+            np.testing.assert_array_equal(bars[0].get_xdata(), [row[x] for row in rows])
+
+
 def test_plateaus_are_hollow_and_failures_crossed():
     figures = pytest.importorskip("matplotlib.figure")
     rows = [cost_row("a", 1.0, 0.2, 1.0), cost_row("a", 0.5, 0.1, 2.0, status="reference"),

@@ -38,6 +38,7 @@ class WorkPrecision:
     orders: dict[str, orders.Order]  #: of each scheme, plateaus left out
     resumed: int  #: points that an earlier run had finished
     about: dict[str, str] = field(default_factory=dict)  #: what all points have in common, for the head of the table
+    peers: list[dict] = field(default_factory=list)  #: of other packages on the same problem, measured beside symsde
 
     def words(self) -> str:
         """For this error use this scheme at this step."""
@@ -51,7 +52,8 @@ class WorkPrecision:
 
     def data(self) -> dict:
         """What the figure shows, for a JSON file; `of_data` reads it."""
-        return {key: getattr(self, key) for key in ("name", "model", "horizon", "schemes", "rows")}
+        known = {key: getattr(self, key) for key in ("name", "model", "horizon", "schemes", "rows")}
+        return known | ({"peers": self.peers} if self.peers else {})
 
     def save(self, directory: str | os.PathLike) -> None:
         """Write work-precision.csv, and work-precision.png and .pdf, for which matplotlib must be installed."""
@@ -60,7 +62,7 @@ class WorkPrecision:
             self.plot(target / "work-precision.png", pdf=True)
 
     def plot(self, path: str | os.PathLike, *, pdf: bool = False) -> None:
-        """Draw error against run time and against the step; write a PNG, and a PDF beside it on request."""
+        """Draw strong and weak error against run time and step; write a PNG, and a PDF beside it on request."""
         figure.save(_files.path_of("path", path), self, pdf=pdf)
 
 
@@ -162,7 +164,8 @@ def of_data(data: dict, resumed: int = 0, about: Mapping[str, str] | None = None
     """A study from what `data` gave, with the orders that its rows show."""
     rows, names = data["rows"], data["schemes"]
     fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
-    return WorkPrecision(data["name"], data["model"], data["horizon"], names, rows, fitted, resumed, dict(about or {}))
+    known = data["name"], data["model"], data["horizon"], names, rows, fitted, resumed, dict(about or {})
+    return WorkPrecision(*known, data.get("peers", []))
 
 
 def _head(plan: Plan, scheme: Scheme, steps: int) -> dict:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Error against run time and against the step, on logarithmic axes."""
+"""Strong and weak error against run time and against the step, on logarithmic axes; other packages beside them."""
 
 from __future__ import annotations
 
@@ -8,25 +8,42 @@ from pathlib import Path
 import numpy as np
 
 from .. import look
+from . import peers
 
 LOST = ("failed", "diverged")  #: crosses at the upper edge
 
 
 def save(path: Path, study, *, pdf: bool = False) -> None:
     """Write a PNG, on request a PDF too."""
-    with look.drawing(path, 9.0, 4.6, 120, pdf=pdf) as page:
-        left, right = page.subplots(1, 2, sharey=True)
+    rows = 2 if any(weak_error(row) for row in study.rows) else 1
+    columns = 3 if study.peers else 2
+    with look.drawing(path, 4.5 * columns, 0.6 + 4.0 * rows, 120, pdf=pdf) as page:
+        grid = page.add_gridspec(rows, columns)
+        left = page.add_subplot(grid[0, 0])
+        right = page.add_subplot(grid[0, 1], sharey=left)
+        right.tick_params(labelleft=False)
         draw(study, left, right)
+        if rows == 2:
+            below = page.add_subplot(grid[1, 0], sharex=left)
+            beside = page.add_subplot(grid[1, 1], sharex=right, sharey=below)
+            beside.tick_params(labelleft=False)
+            draw_weak(study, below, beside)
+        if study.peers:
+            others = page.add_subplot(grid[0, 2])
+            peers.draw(others, study.peers)
+            others.set_title(f"other packages: {peers.TITLES[study.peers[0]['problem']]}", loc="left", fontsize=9)
+            key = page.add_subplot(grid[1, 2]) if rows == 2 else others
+            if rows == 2:
+                key.axis("off")
+            key.legend(
+                *others.get_legend_handles_labels(), loc="upper left" if rows == 2 else "upper right", fontsize=7
+            )
         page.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
 
 def draw(study, left, right) -> None:
     """Error over run time with the Pareto front in `left`, over the step in `right`."""
-    for i, name in enumerate(study.schemes):
-        rows = [row for row in study.rows if row["scheme"] == name]
-        # the first are drawn largest, so that curves on top of each other all show
-        size = 7.5 - 4 * i / len(study.schemes)
-        style = {**look.of_scheme(name), "markersize": size}
+    for name, rows, style in _schemes(study):
         order = study.orders[name]
         label = f"{name}, slope {order.value:.2f}" if order.points > 1 else name
         _curve(left, rows, "seconds", style, label)
@@ -37,6 +54,41 @@ def draw(study, left, right) -> None:
     right.set(xscale="log", yscale="log", xlabel="step $h$")
     left.set_title("error against run time", loc="left", fontsize=9)
     right.set_title("error against step", loc="left", fontsize=9)
+
+
+def draw_weak(study, left, right) -> None:
+    """Weak error over run time in `left`, over the step in `right`; hollow where it is not told from zero."""
+    for _, rows, style in _schemes(study):
+        known = [(row, *found) for row in rows if row["status"] not in LOST and (found := weak_error(row))]
+        for axis, x in ((left, "seconds"), (right, "h")):
+            points = np.array([[row[x], error, half] for row, error, half in known if x in row]).reshape(-1, 3)
+            xs, errors, halves = points.T
+            told = errors > halves
+            bars = [np.where(told, halves, 0.0), halves]
+            axis.errorbar(xs, errors, yerr=bars, capsize=2, elinewidth=0.7, **style)
+            axis.plot(xs[~told], errors[~told], ls="", marker=style["marker"], ms=style["markersize"], mfc="white",
+                      mec=style["color"], zorder=5)  # fmt: skip
+    left.set(
+        xscale="log", yscale="log", xlabel="run time of a path [s]", ylabel="weak error, the largest of E q, E p, E H"
+    )
+    right.set(xscale="log", yscale="log", xlabel="step $h$")
+    left.set_title("weak error against run time", loc="left", fontsize=9)
+    right.set_title("weak error against step", loc="left", fontsize=9)
+
+
+def weak_error(row: dict) -> tuple[float, float] | None:
+    """The largest error of E q, E p and E H with its half width; None where there is none that can be drawn."""
+    found = [(abs(row[f"weak_{name}"]), row[f"weak_{name}_ci"]) for name in "qpH" if f"weak_{name}" in row]
+    error, half = max(found, default=(0.0, 0.0))
+    return (error, half) if 0 < error < np.inf else None
+
+
+def _schemes(study):
+    """Name, rows and style of each: the first are drawn largest, so that curves on top of each other all show."""
+    for i, name in enumerate(study.schemes):
+        size = 7.5 - 4 * i / len(study.schemes)
+        rows = [row for row in study.rows if row["scheme"] == name]
+        yield name, rows, {**look.of_scheme(name), "markersize": size}
 
 
 def _curve(axis, rows, x, style, label) -> None:

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 from ..pages import Page, made_by, markdown, wrapped
-from . import WorkPrecision, figure, of_data, words
+from . import WorkPrecision, figure, of_data, peers, words
 from .learned import learned
 from .left_out import HEAD, left_out
 from .scenes import about
@@ -21,8 +23,11 @@ one thread, the median of {repeats} warm repeats with quartiles as bars, without
 and timed runs are separate. Slopes leave out points on a plateau (hollow) and points that failed or diverged (crosses);
 they are slopes over the steps measured, not asymptotic orders. In the tables, "us to 0.1" is the cheapest run time of a
 path, in microseconds, whose error is at most 0.1; the fastest is bold; "E H error" is that of the mean energy at the
-longest step that counts. `symsde study SCENE.toml` writes every point, with weak errors, to work-precision.csv. Other
-packages on the same axes: [peers.md](peers.md).
+longest step that counts. The *weak error* is the largest of those of E q, E p (means over degrees of freedom) and E H,
+with 95 % intervals; hollow where it is not told from zero. `symsde study SCENE.toml` writes every point to
+work-precision.csv. Panels of other packages show one run of [peers.md](peers.md), symsde's rows among them: the same
+equations, on a machine of their own; on synchrotron and linear_oscillator from another first state, on the latter to
+T = 4.
 
 Measured with {made_by}, {machine}. Run times move with the machine; errors do not.
 """
@@ -33,13 +38,28 @@ def write(file: str | os.PathLike, scenes: list[Path], studies: list[WorkPrecisi
     page = Page(file, COMMAND, "Error against run time")
     repeats = studies[0].rows[0]["repeats"]
     page.add(INTRODUCTION.format(repeats=repeats, made_by=made_by(), machine=machine()), "## What was learned")
-    page.add("\n".join(wrapped(f"- {line}", "  ") for line in learned(studies)))
+    others = _peers(Path(file).parent / "figures" / "peers.json")
+    lessons = [*learned(studies), *([peers.lesson(others)] if others else [])]
+    page.add("\n".join(wrapped(f"- {line}", "  ") for line in lessons))
     page.add("## What each scene left out", *_left_out(scenes))
-    for scene, study in zip(scenes, studies, strict=True):
+    for scene, alone in zip(scenes, studies, strict=True):
+        study = replace(alone, peers=peers.of_scene(others, alone.name))
         page.add(f"## {study.name}", about(scene))
         page.figure(f"work-precision-{study.name}", study.data(), _draw, study.name)
         page.add(_table(study), wrapped(study.words()))
+        if study.peers:
+            page.add(wrapped(beside(study.peers)))
     page.write()
+
+
+def beside(rows: list[dict]) -> str:
+    """What other packages take, as the page of theirs says it."""
+    return f"Other packages ([peers.md](peers.md)): {peers.sentence(rows, rows[0]['problem'])}"
+
+
+def _peers(file: Path) -> list[dict]:
+    """Rows of other packages, where the page of theirs has been written beside this one."""
+    return json.loads(file.read_text(encoding="utf-8"))["peers"] if file.is_file() else []
 
 
 def _draw(path: Path, data: dict) -> None:

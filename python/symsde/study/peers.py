@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Other packages beside symsde: their errors and run times, who wins and by how much. `bench/peers` measures them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+
+OURS = "symsde"
+#: the scene of examples/scenes that a problem of the packages is, up to first state and horizon
+SCENES = {
+    "kubo": "kubo",
+    "synchrotron": "synchrotron",
+    "additive": "linear_oscillator",
+    "henon_heiles": "henon_heiles",
+    "fpu64": "fpu_chain",
+}
+
+TITLES = {
+    "kubo": "Kubo's oscillator, T = 4",
+    "synchrotron": "synchrotron, two noises, T = 4",
+    "additive": "oscillator with additive noise, T = 4",
+    "henon_heiles": "Henon-Heiles, two noises, T = 8",
+    "fpu64": "chain of 64 masses, 64 noises, T = 8",
+}
+
+
+def of_scene(rows: list[dict], scene: str) -> list[dict]:
+    """The rows of the problem that a scene is."""
+    return [row for row in rows if SCENES.get(row["problem"]) == scene]
+
+
+def key(row: dict) -> tuple[str, str]:
+    """A curve."""
+    return row["package"], row["scheme"]
+
+
+def curves(rows: Iterable[dict], problem: str) -> dict[tuple[str, str], list[tuple[float, float]]]:
+    """(error, seconds) of every scheme on a problem, by falling error."""
+    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for row in rows:
+        if row["problem"] == problem and row["error"] is not None and math.isfinite(row["error"]):
+            found.setdefault(key(row), []).append((row["error"], row["seconds"]))
+    return {name: sorted(points, reverse=True) for name, points in found.items()}
+
+
+def seconds_to(points: list[tuple[float, float]], error: float) -> float | None:
+    """Of the cheapest run with at most this error: between two points on the line through them, never beyond them."""
+    best = [s for e, s in points if e <= error]
+    for (e0, s0), (e1, s1) in itertools.pairwise(points):
+        if e0 > error >= e1:
+            share = math.log(e0 / error) / math.log(e0 / e1)
+            best.append(s0 ** (1 - share) * s1**share)
+    return min(best, default=None)
+
+
+def compared(rows: list[dict], problem: str) -> dict[tuple[str, str], tuple[float, float, int] | None]:
+    """For every scheme of a peer, its seconds over those that symsde takes to the same error: least and most over its
+    points, and how many points have an error that symsde did not come to."""
+    every = curves(rows, problem)
+    ours = {name: points for name, points in every.items() if name[0].startswith(OURS)}
+    found = {}
+    for name, points in every.items():
+        if name in ours:
+            continue
+        times, beyond = [], 0
+        for error, seconds in points:
+            best = [s for s in (seconds_to(x, error) for x in ours.values()) if s is not None]
+            if best:
+                times.append(seconds / min(best))
+            else:
+                beyond += 1
+        found[name] = (min(times), max(times), beyond) if times else None
+    return found
+
+
+def sentence(rows: list[dict], problem: str) -> str:
+    """Who wins on a problem, and by how much."""
+    wins, losses = [], []
+    for name, found in compared(rows, problem).items():
+        if found is None:
+            losses.append(f"{' '.join(name)} came to no error that symsde came to")
+            continue
+        low, high, beyond = found
+        more = f" ({beyond} of its errors symsde did not come to)" if beyond else ""
+        if low < 1:
+            where = (
+                "at every error" if high < 1 else f"at some errors, and takes up to {high:.2g} times as long at others"
+            )
+            wins.append(f"{' '.join(name)} is up to {1 / low:.2g} times faster than symsde {where}{more}")
+        else:
+            span = f"{low:.2g}" if f"{low:.2g}" == f"{high:.2g}" else f"{low:.2g} to {high:.2g}"
+            losses.append(f"{' '.join(name)} takes {span} times as long{more}")
+    won = f"**A peer wins:** {'; '.join(wins)}. " if wins else "symsde is the fastest at every error here. "
+    return won + (f"To the same error, {'; '.join(losses)}." if losses else "")
+
+
+def lesson(rows: list[dict]) -> str:
+    """On which scenes another package wins, and by how much."""
+    won = []
+    for problem in dict.fromkeys(row["problem"] for row in rows):
+        for name, found in compared(rows, problem).items():
+            if found and found[0] < 1:
+                won.append(f"{SCENES[problem]} ({' '.join(name)}, up to {1 / found[0]:.2g} times to the same error)")
+    where = f"on {'; '.join(won)}" if won else "on none of the scenes that are measured with other packages"
+    return f"**Where another package wins**: {where}."
+
+
+def draw(axes, rows: list[dict]) -> None:
+    """Error over run time of every scheme of one problem: symsde's on full lines, the others' on dashed ones."""
+    for name, points in sorted(curves(rows, rows[0]["problem"]).items(), key=lambda found: _rank(found[0])):
+        errors, seconds = zip(*points, strict=True)
+        axes.plot(seconds, errors, label=" ".join(name), ms=4, **_style(name))
+    axes.set(xscale="log", yscale="log", xlabel="run time of a path [s]")
+
+
+#: the same look of a scheme in every panel
+_ORDER = (
+    ("symsde, given", "heun"), ("symsde, given", "midpoint"), ("symsde, given", "stormer_verlet"),
+    ("symsde, own", "chin4a"), ("symsde, own", "gauss3"), ("numba_loop", "Heun"), ("numpy_steps", "Heun"),
+    ("diffrax", "Heun"), ("diffrax", "ShARK"), ("torchsde", "heun"), ("sdeint", "stratHeun"), ("jitcsde", "adaptive"),
+    ("xmds2", "RK4"),
+)  # fmt: skip
+
+
+def _rank(name: tuple[str, str]) -> int:
+    return _ORDER.index(name) if name in _ORDER else len(_ORDER)
+
+
+def _style(name: tuple[str, str]) -> dict[str, str]:
+    i = _rank(name)
+    line = "-" if name[0].startswith(OURS) else "--"
+    return {"ls": line, "marker": "osD^vPX*<>dphH"[i], "color": f"C{i % 10}"}
