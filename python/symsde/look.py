@@ -29,6 +29,7 @@ SCHEMES = {
     "lobatto3": (OLIVE, "8"),
     "heun": (ORANGE, "X"),
     "euler_maruyama": (GREY, "P"),
+    "taylor15": (BLACK, "d"),
     "gauss2_strong32": (BLACK, "*"),
     "gauss2_strong32_areas": (BROWN, "*"),
     "gauss2_weak2_areas": (TEAL, "*"),
