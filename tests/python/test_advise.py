@@ -125,9 +125,10 @@ def test_invariants_of_kubo_are_kept_by_quadratic_schemes():
 
 def test_invariants_without_noise_are_those_of_the_path():
     advice = ss.advise(ss.models.synchrotron(), q0=1.0, p0=0.0, horizon=20.0, tolerance=1e-4, want="invariants")
-    still = ss.models.synchrotron(sigma1=0.0, sigma2=0.0)
-    run = ss.simulate(still, q0=1.0, p0=0.0, step=advice.step, steps=advice.steps, scheme=advice.scheme)
-    energy = np.array([still.value(q, p)[0] for q, p in zip(run.q, run.p, strict=True)])
+    model = ss.models.synchrotron()
+    zero = {"increments": np.zeros((2 * advice.steps, model.nnoise)), "refine": 1}
+    run = ss.simulate(model, q0=1.0, p0=0.0, step=advice.step, steps=advice.steps, scheme=advice.scheme, **zero)
+    energy = np.array([model.value(q, p)[0] for q, p in zip(run.q, run.p, strict=True)])
     assert np.abs(energy / energy[0] - 1).max() < 1.5e-4
 
 

@@ -77,7 +77,7 @@ def test_killed_and_resumed(name, text, tmp_path):
     for sitting in range(20 * KILLS):
         process = command(scene, tmp_path / "out")
         try:
-            process.wait(dice.uniform(0.2, 1.0) * whole)
+            process.wait(dice.uniform(0.2, 1.0) * whole if survived < KILLS else 300)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()

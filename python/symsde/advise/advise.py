@@ -70,7 +70,7 @@ def advise(
 
     - tolerance: of the error at t0 + horizon; dimensionless, of invariants relative to H
     - want: "paths", the root mean square distance in (q, p); "moments", the largest error of the means of q, p and H;
-      "invariants", the largest change of H on the way: with noise where that keeps H, else without
+      "invariants", the largest change of H on the way: with noise where that keeps H, else with all increments zero
     - q0, p0: initial state, a number or (dof,); options: those of `expect`
 
     Errors come from differences to half the step on the same Brownian paths, cost from timed runs on one thread; steps

@@ -13,7 +13,7 @@ from ..expect.problem import Problem
 from ..simulate import Run
 from ..study.errors import conserves_energy, depends_on_time
 
-_MOST_SAVED = 64  #: times at which invariants are looked at
+_MOST_SAVED = 2**20  #: numbers that are saved to look at invariants: every step, unless there are more
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,10 @@ class Moments(Paths):
 
 
 class Invariants:
-    """The largest change of H on the way: with noise where that keeps H, else of the path without noise."""
+    """The largest change of H on the way: with noise where that keeps H, else of the path whose increments are zero.
+
+    Where a scheme has brackets of its noises, that path has their means still, which no path without noise has.
+    """
 
     name = "invariants"
     count = 64
@@ -93,20 +96,22 @@ class Invariants:
                 "want = 'invariants': H is 0 at the initial state, and changes are relative to it: add a constant to H"
             )
         self.kept = problem.model.nnoise > 0 and conserves_energy(problem.model, times)
-        where = "H, which the noises keep" if self.kept else "H without noise"
+        where = "H, which the noises keep" if self.kept else "H with increments of zero"
         self.words = f"largest change of {where}, over its size"
 
     def see(self, scheme, steps: int) -> Seen:
         """The change itself, which falls as a difference does."""
         problem, model = self.problem, self.problem.model
-        every = next(n for n in range(max(1, -(-steps // _MOST_SAVED)), steps + 1) if steps % n == 0)
+        saved = max(64, _MOST_SAVED // (model.ndof * (self.count if self.kept else 1)))
+        every = next(n for n in range(max(1, -(-steps // saved)), steps + 1) if steps % n == 0)
         more = (
             {"paths": self.count}
             if self.kept
             else {"increments": np.zeros((2 * steps, model.nnoise)), "refine": 1, "paths": 1}
         )
         run = problem.run(scheme, steps, save_every=every, **more)
-        energy = np.array([model.value(q, p) for q, p in zip(run.q, run.p, strict=True)])
+        states = (np.moveaxis(x, 0, 1).reshape(model.ndof, -1) for x in (run.q, run.p))
+        energy = model.value(*states).reshape(len(run.q), -1)
         change = np.abs(energy - energy[0]).max(axis=0) / np.abs(energy[0])
         size = math.sqrt(np.mean(change**2))
         return Seen(size, 0.0, size)
