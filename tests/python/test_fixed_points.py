@@ -40,6 +40,14 @@ def test_the_cycle_of_kicks_doubles_the_period_at_two():
     assert not next(x for x in beyond if abs(x.q - known) < 1e-6).stable
 
 
+def test_a_cycle_beside_rest_is_of_the_scheme():
+    """Just beyond h = 2 the cycle is so near to rest, q = sqrt(6 (h - 2)), that the force there says nothing."""
+    cycles = fixed_points(ss.models.pendulum(sigma=0.0), "stormer_verlet", step=2 + 5e-5, period=2, box=(30, 30))
+    near = [x for x in cycles if abs(x.q) < 1]
+    assert [x.q for x in near] == pytest.approx([-math.sqrt(3e-4), math.sqrt(3e-4)], rel=1e-4)
+    assert all(x.spurious for x in near)
+
+
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
 @pytest.mark.parametrize("h", [0.7, 1.6])
 def test_midpoint_and_gauss_rest_where_the_equation_does(scheme, h):

@@ -84,6 +84,14 @@ def test_paths_grow_as_the_matrix_says(scheme, equation):
     assert (np.abs(mean - np.linalg.matrix_power(wrong, steps) @ np.kron(start, start)) > 4.5 * error).any()
 
 
+@pytest.mark.parametrize(("scheme", "equation"), [("midpoint", "Kubo"), ("stormer_verlet", "stiffness")])
+def test_symplectic_steps_keep_areas(scheme, equation):
+    """M x M turns (1, 0) x (0, 1) - (0, 1) x (1, 0) into det M times it: second moments, symmetric, do not tell."""
+    area = np.array([0.0, 1.0, -1.0, 0.0])
+    matrix = ss.mean_square(DRIVEN[equation], scheme, step=0.4).matrix
+    np.testing.assert_allclose(matrix @ area, area, atol=1e-12)
+
+
 def test_a_step_that_may_be_singular_has_no_second_moments():
     """Midpoint divides by 1 + h^2/4 + sigma h dW/4, which vanishes at three standard deviations here."""
     assert ss.mean_square(spring(4.0), "midpoint", step=0.5).growth == math.inf
