@@ -150,11 +150,11 @@ int formula_numbers(int n, double x, double *y) {
    y[4] = n > 2 && x < 0 ? 1 : n == 4 || x > 9 ? 2 : 3;
    int left = n;
    for (; left > 0; left--) {
-      if (left == 2)
+      if (left == 3)
          continue;
-      if (left == 1)
-         break;
       y[5] += left;
+      if (left == 2)
+         break;
    }
    y[6] = (unsigned)n * sizeof(both) + sizeof x;
    double *const z = y + 7, *end = &z[2];
