@@ -176,16 +176,20 @@ def test_narrow_interval_is_where_the_mean_is():
     assert found.bias < 0.4 * found.error
 
 
-def test_report_tells_rates_and_levels():
+def test_report_tells_rates_and_levels(monkeypatch):
+    """A path of the first level takes one second here, of a finer one two, for both of its steps."""
+    clock = Clock(by_paths=True)
+    monkeypatch.setattr(time, "process_time", clock)
     model = ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
-    found = ss.mlmc(model, "q**2", **PLACE, horizon=1.0, abs=4e-3, scheme="midpoint")
+    found = ss.mlmc(model, clock.f, **PLACE, horizon=1.0, abs=4e-3, scheme="midpoint")
     assert found.reached and found.half_width <= 4.2e-3
     assert [x.steps for x in found.levels] == [found.levels[0].steps << i for i in range(len(found.levels))]
     assert 1.6 < found.beta.value < 2.5
     assert all(x.consistency < 1.5 for x in found.levels) and not found.notes
     assert "alpha" in str(found) and "consistent" in str(found)
     costs = [x.paths * math.sqrt(x.seconds / x.paths / x.variance) for x in found.levels if x.paths > 1024]
-    assert len(costs) < 2 or max(costs) / min(costs) < 4  # paths in proportion to sqrt(variance / cost)
+    assert len(costs) > 2 and max(costs[:-1]) / min(costs) < 1.1  # paths in proportion to sqrt(variance / cost)
+    assert costs[-1] > 0.9 * costs[0]  # the finest one is begun with as many as its bias takes
 
 
 def test_scheme_with_areas_telescopes_in_law():
