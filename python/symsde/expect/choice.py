@@ -145,9 +145,20 @@ def of_variant(trial: Trial, method: str, error: float) -> Plan | None:
     variant, level = trial.measured.get(method), longest(trial.bias, error)
     if variant is None or level is None or math.isinf(variants.price(trial, method, level)):
         return None
-    unit = variant.seconds * trial.seconds(level) / trial.seconds(variant.level)
-    seconds = variant.once + max(2.0, variant.variance / _allowed(error)) * unit
+    seconds = _seconds_of(trial, variant, level, error, method)
     return Plan(method, trial, level, seconds, variance=variant.variance)
+
+
+def _seconds_of(trial: Trial, variant: variants.Variant, level: float, error: float, method: str) -> float:
+    unit = variant.seconds * trial.seconds(level) / trial.seconds(variant.level)
+    longer = variants.price(trial, method, level) / variants.price(trial, method, variant.level)
+    return variant.once * longer + max(2.0, variant.variance / _allowed(error)) * unit
+
+
+def without_bias(trial: Trial, error: float) -> float:
+    """Seconds of the cheapest of these at the finest step of the ladder, were its bias small."""
+    known = ((method, x) for method, x in trial.measured.items() if x is not None)
+    return min((_seconds_of(trial, x, LEVELS - 1, error, method) for method, x in known), default=math.inf)
 
 
 def even(trial: Trial, error: float) -> Plan | None:

@@ -18,7 +18,7 @@ from ..schemes import Scheme
 from .estimators import Estimator
 from .problem import Problem
 
-MOST_ROWS = 1024  #: increments of a path, up to which responses are computed
+MOST_ROWS = 2048  #: increments of a path, up to which responses are computed
 _FULL = 2  #: degrees of freedom up to which every pair of components is a control
 _BUMP = 1e-4  #: increment, in sqrt(h), by which derivatives are taken
 _BY_INCREMENTS = {"truncation": None, "areas": "path", "area_time": None}  #: options of runs that take these alone

@@ -38,6 +38,8 @@ _PATHS = 256  #: of each level of a trial, to begin with
 _LOOKED_AT = 4096  #: values of f that tell of its tails
 _MOST_LOOKED_AT = 2**17  #: the same where the mean is to be told from 0
 _SHARE = 0.2  #: of the seconds of the best plan so far that all measurements beyond the first scheme may take
+_HOPE = 0.1  #: of the seconds of the best plan, below which a way is worth to know its bias better
+_NEAR = 0.5  #: levels, within which the variance of a method is taken to be the same
 _DOUBLINGS = 12
 _LONG = 600.0  #: seconds of a plan, above which the pilot is made no longer
 _SEEN = 3.0  #: standard errors by which a mean is told from 0
@@ -182,12 +184,17 @@ class Pilot:
         """Seconds that each measurement takes, about, and the measurement; the most promising first."""
         known = [(plan, trial) for trial in self.trials if (plan := choice.plain(trial, self.error)) is not None]
         known.sort(key=lambda x: x[0].seconds)
+        if best is not None:
+            yield from self._again(best)
         for plan, trial in known:
             yield from self._variants(trial, min(plan.level, LEVELS - 1))
         for rank, (plan, trial) in enumerate(known):
-            fine = plan.level > LEVELS - 1
-            if rank == 0 and fine and self._highest() > max(_order(x.scheme) for x in self.trials):
+            if rank == 0 and plan.level > LEVELS - 1 and self._highest() > max(_order(x.scheme) for x in self.trials):
                 yield trial.seconds_spent / 2**trial.doubled, self._try_highest
+            elif rank == 0 and best is not None:
+                yield from self._hopes(best)
+                if best.level <= LEVELS - 1 and self.method in (None, choice.EVEN_LEVELS):
+                    yield from self._evenly(best.trial, reversed(range(math.ceil(best.level) + 1)))
             if self.method in (None, Quasi.name):
                 yield from self._evenly(trial, [math.ceil(min(plan.level, LEVELS - 1))])
             if best is not None and best.trial is trial and _noise_decides(best):
@@ -198,6 +205,20 @@ class Pilot:
         for _, trial in known[:2]:
             if self.method in (None, choice.EVEN_LEVELS):
                 yield from self._evenly(trial, range(LEVELS))
+
+    @staticmethod
+    def _again(best: Plan) -> Iterator[tuple[float, Callable[[], None]]]:
+        """The same method at a step that is much longer than the one whose units were looked at: they vary more."""
+        known = best.trial.measured.get(best.method)
+        if known is not None and best.level < known.level - _NEAR:
+            seconds = variants.price(best.trial, best.method, best.level)
+            yield seconds, partial(best.trial.look_at, MEASURED[best.method], best.level)
+
+    def _hopes(self, best: Plan) -> Iterator[tuple[float, Callable[[], None]]]:
+        """Differences by Sobol's points where noise alone may hide that the bias of a far cheaper way is small."""
+        for trial in self.trials:
+            if choice.without_bias(trial, self.error) < _HOPE * best.seconds:
+                yield from self._evenly(trial, range(1, LEVELS))
 
     def _variants(self, trial: Trial, level: float) -> Iterator[tuple[float, Callable[[], None]]]:
         """Methods whose units were not looked at, for a millisecond each."""

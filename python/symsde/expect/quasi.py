@@ -10,14 +10,16 @@ shift of its own: given the matrices they are unbiased and independent, so that 
 from __future__ import annotations
 
 import importlib.util
+import time
 
 import numpy as np
 
 from .._files import optional
 from ..mlmc.sampler import coupled
 from ..schemes import Scheme
-from .estimators import Estimator
+from .estimators import Drawn, Estimator
 from .problem import Problem
+from .tally import Tally
 
 MOST_DIMENSIONS = 21201  #: of SciPy's Sobol points
 MOST_POINTS = 30  #: log2 of the points of one scrambling, which are multiples of 2^-30
@@ -37,15 +39,35 @@ class Quasi(Estimator):
         """Units of 2^log2_points paths."""
         super().__init__(problem, scheme, steps, first)
         self.log2_points, self._differences = log2_points, differences
-        self.paths_a_unit = 2**log2_points * (2 if differences else 1)
         self._columns = columns(problem, scheme)
+        self._means, self._good = np.zeros(0), np.ones(0, bool)  # of the units drawn in turn from the first one on
         self._bridge = Bridge(steps, problem.horizon)
         self._points = Points(self.dimension, [problem.seed, first])
+
+    @property
+    def paths_a_unit(self) -> int:
+        """Fine and coarse ones."""
+        return (2 if self._differences else 1) << self.log2_points
 
     @property
     def part(self) -> int:
         """Units that are computed at a time."""
         return max(1, self._at_a_time >> self.log2_points)
+
+    def doubled(self) -> Drawn:
+        """All units drawn so far with twice the points: those that they have, and as many more of their sequences."""
+        begin, count = time.process_time(), len(self._means)
+        points = range(1 << self.log2_points, 2 << self.log2_points)
+        means, good = self._means.copy(), self._good.copy()
+        for first in range(0, count, self.part):
+            units = slice(first, min(first + self.part, count))
+            both, ok = self.fine_and_difference(self._begin + first, units.stop - first, points)
+            means[units] = (means[units] + both[int(self._differences)]) / 2
+            good[units] &= ok
+        self._means, self._good = means, good
+        self.log2_points += 1
+        seconds = time.process_time() - begin
+        return Drawn(Tally.of(means[good]), seconds, int((~good).sum()), count * self.paths_a_unit)
 
     @property
     def dimension(self) -> int:
@@ -60,21 +82,29 @@ class Quasi(Estimator):
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
         both, ok = self.fine_and_difference(first, count)
-        return both[int(self._differences)], ok
+        means = both[int(self._differences)]
+        if first - self._begin == len(self._means):
+            self._means, self._good = np.append(self._means, means), np.append(self._good, ok)
+        return means, ok
 
-    def fine_and_difference(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Means of f and of its change from twice the step, (2, unit); the latter 0 where it is not wanted."""
+    def fine_and_difference(
+        self, first: int, count: int, points: range | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Means of f and of its change from twice the step, (2, unit); the latter 0 where it is not wanted.
+
+        Over so many of the points, all of a unit where none are given: powers of two.
+        """
         begin = first - self._begin
         total, ok = np.zeros((2, count)), np.ones(count, bool)
-        points = 1 << self.log2_points
-        for start in range(0, points, self._at_a_time):
-            part = min(points, self._at_a_time)
+        points = range(1 << self.log2_points) if points is None else points
+        part = min(len(points), self._at_a_time)
+        for start in points[::part]:
             normals = self._points.normals(begin, count, start, part)
             dw = self._bridge.increments(normals.reshape(self._columns, self.steps, -1, count * part))
             for i, (values, good) in enumerate(self._values(dw)):
                 total[i] += np.where(good, values, 0.0).reshape(count, part).sum(axis=1)
                 ok &= good.reshape(count, part).all(axis=1)
-        return total / points, ok
+        return total / len(points), ok
 
     def _values(self, dw: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """f, and where it is wanted its change, with the paths that are ok."""

@@ -17,6 +17,7 @@ LEVELS = 4  #: of a pilot, the first without differences
 MOST_HALVINGS = 10  #: of the finest of them
 _NEARLY = 1 - 1e-12  #: rounding of powers of two is no step more
 _TIMED = 1024  #: paths of a call that is timed
+_TIMES = 2  #: that short calls are timed, whose difference tells what a path takes
 UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
 
 
@@ -71,7 +72,9 @@ class Trial:
     def _time(self) -> None:
         """Seconds of a path as a + b steps, those of a call apart."""
         few, many = (self.sampler.steps(level) for level in (0, LEVELS - 1))
-        little, short, long = (self._seconds_of(*x) for x in ((few, _TIMED // 8), (few, _TIMED), (many, _TIMED)))
+        long = self._seconds_of(many, _TIMED)  # the first call, which takes longer than later ones, is the longest
+        pairs = [(self._seconds_of(few, _TIMED // 8), self._seconds_of(few, _TIMED)) for _ in range(_TIMES)]
+        little, short = map(min, zip(*pairs, strict=True))
         path = max((short - little) / (_TIMED - _TIMED // 8), 0.1 * short / _TIMED)
         call = short - path * _TIMED
         last = max((long - call) / _TIMED, path)

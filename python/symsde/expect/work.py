@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
@@ -19,7 +20,7 @@ from .choice import EVEN_LEVELS, Plan
 from .estimators import NOTHING, Drawn, Estimator
 from .keep import InFolder, KeptPilot, KeptPlan, Nowhere
 from .pilot import Pilot
-from .quasi import Quasi
+from .quasi import MOST_POINTS, Quasi
 from .tally import Tally
 from .tolerance import BIAS_SHARE, half_width, quantile
 from .unseen import doubt, unseen
@@ -30,6 +31,7 @@ _LONG = 600.0  #: seconds that are announced
 _LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short
 _LEAST = 256  #: paths of a new level
 _NEARLY = 1.05  #: times the half width that was asked for, that count as reached
+_LOWEST = 7  #: log2 of the points that work begins with half of, to double them where that is too few
 _SPARE = 1.02  #: units beyond those that the variance asks for, so that a second round is seldom needed
 
 
@@ -86,14 +88,17 @@ class Work:
     def _one_step(self) -> Answer:
         drawn = NOTHING
         try:
-            estimator = self.plan.estimator(FIRST, self.pilot.problem)
+            estimator = self._begun(self.plan.estimator(FIRST, self.pilot.problem))
             least = estimator.least_units if self.pilot.problem.model.nnoise else 2
             wanted = least
             while drawn.units.n < wanted and not (self.watch.over and drawn.units.n >= 2):
-                part = self._next_part(estimator, drawn, wanted - drawn.units.n)
-                if part is None:
+                missing = wanted - drawn.units.n
+                if drawn.units.n >= least and self._is_doubled(estimator, drawn, missing):
+                    drawn = _with_twice_the_points(estimator, drawn)
+                elif (part := self._next_part(estimator, drawn, missing)) is not None:
+                    drawn += part
+                else:
                     break
-                drawn += part
                 if drawn.failed >= max(least, drawn.units.n):
                     raise NumericalError(_failures(drawn)[0])
                 if drawn.units.n >= least:
@@ -105,9 +110,11 @@ class Work:
         return self._answer(drawn)
 
     def _even_levels(self) -> Answer:
-        """Scramblings of every level, and then more of the one whose variance over its seconds is largest."""
-        plan, least = self.plan, Quasi.least_units
-        levels = [plan.even_level(i, FIRST + i, self.pilot.problem) for i in range(len(plan.options["log2_points"]))]
+        """Scramblings of every level; then more points or units of the one whose variance over its seconds is largest.
+        """
+        plan, least, problem = self.plan, Quasi.least_units, self.pilot.problem
+        count = len(plan.options["log2_points"])
+        levels = [self._begun(plan.even_level(i, FIRST + i, problem)) for i in range(count)]
         drawn = [NOTHING] * len(levels)
         try:
             for i, level in enumerate(levels):
@@ -118,28 +125,46 @@ class Work:
                     drawn[i] += part
                     if drawn[i].failed >= least:
                         raise NumericalError(_failures(drawn[i])[0])
-            while not self.watch.over and self._too_wide(drawn):
-                i = max(
-                    range(len(drawn)), key=lambda j: drawn[j].units.variance / (drawn[j].units.n * drawn[j].seconds)
-                )
-                part = self._next_part(levels[i], drawn[i], least // 2, f"even-{i:02d}")
-                if part is None:
+            while not self.watch.over and (excess := self._excess(drawn)) > 0:
+                i = max(range(len(drawn)), key=lambda j: _noise(drawn[j]) / drawn[j].seconds)
+                missing = drawn[i].units.n * excess / max(_noise(drawn[i]) - excess, 1e-3 * excess)
+                if self._is_doubled(levels[i], drawn[i], missing):
+                    drawn[i] = _with_twice_the_points(levels[i], drawn[i])
+                elif (part := self._next_part(levels[i], drawn[i], least // 2, f"even-{i:02d}")) is not None:
+                    drawn[i] += part
+                else:
                     break
-                drawn[i] += part
                 self.watch.tell(_units_of(drawn) / (_units_of(drawn) + 1))
         except KeyboardInterrupt as stop:
             stop.partial = self._of_even_levels(drawn) if all(x.units.n > 1 for x in drawn) else None
             raise
         return self._of_even_levels(drawn)
 
-    def _too_wide(self, drawn: list[Drawn]) -> bool:
-        """The noise has more than its share of the error."""
+    def _begun(self, estimator: Estimator) -> Estimator:
+        """With half of the points that are planned, where more can be added to the same sequences."""
+        if isinstance(estimator, Quasi) and isinstance(self.store, Nowhere) and estimator.log2_points >= _LOWEST:
+            estimator.log2_points -= 1
+        return estimator
+
+    def _is_doubled(self, estimator: Estimator, drawn: Drawn, missing: float) -> bool:
+        """Twice the points of all units instead of so many more units; a folder keeps what units have, as it is."""
+        return (
+            isinstance(estimator, Quasi)
+            and isinstance(self.store, Nowhere)
+            and missing >= drawn.units.n
+            and estimator.log2_points < MOST_POINTS
+            and drawn.units.m2 > 0
+            and drawn.seconds < self.watch.max_time - self.watch.elapsed
+        )
+
+    def _excess(self, drawn: list[Drawn]) -> float:
+        """Variance of the value, over the share of the error that is left to noise."""
         error = self.tolerance.half_width(sum(x.units.mean for x in drawn)) / quantile(_units_of(drawn))
-        return sum(x.units.variance / x.units.n for x in drawn) > (1 - BIAS_SHARE) * error**2
+        return sum(map(_noise, drawn)) - (1 - BIAS_SHARE) * error**2
 
     def _of_even_levels(self, drawn: list[Drawn]) -> Answer:
         value, bias = sum(x.units.mean for x in drawn), math.hypot(*self.plan.bias)
-        error = math.sqrt(sum(x.units.variance / x.units.n for x in drawn))
+        error = math.sqrt(sum(map(_noise, drawn)))
         notes = [note for x in drawn for note in _failures(x)]
         paths = sum(x.paths for x in drawn)
         half = half_width(error, bias, _units_of(drawn))
@@ -242,9 +267,19 @@ class Work:
         )
 
 
+def _with_twice_the_points(estimator: Quasi, drawn: Drawn) -> Drawn:
+    new = estimator.doubled()
+    return dataclasses.replace(new, seconds=new.seconds + drawn.seconds)
+
+
+def _noise(drawn: Drawn) -> float:
+    """Variance of the mean."""
+    return drawn.units.variance / drawn.units.n
+
+
 def _units_of(drawn: list[Drawn]) -> int:
     """As many units of one sample would know the variance of the sum as well (Satterthwaite 1946)."""
-    shares = [x.units.variance / x.units.n for x in drawn]
+    shares = list(map(_noise, drawn))
     doubt = sum(share**2 / (x.units.n - 1) for share, x in zip(shares, drawn, strict=True))
     return 1 + int(sum(shares) ** 2 / doubt) if doubt > 0 else max(x.units.n for x in drawn)
 
