@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Coverage and cost of the intervals of `symsde.expect` on scenes whose mean is known.
 
-    .venv/bin/python bench/expect_coverage.py [--repeats 1000] [--pilots 250] [--scenes WORD] [--narrower N] [--out FILE.json]
+    .venv/bin/python bench/expect_coverage.py [--repeats 1000] [--pilots 250] [--narrower N] [--scenes WORD]
     .venv/bin/python bench/expect_coverage.py --cost 8 [--repeats 5] [--scenes WORD] [--out FILE.json]
 
 All means but one are known exactly; the reference of the last scene is a run of 2^24 paths by another scheme, whose own
@@ -233,7 +233,7 @@ def main() -> None:
     parser.add_argument("--scenes", default="")
     parser.add_argument("--log2-paths", type=int, default=24)
     parser.add_argument("--cost", metavar="N", type=float, help="cost of intervals N times as narrow, not coverage")
-    parser.add_argument("--narrower", metavar="N", type=float, default=1.0, help="coverage of intervals so much narrower")
+    parser.add_argument("--narrower", metavar="N", type=float, default=1.0, help="coverage, of such intervals")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     warnings.simplefilter("error", ss.PathsFailedWarning)
@@ -241,11 +241,11 @@ def main() -> None:
     for case in cases(0 if options.cost else options.log2_paths):
         if options.scenes not in case.name:
             continue
-        case = dataclasses.replace(case, abs=case.abs / options.narrower)
         if options.cost:
             row = cost(case, options.cost, options.repeats or 5)
         else:
-            row = repeat(case, options.repeats or 1000, options.pilots)
+            narrow = dataclasses.replace(case, abs=case.abs / options.narrower)
+            row = repeat(narrow, options.repeats or 1000, options.pilots)
         rows.append(row)
         print(told(row), flush=True)
         if options.out:

@@ -110,8 +110,7 @@ class Work:
         return self._answer(drawn)
 
     def _even_levels(self) -> Answer:
-        """Scramblings of every level; then more points or units of the one whose variance over its seconds is largest.
-        """
+        """Scramblings of every level; then more points or units where the variance over the seconds is largest."""
         plan, least, problem = self.plan, Quasi.least_units, self.pilot.problem
         count = len(plan.options["log2_points"])
         levels = [self._begun(plan.even_level(i, FIRST + i, problem)) for i in range(count)]

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is planned again once more is known: twice the points of a sequence, and measurements that a plan hangs on."""
+
+import dataclasses
+
+import pytest
+import symsde as ss
+from symsde.expect import choice, variants
+from symsde.expect.candidates import suitable
+from symsde.expect.control import Control
+from symsde.expect.pilot import Pilot
+from symsde.expect.problem import make_problem
+from symsde.expect.quasi import Quasi
+from symsde.expect.tolerance import make_tolerance
+from symsde.expect.watch import Watch
+from symsde.expect.work import Work
+from symsde.schemes import as_scheme
+
+START = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
+
+
+@pytest.fixture
+def pilot():
+    """Of E p^2 of an oscillator with noises on q and p, before anything is chosen."""
+    problem = make_problem(ss.models.additive_oscillator(sigma=0.5, gamma=1.0), "p**2", **START)
+    return Pilot(problem, make_tolerance(5e-4, None), Watch(None, False), suitable(problem), None)
+
+
+def plan_of(trial, method, **more):
+    return choice.Plan(method, trial, more.pop("level", 1), more.pop("seconds", 1.0), **more)
+
+
+@pytest.mark.parametrize("differences", [False, True])
+@pytest.mark.parametrize("at_a_time", [2**6, 2**20])
+def test_doubled_points_are_those_of_the_longer_sequence(monkeypatch, differences, at_a_time):
+    """2^6 points and as many more are 2^7 points, also of units that follow: means to rounding, however many of them
+    fit in memory."""
+    pytest.importorskip("scipy")
+    monkeypatch.setattr(Quasi, "_at_a_time", at_a_time)
+    problem = make_problem(ss.models.synchrotron(sigma1=0.8, sigma2=0.5), "q**2", **START)
+    short, long = (
+        Quasi(problem, as_scheme("midpoint"), 4, 7, log2_points=points, differences=differences) for points in (6, 7)
+    )
+    short.draw(16)
+    one, other = short.doubled(), long.draw(16)
+    for _ in range(2):
+        assert one.units.mean == pytest.approx(other.units.mean, rel=1e-12)
+        assert one.units.variance == pytest.approx(other.units.variance, rel=1e-9)
+        assert (one.units.n, one.failed, one.paths) == (other.units.n, other.failed, other.paths)
+        one, other = one + short.draw(4), other + long.draw(4)
+
+
+@pytest.mark.parametrize(("method", "points"), [(Quasi.name, 7), (choice.EVEN_LEVELS, [7, 5])])
+def test_points_are_doubled_where_units_are_too_few(pilot, method, points):
+    """A plan that reckons with too few points: 15 000 and 25 000 paths give the error, as the points are doubled; more
+    units of 2^6 of them took more than 65 000."""
+    pytest.importorskip("scipy")
+    pilot.tolerance = make_tolerance(4e-3, None)
+    plan = plan_of(pilot.trials[0], method, level=3, coarsest=2, options={"log2_points": points})
+    answer = Work(pilot, [plan]).answer()
+    assert answer.error < 0.0019 and answer.paths <= 2**16
+    assert plan.options == {"log2_points": points}
+
+
+def test_work_begins_with_half_of_the_points(pilot):
+    """16 units of 2^9 points where 2^10 were planned, and are more than it takes."""
+    pytest.importorskip("scipy")
+    pilot.tolerance = make_tolerance(1.0, None)
+    plan = plan_of(pilot.trials[0], Quasi.name, level=3, options={"log2_points": 10})
+    assert Work(pilot, [plan]).answer().paths == 16 * 2**9
+
+
+def test_what_is_done_once_is_scaled_to_the_step(pilot):
+    """Responses take as many paths as there are increments: at three levels more they take the longer, by their price;
+    without the bias the finest level of the ladder counts."""
+    trial = pilot.trials[0]
+    trial.measured = {Control.name: variants.Variant(1, 0.0, 1e-6, 1e-3)}
+    prices = [variants.price(trial, Control.name, level) for level in (1, 3)]
+    unit = 2e-6 * trial.seconds(3) / trial.seconds(1)
+    assert choice.without_bias(trial, 1e-3) == pytest.approx(1e-3 * prices[1] / prices[0] + unit)
+    trial.measured = {Control.name: None}
+    assert choice.without_bias(trial, 1e-3) == float("inf")
+
+
+def test_a_far_cheaper_way_is_worth_to_know_its_bias(pilot):
+    """The control variate leaves E p^2 no variance: its levels are looked at by Sobol's points beside a plan of a
+    second, not beside one of a microsecond."""
+    pytest.importorskip("scipy")
+    trial = pilot.trials[0]
+    trial.look_at(Control, 3)
+    tasks = [task for _, task in pilot._hopes(plan_of(trial, "plain"))]
+    assert [task.args for task in tasks] == [(1,), (2,), (3,)]
+    tasks[0]()
+    assert [task.args for _, task in pilot._hopes(plan_of(trial, "plain"))] == [(2,), (3,)]
+    assert not list(pilot._hopes(plan_of(trial, "plain", seconds=1e-6)))
+
+
+def test_a_method_is_looked_at_again_at_a_much_longer_step(pilot):
+    """Measured at level 3: the plan at level 1 has it measured there, and that is enough."""
+    trial = pilot.trials[0]
+    trial.look_at(Control, 3)
+    ((_, task),) = pilot._again(plan_of(trial, Control.name, level=1))
+    task()
+    assert trial.measured[Control.name].level == 1
+    assert not list(pilot._again(plan_of(trial, Control.name, level=1)))
+    assert not list(pilot._again(dataclasses.replace(plan_of(trial, Control.name), level=0.6)))
+    assert not list(pilot._again(plan_of(trial, Control.name, level=3)))
