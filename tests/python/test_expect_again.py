@@ -105,3 +105,10 @@ def test_a_method_is_looked_at_again_at_a_much_longer_step(pilot):
     assert not list(pilot._again(plan_of(trial, Control.name, level=1)))
     assert not list(pilot._again(dataclasses.replace(plan_of(trial, Control.name), level=0.6)))
     assert not list(pilot._again(plan_of(trial, Control.name, level=3)))
+
+
+def test_a_plan_for_ever_is_not_the_last_word(pilot, monkeypatch):
+    """Where noise hides every step of single paths, and extrapolation alone has a plan, the next scheme is tried."""
+    monkeypatch.setattr(choice, "plain", lambda *_: None)
+    plan = plan_of(pilot.trials[0], "extrapolated", seconds=1e4)
+    assert [task for _, task in pilot._tasks(plan)] == [pilot._try_next]

@@ -202,6 +202,8 @@ class Pilot:
                 yield sum(draw.seconds for draw in trial.draws[1:]), trial.double
             if rank == 0 and self._untried:
                 yield trial.seconds_spent / 2**trial.doubled, self._try_next
+        if best is not None and not known:  # no scheme is known well enough by itself: what there is may take for ever
+            yield from self._last_tasks()
         for _, trial in known[:2]:
             if self.method in (None, choice.EVEN_LEVELS):
                 yield from self._evenly(trial, range(LEVELS))
