@@ -6,7 +6,7 @@ module symsde_base_sincos
    use symsde_base_kinds, only: wp, i4, i8
    implicit none
    private
-   public :: sincos_lanes, sincos_one, sincos_bound, sincos_tile
+   public :: sincos_lanes, sincos_where_weighted, sincos_one, sincos_bound, sincos_tile
 
    !> Arguments up to this size take the fast path: then x 2/pi rounds to less than 2**16, which
    !> makes the products with the 37-bit parts of pi/2 exact.
@@ -54,6 +54,27 @@ contains
       end do
       if (beyond < 0) call sincos_far(n, x, s, c)
    end subroutine sincos_lanes
+
+   !> The same for products with these weights: zeros where all of them vanish, as they do where a Hamiltonian without
+   !> sine and cosine is asked for by itself.
+   pure subroutine sincos_where_weighted(n, weight, x, s, c)
+      integer(i4), intent(in) :: n
+      real(wp), intent(in) :: weight(n), x(n)
+      real(wp), intent(out) :: s(n), c(n)
+      integer(i8) :: bits
+      integer(i4) :: i
+
+      bits = 0
+      do i = 1, n
+         bits = ior(bits, iand(transfer(weight(i), 0_i8), huge(bits)))  ! without their signs
+      end do
+      if (bits /= 0) then
+         call sincos_lanes(n, x, s, c)
+      else
+         s = 0
+         c = 0
+      end if
+   end subroutine sincos_where_weighted
 
    !> The sine, and the cosine, of one argument, with the bits of a lane: a path by itself waits for the sine, which
    !> comes and goes in registers here.

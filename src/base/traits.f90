@@ -31,6 +31,7 @@ module symsde_base_traits
       logical :: has_hessian = .false.     !! Hessians are analytic, not differences of gradients
       logical :: has_hessian_vector = .false.  !! Hessian-vector products are analytic
       logical :: has_third_derivative = .false.  !! third derivatives are analytic: third_derivative of the model
+      logical :: has_position_derivatives = .false.  !! those of every H_j in q by one call: position_derivatives
       logical :: has_chain_rows = .false.  !! force and stiffness come by rows: chain_rows of the model
       logical :: has_lone_rows = .false.   !! .. and with the same bits for one lane, by force_stiffness with b = 1
       logical :: has_sweeps = .false.      !! sweeps over two implicit stages of one path come at once: sweeps

@@ -7,7 +7,7 @@ module symsde_model_pendulum
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: steps_record
-   use symsde_base_sincos, only: sincos_lanes, sincos_tile
+   use symsde_base_sincos, only: sincos_lanes, sincos_tile, sincos_where_weighted
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
@@ -27,6 +27,7 @@ module symsde_model_pendulum
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
+      procedure :: third_derivative
       procedure :: has_flow
       procedure :: flow
    end type pendulum_model
@@ -48,6 +49,7 @@ contains
                     ndof=1, nnoise=1, separable=.true., additive=is_zero(sigma), &
                     position_noise=is_zero(sigma), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
+                    has_third_derivative=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(sigma))
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_pendulum
@@ -79,7 +81,7 @@ contains
          do first = 1, nlane, sincos_tile
             n = min(sincos_tile, nlane - first + 1)
             last = first + n - 1
-            call sincos_lanes(n, q(first, 1), sine, cosine)
+            call sincos_where_weighted(n, w(first, 0), q(first, 1), sine, cosine)
             if (present(hq)) hq(first:last, 1) = w(first:last, 0)*sine(:n) + sigma*w(first:last, 1)*q(first:last, 1)
             if (present(hqq)) hqq(first:last, 1, 1) = w(first:last, 0)*cosine(:n) + sigma*w(first:last, 1)
          end do
@@ -87,6 +89,25 @@ contains
       if (present(hp)) hp(:, 1) = (w(:, 0) + sigma*w(:, 1))*p(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + sigma*w(:, 1)
    end subroutine evaluate
+
+   !> The gradient of a^T S'' b, S = sum_j w_j H_j: -w_0 sin q a_q b_q in q alone.
+   subroutine third_derivative(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
+      class(pendulum_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp) :: sine(sincos_tile), cosine(sincos_tile)
+      integer :: first, last, n
+
+      do first = 1, nlane, sincos_tile
+         n = min(sincos_tile, nlane - first + 1)
+         last = first + n - 1
+         call sincos_where_weighted(n, w(first, 0), q(first, 1), sine, cosine)
+         uq(first:last, 1) = -w(first:last, 0)*sine(:n)*(aq(first:last, 1)*bq(first:last, 1))
+      end do
+      up = 0
+   end subroutine third_derivative
 
    !> Whether flow takes steps of this scheme.
    pure logical function has_flow(self, scheme)

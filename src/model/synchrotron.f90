@@ -12,6 +12,7 @@ module symsde_model_synchrotron
    use symsde_base_traits, only: model_traits
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
+   use symsde_model_sine_derivatives, only: sine_derivatives
    use symsde_model_sine_flow, only: sine_terms, sine_flow
    implicit none
    private
@@ -29,6 +30,7 @@ module symsde_model_synchrotron
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
+      procedure :: position_derivatives
       procedure :: has_flow
       procedure :: flow
    end type synchrotron_model
@@ -58,6 +60,7 @@ contains
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., &
                     additive=is_zero(sigma1) .and. is_zero(sigma2), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
+                    has_position_derivatives=.true., &
                     max_frequency=abs(omega), noise_lipschitz=abs(sigma1) + abs(sigma2))
       allocate (self%traits%silent(2))
       allocate (self%traits%rotation(1), source=abs(omega))
@@ -97,6 +100,20 @@ contains
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate
+
+   !> The first three derivatives in q of all H_j, see model_type.
+   subroutine position_derivatives(self, nlane, nnoise, ntime, times, q, u)
+      class(synchrotron_model), intent(in) :: self
+      integer, intent(in) :: nlane, nnoise, ntime
+      real(wp), intent(in) :: times(ntime), q(nlane)
+      real(wp), intent(out) :: u(nlane, 3, 0:nnoise, ntime)
+      integer :: i
+
+      do i = 1, ntime
+         call sine_derivatives(nlane, 3, [self%omega2, 0.0_wp, self%sigma2], [0.0_wp, self%sigma1, 0.0_wp], &
+                               [0.0_wp, 0.0_wp, 0.0_wp], q, u(:, :, :, i))
+      end do
+   end subroutine position_derivatives
 
    !> Gradient in q by itself.
    subroutine force_alone(self, nlane, w, q, hq)

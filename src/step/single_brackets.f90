@@ -17,6 +17,7 @@ module symsde_step_single_brackets
    use symsde_model_abstract, only: model_type
    use symsde_step_exact_bracket, only: add_second_derivatives, has_exact_bracket
    use symsde_step_modified_hamiltonian, only: modified_hamiltonian, reach
+   use symsde_step_position_brackets, only: position_brackets, new_position_brackets
    implicit none
    private
    public :: single_brackets, new_single_brackets
@@ -33,6 +34,7 @@ module symsde_step_single_brackets
       real(wp), allocatable :: unit(:, :, :)
       real(wp), allocatable :: c(:, :)              !! h dW_k/2 - dZ_k; c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable :: rate(:, :)           !! c/h (nlane, 0:nnoise)
+      type(position_brackets) :: position           !! noise in position
       type(derivatives), allocatable :: of(:)       !! H_j (0:nnoise)
       type(derivatives) :: f                        !! of a sum
       real(wp), allocatable, dimension(:) :: uq, up, vq, vp, yq, yp, xq, xp  !! (nlane)
@@ -52,6 +54,7 @@ contains
 
       self%nlane = parts%nlane
       self%nnoise = parts%nnoise
+      if (parts%simple) call new_position_brackets(self%position, parts)
       associate (n => parts%nlane, m => parts%nnoise)
          allocate (self%unit(n, 0:m, -1:m), self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
          allocate (self%of(0:m))
@@ -98,11 +101,11 @@ contains
       real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
-      integer :: asked
+      integer :: asked, gradients
 
       if (parts%simple) then
-         call add_up_simple(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
-         if (parts%time_dependent) call add_motion(self, parts%model, step, q, p, hq, counters, nreal)
+         call self%position%evaluate(parts, t, step, self%c, self%rate, q, p, hq, hp, hqq, hqp, hpp, gradients, asked)
+         counters%gradients = counters%gradients + nreal*(gradients - asked)
       else
          call add_up(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
          if (parts%active%crossed) call cross(self, parts)
@@ -116,64 +119,6 @@ contains
       counters%gradients = counters%gradients + nreal*asked
       counters%hessians = counters%hessians + nreal*asked
    end subroutine evaluate
-
-   !> Position noise and H = p^2/2 + U(q): sum_k c_k H_k' p + (h|h|/12) sum_k H_k'^2 is added.
-   subroutine add_up_simple(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
-      class(single_brackets), intent(inout) :: self
-      type(modified_hamiltonian), intent(in) :: parts
-      real(wp), intent(in) :: t
-      type(step_record), intent(in) :: step
-      real(wp), intent(in), dimension(self%nlane) :: q, p
-      real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
-      integer, intent(out) :: asked
-      real(wp) :: nested
-      integer :: k
-
-      nested = merge(step%h*abs(step%h)/6, 0.0_wp, parts%active%nested)
-      associate (model => parts%model, n => self%nlane, m => self%nnoise, d => self%of(1))
-         call model%gradient_hessian(n, 1, m, t, step%w, q, p, hq, hp, hqq=hqq, hpp=hpp)
-         hqp = 0
-         asked = 1
-         do k = 1, m
-            if (.not. parts%noisy(k)) cycle
-            asked = asked + 1
-            call model%gradient_hessian(n, 1, m, t, self%unit(:, :, k), q, p, hq=d%q, hqq=d%qq)
-            call add_simple_noise(n, nested, self%c(:, k), p, d%q, d%qq, hq, hp, hqq, hqp)
-         end do
-      end associate
-   end subroutine add_up_simple
-
-   !> Noise in position that changes in time: sum_k (c_k/h) [H_k(t_1) - H_k(t_0)].
-   subroutine add_motion(self, model, step, q, p, hq, counters, nreal)
-      class(single_brackets), intent(inout) :: self
-      class(model_type), intent(in) :: model
-      type(step_record), intent(in) :: step
-      real(wp), intent(in), dimension(self%nlane) :: q, p
-      real(wp), intent(inout) :: hq(self%nlane)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
-
-      call model%gradient(self%nlane, 1, self%nnoise, step%t + step%h, self%rate, q, p, hq=self%uq)
-      call model%gradient(self%nlane, 1, self%nnoise, step%t, self%rate, q, p, hq=self%vq)
-      hq = hq + (self%uq - self%vq)
-      counters%gradients = counters%gradients + 2*nreal
-   end subroutine add_motion
-
-   !> VEC
-   pure subroutine add_simple_noise(nlane, nested, c, p, hkq, hkqq, hq, hp, hqq, hqp)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: nested  !! factor of the nested bracket
-      real(wp), intent(in), dimension(nlane) :: c, p, hkq, hkqq
-      real(wp), intent(inout), dimension(nlane) :: hq, hp, hqq, hqp
-      integer :: lane
-
-      do lane = 1, nlane
-         hp(lane) = hp(lane) + c(lane)*hkq(lane)
-         hq(lane) = hq(lane) + (c(lane)*p(lane) + nested*hkq(lane))*hkqq(lane)
-         hqq(lane) = hqq(lane) + nested*hkqq(lane)*hkqq(lane)
-         hqp(lane) = hqp(lane) + c(lane)*hkqq(lane)
-      end do
-   end subroutine add_simple_noise
 
    !> Any model: sum_j w_j H_j, {sum_k c_k H_k, H} and sum_l {H_l, sum_{k<l} A_kl H_k}.
    subroutine add_up(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
