@@ -13,7 +13,7 @@ module symsde_step_exact_bracket
    use symsde_model_abstract, only: model_type
    implicit none
    private
-   public :: exact_bracket, new_exact_bracket, has_exact_bracket, add_second_derivatives
+   public :: exact_bracket, new_exact_bracket, has_exact_bracket, add_second_derivatives, add_third_derivatives
 
    type :: exact_bracket
       private
@@ -171,5 +171,28 @@ contains
          hpp(lane) = hpp(lane) + c*((ypp(lane)*aqp - yqp(lane)*app) - xpp(lane)*det)
       end do
    end subroutine add_second_derivatives
+
+   !> VEC What third derivatives add where both are separable: c (H'''[v,v] - H_k'''[u,v]) to the gradient, and to the
+   !> Hessian all but fourth derivatives.
+   pure subroutine add_third_derivatives(nlane, c, xqqq, xppp, yqqq, yppp, xqq, xpp, yqq, ypp, uq, up, vq, vp, &
+                                         hq, hp, hqq, hqp, hpp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: c
+      real(wp), intent(in), dimension(nlane) :: xqqq, xppp, yqqq, yppp, xqq, xpp, yqq, ypp, uq, up, vq, vp
+      real(wp), intent(inout), dimension(nlane) :: hq, hp, hqq, hqp, hpp
+      integer :: lane
+
+      do lane = 1, nlane
+         hq(lane) = hq(lane) + c*vq(lane)*(xqqq(lane)*vq(lane) - yqqq(lane)*uq(lane))
+         hp(lane) = hp(lane) + c*vp(lane)*(xppp(lane)*vp(lane) - yppp(lane)*up(lane))
+         hqq(lane) = hqq(lane) + c*(ypp(lane)*(xqqq(lane)*vp(lane) + yqqq(lane)*up(lane)) &
+                                    - 2*xpp(lane)*yqqq(lane)*vp(lane))
+         hqp(lane) = hqp(lane) + c*(2*(xqqq(lane)*ypp(lane)*vq(lane) - xppp(lane)*yqq(lane)*vp(lane)) &
+                                    - yqqq(lane)*(xpp(lane)*vq(lane) + ypp(lane)*uq(lane)) &
+                                    + yppp(lane)*(xqq(lane)*vp(lane) + yqq(lane)*up(lane)))
+         hpp(lane) = hpp(lane) + c*(2*xqq(lane)*yppp(lane)*vq(lane) &
+                                    - yqq(lane)*(xppp(lane)*vq(lane) + yppp(lane)*uq(lane)))
+      end do
+   end subroutine add_third_derivatives
 
 end module symsde_step_exact_bracket

@@ -15,7 +15,7 @@ module symsde_step_single_brackets
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
-   use symsde_step_exact_bracket, only: add_second_derivatives, has_exact_bracket
+   use symsde_step_exact_bracket, only: add_second_derivatives, add_third_derivatives, has_exact_bracket
    use symsde_step_modified_hamiltonian, only: modified_hamiltonian, reach
    use symsde_step_position_brackets, only: position_brackets, new_position_brackets
    implicit none
@@ -25,11 +25,13 @@ module symsde_step_single_brackets
    !> Gradient and Hessian of a Hamiltonian in every lane.
    type :: derivatives
       real(wp), allocatable, dimension(:) :: q, p, qq, qp, pp
+      real(wp), allocatable, dimension(:) :: qqq, ppp  !! of separable Hamiltonians, where they are known
    end type derivatives
 
    type :: single_brackets
       private
       integer :: nlane = 0, nnoise = 0
+      logical :: thirds = .false.                   !! all third derivatives that there are: qqq and ppp
       !> Weights of H_j alone, and at -1 of F/h, of which the nested brackets are (nlane, 0:nnoise, -1:nnoise).
       real(wp), allocatable :: unit(:, :, :)
       real(wp), allocatable :: c(:, :)              !! h dW_k/2 - dZ_k; c_0 = 0 (nlane, 0:nnoise)
@@ -38,6 +40,7 @@ module symsde_step_single_brackets
       type(derivatives), allocatable :: of(:)       !! H_j (0:nnoise)
       type(derivatives) :: f                        !! of a sum
       real(wp), allocatable, dimension(:) :: uq, up, vq, vp, yq, yp, xq, xp  !! (nlane)
+      real(wp), allocatable :: one(:)
       real(wp), allocatable, dimension(:, :) :: gq, gp  !! gradients at six points (nlane, 6)
    contains
       procedure :: begin
@@ -55,7 +58,10 @@ contains
       self%nlane = parts%nlane
       self%nnoise = parts%nnoise
       if (parts%simple) call new_position_brackets(self%position, parts)
-      associate (n => parts%nlane, m => parts%nnoise)
+      associate (n => parts%nlane, m => parts%nnoise, traits => parts%model%traits)
+         self%thirds = traits%separable .and. traits%has_third_derivative .and. .not. traits%quadratic .and. &
+                       .not. parts%active%crossed
+         allocate (self%one(n), source=1.0_wp)
          allocate (self%unit(n, 0:m, -1:m), self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
          allocate (self%of(0:m))
          self%unit(:, 0, -1) = 1
@@ -73,7 +79,7 @@ contains
       integer, intent(in) :: n
       type(derivatives), intent(out) :: d
 
-      allocate (d%q(n), d%p(n), d%qq(n), d%qp(n), d%pp(n), source=0.0_wp)
+      allocate (d%q(n), d%p(n), d%qq(n), d%qp(n), d%pp(n), d%qqq(n), d%ppp(n), source=0.0_wp)
    end subroutine new_derivatives
 
    !> Begin a step: what stays the same in it.
@@ -145,13 +151,17 @@ contains
             associate (d => self%of(j))
                call parts%model%gradient_hessian(n, 1, m, t, self%unit(:, :, j), q, p, d%q, d%p, d%qq, d%qp, d%pp)
                call add_multiple(n, step%w(:, j), d%q, d%p, d%qq, d%qp, d%pp, hq, hp, hqq, hqp, hpp)
+               if (self%thirds) call parts%model%third_derivative(n, 1, m, t, self%unit(:, :, j), q, p, self%one, &
+                                                                  self%one, self%one, self%one, d%qqq, d%ppp)
             end associate
             asked = asked + 1
          end do
          if (parts%active%single) then
             call clear(f)
             do k = 1, m
-               if (noisy(k)) call add_derivatives(n, self%c(:, k), self%of(k), f)
+               if (.not. noisy(k)) cycle
+               call add_derivatives(n, self%c(:, k), self%of(k), f)
+               if (self%thirds) call add_thirds(n, self%c(:, k), self%of(k), self%of(0), hqq, hpp)
             end do
             call add_bracket(n, f, self%of(0), hq, hp, hqq, hqp, hpp)
          end if
@@ -185,6 +195,17 @@ contains
 
       call add_multiple(n, w, d%q, d%p, d%qq, d%qp, d%pp, total%q, total%p, total%qq, total%qp, total%pp)
    end subroutine add_derivatives
+
+   !> To the Hessian of w {F,G} what third derivatives add.
+   pure subroutine add_thirds(n, w, f, g, hqq, hpp)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: w(n)
+      type(derivatives), intent(in) :: f, g
+      real(wp), intent(inout), dimension(n) :: hqq, hpp
+
+      hqq = hqq + w*(f%qqq*g%p - f%p*g%qqq)
+      hpp = hpp + w*(f%q*g%ppp - f%ppp*g%q)
+   end subroutine add_thirds
 
    pure subroutine add_bracket(n, f, g, hq, hp, hqq, hqp, hpp)
       integer, intent(in) :: n
@@ -261,19 +282,22 @@ contains
       integer :: k, asked
 
       c = h*abs(h)/12
-      asked = 0
+      asked = merge(1 + count(parts%noisy), 0, self%thirds)
       associate (n => self%nlane, e => self%of(0), traits => parts%model%traits)
          call field(n, e%q, e%p, self%uq, self%up)
          do k = 1, self%nnoise
             if (.not. parts%noisy(k)) cycle
             associate (d => self%of(k))
                call field(n, d%q, d%p, self%vq, self%vp)
-               if (.not. traits%quadratic) then
+               if (self%thirds) then
+                  call add_third_derivatives(n, c, e%qqq, e%ppp, d%qqq, d%ppp, e%qq, e%pp, d%qq, d%pp, self%uq, &
+                                             self%up, self%vq, self%vp, hq, hp, hqq, hqp, hpp)
+               else if (.not. traits%quadratic) then
                   call add_third(self, parts%model, -1, c, t, q, p, self%vq, self%vp, hq, hp)
                   asked = asked + 1
                end if
                if (traits%additive) cycle
-               if (.not. traits%quadratic) then
+               if (.not. (traits%quadratic .or. self%thirds)) then
                   call add_third(self, parts%model, k, -c, t, q, p, self%uq, self%up, hq, hp)
                   asked = asked + 1
                end if
