@@ -107,12 +107,15 @@ contains
       integer, intent(in) :: nlane, nnoise, ntime
       real(wp), intent(in) :: times(ntime), q(nlane)
       real(wp), intent(out) :: u(nlane, 3, 0:nnoise, ntime)
-      integer :: i
+      real(wp), dimension(0:2, ntime) :: a, b, c
 
-      do i = 1, ntime
-         call sine_derivatives(nlane, 3, [self%omega2, 0.0_wp, self%sigma2], [0.0_wp, self%sigma1, 0.0_wp], &
-                               [0.0_wp, 0.0_wp, 0.0_wp], q, u(:, :, :, i))
-      end do
+      a = 0
+      b = 0
+      c = 0
+      a(0, :) = self%omega2
+      a(2, :) = self%sigma2
+      b(1, :) = self%sigma1
+      call sine_derivatives(nlane, 3*ntime, a, b, c, q, u)
    end subroutine position_derivatives
 
    !> Gradient in q by itself.

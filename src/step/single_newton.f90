@@ -53,9 +53,11 @@ contains
       type(one_step_hamiltonian), intent(in) :: ham
       type(scheme_type), intent(in) :: scheme
       type(newton_options), intent(in) :: options
-      logical :: bare
+      logical :: bare, whole
 
       bare = .not. allocated(ham%modified)
+      whole = bare  ! Newton's matrix
+      if (.not. bare) whole = ham%modified%simple .and. ham%model%traits%has_position_derivatives
       self%nlane = ham%nlane
       self%s = scheme%nstage
       self%a = scheme%a
@@ -63,7 +65,7 @@ contains
       self%c = scheme%c
       associate (nlane => ham%nlane, s => scheme%nstage, traits => ham%model%traits)
          call new_newton(self%newton, nlane, 2*s, options, traits%one_solve(.false.) .and. bare, -1, -1, &
-                         judge_only=.true., exact=traits%has_hessian .and. bare)
+                         judge_only=.true., exact=traits%has_hessian .and. whole)
          ! where one solve must do, the elimination of the F would lose digits at h omega = 1000
          self%separable = traits%separable .and. bare .and. .not. self%newton%affine
          allocate (self%x(nlane, 2*s), self%d(nlane, 2*s), self%qs(nlane), self%ps(nlane))
