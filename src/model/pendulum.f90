@@ -11,7 +11,9 @@ module symsde_model_pendulum
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: corrected
    use symsde_model_parameters, only: require_finite, is_zero
+   use symsde_model_pendulum_flow, only: pendulum_euler_flow
    use symsde_model_separable, only: separable_model
    use symsde_model_sine_flow, only: sine_terms, sine_flow
    implicit none
@@ -20,6 +22,8 @@ module symsde_model_pendulum
 
    character(*), parameter :: pendulum_names(1) = [character(len=name_length) :: 'sigma']
    real(wp), parameter :: pendulum_defaults(1) = [0.5_wp]
+
+   character(*), parameter :: euler = 'symplectic_euler'//corrected, adjoint = 'symplectic_euler_adjoint'//corrected
 
    type, extends(separable_model) :: pendulum_model
       private
@@ -114,7 +118,7 @@ contains
       class(pendulum_model), intent(in) :: self
       character(*), intent(in) :: scheme
 
-      has_flow = scheme == 'stormer_verlet'
+      has_flow = scheme == 'stormer_verlet' .or. scheme == euler .or. scheme == adjoint
    end function has_flow
 
    !> Whole steps, see model_type.
@@ -129,8 +133,12 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
-      call sine_flow(sine_terms(c=self%sigma, e=self%sigma, noise_c=1, noise_e=1), &
-                     steps, q, p, qn, pn, counters)
+      if (scheme == euler .or. scheme == adjoint) then
+         call pendulum_euler_flow(scheme == adjoint, self%sigma, steps, q, p, qn, pn, counters)
+      else
+         call sine_flow(sine_terms(c=self%sigma, e=self%sigma, noise_c=1, noise_e=1), &
+                        steps, q, p, qn, pn, counters)
+      end if
    end subroutine flow
 
 end module symsde_model_pendulum
