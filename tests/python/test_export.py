@@ -36,7 +36,8 @@ SCENES = {
     'ends = "periodic"\n[model.params]\ng = 0.7\nE = 1.3\ns = 0.2\n'
     + RUN.replace("q0 = 0.4", f"q0 = {[0.1*k for k in range(7)]}"),
     "toda": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(exp(q[i+1]-q[i]), i)"\nnoise = ["Sum(s*q[i], i)"]\nn = 12\n'
-    '[model.params]\ns = 0.2\n' + RUN + 'scheme = "stormer_verlet"\n',
+    '[model.params]\ns = 0.2\n' + RUN.replace("q0 = 0.4", f"q0 = {[k/16 for k in range(12)]}")
+    + 'scheme = "stormer_verlet"\n',
     # brackets by third derivatives: differences of gradients give other numbers
     "third": '[model]\nH = "(x**2+u**2)*(y**2+v**2)/8 + a*cos(x-y)*u"\nnoise = ["s*sin(x)*v", "s*y*u**2"]\n'
     'q = ["x", "y"]\np = ["u", "v"]\n[model.params]\na = 0.9\ns = 0.4\n' + RUN + 'scheme = "gauss2_strong32"\n',
