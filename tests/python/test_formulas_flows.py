@@ -59,10 +59,11 @@ def test_steps_are_those_of_the_general_stepper(name, scheme):
     np.testing.assert_array_equal(other.p[-1], run.p[-1])
 
 
+@pytest.mark.parametrize("save_every", [40, 160])
 @pytest.mark.parametrize("name", ["kubo", "pushed", "pendulum"])
-def test_a_path_alone_goes_on_with_the_noise_of_its_steps(name):
+def test_a_path_alone_goes_on_with_the_noise_of_its_steps(name, save_every):
     """More steps than are drawn at once, up to saved points that lie anywhere among them."""
-    run = {**RUN, "scheme": "midpoint", "steps": 320, "save_every": 40}
+    run = {**RUN, "scheme": "midpoint", "steps": 320, "save_every": save_every}
     alone, three = (ss.simulate(model(name), **run, paths=n) for n in (1, 3))
     np.testing.assert_array_equal(alone.q[:, :, 0], three.q[:, :, 0])
     np.testing.assert_array_equal(alone.p[:, :, 0], three.p[:, :, 0])
