@@ -78,7 +78,7 @@ contains
       end if
       doubtful = 0
       do lane = 1, strip_lanes
-         doubtful = doubtful + merge(0_i8, 1_i8, least(lane) > 0)
+         doubtful = doubtful + merge(0_i8, 1_i8, least(lane) + 0*inverse(lane) > 0)
       end do
       if (doubtful > 0) call look_closer(strip_lanes, m, c, k, above(:, 1), above(:, 2), above(:, 4))
       above(:, 1) = carried
@@ -111,7 +111,7 @@ contains
          factor(m) = 0
       end if
       found = before_first_row(1, 4)
-      if (.not. least > 0) &
+      if (.not. least + 0*inverse > 0) &
          call look_closer(1, m, c, k, before_first_row(1:1, 1), before_first_row(1:1, 2), found)
       trusted = found(1)
    end subroutine eliminate_down_lane
@@ -149,18 +149,16 @@ contains
                                   factor1, factor2, rhs1, rhs2)
       real(wp), intent(in) :: c, res1, res2, k1, beside1, k2, beside2
       real(wp), intent(inout) :: carried, inverse, r
-      real(wp), intent(inout) :: least  !! positive while pivots and determinants are, and are finite
+      real(wp), intent(inout) :: least  !! positive while pivots and determinants are, NaN aside: that stays in inverse
       real(wp), intent(out) :: factor1, factor2, rhs1, rhs2
-      real(wp) :: entry, next, pivot, beside, det, scale, y1
+      real(wp) :: entry, next, pivot, beside, scale, y1
 
       entry = 1 + c*k1
       next = 1 + c*k2
       beside = c*beside1
       pivot = entry - carried**2*inverse
-      det = pivot*next - beside**2
-      scale = 1/det
-      least = merge(pivot, least, pivot < least)
-      least = merge(det, least, det < least) + 0*det  ! NaN stays
+      scale = 1/((entry*next - beside**2) - carried**2*next*inverse)  ! does not wait for the pivot
+      least = min(min(pivot, scale), least)
       y1 = res1 - carried*r
       carried = c*beside2
       inverse = pivot*scale
@@ -177,8 +175,8 @@ contains
       real(wp), intent(inout) :: largest
       real(wp) :: entry
 
-      entry = merge(1 + c*k1, 1 + c*k2, 1 + c*k1 > 1 + c*k2)
-      largest = merge(entry, largest, entry > largest)
+      entry = max(1 + c*k1, 1 + c*k2)
+      largest = max(entry, largest)
    end subroutine note_larger
 
    !> The last row where their number is odd.
@@ -190,7 +188,7 @@ contains
 
       entry = 1 + c*k
       pivot = entry - carried**2*inverse
-      least = merge(pivot, least, pivot < least) + 0*pivot
+      least = min(pivot, least) + 0*pivot
       rhs = (res - carried*r)/pivot
    end subroutine eliminate_last
 
@@ -293,10 +291,8 @@ contains
       d = d1
       x2 = old2 - merge(d2, 0.0_wp, rests >= 0)
       x1 = old1 - merge(d1, 0.0_wp, rests >= 0)
-      largest = merge(abs(d2), largest, abs(d2) > largest)
-      largest = merge(abs(d1), largest, abs(d1) > largest)
-      extent = merge(abs(x2), extent, abs(x2) > extent)
-      extent = merge(abs(x1), extent, abs(x1) > extent)
+      largest = max(max(abs(d1), abs(d2)), largest)
+      extent = max(max(abs(x1), abs(x2)), extent)
    end subroutine correct_pair
 
 end module symsde_solve_tridiagonal
