@@ -29,8 +29,9 @@ MODELS = {  # H, noises, which schemes are generated
     "pendulum": ("p**2/2 - cos(q)", ["b*(p**2 + q**2)/2"], ALL),
     "relativistic": ("(1 + p**2)**a + a*cosh(q)", ["b*sin(q)", "b*p"], ALL),
     "one equation": ("p**2/2 - a*cos(q)", ["b*sin(q)"], ALL),
-    "several": ("(p1**2 + a*p1*p2 + p2**2)/2 + q1**2*q2 + q1**2 + q2**2", ["b*q1", "b*p2**2"], ALL[:4]),
-    "three": (f"{KINETIC} + exp(q1 - q2) + exp(q2 - q3) + exp(q3 - q1)", ["b*q1*q2"], ALL[:4]),
+    "several": ("(p1**2 + a*p1*p2 + p2**2)/2 + q1**2*q2 + q1**2 + q2**2", ["b*q1", "b*p2**2"], ALL),
+    "three": (f"{KINETIC} + exp(q1 - q2) + exp(q2 - q3) + exp(q3 - q1)", ["b*q1*q2"], ALL),
+    "two angles": ("(p1**2 + p2**2)/2 - cos(q1) - a*cos(q2 - q1)", ["b*sin(q1)", "b*p1"], ALL),
 }
 PARAMS = {"a": 0.7, "b": 0.3}
 RUN = {"q0": 0.4, "p0": 0.3, "step": 0.05, "seed": 5, "correction": "none"}
@@ -84,7 +85,7 @@ def test_time_mixed_products_and_many_coordinates_have_none(H):
     assert "formula_flow" not in mine.formula.source
 
 
-@pytest.mark.parametrize("name", ["kubo", "pendulum", "relativistic"])
+@pytest.mark.parametrize("name", ["kubo", "pendulum", "relativistic", "several"])
 def test_loops_over_lanes_become_vectors(name, tmp_path):
     """A loop of scalars is right, and several times slower: as gcc reports, line by line."""
     version = subprocess.run([*compiler.command(), "--version"], capture_output=True, text=True, check=True).stdout
@@ -107,13 +108,14 @@ def test_loops_over_lanes_become_vectors(name, tmp_path):
     left = {int(line.split(":")[1]) for line in told.splitlines() if "couldn't vectorize loop" in line}
     function, loops = "", {}
     for number, line in enumerate(source.splitlines(), 1):
-        if begin := re.match(r"(?:INLINE|LANE \w+) (\w+_(?:in_lanes|derivatives|corrections))\(", line):
+        if begin := re.match(r"(?:INLINE|LANE \w+) (\w+_(?:in_lanes|derivatives|corrections|sweeps))\(", line):
             function = begin[1]
         elif line.startswith("   for (int i = 0; i < lanes;") and function:
             loops[function], function = number, ""
     wanted = {f"{scheme}_in_lanes" for scheme in ALL[:3]}
     passes = ("derivatives", "corrections")
     wanted |= {"midpoint_in_lanes"} if name == "kubo" else {f"{x}_{y}" for x in ALL[3:] for y in passes}
+    wanted |= {"gauss2_sweeps"} if name == "several" else set()
     assert loops.keys() == wanted
     assert {name for name, number in loops.items() if number in vectors} == wanted
     assert not [x for x, number in loops.items() if x.endswith("corrections") and number in left]  # nor the last one
@@ -140,6 +142,39 @@ def test_a_far_path_changes_no_other(scheme):
     others = [i for i in range(40) if i != 7]
     np.testing.assert_array_equal(far.q[:, :, others], near.q[:, :, others])
     np.testing.assert_allclose(far.q[:, :, 7], plain.q[:, :, 7], rtol=1e-12)
+
+
+def test_a_far_path_of_two_angles_changes_no_other():
+    """Sweeps leave it to Newton's iteration, whichever way its neighbours are solved."""
+    mine = model("two angles")
+    starts = np.full((2, 40), 0.4)
+    run = {**RUN, "scheme": "gauss2", "steps": 20, "paths": 40}
+    near = ss.simulate(mine, **{**run, "q0": starts})
+    starts[:, 7] = 3e5
+    far, plain = (ss.simulate(mine, **{**run, "q0": starts}, general=g) for g in (False, True))
+    others = [i for i in range(40) if i != 7]
+    np.testing.assert_array_equal(far.q[:, :, others], near.q[:, :, others])
+    np.testing.assert_allclose(far.q[:, :, 7], plain.q[:, :, 7], rtol=1e-12)
+    alone = ss.simulate(mine, **{**run, "q0": starts[:, [7]], "paths": 1}, first_path=7)
+    np.testing.assert_array_equal(alone.q[:, :, 0], far.q[:, :, 7])
+
+
+@pytest.mark.parametrize("name", ["several", "three", "two angles"])
+@pytest.mark.parametrize("step", [0.3, 1.5, 6.0])
+def test_lanes_that_sweeps_leave_are_solved_by_newton(name, step):
+    """Steps of h omega up to 10, at some of which some paths are swept and others not: as by the general stepper, no
+    path hangs on another, and none is rescued."""
+    mine = model(name)
+    starts = np.linspace(-0.05, 0.05, 30)[None, :] * np.ones((mine.ndof, 1))
+    run = {**RUN, "q0": starts, "p0": 0.02, "step": step, "steps": 6, "scheme": "gauss2"}
+    whole, plain = (ss.simulate(mine, **run, paths=30, general=g) for g in (False, True))
+    np.testing.assert_array_equal(whole.status, 0)
+    assert whole.report.counters["damped"] == whole.report.counters["continued"] == 0
+    for x, y in ((whole.q, plain.q), (whole.p, plain.p)):
+        np.testing.assert_allclose(x, y, rtol=0, atol=300 * np.spacing(np.abs(y).max()))
+    for i in (0, 9, 29):
+        alone = ss.simulate(mine, **{**run, "q0": starts[:, [i]]}, paths=1, first_path=i)
+        np.testing.assert_array_equal(alone.q[:, :, 0], whole.q[:, :, i])
 
 
 def test_paths_fail_as_they_do_without():
@@ -201,18 +236,21 @@ def test_iterations_are_bounded():
 
 
 @pytest.mark.parametrize(
-    ("text", "old", "new", "scheme"),
+    ("name", "text", "old", "new", "scheme"),
     [
-        ("steps", "LANE_OF, s, 0.5, far", "LANE_OF, s, 0.505, far", "stormer_verlet"),
-        ("steps", "drift(LANE_OF, s, 1, far)", "drift(LANE_OF, s, 1.01, far)", "symplectic_euler"),
-        ("midpoint_eliminated", "0.25 * hpp[k", "0.2525 * hpp[k", "midpoint"),
-        ("gauss2", "{0.5386751345948129, 0.25}", "{0.5386751345948129, 0.2525}", "gauss2"),
+        ("pendulum", "steps", "LANE_OF, s, 0.5, far", "LANE_OF, s, 0.505, far", "stormer_verlet"),
+        ("pendulum", "steps", "drift(LANE_OF, s, 1, far)", "drift(LANE_OF, s, 1.01, far)", "symplectic_euler"),
+        ("pendulum", "midpoint_eliminated", "0.25 * hpp[k", "0.2525 * hpp[k", "midpoint"),
+        ("pendulum", "gauss2", "{0.5386751345948129, 0.25}", "{0.5386751345948129, 0.2525}", "gauss2"),
+        ("several", "gauss2_swept", "{0.34150635094610965, ", "{0.34492141445557075, ", "gauss2"),
+        ("several", "gauss2_swept", "0.7886751345948129}", "0.7965618859407610}", "gauss2"),
+        ("several", "gauss2_swept", "{0.39433756729740643, ", "{0.39828094297038050, ", "gauss2"),
     ],
 )
-def test_wrong_steps_are_refused(monkeypatch, text, old, new, scheme):
+def test_wrong_steps_are_refused(monkeypatch, name, text, old, new, scheme):
     """The twin: one coefficient one per cent off."""
     whole = emit_flow._text
     assert old in whole(text)
-    monkeypatch.setattr(emit_flow, "_text", lambda name: whole(name).replace(old, new) if name == text else whole(name))
+    monkeypatch.setattr(emit_flow, "_text", lambda x: whole(x).replace(old, new) if x == text else whole(x))
     with pytest.raises(errors.FalseTraitError, match=f"the whole steps of scheme {scheme} .* are not those"):
-        ss.simulate(model("pendulum"), scheme=scheme, **RUN, steps=3)
+        ss.simulate(model(name), scheme=scheme, **RUN, steps=3)

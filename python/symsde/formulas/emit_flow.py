@@ -52,7 +52,7 @@ def flows(made: Derivatives) -> list[str]:
     schemes = list(EXPLICIT) if separable else []
     if separable or made.problem.ndof == 1:
         schemes.append("midpoint")
-    if separable and made.problem.ndof == 1 and not _is_quadratic(made):
+    if separable and not _is_quadratic(made) and (made.problem.ndof == 1 or _sweeps(made)):
         schemes.append("gauss2")
     return schemes
 
@@ -91,7 +91,7 @@ def source(made: Derivatives) -> str:
             _moves(made, "kick", "hq"),
             _moves(made, "drift", "hp"),
         ]
-    parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _text("eliminate")]
+    parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _elimination("eliminate", made.problem.ndof)]
     eliminated = _eliminates(made)
     if eliminated:
         parts += [_function(made, "mobility", ["hpp"]), _function(made, "stiffness", ["hq", "hqq"])]
@@ -99,18 +99,44 @@ def source(made: Derivatives) -> str:
     rotates = made.problem.ndof == 1 and _is_quadratic(made)
     parts += [_text("midpoint_linear")] if rotates else []
     if "gauss2" in schemes:
-        parts.append(_text("gauss2"))
+        parts += [_elimination("eliminate_both", 2 * made.problem.ndof)] if made.problem.ndof > 1 else []
+        parts.append(_text("gauss2") + (_text("gauss2_swept") if _sweeps(made) else ""))
     newton = [x for x in schemes if x == "gauss2" or (x == "midpoint" and not _is_quadratic(made))]
     parts += [_text("verdict")] if newton else []
     for scheme in schemes:
-        how = _text("newton") if scheme in newton else _text("closed")
-        unknowns = 4 if scheme == "gauss2" else made.problem.ndof * (1 if eliminated else 2)
+        how = _text("closed")
+        if scheme in newton:
+            swept = scheme == "gauss2" and _sweeps(made)
+            how = _text("newton") + (_text("sweeps") if swept else "")
+            how += _text("strip").replace("PASS", "swept_" if swept else "")
+        unknowns = made.problem.ndof * (4 if scheme == "gauss2" else 1 if eliminated else 2)
         how = how.replace("STEP_UNKNOWNS", str(unknowns))
         kept = "KEPT" if scheme == "stormer_verlet" else "0"
         sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
         sizes += f"#define STEP_LINEAR {int(rotates and scheme == 'midpoint')}\n"
         parts.append((sizes + how + _text("call")).replace("STEP", scheme))
     return "\n".join(parts)
+
+
+def _elimination(name: str, n: int) -> str:
+    """A function that solves n equations, without loops, which compilers would leave as they are inside of those over
+    lanes."""
+    lines = [
+        f"/* m^{{-1}} r in place of r, {n} unknowns, without pivots: near the identity none are needed; elsewhere what",
+        " * comes out is no solution, does not converge, and the step is left to the library. */",
+        f"LANE void {name}(double *m, double *r) {{",
+    ]
+    for k in range(n):
+        lines.append(f"   const double i{k} = 1 / m[{k * n + k}];")
+        for i in range(k + 1, n):
+            lines.append(f"   const double f{i}_{k} = m[{i * n + k}] * i{k};")
+            lines += [f"   m[{i * n + j}] = FMA(-f{i}_{k}, m[{k * n + j}], m[{i * n + j}]);" for j in range(k + 1, n)]
+            lines.append(f"   r[{i}] = FMA(-f{i}_{k}, r[{k}], r[{i}]);")
+        lines.append(f"   r[{k}] *= i{k};")
+        lines += [f"   m[{k * n + j}] *= i{k};" for j in range(k + 1, n)]
+    for k in range(n - 1, 0, -1):
+        lines += [f"   r[{i}] = FMA(-m[{i * n + k}], r[{k}], r[{i}]);" for i in range(k)]
+    return "\n".join([*lines, "}", ""])
 
 
 def _text(name: str) -> str:
@@ -143,6 +169,12 @@ def _eliminates(made: Derivatives) -> bool:
     """Whether midpoint has the momenta eliminated: separable, velocities linear in p, and Newton's iteration."""
     separable = all(made.graph.is_number(x, 0.0) for x in made.outputs["hqp"])
     return separable and not _is_quadratic(made) and not any(x[0] in "qp" for x in _leaves(made, ["hpp"]))
+
+
+def _sweeps(made: Derivatives) -> bool:
+    """Whether two stages are found by sweeps where steps are mild: of one degree of freedom Newton's iteration, which
+    takes fewer forces and two unknowns, is faster."""
+    return made.problem.ndof > 1 and _eliminates(made)
 
 
 def _kept(made: Derivatives) -> list[int]:

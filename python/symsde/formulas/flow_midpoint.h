@@ -22,14 +22,15 @@ LANE double midpoint_solve(const double *e, const double *f, const double *g, do
    d[1] = FMA(-a, f[0], (1 - b) * g[0]);
    return 1 / FMA(a, k, FMA(-b, b, 1.0));
 #else
-   double matrix[DOF][DOF];
+   double matrix[DOF * DOF];
    for (int i = 0; i < DOF; i++) {
       d[DOF + i] = g[i];
       for (int k = 0; k < DOF; k++) {
          d[DOF + i] = FMA(-0.5 * hqq[i * DOF + k], f[k], d[DOF + i]);
-         matrix[i][k] = i == k;
+         double *const entry = matrix + i * DOF + k;
+         *entry = i == k;
          for (int l = 0; l < DOF; l++)
-            matrix[i][k] = FMA(0.25 * hqq[i * DOF + l], hpp[l * DOF + k], matrix[i][k]);
+            *entry = FMA(0.25 * hqq[i * DOF + l], hpp[l * DOF + k], *entry);
       }
    }
    eliminate(matrix, d + DOF);

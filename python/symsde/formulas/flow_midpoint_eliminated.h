@@ -17,7 +17,7 @@ INLINE midpoint_evaluate(LANE_IN, const state *s, const double *z, double *e, co
 
 LANE void midpoint_correction(LANE_IN, const state *s, const double *z, const double *e, double *d) {
    const double *hqq = e + DOF;
-   double matrix[DOF][DOF], hpp[DOF * DOF];
+   double matrix[DOF * DOF], hpp[DOF * DOF];
    mobility(LANE_OF, s, hpp, 0);
    d[DOF] = 0;
    for (int i = 0; i < DOF; i++) {
@@ -26,7 +26,7 @@ LANE void midpoint_correction(LANE_IN, const state *s, const double *z, const do
          double entry = 0;
          for (int l = 0; l < DOF; l++)
             entry = FMA(0.25 * hpp[l * DOF + k], hqq[i * DOF + l], entry);
-         matrix[i][k] = entry + (i == k);
+         matrix[i * DOF + k] = entry + (i == k);
          if (i == k)
             d[DOF] = entry > d[DOF] ? entry : d[DOF];
       }
@@ -63,7 +63,7 @@ LANE void midpoint_increment(LANE_IN, state *s, const double *z) {
 /* In a steep lane v + S_pp G/2 loses digits: one correction more of F = dq itself, F = v - S_pp S_q(q + F/2)/2. */
 LANE void midpoint_steep_increment(LANE_IN, state *s, const double *z) {
    state m = *s;
-   double matrix[DOF][DOF], hq[DOF], hqq[DOF * DOF], hpp[DOF * DOF], v[DOF], r[DOF], dq[DOF];
+   double matrix[DOF * DOF], hq[DOF], hqq[DOF * DOF], hpp[DOF * DOF], v[DOF], r[DOF], dq[DOF];
    midpoint_displacement(LANE_OF, s, z, dq, 1);
    velocity(LANE_OF, s, v, 1);
    mobility(LANE_OF, s, hpp, 1);
@@ -74,9 +74,9 @@ LANE void midpoint_steep_increment(LANE_IN, state *s, const double *z) {
       r[i] = dq[i] - v[i];
       for (int k = 0; k < DOF; k++) {
          r[i] += 0.5 * hpp[i * DOF + k] * hq[k];
-         matrix[i][k] = i == k;
+         matrix[i * DOF + k] = i == k;
          for (int l = 0; l < DOF; l++)
-            matrix[i][k] += 0.25 * hpp[i * DOF + l] * hqq[l * DOF + k];
+            matrix[i * DOF + k] += 0.25 * hpp[i * DOF + l] * hqq[l * DOF + k];
       }
    }
    eliminate(matrix, r);

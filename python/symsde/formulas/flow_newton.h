@@ -64,6 +64,7 @@ INLINE STEP_derivatives(const int lanes, LANE_IN, const double *restrict x, cons
          lane = STEP_lane_of(u, i);
       }
       beyond |= STEP_evaluate(w + i, n, c, h, &s, lane.z, e, far);
+#pragma GCC unroll 80
       for (int k = 0; k < STEP_DERIVATIVES; k++)
          v[k * STRIP + i] = e[k];
    }
@@ -92,6 +93,7 @@ LANE STEP_rest STEP_corrections(const int lanes, LANE_IN, const double *restrict
       double e[STEP_DERIVATIVES];
       state s = state_of(x, i, STEP_KEPT);
       STEP_lane lane = STEP_lane_of(u, i);
+#pragma GCC unroll 80
       for (int k = 0; k < STEP_DERIVATIVES; k++)
          e[k] = v[k * STRIP + i];
       STEP_correct(w + i, n, c, h, &s, e, &lane, first);
@@ -169,29 +171,4 @@ INLINE STEP_alone(const int max_iter, LANE_IN, state *s, int64_t *restrict statu
       return 0;
    *status = lane.last >= 0 ? NOT_CONVERGED : NONFINITE;
    return -1;
-}
-
-/* Steps of a strip in place. A lane that fails ends the steps: the library takes them again, one by one. */
-static void STEP_strip(const int lanes, const int nstep, const int max_iter, const ptrdiff_t stride, LANE_IN,
-                       double *restrict x, int64_t *restrict status) {
-   double other[2 * DOF * STRIP], *from = x, *to = other;
-   if (lanes == 1) {
-      state s = state_of(x, 0, STEP_KEPT);
-      int64_t outcome = 0;
-#pragma GCC unroll 1
-      for (int step = 0; step < nstep && outcome == 0; step++)
-         outcome = STEP_alone(max_iter, w + step * stride, n, c, h, &s, status);
-      put_state(s, x, 0, STEP_KEPT);
-      return;
-   }
-   for (int step = 0; step < nstep; step++, w += stride) {
-      const int64_t outcome = STEP_one(lanes, max_iter, LANE_OF, from, to, status);
-      double *const swap = from;
-      from = to;
-      to = swap;
-      if (outcome < 0)
-         break;
-   }
-   if (from != x)
-      memcpy(x, from, sizeof other);
 }

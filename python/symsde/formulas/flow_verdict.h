@@ -21,3 +21,13 @@ LANE double first_verdict(const double d, const double size) {
    const double next = d <= 0x1.fffffffffffffp1023 ? d : -2;
    return d <= 0x1p-33 * size ? -1 : next;
 }
+
+/* Of sweeps, as in src/step/stage_iteration.f90: done where the next change would vanish, or within rounding; left (-2)
+ * where changes do not shrink fast enough, or are no numbers. */
+LANE double sweep_verdict(const double d, const double size, const double last) {
+   const double rounding = 0x1p-54 * size, near = 0x1p-33 * size;
+   const double slow = 0.2 * last, bound = slow > near ? slow : near;
+   double next = d <= bound ? d : -2;
+   next = d <= near ? (d >= last ? -1 : next) : next;
+   return d * 0x1p-13 <= rounding ? (d * d <= rounding * last ? -1 : next) : next;
+}

@@ -1,0 +1,25 @@
+
+/* Steps of a strip in place. A lane that fails ends the steps: the library takes them again, one by one. */
+static void STEP_strip(const int lanes, const int nstep, const int max_iter, const ptrdiff_t stride, LANE_IN,
+                       double *restrict x, int64_t *restrict status) {
+   double other[2 * DOF * STRIP], *from = x, *to = other;
+   if (lanes == 1) {
+      state s = state_of(x, 0, STEP_KEPT);
+      int64_t outcome = 0;
+#pragma GCC unroll 1
+      for (int step = 0; step < nstep && outcome == 0; step++)
+         outcome = STEP_PASSalone(max_iter, w + step * stride, n, c, h, &s, status);
+      put_state(s, x, 0, STEP_KEPT);
+      return;
+   }
+   for (int step = 0; step < nstep; step++, w += stride) {
+      const int64_t outcome = STEP_PASSone(lanes, max_iter, LANE_OF, from, to, status);
+      double *const swap = from;
+      from = to;
+      to = swap;
+      if (outcome < 0)
+         break;
+   }
+   if (from != x)
+      memcpy(x, from, sizeof other);
+}
