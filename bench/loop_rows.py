@@ -17,6 +17,7 @@ from typing import Any
 
 import formula_models
 import loop_models
+import loop_pendulums
 import loops
 import numpy as np
 import symsde as ss
@@ -125,9 +126,35 @@ SCENES = {
 }
 
 
+def pendulum_scene(model, terms, m, scheme):
+    """A pendulum beside the loop of its terms and m noises."""
+    return model, scheme, 0.02, 1, lambda: loop_pendulums.pendulum_loop(terms, m, scheme)
+
+
+# scenes of few paths alone
+FEW = {
+    f"driven_pendulum {scheme}": pendulum_scene(ss.models.driven_pendulum, loop_pendulums.driven_terms, 2, scheme)
+    for scheme in ("symplectic_euler", "stormer_verlet", "midpoint", "gauss2")
+}
+FEW |= {
+    f"pendulum {scheme}": pendulum_scene(ss.models.pendulum, loop_pendulums.pendulum_terms, 1, scheme)
+    for scheme in ("midpoint", "gauss2")
+}
+FEW |= {
+    "synchrotron symplectic_euler": (
+        *(ss.models.synchrotron, "symplectic_euler", 0.02, 1),
+        lambda: loops.synchrotron_euler,
+    ),
+    "henon_heiles symplectic_euler": (
+        *(henon_heiles, "symplectic_euler", 0.02, 2),
+        lambda: loops.euler(loops.henon_heiles_force, 2, 2),
+    ),
+}
+
+
 def scene(name, paths, **how) -> tuple[Run, Run]:
     """The library and the loop of a scene."""
-    model, scheme, step, n, function = SCENES[name]
+    model, scheme, step, n, function = (SCENES | FEW)[name]
     return library(model(), scheme, paths, step, **how), loop(function(), n, paths, step)
 
 
@@ -229,6 +256,9 @@ def rows() -> Iterator[Row]:
         yield Row("many", f"cfunc mean_field{n} midpoint", 1000, 1.0, partial(mean_field, n))
     for name in SCENES:
         for paths in (1, 2, 8, 32):
+            yield Row(f"few{paths}", name, paths, 1.5, partial(scene, name, paths))
+    for name in FEW:
+        for paths in (1, 2, 8):
             yield Row(f"few{paths}", name, paths, 1.5, partial(scene, name, paths))
     for name in SCENES:
         if not name.startswith("cfunc") and "lobatto" not in name:

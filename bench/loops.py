@@ -53,6 +53,29 @@ def verlet(force, n, m):
     return run
 
 
+def euler(force, n, m):
+    """Symplectic Euler, explicit."""
+
+    @_compiled
+    def run(generator, q0, p0, step, steps, paths):
+        root, total = math.sqrt(step), 0.0
+        q, p, f, w, room = np.empty(n), np.empty(n), np.empty(n), np.empty(m + 1), np.empty(n)
+        w[0] = step
+        for _ in range(paths):
+            q[:], p[:] = q0, p0
+            for _ in range(steps):
+                for k in range(m):
+                    w[k + 1] = root * generator.standard_normal()
+                force(w, q, f, room)
+                for i in range(n):
+                    p[i] += f[i]
+                    q[i] += step * p[i]
+            total += q[0]
+        return total
+
+    return run
+
+
 def collocation(force, n, m, scheme):
     """A Runge-Kutta pair with its momenta eliminated: Q_i = q + c_i h p + h sum_j (a abar)_ij F_j."""
     a, abar, b = TABLEAUX[scheme]
@@ -389,5 +412,20 @@ def pendulum_verlet(generator, q0, p0, step, steps, paths):
             p -= 0.5 * (step * math.sin(q) + s * q)
             q += (step + s) * p
             p -= 0.5 * (step * math.sin(q) + s * q)
+        total += q
+    return total
+
+
+@_compiled
+def synchrotron_euler(generator, q0, p0, step, steps, paths):
+    """omega = 2, sigma1 = 0.2, sigma2 = 0.1."""
+    root, total = math.sqrt(step), 0.0
+    for _ in range(paths):
+        q, p = q0[0], p0[0]
+        for _ in range(steps):
+            a = 4.0 * step + 0.1 * root * generator.standard_normal()
+            b = 0.2 * root * generator.standard_normal()
+            p -= a * math.sin(q) + b * math.cos(q)
+            q += step * p
         total += q
     return total

@@ -19,7 +19,7 @@ module symsde_model_abstract
    use symsde_base_traits, only: model_traits, strip_lanes
    implicit none
    private
-   public :: model_type, difference_along, default_step, corrected
+   public :: model_type, angle_terms, difference_along, default_step, corrected
    ! the defaults, for models that offer an operation only sometimes
    public :: value_missing, hessian_by_differences, hessian_vector_composed, force_stiffness_composed
 
@@ -29,6 +29,13 @@ module symsde_model_abstract
    !> Behind the name of a one-sided scheme that is asked of has_flow and flow: with its correction in increments form,
    !> +-F_p.F_q/2 added to the one-step Hamiltonian, F = sum_k dW_k H_k.
    character(*), parameter :: corrected = ', corrected'
+
+   !> One degree of freedom that feels the sine and the cosine of its angle:
+   !>
+   !>    sum_j w_j H_j = e p^2/2 - a cos q + b sin q + c q^2/2 + d q
+   type :: angle_terms
+      real(wp) :: a = 0, b = 0, c = 0, d = 0, e = 0
+   end type angle_terms
 
    !> A model is immutable once constructed: shared by all threads, intent(in) wherever it is used.
    type, abstract :: model_type
@@ -46,6 +53,7 @@ module symsde_model_abstract
       procedure :: third_derivative => third_derivative_missing
       procedure :: position_derivatives => position_derivatives_missing
       procedure :: sweeps => sweeps_missing
+      procedure :: angle => angle_missing
       procedure :: has_flow => has_no_flow
       procedure :: flow => no_flow
       procedure :: failure_code => never_failed
@@ -265,6 +273,22 @@ contains
 
       slope(first:last, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine sweeps_missing
+
+   !> The terms of sum_j w_j H_j where it is one of an angle, for a path by itself: asked for once a time, and force and
+   !> slope at many angles follow without the model. The bits are those of gradient_hessian,
+   !>
+   !>    Hhat_q = a sin q + (b cos q + (c q + d)),  Hhat_qq = a cos q + (c - b sin q),  Hhat_p = e p,
+   !>
+   !> where terms that vanish change none. This default serves models without it: traits%has_angle_terms is false.
+   subroutine angle_missing(self, nnoise, t, w, terms)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      type(angle_terms), intent(out) :: terms
+
+      terms%a = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine angle_missing
 
    !> Whether flow takes steps of this scheme. Schemes are asked for by the names of the catalogue; midpoint,
    !> symplectic_euler, symplectic_euler_adjoint and stormer_verlet stand for every scheme that is one of these.

@@ -13,6 +13,7 @@ module symsde_model_driven_pendulum
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: angle_terms
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
    use symsde_model_sine_derivatives, only: sine_derivatives
@@ -36,6 +37,7 @@ module symsde_model_driven_pendulum
       procedure :: value => weighted_value
       procedure :: evaluate
       procedure :: position_derivatives
+      procedure :: angle
       procedure, private :: combine
    end type driven_pendulum_model
 
@@ -74,7 +76,7 @@ contains
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., additive=is_zero(sigma2), &
                     identity_mass=.true., has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_position_derivatives=.true., &
+                    has_position_derivatives=.true., has_angle_terms=.true., &
                     max_frequency=abs(omega)*sqrt(1 + abs(epsilon)), noise_lipschitz=strength)
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)
@@ -118,6 +120,20 @@ contains
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate
+
+   !> The terms for one path, see model_type.
+   subroutine angle(self, nnoise, t, w, terms)
+      class(driven_pendulum_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      type(angle_terms), intent(out) :: terms
+      real(wp), dimension(1) :: torque, pull
+
+      call self%combine(1, t, w(0:0), w(1:1), w(2:2), torque, pull)
+      terms%a = pull(1)
+      terms%d = -torque(1)
+      terms%e = w(0)
+   end subroutine angle
 
    !> The first three derivatives in q of all H_j, see model_type.
    subroutine position_derivatives(self, nlane, nnoise, ntime, times, q, u)

@@ -10,6 +10,7 @@ module symsde_model_synchrotron
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: angle_terms
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
    use symsde_model_sine_derivatives, only: sine_derivatives
@@ -31,6 +32,7 @@ module symsde_model_synchrotron
       procedure :: value => weighted_value
       procedure :: evaluate
       procedure :: position_derivatives
+      procedure :: angle
       procedure :: has_flow
       procedure :: flow
    end type synchrotron_model
@@ -60,7 +62,7 @@ contains
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., &
                     additive=is_zero(sigma1) .and. is_zero(sigma2), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_position_derivatives=.true., &
+                    has_position_derivatives=.true., has_angle_terms=.true., &
                     max_frequency=abs(omega), noise_lipschitz=abs(sigma1) + abs(sigma2))
       allocate (self%traits%silent(2))
       allocate (self%traits%rotation(1), source=abs(omega))
@@ -100,6 +102,18 @@ contains
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate
+
+   !> The terms for one path, see model_type.
+   subroutine angle(self, nnoise, t, w, terms)
+      class(synchrotron_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      type(angle_terms), intent(out) :: terms
+
+      terms%a = self%omega2*w(0) + self%sigma2*w(2)
+      terms%b = self%sigma1*w(1)
+      terms%e = w(0)
+   end subroutine angle
 
    !> The first three derivatives in q of all H_j, see model_type.
    subroutine position_derivatives(self, nlane, nnoise, ntime, times, q, u)

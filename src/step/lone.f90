@@ -9,7 +9,8 @@ module symsde_step_lone
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: steps_record, step_store
-   use symsde_model_abstract, only: model_type
+   use symsde_base_sincos, only: sincos_one
+   use symsde_model_abstract, only: model_type, angle_terms
    implicit none
    private
    public :: lone_stepper
@@ -21,6 +22,8 @@ module symsde_step_lone
       integer, private :: rest = 0, resting = 0      !! steps left to others after an unusual one; of them, to come
    contains
       procedure(take_interface), deferred :: take
+      procedure :: find_terms
+      procedure :: force_at
       procedure :: walk_lanes
       procedure :: walk
       procedure :: note_rest
@@ -44,6 +47,49 @@ module symsde_step_lone
    end interface
 
 contains
+
+   !> What a model with angle terms has at a time; of others nothing is asked.
+   subroutine find_terms(self, t, w, terms)
+      class(lone_stepper), intent(in) :: self
+      real(wp), intent(in) :: t, w(0:self%m)
+      type(angle_terms), intent(out) :: terms
+
+      if (self%model%traits%has_angle_terms) call self%model%angle(self%m, t, w, terms)
+   end subroutine find_terms
+
+   !> Hhat_q of one degree of freedom with the terms of that time, its slope, and Hhat_p with its own: numbers that
+   !> come and go in registers, since a path by itself waits for one after the other.
+   real(wp) function force_at(self, terms, t, w, q, p, slope, hp, hpp)
+      class(lone_stepper), intent(in) :: self
+      type(angle_terms), intent(in) :: terms
+      real(wp), intent(in) :: t, w(0:self%m)
+      real(wp), value :: q, p
+      real(wp), intent(out) :: slope
+      real(wp), intent(out), optional :: hp, hpp  !! both or none
+      real(wp), dimension(1) :: x, y, gq, gp, gqq, gpp
+      real(wp) :: sine, cosine
+
+      if (self%model%traits%has_angle_terms) then
+         sine = sincos_one(q, cosine)
+         force_at = terms%a*sine + (terms%b*cosine + (terms%c*q + terms%d))
+         slope = terms%a*cosine + (terms%c - terms%b*sine)
+         if (.not. present(hp)) return
+         hp = terms%e*p
+         hpp = terms%e
+      else
+         x = q
+         y = p
+         if (present(hp)) then
+            call self%model%gradient_hessian(1, 1, self%m, t, w, x, y, gq, gp, hqq=gqq, hpp=gpp)
+            hp = gp(1)
+            hpp = gpp(1)
+         else
+            call self%model%gradient_hessian(1, 1, self%m, t, w, x, y, hq=gq, hqq=gqq)
+         end if
+         force_at = gq(1)
+         slope = gqq(1)
+      end if
+   end function force_at
 
    !> All real lanes through the same steps, as far as all of them come; those with a status stay where they are.
    subroutine walk_lanes(self, steps, own, place, t0, first, status, q, p, qn, pn, ntaken)

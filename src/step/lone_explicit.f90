@@ -4,6 +4,7 @@
 !> The sums are those of step/explicit: of the coefficients one and one half, which multiply without rounding.
 module symsde_step_lone_explicit
    use symsde_base_kinds, only: wp
+   use symsde_model_abstract, only: angle_terms
    use symsde_step_lone, only: lone_stepper
    implicit none
    private
@@ -29,10 +30,13 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
-
       integer :: i
 
       taken = .true.
+      if (self%model%traits%has_angle_terms) then
+         call swing(self, t, h, w, q(1), p(1), dq(1), dp(1))
+         return
+      end if
       if (.not. allocated(self%x)) &
          allocate (self%x(self%n), self%first(self%n), self%second(self%n), self%force(self%n))
       associate (n => self%n, c => self%counters, t1 => t + self%c(1)*h, x => self%x, force => self%force)
@@ -60,6 +64,41 @@ contains
          end select
       end associate
    end subroutine take
+
+   !> The same for an angle.
+   subroutine swing(self, t, h, w, q, p, dq, dp)
+      class(lone_explicit), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q, p
+      real(wp), intent(out) :: dq, dp
+      type(angle_terms) :: terms
+      real(wp) :: t1, t2, f, slope, x, y, first, second
+
+      t1 = t + self%c(1)*h
+      call self%find_terms(t1, w, terms)
+      if (self%kind == drift_kick) then
+         dq = terms%e*p
+         dp = -self%force_at(terms, t1, w, q + dq, p, slope)
+      else
+         f = self%force_at(terms, t1, w, q, p, slope)
+         if (self%kind == kick_drift) then
+            dp = -f
+            dq = terms%e*(p - f)
+         else
+            y = p - 0.5_wp*f
+            first = terms%e*y
+            t2 = t + self%c(2)*h
+            call self%find_terms(t2, w, terms)
+            second = terms%e*y
+            x = q + 0.5_wp*first
+            x = x + 0.5_wp*second
+            dq = 0.5_wp*first + 0.5_wp*second
+            dp = -0.5_wp*f
+            dp = dp - 0.5_wp*self%force_at(terms, t2, w, x, y, slope)
+         end if
+      end if
+      self%counters%gradients = self%counters%gradients + merge(merge(3, 4, self%mass_alone), 2, &
+                                                                self%kind == kick_drift_kick)
+   end subroutine swing
 
    !> Both stages have the same momentum. Where time matters to the velocity, they differ in it.
    subroutine verlet(self, t, h, w, q, p, dq, dp)

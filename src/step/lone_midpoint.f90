@@ -6,6 +6,7 @@
 !> or takes long is left to step/midpoint.
 module symsde_step_lone_midpoint
    use symsde_base_kinds, only: wp
+   use symsde_model_abstract, only: angle_terms
    use symsde_solve_stagnation, only: ends_exact, verdict_of, quadratic
    use symsde_step_lone, only: lone_stepper
    use symsde_step_midpoint_equation, only: correct_pair
@@ -50,16 +51,17 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q, p
       real(wp), intent(out) :: v
       logical, intent(out) :: taken
-      real(wp) :: base(1), point(1), still(1), f(1), slope(1), g, d, last, bend
+      type(angle_terms) :: terms
+      real(wp) :: base, f, slope, g, d, last, bend
       logical :: ends
       integer :: iteration
 
       g = 0.25_wp*h
-      still = 0
       base = q + 0.5_wp*(h*p)
-      call self%model%gradient_hessian(1, 1, self%m, t, w, base, still, hq=f, hqq=slope)
-      bend = g*slope(1)
-      v = -f(1)/(1 + bend)
+      call self%find_terms(t, w, terms)
+      f = self%force_at(terms, t, w, base, 0.0_wp, slope)
+      bend = g*slope
+      v = -f/(1 + bend)
       taken = 1 - bend >= 0 .and. abs(v) <= huge(v)
       if (.not. taken) return
       ends = self%affine .or. abs(v) <= 0
@@ -69,9 +71,8 @@ contains
          taken = iteration < self%patience
          if (.not. taken) return
          iteration = iteration + 1
-         point = base + g*v
-         call self%model%gradient_hessian(1, 1, self%m, t, w, point, still, hq=f, hqq=slope)
-         d = (v + f(1))/(1 + g*slope(1))
+         f = self%force_at(terms, t, w, base + g*v, 0.0_wp, slope)
+         d = (v + f)/(1 + g*slope)
          v = v - d
          taken = abs(v) <= huge(v)
          if (.not. taken) return

@@ -3,6 +3,7 @@
 !> guess and the iterations of step/two_stage_single, by its passes over one lane.
 module symsde_step_lone_two_stages
    use symsde_base_kinds, only: wp
+   use symsde_model_abstract, only: angle_terms
    use symsde_solve_stagnation, only: verdict_of, quadratic
    use symsde_step_lone, only: lone_stepper
    use symsde_step_two_stage_slopes, only: stage_point, add_stages, solve_separable
@@ -24,15 +25,21 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
-      real(wp) :: x(4), d(4), last, qs(1), ps(1)
+      type(angle_terms) :: terms, terms2
+      real(wp) :: x(4), d(4), last, qs(1), ps(1), t1, t2
       real(wp), dimension(1) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2
       integer :: iteration
 
-      associate (model => self%model, m => self%m, a => self%a, abar => self%abar)
+      associate (a => self%a, abar => self%abar)
          x = 0
-         call model%gradient_hessian(1, 1, m, t + 0.5_wp*h, w, q, p, hq1, hp1, hqq=hqq1, hpp=hpp1)
+         call self%find_terms(t + 0.5_wp*h, w, terms)
+         hq1 = self%force_at(terms, t + 0.5_wp*h, w, q(1), p(1), hqq1(1), hp1(1), hpp1(1))
          call solve_separable(1, a, abar, hq1, hq1, hp1, hp1, hqq1, hqq1, hpp1, hpp1, x, d)
          x = x - d
+         t1 = t + self%c(1)*h
+         t2 = t + self%c(2)*h
+         call self%find_terms(t1, w, terms)
+         call self%find_terms(t2, w, terms2)
          last = 0
          iteration = 0
          do while (last >= 0)
@@ -40,9 +47,9 @@ contains
             if (.not. taken) return
             iteration = iteration + 1
             call stage_point(1, 1, a, abar, q, p, x, qs, ps)
-            call model%gradient_hessian(1, 1, m, t + self%c(1)*h, w, qs, ps, hq1, hp1, hqq=hqq1, hpp=hpp1)
+            hq1 = self%force_at(terms, t1, w, qs(1), ps(1), hqq1(1), hp1(1), hpp1(1))
             call stage_point(1, 2, a, abar, q, p, x, qs, ps)
-            call model%gradient_hessian(1, 1, m, t + self%c(2)*h, w, qs, ps, hq2, hp2, hqq=hqq2, hpp=hpp2)
+            hq2 = self%force_at(terms2, t2, w, qs(1), ps(1), hqq2(1), hp2(1), hpp2(1))
             call solve_separable(1, a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, x, d)
             x = x - d
             taken = abs(sum(x)) <= huge(x)

@@ -9,9 +9,11 @@
 module symsde_step_midpoint_single
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
+   use symsde_model_abstract, only: model_type, angle_terms
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_solve_stagnation, only: quadratic, verdict_of
+   use symsde_step_lone, only: lone_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -29,7 +31,17 @@ module symsde_step_midpoint_single
       procedure :: fits
       procedure :: make
       procedure :: increment
+      procedure :: offer_lone
    end type midpoint_single_stepper
+
+   !> The same iteration for a path by itself, where the Hamiltonians are separable.
+   type, extends(lone_stepper) :: lone_midpoint_single
+      private
+      integer :: max_iter = 0
+      real(wp) :: mixed = 0  !! Hhat_qp: not a constant, or products with it would not be contracted as in lanes
+   contains
+      procedure :: take
+   end type lone_midpoint_single
 
 contains
 
@@ -58,7 +70,8 @@ contains
       self%name = 'midpoint, one degree of freedom'
       self%separable = model%traits%separable
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, 2, options, model%traits%one_solve(.false.), -1, -1)
+      call new_newton(self%newton, nlane, 2, options, model%traits%one_solve(.false.), -1, -1, &
+                      exact=model%traits%has_hessian)
       allocate (self%qs(nlane, 1), self%ps(nlane, 1), self%hq(nlane, 1), self%hp(nlane, 1))
       allocate (self%hqq(nlane, 1, 1), self%hpp(nlane, 1, 1))
       allocate (self%hqp(nlane, 1, 1), source=0.0_wp)
@@ -92,6 +105,66 @@ contains
          call self%newton%judge(status, self%ham%counters)
       end do
    end subroutine increment
+
+   !> Paths one by one, where two derivatives of each Hamiltonian are there and one solve does not do.
+   subroutine offer_lone(self, lone)
+      class(midpoint_single_stepper), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+      type(lone_midpoint_single), allocatable :: made
+
+      associate (newton => self%newton)
+         if (newton%affine .or. newton%options%fixed_point > 0 .or. newton%options%damped) return
+         if (.not. (self%separable .and. self%ham%model%traits%has_hessian)) return
+         allocate (made)
+         made%max_iter = newton%options%max_iter
+         call move_alloc(made, lone)
+      end associate
+   end subroutine offer_lone
+
+   subroutine take(self, t, h, w, q, p, dq, dp, taken)
+      class(lone_midpoint_single), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
+      real(wp), intent(out) :: dq(self%n), dp(self%n)
+      logical, intent(out) :: taken
+      type(angle_terms) :: terms
+      real(wp) :: tm, x, y, hq, hp, hqq, hpp, a, b, c, f, g, inverse, last, step
+      integer :: iteration
+
+      tm = t + 0.5_wp*h
+      call self%find_terms(tm, w, terms)
+      x = 0
+      y = 0
+      b = 0.5_wp*self%mixed
+      last = 0
+      iteration = 0
+      do while (last >= 0)
+         taken = iteration < self%max_iter
+         if (.not. taken) return
+         iteration = iteration + 1
+         hq = self%force_at(terms, tm, w, q(1) + 0.5_wp*x, p(1) + 0.5_wp*y, hqq, hp, hpp)
+         a = 0.5_wp*hqq
+         c = 0.5_wp*hpp
+         f = x - hp
+         g = y + hq
+         inverse = 1/(1 - b*b + a*c)
+         hp = ((1 + b)*f + c*g)*inverse
+         hq = ((1 - b)*g - a*f)*inverse
+         x = x - hp
+         y = y - hq
+         step = max(abs(hp), abs(hq))
+         taken = step + abs(x + y) <= huge(h)
+         if (.not. taken) return
+         last = verdict_of(quadratic, step, max(abs(x), abs(y)), last)
+      end do
+      dq = x
+      dp = y
+      associate (n => self%counters)
+         n%gradients = n%gradients + iteration
+         n%hessians = n%hessians + iteration
+         n%iterations = n%iterations + iteration
+         n%solves = n%solves + iteration
+      end associate
+   end subroutine take
 
    !> Gradient and Hessian at (q, p); the mixed derivative of a separable model stays zero.
    subroutine evaluate(self, tm, w, q, p)
