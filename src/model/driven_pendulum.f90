@@ -9,7 +9,7 @@
 !> equation; nu = 2 omega is its main resonance.
 module symsde_model_driven_pendulum
    use symsde_base_kinds, only: wp
-   use symsde_base_sincos, only: sincos_lanes, sincos_tile
+   use symsde_base_sincos, only: sincos_lanes, sincos_one, sincos_tile
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
@@ -154,16 +154,17 @@ contains
    end subroutine position_derivatives
 
    !> The sum is w_0 p^2/2 - pull cos q - torque q.
-   pure subroutine combine(self, nlane, t, w0, w1, w2, torque, pull)
+   subroutine combine(self, nlane, t, w0, w1, w2, torque, pull)
       class(driven_pendulum_model), intent(in) :: self
       integer, intent(in) :: nlane
       real(wp), intent(in) :: t
       real(wp), intent(in), dimension(nlane) :: w0, w1, w2
       real(wp), intent(out) :: torque(nlane), pull(nlane)
-      real(wp) :: frequency2, strength
+      real(wp) :: sine, cosine, frequency2, strength
 
-      frequency2 = self%omega2*(1 + self%epsilon*cos(self%nu*t))
-      strength = 1 + self%alpha*sin(self%nu*t)
+      sine = sincos_one(self%nu*t, cosine)
+      frequency2 = self%omega2*(1 + self%epsilon*cosine)
+      strength = 1 + self%alpha*sine
       torque = self%sigma1*strength*w1
       pull = frequency2*w0 + self%sigma2*strength*w2
    end subroutine combine
