@@ -52,7 +52,7 @@ module symsde_model_abstract
       procedure :: chain_rows => chain_rows_missing
       procedure :: third_derivative => third_derivative_missing
       procedure :: position_derivatives => position_derivatives_missing
-      procedure :: sweeps => sweeps_missing
+      procedure :: sweeps => sweeps_composed
       procedure :: angle => angle_missing
       procedure :: has_flow => has_no_flow
       procedure :: flow => no_flow
@@ -262,17 +262,37 @@ contains
    !>
    !> from the last slopes that are known; in sweep 1 x_1 = q + r_1 p, x_2 = (q + r_2 p) + c_first g_1. The bits are
    !> those of gradient: a path by itself waits for one slope after the other, and here no call comes between them.
-   !> This default serves models without it: traits%has_sweeps is false.
-   subroutine sweeps_missing(self, nnoise, first, last, t, w, q, p, r, c_first, c, most, slope)
-      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   !> This default asks for every gradient.
+   subroutine sweeps_composed(self, nnoise, first, last, t, w, q, p, r, c_first, c, most, slope)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nnoise, first, last, most
       real(wp), intent(in) :: t(2), w(0:nnoise)
       real(wp), intent(in) :: q(2), p(2), r(2), c_first, c(2, 2)
       real(wp), intent(inout) :: slope(most, 2, 2)  !! of each stage, after each sweep; those before the first are given
+      real(wp) :: x(2), f(2), g(2, 2)  ! g: slopes of each stage
+      integer :: k, i
 
-      slope(first:last, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
-   end subroutine sweeps_missing
+      g = 0
+      if (first > 1) g = slope(first - 1, :, :)
+      do k = first, last
+         do i = 1, 2
+            x(1) = q(1) + r(i)*p(1)
+            x(2) = q(2) + r(i)*p(2)
+            if (k > 1) then
+               x(1) = x(1) + (c(1, i)*g(1, 1) + c(2, i)*g(1, 2))
+               x(2) = x(2) + (c(1, i)*g(2, 1) + c(2, i)*g(2, 2))
+            else if (i > 1) then
+               x(1) = x(1) + c_first*g(1, 1)
+               x(2) = x(2) + c_first*g(2, 1)
+            end if
+            call self%gradient(1, 2, nnoise, t(i), w, x, p, hq=f)
+            g(1, i) = -f(1)
+            g(2, i) = -f(2)
+            slope(k, 1, i) = g(1, i)
+            slope(k, 2, i) = g(2, i)
+         end do
+      end do
+   end subroutine sweeps_composed
 
    !> The terms of sum_j w_j H_j where it is one of an angle, for a path by itself: asked for once a time, and force and
    !> slope at many angles follow without the model. The bits are those of gradient_hessian,

@@ -10,6 +10,8 @@ module symsde_step_lone_explicit
    private
    public :: lone_explicit, kick_drift, drift_kick, kick_drift_kick
 
+   integer, parameter :: few = 4  !! numbers that are too few for vectors
+
    enum, bind(c)
       enumerator :: kick_drift = 1, drift_kick = 2, kick_drift_kick = 3
    end enum
@@ -43,15 +45,21 @@ contains
          select case (self%kind)
          case (kick_drift)
             call self%model%gradient(1, n, self%m, t1, w, q, p, hq=force)
-            do i = 1, n
-               dp(i) = -force(i)
-               x(i) = p(i) - force(i)
-            end do
-            call find_velocity(self, t1, w, q, x, dq)
+            if (self%mass_alone) then
+               call kick_and_drift(n, 1.0_wp, w(0), force, q, p, dp, dq, x)
+            else
+               do i = 1, n
+                  dp(i) = -force(i)
+                  x(i) = p(i) - force(i)
+               end do
+               call self%model%gradient(1, n, self%m, t1, w, q, x, hp=dq)
+            end if
             c%gradients = c%gradients + 2
          case (drift_kick)
-            call find_velocity(self, t1, w, q, p, dq)
+            if (.not. self%mass_alone) call self%model%gradient(1, n, self%m, t1, w, q, p, hp=dq)
+            !GCC$ novector  ! few numbers, mostly
             do i = 1, n
+               if (self%mass_alone) dq(i) = w(0)*p(i)
                x(i) = q(i) + dq(i)
             end do
             call self%model%gradient(1, n, self%m, t1, w, x, p, hq=force)
@@ -112,40 +120,74 @@ contains
       t2 = t + self%c(2)*h
       associate (n => self%n, m => self%m, x => self%x, first => self%first, second => self%second, force => self%force)
          call self%model%gradient(1, n, m, t1, w, q, p, hq=force)
-         do i = 1, n
-            dp(i) = -0.5_wp*force(i)
-            x(i) = p(i) - 0.5_wp*force(i)
-         end do
-         call find_velocity(self, t1, w, q, x, first)
-         if (.not. self%mass_alone) then
-            call find_velocity(self, t2, w, q, x, second)
-            call move(n, q, first, second, x, dq)
+         if (self%mass_alone) then
+            call kick_and_drift(n, 0.5_wp, w(0), force, q, p, dp, dq, x)
          else
-            call move(n, q, first, first, x, dq)
+            do i = 1, n
+               dp(i) = -0.5_wp*force(i)
+               x(i) = p(i) - 0.5_wp*force(i)
+            end do
+            call self%model%gradient(1, n, m, t1, w, q, x, hp=first)
+            call self%model%gradient(1, n, m, t2, w, q, x, hp=second)
+            call move(n, q, first, second, x, dq)
          end if
          call self%model%gradient(1, n, m, t2, w, x, p, hq=force)
-         do i = 1, n
-            dp(i) = dp(i) - 0.5_wp*force(i)
-         end do
+         call kick_again(n, force, dp)
          self%counters%gradients = self%counters%gradients + merge(3, 4, self%mass_alone)
       end associate
    end subroutine verlet
 
-   !> Hhat_p, without asking for it where it is h p.
-   subroutine find_velocity(self, t, w, q, p, hp)
-      type(lone_explicit), intent(in) :: self
-      real(wp), intent(in) :: t, w(0:self%m), q(self%n), p(self%n)
-      real(wp), intent(out) :: hp(self%n)
+   !> The share c of a kick, and a drift by h times the momentum after it, in two halves. What is few is not worth
+   !> vectors.
+   pure subroutine kick_and_drift(n, c, h, force, q, p, dp, dq, x)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c, h, force(n), q(n), p(n)
+      real(wp), intent(out) :: dp(n), dq(n), x(n)
       integer :: i
 
-      if (.not. self%mass_alone) then
-         call self%model%gradient(1, self%n, self%m, t, w, q, p, hp=hp)
-         return
+      if (n <= few) then
+         !GCC$ novector
+         do i = 1, n
+            call one(dp(i), dq(i), x(i), force(i), q(i), p(i))
+         end do
+      else
+         do i = 1, n
+            call one(dp(i), dq(i), x(i), force(i), q(i), p(i))
+         end do
       end if
-      do i = 1, self%n
-         hp(i) = w(0)*p(i)
-      end do
-   end subroutine find_velocity
+
+   contains
+
+      pure subroutine one(kick, drift, place, f, at, momentum)
+         real(wp), intent(out) :: kick, drift, place
+         real(wp), intent(in) :: f, at, momentum
+
+         kick = -c*f
+         drift = h*(momentum - c*f)
+         place = at + 0.5_wp*drift
+         place = place + 0.5_wp*drift
+      end subroutine one
+
+   end subroutine kick_and_drift
+
+   !> The other half.
+   pure subroutine kick_again(n, force, dp)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: force(n)
+      real(wp), intent(inout) :: dp(n)
+      integer :: i
+
+      if (n <= few) then
+         !GCC$ novector
+         do i = 1, n
+            dp(i) = dp(i) - 0.5_wp*force(i)
+         end do
+      else
+         do i = 1, n
+            dp(i) = dp(i) - 0.5_wp*force(i)
+         end do
+      end if
+   end subroutine kick_again
 
    !> The drift of two halves.
    pure subroutine move(n, q, first, second, x, dq)

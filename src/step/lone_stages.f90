@@ -14,7 +14,7 @@ module symsde_step_lone_stages
 
    integer, parameter :: most_ahead = 12  !! sweeps of a step that are asked of the model
 
-   !> Two stages and two degrees of freedom of a model that takes the sweeps itself.
+   !> Two stages and two degrees of freedom: the model takes the sweeps.
    type :: stage_pair
       integer :: nsweep = 3                   !! how many the last step took: asked for at once
       real(wp) :: r(2) = 0, c_first = 0, c(2, 2) = 0  !! what its stages are put together from
@@ -29,7 +29,7 @@ module symsde_step_lone_stages
       real(wp), private :: h = 0                             !! for which the sums are
       real(wp), allocatable, private :: base(:, :), g(:, :)  !! what Q_i has without slopes; slopes (n, nstage)
       real(wp), allocatable, dimension(:), private :: x, f, start  !! (n)
-      type(stage_pair), allocatable, private :: pair               !! where the model offers it
+      type(stage_pair), allocatable, private :: pair               !! where the step is one of these
    contains
       procedure :: take
    end type lone_stages
@@ -87,7 +87,7 @@ contains
             call find_sum(s, h, plan%first_b(:, i), self%sums(i, 1))
             call find_sum(s, h, plan%b(:, i), self%sums(i, 2))
          end do
-         if (.not. (self%model%traits%has_sweeps .and. self%n == 2 .and. s == 2 .and. plan%ngroup == 1)) return
+         if (.not. (self%n == 2 .and. s == 2 .and. plan%ngroup == 1)) return
          if (.not. (all(self%sums(:, 1)%m == [0, 1]) .and. all(self%sums(:, 2)%m == 2))) return
          self%pair = stage_pair(r=h*plan%r, c_first=self%sums(2, 1)%c(1), all=h*sum(plan%alpha), v=h*plan%v)
          self%pair%c(:, 1) = self%sums(1, 2)%c(:2)

@@ -1,12 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Two implicit stages of one degree of freedom for a path by itself, where the Hamiltonians are separable: the first
-!> guess and the iterations of step/two_stage_single, by its passes over one lane.
+!> Two implicit stages of one degree of freedom for a path by itself: the first guess and the iterations of
+!> step/single_newton where the Hamiltonians are separable, or its one solve where they are quadratic, by its passes
+!> over one lane.
 module symsde_step_lone_two_stages
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: angle_terms
    use symsde_solve_stagnation, only: verdict_of, quadratic
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_two_stage_slopes, only: stage_point, add_stages, solve_separable
+   use symsde_step_two_stage_slopes, only: stage_point, add_stages, solve_separable, solve_lanes
    implicit none
    private
    public :: lone_two_stages
@@ -14,6 +15,7 @@ module symsde_step_lone_two_stages
    type, extends(lone_stepper) :: lone_two_stages
       real(wp) :: a(2, 2) = 0, abar(2, 2) = 0, alpha(2) = 0, c(2) = 0
       integer :: max_iter = 0
+      logical :: affine = .false.  !! one solve is all
    contains
       procedure :: take
    end type lone_two_stages
@@ -30,6 +32,10 @@ contains
       real(wp), dimension(1) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2
       integer :: iteration
 
+      if (self%affine) then
+         call solve_once(self, t, h, w, q, p, dq, dp, taken)
+         return
+      end if
       associate (a => self%a, abar => self%abar)
          x = 0
          call self%find_terms(t + 0.5_wp*h, w, terms)
@@ -65,5 +71,34 @@ contains
          c%solves = c%solves + iteration
       end associate
    end subroutine take
+
+   !> From slopes of zero, where both stages are where the step begins.
+   subroutine solve_once(self, t, h, w, q, p, dq, dp, taken)
+      type(lone_two_stages), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(1), p(1)
+      real(wp), intent(out) :: dq(1), dp(1)
+      logical, intent(out) :: taken
+      real(wp) :: x(4), d(4)
+      real(wp), dimension(1, 2) :: hq, hp, hqq, hqp, hpp
+      integer :: i
+
+      do i = 1, 2
+         call self%model%gradient_hessian(1, 1, self%m, t + self%c(i)*h, w, q, p, hq(:, i), hp(:, i), hqq(:, i), &
+                                          hqp(:, i), hpp(:, i))
+      end do
+      x = 0
+      call solve_lanes(1, self%a, self%abar, hq(:, 1), hq(:, 2), hp(:, 1), hp(:, 2), hqq(:, 1), hqq(:, 2), &
+                       hqp(:, 1), hqp(:, 2), hpp(:, 1), hpp(:, 2), x, d)
+      x = x - d
+      taken = abs(sum(x)) <= huge(x)
+      if (.not. taken) return
+      call add_stages(1, self%alpha, x, dq, dp)
+      associate (c => self%counters)
+         c%gradients = c%gradients + 2
+         c%hessians = c%hessians + 2
+         c%iterations = c%iterations + 1
+         c%solves = c%solves + 1
+      end associate
+   end subroutine solve_once
 
 end module symsde_step_lone_two_stages

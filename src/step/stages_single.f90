@@ -176,14 +176,17 @@ contains
       few%ham%counters = counters_type()
    end subroutine finish
 
-   !> Paths one by one, where there are two stages, the Hamiltonians are separable and have their derivatives.
+   !> Paths one by one, where there are two stages, the Hamiltonians are separable or one solve is all, and have their
+   !> derivatives.
    subroutine offer_lone(self, lone)
       class(stages_single_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
       type(lone_two_stages), allocatable :: made
 
-      if (.not. (self%solver%separable .and. self%ham%model%traits%has_hessian .and. self%solver%s == 2)) return
+      if (.not. (self%ham%model%traits%has_hessian .and. self%solver%s == 2)) return
+      if (.not. (self%solver%separable .or. self%solver%newton%affine)) return
       allocate (made)
+      made%affine = self%solver%newton%affine
       made%a = self%solver%a
       made%abar = self%solver%abar
       made%alpha = self%alpha

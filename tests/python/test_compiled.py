@@ -379,3 +379,69 @@ def test_any_number_of_lanes(scheme):
     fast = numba.cfunc(ss.numba_signature("gradient"), fastmath=True)(gradient._pyfunc)
     assert not ss._callbacks.takes_any_lanes([gradient, fast])
     assert not ss._callbacks.takes_any_lanes([lambda: 0])
+
+
+def test_lanes_of_the_librarys_sine():
+    """Its sine and cosine are known to take any number of lanes; what else is called by its address is not."""
+    numba = pytest.importorskip("numba")
+
+    def pendulum(sines):
+        @numba.cfunc(ss.numba_signature("gradient"))
+        def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+            sine, cosine = np.empty(nlane), np.empty(nlane)
+            sines(nlane, q, sine.ctypes, cosine.ctypes)
+            w, p = numba.carray(w, (nham, nlane)), numba.carray(p, nlane)
+            hq, hp = numba.carray(hq, nlane), numba.carray(hp, nlane)
+            for i in range(nlane):
+                hq[i] = w[0, i] * sine[i] + 0.3 * w[1, i] * cosine[i]
+                hp[i] = w[0, i] * p[i]
+            return 0
+
+        return gradient
+
+    mine, other = pendulum(ss.numba_sincos()), pendulum(type(ss.numba_sincos())(lambda n, x, s, c: 0))
+    assert ss._callbacks.takes_any_lanes([mine])
+    assert not ss._callbacks.takes_any_lanes([other])
+    traits = {"separable": True, "position_noise": True, "identity_mass": True}
+    model = ss.Model(ndof=1, nnoise=1, gradient=mine, **traits)
+    how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 60, "seed": 5, "scheme": "stormer_verlet"}
+    many = ss.simulate(model, paths=300, **how)
+    for paths in (1, 2, 5):
+        np.testing.assert_array_equal(ss.simulate(model, paths=paths, **how).q, many.q[:, :, :paths])
+
+
+def test_one_path_of_a_quadratic_model():
+    """One solve a step, and the bits of many paths, where the Hamiltonian mixes q and p and depends on time."""
+    numba = pytest.importorskip("numba")
+
+    @numba.cfunc(ss.numba_signature("gradient_hessian"))
+    def gradient_hessian(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):
+        w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, nlane), numba.carray(p, nlane)
+        hq, hp = numba.carray(hq, nlane), numba.carray(hp, nlane)
+        hqq, hqp, hpp = numba.carray(hqq, nlane), numba.carray(hqp, nlane), numba.carray(hpp, nlane)
+        for i in range(nlane):
+            hqq[i], hqp[i], hpp[i] = w[0, i] * (1 + 0.5 * np.cos(t)), 0.3 * w[0, i] + 0.2 * w[1, i], w[0, i]
+            hq[i] = hqq[i] * q[i] + hqp[i] * p[i] + w[0, i] * np.sin(t)
+            hp[i] = hqp[i] * q[i] + hpp[i] * p[i]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
+        w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, nlane), numba.carray(p, nlane)
+        hq, hp = numba.carray(hq, nlane), numba.carray(hp, nlane)
+        for i in range(nlane):
+            mixed = 0.3 * w[0, i] + 0.2 * w[1, i]
+            hq[i] = w[0, i] * (1 + 0.5 * np.cos(t)) * q[i] + mixed * p[i] + w[0, i] * np.sin(t)
+            hp[i] = mixed * q[i] + w[0, i] * p[i]
+        return 0
+
+    functions = {"gradient": gradient, "gradient_hessian": gradient_hessian}
+    model = ss.Model(ndof=1, nnoise=1, quadratic=True, **functions)
+    how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 60, "seed": 5, "scheme": "gauss2"}
+    many = ss.simulate(model, paths=300, **how)
+    assert many.report.counters["solves"] == 300 * 60
+    for paths in (1, 2, 5):
+        run = ss.simulate(model, paths=paths, **how)
+        np.testing.assert_array_equal(run.q, many.q[:, :, :paths])
+        np.testing.assert_array_equal(run.p, many.p[:, :, :paths])
+        assert run.report.counters["solves"] == paths * 60
