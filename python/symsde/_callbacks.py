@@ -210,10 +210,12 @@ def takes_any_lanes(functions: Iterable[object]) -> bool:
     """Whether compiled functions are known to give a lane the same bits whatever the number of lanes.
 
     LLVM keeps to IEEE arithmetic in vectors as in what is left over, unless instructions are marked as fast, or sine
-    and the like are those of a vector library; only numba functions can be asked.
+    and the like are those of a vector library, or a function is called by its address: of these only the library's
+    sine and cosine are known. Only numba functions can be asked.
     """
     texts = [getattr(function, "inspect_llvm", None) for function in functions if function is not None]
-    return bool(texts) and all(text is not None and not _INEXACT.search(text()) for text in texts)
+    own = f"inttoptr (i64 {ctypes.cast(library.symsde_sincos, ctypes.c_void_p).value} to"
+    return bool(texts) and all(text and not _INEXACT.search(text().replace(own, "")) for text in texts)
 
 
 def numba_signature(kind: str):
