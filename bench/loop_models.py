@@ -21,9 +21,12 @@ def synchrotron():
     def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917
         w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, nlane), numba.carray(p, nlane)
         hq, hp = numba.carray(hq, nlane), numba.carray(hp, nlane)
-        for i in range(nlane):
-            hq[i] = (4.0 * w[0, i] + 0.1 * w[2, i]) * math.sin(q[i]) + 0.2 * w[1, i] * math.cos(q[i])
-            hp[i] = w[0, i] * p[i]
+        if hq.ctypes.data != 0:
+            for i in range(nlane):
+                hq[i] = (4.0 * w[0, i] + 0.1 * w[2, i]) * math.sin(q[i]) + 0.2 * w[1, i] * math.cos(q[i])
+        if hp.ctypes.data != 0:
+            for i in range(nlane):
+                hp[i] = w[0, i] * p[i]
         return 0
 
     @numba.cfunc(ss.numba_signature("gradient_hessian"))
@@ -34,15 +37,68 @@ def synchrotron():
         for i in range(nlane):
             sine, cosine = math.sin(q[i]), math.cos(q[i])
             a, b = 4.0 * w[0, i] + 0.1 * w[2, i], 0.2 * w[1, i]
-            hq[i] = a * sine + b * cosine
-            hp[i] = w[0, i] * p[i]
-            hqq[i] = a * cosine - b * sine
-            hqp[i] = 0.0
-            hpp[i] = w[0, i]
+            if hq.ctypes.data != 0:
+                hq[i] = a * sine + b * cosine
+            if hqq.ctypes.data != 0:
+                hqq[i] = a * cosine - b * sine
+            if hp.ctypes.data != 0:
+                hp[i] = w[0, i] * p[i]
+            if hqp.ctypes.data != 0:
+                hqp[i] = 0.0
+            if hpp.ctypes.data != 0:
+                hpp[i] = w[0, i]
         return 0
 
     traits = {"separable": True, "position_noise": True, "identity_mass": True}
-    return ss.Model(ndof=1, nnoise=2, gradient=gradient, gradient_hessian=gradient_hessian, **traits)
+    functions = {"gradient": gradient, "gradient_hessian": gradient_hessian, "accepts_null": True}
+    return ss.Model(ndof=1, nnoise=2, **functions, **traits)
+
+
+def henon_heiles():
+    """H = (p.p + q.q)/2 + q_1^2 q_2 - q_2^3/3, H_k = 1e-4 q_k: so little noise that no path escapes in a long run."""
+
+    @numba.cfunc(ss.numba_signature("gradient"))
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917
+        w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, (ndof, nlane)), numba.carray(p, (ndof, nlane))
+        hq, hp = numba.carray(hq, (ndof, nlane)), numba.carray(hp, (ndof, nlane))
+        if hq.ctypes.data != 0:
+            for i in range(nlane):
+                x, y = q[0, i], q[1, i]
+                hq[0, i] = w[0, i] * (x + 2 * x * y) + 1e-4 * w[1, i]
+                hq[1, i] = w[0, i] * (y + x * x - y * y) + 1e-4 * w[2, i]
+        if hp.ctypes.data != 0:
+            for i in range(nlane):
+                hp[0, i], hp[1, i] = w[0, i] * p[0, i], w[0, i] * p[1, i]
+        return 0
+
+    @numba.cfunc(ss.numba_signature("gradient_hessian"))
+    def gradient_hessian(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):  # noqa: PLR0917
+        w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, (ndof, nlane)), numba.carray(p, (ndof, nlane))
+        hq, hp = numba.carray(hq, (ndof, nlane)), numba.carray(hp, (ndof, nlane))
+        hqq, hqp, hpp = numba.carray(hqq, (4, nlane)), numba.carray(hqp, (4, nlane)), numba.carray(hpp, (4, nlane))
+        if hq.ctypes.data != 0:
+            for i in range(nlane):
+                x, y = q[0, i], q[1, i]
+                hq[0, i] = w[0, i] * (x + 2 * x * y) + 1e-4 * w[1, i]
+                hq[1, i] = w[0, i] * (y + x * x - y * y) + 1e-4 * w[2, i]
+        if hqq.ctypes.data != 0:
+            for i in range(nlane):
+                x, y, h = q[0, i], q[1, i], w[0, i]
+                hqq[0, i], hqq[1, i] = h * (1 + 2 * y), h * (2 * x)
+                hqq[2, i], hqq[3, i] = h * (2 * x), h * (1 - 2 * y)
+        if hp.ctypes.data != 0:
+            for i in range(nlane):
+                hp[0, i], hp[1, i] = w[0, i] * p[0, i], w[0, i] * p[1, i]
+        if hqp.ctypes.data != 0:
+            hqp[:] = 0.0
+        if hpp.ctypes.data != 0:
+            for i in range(nlane):
+                hpp[0, i], hpp[1, i], hpp[2, i], hpp[3, i] = w[0, i], 0.0, 0.0, w[0, i]
+        return 0
+
+    traits = {"separable": True, "additive": True, "position_noise": True, "identity_mass": True}
+    functions = {"gradient": gradient, "gradient_hessian": gradient_hessian, "accepts_null": True}
+    return ss.Model(ndof=2, nnoise=2, **functions, **traits)
 
 
 def many_noises(m):
@@ -52,12 +108,15 @@ def many_noises(m):
     def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917
         w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, nlane), numba.carray(p, nlane)
         hq, hp = numba.carray(hq, nlane), numba.carray(hp, nlane)
-        for i in range(nlane):
-            hq[i] = w[0, i] * q[i]
-            hp[i] = w[0, i] * p[i]
-        for k in range(1, nham):
+        if hq.ctypes.data != 0:
             for i in range(nlane):
-                hq[i] -= COSINES[k - 1] * w[k, i]
+                force = w[0, i] * q[i]
+                for k in range(1, nham):
+                    force -= COSINES[k - 1] * w[k, i]
+                hq[i] = force
+        if hp.ctypes.data != 0:
+            for i in range(nlane):
+                hp[i] = w[0, i] * p[i]
         return 0
 
     @numba.cfunc(ss.numba_signature("gradient_hessian"))
@@ -65,19 +124,26 @@ def many_noises(m):
         w, q, p = numba.carray(w, (nham, nlane)), numba.carray(q, nlane), numba.carray(p, nlane)
         hq, hp = numba.carray(hq, nlane), numba.carray(hp, nlane)
         hqq, hqp, hpp = numba.carray(hqq, nlane), numba.carray(hqp, nlane), numba.carray(hpp, nlane)
+        if hq.ctypes.data != 0:
+            for i in range(nlane):
+                force = w[0, i] * q[i]
+                for k in range(1, nham):
+                    force -= COSINES[k - 1] * w[k, i]
+                hq[i] = force
         for i in range(nlane):
-            force = w[0, i] * q[i]
-            for k in range(1, nham):
-                force -= COSINES[k - 1] * w[k, i]
-            hq[i] = force
-            hp[i] = w[0, i] * p[i]
-            hqq[i] = w[0, i]
-            hqp[i] = 0.0
-            hpp[i] = w[0, i]
+            if hp.ctypes.data != 0:
+                hp[i] = w[0, i] * p[i]
+            if hqq.ctypes.data != 0:
+                hqq[i] = w[0, i]
+            if hqp.ctypes.data != 0:
+                hqp[i] = 0.0
+            if hpp.ctypes.data != 0:
+                hpp[i] = w[0, i]
         return 0
 
     traits = {"separable": True, "additive": True, "position_noise": True, "quadratic": True, "identity_mass": True}
-    return ss.Model(ndof=1, nnoise=m, gradient=gradient, gradient_hessian=gradient_hessian, **traits)
+    functions = {"gradient": gradient, "gradient_hessian": gradient_hessian, "accepts_null": True}
+    return ss.Model(ndof=1, nnoise=m, **functions, **traits)
 
 
 def mean_field(n):

@@ -63,6 +63,17 @@ def chain_model(n):
     return ss.models.fpu_chain(n=n, sigma=1e-3)
 
 
+EXPLICIT, IMPLICIT = ("symplectic_euler", "stormer_verlet"), ("midpoint", "gauss2")
+
+
+def how_in_a_loop(scheme, force, n, m):
+    """The loop of a scheme where H = p.p/2 + U(q) and the noises are in position."""
+    explicit = {"symplectic_euler": loops.euler, "stormer_verlet": loops.verlet}
+    if scheme in explicit:
+        return explicit[scheme](force, n, m)
+    return loops.collocation(force, n, m, scheme)
+
+
 # name -> (model, scheme, step, degrees of freedom, loop)
 SCENES = {
     "kubo midpoint": (ss.models.kubo, "midpoint", 0.02, 1, lambda: loops.kubo_midpoint),
@@ -119,6 +130,15 @@ SCENES = {
         *(lambda: loop_models.many_noises(16), "midpoint", 0.02, 1),
         lambda: loops.linear_midpoint(16),
     ),
+    **{
+        f"cfunc {name} {scheme}": (model, scheme, 0.02, n, partial(how_in_a_loop, scheme, force, n, m))
+        for name, model, force, n, m, schemes in (
+            ("synchrotron", loop_models.synchrotron, loops.synchrotron_force, 1, 2, (*EXPLICIT, "gauss2")),
+            ("henon_heiles", loop_models.henon_heiles, loops.henon_heiles_force, 2, 2, (*EXPLICIT, *IMPLICIT)),
+            ("16_noises", partial(loop_models.many_noises, 16), loops.many_noises_force, 1, 16, (*EXPLICIT, "gauss2")),
+        )
+        for scheme in schemes
+    },
     "cfunc mean_field16 midpoint": (
         *(lambda: loop_models.mean_field(16), "midpoint", 0.02, 16),
         lambda: loops.collocation(loops.mean_field_force, 16, 1, "midpoint"),

@@ -27,6 +27,29 @@ def _compiled(function):
 # ---- H = p.p/2 + U(q), noises in position: force(w, q, f, room) gives f = -d/dq sum_j w_j H_j ------------------------
 
 
+def euler(force, n, m):
+    """Symplectic Euler, the kick first."""
+
+    @_compiled
+    def run(generator, q0, p0, step, steps, paths):
+        root, total = math.sqrt(step), 0.0
+        q, p, f, w, room = np.empty(n), np.empty(n), np.empty(n), np.empty(m + 1), np.empty(n)
+        w[0] = step
+        for _ in range(paths):
+            q[:], p[:] = q0, p0
+            for _ in range(steps):
+                for k in range(m):
+                    w[k + 1] = root * generator.standard_normal()
+                force(w, q, f, room)
+                for i in range(n):
+                    p[i] += f[i]
+                    q[i] += step * p[i]
+            total += q[0]
+        return total
+
+    return run
+
+
 def verlet(force, n, m):
     """Stormer-Verlet, explicit."""
 
@@ -165,6 +188,15 @@ def henon_heiles_force(w, q, f, room):
 def synchrotron_force(w, q, f, room):
     """omega = 2, sigma1 = 0.2, sigma2 = 0.1."""
     f[0] = -(4.0 * w[0] + 0.1 * w[2]) * math.sin(q[0]) - 0.2 * w[1] * math.cos(q[0])
+
+
+@_compiled
+def many_noises_force(w, q, f, room):
+    """H_k = -cos(k) q."""
+    noise = 0.0
+    for k in range(1, len(w)):
+        noise += COSINES[k - 1] * w[k]
+    f[0] = noise - w[0] * q[0]
 
 
 @_compiled
