@@ -27,29 +27,6 @@ def _compiled(function):
 # ---- H = p.p/2 + U(q), noises in position: force(w, q, f, room) gives f = -d/dq sum_j w_j H_j ------------------------
 
 
-def euler(force, n, m):
-    """Symplectic Euler, the kick first."""
-
-    @_compiled
-    def run(generator, q0, p0, step, steps, paths):
-        root, total = math.sqrt(step), 0.0
-        q, p, f, w, room = np.empty(n), np.empty(n), np.empty(n), np.empty(m + 1), np.empty(n)
-        w[0] = step
-        for _ in range(paths):
-            q[:], p[:] = q0, p0
-            for _ in range(steps):
-                for k in range(m):
-                    w[k + 1] = root * generator.standard_normal()
-                force(w, q, f, room)
-                for i in range(n):
-                    p[i] += f[i]
-                    q[i] += step * p[i]
-            total += q[0]
-        return total
-
-    return run
-
-
 def verlet(force, n, m):
     """Stormer-Verlet, explicit."""
 
