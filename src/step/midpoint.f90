@@ -15,7 +15,7 @@
 !>
 !> The equations, the switch and the increments stand here, once. What solves the linear systems is a part:
 !> matrices eliminated across lanes (closed form, dense, banded), rows of a tridiagonal Hessian, or products
-!> with the Hessian alone. They find the same root.
+!> with the Hessian alone, for lanes that step/stages has not solved by iteration. They find the same root.
 module symsde_step_midpoint
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -32,7 +32,7 @@ module symsde_step_midpoint
    use symsde_step_midpoint_by_rows, only: midpoint_by_rows, new_midpoint_by_rows
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
    use symsde_step_midpoint_states, only: add_in_place, find_states, find_bad, put_states, tame
-   use symsde_step_newton_by_products, only: pays_by_products
+   use symsde_step_newton_by_products, only: does_without_matrices
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -67,6 +67,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. fits_midpoint_stepper(task%model)
+      if (fits) fits = choose_way(task%model, task%newton) /= by_products
    end function fits
 
    subroutine make(self, task)
@@ -76,10 +77,6 @@ contains
       call new_midpoint_stepper(self, task%model, task%nlane, task%newton)
       self%one_solve = self%part%newton%affine
       self%left_out = 'half of the unknowns: identity mass'
-      select type (part => self%part)
-      type is (midpoint_by_products)
-         self%left_out = 'matrices: products with the Hessian take their place; '//self%left_out
-      end select
    end subroutine make
 
    !> Whether the elimination of the momenta is valid for this model.
@@ -173,7 +170,7 @@ contains
       associate (t => model%traits)
          if (t%bandwidth == 1 .and. t%ndof > 3) then
             way = by_rows
-         else if (pays_by_products(t, t%ndof)) then
+         else if (does_without_matrices(t, t%ndof, options)) then
             way = by_products
          end if
       end associate

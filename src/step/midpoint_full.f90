@@ -4,8 +4,8 @@
 !>    q_{n+1} = q_n + Hhat_p(Q,P),  p_{n+1} = p_n - Hhat_q(Q,P),  (Q,P) the mean of both ends   [WHSB] (71)-(72)
 !>
 !> Unknowns are the increments (F,G) = (dq,dp), interleaved degree by degree so that banded Hessians
-!> make a banded matrix. Many of them in a dense one are found without matrices, by products: there
-!> the unknowns are all of F and then all of G.
+!> make a banded matrix. Many of them in a dense one are found without matrices, by products (for step/stages,
+!> which iterates first): there the unknowns are all of F and then all of G.
 module symsde_step_midpoint_full
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -13,7 +13,7 @@ module symsde_step_midpoint_full
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, pays_by_products
+   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, does_without_matrices
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -42,7 +42,8 @@ contains
       class(midpoint_full_stepper), intent(in) :: self
       type(stepper_task), intent(in) :: task
 
-      fits = task%is_plain() .and. task%scheme%is_midpoint()
+      fits = task%is_plain() .and. task%scheme%is_midpoint() .and. &
+             .not. does_without_matrices(task%model%traits, 2*task%model%traits%ndof, task%newton)
    end function fits
 
    subroutine make(self, task)
@@ -51,7 +52,6 @@ contains
 
       call new_midpoint_full_stepper(self, task%model, task%nlane, task%newton)
       self%one_solve = self%newton%affine
-      if (allocated(self%products)) self%left_out = 'matrices: products with the Hessian take their place'
    end subroutine make
 
    !> A midpoint stepper for blocks of nlane lanes.
@@ -71,7 +71,7 @@ contains
       self%name = 'midpoint'
       self%band = b
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, brackets)
-      matrices = options%fixed_point > 0 .or. options%damped .or. .not. pays_by_products(model%traits, 2*n)
+      matrices = .not. does_without_matrices(model%traits, 2*n, options)
       if (present(without_matrices)) matrices = .not. without_matrices
       allocate (self%x(nlane, 2*n), self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
       if (.not. matrices) then

@@ -21,12 +21,12 @@ module symsde_step_newton_by_products
    use symsde_solve_blocks, only: max_lane_unknowns
    use symsde_solve_krylov, only: krylov_type, new_krylov
    use symsde_solve_lapack, only: solve_dense_lapack
-   use symsde_solve_newton, only: newton_type
+   use symsde_solve_newton, only: newton_type, newton_options
    use symsde_solve_stagnation, only: correct_lanes
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
    private
-   public :: newton_by_products, new_newton_by_products, pays_by_products
+   public :: newton_by_products, new_newton_by_products, pays_by_products, does_without_matrices
    public :: hessian_product, set_goals  ! for matrices of other forms
 
    !> Unknowns of a lane from which no matrix is the faster way. With analytic second derivatives: where
@@ -59,6 +59,16 @@ contains
       pays_by_products = full .and. unknowns >= merge(least_analytic, least_differenced, &
                                                       traits%has_hessian .or. traits%has_hessian_vector)
    end function pays_by_products
+
+   !> Whether Newton's iteration of a midpoint does: damping and given numbers of iterations are those of matrices.
+   pure logical function does_without_matrices(traits, unknowns, options)
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: unknowns
+      type(newton_options), intent(in) :: options
+
+      does_without_matrices = pays_by_products(traits, unknowns) .and. options%fixed_point <= 0 .and. &
+                              .not. options%damped
+   end function does_without_matrices
 
    !> Room for nlane lanes.
    subroutine new_newton_by_products(self, nlane, traits, eliminated)

@@ -4,8 +4,8 @@
 !> Where H = p.p/2 + U(q) with noise in position or additive the momenta are eliminated (step/stage_plan).
 !> The slopes are found group by group: by fixed-point iteration in the lanes where the step is mild
 !> (step/stage_iteration), by Newton's iteration in the others (step/stage_newton; the general stepper's where
-!> momenta cannot be eliminated). All find the root that the general stepper finds. Lanes are taken through
-!> the whole step in parts that stay in cache.
+!> momenta cannot be eliminated; midpoint's own where it wants no matrices). All find the root that the general
+!> stepper finds. Lanes are taken through the whole step in parts that stay in cache.
 module symsde_step_stages
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -15,11 +15,15 @@ module symsde_step_stages
    use symsde_base_status, only: not_converged
    use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_stages, only: lone_stages
+   use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, by_products
+   use symsde_step_modified_hamiltonian, only: active_brackets
+   use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
+   use symsde_step_newton_by_products, only: does_without_matrices
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stage_equations, only: stage_equations, new_stage_equations
    use symsde_step_stage_iteration, only: iterate_group, solved, untried, stiff_rate
@@ -54,7 +58,9 @@ module symsde_step_stages
       type(stage_equations) :: equations                !! of the part in hand
       type(solver_slot), allocatable :: solver(:)       !! of each group
       type(scheme_type) :: scheme
-      type(general_stepper), allocatable :: general     !! of lanes that are given up with their momenta
+      class(stepper_type), allocatable :: other         !! of lanes that are left
+      logical :: leaves = .false.                       !! lanes that iteration does not solve are left to `other`
+      logical :: midpoint_left = .false.                !! which is midpoint's, by products with the Hessian
       integer(i8), allocatable, dimension(:) :: left, outcome  !! of the part (width)
       logical, allocatable :: wanted(:)                 !! (width)
       real(wp), allocatable, dimension(:, :) :: dq, dp, dq_left, dp_left  !! of the part (width, ndof)
@@ -82,6 +88,9 @@ contains
 
       call new_stages_stepper(self, task%model, task%scheme, task%nlane, task%newton)
       if (self%equations%eliminated) self%left_out = 'half of the unknowns: identity mass'
+      if (.not. self%midpoint_left) return
+      self%left_out = 'matrices: products with the Hessian take their place'
+      if (self%equations%eliminated) self%left_out = self%left_out//'; half of the unknowns: identity mass'
    end subroutine make
 
    !> Whether this stepper serves a model, scheme and options.
@@ -105,6 +114,7 @@ contains
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
+      type(bracket_terms) :: brackets
       integer :: g
 
       self%options = options
@@ -120,6 +130,12 @@ contains
       call new_stage_equations(self%equations, model, scheme, self%width)
       self%name = 'stages'
       if (self%equations%eliminated) self%name = 'stages, momenta eliminated'
+      brackets = active_brackets(scheme%brackets, model%traits)
+      associate (n => model%traits%ndof)
+         self%midpoint_left = scheme%is_midpoint() .and. .not. brackets%are_added() .and. &
+                              does_without_matrices(model%traits, merge(n, 2*n, self%equations%eliminated), options)
+      end associate
+      self%leaves = self%midpoint_left .or. .not. self%equations%eliminated
       allocate (self%solver(self%equations%plan%ngroup))
       do g = 1, size(self%solver)
          self%solver(g)%has_rows = self%equations%eliminated .and. &
@@ -165,7 +181,8 @@ contains
 
       self%left = -1
       too_stiff = stiff_rate
-      if (.not. self%equations%eliminated .and. 2*self%ham%ndof*self%scheme%nstage > small) too_stiff = stiff_rate_dense
+      if (self%leaves .and. .not. self%midpoint_left .and. 2*self%ham%ndof*self%scheme%nstage > small) &
+         too_stiff = stiff_rate_dense
       do g = 1, size(self%solver)
          self%outcome = merge(solved, -1_i8, status == 0 .and. self%left < 0)
          associate (group => self%equations%plan%group(g), solver => self%solver(g))
@@ -176,10 +193,10 @@ contains
                                   self%outcome)
             end if
             if (.not. any(self%outcome > solved)) cycle
-            if (self%equations%eliminated) then
-               call solve_group(self, group, solver, status)
-            else
+            if (self%leaves) then
                self%left = merge(0_i8, self%left, self%outcome > solved)
+            else
+               call solve_group(self, group, solver, status)
             end if
          end associate
       end do
@@ -243,22 +260,20 @@ contains
       integer(i8), intent(inout) :: left(self%width), status(self%width)
       integer :: i
 
-      if (.not. allocated(self%general)) then
-         if (.not. memory_for(self%width*real(size(self%dq, 2)*self%scheme%nstage*2, wp)**2, 0)) then
+      if (.not. allocated(self%other)) then
+         if (.not. (self%midpoint_left .or. &
+                    memory_for(self%width*real(size(self%dq, 2)*self%scheme%nstage*2, wp)**2, 0))) then
             status = merge(int(not_converged, i8), status, left == 0)
             return
          end if
+         call make_other(self)
+         allocate (self%dq_left, self%dp_left, mold=self%dq)
       end if
       associate (e => self%equations)
-         if (.not. allocated(self%general)) then
-            allocate (self%general)
-            allocate (self%dq_left, self%dp_left, mold=self%dq)
-            call new_general_stepper(self%general, e%ham%model, self%scheme, correction_none, self%width, self%options)
-         end if
-         self%general%ham%nreal = e%ham%nreal
-         call self%general%increment(e%step, e%q, e%p, self%dq_left, self%dp_left, left)
-         call add_counters(e%ham%counters, self%general%ham%counters)
-         self%general%ham%counters = counters_type()
+         self%other%ham%nreal = e%ham%nreal
+         call self%other%increment(e%step, e%q, e%p, self%dq_left, self%dp_left, left)
+         call add_counters(e%ham%counters, self%other%ham%counters)
+         self%other%ham%counters = counters_type()
       end associate
       do i = 1, size(self%dq, 2)
          self%dq(:, i) = merge(self%dq_left(:, i), self%dq(:, i), left == 0)
@@ -266,5 +281,29 @@ contains
       end do
       status = merge(left, status, left > 0)
    end subroutine solve_left
+
+   !> What takes the lanes that are left.
+   subroutine make_other(self)
+      type(stages_stepper), intent(inout) :: self
+      type(general_stepper), allocatable :: general
+      type(midpoint_stepper), allocatable :: eliminated
+      type(midpoint_full_stepper), allocatable :: midpoint
+
+      associate (model => self%equations%ham%model)
+         if (self%midpoint_left .and. self%equations%eliminated) then
+            allocate (eliminated)
+            call new_midpoint_stepper(eliminated, model, self%width, self%options, by_products)
+            call move_alloc(eliminated, self%other)
+         else if (self%midpoint_left) then
+            allocate (midpoint)
+            call new_midpoint_full_stepper(midpoint, model, self%width, self%options)
+            call move_alloc(midpoint, self%other)
+         else
+            allocate (general)
+            call new_general_stepper(general, model, self%scheme, correction_none, self%width, self%options)
+            call move_alloc(general, self%other)
+         end if
+      end associate
+   end subroutine make_other
 
 end module symsde_step_stages
