@@ -14,11 +14,16 @@ import itertools
 
 import numpy as np
 
+from ..mlmc.sampler import coupled
 from ..schemes import Scheme
+from . import quasi
 from .estimators import Estimator
 from .problem import Problem
+from .stability import fewest_steps
 
-MOST_ROWS = 2048  #: increments of a path, up to which responses are computed
+MOST_ROWS = 2048  #: increments of a path, up to which Z is summed
+RESPONSES = 64  #: steps with a response of their own; those of finer steps are read off between them
+_FINER = 8  #: of the fewest steps of the motion, that these are at least
 _FULL = 2  #: degrees of freedom up to which every pair of components is a control
 _BUMP = 1e-4  #: increment, in sqrt(h), by which derivatives are taken
 _BY_INCREMENTS = {"truncation": None, "areas": "path", "area_time": None}  #: options of runs that take these alone
@@ -30,15 +35,26 @@ class Control(Estimator):
 
     name = "control variate"
 
-    def __init__(self, problem: Problem, scheme: Scheme, steps: int, first: int):
-        """Compute the responses and fit the regression on paths of its own."""
+    def __init__(
+        self, problem: Problem, scheme: Scheme, steps: int, first: int, *, fit: int = FIT, differences: bool = False
+    ):
+        """Compute the responses and fit the regression on paths of its own: of f, or of its change from 2h to h."""
         super().__init__(problem, scheme, steps, first)
-        self._response = _directions(problem, responses(problem, steps))
+        self._fit_on, self._differences = fit, differences
+        self._response = self._differing() if differences else _directions(problem, responses(problem, steps))
         step = problem.horizon / steps
         self._covariance = step * self._response @ self._response.T
         self._pairs = list(itertools.combinations_with_replacement(range(len(self._response)), 2))
         self.coefficients = self._fit()
         self._begin = self._next
+
+    def _differing(self) -> np.ndarray:
+        """Responses to the fine increments of the scheme itself, and by how much those of its coarse paths differ."""
+        problem, noises = self.problem, self.problem.model.nnoise
+        by = self.scheme if quasi.columns(problem, self.scheme) == 1 else "midpoint"
+        fine, coarse = (_responses(problem, steps, by) for steps in (self.steps, self.steps // 2))
+        twice = np.repeat(coarse.reshape(len(coarse), -1, noises), 2, axis=1).reshape(fine.shape)
+        return np.concatenate([_directions(problem, x) for x in (fine, twice - fine)])
 
     @property
     def part(self) -> int:
@@ -50,7 +66,11 @@ class Control(Estimator):
         return values - self.coefficients @ self._controls(first, count), ok
 
     def _values(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-        return self.problem.values(self.problem.run(self.scheme, self.steps, first_path=first, paths=count))
+        paths = {"first_path": first, "paths": count}
+        if not self._differences:
+            return self.problem.values(self.problem.run(self.scheme, self.steps, **paths))
+        fine, coarse, ok = coupled(self.problem, self.scheme, self.steps, paths)
+        return fine - coarse, ok
 
     def _controls(self, first: int, count: int) -> np.ndarray:
         """(control, path), each of mean zero and of size one."""
@@ -64,8 +84,8 @@ class Control(Estimator):
     def _fit(self) -> np.ndarray:
         """Coefficients of the regression, by least squares."""
         parts = []
-        for _ in range(0, FIT, min(self.part, FIT)):
-            count = min(self.part, FIT)
+        for _ in range(0, self._fit_on, min(self.part, self._fit_on)):
+            count = min(self.part, self._fit_on)
             values, ok = self._values(self._next, count)
             parts.append((values[ok], self._controls(self._next, count)[:, ok]))
             self._next += count
@@ -82,7 +102,27 @@ def applies(problem: Problem, steps: int) -> bool:
 
 
 def responses(problem: Problem, steps: int) -> np.ndarray:
-    """Derivatives of the final state by every increment, (2 dof, step*noise), by central differences."""
+    """Derivatives of the final state by every increment, (2 dof, step*noise).
+
+    They are smooth along the way: those of many steps are read off a polynomial of third degree through the four
+    nearest of fewer. Any G gives a Z whose covariance is known; a better one leaves less variance.
+    """
+    coarse = max(RESPONSES, _FINER * fewest_steps(problem))
+    if steps <= coarse:
+        return _responses(problem, steps)
+    known = _responses(problem, coarse).reshape(-1, coarse, problem.model.nnoise)
+    place = (np.arange(steps) + 0.5) * coarse / steps - 0.5  # middles of steps, counted in those of the coarse ones
+    nearest = np.clip(np.floor(place).astype(int) - 1, 0, coarse - 4)
+    found = np.zeros((known.shape[0], steps, problem.model.nnoise))
+    for i in range(4):
+        others = [j for j in range(4) if j != i]
+        weight = np.prod([(place - nearest - j) / (i - j) for j in others], axis=0)
+        found += weight[:, np.newaxis] * known[:, nearest + i]
+    return found.reshape(known.shape[0], -1)
+
+
+def _responses(problem: Problem, steps: int, scheme: str | Scheme = "midpoint") -> np.ndarray:
+    """The same of every step, by central differences."""
     rows, noises = steps * problem.model.nnoise, problem.model.nnoise
     bump = _BUMP * np.sqrt(problem.horizon / steps)
     ends = []
@@ -90,7 +130,7 @@ def responses(problem: Problem, steps: int) -> np.ndarray:
         dw = np.zeros((rows, rows))
         np.fill_diagonal(dw, sign * bump)
         dw = dw.reshape(steps, noises, rows)
-        run = problem.run("midpoint", steps, increments=dw, paths=rows, **_BY_INCREMENTS)
+        run = problem.run(scheme, steps, increments=dw, paths=rows, **_BY_INCREMENTS)
         ends.append(np.concatenate([run.q[-1], run.p[-1]]))
     return (ends[0] - ends[1]) / (2 * bump)
 

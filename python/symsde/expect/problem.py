@@ -33,6 +33,7 @@ class Problem:
     horizon: float
     seed: int
     options: dict[str, Any] = field(default_factory=dict)  #: of `simulate`
+    known: dict[str, int] = field(default_factory=dict)  #: of the motion, whatever seed and threads: found once
 
     @property
     def chunk(self) -> int:

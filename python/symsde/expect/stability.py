@@ -23,18 +23,19 @@ def frequency(problem: Problem, paths: int = 0) -> float:
     declared = model.traits.max_frequency
     known = [declared] if declared > 0 else []
     ways = [*_way(problem), *(_ways(problem, paths) if paths and model.nnoise else ())]
-    for t, q, p in ways:
-        qq, qp, pp = (np.moveaxis(block, 2, 0) for block in model.hessian(q, p, t=t))
-        flow = np.block([[qp, pp], [-qq, -qp.transpose(0, 2, 1)]])
-        flow = flow[np.isfinite(flow).all(axis=(1, 2))]
-        if len(flow):
-            known.append(float(np.abs(np.linalg.eigvals(flow)).max()))
+    blocks = zip(*(model.hessian(q, p, t=t) for t, q, p in ways), strict=True)
+    qq, qp, pp = (np.moveaxis(np.concatenate(block, axis=2), 2, 0) for block in blocks)
+    flow = np.block([[qp, pp], [-qq, -qp.transpose(0, 2, 1)]])
+    flow = flow[np.isfinite(flow).all(axis=(1, 2))]
+    known += np.abs(np.linalg.eigvals(flow)).ravel().tolist()
     return max([*known, 1 / problem.horizon])
 
 
 def fewest_steps(problem: Problem) -> int:
     """Steps to the horizon, the fewest that every scheme may be tried with."""
-    return max(1, math.ceil(problem.horizon * frequency(problem) / SHARPEST))
+    if "fewest steps" not in problem.known:
+        problem.known["fewest steps"] = max(1, math.ceil(problem.horizon * frequency(problem) / SHARPEST))
+    return problem.known["fewest steps"]
 
 
 def _ways(problem: Problem, paths: int):
