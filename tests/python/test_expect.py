@@ -91,11 +91,14 @@ def test_control_variate_keeps_the_mean_and_saves_variance():
 
 
 def test_responses_are_those_of_the_linear_equations():
-    """dz(T)/dW_j of the oscillator: sin(T - s), cos(T - s) at the middle of the step."""
+    """dz(T)/dW_j of the oscillator: sin(T - s), cos(T - s) at the middle of the step; where there are more than 64,
+    from a polynomial through those of 64."""
     problem = make_problem(ss.models.linear_oscillator(), "q", **PLACE)
-    found = control.responses(problem, 200)
-    s = (np.arange(200) + 0.5) * 0.01
-    np.testing.assert_allclose(found, [np.sin(2 - s), np.cos(2 - s)], atol=5e-5)  # of steps 0.01
+    for steps, off in ((64, 3e-4), (200, 3e-4)):
+        s = (np.arange(steps) + 0.5) * 2 / steps
+        np.testing.assert_allclose(control.responses(problem, steps), [np.sin(2 - s), np.cos(2 - s)], atol=off)
+    known, own = control.responses(problem, 66), control._responses(problem, 66)
+    np.testing.assert_allclose(known, own, atol=2e-5)  # (H omega)^4, but for the two steps at the ends
 
 
 def test_antithetic_paths_cancel_what_is_odd():
@@ -448,8 +451,8 @@ def test_formulas_hold_the_time_of_the_end():
 def pilot_of(problem, *, left, spent, tasks):
     """A pilot that was made, with what it may measure next."""
     pilot = object.__new__(Pilot)
-    pilot._least, pilot._tasks = 0.25, lambda best=None: iter(tasks)
-    pilot.watch = SimpleNamespace(seconds=0.25 + spent, max_time=left, elapsed=0.0)
+    pilot._least, pilot._tasks, pilot.trials = 0.25, lambda best=None: iter(tasks), [SimpleNamespace(loading=10.0)]
+    pilot.watch = SimpleNamespace(seconds=10.25 + spent, max_time=left, elapsed=0.0)  # 10 s are those of packages
     return pilot
 
 
@@ -468,5 +471,5 @@ def test_a_pilot_is_no_longer_than_what_the_cheapest_way_is_worth():
     ):
         pilot = pilot_of(None, left=left, spent=spent, tasks=tasks)
         assert pilot._next([SimpleNamespace(seconds=seconds)]) == chosen
-    pilot._untried, pilot.trials = [], [SimpleNamespace(doubled=99, seconds_spent=0.0)]
+    pilot._untried, pilot.trials = [], [SimpleNamespace(doubled=99, seconds_spent=0.0, changes={1: None}, measured={})]
     assert pilot._next([]) == "cheap"

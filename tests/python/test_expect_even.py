@@ -28,22 +28,32 @@ def even_of(variances, *, level=0, path=1e-6, once=0.0):
 
 def test_sobol_points_end_at_2_to_the_30():
     """Flat from few to many points, the variance is taken to fall as 1/points, and 16 units may have 16; SciPy refuses
-    more points than 2^30. Of a variance that falls by 8 each time the slope is 2.7."""
+    more points than 2^30. Of a variance that falls by 8 each time the slope is taken for 2.13, and for 2.6
+    where it does so six times."""
     units = even_of((1.0, 1.0)).fine
     assert choice._points(units, 2.0**-21) == 30 and choice._points(units, 2.0**-22) is None
-    assert choice._points(even_of((1.0, 2.0**-9)).fine, 2.0**-9 * 2.0**-5.3) == 11
+    assert choice._points(even_of((1.0, 2.0**-9)).fine, 2.0**-9 * 2.0**-4.25) == 11
+    assert choice._points(even_of((1.0, 2.0**-9)).fine, 2.0**-9 * 2.0**-4.28) == 12
+    wide = {6: Tally(8, 0.0, 7.0), 12: Tally(8, 0.0, 7 * 2.0**-18)}
+    assert variants.fall(wide) == pytest.approx(2.617, abs=1e-3)
 
 
 def test_points_are_doubled_where_variance_over_cost_is_largest():
-    """Level 0: 1 by 2^9 points, which falls as points^-1.7; level 1: 1/4, as 1/points; points of 1 and of 30 us. From
-    2^5 points on they are 111 and 4; 1 (2^9) and 2 (2^6) are too many, and level 0 is the cheaper one to double."""
+    """Level 0: 1 by 2^9 points, which falls as points^-1.7; level 1: 1/4, as points^-1.3; points of 1 and of 30 us.
+    From 2^5 points on they are 115 and 9; 1 (2^9) and 3.7 (2^6) are too many, and level 0 is the cheaper one to double.
+    Level 2, not looked at, varies by a quarter of level 1, as its paths do; nothing is known of it from level 0."""
     trial = FakeTrial(0.25)
     trial.even = {0: even_of((64.0, 1.0), once=0.5), 1: even_of((2.0, 0.25), level=1, path=3e-5, once=0.25)}
     trial.steps = lambda level: 2**level
-    plan = choice._even_levels(trial, 0, 1, 2.5)
+    plan = choice._even_levels(trial, 0, 1, 4.5)
     assert plan.options == {"log2_points": [10, 6]} and plan.coarsest == 0
     assert plan.seconds == pytest.approx(0.75 + 16 * (1e-6 * 2**10 + 3e-5 * 2**6))
     assert choice._even_levels(trial, 0, 1, 1e-300) is None
+    trial.spread = lambda level: 4.0**-level
+    assert choice._even_levels(trial, 0, 2, 6.3).options == {"log2_points": [10, 6, 5]}  # 0.31 + 3.66 + 2.23
+    assert choice._even_levels(trial, 0, 2, 6.1).options == {"log2_points": [10, 7, 5]}
+    del trial.even[1]
+    assert choice._even_levels(trial, 0, 1, 4.5) is None
 
 
 @pytest.mark.parametrize(("scheme", "columns"), [("midpoint", 1), ("gauss_dkdkd", 2), ("chin4a", 3)])

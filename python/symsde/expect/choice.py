@@ -19,6 +19,7 @@ from .trial import LEVELS, MOST_HALVINGS, Trial
 EVEN_LEVELS = "multilevel quasi-Monte Carlo"
 _BEGUN_WITH = 256  #: paths of every level, before anything is known of it
 _A_LEVEL = 1.5e-3  #: seconds that a level takes beside its paths, about: calls, tallies, allocation
+_NEAR = 1.5  #: levels below a step, at which the variance of its units is not known from theirs
 _FEWEST = 5  #: log2 of the points of a level
 
 
@@ -164,7 +165,8 @@ def without_bias(trial: Trial, error: float) -> float:
 def even(trial: Trial, error: float) -> Plan | None:
     """Quasi-Monte Carlo: points a unit such that the fewest units are enough, by how the variance fell."""
     level = longest(trial.bias, error)
-    known = [x for x in trial.even.values() if x is not None]
+    near_enough = -1 if level is None else min(level, LEVELS - 1) - _NEAR
+    known = [x for x in trial.even.values() if x is not None and x.level > near_enough]
     if level is None or not known or not quasi.applies(trial.problem, trial.scheme, trial.steps(level)):
         return None
     near = min(known, key=lambda x: abs(x.level - level))
@@ -179,8 +181,9 @@ def even(trial: Trial, error: float) -> Plan | None:
 
 def _points(units: dict[int, Tally], needed: float) -> int | None:
     """log2 of the points of a unit, from those that were tried on, whose variance is what is needed."""
-    points, slope = variants.LONG, variants.fall(units)
-    while units[variants.LONG].variance * 2.0 ** (-slope * (points - variants.LONG)) > needed:
+    points = known = max(units)
+    slope = variants.fall(units)
+    while units[known].variance * 2.0 ** (-slope * (points - known)) > needed:
         points += 1
         if points > quasi.MOST_POINTS:
             return None
@@ -204,16 +207,16 @@ def _even_levels(trial: Trial, coarsest: int, finest: int, needed: float) -> Pla
     """Points are doubled where the variance of a unit over its seconds is largest, until its sum is what is needed."""
     variance, slope, path, once = [], [], [], 0.0
     for level in range(coarsest, finest + 1):
-        near = trial.even.get(min(level, LEVELS - 1))
-        if near is None:
+        near = max((x for x in trial.even.values() if x and x.level <= level), key=lambda x: x.level)
+        if level > coarsest and near.level == 0:  # nothing is known of changes
             return None
         units = near.fine if level == coarsest else near.change
         smaller = (
             trial.spread(level) / trial.spread(near.level) if level > near.level and trial.spread(near.level) else 1.0
         )
         slope.append(2.0 ** -variants.fall(units))
-        known = max(units[variants.LONG].variance * smaller, 1e-300)
-        variance.append(known * slope[-1] ** (_FEWEST - variants.LONG))
+        known = max(units[near.most].variance * smaller, 1e-300)
+        variance.append(known * slope[-1] ** (_FEWEST - near.most))
         longer = trial.steps(level) / trial.steps(near.level)
         path.append(near.path * longer)
         once += near.once * longer

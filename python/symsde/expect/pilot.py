@@ -39,6 +39,9 @@ _LOOKED_AT = 4096  #: values of f that tell of its tails
 _MOST_LOOKED_AT = 2**17  #: the same where the mean is to be told from 0
 _SHARE = 0.2  #: of the seconds of the best plan so far that all measurements beyond the first scheme may take
 _HOPE = 0.1  #: of the seconds of the best plan, below which a way is worth to know its bias better
+_FURTHER = 3  #: log2 of the points of a plan, over those that were looked at: a sixteenth of its seconds tells more
+_LITTLE = 0.1  #: of the variance of f, below which a control variate tells changes from level to level, too
+_CHEAP = 5e-3  #: seconds that it may take to know changes where nothing is known to reach the tolerance
 _NEAR = 0.5  #: levels, within which the variance of a method is taken to be the same
 _DOUBLINGS = 12
 _LONG = 600.0  #: seconds of a plan, above which the pilot is made no longer
@@ -177,7 +180,7 @@ class Pilot:
             tasks = sorted(self._tasks(), key=lambda task: task[0]) + self._last_tasks()
             return tasks[0][1] if tasks else None
         worth = _SHARE * min(plans[0].seconds, _LONG, self.watch.max_time - self.watch.elapsed)
-        left = worth - (self.watch.seconds - self._least)
+        left = worth - (self.watch.seconds - self._least - sum(trial.loading for trial in self.trials))
         return next((task for seconds, task in self._tasks(plans[0]) if seconds <= left), None)
 
     def _tasks(self, best: Plan | None = None) -> Iterator[tuple[float, Callable[[], None]]]:
@@ -193,11 +196,12 @@ class Pilot:
                 yield trial.seconds_spent / 2**trial.doubled, self._try_highest
             elif rank == 0 and best is not None:
                 yield from self._hopes(best)
-                if best.level <= LEVELS - 1 and self.method in (None, choice.EVEN_LEVELS):
-                    yield from self._evenly(best.trial, reversed(range(math.ceil(best.level) + 1)))
+                if self.method in (None, choice.EVEN_LEVELS):
+                    yield from self._evenly(best.trial, range(math.ceil(min(best.level, LEVELS - 1)) + 1))
             if self.method in (None, Quasi.name):
                 yield from self._evenly(trial, [math.ceil(min(plan.level, LEVELS - 1))])
             if best is not None and best.trial is trial and _noise_decides(best):
+                yield from self._changes(trial)
                 yield from self._evenly(trial, range(1, LEVELS))
                 yield sum(draw.seconds for draw in trial.draws[1:]), trial.double
             if rank == 0 and self._untried:
@@ -210,17 +214,37 @@ class Pilot:
 
     @staticmethod
     def _again(best: Plan) -> Iterator[tuple[float, Callable[[], None]]]:
-        """The same method at a step that is much longer than the one whose units were looked at: they vary more."""
+        """The same method at a step that is much longer than the one whose units were looked at: they vary more; levels
+        with far more points than were looked at, as how the variance falls was seen on few."""
         known = best.trial.measured.get(best.method)
         if known is not None and best.level < known.level - _NEAR:
             seconds = variants.price(best.trial, best.method, best.level)
             yield seconds, partial(best.trial.look_at, MEASURED[best.method], best.level)
+        trial = best.trial
+        planned = np.atleast_1d(best.options.get("log2_points", [])).tolist()
+        first = best.coarsest if best.method == choice.EVEN_LEVELS else min(math.ceil(best.level), LEVELS - 1)
+        for level, points in enumerate(planned, first):
+            even = trial.even.get(level)
+            if even and points - even.most > _FURTHER:
+                most = points - _FURTHER
+                yield variants.price(trial, Quasi.name, level, most), partial(trial.look_evenly, level, most)
 
     def _hopes(self, best: Plan) -> Iterator[tuple[float, Callable[[], None]]]:
         """Differences by Sobol's points where noise alone may hide that the bias of a far cheaper way is small."""
         for trial in self.trials:
             if choice.without_bias(trial, self.error) < _HOPE * best.seconds:
+                yield from self._changes(trial)
                 yield from self._evenly(trial, range(1, LEVELS))
+
+    @staticmethod
+    def _changes(trial: Trial, *, of_all: bool = False) -> Iterator[tuple[float, Callable[[], None]]]:
+        """Differences with the control variate, where it leaves little of f itself: of all where that is not known."""
+        known = trial.measured.get(Control.name)
+        little = known is not None and known.variance < _LITTLE * trial.variance
+        if not trial.changes and (of_all or little):
+            seconds = variants.price_of_changes(trial, range(1, LEVELS))
+            if math.isfinite(seconds):
+                yield seconds, trial.look_at_changes
 
     def _variants(self, trial: Trial, level: float) -> Iterator[tuple[float, Callable[[], None]]]:
         """Methods whose units were not looked at, for a millisecond each."""
@@ -238,11 +262,14 @@ class Pilot:
                 yield seconds, partial(trial.look_evenly, level)
 
     def _last_tasks(self) -> list[tuple[float, Callable[[], None]]]:
-        """Where nothing reaches the tolerance yet: other schemes, then more paths."""
+        """Where nothing reaches the tolerance yet: a control variate of what levels change, where it is cheap; other
+        schemes, then more paths."""
+        cheap = [x for trial in self.trials for x in self._changes(trial, of_all=True) if x[0] < _CHEAP]
         if self._untried:
-            return [(0.0, self._try_next)]
+            higher = self._highest() > max(_order(x.scheme) for x in self.trials)
+            return [*cheap, (0.0, self._try_highest if higher else self._try_next)]
         trial = min(self.trials, key=lambda x: x.seconds_spent)
-        return [(0.0, trial.double)] if trial.doubled < _DOUBLINGS else []
+        return [*cheap, (0.0, trial.double)] if trial.doubled < _DOUBLINGS else cheap
 
 
 def _order(scheme: Scheme) -> float:

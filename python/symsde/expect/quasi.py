@@ -10,7 +10,9 @@ shift of its own: given the matrices they are unbiased and independent, so that 
 from __future__ import annotations
 
 import importlib.util
+import sys
 import time
+from types import ModuleType
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from .tally import Tally
 
 MOST_DIMENSIONS = 21201  #: of SciPy's Sobol points
 MOST_POINTS = 30  #: log2 of the points of one scrambling, which are multiples of 2^-30
+_TO_LOAD = 0.5  #: seconds of scipy.stats
 _HALF = 0.5  #: of their distance: none is 0 or 1, and their mean is 1/2
 _HELD = 2**20  #: numbers of a sequence that are kept for the next units
 
@@ -122,7 +125,7 @@ class Points:
         """Of a dimension; the seed tells the scrambling and all shifts."""
         self._dimension, self._seed = dimension, seed
         generator = np.random.default_rng(seed)
-        self._sobol = optional("scipy.stats.qmc", "qmc").Sobol(dimension, rng=generator, bits=MOST_POINTS)
+        self._sobol = load().Sobol(dimension, rng=generator, bits=MOST_POINTS)
         self._ndtri = importlib.import_module("scipy.special").ndtri
         self._shifts = np.zeros((0, dimension), np.uint32)
         self._held = np.zeros((dimension, 0), np.uint32)
@@ -200,6 +203,16 @@ def columns(problem: Problem, scheme: Scheme) -> int:
     if info.law != "Gaussian" or areas or (info.uses_magnus and not traits.additive):
         return 0
     return 3 if info.uses_stt_area else 2 if info.uses_dz else 1
+
+
+def load() -> ModuleType:
+    """Where the points come from."""
+    return optional("scipy.stats.qmc", "qmc")
+
+
+def seconds_to_load() -> float:
+    """That SciPy takes once a process, about; 0 where it is there already."""
+    return 0.0 if "scipy.stats.qmc" in sys.modules else _TO_LOAD
 
 
 def applies(problem: Problem, scheme: Scheme, steps: int) -> bool:

@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 import math
+import time
 
 from ..mlmc.sampler import NOTHING, Draw, LevelSampler
 from ..schemes import Scheme
 from . import bias as weak
+from . import quasi
 from .candidates import weak_order
 from .estimators import Estimator, Plain
 from .problem import Problem
-from .variants import LONG, Even, Variant, measure, measure_even
+from .tally import Tally
+from .variants import LONG, Even, Variant, measure, measure_changes, measure_even
 
 LEVELS = 4  #: of a pilot, the first without differences
 MOST_HALVINGS = 10  #: of the finest of them
@@ -30,11 +33,13 @@ class Trial:
         self.order = weak_order(problem, scheme)
         self.seconds_spent = 0.0
         self.known_variance = 0.0
+        self.loading = 0.0  #: seconds of packages, once a process
         self.usable = False
         self.doubled = 0  #: times
         self._biases: dict[float, tuple[float, float]] = {}  #: by level, of the draws so far
         self.measured: dict[str, Variant | None] = {}  #: by method
         self.even: dict[int, Even | None] = {}  #: by level
+        self.changes: dict[int, Tally | None] = {}  #: of f from the level before, with a control variate
         for _ in range(UNSTABLE):
             self.sampler = LevelSampler(problem, scheme, coarsest)
             self.draws: list[Draw] = [NOTHING] * LEVELS
@@ -91,10 +96,18 @@ class Trial:
         """What few units of another method show."""
         self.measured[kind.name] = measure(self, kind, level)
 
-    def look_evenly(self, level: int) -> None:
-        """What few scramblings of Sobol's points show at a level."""
+    def look_evenly(self, level: int, most: int = LONG) -> None:
+        """What few scramblings of 2^most Sobol points show at a level."""
+        begin = time.process_time()
+        quasi.load()
+        self.loading += time.process_time() - begin
         self._biases.clear()
-        self.even[level] = measure_even(self, level)
+        self.even[level] = measure_even(self, level, most)
+
+    def look_at_changes(self) -> None:
+        """What levels change, without what a linear response to the noise changes: of linear models without noise."""
+        self._biases.clear()
+        self.changes = {level: measure_changes(self, level) for level in range(1, LEVELS)}
 
     def seconds(self, level: float) -> float:
         """Of a path at a level of the ladder."""
@@ -142,9 +155,11 @@ class Trial:
         """Means of f(x_h) - f(x_2h) at levels above 0, and their errors."""
         means = [draw.difference.mean for draw in self.draws[1:]]
         errors = [draw.error for draw in self.draws[1:]]
-        for level, even in self.even.items():  # the better known of the two
-            if even is not None and level > 0 and 0 < even.error < errors[level - 1]:
-                means[level - 1], errors[level - 1] = even.change[LONG].mean, even.error
+        known = [(level, x.change[x.most].mean, x.error) for level, x in self.even.items() if x and x.error > 0]
+        known += [(level, x.mean, x.error) for level, x in self.changes.items() if x is not None]
+        for level, mean, error in known:  # the best known
+            if level > 0 and error < errors[level - 1]:
+                means[level - 1], errors[level - 1] = mean, error
         return means, errors
 
     def spread(self, level: int) -> float:

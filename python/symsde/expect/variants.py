@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,12 +18,15 @@ if TYPE_CHECKING:
     from .trial import Trial
 
 UNITS = 1024  #: that are drawn
+_CHANGES = 256  #: paths that changes from level to level are regressed on, and as many that count
 SHORT, LONG, SCRAMBLINGS = 6, 9, 8  #: of quasi-Monte Carlo: log2 of points, randomisations
 FIRST = 2**45  #: path that they begin at, far from those of levels and of answers
 _CALL = 1e-4  #: seconds of a call, about
 _MATRIX = 2.2e-5  #: seconds that SciPy takes for the matrix scrambling of a dimension, about
 _NUMBER = 2e-8  #: seconds of a normal of a point, bridged, about
 _SLOWER = 1.5  #: paths of given increments, over those that the library draws, about
+_DOUBT = 1.06  #: standard error of the log2 of a ratio of two variances of eight units
+_USUAL, _WEIGHT = 1.5, 11.0  #: of falls: most are between 1.2 and 1.8
 _FEW = 1.2  #: standard errors of eight units, as many of a normal law
 
 
@@ -48,8 +52,13 @@ class Even:
 
     @property
     def error(self) -> float:
-        """Standard error of the mean change, by more points."""
-        return _FEW * self.change[LONG].error
+        """Standard error of the mean change, by the most points."""
+        return _FEW * self.change[self.most].error
+
+    @property
+    def most(self) -> int:
+        """log2 of the most points of a unit."""
+        return max(self.fine)
 
 
 def measure(trial: Trial, kind: type[Estimator], level: float) -> Variant | None:
@@ -63,15 +72,15 @@ def measure(trial: Trial, kind: type[Estimator], level: float) -> Variant | None
     return Variant(level, drawn.units.variance, drawn.seconds / drawn.units.n, prepared)
 
 
-def measure_even(trial: Trial, level: int) -> Even | None:
-    """Quasi-Monte Carlo; None where a path fails."""
+def measure_even(trial: Trial, level: int, most: int = LONG) -> Even | None:
+    """Quasi-Monte Carlo with 2^most points; None where a path fails."""
     fine, change, seconds = {}, {}, {}
     begin = time.process_time()
     estimator = Quasi(
-        trial.problem, trial.scheme, trial.steps(level), FIRST + level, log2_points=LONG, differences=level > 0
+        trial.problem, trial.scheme, trial.steps(level), FIRST + level, log2_points=most, differences=level > 0
     )
     once = time.process_time() - begin
-    for points in (SHORT, LONG):
+    for points in (SHORT, most):
         estimator.log2_points = points
         begin = time.process_time()
         both, ok = estimator.fine_and_difference(estimator.begin, SCRAMBLINGS)
@@ -79,24 +88,52 @@ def measure_even(trial: Trial, level: int) -> Even | None:
         if not ok.all():
             return None
         fine[points], change[points] = Tally.of(both[0]), Tally.of(both[int(level > 0)])
-    path = max((seconds[LONG] - seconds[SHORT]) / (SCRAMBLINGS * (2**LONG - 2**SHORT)), trial.seconds(level))
-    return Even(level, fine, change, path, once + max(seconds[LONG] - path * SCRAMBLINGS * 2**LONG, 0.0))
+    path = max((seconds[most] - seconds[SHORT]) / (SCRAMBLINGS * (2**most - 2**SHORT)), trial.seconds(level))
+    return Even(level, fine, change, path, once + max(seconds[most] - path * SCRAMBLINGS * 2**most, 0.0))
+
+
+def measure_changes(trial: Trial, level: int) -> Tally | None:
+    """Changes of f from the level before, minus their regression on linear responses; None where few paths have any."""
+    steps = trial.steps(level)
+    estimator = control.Control(
+        trial.problem, trial.scheme, steps, FIRST + level * UNITS, fit=_CHANGES, differences=True
+    )
+    units = estimator.draw(_CHANGES).units
+    return None if units.few or units.n < _CHANGES / 2 else units
+
+
+def price_of_changes(trial: Trial, levels: Iterable[int]) -> float:
+    """Seconds that these take, about; infinite where there are none."""
+    noises, total = trial.problem.model.nnoise, 0.0
+    for level in levels:
+        if not control.applies(trial.problem, trial.steps(level)):
+            return math.inf
+        paths = 3 * trial.steps(level) * noises + 2 * 1.5 * _CHANGES
+        total += 10 * _CALL + paths * _SLOWER * trial.seconds(level)
+    return total
 
 
 def fall(variances: dict[int, Tally]) -> float:
-    """-log2 of the variance for a doubling of the points; a bit less than it was, of eight units known to a half."""
-    few, more = (max(variances[points].variance, 1e-300) for points in (SHORT, LONG))
-    return min(max(math.log2(few / more) / (LONG - SHORT) - 0.3, 1.0), 3.0)
+    """-log2 of the variance for a doubling of the points: of what is seen and what is usual, by how well each is known.
+
+    Eight units know a variance to a half, so that two of them tell the fall by eight times the points to a third.
+    """
+    short, most = min(variances), max(variances)
+    few, more = (max(variances[points].variance, 1e-300) for points in (short, most))
+    weight = ((most - short) / _DOUBT) ** 2
+    seen = math.log2(few / more) / (most - short)
+    return min(max((weight * seen + _WEIGHT * _USUAL) / (weight + _WEIGHT), 1.0), 3.0)
 
 
-def price(trial: Trial, method: str, level: float) -> float:
+def price(trial: Trial, method: str, level: float, most: int = LONG) -> float:
     """Seconds that it takes to measure it, about; infinite where the method does not apply."""
     problem, steps, path = trial.problem, trial.steps(level), trial.seconds(level)
     if method == Quasi.name:
         applies = quasi.applies(problem, trial.scheme, steps)
         rows = steps * problem.model.nnoise * quasi.columns(problem, trial.scheme)
-        points = SCRAMBLINGS * 2**LONG * (_SLOWER * path + rows * _NUMBER)
-        return 8 * _CALL + rows * _MATRIX + points if applies else math.inf
+        points = SCRAMBLINGS * 2**most * (_SLOWER * path + rows * _NUMBER)
+        once = quasi.seconds_to_load() + 8 * _CALL + rows * _MATRIX
+        return once + points if applies else math.inf
     if method == Antithetic.name:
         applies = quasi.columns(problem, trial.scheme) == 1 and problem.options.get("truncation") is None
         return 4 * _CALL + 2 * UNITS * _SLOWER * path if applies else math.inf

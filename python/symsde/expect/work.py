@@ -31,7 +31,9 @@ _LONG = 600.0  #: seconds that are announced
 _LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short
 _LEAST = 256  #: paths of a new level
 _NEARLY = 1.05  #: times the half width that was asked for, that count as reached
-_LOWEST = 7  #: log2 of the points that work begins with half of, to double them where that is too few
+_FEWER = 2  #: halvings of the points that are planned, which work begins with, to double them where that is too few
+_LOWEST = 6  #: log2 of the points that are not halved
+_TOP_UP = 3  #: units of a level that are added at least, as each look at the variance may end too early
 _SPARE = 1.02  #: units beyond those that the variance asks for, so that a second round is seldom needed
 
 
@@ -129,7 +131,7 @@ class Work:
                 missing = drawn[i].units.n * excess / max(_noise(drawn[i]) - excess, 1e-3 * excess)
                 if self._is_doubled(levels[i], drawn[i], missing):
                     drawn[i] = _with_twice_the_points(levels[i], drawn[i])
-                elif (part := self._next_part(levels[i], drawn[i], least // 2, f"even-{i:02d}")) is not None:
+                elif (part := self._next_part(levels[i], drawn[i], _more(missing), f"even-{i:02d}")) is not None:
                     drawn[i] += part
                 else:
                     break
@@ -140,9 +142,10 @@ class Work:
         return self._of_even_levels(drawn)
 
     def _begun(self, estimator: Estimator) -> Estimator:
-        """With half of the points that are planned, where more can be added to the same sequences."""
-        if isinstance(estimator, Quasi) and isinstance(self.store, Nowhere) and estimator.log2_points >= _LOWEST:
-            estimator.log2_points -= 1
+        """With a quarter of the points that are planned, where more can be added to the same sequences."""
+        if isinstance(estimator, Quasi) and isinstance(self.store, Nowhere):
+            planned = estimator.log2_points
+            estimator.log2_points = max(planned - _FEWER, min(planned, _LOWEST))
         return estimator
 
     def _is_doubled(self, estimator: Estimator, drawn: Drawn, missing: float) -> bool:
@@ -264,6 +267,11 @@ class Work:
             f"{reckoned}, {times:.2g} times less than the next ({other.method} by {other.scheme.name}, "
             f"h = {self.pilot.problem.horizon / other.steps:.4g})"
         )
+
+
+def _more(missing: float) -> int:
+    """Units of a level that are added at a time: those that are missing, a few at least."""
+    return max(_TOP_UP, math.ceil(_SPARE * min(missing, Quasi.least_units)))
 
 
 def _with_twice_the_points(estimator: Quasi, drawn: Drawn) -> Drawn:
