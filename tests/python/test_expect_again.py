@@ -162,5 +162,17 @@ def test_what_packages_take_to_load_is_in_the_price(pilot, monkeypatch):
     assert variants.price(pilot.trials[0], Quasi.name, 1) == pytest.approx(there + 0.5)
 
 
+@pytest.mark.parametrize(("abs", "bound"), [(5e-4, True), (2.0, False)])
+def test_an_interval_without_noise_says_that_it_is_a_bound(abs, bound):
+    """E p^2 = sin^2 + its variance, of oscillators with additive noise: the control variate leaves the bias alone,
+    single paths do not. The mean is in the bound for every seed."""
+    model, exact = ss.models.additive_oscillator(sigma=0.5, gamma=1.0), 1.93492134
+    for seed in range(3):
+        method = "control variate" if bound else "plain"
+        answer = ss.expect(model, "p**2", **START, abs=abs, seed=seed, method=method)
+        assert any("the interval is a bound" in note for note in answer.notes) == bound
+        assert bool(answer.interval[0] < exact < answer.interval[1]) or not bound
+
+
 def test_units_that_are_added_at_the_end_are_those_that_are_missing():
     assert [_more(x) for x in (0.1, 3.0, 5.0, 15.5, 40.0)] == [3, 4, 6, 16, 17]

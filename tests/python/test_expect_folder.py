@@ -203,6 +203,35 @@ def test_a_killed_command_goes_on(tmp_path):
     assert all(f".{process.pid}." in path.name for path in (out / "shards").glob(".*"))
 
 
+MLMC = """
+import sys, symsde as ss
+model = ss.models.synchrotron(omega=2.0, sigma1=0.8, sigma2=0.5)
+found = ss.mlmc(model, "q**2", q0=1.0, p0=0.0, horizon=2.0, abs=1.5e-3, scheme="midpoint", threads=1, out=sys.argv[1])
+print(found.value.hex(), found.reached)
+"""
+
+
+def test_multilevel_by_itself_goes_on_after_a_kill(tmp_path):
+    """kill -9 once a part is there: what is there stays as it is, and the value is that of a folder of one process."""
+    begun, whole = tmp_path / "begun", tmp_path / "whole"
+    process = subprocess.Popen([sys.executable, "-c", MLMC, str(begun)], stdout=subprocess.DEVNULL)
+    while process.poll() is None and not shards(begun, "level"):
+        time.sleep(0.001)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    there = {path: path.read_bytes() for path in shards(begun, "level")}
+    assert there
+    told = []
+    for out in (begun, whole):
+        done = subprocess.run([sys.executable, "-c", MLMC, str(out)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        told.append(done.stdout.split())
+    assert all(path.read_bytes() == content for path, content in there.items())
+    assert len(shards(begun, "level")) > len(there)
+    assert told[0][1] == told[1][1] == "True"
+    assert abs(float.fromhex(told[0][0]) - float.fromhex(told[1][0])) < 3e-3
+
+
 def test_the_command_says_how_to_go_on(tmp_path, capsys):
     scene, out = tmp_path / "scene.toml", tmp_path / "out"
     scene.write_text(SCENE.replace('f = "q**2"', 'f = ["q", "p"]'))

@@ -30,6 +30,7 @@ FIRST_OF_LEVEL = 2**40
 _LONG = 600.0  #: seconds that are announced
 _LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short
 _LEAST = 256  #: paths of a new level
+_SILENT = 0.2  #: noise over bias, below which an interval is a bound: 1.96 biases are then five of its errors and more
 _NEARLY = 1.05  #: times the half width that was asked for, that count as reached
 _FEWER = 2  #: halvings of the points that are planned, which work begins with, to double them where that is too few
 _LOWEST = 6  #: log2 of the points that are not halved
@@ -238,6 +239,11 @@ class Work:
         if not reached and not any("asked was" in note for note in found.notes):
             over = self.watch.why if self.watch.over else "paths were too few"
             found.notes.append(f"{over}: the half width is {found.half:.3g}, asked was {wanted:.3g}")
+        if found.error < _SILENT * found.bias and self.pilot.problem.model.nnoise:
+            found.notes.append(
+                f"the method leaves no noise beside the bias of the step ({found.error:.1g} of {found.bias:.1g}): the "
+                "interval is a bound, which holds whatever the seed, not with 95 %"
+            )
         others = (Alternative(x.method, x.scheme.name, horizon / x.steps, x.seconds) for x in self.others)
         return Answer(
             value=found.value,
