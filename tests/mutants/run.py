@@ -6,7 +6,8 @@ run.py BUILD [--check | --sample] [--only WORD] [--part K/N] [--named] [--jobs N
 A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it.
 The mutated file alone is compiled, with the command of the build; linked with the build's other objects it makes a
 library of its own, which the test programs are given in place of theirs. Faults of the Python package, or of
-headers, are planted in a copy of them. Neither the tree nor the build is touched.
+headers, are planted in a copy of them; those of bench/ and docs/ in a copy of all that Python tests read, which are run
+there. Neither the tree nor the build is touched.
 
     --check       only look whether every entry still fits the sources
     --sample      the entries with sample = true
@@ -49,6 +50,8 @@ LINKED = {"python_test_export"}  # builds programs against the library where it 
 PATIENCE = 1800  # seconds; a test that hangs has noticed
 HANGS = 20  # times the time that a test takes without a fault: it hangs
 WANTED = 0.95
+READ = ("bench", "docs", "examples", "include", "python", "src", "tests")  # what Python tests look at
+TREE = "MUTANT_TREE"  # the variable that names a copy of it
 
 
 class MisfitError(Exception):
@@ -109,13 +112,14 @@ class Test:
 
     def passes(self, environment: dict[str, str]) -> bool:
         """Whether it passes with these variables beside its own; hanging is failing."""
+        tests = f"{environment.get(TREE, ROOT)}/tests/"
         process = subprocess.Popen(
-            self.command,
+            [word.replace(f"{ROOT}/tests/", tests) for word in self.command],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             cwd=self.folder,
-            env=os.environ | self.environment | environment,
+            env=os.environ | {"PYTEST_ADDOPTS": "-x"} | self.environment | environment,
             process_group=0,
         )
         try:
@@ -229,6 +233,13 @@ def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
         shutil.copytree(ROOT / "python", scratch / "python", ignore=shutil.ignore_patterns("__pycache__"))
         (scratch / mutant.file).write_text(text)
         return {"PYTHONPATH": str(scratch / "python")}
+    if mutant.file.startswith(("bench/", "docs/")):
+        for part in READ:
+            shutil.copytree(ROOT / part, scratch / part, ignore=shutil.ignore_patterns("__pycache__"))
+        for part in (*ROOT.glob("*.md"), *ROOT.glob("*.toml"), *ROOT.glob("*.cff")):
+            shutil.copy(part, scratch)
+        (scratch / mutant.file).write_text(text)
+        return {TREE: str(scratch), "PYTHONPATH": str(scratch / "python")}
     if mutant.file.startswith("include/"):
         shutil.copytree(ROOT / "include", scratch / "include")
         (scratch / mutant.file).write_text(text)
