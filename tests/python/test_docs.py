@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import cli, tables
+from symsde import cli, pages, tables
 
 ROOT = Path(__file__).parents[2]
 
@@ -240,6 +240,24 @@ def test_figures_show_their_data(data, tmp_path):
     (tmp_path / data.name).write_text(json.dumps(changed), encoding="utf-8")
     figures.draw(tmp_path / data.name, tmp_path / "other.png")
     assert difference(pillow, committed, tmp_path / "other.png") > 1e-3
+
+
+def test_pages_of_measurements_say_what_their_data_say():
+    """Tables and words that a change of the programs would write otherwise: no number is measured again for that."""
+    page, bifurcation = (importlib.import_module(f"symsde.{x}") for x in ("study.page", "stability.bifurcation"))
+    text = (ROOT / "docs/work-precision.md").read_text(encoding="utf-8")
+    studies = []
+    for file in sorted((ROOT / "docs/figures").glob("work-precision-*.json")):
+        study = page.of_data(json.loads(file.read_text(encoding="utf-8")))
+        own = text.partition(f"\n## {study.name}\n")[2].partition("\n## ")[0]
+        assert page._table(study) in own and page.wrapped(study.words()) in own, study.name
+        studies.append(study)
+    lessons = text.partition("## What was learned")[2].partition("\n## ")[0]
+    for line in page.learned(studies):
+        assert "\n".join(page.wrapped(f"- {line}", "  ").splitlines()) in lessons
+    kept = json.loads((ROOT / "docs/figures/fixed-points.json").read_text(encoding="utf-8"))
+    text = (ROOT / "docs/stability.md").read_text(encoding="utf-8")
+    assert pages.markdown(bifurcation.HEAD, bifurcation.table(kept)) in text
 
 
 def difference(pillow, one, other):

@@ -264,6 +264,11 @@ def test_differences_are_those_of_the_paths():
     np.testing.assert_allclose(found.se_mean[2, 0], np.std(dq, ddof=1) / np.sqrt(2), rtol=1e-13)
     energy = full.model.value(full.q[1], full.p[1]) - full.model.value(half.q[1], half.p[1])
     np.testing.assert_allclose(found.mean[1, 2], energy.mean(), rtol=1e-12)
+    lines = str(found).splitlines()
+    assert lines[0] == "half the step on the same paths (3 of them, 1 s and 2 s):"
+    assert lines[1].endswith(f"rms: {found.rms[2]:.3g} at t = 0.8, at most {found.rms.max():.3g}")
+    error = np.std(dp, ddof=1) / np.sqrt(2)
+    assert lines[3].split() == ["mean", "p_1", "differs", "by", f"{dp.mean():.3g}", "+-", f"{error:.2g}"]
 
 
 def test_observables_are_compared_too(tmp_path, capsys):

@@ -14,6 +14,7 @@ import symsde as ss
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "bench"))
 
+from peers import page as peers_page  # noqa: E402
 from peers.equations import PROBLEMS  # noqa: E402
 from peers.models import MODELS  # noqa: E402
 from peers.numpy_steps import heun_step, integrated, rk4_step  # noqa: E402
@@ -74,6 +75,7 @@ def rows(**curves):
 def test_seconds_to_an_error_are_between_points_and_never_beyond():
     points = [(1e-1, 1.0), (1e-3, 100.0)]
     assert peers.seconds_to(points, 1e-2) == pytest.approx(10.0)
+    assert peers.seconds_to(points, 10**-1.5) == pytest.approx(10**0.5)
     assert peers.seconds_to(points, 0.5) == 1.0 and peers.seconds_to(points, 1e-3) == 100.0
     assert peers.seconds_to(points, 1e-4) is None
 
@@ -103,6 +105,14 @@ def test_the_committed_page_is_that_of_its_data():
             "symsde, own",
             "numba_loop",
         }
+
+
+def test_the_tables_of_the_committed_page_are_those_of_its_data():
+    data = json.loads((ROOT / "docs/figures/peers.json").read_text())["peers"]
+    text = (ROOT / "docs/peers.md").read_text()
+    for problem in dict.fromkeys(row["problem"] for row in data):
+        assert peers_page._table(data, problem) in text.partition(f"## {peers.TITLES[problem]}")[2], problem
+    assert peers_page._firsts(data) in text and peers_page.INTRODUCTION.strip() in text
 
 
 def test_the_page_of_scenes_shows_the_same_rows():

@@ -2,6 +2,7 @@
 """What figures and tables show is what was computed: the numbers of lines, bands and cells, read back."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import symsde as ss
 from conftest import table_of
 from symsde import cli, observe
 from symsde.errors import InvalidArgumentError, SceneError, UnknownNameError
+from symsde.plot import draw
 
 pytest.importorskip("matplotlib")
 
@@ -126,8 +128,48 @@ def test_every_other_observer(moments):
         for (x, y), known in zip(drawn, curves, strict=True):
             np.testing.assert_array_equal(x, seen["along"].lag if name == "along" else moments.t)
             np.testing.assert_array_equal(y, known, err_msg=name)
-    _, low, high = band(seen["loss"].plot(), 0)
-    np.testing.assert_allclose(high - low, 4 * seen["loss"].se_lost, atol=1e-15)
+    errors = {
+        "cov": [seen["cov"].se_covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1))],
+        "loss": [seen["loss"].se_lost],
+        "far": [seen["far"].se_mean_highest, seen["far"].se_mean_lowest],
+        "mid": [seen["mid"].se_quantile[:, 0], seen["mid"].se_quantile[:, 1]],
+        "along": [seen["along"].se_correlation],
+    }
+    for name, widths in errors.items():
+        figure = seen[name].plot()
+        for number, (width, (_, known)) in enumerate(zip(widths, lines(figure), strict=True)):
+            _, low, high = band(figure, number)
+            np.testing.assert_allclose(high, (known + 2 * width)[np.isfinite(known)], atol=1e-15, err_msg=name)
+            np.testing.assert_allclose(low, (known - 2 * width)[np.isfinite(known)], atol=1e-15, err_msg=name)
+
+
+def test_names_of_curves_and_axes(moments):
+    seen = moments.observed
+    expected = {
+        "cov": ("t", "covariance", ["q_1, q_1", "q_1, p_2", "p_2, p_2"]),
+        "loss": ("t", "share that left", []),
+        "far": ("t", "extremes", ["highest", "lowest"]),
+        "some": ("t", "value", ["q_1 of path 3", "q_1 of path 5"]),
+        "mid": ("t", "quantile", ["0.25", "0.5"]),
+        "along": ("lag", "autocorrelation", []),
+        "hist": ("q_1", "density", []),
+    }
+    for name, (x, y, labels) in expected.items():
+        axes = seen[name].plot().axes[0]
+        told = [text.get_text() for text in axes.get_legend().get_texts()] if axes.get_legend() else []
+        assert (axes.get_xlabel(), axes.get_ylabel(), told) == (x, y, labels), name
+    assert seen["far"].plot().get_suptitle() == "extremes of p_1, 5 times; bands: two standard errors"
+    assert seen["some"].plot().get_suptitle() == "paths of q_1, 5 times"
+
+
+def test_paths_outside_of_a_histogram_are_counted():
+    """Below, above, and no number: each counts."""
+    counts = np.array([[3, 4]])
+    found = SimpleNamespace(
+        observer=observe.Histogram("q_1", -1, 1, 2), t=np.array([0.5]), counts=counts, below=[10], above=[200],
+        not_a_number=[3000], density=counts / 7, se_density=counts / 70, edges=np.array([-1.0, 0.0, 1.0]),
+    )  # fmt: skip
+    assert draw.of_observed(found)[1] == "q_1 at t = 0.5, 7 paths, 3210 outside"
 
 
 def test_what_cannot_be_drawn(run, moments, model, tmp_path):

@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import _abi, cli, look, report
+from symsde.advise.advise import Advice, Option
 from symsde.batch import dry, show
 from symsde.batch.command import print_moments
 from symsde.batch.plan import Piece
 from symsde.batch.work import Task
-from symsde.expect.answer import Answer
+from symsde.expect.answer import Alternative, Answer
 from symsde.mlmc.answer import Level, Multilevel
 from symsde.mlmc.rates import Rate
 from symsde.paper import figure_4_1
@@ -247,6 +248,46 @@ def test_a_mean_is_printed_with_its_own_error_and_bias():
     assert lines[1].split()[-3:] == ["us", "a", "path"]
     assert lines[2].split() == ["0", "8", "500", "5.0000e-01", "2.50e-01", "3.5", "0.88", "23"]
     assert lines[3] == "alpha 1.00 +- 0.10, beta 2.00 +- 0.20, gamma 3.00 +- 0.30"
+
+
+def test_an_answer_lists_what_else_there_was():
+    others = tuple(Alternative(f"way {i}", "heun", 0.25 * i, 1.5 * i) for i in range(1, 11))
+    rest = {"alternatives": others, "reached": True, "why": "because", "notes": ("a doubt",)}
+    lines = str(Answer(2.0, (1.5, 2.5), 0.25, 0.03, "plain", "heun", 0.125, 777, 4.5, 0.75, **rest)).splitlines()
+    assert lines[2:5] == ["because", "a doubt", "others, as the pilot reckons:"] and len(lines) == 5 + 8
+    assert lines[6].split() == ["way", "2", "heun", "h", "=", "0.5", "3", "s"]
+
+
+def test_advice_is_printed_with_its_own_step_and_cost():
+    others = tuple(Option(f"scheme_{i}", 10 * i, 0.25 * i, 1.5e-6 * i) for i in range(1, 11))
+    lines = str(Advice("heun", 0.125, 40, 2.5e-6, ("one", "two"), others)).splitlines()
+    assert lines[:4] == ["heun, h = 0.125 (40 steps), 2.5 us a path", "- one", "- two", "others:"]
+    assert lines[5].split() == ["scheme_2", "h", "=", "0.5", "3", "us", "a", "path"] and len(lines) == 4 + 8
+
+
+def test_sizes_and_times_in_words():
+    sizes = {"999 bytes": 999, "1.5 kB": 1500, "25 MB": 2.5e7, "3 GB": 3e9, "40 TB": 4e13}
+    assert [dry._bytes(x) for x in sizes.values()] == list(sizes)
+    times = {"1.5 seconds": 1.5, "1.2e+02 seconds": 119, "2.5 minutes": 150, "119.0 minutes": 7140, "3.0 hours": 10800,
+             "47.0 hours": 169200, "3.0 days": 259200}  # fmt: skip
+    assert [dry._time(x) for x in times.values()] == list(times)
+
+
+@pytest.mark.parametrize(("kind", "disk", "memory"), [("paths", 32 * 5, 16 * 5 * (2 + 3)), ("moments", 0, 0)])
+def test_memory_and_disk_of_a_dry_run(monkeypatch, kind, disk, memory):
+    """Of 5 times: every path, q and p, is in its shard and in the results; in memory twice, and three times what each
+    of the threads has in work. Moments take as much for many paths as for few."""
+    monkeypatch.setattr(dry, "_rate", lambda task, piece: 100.0)
+    run = {"q0": 0.1, "p0": 0.0, "step": 0.1, "steps": 4, "threads": 1}
+    few, many = (
+        dry.need(Task(ss.models.kubo(), {**run, "paths": n}), [Piece("x", kind, 0, n, 4 * n)], n, 5)
+        for n in (256, 1024)
+    )
+    assert (many.disk - few.disk) / 768 == disk and (many.memory - few.memory) / 768 == memory
+    assert f"memory     about {dry._bytes(many.memory)}\ndisk       about {dry._bytes(many.disk)}\n" in str(many)
+    assert (
+        0 < few.disk < 1e6 and 5e7 < few.memory < 1e8 and str(few).startswith("path-steps 1024\nshards     1, of 256")
+    )
 
 
 @pytest.mark.parametrize(("threads", "pieces", "seconds"), [(1, 4, 40.0), (2, 4, 20.0), (6, 3, 5.0), (8, 2, 2.5)])

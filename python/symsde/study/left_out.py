@@ -30,7 +30,6 @@ class LeftOut:
     left_out: tuple[str, ...]
     counts: dict[str, float]  #: of a path-step
     bytes_kept: int  #: results of a moments run, independent of the number of paths
-    bytes_paths: int  #: what the paths of the same run would take
 
     def cells(self) -> list[str]:
         """As they stand in the table."""
@@ -50,6 +49,5 @@ def left_out(file: str | os.PathLike) -> LeftOut:
     report = found.report
     counts = {name: report.counters[name] / report.counters["path_steps"] for name in COUNTERS}
     kept = sum(array.nbytes for array in (found.t, found.n_ok, *found.to_arrays(), found.to_arrays()[1]))
-    paths = 2 * 8 * len(found.t) * chosen.model.ndof * PATHS
     scheme = found.setup.scheme.name
-    return LeftOut(Path(file).stem, scheme, report.stepper, report.left_out, counts, kept, paths)
+    return LeftOut(Path(file).stem, scheme, report.stepper, report.left_out, counts, kept)
