@@ -254,7 +254,7 @@ class Writer:
         for place in (1, 0):
             product, other = node.arguments[place], self.operand(node.arguments[1 - place])
             given = self.graph.nodes[product]
-            if given.what == "*" and given.lane == node.lane and product not in self.given:
+            if given.what == "*" and given.lane == node.lane:
                 a, b = (self.operand(x) for x in given.arguments)
                 if node.what == "-":
                     a, other = (f"-{a}", other) if place == 1 else (a, f"-{other}")
