@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the figures of the reports draw is what they are given: lines, marks, panels and labels, read back."""
+
+import math
+
+import numpy as np
+import pytest
+from symsde import look
+from symsde.stability import bifurcation, figure, long_time, mean_square_map
+from symsde.stability.nonlinear import MOST
+
+pytest.importorskip("matplotlib")
+
+
+@pytest.fixture
+def drawn(monkeypatch, tmp_path):
+    """Draw by a function, and give the axes of the figure."""
+    pages = []
+    monkeypatch.setattr(look, "readable", pages.append)
+
+    def draw(save, data):
+        save(tmp_path / "figure.png", data)
+        return pages[-1].axes
+
+    return draw
+
+
+def points(line):
+    return np.transpose(line.get_data()).tolist()
+
+
+def lines(axis):
+    """Those with a name of their own."""
+    return {line.get_label(): line for line in axis.lines if not line.get_label().startswith("_")}
+
+
+CURVES = {
+    "energy_input": {"h": [0.5, 3.0], "midpoint": [0.9, 0.3]},
+    "euler_limit": {"h": [0.25, 1.5], "euler": [1.1, 2.2]},
+    "resonances": {"x": [0.5, 2.5], "midpoint": [0.01, 0.02], "stormer_verlet": [0.03, math.inf]},
+    "quartic_steps": {"q0": [1.0, 10.0], "h": [0.1, 1.0], "iterations": [[3, 4], [5, 6]]},
+    "squeezing": {"bound": [0.5, 2.4], "wrong": [0.01, 0.4], "expected": [0.02, 0.5]},
+    "invariant_drift": {"steps": [100, 400], "Newton, plain": [1e-15, 0.0], "Newton, compensated": [2e-16, 3e-16]},
+}
+
+
+def test_expected_and_observed(drawn):
+    energy, resonances, quartic, signs, drift = drawn(figure.save, CURVES)
+    for name, factor in (("midpoint", lambda x: 1 / (1 + x**2 / 4)), ("Euler pair", lambda x: 1 / (1 - x**2 / 4))):
+        x, y = lines(energy)[f"{name}, expected"].get_data()
+        np.testing.assert_allclose(y, factor(x), rtol=1e-12)
+        assert x[0] == pytest.approx(0.01) and (x[-1] > 900 if name == "midpoint" else 1.9 < x[-1] < 2)
+    observed = {line.get_color(): points(line) for line in energy.lines if line.get_label() == "observed"}
+    assert observed == {look.colour("midpoint"): [[0.5, 0.9], [3.0, 0.3]],
+                        look.colour("symplectic_euler"): [[0.25, 1.1], [1.5, 2.2]]}  # fmt: skip
+    assert lines(energy)[r"$\omega h=2$"].get_xdata() == [2, 2] == lines(resonances)[r"$\omega h=2$"].get_xdata()
+    assert points(lines(resonances)["midpoint"]) == [[0.5, 0.01], [2.5, 0.02]]
+    assert points(lines(resonances)["stormer_verlet"]) == [[0.5, 0.03], [2.5, 1e6]]
+    assert points(lines(quartic)["$q_0$ = 10"]) == [[0.1, 5], [1.0, 6]]
+    assert lines(quartic)[f"allowed: {MOST}"].get_ydata() == [MOST, MOST]
+    assert points(lines(signs)["expected"]) == [[0.5, 0.02], [2.4, 0.5]]
+    assert points(lines(signs)["observed"]) == [[0.5, 0.01], [2.4, 0.4]]
+    assert lines(signs)["solvable below 1"].get_xdata() == [1, 1]
+    assert points(lines(drift)["Newton, plain"]) == [[100, 1e-15], [400, 1e-17]]
+    styles = {name: line.get_linestyle() for name, line in lines(drift).items()}
+    assert styles == {"Newton, plain": "-", "Newton, compensated": "--", r"$\sqrt{\mathrm{steps}}$": ":"}
+    x, y = lines(drift)[r"$\sqrt{\mathrm{steps}}$"].get_data()
+    np.testing.assert_allclose(y, [3e-16, 6e-16], rtol=1e-12)
+    labels = [(axis.get_xlabel(), axis.get_ylabel()) for axis in (energy, resonances, quartic, signs, drift)]
+    assert labels == [
+        (r"$\omega h$", "energy input / exact"),
+        (r"$\omega h$ of the fast spring", "largest change of $H$"),
+        ("$h$", "Newton iterations"),
+        (r"$\sigma c \sqrt{h}/2$", "wrong signs"),
+        ("steps", "rms change of $p^2 + q^2$"),
+    ]
+
+
+def test_panels_of_mean_squares(drawn):
+    """Every panel has the numbers of its equation and scheme, and the line where they are the limit."""
+    x, y = [0.1, 0.3, 1.0], [0.01, 0.1, 0.5]
+    equations = list(mean_square_map.EQUATIONS)[:2]
+    excess = np.array([[1e-8, 1e-4, 1.0], [1e-3, 0.1, 100.0], [0.1, 0.2, 0.3]])
+    maps = [
+        {"equation": equation, "scheme": scheme, "excess": (excess * 2**i * 3**j).tolist()}
+        for i, equation in enumerate(equations)
+        for j, scheme in enumerate(mean_square_map.SCHEMES)
+    ]
+    maps[0]["excess"][2][2] = None  # has no second moments
+    data = {"omega_h": x, "sigma_sqrt_h": y, "stable": 0.01, "maps": maps[::-1]}
+    axes = drawn(mean_square_map.save, data)
+    assert len(axes) == 11 and axes[10].get_ylabel() == "log$_{10}$ of what a step adds to log E$|z|^2$"
+    count = len(mean_square_map.SCHEMES)
+    first, second = axes[:count], axes[count : 2 * count]  # in the order in which they come
+    for row, i in ((first, 1), (second, 0)):
+        for j, axis in enumerate(row):
+            mesh, contour = axis.collections
+            expected = np.clip(excess * 2**i * 3**j, 1e-6, 10)
+            expected[2, 2] = 10 if i == j == 0 else expected[2, 2]
+            np.testing.assert_allclose(np.ravel(mesh.get_array()), np.log10(np.ravel(expected)), rtol=1e-12)
+            assert mesh.get_clim() == (-6, 1) and list(contour.levels) == [0.01]
+            assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
+    assert [axis.get_title() for axis in first] == list(mean_square_map.SCHEMES)
+    told = [row[0].get_ylabel().partition("\n")[0] for row in (first, second)]
+    assert told == [equation.partition(",")[0] for equation in equations[::-1]]
+    assert {axis.get_xlabel() for axis in second} == {r"$\omega h$"} and first[0].get_xlabel() == ""
+
+
+def test_points_of_the_step(drawn):
+    """Points at their omega h and q, full where they are stable, circles where they are cycles; lines beside them."""
+    found = {scheme: [] for scheme in bifurcation.DRAWN}
+    shown = found | {"stormer_verlet": [[1.5, 0.25, 1, 2]], "heun": [[2.5, -3.0, 0, 1]]}
+    axes = drawn(bifurcation.save, {"points": {"hardening spring": shown, "pendulum": found}})
+    of = dict(zip(bifurcation.DRAWN, axes, strict=False))
+    cycle, plus, minus, _ = of["stormer_verlet"].lines
+    assert (points(cycle), cycle.get_marker(), cycle.get_mfc()) == ([[1.5, 0.25]], "o", cycle.get_color())
+    fixed = of["heun"].lines[0]
+    assert (points(fixed), fixed.get_marker(), fixed.get_mfc()) == ([[2.5, -3.0]], "s", "none")
+    for line, sign in ((plus, -1), (minus, 1)):
+        x, y = line.get_data()
+        below = x < 2
+        np.testing.assert_allclose(y[below], sign * np.sqrt(4 / x[below] ** 2 - 1), rtol=1e-12)
+        assert np.isnan(y[~below]).all() and not below.all()
+    assert all(points(axis.lines[-1]) == [[2, 0], [2, 1]] for axis in axes)
+    assert [axis.get_title() for axis in axes[:4]] == list(bifurcation.DRAWN)
+    assert [axes[i].get_ylabel() for i in (0, 4)] == ["hardening spring\n$q$", "pendulum\n$q$"]
+    assert {axis.get_xlabel() for axis in axes[4:]} == {r"$\omega h$"}
+
+
+def test_labels_of_energy_over_a_long_time(drawn):
+    names = [prefix + scheme for prefix in ("", "kubo_") for scheme in long_time.SCHEMES]
+    curves = {"t": [1.0, 10.0], "kubo_t": [1.0, 20.0], **{name: [1e-3, 2e-3] for name in names}}
+    energy, kubo = drawn(long_time.save, curves)
+    assert (energy.get_xlabel(), energy.get_ylabel()) == ("$t$", "$|H/H_0-1|$")
+    assert (kubo.get_xlabel(), kubo.get_ylabel()) == ("$t$", "rms change of $p^2+q^2$")
