@@ -157,3 +157,42 @@ def test_rounding_of_a_large_gradient_is_no_bracket():
 
     found = ss.commutator(ss.Model(ndof=1, nnoise=2, gradient=gradient))
     assert found.commutative and 0 < found.noise < 1e-6
+
+
+def test_brackets_by_hand():
+    """s p^2/2 and s q^2/2 at q = 1, p = 1: the gradient of their bracket is s^2 (q, p), products with fields both
+    s^2; sigma(t) of noise in time from .5 to .500193."""
+    found = ss.commutator(ss.models.noncommutative_oscillator(s1=0.5, s2=0.5), q=1.0, p=1.0)
+    assert found.noise == pytest.approx(0.5, rel=1e-12)
+    slowly = ss.commutator(rotation_in_time("by hand", lambda t: 0.5 + 1e-4 * t))
+    assert slowly.drift == pytest.approx(1.93e-4 / 1.000193, rel=1e-6)
+
+
+def test_the_orders_that_are_told():
+    """Of every class of noise, with the schemes that have them: as their certificates say."""
+    silent = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p))
+    told = {
+        silent: "no noise: the order without noise of the scheme",
+        ss.models.kubo(): "all flows commute: strong order 1 from midpoint, 2 from gauss2, 3 from gauss3, with "
+        "increments alone",
+        ss.models.synchrotron(): "the noises commute: strong order 1 from every consistent scheme with increments "
+        "alone, 3/2 from gauss2_strong32 with dZ; weak order 2 from gauss2_weak2",
+        ss.models.noncommutative_oscillator(): "the noises 1 and 2 do not commute: strong order 1/2 with increments "
+        "alone, 1 from midpoint_areas with areas; weak order 1, 2 from gauss2_weak2_areas",
+    }
+    for model, text in told.items():
+        assert str(ss.commutator(model)) == text
+    orders = {name: ss.schemes.get(name).info.orders for name in ("gauss2_strong32", "midpoint_areas", "gauss2_weak2")}
+    assert orders["gauss2_strong32"]["commutative"].value == 1.5 and orders["midpoint_areas"]["general"].value == 1
+    assert orders["gauss2_weak2"]["weak"].value == ss.schemes.get("gauss2_weak2_areas").info.orders["weak"].value == 2
+
+
+def test_brackets_that_overflow_are_no_evidence_of_commuting():
+    def gradient(t, w, q, p):
+        return w[0] * q + 1e200 * w[1] * q, w[0] * p + 1e200 * w[2] * p
+
+    def hessian(t, w, q, p):
+        return tuple(np.broadcast_to(x, (1, 1, q.shape[1])) for x in (w[0] + 1e200 * w[1], 0.0, w[0] + 1e200 * w[2]))
+
+    found = ss.commutator(ss.Model(ndof=1, nnoise=2, gradient=gradient, hessian=hessian))
+    assert not found.commutative and found.noise == np.finfo(float).max

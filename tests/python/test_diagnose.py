@@ -68,6 +68,14 @@ def test_stationary_path_has_the_times_of_its_run(kubo):
     np.testing.assert_array_equal(found.t, [3.0, 3.25, 3.5, 3.75])
 
 
+def test_stationary_path_of_a_drive_is_that_of_its_time():
+    """A drive that changes in time: the path from step 40 on, from its ends."""
+    model, common = ss.models.driven_pendulum(), {"step": 0.1, "steps": 5, "first_step": 40, "t0": 0.5, "seed": 3}
+    run = ss.simulate(model, q0=0.3, p0=0.1, **common)
+    found = ss.diagnose.stationary_path(model, q_start=0.3, q_end=run.q[-1], **common)
+    np.testing.assert_allclose(found.p, run.p, rtol=0, atol=1e-11)
+
+
 def test_stationary_path_at_a_conjugate_point():
     model = ss.models.linear_oscillator()
     common = {"q_start": 1.0, "q_end": 0.2, "steps": 100, "increments": np.zeros((100, 1))}
@@ -199,3 +207,24 @@ def test_plot(kubo):
     pytest.importorskip("matplotlib")
     axes = ss.convergence(kubo, q0=1.0, p0=0.0, steps=[4, 8], paths=100).plot()
     assert axes.get_xscale() == "log" and axes.get_legend() is not None
+
+
+def test_exact_solutions_follow_the_path_without_truncation(kubo):
+    """Truncated increments are a matter of the step: the exact solution beside them is that of the whole path."""
+    run = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 50, "paths": 200, "seed": 4}
+    cut, whole = ss.simulate(kubo, truncation=(2, 1.0), **run), ss.simulate(kubo, **run)
+    assert not np.array_equal(cut.q, whole.q)
+    for x, y in zip(ss.diagnose.exact(cut), ss.diagnose.exact(whole), strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+def test_flows_that_nearly_commute_have_no_exact_solution():
+    """A hundredth apart: solutions in W alone would be wrong by as much."""
+
+    def gradient(t, w, q, p):
+        return (w[0] + 1.01 * w[1]) * q, (w[0] + w[1]) * p
+
+    model = ss.Model(ndof=1, nnoise=1, gradient=gradient, quadratic=True)
+    run = ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=2)
+    with pytest.raises(ss.errors.MissingOperationError, match="no exact solution"):
+        ss.diagnose.exact(run)

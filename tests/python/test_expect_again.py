@@ -12,6 +12,7 @@ from symsde.expect.control import Control
 from symsde.expect.pilot import Pilot
 from symsde.expect.problem import make_problem
 from symsde.expect.quasi import Quasi
+from symsde.expect.tally import Tally
 from symsde.expect.tolerance import make_tolerance
 from symsde.expect.watch import Watch
 from symsde.expect.work import Work, _more
@@ -176,3 +177,10 @@ def test_an_interval_without_noise_says_that_it_is_a_bound(abs, bound):
 
 def test_units_that_are_added_at_the_end_are_those_that_are_missing():
     assert [_more(x) for x in (0.1, 3.0, 5.0, 15.5, 40.0)] == [3, 4, 6, 16, 17]
+
+
+def test_the_error_of_a_change_is_that_of_the_longer_sequence():
+    """By eight units, whose own error is known to a fifth."""
+    few, more = Tally(8, 0.0, 56.0), Tally(8, 0.0, 14.0)
+    known = variants.Even(1, {}, {variants.SHORT: few, variants.LONG: more}, 1e-6, 0.0)
+    assert known.error == pytest.approx(1.2 * (2 / 8) ** 0.5)

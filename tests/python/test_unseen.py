@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde.cli import main
+from symsde.expect import tails
 from symsde.expect.choice import Plan
 from symsde.expect.problem import make_problem
 from symsde.expect.quasi import Quasi
@@ -127,3 +128,23 @@ def test_scramblings_fit_into_the_time(kubo):
         assert points(10.1) == 11
     with pytest.warns(ss.BudgetWarning):
         assert points(1e-2) == 6
+
+
+def test_the_index_of_a_tail_by_hand():
+    """Of a hundred values +-2^-i the ten largest are 5, 5, 4, 4 .. 1, 1 halvings above the eleventh."""
+    values = 2.0 ** -np.arange(50)
+    index, error = tails.tail_index(np.concatenate([values, -values]))
+    assert index == pytest.approx(1 / (3 * np.log(2))) and error == pytest.approx(index / np.sqrt(10))
+
+
+@pytest.mark.parametrize(("a", "refused"), [(2.5, False), (1.9, False), (1.2, True)])
+def test_a_variance_in_doubt_is_not_refused(a, refused):
+    """4096 values of P(|f| > x) = x^-a tell a to an eighth: 1.9 may be 2."""
+    x = ((np.arange(2048) + 0.5) / 2048) ** (-1 / a)
+    values = np.concatenate([x, -x])
+    assert tails.tail_index(values)[0] == pytest.approx(a, rel=0.05)
+    if refused:
+        with pytest.raises(ss.errors.NumericalError, match="no finite variance"):
+            tails.require_variance(values, "f")
+    else:
+        tails.require_variance(values, "f")
