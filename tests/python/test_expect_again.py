@@ -182,5 +182,6 @@ def test_units_that_are_added_at_the_end_are_those_that_are_missing():
 def test_the_error_of_a_change_is_that_of_the_longer_sequence():
     """By eight units, whose own error is known to a fifth."""
     few, more = Tally(8, 0.0, 56.0), Tally(8, 0.0, 14.0)
-    known = variants.Even(1, {}, {variants.SHORT: few, variants.LONG: more}, 1e-6, 0.0)
+    tallies = {variants.SHORT: few, variants.LONG: more}
+    known = variants.Even(1, tallies, tallies, 1e-6, 0.0)
     assert known.error == pytest.approx(1.2 * (2 / 8) ** 0.5)
