@@ -23,15 +23,15 @@ OUTPUTS = {"force": ("hq", 0), "diagonal": ("hqq", 0), "beside": ("hqq", 1)}  #:
 HANDED = {"force": ("hq", 1), "diagonal": ("hqq", 3)}  #: what the next row adds to its own
 
 BODY = """
-/* Rows first .. last of some lanes: `above` is the row before them, `below` the one behind. What a row hands on to the
- * next one stands in force and diagonal; stiffness is found where `stiff` says so. */
+/* Rows first .. last of some lanes: `above` is the row before them, `next` begins one row behind q. What a row hands on
+ * to the next one stands in force and diagonal; stiffness is found where `stiff` says so. */
 INLINE rows(const ptrdiff_t n, const int lanes, const ptrdiff_t sites, const ptrdiff_t first, const ptrdiff_t last,
             const double t, const double *restrict w, const double *restrict above, const double *restrict q,
-            const double *restrict below, const double *restrict c, double *restrict hq, double *restrict hqq,
+            const double *restrict next, const double *restrict c, double *restrict hq, double *restrict hqq,
             double *restrict force, double *restrict diagonal, const int stiff, const int far) {{
    int64_t beyond = 0;
 {handed}{before}   for (ptrdiff_t row = first; row <= {last}; row++) {{
-      const double *restrict x = q + (row - first) * n, *restrict y = row == last ? below : x + n;
+      const double *restrict x = q + (row - first) * n, *restrict y = next + (row - first) * n;
       double *restrict f = hq + (row - first) * n, *restrict k = stiff ? hqq + 2 * (row - first) * n : NULL;
 #pragma GCC ivdep
       for (int i = 0; i < lanes; i++) {{
@@ -45,7 +45,7 @@ INLINE lone_rows(const ptrdiff_t sites, const ptrdiff_t first, const ptrdiff_t l
                  const double *restrict w, const double *restrict q, const double *restrict c, double *restrict hq,
                  double *restrict hqq, const int stiff, const int far) {{
    enum {{ n = 1, lanes = 1 }};
-   const double *const above = q, *const below = q + (last - first + 2);
+   const double *const above = q;
    double force[TILE + 1], diagonal[TILE + 1];
    int64_t beyond = 0;
 {lone_handed}{before}   q++;
@@ -73,10 +73,10 @@ int formula_chain_rows(int nlane, int ndof, int nham, int first, int last, doubl
                        double *hq, double *hqq, void *user) {{
    (void)nham;
    double force[LANES], diagonal[LANES];
-   const double *const own = q + nlane, *const below = q + (ptrdiff_t)(last - first + 2) * nlane;
+   const double *const own = q + nlane, *const next = own + nlane;
    if (nlane == LANES) {{ /* a number that the compiler knows */
-      if (rows(LANES, LANES, ndof, first, last, t, w, q, own, below, user, hq, hqq, force, diagonal, 1, 0) < 0)
-         rows(LANES, LANES, ndof, first, last, t, w, q, own, below, user, hq, hqq, force, diagonal, 1, 1);
+      if (rows(LANES, LANES, ndof, first, last, t, w, q, own, next, user, hq, hqq, force, diagonal, 1, 0) < 0)
+         rows(LANES, LANES, ndof, first, last, t, w, q, own, next, user, hq, hqq, force, diagonal, 1, 1);
       return 0;
    }}
    if (nlane == 1) {{
@@ -86,9 +86,9 @@ int formula_chain_rows(int nlane, int ndof, int nham, int first, int last, doubl
    }}
    for (int i = 0; i < nlane; i += LANES) {{
       const int some = nlane - i < LANES ? nlane - i : LANES;
-      if (rows(nlane, some, ndof, first, last, t, w + i, q + i, own + i, below + i, user, hq + i, hqq + i, force,
+      if (rows(nlane, some, ndof, first, last, t, w + i, q + i, own + i, next + i, user, hq + i, hqq + i, force,
                diagonal, 1, 0) < 0)
-         rows(nlane, some, ndof, first, last, t, w + i, q + i, own + i, below + i, user, hq + i, hqq + i, force,
+         rows(nlane, some, ndof, first, last, t, w + i, q + i, own + i, next + i, user, hq + i, hqq + i, force,
               diagonal, 1, 1);
    }}
    return 0;
@@ -100,9 +100,10 @@ INLINE strip_of_hq(const int n, const int lanes, const double t, const double *r
                    const double *restrict c, const ptrdiff_t sites, OUT hq, const int far) {
    const double zero[WIDE] = {0};
    double force[WIDE];
-   if (lanes == WIDE) /* a number that the compiler knows */
-      return rows(n, WIDE, sites, 0, sites - 1, t, w, zero, q, zero, c, hq, NULL, force, NULL, 0, far);
-   return rows(n, lanes, sites, 0, sites - 1, t, w, zero, q, zero, c, hq, NULL, force, NULL, 0, far);
+   const double *const end = q + (sites - 1) * n, *const above = sites > 1 ? end - n : zero;
+   return rows(n, lanes, sites, 0, sites - 2, t, w, zero, q, q + n, c, hq, NULL, force, NULL, 0, far) |
+          rows(n, lanes, sites, sites - 1, sites - 1, t, w, above, end, zero, c, hq + (sites - 1) * n, NULL, force,
+               NULL, 0, far);
 }
 
 static __attribute__((noinline)) void of_hq(IN, const ptrdiff_t sites, OUT hq) {
@@ -120,7 +121,10 @@ static __attribute__((noinline)) void of_hq(IN, const ptrdiff_t sites, OUT hq) {
    }
    for (int i = 0; i < n; i += WIDE) {
       const int some = n - i < WIDE ? n - i : WIDE;
-      if (strip_of_hq(n, some, t, w + i, q + i, c, sites, hq + i, 0) < 0)
+      if (some == WIDE) { /* a number that the compiler knows */
+         if (strip_of_hq(n, WIDE, t, w + i, q + i, c, sites, hq + i, 0) < 0)
+            strip_of_hq(n, WIDE, t, w + i, q + i, c, sites, hq + i, 1);
+      } else if (strip_of_hq(n, some, t, w + i, q + i, c, sites, hq + i, 0) < 0)
          strip_of_hq(n, some, t, w + i, q + i, c, sites, hq + i, 1);
    }
 }
