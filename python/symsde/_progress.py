@@ -35,8 +35,24 @@ def threads_of(threads: int | None, in_python: bool) -> int:
     return chosen
 
 
+class _AtWork(threading.local):
+    """The monitors of the runs that this thread is in, the innermost last: a callback may run the library itself."""
+
+    def __init__(self) -> None:
+        self.monitors: list[Monitor] = []
+
+
+_at_work = _AtWork()
+
+
+def _ask_innermost(done: int, total: int, _user) -> int:
+    return _at_work.monitors[-1].ask(done, total)
+
+
 class Monitor:
-    """Context of one run that fills `result`; `callback` is what the library calls between chunks."""
+    """Context of one run that fills `result`; `callback` is what the library calls between chunks, in its thread."""
+
+    callback = _abi.Progress(_ask_innermost)  #: one for all, since to make one takes a share of a short run
 
     def __init__(self, progress: Progress, result: object = None):
         if not isinstance(progress, bool) and not callable(progress):
@@ -50,9 +66,9 @@ class Monitor:
         self._error: BaseException | None = None
         self._previous: dict[int, Callable] = {}
         self._note: tuple | None = None
-        self.callback = _abi.Progress(self._between_chunks)
 
     def __enter__(self) -> Monitor:
+        _at_work.monitors.append(self)
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):
                 previous = signal.getsignal(number)
@@ -62,6 +78,7 @@ class Monitor:
         return self
 
     def __exit__(self, kind, error, traceback) -> None:
+        _at_work.monitors.pop()
         for number, previous in self._previous.items():
             signal.signal(number, previous)
         if self._bar is not None:
@@ -83,7 +100,8 @@ class Monitor:
             self._previous[number](number, frame)
         self._note = (number, frame)
 
-    def _between_chunks(self, done: int, total: int, _user) -> int:
+    def ask(self, done: int, total: int) -> int:
+        """Tell of progress; nonzero stops."""
         try:
             wants_stop = bool(self._tell(done, total)) if self._tell else False
         except BaseException as error:  # raised again at the end of the run

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Ctrl-C stops a run, and forked processes do not hang."""
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
+import weakref
 
 import numpy as np
 import pytest
@@ -202,3 +204,35 @@ def test_moments_with_many_saved_times_show_progress_and_stop(times, kubo):
     assert len(told) == 3 and told[0][0] < told[2][0] < told[2][1] == times * 10**6
     assert found.report.outcome == "stopped on request" and found.n_ok[-1] == 0 and np.isnan(found.mean_q[-1]).all()
     assert 0 < found.n_ok[0] <= 10**6
+
+
+def test_each_run_is_told_of_its_own_progress(kubo):
+    """A progress function that runs the library itself: both functions hear of their own run alone, and may stop it."""
+    told = {"outer": set(), "inner": set()}
+
+    def inner(done, total):
+        told["inner"].add(total)
+        return True
+
+    def outer(done, total):
+        told["outer"].add(total)
+        part = ss.simulate(kubo, progress=inner, **LONG)
+        assert part.status.tolist() == [5]
+        return len(told["outer"]) > 0
+
+    run = ss.simulate(kubo, paths=2, progress=outer, **LONG)
+    assert run.report.stopped == 2
+    assert told == {"outer": {2 * LONG["steps"]}, "inner": {LONG["steps"]}}
+
+
+def test_no_result_waits_for_the_garbage_collector(kubo):
+    """Arrays of a result that is dropped are free at once."""
+    gc.disable()
+    try:
+        for function in (ss.simulate, ss.moments):
+            result = function(kubo, q0=1.0, p0=0.0, step=0.1, steps=10)
+            seen = weakref.ref(result)
+            del result
+            assert seen() is None
+    finally:
+        gc.enable()
