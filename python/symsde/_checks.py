@@ -127,6 +127,10 @@ def real_array(name: str, value: object) -> np.ndarray:
 
 def state(name: str, value: object, ndof: int, paths: int) -> np.ndarray:
     """A state as C-contiguous (dof, 1) or (dof, path) from a scalar, (dof,) or (dof, path)."""
+    if type(value) is float:  # as most do
+        array = np.empty((ndof, 1))
+        array.fill(value)
+        return array
     array = real_array(name, value)
     if array.ndim == 0:
         return np.full((ndof, 1), float(array))

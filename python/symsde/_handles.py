@@ -3,11 +3,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import functools
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from . import _abi, _checks
 from ._library import library
@@ -89,15 +88,6 @@ class Pool:
     def __init__(self, make: Callable[[], Handle]):
         self._make = make
         self._idle = [make()]
-
-    @contextlib.contextmanager
-    def taken(self) -> Iterator[Handle]:
-        """A handle for one call."""
-        handle = self.take()
-        try:
-            yield handle
-        finally:
-            self.give(handle)
 
     def take(self) -> Handle:
         """A handle, until it is given back."""

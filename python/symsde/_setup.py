@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import inspect
 import json
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,35 +93,95 @@ def _build_info() -> dict[str, str]:
     return {key.strip(): value.strip() for key, _, value in lines}
 
 
+def _integer(bounds: tuple[int, int]) -> Callable:
+    def read(options: _abi.Options, name: str, value: object) -> None:
+        setattr(options, name, _checks.integer(name, value, bounds))
+
+    return read
+
+
+def _choice(known: Sequence[str]) -> Callable:
+    def read(options: _abi.Options, name: str, value: object) -> None:
+        setattr(options, name, _checks.choice(name, value, known))
+
+    return read
+
+
+def _number(options: _abi.Options, name: str, value: object) -> None:
+    setattr(options, name, _checks.number(name, value))
+
+
+def _flag(options: _abi.Options, name: str, value: object) -> None:
+    setattr(options, name, _checks.flag(name, value))
+
+
+def _truncation(options: _abi.Options, _name: str, value: object) -> None:
+    """Order and time scale of truncated increments; (0, 0) for none."""
+    if value is None:
+        return
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise WrongTypeError(
+            f"truncation = {_checks.shown(value)} is not allowed: give None or a pair (order, time scale), as (2, 1.0)"
+        )
+    options.truncation = _checks.finite("order of truncation", value[0])
+    options.truncation_time = _checks.finite("time scale of truncation", value[1])
+
+
+def _area_time(options: _abi.Options, name: str, value: object) -> None:
+    if value is not None:
+        _number(options, name, value)
+
+
+def _common_noise(options: _abi.Options, _name: str, value: object) -> None:
+    """Numbers of noises as bits."""
+    several = isinstance(value, list | tuple | np.ndarray)
+    numbers = [_checks.integer("common_noise", k, INT32) for k in (value if several else [value])]
+    for k in numbers:
+        if not 1 <= k <= 64:
+            raise InvalidArgumentError(
+                f"common_noise holds {k}: noises count from 1, and those that all paths share are among the first 64"
+            )
+    options.common_noise = sum(1 << (k - 1) for k in set(numbers))
+
+
+#: name of an option -> its default, which is that of the library, and what checks another value and puts it in
+_READ = {
+    "paths": (1, _integer((1, _COUNT))),
+    "seed": (0, _integer(UINT64)),
+    "t0": (0.0, _number),
+    "save_every": (1, _integer((1, _COUNT))),
+    "refine": (0, _integer(INT32)),
+    "first_path": (0, _integer((0, _COUNT))),
+    "first_step": (0, _integer((0, _COUNT))),
+    "correction": ("auto", _choice(_abi.CORRECTIONS)),
+    "truncation": (None, _truncation),
+    "areas": ("path", _choice(_abi.AREAS)),
+    "area_time": (None, _area_time),
+    "common_noise": ((), _common_noise),
+    "compensated": (False, _flag),
+    "general": (False, _flag),
+    "fixed_point": (0, _integer(INT32)),
+    "max_iter": (100, _integer(INT32)),
+}
+
+#: names of the options of a run
+OPTIONS = ["step", "steps", *_READ, "threads", "lanes"]
+
+
 def make_options(
     model: Model,
     *,
     step: float | None = None,
     steps: int | None = None,
-    paths: int = 1,
-    seed: int = 0,
-    t0: float = 0.0,
-    save_every: int = 1,
-    refine: int = 0,
-    first_path: int = 0,
-    first_step: int = 0,
-    correction: str = "auto",
-    truncation: tuple[float, float] | None = None,
-    areas: str = "path",
-    area_time: float | None = None,
-    common_noise: object = (),
-    compensated: bool = False,
     threads: int | None = None,
-    general: bool = False,
-    fixed_point: int = 0,
-    max_iter: int = 100,
     lanes: int | None = None,
     in_python: bool = False,
-    **unknown: object,
+    **given: object,
 ) -> _abi.Options:
     """Options of the C interface; types and ranges are checked here, their meaning by the library."""
-    for key in unknown:
-        raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}")
+    for key in given:
+        if key not in _READ:
+            raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}")
     if not isinstance(model, Model):
         raise WrongTypeError(
             f"model = {_checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
@@ -129,27 +189,14 @@ def make_options(
     for key, value in (("step", step), ("steps", steps)):
         if value is None:
             raise WrongTypeError(f"{key} is missing: give step, the size h, and steps, their number")
-    integer = _checks.integer
     options = _handles.new(_abi.Options, "options")
     options.step = _checks.number("step", step)
-    options.t0 = _checks.number("t0", t0)
-    options.steps = integer("steps", steps, (0, _COUNT))
-    options.paths = integer("paths", paths, (1, _COUNT))
-    options.seed = integer("seed", seed, UINT64)
-    options.save_every = integer("save_every", save_every, (1, _COUNT))
-    options.first_path = integer("first_path", first_path, (0, _COUNT))
-    options.first_step = integer("first_step", first_step, (0, _COUNT))
-    options.refine = integer("refine", refine, INT32)
-    options.correction = _checks.choice("correction", correction, _abi.CORRECTIONS)
-    options.truncation, options.truncation_time = _truncation(truncation)
-    options.areas = _checks.choice("areas", areas, _abi.AREAS)
-    options.area_time = 0.0 if area_time is None else _checks.number("area_time", area_time)
-    options.common_noise = _common_noise(common_noise)
-    options.compensated = _checks.flag("compensated", compensated)
-    options.general = _checks.flag("general", general)
-    options.max_iter = integer("max_iter", max_iter, INT32)
-    options.fixed_point = integer("fixed_point", fixed_point, INT32)
-    options.lanes = _lanes_for(model, options.paths) if lanes is None else integer("lanes", lanes, INT32)
+    options.steps = _checks.integer("steps", steps, (0, _COUNT))
+    for key, value in given.items():
+        default, read = _READ[key]
+        if value is not default:  # most are not given: looking at each takes a share of a short run
+            read(options, key, value)
+    options.lanes = _lanes_for(model, options.paths) if lanes is None else _checks.integer("lanes", lanes, INT32)
     options.threads = threads_of(threads, in_python or model.in_python)
     if options.steps % options.save_every:
         raise InvalidArgumentError(
@@ -159,14 +206,12 @@ def make_options(
     return options
 
 
-#: names of the options of a run
-OPTIONS = [name for name in inspect.signature(make_options).parameters if name not in {"model", "in_python", "unknown"}]
-
-
 def _lanes_for(model: Model, paths: int) -> int:
     """Lanes of a block: the library's choice (0), but more for Python functions, whose calls cost microseconds."""
+    if not model.in_python:
+        return 0
     lanes = min(_PYTHON_VALUES // model.ndof, paths + 7) // 8 * 8
-    return lanes if model.in_python and lanes > _LIBRARY_LANES else 0
+    return lanes if lanes > _LIBRARY_LANES else 0
 
 
 def make_setup(
@@ -213,26 +258,3 @@ def increments_array(value: object) -> np.ndarray:
 def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray | None:
     """Low parts of a compensated state, for every path."""
     return None if value is None else _checks.full(_checks.state(name, value, ndof, paths), paths)
-
-
-def _common_noise(value: object) -> int:
-    """Numbers of noises as bits."""
-    several = isinstance(value, list | tuple | np.ndarray)
-    numbers = [_checks.integer("common_noise", k, INT32) for k in (value if several else [value])]
-    for k in numbers:
-        if not 1 <= k <= 64:
-            raise InvalidArgumentError(
-                f"common_noise holds {k}: noises count from 1, and those that all paths share are among the first 64"
-            )
-    return sum(1 << (k - 1) for k in set(numbers))
-
-
-def _truncation(value: object) -> tuple[float, float]:
-    """Order and time scale of truncated increments; (0, 0) for none."""
-    if value is None:
-        return 0.0, 0.0
-    if not isinstance(value, tuple | list) or len(value) != 2:
-        raise WrongTypeError(
-            f"truncation = {_checks.shown(value)} is not allowed: give None or a pair (order, time scale), as (2, 1.0)"
-        )
-    return _checks.finite("order of truncation", value[0]), _checks.finite("time scale of truncation", value[1])

@@ -240,13 +240,15 @@ class Model:
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """Call the library with a handle of this model and the arguments; exceptions of callbacks are raised."""
-        with self._handles.taken() as handle:
-            refusal = None
+        handle, refusal = self._handles.take(), None
+        try:
             try:
                 status = _handles.call(name, handle.pointer, *arguments, allow=allow)
             except SymsdeError as error:
                 refusal = error
             handle.failures.raise_stored()
+        finally:
+            self._handles.give(handle)
         if refusal is not None:
             raise refusal
         return status

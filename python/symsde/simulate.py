@@ -19,6 +19,10 @@ from .model import Model
 from .report import Reported
 from .schemes import Scheme
 
+_INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
+_ARRAYS = [name for name, *_ in _abi.Paths._fields_[1:]]
+_PATHS_SIZE = _handles.new(_abi.Paths, "paths").struct_size
+
 
 class Run(Reported):
     """Saved paths: arrays as the library filled them, without a copy. Values after a failure are NaN."""
@@ -39,21 +43,20 @@ class Run(Reported):
         self.setup = setup
         ntime, ndof, paths = setup.ntime, setup.model.ndof, setup.paths
         _checks.room((2, ntime, ndof, paths), "the saved paths (q and p; time, dof, path)")
+        saved, last, first = (ntime, ndof, paths), (ndof, paths), setup.options.first_path
         self.t = np.empty(ntime)
-        self.q, self.p = (np.empty((ntime, ndof, paths)) for _ in "qp")
-        self.path = setup.options.first_path + np.arange(paths)
-        self.status = np.empty(paths, np.int32)
-        self.failed_step = np.empty(paths, np.int64)
-        self.last_q, self.last_p = (np.empty((ndof, paths)) for _ in "qp")
+        self.q, self.p = np.empty(saved), np.empty(saved)
+        self.path = np.arange(first, first + paths)
+        self.status = np.empty(paths, _INT32)
+        self.failed_step = np.empty(paths, _INT64)
+        self.last_q, self.last_p = np.empty(last), np.empty(last)
         self.q_low = self.p_low = None
         if setup.options.compensated:
-            self.q_low, self.p_low = (np.empty((ndof, paths)) for _ in "qp")
+            self.q_low, self.p_low = np.empty(last), np.empty(last)
 
     def fill(self, progress: Progress) -> None:
         """Let the library integrate."""
-        paths = _handles.new(_abi.Paths, "paths")
-        for name, *_ in _abi.Paths._fields_[1:]:
-            setattr(paths, name, address(getattr(self, name)))
+        paths = _abi.Paths(_PATHS_SIZE, *[address(getattr(self, name)) for name in _ARRAYS])
         report = _handles.new(_abi.Report, "report")
         setup = self.setup
         with Monitor(progress, result=self) as monitor:

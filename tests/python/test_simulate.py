@@ -11,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _progress
+from symsde import _abi, _handles, _progress, _setup
 
 
 def test_shapes(options):
@@ -347,3 +347,12 @@ def test_rounding_that_cycles_ends_an_iteration():
     counters = run.report.counters
     assert not run.status.any() and counters["failures"] == 0
     assert counters["iterations"] < 12 * counters["path_steps"]  # 7; 37 where nothing looks for cycles
+
+
+def test_defaults_of_options_are_those_of_the_library():
+    """They are not looked at where they are given: reading one must change nothing."""
+    library = bytes(_handles.new(_abi.Options, "options"))
+    for name, (default, read) in _setup._READ.items():
+        options = _handles.new(_abi.Options, "options")
+        read(options, name, default)
+        assert bytes(options) == library, name
