@@ -2,6 +2,7 @@
  * Whether memory can be had, asked of the operating system itself: a mapping is made and given back untouched, so that
  * limits of the process (ulimit -v) and of the machine answer, and the allocator of the host notices nothing. */
 #define _DEFAULT_SOURCE /* mappings without a file */
+#include <math.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -15,6 +16,7 @@
 #define MAP_ANONYMOUS MAP_ANON
 #endif
 #define ARENA ((size_t)64 << 20) /* address space that malloc reserves for a thread */
+#define LITTLE 67108864.0 /* bytes that every machine has: it is not asked for so few */
 
 static int can_map(size_t bytes, int protection) {
    if (bytes == 0)
@@ -49,11 +51,16 @@ static size_t stack_size(void) {
    return size;
 }
 
+/* Bytes of memory of the machine. */
+static double machine(void) {
+   const double bytes = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
+   return bytes > 0 ? bytes : HUGE_VAL;
+}
+
 /* 1 where so many bytes, and so many threads besides the calling one, can be had now. */
 __attribute__((visibility("hidden"))) int symsde_memory_available(double bytes, int threads);
 int symsde_memory_available(double bytes, int threads) {
-   const double machine = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
-   if (!(bytes < 4e18) || (machine > 0 && bytes > machine))
+   if (!(bytes < 4e18) || (bytes > LITTLE && bytes > machine()))
       return 0;
    if (threads > 0 && !can_map((size_t)bytes + (size_t)threads * (stack_size() + ARENA), PROT_NONE))
       return 0;

@@ -3,7 +3,8 @@
 !> the host's.
 !>
 !> Every entry point adds up what it will hold at most, in numbers of eight bytes, and asks here. What small
-!> temporaries need is in the reserve. A host may still lose the race against its own threads.
+!> temporaries need, and a small run, is in the reserve, which every entry point asks for first: the question takes
+!> microseconds, as long as some runs. A host may still lose the race against its own threads.
 module symsde_base_memory
    use, intrinsic :: iso_c_binding, only: c_double, c_int
    use symsde_base_kinds, only: wp
@@ -13,8 +14,9 @@ module symsde_base_memory
    private
    public :: require_memory, require_reserve, memory_for
 
-   real(wp), parameter :: reserve = 8.0_wp*2**20  !! bytes for texts, small arrays and the allocator itself
-   character(*), parameter :: reserve_text = '8388608'  !! the same: where nothing is left, no number can be written
+   real(wp), parameter :: reserve = 12.0_wp*2**20  !! bytes for texts, small arrays and the allocator itself
+   character(*), parameter :: reserve_text = '12582912'  !! the same: where nothing is left, no number can be written
+   real(wp), parameter :: small = 5.0_wp*2**20    !! bytes that are not asked for beside the reserve
    real(wp), parameter :: share = 1.02_wp         !! and the allocator's overhead on large ones
 
    interface
@@ -34,6 +36,8 @@ contains
       real(wp), intent(in) :: numbers  !! of eight bytes
       integer, intent(in) :: threads
 
+      memory_for = threads == 0 .and. numbers > 0 .and. 8*numbers <= small
+      if (memory_for) return
       memory_for = symsde_memory_available(share*8*numbers + reserve, int(threads, c_int)) /= 0
    end function memory_for
 
