@@ -7,7 +7,9 @@
 module symsde_step_whole
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record, steps_record
+   use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type
+   use symsde_base_text, only: name_length
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_model_abstract, only: corrected
    use symsde_scheme_scheme, only: scheme_type, correction_none, correction_increments, tableau_form, frame_none
@@ -42,8 +44,13 @@ contains
          fits = task%correction == correction_increments .and. is_one_sided(task%scheme)
       if (.not. fits) return
       call name_of_flow(task%scheme, name)
-      fits = .false.
-      if (task%model%has_flow(name//suffix(task))) fits = is_of_catalogue(task%scheme, name)
+      fits = task%model%has_flow(name//suffix(task))
+      if (.not. fits) return
+      if (usual_name(task%scheme) /= '') then
+         fits = task%scheme%law == law_gaussian
+      else
+         fits = is_of_catalogue(task%scheme, name)
+      end if
    end function fits
 
    !> What stands behind the name of a scheme where it is corrected.
@@ -76,7 +83,15 @@ contains
       type(scheme_type), intent(in) :: scheme
       character(:), allocatable, intent(out) :: name
 
-      name = scheme%name
+      name = trim(usual_name(scheme))
+      if (name == '') name = scheme%name
+   end subroutine name_of_flow
+
+   !> The name in the catalogue of one of the four, known by its coefficients; blank for others.
+   pure character(len=name_length) function usual_name(scheme) result(name)
+      type(scheme_type), intent(in) :: scheme
+
+      name = ''
       if (scheme%form /= tableau_form .or. scheme%frame /= frame_none .or. scheme%brackets%are_added()) return
       if (scheme%is_midpoint()) then
          name = 'midpoint'
@@ -86,7 +101,7 @@ contains
       else if (is_verlet(scheme)) then
          name = 'stormer_verlet'
       end if
-   end subroutine name_of_flow
+   end function usual_name
 
    !> Whether a scheme is the one that the catalogue has under this name: users may name theirs as they like.
    logical function is_of_catalogue(scheme, name)
