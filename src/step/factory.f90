@@ -69,7 +69,7 @@ contains
    subroutine new_stepper(stepper, model, scheme, options, nlane, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
+      type(scheme_type), intent(in), target :: scheme
       type(stepper_options), intent(in) :: options
       integer, intent(in) :: nlane
       type(error_type), allocatable, intent(inout) :: error
@@ -83,7 +83,7 @@ contains
       call check_needs(model, scheme, error)
       if (allocated(error)) return
       task%model => model
-      task%scheme = scheme
+      task%scheme => scheme
       task%nlane = nlane
       task%newton = options%newton
       task%as_increments = options%as_increments

@@ -7,6 +7,7 @@ module symsde_step_midpoint_flow
    use symsde_base_record, only: step_record
    use symsde_base_status, only: error_type
    use symsde_scheme_catalogue, only: get_scheme
+   use symsde_scheme_scheme, only: scheme_type
    use symsde_step_general, only: general_stepper
    use symsde_step_midpoint, only: midpoint_stepper
    use symsde_step_midpoint_full, only: midpoint_full_stepper
@@ -36,11 +37,13 @@ contains
       type(midpoint_flow), intent(out) :: self
       type(stepper_task), intent(in) :: whole  !! of the scheme that kicks
       type(stepper_task) :: task
+      type(scheme_type), target :: midpoint
       type(error_type), allocatable :: error
       integer :: i
 
       task = whole
-      call get_scheme(task%scheme, 'midpoint', error)
+      call get_scheme(midpoint, 'midpoint', error)
+      task%scheme => midpoint
       do i = merge(4, 1, whole%general), 4
          if (allocated(self%stepper)) deallocate (self%stepper)
          select case (i)

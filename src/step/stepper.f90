@@ -24,7 +24,7 @@ module symsde_step_stepper
    !> What a stepper is wanted for.
    type :: stepper_task
       class(model_type), pointer :: model => null()
-      type(scheme_type) :: scheme
+      type(scheme_type), pointer :: scheme => null()
       integer :: correction = correction_none  !! resolved: never correction_auto
       integer :: nlane = 0                     !! lanes of a block
       logical :: general = .false.             !! the oracle is wanted, of all parts of the step
