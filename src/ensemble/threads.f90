@@ -51,15 +51,32 @@ contains
       type(initial_state), intent(in) :: start
       class(monitor_type), intent(inout) :: monitor
       type(shared_state), intent(inout) :: shared
+
+      if (size(runners) == 1) then  ! a team of one costs a microsecond
+         call run_share(1, runners, recipe, options, start, monitor, shared)
+      else
+         !$omp parallel num_threads(size(runners)) default(none) &
+         !$omp shared(runners, recipe, options, start, monitor, shared)
+         call run_share(omp_get_thread_num() + 1, runners, recipe, options, start, monitor, shared)
+         !$omp end parallel
+      end if
+   end subroutine run_blocks
+
+   !> The blocks that one thread of them takes, by its own runner.
+   subroutine run_share(me, runners, recipe, options, start, monitor, shared)
+      integer, intent(in) :: me   !! 1 is the thread that called the library
+      type(block_runner), intent(inout), target :: runners(:)
+      type(runner_recipe), intent(in) :: recipe
+      type(run_options), intent(in) :: options
+      type(initial_state), intent(in) :: start
+      class(monitor_type), intent(inout) :: monitor
+      type(shared_state), intent(inout) :: shared
       integer(i8) :: iblock, nblock, nlane
-      integer :: me, nreal
+      integer :: nreal
       logical :: stopping
 
       nlane = runners(1)%state%nlane
       nblock = (options%npath + nlane - 1)/nlane
-      !$omp parallel num_threads(size(runners)) default(none) private(me, nreal, iblock, stopping) &
-      !$omp shared(runners, recipe, options, start, monitor, shared, nblock, nlane)
-      me = omp_get_thread_num() + 1
       do
          !$omp atomic capture
          iblock = shared%next
@@ -89,8 +106,7 @@ contains
       call runners(me)%observer%gather()
       !$omp end critical (symsde_end_block)
       if (me == 1) call watch(nblock, monitor, shared)
-      !$omp end parallel
-   end subroutine run_blocks
+   end subroutine run_share
 
    !> The calling thread has no block left: until the others are done it still tells the monitor, so that a
    !> run can be stopped whichever thread works on its last block.
