@@ -21,6 +21,7 @@ module symsde_ensemble_statistics
    end type moment_node
 
    integer, parameter :: highest_level = 62  !! no index has more bits
+   integer, parameter :: usual_level = 11    !! of a block's lanes, 2048 for models in Python
 
    !> The complete nodes that have not found their siblings yet: O(threads log paths) of them.
    type :: moment_tree
@@ -169,14 +170,24 @@ contains
       real(wp), intent(in) :: x(2**level)        !! the value in each lane; any number where it does not count
       logical, intent(in) :: counts(2**level)    !! whether a lane counts
       real(wp), intent(out) :: n, mean, m2
+
+      if (level <= usual_level .and. all(counts)) then
+         call reduce_full(level, x, mean, m2)
+         n = 2.0_wp**level
+      else
+         call reduce_some(level, x, counts, n, mean, m2)
+      end if
+   end subroutine reduce_lanes
+
+   !> The same in any case.
+   pure subroutine reduce_some(level, x, counts, n, mean, m2)
+      integer, intent(in) :: level
+      real(wp), intent(in) :: x(2**level)
+      logical, intent(in) :: counts(2**level)
+      real(wp), intent(out) :: n, mean, m2
       real(wp) :: na(2**level), ma(2**level), sa(2**level), share, d
       integer :: i, half, width
 
-      if (all(counts)) then
-         call reduce_full(level, x, mean, m2)
-         n = 2.0_wp**level
-         return
-      end if
       do i = 1, 2**level
          na(i) = merge(1.0_wp, 0.0_wp, counts(i))
          ma(i) = merge(x(i), 0.0_wp, counts(i))
@@ -197,22 +208,23 @@ contains
       n = na(1)
       mean = ma(1)
       m2 = sa(1)
-   end subroutine reduce_lanes
+   end subroutine reduce_some
 
-   !> The same where every lane counts: siblings are of one size and share is 1/2, so that these are the same bits.
+   !> The same where every lane counts: siblings are of one size and share is 1/2, so that these are the same bits. Room
+   !> of a fixed size is on the stack: from the heap it would take longer than the sums.
    pure subroutine reduce_full(level, x, mean, m2)
-      integer, intent(in) :: level
+      integer, intent(in) :: level               !! at most usual_level
       real(wp), intent(in) :: x(2**level)
       real(wp), intent(out) :: mean, m2
-      real(wp) :: ma(2**level), sa(2**level), mb(2**level), sb(2**level)
+      real(wp), dimension(2**usual_level) :: ma, sa, mb, sb
       integer :: k
 
-      ma = x
-      sa = 0
+      ma(:2**level) = x
+      sa(:2**level) = 0
       do k = level - 1, 0, -2
-         call halve(2**k, 2.0_wp**(level - k - 2), ma, sa, mb, sb)
+         call halve(2**k, scale(1.0_wp, level - k - 2), ma, sa, mb, sb)
          if (k == 0) exit
-         call halve(2**(k - 1), 2.0_wp**(level - k - 1), mb, sb, ma, sa)
+         call halve(2**(k - 1), scale(1.0_wp, level - k - 1), mb, sb, ma, sa)
       end do
       mean = merge(mb(1), ma(1), mod(level, 2) == 1)
       m2 = merge(sb(1), sa(1), mod(level, 2) == 1)
