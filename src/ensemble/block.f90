@@ -4,7 +4,7 @@
 !> The loop is cut into chunks of at most about a tenth of a second, between which the caller may stop
 !> the run; chunks change no bits.
 module symsde_ensemble_block
-   use, intrinsic :: iso_fortran_env, only: int64
+   use symsde_base_clock, only: seconds
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i8
@@ -79,17 +79,19 @@ module symsde_ensemble_block
 contains
 
    !> A runner around a stepper, with room for what sources of noise will be asked for; to be equipped before it runs.
-   subroutine new_block_runner(self, options, nlane, stepper, asked)
+   subroutine new_block_runner(self, options, nlane, stepper, asked, brings)
       type(block_runner), intent(out) :: self
       type(run_options), intent(in) :: options
       integer, intent(in) :: nlane
       class(stepper_type), allocatable, intent(inout) :: stepper  !! taken over
       type(functional_set), intent(in) :: asked                   !! of the path, beside its increments
+      logical, intent(in), optional :: brings                     !! its steps are brought one by one, if at all
 
       self%options = options
       call move_alloc(stepper, self%stepper)
       associate (ham => self%stepper%ham)
          self%npair = pairs_of(options%nstep, pairs_ahead(nlane, asked%columns(ham%nnoise)))
+         if (present(brings)) self%npair = merge(1, self%npair, brings)
          call new_step_store(self%store, nlane, ham%nnoise, 2*self%npair, options%step, asked)
          self%request%nlane = nlane
          call new_lane_state(self%state, nlane, ham%ndof, options%compensated)
@@ -122,11 +124,10 @@ contains
 
       if (.not. (allocated(lone) .or. self%whole) .or. self%options%compensated) return
       if (.not. self%whole) call make_room(self)
-      call self%few%equip(lone, model, self%state%ndof, self%nout, self%store, self%options%nstep)
+      call self%few%equip(lone, model, self%state%ndof, self%nout, self%store, self%options)
    end subroutine set_lone
 
-   !> What one drive of the runner needs: which steps and saves, who looks on, what the noise is. All else in the
-   !> options is as it was when the runner was made.
+   !> What one drive of the runner needs; all but steps and saves in the options is as when the runner was made.
    subroutine equip(self, options, observer, noise)
       class(block_runner), intent(inout) :: self
       type(run_options), intent(in) :: options
@@ -158,7 +159,6 @@ contains
       integer(i8), intent(in) :: first
       integer, intent(in) :: nreal
       type(initial_state), intent(in) :: start
-
       integer(i8) :: path(self%state%nlane)
 
       call path_of_lane(self%state%nlane, first, nreal, path)
@@ -190,12 +190,12 @@ contains
    !> Steps until the chunk or the run is over, or enough paths of the block have failed.
    subroutine run_chunk(self)
       class(block_runner), intent(inout) :: self
-      integer(i8) :: last, ticks, ticks_end, rate
-      real(wp) :: seconds
+      integer(i8) :: last
+      real(wp) :: start, took
       integer :: nout, every
       logical :: alone, taken
 
-      call system_clock(ticks, rate)
+      start = seconds()
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%enough)
          if (self%step/2 /= self%pair .or. self%nahead == 0) call draw(self)
@@ -210,11 +210,10 @@ contains
          end if
          if (.not. taken) call one_step(self)
       end do
-      call system_clock(ticks_end)
-      seconds = real(ticks_end - ticks, wp)/real(rate, wp)
-      if (seconds < 0.5_wp*longest_chunk) then
+      took = seconds() - start
+      if (took < 0.5_wp*longest_chunk) then
          self%chunk = min(2*self%chunk, 2_i8**40)
-      else if (seconds > longest_chunk) then
+      else if (took > longest_chunk) then
          self%chunk = max(self%chunk/2, 1_i8)
       end if
    end subroutine run_chunk
@@ -248,8 +247,7 @@ contains
       if (steps_to_save(self) == self%options%save_every) call save_point(self)
    end subroutine one_step
 
-   !> Which steps are taken at once: as many as are left and have been drawn, up to the next saved point, or from saved
-   !> point to saved point.
+   !> Which steps are taken at once: of those that were drawn, up to the next saved point, or from saved to saved point.
    subroutine plan_states(self, left, nout, every)
       type(block_runner), intent(in) :: self
       integer(i8), intent(in) :: left       !! steps that may be taken
@@ -274,7 +272,7 @@ contains
       call self%few%walk(ahead(self), self%nreal, self%options%t0, self%step, self%state, nout, every, self%qn, self%pn)
       taken = nout > 0
       if (taken) then
-         call show_states(self, nout, every)
+         call show_states(self, nout, every, self%state%nlane, self%qn, self%pn)
       else
          call self%state%repeat_last(self%nreal)
       end if
@@ -292,18 +290,20 @@ contains
       select type (stepper => self%stepper)
       class is (whole_stepper)
          if (self%alone) then
-            call self%few%flow(stepper, ahead(self), time_of(self, self%step), nout, every, self%state%q, &
-                               self%state%p, self%qn, self%pn, self%status)
+            call self%few%flow(stepper, ahead(self), time_of(self, self%step), nout, every, self%state, &
+                               self%qn, self%pn, self%status, taken)
          else
             call self%store%show_several(ahead(self), nout*every, time_of(self, self%step), self%steps)
             self%steps%every = every
             self%steps%nreal = self%nreal
             call stepper%flow(self%steps, self%state%q, self%state%p, self%qn, self%pn, self%status)
+            call self%state%judge(self%nreal, nout, self%status, self%qn, self%pn, taken)
          end if
       end select
-      call self%state%judge(self%nreal, nout, self%status, self%qn, self%pn, taken)
-      if (taken) then
-         call show_states(self, nout, every)
+      if (taken .and. self%alone) then
+         call show_states(self, nout, every, 1, self%few%qn, self%few%pn)
+      else if (taken) then
+         call show_states(self, nout, every, self%state%nlane, self%qn, self%pn)
       else if (nout*every == 1) then
          call settle_lanes(self, self%status, self%qn(:, :, 1), self%pn(:, :, 1))
          call account(self, 1)
@@ -317,9 +317,10 @@ contains
    end subroutine take_whole
 
    !> The states that were taken, to the observer where they are saved points.
-   subroutine show_states(self, nout, every)
+   subroutine show_states(self, nout, every, nlane, qn, pn)
       type(block_runner), intent(inout) :: self
-      integer, intent(in) :: nout, every
+      integer, intent(in) :: nout, every, nlane   !! nlane: 1 of a path that is alone
+      real(wp), intent(in), dimension(nlane, self%state%ndof, nout) :: qn, pn
       integer(i8) :: first
       integer :: k
 
@@ -330,10 +331,10 @@ contains
             self%times(k) = time_of(self, first + (k - 1)*int(every, i8))
          end do
          call self%observer%observe_several((first - self%options%first_step)/self%options%save_every, nout, &
-                                            self%times, self%qn, self%pn, self%state)
+                                            self%times, nlane, qn, pn, self%state)
       else
-         self%state%q = self%qn(:, :, nout)
-         self%state%p = self%pn(:, :, nout)
+         self%state%q(:nlane, :) = qn(:, :, nout)
+         self%state%p(:nlane, :) = pn(:, :, nout)
       end if
    end subroutine show_states
 
@@ -375,8 +376,7 @@ contains
       call self%store%show(merge(0, ahead(self), self%alone), time_of(self, self%step), self%record)
    end subroutine show_step
 
-   !> What drives the pair of steps that begins: drawn ahead, or asked of the source, for several pairs from an
-   !> even one on.
+   !> What drives the pair of steps that begins: drawn ahead, or asked for, several pairs from an even one on.
    subroutine draw(self)
       type(block_runner), intent(inout) :: self
       integer(i8) :: pair, last, drawn

@@ -37,7 +37,6 @@ module symsde_ensemble_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: resolve_correction
-   use symsde_step_lone, only: lone_stepper
    use symsde_step_probe_flow, only: probe_flow
    implicit none
    private
@@ -225,7 +224,6 @@ contains
    subroutine new_runners(self, error)
       type(ensemble_type), intent(inout) :: self
       type(error_type), allocatable, intent(inout) :: error
-      class(lone_stepper), allocatable :: lone
       logical :: has_padding
       integer :: i, info
 
@@ -247,12 +245,9 @@ contains
          end if
          has_padding = mod(self%options%npath, int(report%nlane, i8)) > 0
          do i = 1, report%nthread
-            call self%recipe%new_runner(self%runners(i), report%nlane, has_padding, error)
+            call self%recipe%new_runner(self%runners(i), report%nlane, has_padding, error, &
+                                        has_few(self%options%npath, report%nlane) .and. has_any_lanes(model))
             if (allocated(error)) return
-            if (has_few(self%options%npath, report%nlane) .and. has_any_lanes(model)) then
-               call self%runners(i)%stepper%offer_lone(lone)
-               call self%runners(i)%set_lone(lone, model)
-            end if
          end do
          report%stepper = self%runners(1)%stepper%name
          call describe_left_out(model, scheme, report%correction, self%runners(1)%stepper, report%left_out)

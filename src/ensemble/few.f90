@@ -7,14 +7,16 @@ module symsde_ensemble_few
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: steps_record, step_store, step_request, new_step_store
    use symsde_ensemble_ahead, only: pairs_ahead, pairs_of
+   use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
    use symsde_step_lone, only: lone_stepper
    use symsde_step_state, only: lane_state
+   use symsde_step_stepper, only: stepper_type
    use symsde_step_whole, only: whole_stepper
    implicit none
    private
-   public :: few_paths, lone_paths, has_few, lone_numbers
+   public :: few_paths, lone_paths, has_few, are_all_few, lone_numbers
 
    integer, parameter :: lone_paths = 2  !! of a block: side by side three take 0.6 to 1.2 of the time
 
@@ -23,7 +25,7 @@ module symsde_ensemble_few
       integer :: npair = 0                  !! pairs of steps that fit
       type(step_store) :: own(lone_paths)   !! what drives each path
       type(steps_record), private :: steps  !! which are taken, without what drives them
-      real(wp), allocatable, dimension(:, :, :), private :: qn, pn  !! states after whole steps (1, ndof, ..)
+      real(wp), allocatable, dimension(:, :, :) :: qn, pn  !! states after whole steps (1, ndof, ..)
    contains
       procedure :: equip
       procedure :: are_alone
@@ -43,6 +45,20 @@ contains
       has_few = mod(npath, int(nlane, i8)) > 0 .and. mod(npath, int(nlane, i8)) <= lone_paths
    end function has_few
 
+   !> Whether all paths of a run are taken one by one, by this stepper, or by a lone one where there is one.
+   pure logical function are_all_few(options, stepper, has_lone)
+      type(run_options), intent(in) :: options
+      class(stepper_type), intent(in) :: stepper
+      logical, intent(in) :: has_lone
+
+      are_all_few = has_lone .and. options%npath <= lone_paths
+      select type (stepper)
+      class is (whole_stepper)
+         are_all_few = options%npath == 1
+      end select
+      if (options%compensated) are_all_few = .false.
+   end function are_all_few
+
    !> Numbers that the stores of such a block hold, with so many columns a step beside h.
    pure real(wp) function lone_numbers(npath, nlane, ncolumn)
       integer(i8), intent(in) :: npath
@@ -52,14 +68,14 @@ contains
       if (has_few(npath, nlane)) lone_numbers = 2.0_wp*lone_paths*pairs_ahead(1, ncolumn)*(ncolumn + 1)
    end function lone_numbers
 
-   !> A stepper for paths of a model, and room for steps as those of the store of a block, in a run of so many.
-   subroutine equip(self, stepper, model, ndof, nout, like, nstep)
+   !> A stepper for paths of a model, and room for steps as those of the store of a block.
+   subroutine equip(self, stepper, model, ndof, nout, like, options)
       class(few_paths), intent(inout) :: self
       class(lone_stepper), allocatable, intent(inout) :: stepper  !! taken over; none: the model takes whole steps
       class(model_type), intent(in), target :: model
       integer, intent(in) :: ndof, nout  !! degrees of freedom, states that are asked for at once
       type(step_store), intent(in) :: like
-      integer(i8), intent(in) :: nstep
+      type(run_options), intent(in) :: options
       integer :: i
 
       if (allocated(stepper)) then
@@ -72,8 +88,8 @@ contains
       end if
       self%steps%nlane = like%nlane
       self%steps%h = like%h
-      self%npair = pairs_of(nstep, pairs_ahead(1, like%asked%columns(like%nnoise)))
-      do i = 1, lone_paths
+      self%npair = pairs_of(options%nstep, pairs_ahead(1, like%asked%columns(like%nnoise)))
+      do i = 1, int(min(options%npath, int(lone_paths, i8)))
          call new_step_store(self%own(i), 1, like%nnoise, 2*self%npair, like%h, like%asked)
       end do
    end subroutine equip
@@ -86,27 +102,31 @@ contains
       are_alone = self%npair > 0 .and. nreal <= merge(lone_paths, 1, allocated(self%stepper))
    end function are_alone
 
-   !> Whole steps of the one path of a block, which is lane 1: nout states, each after `every` more steps.
-   subroutine flow(self, stepper, place, t, nout, every, q, p, qn, pn, status)
+   !> Whole steps of the one path of a block, which is lane 1: nout states, each after `every` more steps, in self%qn
+   !> and self%pn, side by side, if it does not fail on the way.
+   subroutine flow(self, stepper, place, t, nout, every, state, qn, pn, status, taken)
       class(few_paths), intent(inout) :: self
       class(whole_stepper), intent(inout) :: stepper
       integer, intent(in) :: place           !! where in the store the first step stands
       real(wp), intent(in) :: t              !! when it begins
       integer, intent(in) :: nout, every
-      real(wp), intent(in) :: q(:, :), p(:, :)                  !! (nlane, ndof)
-      real(wp), intent(inout) :: qn(:, :, :), pn(:, :, :)       !! (nlane, ndof, at least nout)
+      type(lane_state), intent(in) :: state
+      real(wp), intent(inout) :: qn(:, :, :), pn(:, :, :)       !! the first state where it fails (nlane, ndof, ..)
       integer(i8), intent(inout) :: status(1)
-      real(wp), dimension(1, size(q, 2)) :: q1, p1
+      logical, intent(out) :: taken                             !! it did not
+      real(wp), dimension(1, state%ndof) :: q1, p1
 
       call self%own(1)%show_several(place, nout*every, t, self%steps)
       self%steps%every = every
       self%steps%nreal = 1
       self%steps%max_iter = stepper%max_iter
-      q1(1, :) = q(1, :)
-      p1(1, :) = p(1, :)
+      q1(1, :) = state%q(1, :)
+      p1(1, :) = state%p(1, :)
       call stepper%flow(self%steps, q1, p1, self%qn, self%pn, status)
-      qn(1, :, :nout) = self%qn(1, :, :nout)
-      pn(1, :, :nout) = self%pn(1, :, :nout)
+      taken = state%is_sound_alone(nout, status, self%qn, self%pn)
+      if (taken) return
+      qn(1, :, 1) = self%qn(1, :, 1)
+      pn(1, :, 1) = self%pn(1, :, 1)
    end subroutine flow
 
    !> Up to nout states, each after `every` more steps: as many as all paths come to by usual steps, but one of fewer

@@ -52,19 +52,20 @@ module symsde_ensemble_observer
 contains
 
    !> States at saved times number isave and following, of lanes with the status of state; it holds the last of them
-   !> afterwards. This default shows them one by one.
-   subroutine observe_each(self, isave, nsave, t, q, p, state)
+   !> afterwards. This default shows them one by one. Of a block of one path they may be given without padding.
+   subroutine observe_each(self, isave, nsave, t, nlane, q, p, state)
       class(observer_type), intent(inout) :: self
       integer(i8), intent(in) :: isave
       integer, intent(in) :: nsave
       real(wp), intent(in) :: t(nsave)
+      integer, intent(in) :: nlane               !! those of q and p: state%nlane, or 1
       type(lane_state), intent(inout) :: state
-      real(wp), intent(in) :: q(state%nlane, state%ndof, nsave), p(state%nlane, state%ndof, nsave)
+      real(wp), intent(in) :: q(nlane, state%ndof, nsave), p(nlane, state%ndof, nsave)
       integer :: k
 
       do k = 1, nsave
-         state%q = q(:, :, k)
-         state%p = p(:, :, k)
+         state%q(:nlane, :) = q(:, :, k)
+         state%p(:nlane, :) = p(:, :, k)
          call self%observe(isave + k - 1, t(k), state)
       end do
    end subroutine observe_each

@@ -5,12 +5,14 @@ module symsde_ensemble_recipe
    use symsde_base_kinds, only: i8
    use symsde_base_status, only: error_type
    use symsde_ensemble_block, only: block_runner, new_block_runner
+   use symsde_ensemble_few, only: are_all_few
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
    use symsde_model_real_lanes, only: real_lanes_model, new_real_lanes
    use symsde_scheme_scheme, only: scheme_type
    use symsde_step_factory, only: stepper_options, new_stepper
+   use symsde_step_lone, only: lone_stepper
    use symsde_step_rescue, only: new_rescue
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -31,13 +33,16 @@ module symsde_ensemble_recipe
 contains
 
    !> A runner for blocks of nlane lanes.
-   subroutine new_runner(self, runner, nlane, has_padding, error)
+   subroutine new_runner(self, runner, nlane, has_padding, error, takes_few)
       class(runner_recipe), intent(in) :: self
       type(block_runner), intent(out) :: runner
       integer, intent(in) :: nlane
       logical, intent(in) :: has_padding        !! some block will not be full
       type(error_type), allocatable, intent(inout) :: error
+      logical, intent(in), optional :: takes_few  !! blocks of few paths one by one, where the stepper can
       class(stepper_type), allocatable :: stepper
+      class(lone_stepper), allocatable :: lone
+      logical :: one_by_one
       type(real_lanes_model), pointer :: view
       class(model_type), pointer :: seen
 
@@ -47,7 +52,16 @@ contains
          if (associated(view)) deallocate (view)
          return
       end if
-      call new_block_runner(runner, self%options, nlane, stepper, self%asked)
+      one_by_one = .false.
+      if (present(takes_few)) one_by_one = takes_few
+      if (one_by_one) then
+         call stepper%offer_lone(lone)
+         call new_block_runner(runner, self%options, nlane, stepper, self%asked, &
+                               are_all_few(self%options, stepper, allocated(lone)))
+         call runner%set_lone(lone, self%model)
+      else
+         call new_block_runner(runner, self%options, nlane, stepper, self%asked)
+      end if
       runner%real_lanes => view
       call new_rescue(runner%rescue, self%model, self%scheme, runner%stepper, self%choice%newton)
    end subroutine new_runner

@@ -61,13 +61,14 @@ contains
    end subroutine observe
 
    !> Several times at once, straight from where they are: for few lanes the loop over times is the inner one.
-   subroutine observe_several(self, isave, nsave, t, q, p, state)
+   subroutine observe_several(self, isave, nsave, t, nlane, q, p, state)
       class(path_recorder), intent(inout) :: self
       integer(i8), intent(in) :: isave
       integer, intent(in) :: nsave
       real(wp), intent(in) :: t(nsave)
+      integer, intent(in) :: nlane
       type(lane_state), intent(inout) :: state
-      real(wp), intent(in) :: q(state%nlane, state%ndof, nsave), p(state%nlane, state%ndof, nsave)
+      real(wp), intent(in) :: q(nlane, state%ndof, nsave), p(nlane, state%ndof, nsave)
       integer :: lane
 
       if (associated(self%q)) then
@@ -85,8 +86,8 @@ contains
             end if
          end associate
       end if
-      state%q = q(:, :, nsave)
-      state%p = p(:, :, nsave)
+      state%q(:nlane, :) = q(:, :, nsave)
+      state%p(:nlane, :) = p(:, :, nsave)
    end subroutine observe_several
 
    !> The first lanes of x as paths offset + 1, .. of saved; NaN in those with a status.

@@ -19,6 +19,7 @@ module symsde_step_state
    contains
       procedure :: advance
       procedure :: judge
+      procedure :: is_sound_alone
       procedure :: settle
       procedure :: retire
       procedure :: repeat_last
@@ -82,6 +83,16 @@ contains
       taken = nbad == self%nfailed - (self%nlane - nreal)
       if (taken .and. nbad > 0) call keep(self%nlane, self%ndof, nout, self%q, self%p, self%status, q, p)
    end subroutine judge
+
+   !> The same of the one path of a block: whether it has not failed.
+   pure logical function is_sound_alone(self, nout, status, q, p) result(is_sound)
+      class(lane_state), intent(in) :: self
+      integer, intent(in) :: nout
+      integer(i8), intent(in) :: status(1)                  !! as the model left it
+      real(wp), intent(in) :: q(1, self%ndof, nout), p(1, self%ndof, nout)
+
+      is_sound = status(1) == 0 .and. is_finite_alone(1, self%ndof*nout, q, p)
+   end function is_sound_alone
 
    !> Take the states after one step where they are finite and the lane is still ok.
    subroutine settle(self, step, q, p)
