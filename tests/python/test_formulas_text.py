@@ -448,6 +448,8 @@ def test_python_models_only_where_allowed(tmp_path, capsys, monkeypatch):
         ("p**2/2 + q^2", 0.4, "a power is written"),
         ("p**2/2 + ~q", 0.4, "it holds ~ or not"),
         ("p**2/2 + log(q)", -1.0, "a Hamiltonian or its derivative is not finite at q0 = -1"),  # its derivative is 1/q
+        ("p**2/2 + q/t", 1.0, "not finite at q0 = 1, p0 = 0.3, t0 = 0: begin elsewhere"),
+        ("p**2/2 + q**2", np.nan, "the initial state holds values that are not finite"),
         (sp.Symbol("p") ** 2 / 2 + sp.Integral(sp.Symbol("q"), sp.Symbol("q")), 0.4, "cannot be differentiated"),
         (
             sp.zeta(sp.Symbol("q") + 2) + sp.Symbol("p"),
@@ -461,6 +463,12 @@ def test_python_models_only_where_allowed(tmp_path, capsys, monkeypatch):
 def test_what_a_sentence_says(H, start, sentence):
     with pytest.raises(errors.InvalidArgumentError, match=sentence):
         ss.simulate(ss.model_from_sympy(H), q0=start, p0=0.3, step=0.01, steps=2)
+
+
+def test_a_time_that_is_none_is_called_so():
+    """Not a singularity of the formula, which it is handed to."""
+    with pytest.raises(errors.InvalidArgumentError, match="t0 = NaN is not a time"):
+        ss.simulate(ss.model_from_sympy("p**2/2 + q*cos(t)"), q0=1.0, p0=0.3, t0=np.nan, step=0.01, steps=2)
 
 
 def test_names_of_generated_code_and_of_c_are_free():

@@ -55,10 +55,14 @@ class FormulaModel(Model):
         """Refuse one state for all paths where a Hamiltonian or its derivative is singular: no scheme is right."""
         if q0.shape[1] != 1 or p0.shape[1] != 1:
             return  # each path has its own status
+        if not all(np.isfinite(x).all() for x in (q0, p0, t0)):
+            return  # the library says which of them is not
         w = np.ones(self.nnoise + 1)
         every = [*self.gradient(q0, p0, w, t0), [self.value(q0, p0, w, t0)]]
         if not np.isfinite(np.concatenate(every)).all():
             at = f"q0 = {_shown(q0)}, p0 = {_shown(p0)}"
+            if self.formula.structure.time_dependent:
+                at += f", t0 = {t0:g}"
             raise InvalidArgumentError(
                 f"a Hamiltonian or its derivative is not finite at {at}: begin elsewhere ({self._quoted()})"
             )
