@@ -436,6 +436,7 @@ def test_one_path_of_a_quadratic_model():
         return 0
 
     functions = {"gradient": gradient, "gradient_hessian": gradient_hessian}
+    assert ss._callbacks.takes_any_lanes(functions.values())
     model = ss.Model(ndof=1, nnoise=1, quadratic=True, **functions)
     how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 60, "seed": 5, "scheme": "gauss2"}
     many = ss.simulate(model, paths=300, **how)
