@@ -158,6 +158,8 @@ def every_plan(pilot: Pilot) -> list[Plan]:
     for trial in pilot.trials:
         for _ in range(3):
             trial.double()
+        if math.isfinite(variants.price_of_changes(trial, range(1, LEVELS))):
+            trial.look_at_changes()
         found = choice.plain(trial, pilot.error)
         level = min(LEVELS - 1, found.level if found else LEVELS - 1)
         for method, kind in MEASURED.items():

@@ -66,10 +66,10 @@ def test_points_are_doubled_where_units_are_too_few(pilot, method, points):
 
 
 def test_work_begins_with_a_quarter_of_the_points(pilot):
-    """16 units of 2^8 points where 2^10 were planned, and are more than it takes; of 2^5 where 2^5 were."""
+    """16 units of 2^9 points where 2^11 were planned, and are more than it takes; not below 2^8."""
     pytest.importorskip("scipy")
     pilot.tolerance = make_tolerance(1.0, None)
-    for planned, begun in ((10, 8), (7, 6), (5, 5)):
+    for planned, begun in ((11, 9), (9, 8), (7, 7)):
         plan = plan_of(pilot.trials[0], Quasi.name, level=3, options={"log2_points": planned})
         assert Work(pilot, [plan]).answer().paths == 16 * 2**begun
 

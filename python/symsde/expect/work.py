@@ -33,7 +33,7 @@ _LEAST = 256  #: paths of a new level
 _SILENT = 0.2  #: noise over bias, below which an interval is a bound: 1.96 biases are then five of its errors and more
 _NEARLY = 1.05  #: times the half width that was asked for, that count as reached
 _FEWER = 2  #: halvings of the points that are planned, which work begins with, to double them where that is too few
-_LOWEST = 6  #: log2 of the points that are not halved
+_LOWEST = 8  #: log2 of the points that are not halved: a call takes as long as these
 _TOP_UP = 3  #: units of a level that are added at least, as each look at the variance may end too early
 _SPARE = 1.02  #: units beyond those that the variance asks for, so that a second round is seldom needed
 
