@@ -249,7 +249,7 @@ class Writer:
         """A sum or difference with a product in it, as one operation where the library contracts (lane_functions.h).
 
         That hangs on the node alone, not on who else wants the product. A product that is the same for all lanes has
-        been computed before the loop.
+        been computed before the loop; one that is given hangs on no weight, and the other terms of sums do: it is none.
         """
         for place in (1, 0):
             product, other = node.arguments[place], self.operand(node.arguments[1 - place])
