@@ -20,6 +20,13 @@ TEXTS = {
     "fpu_chain": (SPRINGS, ["-sigma*q[k]"], {"ends": "fixed"}),
 }
 
+ROTATORS = "Sum(p[i]**2/2, i) + Sum(q[i]**2/2, i) - (Sum(cos(q[i]), i)**2 + Sum(sin(q[i]), i)**2)/(2*N)"
+
+
+def mean_field(n: int) -> ss.Model:
+    """The mean field of loop_models by functions of sums over sites, whose noise pulls at all sites alike."""
+    return ss.model_from_sympy(ROTATORS, ["-0.03*Sum(q[i], i)"], params={"N": n}, n=n)
+
 
 def by_formula(model: ss.Model) -> ss.Model:
     """A built-in model once more."""

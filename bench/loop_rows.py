@@ -204,10 +204,11 @@ def stages(scheme, n, step) -> tuple[Run, Run]:
     return tuple(library(model, s, 256, step, q0=0.01) for s in (scheme, "midpoint"))
 
 
-def mean_field(n) -> tuple[Run, Run]:
-    """Dense callbacks, 1000 paths."""
+def mean_field(n, paths, maker) -> tuple[Run, Run]:
+    """Sites that all pull at each other: dense callbacks, or a formula."""
     function = loops.collocation(loops.mean_field_force, n, 1, "midpoint")
-    return library(loop_models.mean_field(n), "midpoint", 1000, 0.02), loop(function, n, 1000, 0.02)
+    q0 = 0.2 * np.cos(np.arange(n))
+    return library(maker(n), "midpoint", paths, 0.02, q0), loop(function, n, paths, 0.02, q0)
 
 
 # name of a scene -> the loop that keeps every step: it pays for fresh pages of memory, too
@@ -273,7 +274,9 @@ def rows() -> Iterator[Row]:
     for name, paths in (("henon_heiles gauss2", 1000), ("synchrotron lobatto3", 1000), ("fpu64 midpoint", 1000)):
         yield Row("many", name, paths, 1.0, partial(scene, name, paths))
     for n in (2, 8, 16):
-        yield Row("many", f"cfunc mean_field{n} midpoint", 1000, 1.0, partial(mean_field, n))
+        yield Row(
+            "many", f"cfunc mean_field{n} midpoint", 1000, 1.0, partial(mean_field, n, 1000, loop_models.mean_field)
+        )
     for name in SCENES:
         for paths in (1, 2, 8, 32):
             yield Row(f"few{paths}", name, paths, 1.5, partial(scene, name, paths))
@@ -285,6 +288,11 @@ def rows() -> Iterator[Row]:
             paths = 1024 if "fpu" in name else 4096
             yield Row("formula", name, paths, 1.05, partial(formula_beside_built_in, name, paths))
             yield Row("formula1", name, 1, 1.2, partial(formula, name, 1))
+    for paths, target in ((1000, 1.0), (1, 1.2)):
+        group = "formula1" if paths == 1 else "formula_loop"
+        yield Row(
+            group, "mean_field16 midpoint", paths, target, partial(mean_field, 16, paths, formula_models.mean_field)
+        )
     yield Row("error", "synchrotron chin4a beside Taylor 3/2, rms 1e-5", 1000, 0.4, accurate)
     yield from rows_that_save()
     yield Row("moments", "kubo with an observable in Python", 1000, 1.5, observed)

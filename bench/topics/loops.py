@@ -15,6 +15,7 @@ GROUPS = {
     "few32": "32 paths",
     "formula": "formulas beside the built-in model",
     "formula1": "formulas, 1 path",
+    "formula_loop": "formulas, 1000 paths",
     "error": "1000 paths to an error, ns of a path",
     "saved": "1 path, every step saved",
     "saved1000": "1000 paths, every step saved",
