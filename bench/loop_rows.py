@@ -283,6 +283,16 @@ def rows() -> Iterator[Row]:
     for name in FEW:
         for paths in (1, 2, 8):
             yield Row(f"few{paths}", name, paths, 1.5, partial(scene, name, paths))
+    yield from rows_of_formulas()
+    yield Row("error", "synchrotron chin4a beside Taylor 3/2, rms 1e-5", 1000, 0.4, accurate)
+    yield from rows_that_save()
+    yield Row("moments", "kubo with an observable in Python", 1000, 1.5, observed)
+    for name in ("kubo midpoint", "fpu64 midpoint"):
+        yield Row("call", f"{name} 10 steps", 1, 40.0, partial(scene, name, 1), per_call=10)
+
+
+def rows_of_formulas() -> Iterator[Row]:
+    """Beside the catalogue, and beside loops."""
     for name in SCENES:
         if not name.startswith("cfunc") and "lobatto" not in name:
             paths = 1024 if "fpu" in name else 4096
@@ -293,11 +303,6 @@ def rows() -> Iterator[Row]:
         yield Row(
             group, "mean_field16 midpoint", paths, target, partial(mean_field, 16, paths, formula_models.mean_field)
         )
-    yield Row("error", "synchrotron chin4a beside Taylor 3/2, rms 1e-5", 1000, 0.4, accurate)
-    yield from rows_that_save()
-    yield Row("moments", "kubo with an observable in Python", 1000, 1.5, observed)
-    for name in ("kubo midpoint", "fpu64 midpoint"):
-        yield Row("call", f"{name} 10 steps", 1, 40.0, partial(scene, name, 1), per_call=10)
 
 
 def rows_that_save() -> Iterator[Row]:

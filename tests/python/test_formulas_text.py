@@ -349,6 +349,12 @@ def test_texts_and_expressions_are_the_same_model():
 
 
 @needs_compiler
+@pytest.mark.parametrize("first", ["q[0]", sp.IndexedBase("q")[0]])
+def test_names_with_an_index_are_told_what_to_write(first):
+    with pytest.raises(errors.InvalidArgumentError, match=r"'q\[0\]' has an index.* q1, q2, .*Sum\(q\[i\]"):
+        ss.model_from_sympy("p**2/2", q=[first], p=["p"])
+
+
 def test_coordinates_are_found_by_their_names():
     assert ss.model_from_sympy("(p1**2 + p2**2 + q1**2*q2)/2").ndof == 2
     assert ss.model_from_sympy("p1*q3", noise=["q2"]).ndof == 3

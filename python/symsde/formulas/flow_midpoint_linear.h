@@ -5,7 +5,9 @@
  *    (1 - b^2 + a k) m = [2 b (1 + b) - 2 a k,  2 k;  -2 a,  -2 b (1 - b) - 2 a k]
  *    (1 - b^2 + a k) z0 = [(1 + b) g - k f,  -(1 - b) f - a g]
  *
- * What a step waits for of the one before it is a product and a sum or two. */
+ * What a step waits for of the one before it is a product and a sum or two. Where S_qp = 0, with D = 1 + a k, that is
+ *
+ *    q' = q + 2 k/D (p - a q) + z0_q,   p' = p - 2 a/D (q + k p) + z0_p. */
 enum { COEFFICIENTS = 6 };
 
 INLINE midpoint_coefficients(LANE_IN, double *restrict m, const int far) {
@@ -26,8 +28,8 @@ INLINE midpoint_coefficients(LANE_IN, double *restrict m, const int far) {
    const double inverse = 1 / FMA(a, k, 1.0);
    m[1] = hpp[0] * inverse;
    m[2] = -hqq[0] * inverse;
-   m[0] = -a * m[1];
-   m[3] = k * m[2];
+   m[0] = -a;
+   m[3] = k;
    m[4] = FMA(-k, f[0], g[0]) * inverse;
    m[5] = FMA(-a, g[0], -f[0]) * inverse;
 #endif
@@ -36,12 +38,18 @@ INLINE midpoint_coefficients(LANE_IN, double *restrict m, const int far) {
 
 LANE void midpoint_turn(const double *m, state *s) {
    const double q = s->q[0], p = s->p[0];
-#if MOVES
-   s->q[0] = FMA(m[1], p, q) + FMA(m[0], q, m[4]);
-   s->p[0] = FMA(m[2], q, p) + FMA(m[3], p, m[5]);
-#else
+#if MIXED && !MOVES
    s->q[0] = FMA(m[0], q, FMA(m[1], p, q));
    s->p[0] = FMA(m[3], p, FMA(m[2], q, p));
+#elif MIXED
+   s->q[0] = FMA(m[1], p, q) + FMA(m[0], q, m[4]);
+   s->p[0] = FMA(m[2], q, p) + FMA(m[3], p, m[5]);
+#elif MOVES
+   s->q[0] = FMA(m[1], FMA(m[0], q, p), q + m[4]);
+   s->p[0] = FMA(m[2], FMA(m[3], p, q), p + m[5]);
+#else
+   s->q[0] = FMA(m[1], FMA(m[0], q, p), q);
+   s->p[0] = FMA(m[2], FMA(m[3], p, q), p);
 #endif
 }
 

@@ -135,6 +135,8 @@ class Names:
             self.known["t"] = symbol
 
     def _name(self, given: Any, symbol: Any) -> None:
+        if isinstance(given, self.sympy.Indexed):
+            check_name(str(given))
         if not isinstance(given, str | self.sympy.Symbol):
             raise WrongTypeError(f"{_checks.shown(given)} is no name: give symbols of sympy, or their names as text")
         name = str(given)
