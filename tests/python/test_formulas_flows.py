@@ -21,10 +21,10 @@ if compiler.command() is None:
 ALL = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "midpoint", "gauss2")
 KINETIC = "(p1**2 + p2**2 + p3**2)/2"
 MODELS = {  # H, noises, which schemes are generated
-    "kubo": ("a*(p**2 + q**2)/2", ["b*(p**2 + q**2)/2"], ALL[:4]),
+    "kubo": ("a*(p**2 + q**2)/2", ["b*(p**2 + q**2)/2"], ALL),
     "mixed": ("p**2/2 + a*q*p + q**2/2", ["b*q*p"], ALL[3:4]),
     "shaken": ("p**2/2 + a*q*p + q**2/2 + a*q", ["b*q*p", "b*p - q"], ALL[3:4]),
-    "pushed": ("p**2 + q**2/2", ["b*p", "a*q"], ALL[:4]),
+    "pushed": ("p**2 + q**2/2", ["b*p", "a*q"], ALL),
     "magnetic": ("(p - a*q**2)**2/2 + cos(q)", ["b*q*p"], ALL[3:4]),
     "pendulum": ("p**2/2 - cos(q)", ["b*(p**2 + q**2)/2"], ALL),
     "relativistic": ("(1 + p**2)**a + a*cosh(q)", ["b*sin(q)", "b*p"], ALL),
@@ -114,7 +114,9 @@ def test_loops_over_lanes_become_vectors(name, tmp_path):
             loops[function], function = number, ""
     wanted = {f"{scheme}_in_lanes" for scheme in ALL[:3]}
     passes = ("derivatives", "corrections")
-    wanted |= {"midpoint_in_lanes"} if name == "kubo" else {f"{x}_{y}" for x in ALL[3:] for y in passes}
+    wanted |= (
+        {"midpoint_in_lanes", "gauss2_in_lanes"} if name == "kubo" else {f"{x}_{y}" for x in ALL[3:] for y in passes}
+    )
     wanted |= {"gauss2_sweeps"} if name == "several" else set()
     assert loops.keys() == wanted
     assert {name for name, number in loops.items() if number in vectors} == wanted

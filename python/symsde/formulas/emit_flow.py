@@ -52,7 +52,7 @@ def flows(made: Derivatives) -> list[str]:
     schemes = list(EXPLICIT) if separable else []
     if separable or made.problem.ndof == 1:
         schemes.append("midpoint")
-    if separable and not _is_quadratic(made) and (made.problem.ndof == 1 or _sweeps(made)):
+    if separable and (made.problem.ndof == 1 or _sweeps(made)):
         schemes.append("gauss2")
     return schemes
 
@@ -98,10 +98,12 @@ def source(made: Derivatives) -> str:
     parts.append(_text("midpoint_eliminated" if eliminated else "midpoint"))
     rotates = made.problem.ndof == 1 and _is_quadratic(made)
     parts += [_text("midpoint_linear")] if rotates else []
-    if "gauss2" in schemes:
+    if "gauss2" in schemes and rotates:
+        parts.append(_text("gauss2_linear"))
+    elif "gauss2" in schemes:
         parts += [_elimination("eliminate_both", 2 * made.problem.ndof)] if made.problem.ndof > 1 else []
         parts.append(_text("gauss2") + (_text("gauss2_swept") if _sweeps(made) else ""))
-    newton = [x for x in schemes if x == "gauss2" or (x == "midpoint" and not _is_quadratic(made))]
+    newton = [x for x in schemes if x in ("midpoint", "gauss2") and not _is_quadratic(made)]
     parts += [_text("verdict")] if newton else []
     for scheme in schemes:
         how = _text("closed")
@@ -113,7 +115,7 @@ def source(made: Derivatives) -> str:
         how = how.replace("STEP_UNKNOWNS", str(unknowns))
         kept = "KEPT" if scheme == "stormer_verlet" else "0"
         sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
-        sizes += f"#define STEP_LINEAR {int(rotates and scheme == 'midpoint')}\n"
+        sizes += f"#define STEP_LINEAR {int(rotates and scheme in ('midpoint', 'gauss2'))}\n"
         parts.append((sizes + how + _text("call")).replace("STEP", scheme))
     return "\n".join(parts)
 

@@ -223,8 +223,8 @@ def check_name(name: str) -> None:
     if "[" in name:
         raise InvalidArgumentError(
             f"{_checks.shown(name)} has an index, which names have not: call a few coordinates q1, q2, .. and momenta "
-            "p1, p2, .. (those are found without being named), or write sums over sites, as Sum(q[i]**2, i), with n, the "
-            "number of sites, and without q and p"
+            "p1, p2, .. (those are found without being named), or write sums over sites, as Sum(q[i]**2, i), with n, "
+            "the number of sites, and without q and p"
         )
     if not is_name(name):
         known = f"{', '.join(sorted(_RESERVED))} have a meaning"

@@ -1,0 +1,37 @@
+
+/* Of quadratic Hamiltonians of one degree of freedom, S_qp = 0, with a = S_qq, k = S_pp, d = 1 - a k/12, D = d^2 + a k/4,
+ * and f, g the gradient at zero:
+ *
+ *    q' = q + (k (d p - a q/2) + d g - k f/2)/D,   p' = p - (a (d q + k p/2) + d f + a g/2)/D */
+INLINE gauss2_coefficients(LANE_IN, double *restrict m, const int far) {
+   const state zero = {{0}, {0}, {0}};
+   double f[1], g[1], hqq[1], hqp[1], hpp[1];
+   const int64_t beyond = slopes(LANE_OF, &zero, f, g, hqq, hqp, hpp, far);
+   const double both = hqq[0] * hpp[0], d = FMA(both, -0.08333333333333333, 1.0);
+   const double inverse = 1 / FMA(d, d, 0.25 * both), part = d * inverse, half = 0.5 * inverse;
+   m[0] = -both * half;
+   m[1] = hpp[0] * part;
+   m[2] = -hqq[0] * part;
+   m[3] = m[0];
+   m[4] = FMA(part, g[0], -(hpp[0] * half) * f[0]);
+   m[5] = -FMA(part, f[0], hqq[0] * half * g[0]);
+   return beyond;
+}
+
+LANE void gauss2_turn(const double *m, state *s) {
+   const double q = s->q[0], p = s->p[0];
+#if MOVES
+   s->q[0] = FMA(m[1], p, q) + FMA(m[0], q, m[4]);
+   s->p[0] = FMA(m[2], q, p) + FMA(m[3], p, m[5]);
+#else
+   s->q[0] = FMA(m[0], q, FMA(m[1], p, q));
+   s->p[0] = FMA(m[3], p, FMA(m[2], q, p));
+#endif
+}
+
+INLINE gauss2(LANE_IN, state *s, const int far) {
+   double m[COEFFICIENTS];
+   const int64_t beyond = gauss2_coefficients(LANE_OF, m, far);
+   gauss2_turn(m, s);
+   return beyond;
+}
