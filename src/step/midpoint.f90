@@ -168,7 +168,7 @@ contains
       way = by_matrix
       if (options%fixed_point > 0 .or. options%damped) return
       associate (t => model%traits)
-         if (t%bandwidth == 1 .and. t%ndof > 3) then
+         if (t%bandwidth == 1 .and. t%ndof > 2) then
             way = by_rows
          else if (does_without_matrices(t, t%ndof, options)) then
             way = by_products
