@@ -85,21 +85,17 @@ contains
       real(wp), intent(in) :: h, before, after, alpha, sigma1, sigma2, w(nlane, 0:2, nstep), q(nlane, 2), p(nlane, 2)
       real(wp), intent(inout) :: qn(nlane, 2, nstep/every), pn(nlane, 2, nstep/every)
       real(wp) :: x1, x2, y1, y2
-      integer :: step, left, out
+      integer :: step, out
 
       x1 = q(1, 1)
       x2 = q(1, 2)
       y1 = p(1, 1)
       y2 = p(1, 2)
-      left = every
-      out = 0
-      !GCC$ novector
-      do step = 1, nstep
-         call take(h, before, after, alpha, sigma1*w(1, 1, step), sigma2*w(1, 2, step), x1, x2, y1, y2)
-         left = left - 1
-         if (left > 0) cycle
-         left = every
-         out = out + 1
+      do out = 1, nstep/every
+         !GCC$ novector
+         do step = (out - 1)*every + 1, out*every
+            call take(h, before, after, alpha, sigma1*w(1, 1, step), sigma2*w(1, 2, step), x1, x2, y1, y2)
+         end do
          qn(1, 1, out) = x1
          qn(1, 2, out) = x2
          pn(1, 1, out) = y1

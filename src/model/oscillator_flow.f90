@@ -170,32 +170,28 @@ contains
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep), q, p
       real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
       real(wp) :: x, y, a, c, part
-      integer :: step, left, out
+      integer :: step, out
 
       x = q
       y = p
       part = merge(1.0_wp/12, 0.0_wp, which == gauss2)
-      left = every
-      out = 0
-      do step = 1, nstep
-         associate (b => terms%b, e => terms%e, wb => w(1, terms%noise_b, step), we => w(1, terms%noise_e, step))
-            a = h + terms%a*w(1, terms%noise_a, step)
-            c = h + terms%c*w(1, terms%noise_c, step)
-            select case (which)
-            case (euler)
-               call kick_and_drift(a, b, wb, c, e, we, x, y)
-            case (adjoint)
-               call kick_and_drift(-c, -e, we, -a, -b, wb, y, x)
-            case (verlet)
-               call verlet_step(a, b, wb, c, e, we, x, y)
-            case default
-               call gauss_step(part, a, c, a*x + b*wb, c*y + e*we, x, y)
-            end select
-         end associate
-         left = left - 1
-         if (left > 0) cycle
-         left = every
-         out = out + 1
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            associate (b => terms%b, e => terms%e, wb => w(1, terms%noise_b, step), we => w(1, terms%noise_e, step))
+               a = h + terms%a*w(1, terms%noise_a, step)
+               c = h + terms%c*w(1, terms%noise_c, step)
+               select case (which)
+               case (euler)
+                  call kick_and_drift(a, b, wb, c, e, we, x, y)
+               case (adjoint)
+                  call kick_and_drift(-c, -e, we, -a, -b, wb, y, x)
+               case (verlet)
+                  call verlet_step(a, b, wb, c, e, we, x, y)
+               case default
+                  call gauss_step(part, a, c, a*x + b*wb, c*y + e*we, x, y)
+               end select
+            end associate
+         end do
          qn(1, out) = x
          pn(1, out) = y
       end do
@@ -207,18 +203,14 @@ contains
       real(wp), intent(in) :: h, ca, cc, w(nlane, 0:nnoise, nstep), q, p
       real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
       real(wp) :: x, y
-      integer :: step, left, out
+      integer :: step, out
 
       x = q
       y = p
-      left = every
-      out = 0
-      do step = 1, nstep
-         call corrected_step(h, ca*w(1, i, step), cc*w(1, k, step), x, y)
-         left = left - 1
-         if (left > 0) cycle
-         left = every
-         out = out + 1
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            call corrected_step(h, ca*w(1, i, step), cc*w(1, k, step), x, y)
+         end do
          qn(1, out) = x
          pn(1, out) = y
       end do

@@ -52,25 +52,21 @@ contains
       real(wp), intent(in) :: sigma, h, w(nlane, 0:1, nstep), q(n), p(n)
       real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
       real(wp), dimension(sincos_tile) :: x, y, sine, cosine
-      integer :: step, left, out
+      integer :: step, out
 
       x(:n) = q
       y(:n) = p
-      left = every
-      out = 0
-      do step = 1, nstep
-         if (adjoint) then
-            call solve_for_angles(n, sigma, h, w(first, 1, step), y, x)
-            call sincos_lanes(n, x, sine, cosine)
-            call move_momenta(n, sigma, h, w(first, 1, step), x, sine, y)
-         else
-            call sincos_lanes(n, x, sine, cosine)
-            call solve_and_drift(n, sigma, h, w(first, 1, step), sine, x, y)
-         end if
-         left = left - 1
-         if (left > 0) cycle
-         left = every
-         out = out + 1
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            if (adjoint) then
+               call solve_for_angles(n, sigma, h, w(first, 1, step), y, x)
+               call sincos_lanes(n, x, sine, cosine)
+               call move_momenta(n, sigma, h, w(first, 1, step), x, sine, y)
+            else
+               call sincos_lanes(n, x, sine, cosine)
+               call solve_and_drift(n, sigma, h, w(first, 1, step), sine, x, y)
+            end if
+         end do
          qn(first:first + n - 1, out) = x(:n)
          pn(first:first + n - 1, out) = y(:n)
       end do
@@ -83,23 +79,19 @@ contains
       real(wp), intent(in) :: sigma, h, w(nlane, 0:1, nstep), q, p
       real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
       real(wp) :: x, y, cosine
-      integer :: step, left, out
+      integer :: step, out
 
       x = q
       y = p
-      left = every
-      out = 0
-      do step = 1, nstep
-         if (adjoint) then
-            call solve_for_angle(h, sigma*w(1, 1, step), y, x)
-            call move_momentum(h, sigma*w(1, 1, step), x, sincos_one(x, cosine), y)
-         else
-            call euler(h, sigma*w(1, 1, step), sincos_one(x, cosine), x, y)
-         end if
-         left = left - 1
-         if (left > 0) cycle
-         left = every
-         out = out + 1
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            if (adjoint) then
+               call solve_for_angle(h, sigma*w(1, 1, step), y, x)
+               call move_momentum(h, sigma*w(1, 1, step), x, sincos_one(x, cosine), y)
+            else
+               call euler(h, sigma*w(1, 1, step), sincos_one(x, cosine), x, y)
+            end if
+         end do
          qn(1, out) = x
          pn(1, out) = y
       end do

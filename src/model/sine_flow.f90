@@ -55,22 +55,18 @@ contains
       real(wp), intent(in) :: rate, h, w(nlane, 0:nnoise, nstep), q(n), p(n)
       real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
       real(wp), dimension(sincos_tile) :: x, y, sine, cosine, a, b, c
-      integer :: step, left, out
+      integer :: step, out
 
       x(:n) = q
       y(:n) = p
       call sincos_lanes(n, x, sine, cosine)
-      left = every
-      out = 0
-      do step = 1, nstep
-         call to_the_angle(n, terms, rate, h, w(first, terms%noise_a, step), w(first, terms%noise_b, step), &
-                           w(first, terms%noise_c, step), w(first, terms%noise_e, step), sine, cosine, a, b, c, x, y)
-         call sincos_lanes(n, x, sine, cosine)
-         call from_the_angle(n, a, b, c, sine, cosine, x, y)
-         left = left - 1
-         if (left > 0) cycle
-         left = every
-         out = out + 1
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            call to_the_angle(n, terms, rate, h, w(first, terms%noise_a, step), w(first, terms%noise_b, step), &
+                              w(first, terms%noise_c, step), w(first, terms%noise_e, step), sine, cosine, a, b, c, x, y)
+            call sincos_lanes(n, x, sine, cosine)
+            call from_the_angle(n, a, b, c, sine, cosine, x, y)
+         end do
          qn(first:first + n - 1, out) = x(:n)
          pn(first:first + n - 1, out) = y(:n)
       end do
@@ -83,26 +79,22 @@ contains
       real(wp), intent(in) :: rate, h, w(nlane, 0:nnoise, nstep), q, p
       real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
       real(wp) :: x, y, sine, cosine, a, b, c
-      integer :: step, left, out
+      integer :: step, out
 
       x = q
       y = p
       sine = sincos_one(x, cosine)
-      left = every
-      out = 0
-      do step = 1, nstep
-         associate (t => terms)
-            call find_weights(rate, t%a, t%b, t%c, w(1, t%noise_a, step), w(1, t%noise_b, step), &
-                              w(1, t%noise_c, step), a, b, c)
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            associate (t => terms)
+               call find_weights(rate, t%a, t%b, t%c, w(1, t%noise_a, step), w(1, t%noise_b, step), &
+                                 w(1, t%noise_c, step), a, b, c)
+               call kick(a, b, c, sine, cosine, x, y)
+               x = x + (h + t%e*w(1, t%noise_e, step))*y
+            end associate
+            sine = sincos_one(x, cosine)
             call kick(a, b, c, sine, cosine, x, y)
-            x = x + (h + t%e*w(1, t%noise_e, step))*y
-         end associate
-         sine = sincos_one(x, cosine)
-         call kick(a, b, c, sine, cosine, x, y)
-         left = left - 1
-         if (left > 0) cycle
-         left = every
-         out = out + 1
+         end do
          qn(1, out) = x
          pn(1, out) = y
       end do
