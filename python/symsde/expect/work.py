@@ -22,7 +22,7 @@ from .keep import InFolder, KeptPilot, KeptPlan, Nowhere
 from .pilot import Pilot
 from .quasi import MOST_POINTS, Quasi
 from .tally import Tally
-from .tolerance import BIAS_SHARE, half_width, quantile
+from .tolerance import BIAS_SHARE, half_width_when_stopped, quantile
 from .unseen import doubt, unseen
 
 FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
@@ -170,7 +170,7 @@ class Work:
         error = math.sqrt(sum(map(_noise, drawn)))
         notes = [note for x in drawn for note in _failures(x)]
         paths = sum(x.paths for x in drawn)
-        half = half_width(error, bias, _units_of(drawn))
+        half = half_width_when_stopped(error, bias, _units_of(drawn), self.tolerance.half_width(value))
         return self._finished(_Outcome(value, half, error, bias, paths, notes))
 
     def _next_part(
@@ -197,7 +197,8 @@ class Work:
     def _answer(self, drawn: Drawn) -> Answer:
         units, bias = drawn.units, math.hypot(*self.plan.bias)
         error = math.sqrt(self._variance(units) / units.n)
-        half, notes = half_width(error, bias, units.n), _failures(drawn)
+        wanted, notes = self.tolerance.half_width(units.mean), _failures(drawn)
+        half = half_width_when_stopped(error, bias, units.n, wanted)
         seen = self._seen(drawn)
         hidden = unseen(self.pilot.problem, self.plan.scheme, self.plan.steps, seen)
         if hidden > half or (seen.m2 == 0 and self.pilot.problem.model.nnoise):
