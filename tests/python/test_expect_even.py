@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde.expect import bias, choice, quasi, variants
+from symsde.expect.candidates import suitable
 from symsde.expect.estimators import Plain
 from symsde.expect.problem import make_problem
+from symsde.expect.stability import SHARPEST
 from symsde.expect.tally import Tally
 from symsde.schemes import as_scheme
+from symsde.stability.limits import stable_up_to
 from test_expect import FakeTrial, units
 
 
@@ -109,3 +112,11 @@ def test_bias_of_two_orders_is_told_from_one():
     value, error = bias.left([a - b for a, b in itertools.pairwise(cubic)], [1e-9] * 3, 1.0)
     assert error == pytest.approx(abs(value - cubic[-1]), rel=1e-6)  # a third power is the doubt
     assert bias.left(means, [1.0] * 3, 1.0) == bias.estimate(means, [1.0] * 3, 1.0)  # not seen
+
+
+def test_the_longest_step_that_is_tried_is_stable_with_every_scheme():
+    """0.8 of the least limit of schemes that are tried by themselves: 2, of Verlet's rule and of lobatto2_swapped."""
+    problem = make_problem(ss.models.synchrotron(), "q**2", q0=1.0, p0=0.0, horizon=2.0)
+    limits = {scheme.name: stable_up_to(scheme.name)[0] for scheme in suitable(problem)}
+    assert limits["lobatto2_swapped"] == pytest.approx(2.0, rel=1e-5)
+    assert pytest.approx(0.8 * min(limits.values()), rel=1e-5) == SHARPEST
