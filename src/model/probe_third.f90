@@ -12,31 +12,39 @@ module symsde_model_probe_third
    real(wp), parameter :: matching = 1.0e-3_wp   !! relative mismatch
    real(wp), parameter :: vanishing = 1.0e-5_wp  !! of what belongs to rounding, relative to the gradients
    real(wp), parameter :: step = epsilon(1.0_wp)**0.25_wp  !! of a second difference
+   integer, parameter :: nstep = 3  !! differences: one with a step in proportion to the state, two with short ones
 
 contains
 
    !> Compare S'''[a,b] with [g(x+e(a+b)) + g(x-e(a+b)) - g(x+e(a-b)) - g(x-e(a-b))]/(4 e^2), g the gradient of the
-   !> sum S that is probed. Points where a gradient is not finite are passed over.
+   !> sum S that is probed. A step in proportion to the state suits powers; far from the origin it passes over whole
+   !> periods of a sine, so that what it refutes is asked of two steps of (eps |x|)^(1/4), which suit lengths of one.
+   !> Points where a gradient is not finite are passed over.
    subroutine probe_third(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), allocatable, dimension(:, :) :: bq, bp, uq, up, dq, dp
-      real(wp) :: e(nlane), largest(nlane)
-      integer :: i
+      real(wp), allocatable :: bq(:, :), bp(:, :), uq(:, :), up(:, :), dq(:, :, :), dp(:, :, :)
+      real(wp) :: state(nlane), largest(nlane, nstep)
+      integer :: i, n
 
       if (allocated(error)) return
-      allocate (bq, bp, uq, up, dq, dp, mold=points%zero)
-      do i = 1, points%ndof
+      n = points%ndof
+      allocate (bq, bp, uq, up, mold=points%zero)
+      allocate (dq(nlane, n, nstep), dp(nlane, n, nstep))
+      do i = 1, n
          bq(:, i) = generic(i, 3)
          bp(:, i) = generic(i, 8)
       end do
       do i = 1, nlane
-         e(i) = step*max(1.0_wp, maxval(abs(points%q(i, :))), maxval(abs(points%p(i, :))))
+         state(i) = max(1.0_wp, maxval(abs(points%q(i, :))), maxval(abs(points%p(i, :))))
       end do
-      call second_difference(points, e, bq, bp, dq, dp, largest)
       associate (x => points)
-         call x%model%third_derivative(nlane, x%ndof, x%nnoise, x%t, x%w, x%q, x%p, x%vq, x%vp, bq, bp, uq, up)
+         call x%model%third_derivative(nlane, n, x%nnoise, x%t, x%w, x%q, x%p, x%vq, x%vp, bq, bp, uq, up)
       end associate
+      call second_difference(points, step*state, bq, bp, dq(:, :, 1), dp(:, :, 1), largest(:, 1))
+      if (fits(uq, dq, largest, 1) .and. fits(up, dp, largest, 1)) return
+      call second_difference(points, step*state**0.25_wp, bq, bp, dq(:, :, 2), dp(:, :, 2), largest(:, 2))
+      call second_difference(points, step*state**0.25_wp/2, bq, bp, dq(:, :, 3), dp(:, :, 3), largest(:, 3))
       call judge(points, largest, 'q', uq, dq, error)
       call judge(points, largest, 'p', up, dp, error)
    end subroutine probe_third
@@ -70,27 +78,58 @@ contains
       end do
    end subroutine second_difference
 
+   !> Refuse a component that all differences refute, if those with the short steps agree.
    subroutine judge(points, largest, letter, found, wanted, error)
       type(probe_points), intent(in) :: points
-      real(wp), intent(in) :: largest(nlane)
+      real(wp), intent(in) :: largest(nlane, nstep)
       character, intent(in) :: letter
-      real(wp), intent(in) :: found(nlane, points%ndof), wanted(nlane, points%ndof)
+      real(wp), intent(in) :: found(nlane, points%ndof), wanted(nlane, points%ndof, nstep)
       type(error_type), allocatable, intent(inout) :: error
-      real(wp) :: allowed
       integer :: lane, i
 
-      do lane = 1, npoint
-         allowed = matching*maxval(abs(wanted(lane, :))) + vanishing*largest(lane)
-         if (.not. allowed <= huge(allowed)) cycle
-         do i = 1, points%ndof
-            if (allocated(error) .or. abs(found(lane, i) - wanted(lane, i)) <= allowed) cycle
-            call raise(error, false_trait, 'probe_model', "model '"//points%model%name//"' offers "// &
-                       'third_derivative, but by it the third derivative of '//points%sum_name// &
-                       ' along two vectors and '//letter//'_'//to_text(i)//' is '// &
-                       to_text(found(lane, i))//' and by differences of the gradient '// &
-                       to_text(wanted(lane, i))//' at '//points%place(lane, i, i)//'; correct it, or do not offer it')
-         end do
+      do i = 1, points%ndof
+         if (allocated(error)) return
+         lane = refuted(i, found, wanted, largest, nstep)
+         if (lane == 0) cycle
+         call raise(error, false_trait, 'probe_model', "model '"//points%model%name//"' offers "// &
+                    'third_derivative, but by it the third derivative of '//points%sum_name// &
+                    ' along two vectors and '//letter//'_'//to_text(i)//' is '// &
+                    to_text(found(lane, i))//' and by differences of the gradient '// &
+                    to_text(wanted(lane, i, 2))//' at '//points%place(lane, i, i)//'; correct it, or do not offer it')
       end do
    end subroutine judge
+
+   !> Whether no component is refuted by the first of the differences.
+   pure logical function fits(found, wanted, largest, m)
+      real(wp), intent(in) :: found(:, :), wanted(:, :, :), largest(:, :)
+      integer, intent(in) :: m  !! how many of the differences there are so far
+      integer :: i
+
+      fits = .true.
+      do i = 1, size(found, 2)
+         fits = fits .and. refuted(i, found, wanted, largest, m) == 0
+      end do
+   end function fits
+
+   !> The point where the first m differences refute component i, 0 = none.
+   pure integer function refuted(i, found, wanted, largest, m) result(lane)
+      integer, intent(in) :: i, m
+      real(wp), intent(in) :: found(:, :), wanted(:, :, :), largest(:, :)
+      real(wp) :: allowed(m)
+      integer :: s
+
+      do lane = 1, npoint
+         do s = 1, m
+            allowed(s) = matching*maxval(abs(wanted(lane, :, s))) + vanishing*largest(lane, s)
+         end do
+         if (.not. all(allowed <= huge(allowed))) cycle
+         if (any(abs(found(lane, i) - wanted(lane, i, :m)) <= allowed)) cycle
+         if (m == nstep) then
+            if (.not. abs(wanted(lane, i, 2) - wanted(lane, i, 3)) <= maxval(allowed(2:))) cycle
+         end if
+         return
+      end do
+      lane = 0
+   end function refuted
 
 end module symsde_model_probe_third

@@ -124,6 +124,8 @@ def test_false_third_derivatives_are_refused():
         return ss.Model(ndof=1, nnoise=1, third_derivative=function, **functions)
 
     with_third(right).probe(0.3, 0.4)
+    for q in (1e3, 1e4, 3e5, 1e6):  # where a step in proportion to the state is longer than the period
+        with_third(right).probe(q, 0.4)
     wrong = [
         lambda *x: tuple(1.01 * y for y in right(*x)),
         lambda t, w, q, p, aq, ap, bq, bp: right(t, w, q, p, aq, ap, aq, ap),
@@ -132,5 +134,16 @@ def test_false_third_derivatives_are_refused():
     for function in wrong:
         with pytest.raises(errors.FalseTraitError, match="offers third_derivative, but by it the third derivative of"):
             with_third(function).probe(0.3, 0.4)
+    with pytest.raises(errors.FalseTraitError, match="offers third_derivative"):
+        with_third(wrong[0]).probe(1e3, 0.4)
     with pytest.raises(errors.WrongTypeError, match="third_derivative"):
         ss.simulate(with_third(lambda *x: None), q0=0.3, p0=0.4, step=0.1, steps=1, scheme=SCHEME)
+
+
+@pytest.mark.parametrize("q", [1e3, 1e4, 1e5, 3e5, 1e6])
+def test_angles_far_from_the_origin_are_not_refused(q):
+    noise = ["0.1*sin(q1)*p1", "0.1*p2*cos(q1)", "0.3*sin(q2)"]
+    model = ss.model_from_sympy("p1**2/2 + p2**2/2 - cos(q1) - cos(q2) - cos(q1-q2)", noise)
+    assert offers(model)
+    for more in np.linspace(0, 6, 13):
+        model.probe(q + more, 0.4)
