@@ -173,10 +173,13 @@ contains
       real(wp), allocatable :: uq(:, :), up(:, :)
       real(wp) :: scale(nlane)
       type(finding) :: row
+      integer :: pass
 
-      call points%product(points%vq, points%vp, uq, up, scale)
-      call worst(uq, up, scale, vanishing, row)
-      if (row%lane == 0) return
+      do pass = 1, 2  ! what one difference refutes, two must
+         call points%product(points%vq, points%vp, uq, up, scale, pass == 2)
+         call worst(uq, up, scale, vanishing, row)
+         if (row%lane == 0) return
+      end do
       call points%row_of_hessian(row, uq, up)
       call refuse_entry(points, 'additive', row, uq, up, error)
    end subroutine probe_additive
@@ -188,11 +191,14 @@ contains
       real(wp), allocatable :: uq(:, :), up(:, :)
       real(wp) :: scale(nlane)
       type(finding) :: row
+      integer :: pass
 
-      call points%product(points%zero, points%vp, uq, up, scale)
-      up = 0
-      call worst(uq, up, scale, vanishing, row)
-      if (row%lane == 0) return
+      do pass = 1, 2
+         call points%product(points%zero, points%vp, uq, up, scale, pass == 2)
+         up = 0
+         call worst(uq, up, scale, vanishing, row)
+         if (row%lane == 0) return
+      end do
       call points%row_of_hessian(row, uq, up)
       uq = 0
       call refuse_entry(points, 'separable', row, uq, up, error)
@@ -270,16 +276,19 @@ contains
       real(wp), allocatable :: v(:, :), uq(:, :), up(:, :)
       real(wp) :: scale(nlane)
       type(finding) :: row
-      integer :: half
+      integer :: half, pass
 
       allocate (v, mold=points%zero)
       v = 0
       v(:, first::stride) = points%vq(:, first::stride)
       do half = 1, 2
-         if (half == 1) call points%product(v, points%zero, uq, up, scale)
-         if (half == 2) call points%product(points%zero, v, uq, up, scale)
-         call clear_bands(points%ndof, b, first, stride, uq, up)
-         call worst(uq, up, scale, vanishing, row)
+         do pass = 1, 2
+            if (half == 1) call points%product(v, points%zero, uq, up, scale, pass == 2)
+            if (half == 2) call points%product(points%zero, v, uq, up, scale, pass == 2)
+            call clear_bands(points%ndof, b, first, stride, uq, up)
+            call worst(uq, up, scale, vanishing, row)
+            if (row%lane == 0) exit
+         end do
          if (row%lane == 0) cycle
          call points%row_of_hessian(row, uq, up)
          call clear_bands(points%ndof, b, row%i, points%ndof, uq, up)
@@ -379,17 +388,18 @@ contains
       real(wp), allocatable :: vq(:, :), vp(:, :), uq(:, :), up(:, :), aq(:, :), ap(:, :)
       real(wp) :: scale(nlane)
       type(finding) :: bad
-      integer :: half
+      integer :: half, pass
 
       do half = 1, 2
          if (allocated(error)) return
          vq = merge(points%vq, points%zero, half == 1)
          vp = merge(points%vp, points%zero, half == 2)
-         call points%product(vq, vp, uq, up, scale)
          call offered_product(points, which, vq, vp, aq, ap)
-         vq = aq - uq
-         vp = ap - up
-         call worst(vq, vp, scale, matching, bad)
+         do pass = 1, 2
+            call points%product(vq, vp, uq, up, scale, pass == 2)
+            call worst(aq - uq, ap - up, scale, matching, bad)
+            if (bad%lane == 0) exit
+         end do
          if (bad%lane == 0) cycle
          if (bad%half == 2) uq = up
          if (bad%half == 2) aq = ap

@@ -160,12 +160,13 @@ contains
 
    !> Hessian of the sum times (vq, vp), by differences of gradients with two steps, one relative to
    !> the state and one not. Lanes in which the two disagree, or whose state is too large for the
-   !> second, get the scale no_verdict.
-   subroutine product(self, vq, vp, uq, up, scale)
+   !> second, get the scale no_verdict. The first difference alone costs half; what it does not refute, the two do not.
+   subroutine product(self, vq, vp, uq, up, scale, sure)
       class(probe_points), intent(in) :: self
       real(wp), intent(in) :: vq(nlane, self%ndof), vp(nlane, self%ndof)
       real(wp), allocatable, intent(out) :: uq(:, :), up(:, :)  !! (nlane, ndof)
       real(wp), intent(out) :: scale(nlane)  !! what an entry of the product is to be compared with
+      logical, intent(in), optional :: sure  !! .false.: by the first difference alone
       real(wp), parameter :: agreement = 1.0e-5_wp
       real(wp), allocatable :: xq(:, :), xp(:, :)
       real(wp), dimension(nlane) :: apart, state, step
@@ -173,13 +174,16 @@ contains
       call largest_component(self%ndof, self%q, self%p, state)
       step = default_step*max(1.0_wp, state)
       call difference(self, step, vq, vp, uq, up)
+      call largest_component(self%ndof, uq, up, scale)
+      scale = max(scale, self%slope/max(1.0_wp, state)) + 0*(scale + self%slope)
+      if (present(sure)) then
+         if (.not. sure) return
+      end if
       step = default_step/4
       call difference(self, step, vq, vp, xq, xp)
-      call largest_component(self%ndof, uq, up, scale)
       xq = uq - xq
       xp = up - xp
       call largest_component(self%ndof, xq, xp, apart)
-      scale = max(scale, self%slope/max(1.0_wp, state)) + 0*(scale + self%slope)
       where (.not. (apart <= agreement*scale .and. state <= too_far)) scale = no_verdict
    end subroutine product
 
