@@ -486,3 +486,9 @@ def test_a_model_says_which_noises_are_zero():
         ss.Model(**given, silent=[3])
     with pytest.raises(errors.WrongTypeError, match="is no list"):
         ss.Model(**given, silent=1)
+
+
+def test_a_time_that_is_none_is_called_so():
+    """Not a singularity of the formula, which it is handed to."""
+    with pytest.raises(errors.InvalidArgumentError, match="t0 = NaN is not a time"):
+        ss.simulate(ss.model_from_sympy("p**2/2 + q*cos(t)"), q0=1.0, p0=0.3, t0=np.nan, step=0.01, steps=2)

@@ -348,13 +348,13 @@ def test_texts_and_expressions_are_the_same_model():
     assert text.formula.source == mine.formula.source and text.formula.file == mine.formula.file
 
 
-@needs_compiler
 @pytest.mark.parametrize("first", ["q[0]", sp.IndexedBase("q")[0]])
 def test_names_with_an_index_are_told_what_to_write(first):
     with pytest.raises(errors.InvalidArgumentError, match=r"'q\[0\]' has an index.* q1, q2, .*Sum\(q\[i\]"):
         ss.model_from_sympy("p**2/2", q=[first], p=["p"])
 
 
+@needs_compiler
 def test_coordinates_are_found_by_their_names():
     assert ss.model_from_sympy("(p1**2 + p2**2 + q1**2*q2)/2").ndof == 2
     assert ss.model_from_sympy("p1*q3", noise=["q2"]).ndof == 3
@@ -469,12 +469,6 @@ def test_python_models_only_where_allowed(tmp_path, capsys, monkeypatch):
 def test_what_a_sentence_says(H, start, sentence):
     with pytest.raises(errors.InvalidArgumentError, match=sentence):
         ss.simulate(ss.model_from_sympy(H), q0=start, p0=0.3, step=0.01, steps=2)
-
-
-def test_a_time_that_is_none_is_called_so():
-    """Not a singularity of the formula, which it is handed to."""
-    with pytest.raises(errors.InvalidArgumentError, match="t0 = NaN is not a time"):
-        ss.simulate(ss.model_from_sympy("p**2/2 + q*cos(t)"), q0=1.0, p0=0.3, t0=np.nan, step=0.01, steps=2)
 
 
 def test_names_of_generated_code_and_of_c_are_free():
