@@ -44,6 +44,7 @@ module symsde_base_traits
       procedure :: correction_vanishes
       procedure :: has_constant_mass
       procedure :: one_solve
+      procedure :: differences_alone
    end type model_traits
 
 contains
@@ -72,5 +73,12 @@ contains
 
       one_solve = self%quadratic .and. (self%has_hessian_vector .or. (self%has_hessian .and. .not. banded))
    end function one_solve
+
+   !> Whether all second derivatives are differences of gradients, so that a matrix costs many of these.
+   pure logical function differences_alone(self)
+      class(model_traits), intent(in) :: self
+
+      differences_alone = .not. (self%has_hessian .or. self%has_hessian_vector .or. self%has_chain_rows)
+   end function differences_alone
 
 end module symsde_base_traits

@@ -17,6 +17,7 @@ module symsde_step_lone_midpoint
 
    type, extends(lone_stepper) :: lone_midpoint
       logical :: affine = .false.     !! one solve is all
+      logical :: iterates = .false.   !! without matrices
       integer :: patience = 7         !! iterations of one unknown, or of two
       real(wp), allocatable, dimension(:), private :: base, x, f, still  !! of several unknowns (n)
    contains
@@ -34,7 +35,7 @@ contains
 
       if (self%n == 1) then
          call solve_one(self, t + 0.5_wp*h, h, w, q(1), p(1), dp(1), taken)
-      else if (self%n == 2) then
+      else if (.not. self%iterates) then
          call solve_two(self, t + 0.5_wp*h, h, w, q, p, dp, taken)
       else
          call solve_several(self, t + 0.5_wp*h, h, w, q, p, dp, taken)

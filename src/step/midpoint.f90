@@ -145,10 +145,12 @@ contains
       select type (part => self%part)
       type is (midpoint_by_matrix)
          if (part%newton%options%fixed_point > 0 .or. part%newton%options%damped) return
-         if (self%eq%n <= 2 .and. .not. self%ham%model%traits%has_hessian) return
+         if (self%eq%n == 1 .and. .not. self%ham%model%traits%has_hessian) return
+         if (self%eq%n == 2 .and. .not. (part%iterates .or. self%ham%model%traits%has_hessian)) return
          if (self%eq%n > 1 .and. .not. (part%iterates .or. part%pairs)) return
          allocate (made)
          made%affine = part%newton%affine
+         made%iterates = part%iterates
          made%patience = min(made%patience, part%newton%options%max_iter)
          call move_alloc(made, lone)
       type is (midpoint_by_rows)
@@ -168,7 +170,7 @@ contains
       way = by_matrix
       if (options%fixed_point > 0 .or. options%damped) return
       associate (t => model%traits)
-         if (t%bandwidth == 1 .and. t%ndof > 2) then
+         if (t%bandwidth == 1 .and. t%ndof > 2 .and. .not. t%differences_alone()) then
             way = by_rows
          else if (does_without_matrices(t, t%ndof, options)) then
             way = by_products

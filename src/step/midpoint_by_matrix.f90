@@ -2,7 +2,7 @@
 !> The eliminated midpoint by matrices, solved across lanes: closed form for one and two unknowns, dense, banded.
 !> Also by fixed-point iterations, without matrices.
 !>
-!> Where more unknowns are not solved at once, V = -f(base + (h/4) V) is iterated first, in the lanes where the step
+!> Where more unknowns are not solved at once, or two by differences of gradients, V = -f(base + (h/4) V) is iterated first, in the lanes where the step
 !> is mild, by the test of step/stage_iteration: a few gradients cost less than one matrix.
 module symsde_step_midpoint_by_matrix
    use symsde_base_kinds, only: wp, i8
@@ -45,7 +45,8 @@ contains
          call new_newton(self%newton, nlane, n, options, t%one_solve(b /= dense), b, b, &
                          exact=t%has_hessian_vector .or. (t%has_hessian .and. b == dense))
          allocate (self%q(nlane, n))
-         self%iterates = n > 2 .and. .not. (self%newton%affine .or. options%fixed_point > 0 .or. options%damped)
+         self%iterates = (n > 2 .or. n == 2 .and. t%differences_alone()) .and. &
+                         .not. (self%newton%affine .or. options%fixed_point > 0 .or. options%damped)
          self%pairs = n == 2 .and. b == dense .and. .not. (options%fixed_point > 0 .or. options%damped)
          if (self%iterates) allocate (self%last(nlane), self%change(nlane), self%extent(nlane), self%kept(nlane, n))
       end associate

@@ -13,7 +13,8 @@ module symsde_step_midpoint_full
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, does_without_matrices
+   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, does_without_matrices, &
+                                             iterates_first
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -43,7 +44,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. &
-             .not. does_without_matrices(task%model%traits, 2*task%model%traits%ndof, task%newton)
+             .not. iterates_first(task%model%traits, 2*task%model%traits%ndof, task%newton)
    end function fits
 
    subroutine make(self, task)

@@ -26,7 +26,7 @@ module symsde_step_newton_by_products
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
    private
-   public :: newton_by_products, new_newton_by_products, pays_by_products, does_without_matrices
+   public :: newton_by_products, new_newton_by_products, pays_by_products, does_without_matrices, iterates_first
    public :: hessian_product, set_goals  ! for matrices of other forms
 
    !> Unknowns of a lane from which no matrix is the faster way. With analytic second derivatives: where
@@ -69,6 +69,17 @@ contains
       does_without_matrices = pays_by_products(traits, unknowns) .and. options%fixed_point <= 0 .and. &
                               .not. options%damped
    end function does_without_matrices
+
+   !> Whether a midpoint whose matrices are large, or made of differences, is first iterated without them (step/stages).
+   pure logical function iterates_first(traits, unknowns, options)
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: unknowns
+      type(newton_options), intent(in) :: options
+
+      iterates_first = does_without_matrices(traits, unknowns, options)
+      if (traits%ndof > 1 .and. traits%differences_alone() .and. options%fixed_point <= 0 .and. .not. options%damped) &
+         iterates_first = .true.
+   end function iterates_first
 
    !> Room for nlane lanes.
    subroutine new_newton_by_products(self, nlane, traits, eliminated)

@@ -4,7 +4,7 @@
 !> Where H = p.p/2 + U(q) with noise in position or additive the momenta are eliminated (step/stage_plan).
 !> The slopes are found group by group: by fixed-point iteration in the lanes where the step is mild
 !> (step/stage_iteration), by Newton's iteration in the others (step/stage_newton; the general stepper's where
-!> momenta cannot be eliminated; midpoint's own where it wants no matrices). All find the root that the general
+!> momenta cannot be eliminated; midpoint's own where its matrices are large or made of differences). All find the root that the general
 !> stepper finds. Lanes are taken through the whole step in parts that stay in cache.
 module symsde_step_stages
    use symsde_base_counters, only: counters_type, add_counters
@@ -23,7 +23,7 @@ module symsde_step_stages
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, by_products
    use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
-   use symsde_step_newton_by_products, only: does_without_matrices
+   use symsde_step_newton_by_products, only: does_without_matrices, iterates_first
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stage_equations, only: stage_equations, new_stage_equations
    use symsde_step_stage_iteration, only: iterate_group, solved, untried, stiff_rate
@@ -60,7 +60,7 @@ module symsde_step_stages
       type(scheme_type) :: scheme
       class(stepper_type), allocatable :: other         !! of lanes that are left
       logical :: leaves = .false.                       !! lanes that iteration does not solve are left to `other`
-      logical :: midpoint_left = .false.                !! which is midpoint's, by products with the Hessian
+      logical :: midpoint_left = .false.                !! which is midpoint's
       integer(i8), allocatable, dimension(:) :: left, outcome  !! of the part (width)
       logical, allocatable :: wanted(:)                 !! (width)
       real(wp), allocatable, dimension(:, :) :: dq, dp, dq_left, dp_left  !! of the part (width, ndof)
@@ -89,6 +89,9 @@ contains
       call new_stages_stepper(self, task%model, task%scheme, task%nlane, task%newton)
       if (self%equations%eliminated) self%left_out = 'half of the unknowns: identity mass'
       if (.not. self%midpoint_left) return
+      associate (t => task%model%traits)
+         if (.not. does_without_matrices(t, merge(t%ndof, 2*t%ndof, self%equations%eliminated), task%newton)) return
+      end associate
       self%left_out = 'matrices: products with the Hessian take their place'
       if (self%equations%eliminated) self%left_out = self%left_out//'; half of the unknowns: identity mass'
    end subroutine make
@@ -133,7 +136,7 @@ contains
       brackets = active_brackets(scheme%brackets, model%traits)
       associate (n => model%traits%ndof)
          self%midpoint_left = scheme%is_midpoint() .and. .not. brackets%are_added() .and. &
-                              does_without_matrices(model%traits, merge(n, 2*n, self%equations%eliminated), options)
+                              iterates_first(model%traits, merge(n, 2*n, self%equations%eliminated), options)
       end associate
       self%leaves = self%midpoint_left .or. .not. self%equations%eliminated
       allocate (self%solver(self%equations%plan%ngroup))
