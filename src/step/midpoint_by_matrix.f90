@@ -2,8 +2,9 @@
 !> The eliminated midpoint by matrices, solved across lanes: closed form for one and two unknowns, dense, banded.
 !> Also by fixed-point iterations, without matrices.
 !>
-!> Where more unknowns are not solved at once, or two by differences of gradients, V = -f(base + (h/4) V) is iterated first, in the lanes where the step
-!> is mild, by the test of step/stage_iteration: a few gradients cost less than one matrix.
+!> Where more unknowns are not solved at once, or two by differences of gradients, V = -f(base + (h/4) V) is iterated
+!> first, in the lanes where the step is mild, by the test of step/stage_iteration: a few gradients cost less than one
+!> matrix.
 module symsde_step_midpoint_by_matrix
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense

@@ -4,8 +4,8 @@
 !> Where H = p.p/2 + U(q) with noise in position or additive the momenta are eliminated (step/stage_plan).
 !> The slopes are found group by group: by fixed-point iteration in the lanes where the step is mild
 !> (step/stage_iteration), by Newton's iteration in the others (step/stage_newton; the general stepper's where
-!> momenta cannot be eliminated; midpoint's own where its matrices are large or made of differences). All find the root that the general
-!> stepper finds. Lanes are taken through the whole step in parts that stay in cache.
+!> momenta cannot be eliminated; midpoint's own where its matrices are large or made of differences). All find the
+!> root that the general stepper finds. Lanes are taken through the whole step in parts that stay in cache.
 module symsde_step_stages
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
