@@ -385,7 +385,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       character(*), parameter :: names(4) = ['has_hessian_vector', 'has_hessian       ', &
                                              'hessian_banded    ', 'gradient_hessian  ']
-      real(wp), allocatable :: vq(:, :), vp(:, :), uq(:, :), up(:, :), aq(:, :), ap(:, :)
+      real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up, aq, ap, eq, ep
       real(wp) :: scale(nlane)
       type(finding) :: bad
       integer :: half, pass
@@ -397,7 +397,9 @@ contains
          call offered_product(points, which, vq, vp, aq, ap)
          do pass = 1, 2
             call points%product(vq, vp, uq, up, scale, pass == 2)
-            call worst(aq - uq, ap - up, scale, matching, bad)
+            eq = aq - uq
+            ep = ap - up
+            call worst(eq, ep, scale, matching, bad)
             if (bad%lane == 0) exit
          end do
          if (bad%lane == 0) cycle

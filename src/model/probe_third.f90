@@ -24,7 +24,7 @@ contains
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
       real(wp), allocatable :: bq(:, :), bp(:, :), uq(:, :), up(:, :), dq(:, :, :), dp(:, :, :)
-      real(wp) :: state(nlane), largest(nlane, nstep)
+      real(wp) :: far(nlane), short(nlane), shorter(nlane), largest(nlane, nstep), state
       integer :: i, n
 
       if (allocated(error)) return
@@ -36,15 +36,18 @@ contains
          bp(:, i) = generic(i, 8)
       end do
       do i = 1, nlane
-         state(i) = max(1.0_wp, maxval(abs(points%q(i, :))), maxval(abs(points%p(i, :))))
+         state = max(1.0_wp, maxval(abs(points%q(i, :))), maxval(abs(points%p(i, :))))
+         far(i) = step*state
+         short(i) = step*state**0.25_wp
+         shorter(i) = short(i)/2
       end do
       associate (x => points)
          call x%model%third_derivative(nlane, n, x%nnoise, x%t, x%w, x%q, x%p, x%vq, x%vp, bq, bp, uq, up)
       end associate
-      call second_difference(points, step*state, bq, bp, dq(:, :, 1), dp(:, :, 1), largest(:, 1))
+      call second_difference(points, far, bq, bp, dq(:, :, 1), dp(:, :, 1), largest(:, 1))
       if (fits(uq, dq, largest, 1) .and. fits(up, dp, largest, 1)) return
-      call second_difference(points, step*state**0.25_wp, bq, bp, dq(:, :, 2), dp(:, :, 2), largest(:, 2))
-      call second_difference(points, step*state**0.25_wp/2, bq, bp, dq(:, :, 3), dp(:, :, 3), largest(:, 3))
+      call second_difference(points, short, bq, bp, dq(:, :, 2), dp(:, :, 2), largest(:, 2))
+      call second_difference(points, shorter, bq, bp, dq(:, :, 3), dp(:, :, 3), largest(:, 3))
       call judge(points, largest, 'q', uq, dq, error)
       call judge(points, largest, 'p', up, dp, error)
    end subroutine probe_third

@@ -12,7 +12,7 @@ module symsde_step_midpoint_single
    use symsde_model_abstract, only: model_type, angle_terms
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_solve_stagnation, only: quadratic, verdict_of
+   use symsde_solve_stagnation, only: linear, verdict_of
    use symsde_step_lone, only: lone_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -70,8 +70,7 @@ contains
       self%name = 'midpoint, one degree of freedom'
       self%separable = model%traits%separable
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, 2, options, model%traits%one_solve(.false.), -1, -1, &
-                      exact=model%traits%has_hessian)
+      call new_newton(self%newton, nlane, 2, options, model%traits%one_solve(.false.), -1, -1)
       allocate (self%qs(nlane, 1), self%ps(nlane, 1), self%hq(nlane, 1), self%hp(nlane, 1))
       allocate (self%hqq(nlane, 1, 1), self%hpp(nlane, 1, 1))
       allocate (self%hqp(nlane, 1, 1), source=0.0_wp)
@@ -154,7 +153,7 @@ contains
          step = max(abs(hp), abs(hq))
          taken = step + abs(x + y) <= huge(h)
          if (.not. taken) return
-         last = verdict_of(quadratic, step, max(abs(x), abs(y)), last)
+         last = verdict_of(linear, step, max(abs(x), abs(y)), last)
       end do
       dq = x
       dp = y
