@@ -11,7 +11,7 @@ module symsde_model_pendulum
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_abstract, only: angle_terms, corrected
+   use symsde_model_abstract, only: corrected
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_pendulum_flow, only: pendulum_euler_flow
    use symsde_model_separable, only: separable_model
@@ -32,7 +32,6 @@ module symsde_model_pendulum
       procedure :: value => weighted_value
       procedure :: evaluate
       procedure :: third_derivative
-      procedure :: angle
       procedure :: has_flow
       procedure :: flow
    end type pendulum_model
@@ -54,7 +53,7 @@ contains
                     ndof=1, nnoise=1, separable=.true., additive=is_zero(sigma), &
                     position_noise=is_zero(sigma), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_third_derivative=.true., has_angle_terms=.true., &
+                    has_third_derivative=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(sigma))
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_pendulum
@@ -94,18 +93,6 @@ contains
       if (present(hp)) hp(:, 1) = (w(:, 0) + sigma*w(:, 1))*p(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + sigma*w(:, 1)
    end subroutine evaluate
-
-   !> The terms for one path, see model_type.
-   subroutine angle(self, nnoise, t, w, terms)
-      class(pendulum_model), intent(in) :: self
-      integer, intent(in) :: nnoise
-      real(wp), intent(in) :: t, w(0:nnoise)
-      type(angle_terms), intent(out) :: terms
-
-      terms%a = w(0)
-      terms%c = self%sigma*w(1)
-      terms%e = w(0) + self%sigma*w(1)
-   end subroutine angle
 
    !> The gradient of a^T S'' b, S = sum_j w_j H_j: -w_0 sin q a_q b_q in q alone.
    subroutine third_derivative(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
