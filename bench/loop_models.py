@@ -14,6 +14,13 @@ import symsde as ss
 from loops import COSINES
 
 
+def _model(ndof, nnoise, functions, traits):
+    """A model that says which functions it holds: `loop_pointers` calls them, too."""
+    model = ss.Model(ndof=ndof, nnoise=nnoise, **functions, **traits, accepts_null=True)
+    model.functions = functions
+    return model
+
+
 def synchrotron():
     """H = p^2/2 - 4 cos q, H_1 = 0.2 sin q, H_2 = -0.1 cos q."""
 
@@ -50,8 +57,8 @@ def synchrotron():
         return 0
 
     traits = {"separable": True, "position_noise": True, "identity_mass": True}
-    functions = {"gradient": gradient, "gradient_hessian": gradient_hessian, "accepts_null": True}
-    return ss.Model(ndof=1, nnoise=2, **functions, **traits)
+    functions = {"gradient": gradient, "gradient_hessian": gradient_hessian}
+    return _model(1, 2, functions, traits)
 
 
 def henon_heiles():
@@ -97,8 +104,8 @@ def henon_heiles():
         return 0
 
     traits = {"separable": True, "additive": True, "position_noise": True, "identity_mass": True}
-    functions = {"gradient": gradient, "gradient_hessian": gradient_hessian, "accepts_null": True}
-    return ss.Model(ndof=2, nnoise=2, **functions, **traits)
+    functions = {"gradient": gradient, "gradient_hessian": gradient_hessian}
+    return _model(2, 2, functions, traits)
 
 
 def many_noises(m):
@@ -142,8 +149,8 @@ def many_noises(m):
         return 0
 
     traits = {"separable": True, "additive": True, "position_noise": True, "quadratic": True, "identity_mass": True}
-    functions = {"gradient": gradient, "gradient_hessian": gradient_hessian, "accepts_null": True}
-    return ss.Model(ndof=1, nnoise=m, **functions, **traits)
+    functions = {"gradient": gradient, "gradient_hessian": gradient_hessian}
+    return _model(1, m, functions, traits)
 
 
 def mean_field(n):
@@ -202,4 +209,4 @@ def mean_field(n):
         return 0
 
     traits = {"separable": True, "additive": True, "position_noise": True, "identity_mass": True}
-    return ss.Model(ndof=n, nnoise=1, gradient=gradient, hessian=hessian, accepts_null=True, **traits)
+    return _model(n, 1, {"gradient": gradient, "hessian": hessian}, traits)

@@ -2,7 +2,8 @@
 """Time the library beside plain loops in numba; prints "row GROUP NAME TARGET" and numbers for each.
 
 loop_rows.py REPEATS SECONDS [REGEX]: rows whose "GROUP NAME" matches. Processor time on one thread, library and loop
-in turn, each for about SECONDS; the numbers are ns per path-step, the least of the repeats: library, loop, ratio.
+in turn, each for about SECONDS; the numbers are ns per path-step, the least of the repeats: library, loop, ratio; of
+compiled callbacks also the same loop that calls the callback through its pointer, and the ratio to that.
 A row "step" measures a step of its scheme against one of midpoint, in the library. Rows "call" are us of a call.
 """
 
@@ -18,6 +19,7 @@ from typing import Any
 import formula_models
 import loop_models
 import loop_pendulums
+import loop_pointers
 import loops
 import numpy as np
 import symsde as ss
@@ -33,7 +35,7 @@ class Row:
     name: str
     paths: int
     target: float
-    make: Callable[[], tuple[Run, Run]]
+    make: Callable[[], tuple[Run, ...]]
     per_call: int = 0  # steps of a call, for rows whose time is that of a call
 
 
@@ -73,6 +75,15 @@ def how_in_a_loop(scheme, force, n, m):
         return explicit[scheme](force, n, m)
     return loops.collocation(force, n, m, scheme)
 
+
+# compiled callbacks whose loops are given a force: (name, model, force, degrees of freedom, noises, schemes)
+BY_FORCE = (
+    ("synchrotron", loop_models.synchrotron, loops.synchrotron_force, 1, 2, (*EXPLICIT, "gauss2")),
+    ("henon_heiles", loop_models.henon_heiles, loops.henon_heiles_force, 2, 2, (*EXPLICIT, *IMPLICIT)),
+    ("16_noises", partial(loop_models.many_noises, 16), loops.many_noises_force, 1, 16, (*EXPLICIT, "gauss2")),
+    ("mean_field16", partial(loop_models.mean_field, 16), loops.mean_field_force, 16, 1, ("midpoint",)),
+)
+NOISES = {f"cfunc {name} {scheme}": m for name, _, _, _, m, schemes in BY_FORCE for scheme in schemes}
 
 # name -> (model, scheme, step, degrees of freedom, loop)
 SCENES = {
@@ -132,17 +143,9 @@ SCENES = {
     ),
     **{
         f"cfunc {name} {scheme}": (model, scheme, 0.02, n, partial(how_in_a_loop, scheme, force, n, m))
-        for name, model, force, n, m, schemes in (
-            ("synchrotron", loop_models.synchrotron, loops.synchrotron_force, 1, 2, (*EXPLICIT, "gauss2")),
-            ("henon_heiles", loop_models.henon_heiles, loops.henon_heiles_force, 2, 2, (*EXPLICIT, *IMPLICIT)),
-            ("16_noises", partial(loop_models.many_noises, 16), loops.many_noises_force, 1, 16, (*EXPLICIT, "gauss2")),
-        )
+        for name, model, force, n, m, schemes in BY_FORCE
         for scheme in schemes
     },
-    "cfunc mean_field16 midpoint": (
-        *(lambda: loop_models.mean_field(16), "midpoint", 0.02, 16),
-        lambda: loops.collocation(loops.mean_field_force, 16, 1, "midpoint"),
-    ),
 }
 
 
@@ -172,10 +175,13 @@ FEW |= {
 }
 
 
-def scene(name, paths, **how) -> tuple[Run, Run]:
-    """The library and the loop of a scene."""
-    model, scheme, step, n, function = (SCENES | FEW)[name]
-    return library(model(), scheme, paths, step, **how), loop(function(), n, paths, step)
+def scene(name, paths) -> tuple[Run, ...]:
+    """The library and the loop of a scene; of compiled callbacks the loop by their pointer, too."""
+    maker, scheme, step, n, function = (SCENES | FEW)[name]
+    model, runs = maker(), [function()]
+    if name in NOISES:
+        runs.append(how_in_a_loop(scheme, loop_pointers.force(model), n, NOISES[name]))
+    return library(model, scheme, paths, step), *(loop(run, n, paths, step) for run in runs)
 
 
 def formula(name, paths) -> tuple[Run, Run]:
@@ -334,22 +340,22 @@ def timed(run: Run, steps: int, calls: int) -> float:
     return (time.process_time() - start) / calls
 
 
-def measure(row: Row, repeats: int, seconds: float) -> tuple[float, float]:
+def measure(row: Row, repeats: int, seconds: float) -> list[float]:
     """The least times, in ns per path-step, or us of a call."""
     runs = row.make()
     if row.per_call:
-        steps, calls = (row.per_call,) * 2, 200
+        steps, calls = (row.per_call,) * len(runs), 200
         for run in runs:
             run(row.per_call)  # compiles
     else:
         steps, calls = [repeat(run, row.paths, seconds) for run in runs], 1
-    best = [float("inf")] * 2
+    best = [float("inf")] * len(runs)
     for _ in range(repeats):
         for i, run in enumerate(runs):
             best[i] = min(best[i], timed(run, steps[i], calls))
     if row.per_call:
-        return best[0] * 1e6, best[1] * 1e6
-    return tuple(b * 1e9 / (row.paths * s) for b, s in zip(best, steps, strict=True))
+        return [b * 1e6 for b in best]
+    return [b * 1e9 / (row.paths * s) for b, s in zip(best, steps, strict=True)]
 
 
 def main():
@@ -359,9 +365,10 @@ def main():
     wanted = re.compile(sys.argv[3] if len(sys.argv) > 3 else "")
     for row in rows():
         if wanted.search(f"{row.group} {row.name}"):
-            ours, theirs = measure(row, repeats, seconds)
+            ours, *others = measure(row, repeats, seconds)
             name = row.name.replace(" ", "_")
-            print("row", row.group, name, row.target, f"{ours:.4g} {theirs:.4g} {ours / theirs:.4g}", flush=True)
+            beside = (f"{theirs:.4g} {ours / theirs:.4g}" for theirs in others)
+            print("row", row.group, name, row.target, f"{ours:.4g}", *beside, flush=True)
 
 
 if __name__ == "__main__":
