@@ -7,7 +7,7 @@ module symsde_base_lanes
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
-   public :: lane_unit, default_nlane, padded, lanes_for, is_finite_lane, path_of_lane
+   public :: lane_unit, default_nlane, padded, lanes_for, is_finite_lane, all_finite, path_of_lane
 
    integer, parameter :: lane_unit = 8         !! every nlane is a multiple of this
    integer, parameter :: default_nlane = 256   !! lanes of a block of small systems
@@ -50,5 +50,20 @@ contains
 
       is_finite_lane = abs(x) <= huge(x)
    end function is_finite_lane
+
+   !> The same of all of n numbers, eight at a time.
+   pure logical function all_finite(n, x)
+      integer(i8), intent(in) :: n
+      real(wp), intent(in) :: x(n)
+      real(wp) :: zero(lane_unit)
+      integer(i8) :: i, rest
+
+      rest = mod(n, int(lane_unit, i8))
+      zero = 0
+      do i = 1, n - rest, lane_unit
+         zero = zero + 0*x(i:i + lane_unit - 1)  ! NaN where one is not finite
+      end do
+      all_finite = abs(sum(zero)) <= 0 .and. all(is_finite_lane(x(n - rest + 1:)))
+   end function all_finite
 
 end module symsde_base_lanes

@@ -9,7 +9,7 @@ module symsde_ensemble_driver
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: functional_set, name_functionals, path_areas, path_dz, path_stt_area
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: lanes_for, padded
+   use symsde_base_lanes, only: lanes_for, padded, all_finite
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, status_ok, wrong_shape, invalid_argument, incompatible, stopped, &
                                  callback_failed, paths_failed, out_of_memory, too_large
@@ -297,7 +297,7 @@ contains
          if (.not. allocated(error)) call check_increments(options, model%traits%nnoise, extent, error)
          if (.not. allocated(error)) call check_given(model, scheme, options, asked, areas, int(extent(2)), error)
          if (allocated(error)) return
-         if (.not. all(abs(dw) <= huge(dw))) then
+         if (.not. all_finite(product(extent), dw)) then
             call raise(error, invalid_argument, 'run_ensemble', 'the prescribed increments hold values that '// &
                        'are not finite: give finite numbers only')
             return

@@ -77,10 +77,14 @@ contains
       integer :: k, f
 
       if (self%asked%is_empty()) then
-         do k = 1, self%nnoise
-            call sum_rows(self, nlane, path, k, row, rows, store%w(:, k, i))
-            if (self%bound < huge(1.0_wp)) call clip_increments(nlane, self%bound, store%w(:, k, i))
-         end do
+         if (rows == 1) then
+            call take_row(self, nlane, path, 1, self%nnoise, row, store%w(:, 1:, i))
+         else
+            do k = 1, self%nnoise
+               call sum_rows(self, nlane, path, k, row, rows, store%w(:, k, i))
+            end do
+         end if
+         if (self%bound < huge(1.0_wp)) call clip_increments(nlane*self%nnoise, self%bound, store%w(:, 1:, i))
          return
       end if
       call polygon(self, nlane, path, row, rows, whole)
@@ -99,7 +103,7 @@ contains
       type(path_interval), intent(out) :: whole
       type(path_interval) :: left, right
       real(wp) :: hh(nlane, self%nnoise), kk(nlane, self%nnoise)
-      integer :: k, f
+      integer :: f
 
       if (rows > 1) then
          call polygon(self, nlane, path, row, rows/2, left)
@@ -110,14 +114,14 @@ contains
       call new_path_interval(whole, nlane, self%nnoise, self%h/2.0_wp**self%refine, self%asked)
       hh = 0
       kk = 0
-      do k = 1, self%nnoise
-         call sum_rows(self, nlane, path, k, row, 1_i8, whole%w(:, k))
-         if (size(self%dw, 2) > self%nnoise) then
-            call sum_rows(self, nlane, path, self%nnoise + k, row, 1_i8, hh(:, k))
-            hh(:, k) = hh(:, k)/whole%length - 0.5_wp*whole%w(:, k)
+      associate (m => self%nnoise)
+         call take_row(self, nlane, path, 1, m, row, whole%w)
+         if (size(self%dw, 2) > m) then
+            call take_row(self, nlane, path, m + 1, m, row, hh)
+            hh = hh/whole%length - 0.5_wp*whole%w
          end if
-         if (size(self%dw, 2) > 2*self%nnoise) call sum_rows(self, nlane, path, 2*self%nnoise + k, row, 1_i8, kk(:, k))
-      end do
+         if (size(self%dw, 2) > 2*m) call take_row(self, nlane, path, 2*m + 1, m, row, kk)
+      end associate
       do f = 1, nfunctional
          if (self%asked%has(f)) &
             call shape_values(f, nlane, self%nnoise, whole%length, whole%w, hh, x=whole%of(f)%x, kk=kk)
@@ -131,19 +135,43 @@ contains
       integer(i8), intent(in) :: path(nlane), row, rows
       real(wp), intent(out) :: dw(nlane)
       real(wp) :: right(nlane)
-      integer :: lane
 
       if (rows > 1) then
          call sum_rows(self, nlane, path, k, row, rows/2, dw)
          call sum_rows(self, nlane, path, k, row + rows/2, rows/2, right)
          dw = dw + right
-      else if (size(self%dw, 1) == 1) then
-         dw = self%dw(1, k, row)
       else
-         do lane = 1, nlane
-            dw(lane) = self%dw(path(lane) - self%first_path + 1, k, row)
-         end do
+         call take_row(self, nlane, path, k, 1, row, dw)
       end if
    end subroutine sum_rows
+
+   !> Columns first .. first+n-1 of a row. Neighbours are copied as they stand, others are looked up one by one.
+   subroutine take_row(self, nlane, path, first, n, row, dw)
+      class(prescribed_noise), intent(in) :: self
+      integer, intent(in) :: nlane, first, n
+      integer(i8), intent(in) :: path(nlane), row  !! paths in increasing order; padding repeats the last
+      real(wp), intent(out) :: dw(nlane, n)
+      integer(i8) :: start
+      integer :: k, lane
+
+      start = path(1) - self%first_path
+      if (size(self%dw, 1) == 1 .and. nlane == 1) then
+         dw(1, :) = self%dw(1, first:first + n - 1, row)
+      else if (size(self%dw, 1) == 1) then
+         do k = 1, n
+            dw(:, k) = self%dw(1, first + k - 1, row)
+         end do
+      else if (path(nlane) - path(1) == nlane - 1) then
+         do k = 1, n
+            dw(:, k) = self%dw(start + 1:start + nlane, first + k - 1, row)
+         end do
+      else
+         do k = 1, n
+            do lane = 1, nlane
+               dw(lane, k) = self%dw(path(lane) - self%first_path + 1, first + k - 1, row)
+            end do
+         end do
+      end if
+   end subroutine take_row
 
 end module symsde_noise_prescribed

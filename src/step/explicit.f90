@@ -11,6 +11,7 @@ module symsde_step_explicit
    use symsde_model_abstract, only: model_type
    use symsde_scheme_dependency, only: stages_follow => is_explicit
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
+   use symsde_step_kicks, only: kick_and_drift, kick_again
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
@@ -32,6 +33,7 @@ module symsde_step_explicit
       private
       integer :: nstage = 0
       logical :: is_euler = .false.   !! symplectic Euler or its adjoint
+      logical :: is_verlet = .false.  !! Stormer-Verlet, where the velocity is h p whenever it is asked for
       real(wp), allocatable :: c(:), alpha(:)     !! (nstage)
       real(wp), allocatable :: to_q(:, :)         !! a_ij of stage i in column i (nstage, nstage)
       real(wp), allocatable :: to_p(:, :)         !! -abar_ij of stage i in column i (nstage, nstage)
@@ -92,6 +94,7 @@ contains
       call find_plan(scheme, model%traits%separable, self%plan)
       self%is_euler = is_one_stage(self)
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
+      self%is_verlet = is_verlet(self) .and. self%ham%mass_alone
       associate (n => model%traits%ndof)
          allocate (self%hq(nlane, n, self%nstage), self%hp(nlane, n, self%nstage))
          allocate (self%qs(nlane, n), self%ps(nlane, n))
@@ -187,6 +190,10 @@ contains
          call euler(self, step%t, step%w, q, p, dq, dp)
          return
       end if
+      if (self%is_verlet) then
+         call verlet(self, step%t, step%h, step%w, q, p, dq, dp)
+         return
+      end if
       do k = 1, size(self%plan)
          i = self%plan(k)%stage
          q_moves = self%plan(k)%needs_q .and. any(abs(self%to_q(:, i)) > 0)
@@ -232,6 +239,22 @@ contains
          end if
       end associate
    end subroutine euler
+
+   !> Half a kick, a drift and half a kick: few passes over the block.
+   subroutine verlet(self, t, h, w, q, p, dq, dp)
+      class(explicit_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer :: n
+
+      n = size(q)
+      call self%ham%gradient(t + self%c(1)*h, w, q, p, hq=self%hq(:, :, 1))
+      call kick_and_drift(n, 0.5_wp, w(1, 0), self%hq, q, p, dp, dq, self%qs)
+      call self%ham%gradient(t + self%c(2)*h, w, self%qs, p, hq=self%hq(:, :, 1))
+      call kick_again(n, self%hq, dp)
+      self%ham%counters%gradients = self%ham%counters%gradients + self%ham%nreal  ! the drift
+   end subroutine verlet
 
    !> VEC dp = -force, moved = p - force
    pure subroutine kick(n, p, force, dp, moved)

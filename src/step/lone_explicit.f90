@@ -5,12 +5,11 @@
 module symsde_step_lone_explicit
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: angle_terms
+   use symsde_step_kicks, only: kick_and_drift, kick_again, move
    use symsde_step_lone, only: lone_stepper
    implicit none
    private
    public :: lone_explicit, kick_drift, drift_kick, kick_drift_kick
-
-   integer, parameter :: few = 4  !! numbers that are too few for vectors
 
    enum, bind(c)
       enumerator :: kick_drift = 1, drift_kick = 2, kick_drift_kick = 3
@@ -136,71 +135,5 @@ contains
          self%counters%gradients = self%counters%gradients + merge(3, 4, self%mass_alone)
       end associate
    end subroutine verlet
-
-   !> The share c of a kick, and a drift by h times the momentum after it, in two halves. What is few is not worth
-   !> vectors.
-   pure subroutine kick_and_drift(n, c, h, force, q, p, dp, dq, x)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: c, h, force(n), q(n), p(n)
-      real(wp), intent(out) :: dp(n), dq(n), x(n)
-      integer :: i
-
-      if (n <= few) then
-         !GCC$ novector
-         do i = 1, n
-            call one(dp(i), dq(i), x(i), force(i), q(i), p(i))
-         end do
-      else
-         do i = 1, n
-            call one(dp(i), dq(i), x(i), force(i), q(i), p(i))
-         end do
-      end if
-
-   contains
-
-      pure subroutine one(kick, drift, place, f, at, momentum)
-         real(wp), intent(out) :: kick, drift, place
-         real(wp), intent(in) :: f, at, momentum
-
-         kick = -c*f
-         drift = h*(momentum - c*f)
-         place = at + 0.5_wp*drift
-         place = place + 0.5_wp*drift
-      end subroutine one
-
-   end subroutine kick_and_drift
-
-   !> The other half.
-   pure subroutine kick_again(n, force, dp)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: force(n)
-      real(wp), intent(inout) :: dp(n)
-      integer :: i
-
-      if (n <= few) then
-         !GCC$ novector
-         do i = 1, n
-            dp(i) = dp(i) - 0.5_wp*force(i)
-         end do
-      else
-         do i = 1, n
-            dp(i) = dp(i) - 0.5_wp*force(i)
-         end do
-      end if
-   end subroutine kick_again
-
-   !> The drift of two halves.
-   pure subroutine move(n, q, first, second, x, dq)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: q(n), first(n), second(n)
-      real(wp), intent(out) :: x(n), dq(n)
-      integer :: i
-
-      do i = 1, n
-         x(i) = q(i) + 0.5_wp*first(i)
-         x(i) = x(i) + 0.5_wp*second(i)
-         dq(i) = 0.5_wp*first(i) + 0.5_wp*second(i)
-      end do
-   end subroutine move
 
 end module symsde_step_lone_explicit
