@@ -64,8 +64,8 @@ def test_loops_are_judged_by_their_ratio_and_calls_by_their_time(topics):
             {"group": "call", "name": "step", "target": 40.0, "numbers": [46.0, 1.0, 46.0]},
             {"group": "call", "name": "prepared", "target": 40.0, "numbers": [39.0, 0.5, 78.0]}]  # fmt: skip
     assert rows_of(topics("loops").section(rows)) == [
-        ["1 path", "kubo", "30", "20", "1.50", "<= 1.2", "missed"],
-        ["1 path", "pendulum", "20", "20", "1.00", "<= 1.2", "met"],
+        ["1 path", "kubo", "30", "20", "1.50", "<= 1.2", "missed", "25", "1.20"],
+        ["1 path", "pendulum", "20", "20", "1.00", "<= 1.2", "met", "", ""],
         [topics("loops").GROUPS["call"], "step", "46", "1", "46.00", "<= 40", "missed", "", ""],
         [topics("loops").GROUPS["call"], "prepared", "39", "0.5", "78.00", "<= 40", "met", "", ""],
     ]
