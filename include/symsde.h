@@ -475,11 +475,11 @@ int symsde_euler_lagrange_residual(symsde_model model, symsde_scheme scheme, con
                                    symsde_error *error);
 /* the path from q_start to q_end [ndof][paths] that makes the discrete action stationary, [WHSB] (46)-(48), on the
  * increments of a run with these options, or dw[steps*2^refine][nnoise][paths]: q, p [steps+1][ndof][paths] and
- * status[paths], SYMSDE_SINGULAR where the end points are conjugate; paths that are not ok are NaN. dw and the guesses
- * [steps+1][ndof][paths] to begin with may be NULL. Returns SYMSDE_PATHS_FAILED where some paths are not ok */
+ * path_status[paths], SYMSDE_SINGULAR where the end points are conjugate; paths that are not ok are NaN. dw and the
+ * guesses [steps+1][ndof][paths] to begin with may be NULL. Returns SYMSDE_PATHS_FAILED where some paths are not ok */
 int symsde_stationary_path(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                            const double *q_start, const double *q_end, const double *dw, const double *guess_q,
-                           const double *guess_p, double *q, double *p, int32_t *status, symsde_error *error);
+                           const double *guess_p, double *q, double *p, int32_t *path_status, symsde_error *error);
 /* whether the noises commute, from brackets at points q, p [ndof][npoint]: gradients[2] = the largest relative
  * gradients of {H_k,H_l} and of {H,H_k}; commute[2] = whether the noises, and the noises with the drift, commute
  * there; text (size bytes, may be NULL) = which strong order to expect from which scheme. progress (may be NULL, with

@@ -42,7 +42,7 @@ contains
       call require(q_end, 'q_end', refusal)
       call require(q, 'q', refusal)
       call require(p, 'p', refusal)
-      call require(path_status, 'status', refusal)
+      call require(path_status, 'path_status', refusal)
       if (.not. allocated(refusal)) then
          n = m%traits%ndof
          ntime = o%nstep + 1

@@ -50,16 +50,16 @@ contains
    end function symsde_model_set_chain_rows
 
    !> Give a model of symsde_model_new third derivatives; NULL takes them back. Refuses built-in models (incompatible).
-   function symsde_model_set_third_derivative(model, third_derivative, error) result(status) &
+   function symsde_model_set_third_derivative(model, third, error) result(status) &
       bind(c, name='symsde_model_set_third_derivative')
       type(c_ptr), intent(in), value :: model, error
-      type(c_funptr), intent(in), value :: third_derivative
+      type(c_funptr), intent(in), value :: third
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       type(callback_model), pointer :: known
 
       call find_callback_model(model, known, 'symsde_model_set_third_derivative', refusal)
-      if (.not. allocated(refusal)) call known%set_third_derivative(third_derivative)
+      if (.not. allocated(refusal)) call known%set_third_derivative(third)
       status = finish(refusal, error)
    end function symsde_model_set_third_derivative
 

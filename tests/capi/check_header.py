@@ -3,8 +3,11 @@
 
 check_header.py ROOT LIBRARY   enum values, functions with their arguments, struct members, exported names
 check_header.py --self-test    plants a difference of every kind and requires that each is found
+
+SYMSDE_INCLUDE in the environment names another folder of headers than that of ROOT.
 """
 
+import os
 import re
 import subprocess
 import sys
@@ -73,7 +76,7 @@ def split_c(declaration, names):
 
 
 def read_header(text):
-    """(enum values, {function: [types]}, {struct: [(member, type)]}) of the header."""
+    """(enum values, {function: ['name: type']}, {struct: [(member, type)]}) of the header."""
     sizes = dict(re.findall(r"^#define\s+(\w+)\s+(\d+)\s*$", text, re.M))
     text = plain_c(text)
     for name, value in sizes.items():
@@ -86,10 +89,7 @@ def read_header(text):
         enums.update((key, int(value)) for key, value in re.findall(r"(\w+)\s*=\s*(-?\d+)", body))
     functions = {}
     for name, arguments in re.findall(r"^int\s+(symsde_\w+)\s*\(([^)]*)\)\s*;", text, re.M):
-        functions[name] = [
-            POINTER if "[" in item else c_type(re.sub(r"\w+\s*$", "", item.strip()), names)
-            for item in arguments.split(",")
-        ]
+        functions[name] = [read_argument(item.strip(), names) for item in arguments.split(",")]
     structs = {}
     for body, name in re.findall(r"typedef\s+struct\s+\w+\s*\{(.*?)\}\s*(\w+)\s*;", text, re.S):
         members = [line for line in body.split(";") if line.strip()]
@@ -97,8 +97,14 @@ def read_header(text):
     return enums, functions, structs
 
 
+def read_argument(declaration, names):
+    """'name: type' of an argument in C: of several pointers the names alone say which is which."""
+    before, name, extent = re.match(r"(.*?)(\w+)\s*((?:\[\w*\])*)$", declaration, re.S).groups()
+    return f"{name}: {POINTER if extent else c_type(before, names)}"
+
+
 def read_functions(text):
-    """{C name: [types]} of the bind(C) functions of one Fortran file."""
+    """{C name: ['name: type']} of the bind(C) functions of one Fortran file."""
     functions = {}
     pattern = r"^ *function\s+(\w+)\(([^)]*)\)([^\n]*)bind\(c,\s*name='(symsde_\w+)'\)(.*?)^ *end function\s+\1"
     for _, arguments, _, name, body in re.findall(pattern, text, re.M | re.S):
@@ -109,7 +115,8 @@ def read_functions(text):
             value = re.search(r"\bvalue\b", attributes)
             for item in re.split(r",\s*", declared.strip()):
                 types.setdefault(item, kind if value else f"{kind} by reference")
-        functions[name] = [types.get(item.strip(), "undeclared") for item in arguments.split(",")]
+        named = [item.strip() for item in arguments.split(",")]
+        functions[name] = [f"{item}: {types.get(item, 'undeclared')}" for item in named]
     return functions
 
 
@@ -194,6 +201,7 @@ def self_test(root, library):
         "SYMSDE_EVIDENCE_CLAIMED": ("SYMSDE_EVIDENCE_CLAIMED = 1", "SYMSDE_EVIDENCE_CLAIMED = 2"),
         "SYMSDE_CORRECTION_MEAN": ("SYMSDE_CORRECTION_MEAN = 2", "SYMSDE_CORRECTION_MEAN = 3"),
         "symsde_increments takes": ("const symsde_options *options, double *dw,", "double *dw,"),
+        "symsde_model_gradient takes": ("double *hq, double *hp, symsde_error", "double *hp, double *hq, symsde_error"),
         "symsde_model_probe takes": ("symsde_model_probe(symsde_model model, double t,",
                                      "symsde_model_probe(symsde_model model, float t,"),
         "symsde_scheme_names is not in": ("int symsde_scheme_names(", "int renamed_scheme_names("),
@@ -213,10 +221,11 @@ def self_test(root, library):
 def main():
     """Run the check or its self-test."""
     root, library = Path(sys.argv[-2]), sys.argv[-1]
+    include = Path(os.environ.get("SYMSDE_INCLUDE", root / "include"))
     if sys.argv[1] == "--self-test":
         found = list(self_test(root, library))
     else:
-        header = read_header((root / "include/symsde.h").read_text(encoding="utf-8"))
+        header = read_header((include / "symsde.h").read_text(encoding="utf-8"))
         found = list(differences(header, read_sources(root), exported(library)))
         print(f"{len(header[0])} codes, {len(header[1])} functions, {len(header[2])} structs")
     print("\n".join(found) if found else "nothing to report")

@@ -447,7 +447,7 @@ static void test_stationary_path(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "q_start is NULL",
           symsde_stationary_path(model, scheme, &options, NULL, end, NULL, NULL, NULL, &q[0][0][0], &p[0][0][0], status,
                                  &error));
-   EXPECT(SYMSDE_INVALID_ARGUMENT, "status is NULL",
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "path_status is NULL",
           symsde_stationary_path(model, scheme, &options, start, end, NULL, NULL, NULL, &q[0][0][0], &p[0][0][0], NULL,
                                  &error));
    symsde_scheme_delete(&heun);
