@@ -76,6 +76,47 @@ def test_stationary_path_of_a_drive_is_that_of_its_time():
     np.testing.assert_allclose(found.p, run.p, rtol=0, atol=1e-11)
 
 
+@pytest.mark.parametrize(("left", "next_point"), [(0.74, 0.6 + 0.148 / (2 - 2.96)), (0.76, 0.55)])
+def test_a_correction_is_halved_that_leaves_three_quarters(left, next_point):
+    """Two steps of 1 from q = 0 to 2, U' = 0.8 + c (q - 1/2)^2 below q = 1 and 0 beyond. The straight line has the
+    first stage at q = 1/2 and violates one equation alone; Newton moves the stage by 0.1, where c 0.01/0.8 of that is
+    left. More than three quarters: half of the way is tried next. Less: Newton goes on from there, where U'' is 0.2 c.
+    """
+    seen, c = [], left * 80
+
+    def gradient(t, w, q, p):
+        if q[0, 0] < 1:
+            seen.append(q[0, 0])
+        return w[0] * np.where(q < 1, 0.8 + c * (q - 0.5) ** 2, 0.0), w[0] * p
+
+    def hessian(t, w, q, p):
+        zero = np.zeros_like(w[:1])[None]
+        return (w[0] * np.where(q < 1, 2 * c * (q - 0.5), 0.0))[None], zero, w[:1][None]
+
+    model = ss.Model(ndof=1, nnoise=0, gradient=gradient, hessian=hessian, identity_mass=True, separable=True)
+    ss.diagnose.stationary_path(model, q_start=0.0, q_end=2.0, step=1.0, steps=2)
+    np.testing.assert_allclose(list(dict.fromkeys(seen))[:3], [0.5, 0.6, next_point], rtol=1e-13)
+
+
+@pytest.mark.parametrize("given", [("guess_q",), ("guess_p",), ("guess_q", "guess_p")])
+def test_a_search_begins_with_the_guesses(given):
+    """Of two midpoint steps from 0 to 2: positions half way between those of the guess, momenta at its ends."""
+    seen = []
+
+    def gradient(t, w, q, p):
+        seen.append((q[0, 0], p[0, 0]))
+        return w[0] * np.sin(q), w[0] * p
+
+    model = ss.Model(ndof=1, nnoise=0, gradient=gradient, identity_mass=True, separable=True)
+    guess = {"guess_q": np.array([0.0, 1.3, 2.0]), "guess_p": np.array([9.0, 0.7, 0.4])}
+    chosen = {name: guess[name][:, None, None] for name in given}
+    ss.diagnose.stationary_path(model, q_start=0.0, q_end=2.0, step=0.5, steps=2, **chosen)
+    middle = [0.65, 1.65] if "guess_q" in given else [0.5, 1.5]
+    speed = [0.7, 0.4] if "guess_p" in given else [2.6, 1.4] if "guess_q" in given else [2.0, 2.0]
+    second = next(x for x in seen if x[0] > 1)
+    np.testing.assert_allclose([seen[0], second], np.transpose([middle, speed]), rtol=1e-14)
+
+
 def test_stationary_path_at_a_conjugate_point():
     model = ss.models.linear_oscillator()
     common = {"q_start": 1.0, "q_end": 0.2, "steps": 100, "increments": np.zeros((100, 1))}
