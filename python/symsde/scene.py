@@ -276,7 +276,8 @@ def _stretches(indices: list[int] | range) -> list[list[int] | range]:
 def _joined(runs: list[Run]) -> Run:
     """Runs of different paths as one; report and options are those of the first."""
     whole = copy.copy(runs[0])
-    for name in ("path", "q", "p", "status", "failed_step", "last_q", "last_p"):
+    low = () if whole.q_low is None else ("q_low", "p_low")
+    for name in ("path", "q", "p", "status", "failed_step", "last_q", "last_p", *low):
         setattr(whole, name, np.concatenate([getattr(run, name) for run in runs], axis=-1))
     return whole
 

@@ -147,15 +147,25 @@ def test_files_of_a_run_hold_the_run(file, tmp_path, capsys):
         np.testing.assert_array_equal(data.time, run.t)
 
 
+def test_paths_of_a_compensated_scene_keep_their_low_parts(file):
+    """Those of every stretch of paths, as of a run of all."""
+    loaded = scene.load(file(("[run]", "[run]\ncompensated = true")))
+    found, whole = loaded.compute_paths(), ss.simulate(loaded.model, **loaded.run)
+    for name in ("last_q", "q_low", "p_low"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name)[:, [0, 1, 7]], err_msg=name)
+
+
 def test_check_says_what_the_run_will_do(file, capsys):
-    path = file(("steps = 500", "steps = 1000000000"), ("save_every = 50", "save_every = 1000000"))
+    path = file(("steps = 500", "steps = 1000000000"), ("save_every = 50", "save_every = 1000000"),
+                ('"midpoint"', '"symplectic_euler"'))  # fmt: skip
     assert cli.main(["check", str(path)]) == 0
     first, *lines = capsys.readouterr().out.splitlines()
     assert first == f"{path}: ok"
-    report = ss.simulate(ss.models.synchrotron(), q0=0.0, p0=0.0, step=0.02, steps=0, scheme="midpoint").report
+    report = ss.simulate(ss.models.synchrotron(), q0=0.0, p0=0.0, step=0.02, steps=0, scheme="symplectic_euler").report
     found = {line[:11].strip(): line[11:] for line in lines}
     assert found["model"] == "synchrotron(omega=2, sigma1=0.2, sigma2=0.1)"
-    assert found["stepper"] == report.stepper and found["left out"] == ("; ".join(report.left_out) or "nothing")
+    assert found["stepper"] == report.stepper
+    assert found["left out"] == "correction: it vanishes for this noise; solver: the step is explicit"
 
 
 def test_paths_with_states_of_their_own(file):
