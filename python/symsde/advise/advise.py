@@ -166,9 +166,9 @@ def _reasons(
     problem: Problem, ladder: Ladder, fastest: float, best: Option, others: tuple[Option, ...]
 ) -> tuple[str, ...]:  # fmt: skip
     """Sentences: pilot, stability, brackets, cost."""
-    info, limit = ladder.scheme.info, stable_up_to(ladder.scheme)
+    limit = stable_up_to(ladder.scheme)
     until = "is stable at every step" if limit == math.inf else f"is stable up to {limit:.3g}"
-    made = "explicit here" if info.explicit_for == "separable models" and problem.model.traits.separable else "implicit"
+    made = "explicit here" if "solver: the step is explicit" in problem.try_out(ladder.scheme).left_out else "implicit"
     reasons = [
         f"pilot on {ladder.want.count} paths: {ladder.want.words} falls with order {ladder.order:.2f}, is "
         f"{ladder.error(-1):.2g} at {ladder.steps[-1]} steps",

@@ -13,6 +13,7 @@ import numpy as np
 from .. import _checks
 from ..errors import InvalidArgumentError, PathsFailedWarning, WrongTypeError
 from ..model import Model
+from ..report import Report
 from ..schemes import Scheme
 from ..simulate import Run, simulate
 from .target import Function, Target, require_numbers
@@ -52,10 +53,10 @@ class Problem:
         """The same question: short runs are not worth waking threads, and their seconds tell more on one."""
         return dataclasses.replace(self, options={**self.options, "threads": 1})
 
-    def try_out(self, scheme: str | Scheme) -> None:
+    def try_out(self, scheme: str | Scheme) -> Report:
         """Set a run up, but make no step: what does not fit raises a SymsdeError."""
         options = {key: value for key, value in self.options.items() if key != "threads"}
-        simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon, steps=0, **options)
+        return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon, steps=0, **options).report
 
     def values(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
         """f at the end of every path, and which of them are ok: did not fail, and are not on their way to infinity."""
