@@ -56,6 +56,7 @@ static void test_misuse(void) {
    OPTION(correction, 9, SYMSDE_INVALID_ARGUMENT, "correction");
    OPTION(correction, SYMSDE_CORRECTION_MEAN, SYMSDE_INCOMPATIBLE, "midpoint|correction");
    OPTION(max_iter, 0, SYMSDE_INVALID_ARGUMENT, "");
+   OPTION(struct_size, 7, SYMSDE_INVALID_ARGUMENT, "struct_size of options is 7");
    OPTION(struct_size, 0, SYMSDE_INVALID_ARGUMENT, "symsde_options_init first");
    OPTION(struct_size, sizeof options + 8, SYMSDE_INVALID_ARGUMENT, "symsde_options_init first|header");
    options = good;

@@ -180,6 +180,10 @@ static void test_refusals(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "nobserver = -1", run_with(0, PATHS, list, -1));
    o = kind_number(HISTOGRAM);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "sizes is NULL", symsde_observer_sizes(model, &options, 0, &o, NULL, &error));
+   o = kind_number(CHOSEN);
+   o.paths = NULL;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "paths of an observer is NULL",
+          symsde_observer_sizes(model, &options, 0, &o, sizes, &error));
    o = kind_number(COVARIANCE);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "sums is NULL", symsde_observer_answer(model, &options, 0, &o, x, x, &error));
 }

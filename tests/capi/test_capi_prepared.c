@@ -194,6 +194,22 @@ static void test_refusals(void) {
    symsde_run_delete(&run);
 }
 
+/* one degree of freedom and two noises */
+static void test_sizes(void) {
+   symsde_model model = NULL;
+   symsde_scheme scheme = new_scheme("midpoint");
+   const symsde_options options = some_options();
+   const symsde_input input = some_input(&one, &zero);
+   symsde_run run = NULL;
+
+   OK(symsde_model_get("synchrotron", 0, NULL, NULL, &model, &error));
+   OK(symsde_run_new(model, scheme, &options, &input, &run, &error));
+   CHECK(state_of(run).ndof == 1 && state_of(run).nnoise == 2);
+   symsde_run_delete(&run);
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
 /* a run that was prepared for two threads goes on with one */
 static void test_fork(void) {
    symsde_options options = some_options();
@@ -225,6 +241,7 @@ int main(void) {
    test_host_loop();
    test_stopped();
    test_refusals();
+   test_sizes();
    test_fork();
    return close_report();
 }

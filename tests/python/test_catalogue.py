@@ -235,6 +235,18 @@ def test_a_scheme_says_what_its_orders_rest_on():
     assert "not measured" in mine.certificate() and "measured 1.0" in ss.schemes.get("midpoint").certificate()
 
 
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("heun", (0.25, 0.5, 0.0)), ("symplectic_euler", (0.0, 1.0, 1.0)), ("dirk:0.25", (0.0, 0.5, 0.0)),
+     ("lambda:0.3", (0.0, 0.4, 0.4)), ("midpoint", (0.0, 0.0, 0.0))],
+)  # fmt: skip
+def test_residuals_of_structure(name, expected):
+    """By hand: largest |alpha_i a_ij + alpha_j a_ji - alpha_i alpha_j|, |alpha_j - a_-i,-j - a_ij|, |a - abar|."""
+    info = ss.schemes.get(name).info
+    found = info.symplecticity_residual, info.symmetry_residual, info.quadratic_residual
+    assert found == pytest.approx(expected, abs=1e-15)
+
+
 def test_coefficients_of_a_tableau_are_those_given():
     """One stage, noise alone: Q = q + b x P, P = p - bbar x Q with x = sigma dW; then q + x P and p - x Q."""
     b, bbar, x, q, p = 0.4, 0.7, 0.3, 1.0, 0.5

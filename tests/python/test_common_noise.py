@@ -43,6 +43,14 @@ def test_a_part_of_the_paths_has_the_bits_of_the_whole(scheme):
     assert (whole.q[-1, 0, 1:] != private.q[-1, 0, 1:]).all() and (whole.q[:, :, 0] == private.q[:, :, 0]).all()
 
 
+def test_the_last_of_64_noises():
+    """Every noise is common, up to the last one that can be: the paths are one."""
+    run = ss.simulate(
+        ss.models.fpu_chain(n=64), q0=0.1, p0=0.0, step=0.05, steps=2, paths=3, common_noise=list(range(1, 65))
+    )
+    np.testing.assert_array_equal(run.q, np.repeat(run.q[:, :, :1], 3, axis=2))
+
+
 def test_moments_and_shards():
     options = {**RUN, "common_noise": [1], "paths": 1000, "save_every": 20}
     runs, mean = ss.simulate(MODEL, **options), ss.moments(MODEL, **options)

@@ -131,6 +131,15 @@ def test_truncation_is_reported(kubo, options):
     assert 0 < report.lost_variance < 0.05**2
 
 
+def test_truncation_takes_an_order_and_a_time():
+    """Increments end at sqrt(h) sqrt(2 l |log(h/tau)|), which one in 2000 of these would exceed."""
+    order, time, step = 1.0, 20.0, 0.05
+    given = {"step": step, "steps": 1000, "paths": 100}
+    cut, whole = (abs(ss.increments(ss.models.kubo(), truncation=x, **given)).max() for x in ((order, time), None))
+    bound = math.sqrt(step * 2 * order * math.log(time / step))
+    assert cut == pytest.approx(bound, rel=1e-14) and whole > bound
+
+
 def test_fixed_point_agrees_with_newton(options):
     model = ss.models.synchrotron()
     newton, fixed = (ss.simulate(model, fixed_point=n, **options).q for n in (0, 100))
