@@ -53,6 +53,7 @@ program own_model
    type(scheme_type) :: scheme
    type(moments_type) :: averages
    type(error_type), allocatable :: error
+   real(wp) :: exact
    integer :: last
 
    ! Traits say what the scheme may leave out. They are probed: a false one is refused by name.
@@ -69,7 +70,9 @@ program own_model
 
    ! Additive noise on p heats the oscillator: E H(t) = H(0) + sigma^2 t/2.
    last = size(averages%t)
+   exact = 0.25_wp + 0.125_wp*averages%t(last)
    print '(a, f8.4, a, f6.4, a, f8.4)', 'E H at t = 10: ', averages%mean(3, last), ' +- ', averages%se_mean(3, last), &
-      ', exact ', 0.25_wp + 0.125_wp*averages%t(last)
+      ', exact ', exact
    print '(2a)', 'stepper: ', averages%report%stepper
+   if (abs(averages%mean(3, last) - exact) > 5*averages%se_mean(3, last)) error stop 'the mean is not the exact one'
 end program own_model
