@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`symsde expect`: what a scene asks for is printed, refused, or given as far as it was known."""
 
+import dataclasses
 import importlib
 import math
+import re
 
 import pytest
 import symsde as ss
@@ -21,7 +23,9 @@ def test_scene(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 2 and lines[0].startswith("E q = ") and "[" in lines[0]
     assert float(lines[1].split("=")[1].split("[")[0]) == pytest.approx(1.0)
-    assert abs(float(lines[0].split("=")[1].split("[")[0]) - math.exp(-0.09) * math.cos(2)) < 0.02
+    value, low, high = map(float, re.findall(r"-?[\d.]+", lines[0].split("=")[1]))
+    assert abs(value - math.exp(-0.09) * math.cos(2)) < 0.02
+    assert value - 0.0105 <= low < value < high <= value + 0.0105
     assert main(["expect", str(scene), "--abs", "-1"]) == 2
     assert "[expect]: abs = -1" in capsys.readouterr().err
     scene.write_text(scene.read_text().replace("f =", "g ="))
@@ -65,3 +69,38 @@ def test_ctrl_c_prints_what_is_known(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(importlib.import_module("symsde.expect.command"), "expect", stopped)
     assert main(["expect", str(scene), "--quiet"]) == 4
     assert [line.split(" = ")[0] for line in capsys.readouterr().out.splitlines()] == ["E q", "E p"]
+
+
+@pytest.fixture
+def asked(tmp_path, monkeypatch):
+    """A scene of two means, and what the command asks of `expect`, which gives the first one too wide."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 20\nq0 = 1.0\np0 = 0.0\n'
+        '[expect]\nf = ["q", "p"]\nrel = 0.1\n'
+    )
+    answer, calls = ss.expect(ss.models.kubo(), "q", **PLACE, abs=0.1), []
+
+    def given(model, f, **arguments):
+        calls.append((f, arguments))
+        return dataclasses.replace(answer, reached=f != "q")
+
+    monkeypatch.setattr(importlib.import_module("symsde.expect.command"), "expect", given)
+    return str(scene), calls
+
+
+@pytest.mark.parametrize(("option", "other"), [("abs", "rel"), ("rel", "abs")])
+def test_a_width_on_the_command_line_replaces_that_of_the_scene(asked, option, other):
+    scene, calls = asked
+    main(["expect", scene, f"--{option}", "0.25", "--quiet"])
+    assert [f for f, _ in calls] == ["q", "p"]
+    assert all(arguments[option] == 0.25 and other not in arguments for _, arguments in calls)
+
+
+def test_one_interval_that_is_too_wide_is_enough(asked, tmp_path, capsys):
+    """The exit code says so though the last one is narrow enough, and a sentence says how to go on."""
+    scene, calls = asked
+    out = str(tmp_path / "out")
+    assert main(["expect", scene, "--quiet", "--out", out, "--allow-python"]) == 4
+    assert [str(arguments["out"]) for _, arguments in calls] == [f"{out}/mean-1", f"{out}/mean-2"]
+    assert f"go on with `symsde expect {scene} --out {out} --allow-python`" in capsys.readouterr().err

@@ -37,7 +37,7 @@ def lines(axis):
 CURVES = {
     "energy_input": {"h": [0.5, 3.0], "midpoint": [0.9, 0.3]},
     "euler_limit": {"h": [0.25, 1.5], "euler": [1.1, 2.2]},
-    "resonances": {"x": [0.5, 2.5], "midpoint": [0.01, 0.02], "stormer_verlet": [0.03, math.inf]},
+    "resonances": {"x": [0.5, 2.5, 3], "midpoint": [0.01, 0.02, 0.1], "stormer_verlet": [0.03, math.inf, None]},
     "quartic_steps": {"q0": [1.0, 10.0], "h": [0.1, 1.0], "iterations": [[3, 4], [5, 6]]},
     "squeezing": {"bound": [0.5, 2.4], "wrong": [0.01, 0.4], "expected": [0.02, 0.5]},
     "invariant_drift": {"steps": [100, 400], "Newton, plain": [1e-15, 0.0], "Newton, compensated": [2e-16, 3e-16]},
@@ -54,8 +54,8 @@ def test_expected_and_observed(drawn):
     assert observed == {look.colour("midpoint"): [[0.5, 0.9], [3.0, 0.3]],
                         look.colour("symplectic_euler"): [[0.25, 1.1], [1.5, 2.2]]}  # fmt: skip
     assert lines(energy)[r"$\omega h=2$"].get_xdata() == [2, 2] == lines(resonances)[r"$\omega h=2$"].get_xdata()
-    assert points(lines(resonances)["midpoint"]) == [[0.5, 0.01], [2.5, 0.02]]
-    assert points(lines(resonances)["stormer_verlet"]) == [[0.5, 0.03], [2.5, 1e6]]
+    assert points(lines(resonances)["midpoint"]) == [[0.5, 0.01], [2.5, 0.02], [3, 0.1]]
+    assert points(lines(resonances)["stormer_verlet"]) == [[0.5, 0.03], [2.5, 1e6], [3, 1e6]]
     assert points(lines(quartic)["$q_0$ = 10"]) == [[0.1, 5], [1.0, 6]]
     assert lines(quartic)[f"allowed: {MOST}"].get_ydata() == [MOST, MOST]
     assert points(lines(signs)["expected"]) == [[0.5, 0.02], [2.4, 0.5]]
@@ -66,7 +66,9 @@ def test_expected_and_observed(drawn):
     assert styles == {"Newton, plain": "-", "Newton, compensated": "--", r"$\sqrt{\mathrm{steps}}$": ":"}
     x, y = lines(drift)[r"$\sqrt{\mathrm{steps}}$"].get_data()
     np.testing.assert_allclose(y, [3e-16, 6e-16], rtol=1e-12)
-    labels = [(axis.get_xlabel(), axis.get_ylabel()) for axis in (energy, resonances, quartic, signs, drift)]
+    axes = energy, resonances, quartic, signs, drift
+    assert [axis.get_title(loc="left") for axis in axes] == ["(a)", "(b)", "(c)", "(d)", "(e)"]
+    labels = [(axis.get_xlabel(), axis.get_ylabel()) for axis in axes]
     assert labels == [
         (r"$\omega h$", "energy input / exact"),
         (r"$\omega h$ of the fast spring", "largest change of $H$"),

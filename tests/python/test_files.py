@@ -5,6 +5,7 @@ import copy
 import csv
 import datetime
 import json
+import math
 import os
 import pickle
 import subprocess
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import rotation_gradient, rotation_value, table_of, told
+from symsde._files import json_text
 
 START = np.full((2, 300), 0.1)
 START[:, [5, 270]] = 20.0  # these two escape
@@ -71,6 +73,11 @@ def test_every_variable_says_what_it_is(run, moments):
     for data in (run.to_xarray(), moments.to_xarray()):
         assert all(variable.attrs["units"] == "1" for variable in data.variables.values())
         assert all(variable.attrs["long_name"] for variable in data.variables.values())
+    told = {name: variable.attrs["long_name"] for name, variable in run.to_xarray().variables.items()}
+    assert told == {
+        "time": "time", "path": "global index of the path", "q": "coordinates", "p": "momenta",
+        "status": "status of the path, 0 = ok", "failed_step": "absolute step that failed, -1 = none",
+    }  # fmt: skip
     assert moments.to_xarray()["se_mean_q"].attrs["long_name"] == "standard error of the mean of coordinates"
     assert moments.to_xarray()["mean_energy"].attrs["long_name"] == "mean of energy"
 
@@ -87,6 +94,13 @@ def test_a_file_of_paths_holds_the_run(run, ending, tmp_path):
     for name, values in expected.items():
         np.testing.assert_array_equal(found[name], values, err_msg=name)
     check_attributes(attributes)
+
+
+def test_numbers_as_json():
+    """Seven digits, or all that there are; what is no finite number is null."""
+    data = {"x": np.array([1 / 3, math.inf]), 2: (True, np.int64(12345678), None)}
+    assert json_text(data) == '{"x": [0.3333333, null], "2": [true, 12345678, null]}\n'
+    assert json_text(data, digits=None).startswith('{"x": [0.3333333333333333, null]')
 
 
 def moments_by_hand(run):

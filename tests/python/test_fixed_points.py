@@ -63,17 +63,24 @@ def test_orbits_of_the_hardening_spring_are_lost_before_the_limit():
     assert bifurcation.lost("symplectic_euler", 0.75) and not bifurcation.lost("symplectic_euler", 0.65)
 
 
+def test_a_box_has_a_width_and_a_height():
+    """The double well rests at q = -1, 0, 1: a box that is high and narrow holds one of them."""
+    found = [fixed_points(double_well(), "midpoint", step=0.7, box=box) for box in ((0.5, 2), (2, 0.5))]
+    assert [[round(x.q, 6) for x in points] for points in found] == [[0.0], [-1.0, 0.0, 1.0]]
+
+
 def test_the_table_says_what_was_found():
     """Numbers in words: none, up to, all; from."""
     curves = {
         "stays": {name: [0.0, 0.9, 3.35] for name in bifurcation.SCHEMES},
         "appears": {"hardening spring": dict.fromkeys(bifurcation.SCHEMES, 0.494),
                     "pendulum": dict.fromkeys(bifurcation.SCHEMES, None)},
-        "moments": dict.fromkeys(bifurcation.SCHEMES, None),
+        "moments": dict.fromkeys(bifurcation.SCHEMES, None) | {"midpoint": 3.3, "gauss2": 3.35},
     }  # fmt: skip
     rows = {row[0]: row[1:] for row in bifurcation.table(curves)}
     assert rows["`stormer_verlet`"] == ["2", "none", "up to 0.9", "all", "from 0.49", "none up to 3.4", "-"]
     assert rows["`midpoint`"][0] == "every step" and rows["`heun`"][0] == "no step"
+    assert rows["`midpoint`"][-1] == "up to 3.3" and rows["`gauss2`"][-1] == "all"
     assert len(bifurcation.HEAD) == 8
 
 

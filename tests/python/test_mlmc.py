@@ -61,6 +61,21 @@ def test_levels_and_calls_have_paths_of_their_own():
     assert again.draw(1, 64).fine.mean == means[2]
 
 
+def test_a_level_begins_at_its_own_path():
+    """Path i of level l is path l 2^41 + i of the seed."""
+    sampler = ss.level_sampler(ss.models.kubo(), "q", **PLACE, horizon=1.0, steps=2, seed=3)
+    run = {**PLACE, "step": 1 / 4, "steps": 4, "paths": 5, "seed": 3}
+    fine = ss.simulate(ss.models.kubo(), **run, first_path=2**41).q[-1, 0]
+    assert sampler.draw(1, 5).fine.mean == pytest.approx(fine.mean(), rel=1e-14)
+
+
+def test_means_within_two_errors_say_nothing_of_a_rate():
+    """1, 1/4 and 1/16 fall by two powers; a fourth that is 1.9 of its errors is left out."""
+    rate = fall([1.0, 0.25, 0.0625, 0.9], [1e-3, 1e-3, 1e-3, 0.9 / 1.9])
+    assert rate.value == pytest.approx(2.0, abs=1e-12)
+    assert math.isnan(fall([1.0, 0.1], [0.1, 0.06]).value)
+
+
 def test_truncation_of_the_coarse_path_is_that_of_its_own_step():
     """Sums of two increments are cut at the bound of the coarse step: else what is subtracted has another law than
     what was added one level below, and the levels do not telescope."""

@@ -250,6 +250,9 @@ def test_the_command_draws_a_folder(folder, monkeypatch, capsys):
     assert capsys.readouterr().out.count("written to") == 5
     found = ss.open_run(folder)
     np.testing.assert_array_equal(lines(figures["paths.png"])[1][1], found.run.q[:, 0, 1])
+    assert [line.get_label() for line in figures["paths.png"].axes[0].get_lines()] == ["path 1", "path 2"]
+    (phase,) = figures["phase.png"].axes
+    assert (phase.get_xlabel(), phase.get_ylabel()) == ("q_1", "p_1")
     np.testing.assert_array_equal(lines(figures["moments.png"])[0][1], found.moments.mean_q[:, 0])
     heights = figures["observed-histogram.png"].axes[0].patches[0].get_data()[0]
     np.testing.assert_array_equal(heights, found.moments.observed["histogram"].density[-1])
@@ -270,6 +273,7 @@ def test_the_command_draws_files(name, folder, tmp_path, monkeypatch):
     else:
         figure = figures["moments-moments.png"]
         assert [axes.get_ylabel() for axes in figure.axes] == ["mean q_1", "mean p_1", "mean energy"]
+        assert figure.get_suptitle().startswith("kubo by midpoint, 300 paths; bands")
         np.testing.assert_array_equal(lines(figure, 2)[0][1], found.moments.mean_energy)
         _, low, high = band(figure, 1)
         np.testing.assert_allclose(high - low, 4 * found.moments.se_mean_q[:, 0], atol=1e-14)
@@ -374,6 +378,12 @@ def test_what_notebooks_show(run, moments):
     assert rows[4][2:] == [f"{x:.6g}" for x in (*run.last_q[:, 4], *run.last_p[:, 4])]
     assert "and 19 paths more" in run._repr_html_()
     assert "henon_heiles" in run._repr_html_()
+
+
+def test_a_failure_in_the_first_step_is_told(model):
+    with pytest.warns(ss.PathsFailedWarning):
+        run = ss.simulate(model, **{**RUN, "q0": 1e200, "paths": 1})
+    assert run.failed_step[0] == 0 and f"<td>{ss.status_text(int(run.status[0]))} at step 0</td>" in run._repr_html_()
 
 
 def test_a_folder_without_shards_has_nothing_to_draw(folder, tmp_path):

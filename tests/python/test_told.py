@@ -5,11 +5,13 @@ import dataclasses
 import math
 import re
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.advise.wants import Moments
+from symsde.advise.ladder import Ladder
+from symsde.advise.wants import Invariants, Moments, Paths, Seen
 from symsde.expect import choice
 from symsde.expect.answer import Alternative
 from symsde.expect.candidates import suitable
@@ -18,9 +20,9 @@ from symsde.expect.pilot import Pilot
 from symsde.expect.problem import make_problem
 from symsde.expect.stability import frequency
 from symsde.expect.tally import Tally
-from symsde.expect.tolerance import make_tolerance
+from symsde.expect.tolerance import make_tolerance, quantile
 from symsde.expect.watch import Watch
-from symsde.expect.work import Work, _failures
+from symsde.expect.work import Work, _failures, _Outcome
 from symsde.mlmc.answer import Level, Multilevel
 from symsde.mlmc.mlmc import Estimate, _doubts
 from symsde.mlmc.rates import UNSEEN
@@ -62,6 +64,51 @@ def test_paths_of_levels_are_all_that_were_computed(pilot):
     assert (answer.error, answer.bias, answer.interval) == (0.005, 0.001, pytest.approx((1.99, 2.01)))
 
 
+def test_what_was_reached_and_what_an_interval_is(pilot):
+    """Within a twentieth of the width that was asked for, 0.02; with less noise than a fifth of the bias, a bound."""
+    work = Work(pilot, [choice.Plan("plain", pilot.trials[0], 1, 0.5)])
+
+    def finished(half, error, bias):
+        return work._finished(_Outcome(2.0, half, error, bias, 100, []))
+
+    assert finished(0.0208, 0.01, 0.01).reached and finished(0.0208, 0.01, 0.01).notes == ()
+    wide = finished(0.0212, 0.01, 0.01)
+    assert not wide.reached and wide.notes == ("paths were too few: the half width is 0.0212, asked was 0.02",)
+    work.watch = Watch(1e-9, False)
+    assert finished(0.03, 0.01, 0.01).notes == ("max_time = 1e-09 s was over: the half width is 0.03, asked was 0.02",)
+    (bound,) = finished(0.02, 0.0019, 0.01).notes
+    assert bound.startswith("the method leaves no noise beside the bias of the step (0.002 of 0.01): the interval is a")
+    assert finished(0.02, 0.0021, 0.01).notes == ()
+
+
+def test_the_cost_of_an_answer_holds_its_pilot(pilot, monkeypatch):
+    """2.5 seconds for the choice, 1.5 for the draws."""
+    work = Work(pilot, [choice.Plan("plain", pilot.trials[0], 1, 0.5)])
+    monkeypatch.setattr(pilot, "seconds", 2.5)
+    work.watch = SimpleNamespace(seconds=work._begin + 1.5)
+    answer = work._finished(_Outcome(2.0, 0.02, 0.01, 0.01, 100, []))
+    assert (answer.pilot, answer.cost) == (2.5, pytest.approx(4.0))
+
+
+def test_cost_of_two_steps_on_the_same_paths():
+    """Values of standard deviation 2, differences of 1 and order 2: f + (f - f')/3; steps of 1 and 2 seconds."""
+    trial = SimpleNamespace(variance=4.0, spread=lambda level: 1.0, order=2, seconds=lambda level: 2.0**level,
+                            rest=lambda level: (0.0, 0.0))  # fmt: skip
+    plan = choice.extrapolated(trial, 0.1)
+    assert plan.level == 1 and plan.seconds == pytest.approx((2 + 1 / 3) ** 2 / (0.9 * 0.01) * 3)
+
+
+@pytest.mark.parametrize("units", [*range(2, 12), 12, 30, 1000])
+def test_quantiles_hold_95_percent(units):
+    """Student's density over the interval, by Simpson's rule."""
+    degrees, end = units - 1, quantile(units)
+    x = np.linspace(-end, end, 4001)
+    scale = math.exp(math.lgamma((degrees + 1) / 2) - math.lgamma(degrees / 2)) / math.sqrt(degrees * math.pi)
+    density = scale * (1 + x**2 / degrees) ** (-(degrees + 1) / 2)
+    share = (density[0] + density[-1] + 4 * density[1:-1:2].sum() + 2 * density[2:-1:2].sum()) * (x[1] - x[0]) / 3
+    assert share == pytest.approx(0.95, abs=2e-5 if units < 12 else 1e-4)
+
+
 @pytest.mark.parametrize(("paths", "words"), [(10, "2 of 10 paths failed"), (640, "2 of 10 groups of 64 paths failed")])
 def test_units_that_failed_are_counted(paths, words):
     assert _failures(Drawn(Tally(8, 1.0), 1.0, 2, paths))[0].startswith(words)
@@ -99,6 +146,11 @@ def test_rates_and_consistency_of_levels():
     assert [x.consistency for x in found.levels] == [0.0, *[pytest.approx(1.0)] * 3]
     assert [x.kurtosis for x in found.levels] == [pytest.approx(3.0)] * 4
     assert [x.steps for x in found.levels] == [4, 8, 16, 32]
+    assert [x.fine_mean for x in found.levels] == [i * apart for i in range(4)]
+    half = found.half_width
+    for wanted, reached in ((half / 1.04, True), (half / 1.06, False)):
+        estimate.tolerance = make_tolerance(wanted, None)
+        assert estimate.answer().reached is reached
 
 
 def test_reasons_of_advice_hold_its_numbers():
@@ -118,6 +170,51 @@ def test_the_limit_that_is_told_is_that_of_the_scheme(monkeypatch):
     advice = ss.advise(ss.models.pendulum(), q0=1.0, p0=0.0, horizon=4.0, tolerance=0.05)
     assert advice.reasons[1].endswith("; stormer_verlet is stable up to 2") and advice.alternatives == ()
     assert advice.reasons[2] == "stormer_verlet is explicit here, and symplectic"
+
+
+def test_kicks_are_explicit_whatever_else_a_model_declares(monkeypatch):
+    """H = p^2/2 - cos q with noise in position, which does not say that it is separable."""
+    monkeypatch.setattr(sys.modules["symsde.advise.advise"], "scheme_names", lambda *_: ["gauss_dkdkd"])
+    model = ss.Model(
+        ndof=1, nnoise=1, identity_mass=True, position_noise=True,
+        gradient=lambda t, w, q, p: (w[0] * np.sin(q) + w[1] * np.cos(q), w[0] * p),
+    )  # fmt: skip
+    advice = ss.advise(model, q0=1.0, p0=0.0, horizon=4.0, tolerance=0.05)
+    assert advice.reasons[2] == "gauss_dkdkd is explicit here, and symplectic"
+
+
+def test_the_pilot_is_told_by_its_finest_steps():
+    model, place = ss.models.synchrotron(), {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
+    advice = ss.advise(model, **place, tolerance=1e-4)
+    found = re.fullmatch(
+        r"pilot on 192 paths: root mean square distance of paths at the horizon falls with order (\S+), is (\S+) at "
+        r"(\d+) steps", advice.reasons[0]
+    )  # fmt: skip
+    order, error, steps = map(float, found.groups())
+    seen = Paths(make_problem(model, lambda q, p: q[0], **place)).see(as_scheme(advice.scheme), int(steps))
+    assert order == pytest.approx(math.log2(seen.first / seen.second), abs=0.006)
+    assert error == pytest.approx(seen.error(math.log2(seen.first / seen.second)), rel=0.06)
+
+
+def test_changes_of_invariants_are_relative_to_the_first():
+    """Root mean square over 64 paths of max |H - H_0|/|H_0|, by Verlet, which does not keep it."""
+    problem = make_problem(ss.models.kubo(sigma=0.8), lambda q, p: q[0], **PLACE)
+    seen = Invariants(problem).see(as_scheme("stormer_verlet"), 8)
+    run = problem.run(as_scheme("stormer_verlet"), 8, paths=64, save_every=1)
+    energy = (run.q[:, 0] ** 2 + run.p[:, 0] ** 2) / 2
+    change = np.abs(energy / energy[0] - 1).max(axis=0)
+    assert seen.first == pytest.approx(math.sqrt(np.mean(change**2)), rel=1e-12) and seen.second == 0
+    assert seen.first > 1.1 * change.mean()
+
+
+def test_steps_lie_between_the_last_that_misses_and_the_next():
+    """Errors 8, 2, 4, 1 at 4, 8, 16, 32 steps, as differences that fall as 1/4: to 2 by a power law from 16 on."""
+    problem = make_problem(ss.models.pendulum(), "q", **PLACE)
+    ladder = Ladder(problem, as_scheme("midpoint"), Paths(problem), fewest=4)
+    ladder.steps = [4, 8, 16, 32]
+    ladder.seen = [Seen(x * 3 / 4, x * 3 / 16, x * 15 / 16) for x in (8.0, 2.0, 4.0, 1.0)]
+    assert ladder.order == pytest.approx(2.0) and [ladder.error(i) for i in range(4)] == pytest.approx([8, 2, 4, 1])
+    assert ladder._between(2.0 + 1e-12) == pytest.approx(16 * math.sqrt(2))
 
 
 def test_noise_of_moments_is_that_of_their_differences():
