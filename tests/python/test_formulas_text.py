@@ -471,25 +471,16 @@ def test_what_a_sentence_says(H, start, sentence):
         ss.simulate(ss.model_from_sympy(H), q0=start, p0=0.3, step=0.01, steps=2)
 
 
+def test_a_time_that_is_none_is_called_by_its_name():
+    """Not a fault of the Hamiltonian, which has no value then."""
+    with pytest.raises(errors.InvalidArgumentError, match="t0 = NaN is not a time: give a finite number"):
+        ss.simulate(ss.model_from_sympy("p**2/2 + t*q**2"), q0=0.4, p0=0.3, t0=np.nan, step=0.01, steps=2)
+
+
 def test_names_of_generated_code_and_of_c_are_free():
     """Whatever a parameter is called, the numbers are those of the formula."""
-    names = [
-        "x19",
-        "c0",
-        "w0",
-        "far",
-        "beyond",
-        "double",
-        "while_",
-        "E",
-        "I",
-        "S",
-        "N",
-        "q0",
-        "p0",
-        "λ",
-        "ϕ",
-    ]  # Python reads the last as another letter
+    # Python reads the last as another letter
+    names = ["x19", "c0", "w0", "far", "beyond", "double", "while_", "E", "I", "S", "N", "q0", "p0", "λ", "ϕ"]
     terms = " + ".join(f"{name}*q**{k + 1}" for k, name in enumerate(names))
     values = {name: 0.1 * (k + 1) for k, name in enumerate(names)}
     mine = ss.model_from_sympy(f"p**2/2 + {terms}", params=values)
