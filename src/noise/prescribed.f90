@@ -56,15 +56,30 @@ contains
       type(step_store), intent(inout) :: store
       integer(i8), intent(out) :: drawn
       integer(i8) :: row, rows
-      integer :: i
+      integer :: i, first, last
 
       drawn = 0
       rows = 2_i8**self%refine
-      do i = 0, 2*request%npair - 1
-         row = (2*request%pair + i - self%first_step)*rows + 1
-         if (row < 1 .or. row + rows - 1 > size(self%dw, 3, i8)) cycle  ! not a step of this run
-         call fill_step(self, request%nlane, request%path, row, rows, i, store)
-      end do
+      row = (2*request%pair - self%first_step)*rows + 1
+      ! steps of this run
+      first = int(max(0_i8, (rows - row)/rows))
+      last = int(min(2_i8*request%npair, (size(self%dw, 3, i8) + 1 - row)/rows)) - 1
+      if (last < first) return
+      row = row + first*rows
+      if (self%asked%is_empty() .and. rows == 1) then
+         call take_rows(self, request%nlane, request%path, 1, self%nnoise, row, last - first + 1, 1, &
+                        store%w(1, 0, first))
+         if (self%bound < huge(1.0_wp)) then
+            do i = first, last
+               call clip_increments(request%nlane*self%nnoise, self%bound, store%w(:, 1:, i))
+            end do
+         end if
+      else
+         do i = first, last
+            call fill_step(self, request%nlane, request%path, row, rows, i, store)
+            row = row + rows
+         end do
+      end if
    end subroutine fill_prescribed
 
    !> Increments of one step, and functionals of the polygon through its rows.
@@ -77,13 +92,9 @@ contains
       integer :: k, f
 
       if (self%asked%is_empty()) then
-         if (rows == 1) then
-            call take_row(self, nlane, path, 1, self%nnoise, row, store%w(:, 1:, i))
-         else
-            do k = 1, self%nnoise
-               call sum_rows(self, nlane, path, k, row, rows, store%w(:, k, i))
-            end do
-         end if
+         do k = 1, self%nnoise
+            call sum_rows(self, nlane, path, k, row, rows, store%w(:, k, i))
+         end do
          if (self%bound < huge(1.0_wp)) call clip_increments(nlane*self%nnoise, self%bound, store%w(:, 1:, i))
          return
       end if
@@ -115,12 +126,12 @@ contains
       hh = 0
       kk = 0
       associate (m => self%nnoise)
-         call take_row(self, nlane, path, 1, m, row, whole%w)
+         call take_rows(self, nlane, path, 1, m, row, 1, 0, whole%w)
          if (size(self%dw, 2) > m) then
-            call take_row(self, nlane, path, m + 1, m, row, hh)
+            call take_rows(self, nlane, path, m + 1, m, row, 1, 0, hh)
             hh = hh/whole%length - 0.5_wp*whole%w
          end if
-         if (size(self%dw, 2) > 2*m) call take_row(self, nlane, path, 2*m + 1, m, row, kk)
+         if (size(self%dw, 2) > 2*m) call take_rows(self, nlane, path, 2*m + 1, m, row, 1, 0, kk)
       end associate
       do f = 1, nfunctional
          if (self%asked%has(f)) &
@@ -141,37 +152,39 @@ contains
          call sum_rows(self, nlane, path, k, row + rows/2, rows/2, right)
          dw = dw + right
       else
-         call take_row(self, nlane, path, k, 1, row, dw)
+         call take_rows(self, nlane, path, k, 1, row, 1, 0, dw)
       end if
    end subroutine sum_rows
 
-   !> Columns first .. first+n-1 of a row. Neighbours are copied as they stand, others are looked up one by one.
-   subroutine take_row(self, nlane, path, first, n, row, dw)
+   !> Columns column .. column+n-1 of nrow rows. Neighbours are copied as they stand, others are looked up one by one.
+   subroutine take_rows(self, nlane, path, column, n, row, nrow, lead, dw)
       class(prescribed_noise), intent(in) :: self
-      integer, intent(in) :: nlane, first, n
+      integer, intent(in) :: nlane, column, n, nrow
       integer(i8), intent(in) :: path(nlane), row  !! paths in increasing order; padding repeats the last
-      real(wp), intent(out) :: dw(nlane, n)
-      integer(i8) :: start
-      integer :: k, lane
+      integer, intent(in) :: lead                  !! columns before those that are written
+      real(wp), intent(inout) :: dw(nlane, 1 - lead:n, nrow)
+      integer(i8) :: place(nlane), from
+      integer :: i, k, lane
 
-      start = path(1) - self%first_path
-      if (size(self%dw, 1) == 1 .and. nlane == 1) then
-         dw(1, :) = self%dw(1, first:first + n - 1, row)
-      else if (size(self%dw, 1) == 1) then
-         do k = 1, n
-            dw(:, k) = self%dw(1, first + k - 1, row)
-         end do
-      else if (path(nlane) - path(1) == nlane - 1) then
-         do k = 1, n
-            dw(:, k) = self%dw(start + 1:start + nlane, first + k - 1, row)
-         end do
-      else
-         do k = 1, n
-            do lane = 1, nlane
-               dw(lane, k) = self%dw(path(lane) - self%first_path + 1, first + k - 1, row)
+      place = merge(1_i8, path - self%first_path + 1, size(self%dw, 1) == 1)
+      do i = 1, nrow
+         from = row + i - 1
+         if (size(self%dw, 1) == 1 .and. nlane == 1) then
+            do k = 1, n
+               dw(1, k, i) = self%dw(1, column + k - 1, from)
             end do
-         end do
-      end if
-   end subroutine take_row
+         else if (place(nlane) - place(1) == nlane - 1) then
+            do k = 1, n
+               dw(:, k, i) = self%dw(place(1):place(nlane), column + k - 1, from)
+            end do
+         else
+            do k = 1, n
+               do lane = 1, nlane
+                  dw(lane, k, i) = self%dw(place(lane), column + k - 1, from)
+               end do
+            end do
+         end if
+      end do
+   end subroutine take_rows
 
 end module symsde_noise_prescribed
