@@ -280,6 +280,16 @@ def at_ends(body: Any, ends: str, count: int, every_site: bool = True) -> list[t
     return pieces
 
 
+def row_macro(ends: str) -> str:
+    """C for the row of a neighbour. Around the ends of a ring by a choice: neighbours are less than a round away
+    (at_ends), and a division for each of them would take longer than most forces."""
+    if ends != "periodic":
+        return "#define ROW(offset) (site + (offset))\n"
+    behind = "site + (offset) >= sites ? site + (offset) - sites"
+    before = "site + (offset) < 0 ? site + (offset) + sites"
+    return f"#define ROW(offset) ({behind} : {before} : site + (offset))\n"
+
+
 def offsets_of(body: Any) -> dict[Any, int]:
     """The q and p of neighbouring sites that a body holds, each with its offset."""
     return {x: int(x.name[1:]) for x in body.free_symbols if _is_local(x)}

@@ -16,7 +16,7 @@ import numpy as np
 from .emit_c import Writer
 from .graph import Graph
 from .in_numpy import values_of
-from .sites import Place, at_ends, offsets_of
+from .sites import Place, at_ends, offsets_of, row_macro
 
 LOCAL = {"q": "u", "p": "v"}  #: letters of coordinates of a site, in graphs: u0, v0 at the first offset, u1, v1 ..
 
@@ -52,8 +52,7 @@ def make_sum(body: Any, ends: str, count: int, node_of: Any) -> Sum:
 
 def source(sums: Sequence[Sum], ends: str) -> str:
     """Functions of C that fill w[k * n + lane] with sum k, and one that calls them all."""
-    row = "((site + (offset) + sites) % sites)" if ends == "periodic" else "(site + (offset))"
-    text, calls = f"#define ROW(offset) {row}\n", ""
+    text, calls = row_macro(ends), ""
     given, names = "IN, const ptrdiff_t sites, OUT sum", "n, t, w, q, p, c, sites, sum"
     for k, pieces in enumerate(sums):
         loops = ""
