@@ -54,6 +54,13 @@ def edit(folder, **changes):
     path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
 
 
+def test_a_part_tells_how_many_shards_are_there(parts, tmp_path, capsys):
+    given = [parts / "scene.toml", "--out", tmp_path / "one", "--shard", "1/3", "--shard-paths", 256]
+    assert cli.main(["run", *map(str, given)]) == 0
+    there = len(list((tmp_path / "one" / "shards").iterdir()))
+    assert there in (3, 4) and f"part 1/3 is done: {there} of 10 shards are in {tmp_path}" in capsys.readouterr().out
+
+
 def test_parts_that_fit(place):
     assert merge(place) == 0 and (place / "out" / "moments.csv").exists()
 

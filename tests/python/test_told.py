@@ -135,10 +135,10 @@ def test_rates_and_consistency_of_levels():
     n = 1001
     apart = 3 * math.sqrt(2 / n)  # of two means of variance 1
     for i in range(4):
-        fine = Tally(n, i * apart, n - 1.0, 0.0, 3.0 * n)
+        fine = Tally(n, 2 * i * apart, n - 1.0, 0.0, 3.0 * n)
         variance = 2.0 ** (-3 * i)
         difference = Tally(n, 4.0**-i, (n - 1) * variance, 0.0, 3 * (n - 1) ** 2 / n * variance**2)
-        coarse = Tally(n, (i - 1) * apart + apart, n - 1.0, 0.0, 3.0 * n)
+        coarse = Tally(n, (2 * i - 1) * apart, n - 1.0, 0.0, 3.0 * n)
         estimate.draws.append(Draw(difference, fine, coarse, n * 2.0**i, 0))
     found = estimate.answer()
     assert (found.alpha.value, found.beta.value) == (pytest.approx(2.0), pytest.approx(3.0))
@@ -146,7 +146,7 @@ def test_rates_and_consistency_of_levels():
     assert [x.consistency for x in found.levels] == [0.0, *[pytest.approx(1.0)] * 3]
     assert [x.kurtosis for x in found.levels] == [pytest.approx(3.0)] * 4
     assert [x.steps for x in found.levels] == [4, 8, 16, 32]
-    assert [x.fine_mean for x in found.levels] == [i * apart for i in range(4)]
+    assert [x.fine_mean for x in found.levels] == [2 * i * apart for i in range(4)]
     half = found.half_width
     for wanted, reached in ((half / 1.04, True), (half / 1.06, False)):
         estimate.tolerance = make_tolerance(wanted, None)
