@@ -88,11 +88,13 @@ contains
       character, intent(in) :: letter
       real(wp), intent(in) :: found(nlane, points%ndof), wanted(nlane, points%ndof, nstep)
       type(error_type), allocatable, intent(inout) :: error
+      real(wp) :: allowed(npoint, nstep)
       integer :: lane, i
 
+      call find_allowed(wanted, largest, nstep, allowed)
       do i = 1, points%ndof
          if (allocated(error)) return
-         lane = refuted(i, found, wanted, largest, nstep)
+         lane = refuted(found(:, i), wanted(:, i, :), allowed, nstep)
          if (lane == 0) cycle
          call raise(error, false_trait, 'probe_model', "model '"//points%model%name//"' offers "// &
                     'third_derivative, but by it the third derivative of '//points%sum_name// &
@@ -103,32 +105,43 @@ contains
    end subroutine judge
 
    !> Whether no component is refuted by the first of the differences.
-   pure logical function fits(found, wanted, largest, m)
+   logical function fits(found, wanted, largest, m)
       real(wp), intent(in) :: found(:, :), wanted(:, :, :), largest(:, :)
       integer, intent(in) :: m  !! how many of the differences there are so far
+      real(wp) :: allowed(npoint, m)
       integer :: i
 
+      call find_allowed(wanted, largest, m, allowed)
       fits = .true.
       do i = 1, size(found, 2)
-         fits = fits .and. refuted(i, found, wanted, largest, m) == 0
+         fits = fits .and. refuted(found(:, i), wanted(:, i, :), allowed, m) == 0
       end do
    end function fits
 
-   !> The point where the first m differences refute component i, 0 = none.
-   pure integer function refuted(i, found, wanted, largest, m) result(lane)
-      integer, intent(in) :: i, m
-      real(wp), intent(in) :: found(:, :), wanted(:, :, :), largest(:, :)
-      real(wp) :: allowed(m)
-      integer :: s
+   !> What a mismatch may be, by point and difference.
+   pure subroutine find_allowed(wanted, largest, m, allowed)
+      real(wp), intent(in) :: wanted(:, :, :), largest(:, :)
+      integer, intent(in) :: m
+      real(wp), intent(out) :: allowed(npoint, m)
+      integer :: lane, s
+
+      do s = 1, m
+         do lane = 1, npoint
+            allowed(lane, s) = matching*maxval(abs(wanted(lane, :, s))) + vanishing*largest(lane, s)
+         end do
+      end do
+   end subroutine find_allowed
+
+   !> The point where the first m differences refute a component, 0 = none.
+   pure integer function refuted(found, wanted, allowed, m) result(lane)
+      integer, intent(in) :: m
+      real(wp), intent(in) :: found(:), wanted(:, :), allowed(npoint, m)
 
       do lane = 1, npoint
-         do s = 1, m
-            allowed(s) = matching*maxval(abs(wanted(lane, :, s))) + vanishing*largest(lane, s)
-         end do
-         if (.not. all(allowed <= huge(allowed))) cycle
-         if (any(abs(found(lane, i) - wanted(lane, i, :m)) <= allowed)) cycle
+         if (.not. all(allowed(lane, :) <= huge(allowed))) cycle
+         if (any(abs(found(lane) - wanted(lane, :m)) <= allowed(lane, :))) cycle
          if (m == nstep) then
-            if (.not. abs(wanted(lane, i, 2) - wanted(lane, i, 3)) <= maxval(allowed(2:))) cycle
+            if (.not. abs(wanted(lane, 2) - wanted(lane, 3)) <= maxval(allowed(lane, 2:))) cycle
          end if
          return
       end do
