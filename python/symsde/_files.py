@@ -25,11 +25,16 @@ def optional(package: str, extra: str) -> ModuleType:
     try:
         return importlib.import_module(package)
     except ImportError:
-        raise MissingPackageError(
-            f"{package} is not installed: pip install 'symsde[{extra}]', or save as .npz"
-            if extra == "xarray"
-            else f"{package} is not installed: pip install 'symsde[{extra}]'"
-        ) from None
+        otherwise = ", or save as .npz" if extra == "xarray" else ""
+        raise MissingPackageError(f"{package} is not installed: {_how_to_get(extra)}{otherwise}") from None
+
+
+def _how_to_get(extra: str) -> str:
+    """What installs an extra: of this tree, where the package is used in one; no index knows it by its name then."""
+    tree = Path(__file__).parents[2]
+    if (tree / "pyproject.toml").exists():
+        return f"pip install '.[{extra}]' in {tree}"
+    return f"pip install 'symsde[{extra}]'"
 
 
 def dataset(variables: Variables, coordinates: Variables, attributes: Mapping[str, str]):

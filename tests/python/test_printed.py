@@ -7,17 +7,19 @@ import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _abi, cli, look, report
+from symsde import _abi, _files, cli, look, report
 from symsde.advise.advise import Advice, Option
 from symsde.batch import dry, show
 from symsde.batch.command import print_moments
 from symsde.batch.plan import Piece
 from symsde.batch.work import Task
+from symsde.errors import MissingPackageError
 from symsde.expect.answer import Alternative, Answer
 from symsde.mlmc.answer import Level, Multilevel
 from symsde.mlmc.rates import Rate
@@ -230,7 +232,19 @@ def test_completion_in_a_shell(capsys, monkeypatch):
     assert sorted(completed("plot", "--o")) == ["--of", "--out"]
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert cli.main(["completion", "zsh"]) == cli.BAD_INPUT
-    assert "symsde[completion]" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"pip install '.[completion]' in {Path(__file__).parents[2]}" in said or "'symsde[completion]'" in said
+
+
+def test_how_a_missing_package_is_installed(tmp_path, monkeypatch):
+    """In a source tree by the tree, elsewhere by the name of what is installed there."""
+    place = tmp_path / "python" / "symsde" / "_files.py"
+    monkeypatch.setattr(_files, "__file__", str(place))
+    with pytest.raises(MissingPackageError, match=r"^none is not installed: pip install 'symsde\[sympy\]'$"):
+        _files.optional("none", "sympy")
+    (tmp_path / "pyproject.toml").touch()
+    with pytest.raises(MissingPackageError, match=r"pip install '\.\[xarray\]' in .*, or save as \.npz$"):
+        _files.optional("none", "xarray")
 
 
 def test_a_mean_is_printed_with_its_own_error_and_bias():
