@@ -128,11 +128,22 @@ class SiteReader(Reader):
             return self._sum(node, depth)
         return super().read(node, depth)
 
+    def _named(self, name: str) -> Any:
+        if self.index and name == self.index:
+            raise FormulaTextError(
+                f"it takes {name} as a number: sites differ by q[{name}] and p[{name}] alone; few sites that differ "
+                "are written as q1, q2, .. without n"
+            )
+        return super()._named(name)
+
     def _site(self, node: ast.Subscript) -> Any:
         """q[i + 1] as the coordinate at an offset."""
         letter = node.value.id if isinstance(node.value, ast.Name) else ""
         if letter not in ("q", "p"):
-            raise FormulaTextError("it holds an index of something that is not q or p")
+            raise FormulaTextError(
+                "it holds an index of something that is not q or p: coefficients are the same at all sites; "
+                "few sites that differ are written as q1, q2, .. without n"
+            )
         name, offset = node.slice, 0
         if isinstance(name, ast.BinOp) and isinstance(name.op, ast.Add | ast.Sub):
             shift = name.right.value if isinstance(name.right, ast.Constant) else None
@@ -141,7 +152,10 @@ class SiteReader(Reader):
             offset = shift if isinstance(name.op, ast.Add) else -shift
             name = name.left
         if not isinstance(name, ast.Name) or name.id in self.names:
-            raise FormulaTextError("it holds an index that is not i, i + 1, i - 1, ..")
+            raise FormulaTextError(
+                "it holds an index that is not i, i + 1, i - 1, ..: neighbours alone are tied, at all sites alike; "
+                "few sites that differ are written as q1, q2, .. without n"
+            )
         if self.index is None:
             raise FormulaTextError(f"it holds {letter}[{name.id}] outside of a sum: write Sum(.., {name.id})")
         if self.index == "":
@@ -152,9 +166,12 @@ class SiteReader(Reader):
 
     def _sum(self, node: ast.Call, depth: int) -> Any:
         if len(node.args) != 2 or node.keywords or not isinstance(node.args[1], ast.Name):
-            raise FormulaTextError("it holds a Sum that is not written Sum(formula, i)")
+            raise FormulaTextError("it holds a Sum that is not written Sum(formula, i), over all sites by one index")
         if self.index:
-            raise FormulaTextError("it holds a Sum in a Sum, or beside an index")
+            raise FormulaTextError(
+                "it holds a Sum in a Sum, or beside an index: write sums over pairs by products of sums, as "
+                "Sum(cos(q[i]), i)**2 + Sum(sin(q[i]), i)**2 for all cos(q[i]-q[j])"
+            )
         index = node.args[1].id
         if index in self.names or index in ("q", "p"):
             raise FormulaTextError(f"it sums over {index}, which means something else")
