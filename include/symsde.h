@@ -139,23 +139,23 @@ int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradi
                      symsde_error *error);
 /* Further functions for a model of symsde_model_new, with its user pointer; NULL = without. They are probed. */
 /* called where a scheme wants gradient and Hessian at one point; it also stands in for a hessian that is NULL */
-int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian gradient_hessian,
-                                      symsde_error *error);
-/* for bandwidth 1, identity_mass, and position_noise or additive: midpoint then takes a few rows at a time, and neither
- * force nor matrix is stored as a whole. The rows must agree with the gradient to rounding */
+int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian function, symsde_error *error);
+/* for bandwidth 1, identity_mass, and position_noise or additive: midpoint then stores neither force nor matrix as a
+ * whole. The rows must agree with the gradient to rounding */
 int symsde_model_set_chain_rows(symsde_model model, symsde_chain_rows chain_rows, symsde_error *error);
 /* schemes with nested brackets take these as they are then, and not by differences */
 int symsde_model_set_third_derivative(symsde_model model, symsde_third_derivative third, symsde_error *error);
 /* the functions look for NULL: from now on outputs that are not wanted are, else they are room that is thrown away */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
-/* whole steps of a scheme of the catalogue, without correction; runs by this scheme call nothing else, and are refused
- * where the steps are not those of the library. "midpoint", "symplectic_euler", "symplectic_euler_adjoint" and
- * "stormer_verlet" stand for every scheme that is one of these */
+/* whole steps of a scheme of the catalogue, without correction; runs by it call nothing else, and are refused where
+ * they are not the library's. The names of midpoint, symplectic Euler and Verlet stand for all that are these */
 int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow flow, symsde_error *error);
 /* the functions give a lane the same bits whatever nlane is: from now on they are given the paths alone, and not the
- * lanes that fill a block up to full vectors. True of loops that are compiled without contraction and with the scalar
- * functions of the C library; one path then takes an eighth of the time */
+ * lanes that fill a block. True of loops without contraction that call the C library; one path then is faster */
 int symsde_model_accept_any_lanes(symsde_model model, symsde_error *error);
+/* a program derived the functions from formulas, and neither they nor what user points to change: runs probe the model
+ * once for each binary order of state and time (flows: and step), and after every function set, not every time */
+int symsde_model_set_derived(symsde_model model, symsde_error *error);
 int symsde_model_delete(symsde_model *model);
 /* its traits; rotation and silent point into the model and live as long */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);

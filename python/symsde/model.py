@@ -93,7 +93,9 @@ class Model:
 
     The other arguments declare traits, see `Traits` (silent: numbers k of noises with H_k = 0); runs probe
     them, and refuse a false one by name
-    (`FalseTraitError`). Without a Hessian it is formed by differences of gradients. An exception raised in
+    (`FalseTraitError`). ``derived`` says of functions that a program derived them from formulas, and that nothing they
+    read ever changes: runs then probe them once for each binary order of state and time, and flows for each of the
+    step, not every time. Without a Hessian it is formed by differences of gradients. An exception raised in
     a Python function stops the run and is raised by the run.
     """
 
@@ -123,6 +125,7 @@ class Model:
         accepts_null: bool = False,
         flows: Mapping[str, Any] | None = None,
         any_lanes: bool | None = None,
+        derived: bool = False,
         name: str = "user",
     ):
         """Make the model; see the class."""
@@ -162,12 +165,15 @@ class Model:
         if any_lanes is None:
             any_lanes = _callbacks.takes_any_lanes([*functions.values(), *flows.values()])
         any_lanes = _checks.flag("any_lanes", any_lanes) and "Python" not in kinds
-        given = {**functions, **_public(traits), "name": name}
+        derived = _checks.flag("derived", derived)
+        given = {**functions, **_public(traits), "derived": derived, "name": name}
         self._remade = None if "compiled" in kinds else (Model._of_user, (given,))
         accepts_null = _checks.flag("accepts_null", accepts_null) or "compiled" not in kinds
         make = functools.partial(_user_handle, _checks.name_of("name", name), traits, functions, accepts_null)
         if flows or any_lanes:
             make = functools.partial(_with_flows, make, flows, any_lanes)
+        if derived:
+            make = functools.partial(_derived, make)
         self._adopt(make, name, {})
 
     @classmethod
@@ -392,6 +398,13 @@ def _with_flows(make: Callable[[], ModelHandle], flows: dict[str, Any], any_lane
         _handles.call("model_set_flow", handle.pointer, _handles.encode(scheme), callback)
     if any_lanes:
         _handles.call("model_accept_any_lanes", handle.pointer)
+    return handle
+
+
+def _derived(make: Callable[[], ModelHandle]) -> ModelHandle:
+    """A handle of a user's model that remembers which probes it passed."""
+    handle = make()
+    _handles.call("model_set_derived", handle.pointer)
     return handle
 
 

@@ -15,7 +15,8 @@ module symsde_capi_joint
    implicit none
    private
    public :: symsde_model_set_gradient_hessian, symsde_model_accept_null, symsde_model_set_flow
-   public :: symsde_model_accept_any_lanes, symsde_model_set_chain_rows, symsde_model_set_third_derivative
+   public :: symsde_model_accept_any_lanes, symsde_model_set_derived
+   public :: symsde_model_set_chain_rows, symsde_model_set_third_derivative
 
 contains
 
@@ -105,6 +106,18 @@ contains
       if (.not. allocated(refusal)) known%any_lanes = .true.
       status = finish(refusal, error)
    end function symsde_model_accept_any_lanes
+
+   !> From now on probes that the model passed are not made again. Refuses built-in models (incompatible).
+   function symsde_model_set_derived(model, error) result(status) bind(c, name='symsde_model_set_derived')
+      type(c_ptr), intent(in), value :: model, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+
+      call find_callback_model(model, known, 'symsde_model_set_derived', refusal)
+      if (.not. allocated(refusal)) call known%passed%keep()
+      status = finish(refusal, error)
+   end function symsde_model_set_derived
 
    !> The user's model of a handle; built-in ones are refused.
    subroutine find_callback_model(handle, model, place, error)

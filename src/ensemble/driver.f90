@@ -20,6 +20,7 @@ module symsde_ensemble_driver
    use symsde_ensemble_initial_state, only: initial_state, new_initial_state
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observer, only: observer_type
+   use symsde_ensemble_probes, only: probe_declared, probe_whole_steps
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_ensemble_recipe, only: runner_recipe
    use symsde_ensemble_report, only: run_report, describe_left_out
@@ -29,7 +30,6 @@ module symsde_ensemble_driver
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
    use symsde_model_catalogue, only: is_built_in
-   use symsde_model_probe, only: probe_model
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
    use symsde_noise_source, only: noise_type
@@ -37,7 +37,6 @@ module symsde_ensemble_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: resolve_correction
-   use symsde_step_probe_flow, only: probe_flow
    implicit none
    private
    public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, check_state
@@ -125,15 +124,15 @@ contains
       self%options = options
       call check_state(options, model%traits%ndof, q0, p0, error)
       if (.not. allocated(error)) call plan_run(self, observer, error)
-      if (.not. (allocated(error) .or. is_built_in(model))) &
-         call probe_model(model, options%t0, q0(1, :), p0(1, :), error)
+      call probe_declared(model, options%t0, q0(1, :), p0(1, :), error)
       if (allocated(error)) return
       nullify (given)
       if (present(dw)) given => dw
       call new_noise(self%noise, model, options, self%report%lost_variance, error, given, scheme)
       if (.not. allocated(error)) call new_runners(self, error)
-      if (.not. (allocated(error) .or. is_built_in(model))) &
-         call probe_flow(self%runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), error)
+      if (allocated(error)) return
+      call probe_whole_steps(self%runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), &
+                             error)
       if (allocated(error)) return
       self%options%area_time = self%noise%areas%time
       call set_up_warnings(model, scheme, options, self%runners(1)%stepper%explicit, q0(1, :), p0(1, :), &

@@ -3,16 +3,13 @@
 !>
 !> Arrays have the lane fastest: Fortran q(nlane, ndof) is C q[ndof][nlane], w(nlane, 0:nnoise) is
 !> w[nham][nlane] with nham = nnoise + 1, and hqp(nlane, i, j) = d2/(dq_i dp_j) is hqp[j][i][nlane].
-!> An output that is not wanted is room that is thrown away, or NULL for functions that accept it: one that
-!> writes to NULL ends the process, and nothing that is probed would say so before. The functions are called
-!> from several threads at once, must compute every lane by itself, and mark a lane that fails by NaN. A nonzero
-!> return aborts the run: the outputs of that call become NaN and failure_code() tells the first such code.
+!> An output that is not wanted is room that is thrown away, or NULL for functions that accept it: one that writes to
+!> NULL ends the process, and no probe says so before. The functions are called from several threads at once, must
+!> compute every lane by itself, and mark a lane that fails by NaN. A nonzero return aborts the run: the outputs of
+!> that call become NaN and failure_code() tells the first such code.
 !>
-!> Each function is given a whole block, padded to full vectors; a model that says that its lanes have the same bits
-!> whatever their number (any_lanes) is given the real ones alone.
-!>
-!> Do not copy with allocate(source=): two models would own one record of failure. Assignment is
-!> safe.
+!> Each function is given a whole block, padded to full vectors; where any_lanes says so, the real lanes alone.
+!> Do not copy with allocate(source=): two models would own one record. Assignment is safe.
 module symsde_model_callback
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_null_ptr, c_ptr
    use symsde_base_counters, only: counters_type
@@ -29,6 +26,7 @@ module symsde_model_callback
    use symsde_model_chain_rows, only: check_chain, chain_rows_callback
    use symsde_model_outputs, only: little, find_room, keep, spoil
    use symsde_model_parameters, only: check_traits
+   use symsde_model_probe_record, only: probe_record
    implicit none
    private
    public :: callback_model, new_callback_model
@@ -37,6 +35,7 @@ module symsde_model_callback
       private
       logical, public :: any_lanes = .false.     !! a lane has the same bits whatever nlane is
       type(user_flows) :: flows                  !! whole steps of schemes
+      type(probe_record), public :: passed       !! probes that need not be made again
       procedure(gradient_callback), pointer, nopass :: on_gradient => null()
       procedure(value_callback), pointer, nopass :: on_value => null()
       procedure(hessian_callback), pointer, nopass :: on_hessian => null()
@@ -72,9 +71,8 @@ module symsde_model_callback
 
 contains
 
-   !> A model from C functions. What is offered sets has_value, has_hessian and has_hessian_vector
-   !> of the traits. Refuses a missing gradient (missing_operation) and impossible traits
-   !> (check_traits).
+   !> A model from C functions. What is offered sets has_value, has_hessian and has_hessian_vector of the traits.
+   !> Refuses a missing gradient (missing_operation) and impossible traits (check_traits).
    subroutine new_callback_model(self, name, traits, gradient, value, hessian, hessian_vector, &
                                  user, error)
       type(callback_model), intent(out) :: self
@@ -106,12 +104,13 @@ contains
       allocate (self%failure, source=0_i4)
    end subroutine new_callback_model
 
-   !> One more function, before the model is used: gradient and Hessian together, for schemes that want both at
-   !> one point. It also stands in for a Hessian that is not given. c_null_funptr: the separate ones again.
+   !> One more function, before the model is used: gradient and Hessian together, and in place of a Hessian that is
+   !> not given. c_null_funptr: the separate ones again.
    subroutine set_gradient_hessian(self, gradient_hessian)
       class(callback_model), intent(inout) :: self
       type(c_funptr), intent(in) :: gradient_hessian  !! a gradient_hessian_callback, or c_null_funptr
 
+      call self%passed%forget()
       nullify (self%on_gradient_hessian)
       if (c_associated(gradient_hessian)) call c_f_procpointer(gradient_hessian, self%on_gradient_hessian)
       self%traits%has_hessian = associated(self%on_hessian) .or. associated(self%on_gradient_hessian)
@@ -120,10 +119,11 @@ contains
    !> Whole steps of a scheme, before the model is used; c_null_funptr takes them back.
    subroutine set_flow(self, scheme, take)
       class(callback_model), intent(inout) :: self
-      character(*), intent(in) :: scheme      !! as in the catalogue
-      type(c_funptr), intent(in) :: take      !! a flow_callback, or c_null_funptr
+      character(*), intent(in) :: scheme  !! as in the catalogue
+      type(c_funptr), intent(in) :: take  !! a flow_callback, or c_null_funptr
 
       call self%flows%set(scheme, take)
+      call self%passed%forget()
    end subroutine set_flow
 
    !> Whether the user gave a flow of this scheme.
@@ -155,14 +155,15 @@ contains
       call spoil(steps%nlane, size(pn)/steps%nlane, pn)
    end subroutine flow
 
-   !> One more function, before the model is used: rows of force and stiffness, with which a midpoint step takes one
-   !> pass over a chain. c_null_funptr: without it again. Refuses what is not declared to be such a chain.
+   !> One more function, before the model is used: rows of force and stiffness. c_null_funptr: without it again.
+   !> Refuses what is not declared to be such a chain.
    subroutine set_chain_rows(self, chain_rows, error)
       class(callback_model), intent(inout) :: self
       type(c_funptr), intent(in) :: chain_rows  !! a chain_rows_callback, or c_null_funptr
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
+      call self%passed%forget()
       nullify (self%on_chain_rows)
       self%traits%has_chain_rows = .false.
       self%traits%has_lone_rows = .false.
@@ -174,22 +175,23 @@ contains
       self%traits%has_lone_rows = .true.  ! asked for where any_lanes says that the bits are the same
    end subroutine set_chain_rows
 
-   !> One more function, before the model is used: third derivatives, with which schemes that take nested brackets take
-   !> them as they are. c_null_funptr: by differences of gradients again.
+   !> One more function, before the model is used: third derivatives, for nested brackets. c_null_funptr: none again.
    subroutine set_third_derivative(self, third_derivative)
       class(callback_model), intent(inout) :: self
       type(c_funptr), intent(in) :: third_derivative  !! a third_derivative_callback, or c_null_funptr
 
+      call self%passed%forget()
       nullify (self%on_third_derivative)
       self%traits%has_third_derivative = c_associated(third_derivative)
       if (self%traits%has_third_derivative) call c_f_procpointer(third_derivative, self%on_third_derivative)
    end subroutine set_third_derivative
 
-   !> The functions look whether an output is NULL, before the model is used: what is not wanted is not computed.
+   !> The functions look whether an output is NULL, before the model is used.
    subroutine accept_null(self)
       class(callback_model), intent(inout) :: self
 
       self%null_accepted = .true.
+      call self%passed%forget()
    end subroutine accept_null
 
    !> Gradient of sum_j w_j H_j.
@@ -464,7 +466,7 @@ contains
       self%failure = code
    end subroutine note
 
-   !> Assignment: the same functions, a record of failure of its own.
+   !> Assignment: the same functions and record of probes, a record of failure of its own.
    subroutine copy(left, right)
       class(callback_model), intent(inout) :: left
       class(callback_model), intent(in) :: right
@@ -482,15 +484,17 @@ contains
       left%any_lanes = right%any_lanes
       left%flows = right%flows
       left%user = right%user
-      if (.not. associated(left%failure)) allocate (left%failure)
-      left%failure = 0
+      call left%passed%share(right%passed)
+      if (.not. associated(left%failure)) allocate (left%failure, source=0_i4)
+      call left%clear_failure()
    end subroutine copy
 
-   !> Give back the record of failure.
+   !> Give back the records.
    subroutine release(self)
       type(callback_model), intent(inout) :: self
 
       if (associated(self%failure)) deallocate (self%failure)
+      call self%passed%release()
    end subroutine release
 
 end module symsde_model_callback

@@ -9,7 +9,7 @@ static arrays a;
 typedef struct kubo_user {
    double fault;  /* factor of the noise in whole steps */
    int code;      /* what they return */
-   int calls, most_lanes, fewest_lanes;
+   int calls, most_lanes, fewest_lanes, gradients;
 } kubo_user;
 
 static int gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
@@ -17,6 +17,7 @@ static int gradient(int nlane, int ndof, int nham, double t, const double *w, co
    kubo_user *u = user;
    (void)t;
    CHECK(ndof == 1 && nham == 2);
+   u->gradients++;
    u->most_lanes = nlane > u->most_lanes ? nlane : u->most_lanes;
    u->fewest_lanes = nlane < u->fewest_lanes ? nlane : u->fewest_lanes;
    for (int i = 0; i < nlane; i++) {
@@ -83,7 +84,7 @@ static double difference(symsde_model model, symsde_options options) {
 }
 
 static void test_flow(void) {
-   kubo_user user = {1, 0, 0, 0, 1 << 30};
+   kubo_user user = {.fault = 1, .fewest_lanes = 1 << 30};
    symsde_model model = new_user_kubo(&user), kubo = new_kubo();
    symsde_scheme scheme = new_scheme("midpoint");
    symsde_options options = some_options();
@@ -171,7 +172,7 @@ static void test_wrong_positions(void) {
 
 /* one path: eight lanes are asked for, or one */
 static void test_any_lanes(void) {
-   kubo_user user = {1, 0, 0, 0, 1 << 30};
+   kubo_user user = {.fault = 1, .fewest_lanes = 1 << 30};
    symsde_model model = new_user_kubo(&user), kubo = new_kubo();
    symsde_options options = some_options();
 
@@ -194,9 +195,41 @@ static void test_any_lanes(void) {
    symsde_model_delete(&kubo);
 }
 
+/* gradients that a run asks for, which is by whole steps but for its probes */
+static int gradients_of_a_run(symsde_model model, kubo_user *user) {
+   symsde_options options = some_options();
+
+   options.threads = 1;
+   user->gradients = 0;
+   CHECK(difference(model, options) < 1e-13);
+   return user->gradients;
+}
+
+/* what is derived is probed by one run, and again after a change; else every run probes */
+static void test_derived(void) {
+   kubo_user user = {.fault = 1, .fewest_lanes = 1 << 30};
+   symsde_model model = new_user_kubo(&user), kubo = new_kubo();
+
+   OK(symsde_model_set_flow(model, "midpoint", flow, &error));
+   const int probed = gradients_of_a_run(model, &user);
+   CHECK(gradients_of_a_run(model, &user) == probed);
+   OK(symsde_model_set_derived(model, &error));
+   CHECK(gradients_of_a_run(model, &user) == probed);
+   const int known = gradients_of_a_run(model, &user);
+   CHECK(known < probed / 4);
+   OK(symsde_model_accept_null(model, &error));
+   CHECK(gradients_of_a_run(model, &user) == probed);
+   CHECK(gradients_of_a_run(model, &user) == known);
+   EXPECT(SYMSDE_INCOMPATIBLE, "kubo|symsde_model_new", symsde_model_set_derived(kubo, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model is NULL", symsde_model_set_derived(NULL, &error));
+   symsde_model_delete(&model);
+   symsde_model_delete(&kubo);
+}
+
 int main(void) {
    test_flow();
    test_wrong_positions();
    test_any_lanes();
+   test_derived();
    return close_report();
 }

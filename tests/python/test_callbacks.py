@@ -63,6 +63,33 @@ def test_evaluation(user_kubo, kubo):
         np.testing.assert_allclose(mine, known, rtol=1e-15)
 
 
+def test_what_is_derived_is_probed_once_for_each_size():
+    calls = []
+
+    def gradient(t, w, q, p):
+        calls.append(q.shape)
+        far = q > 20  # where it is not separable
+        return w[0] * (q + far * p), w[0] * (p + far * q)
+
+    def asked(model, q0):
+        calls.clear()
+        ss.simulate(model, q0=q0, p0=0.1, step=0.1, steps=1, scheme="symplectic_euler")
+        return len(calls)
+
+    model, by_hand = (
+        ss.Model(ndof=1, nnoise=0, gradient=gradient, separable=True, derived=derived) for derived in (True, False)
+    )
+    probed, once, again = asked(model, 1.0), asked(model, 1.5), asked(by_hand, 1.0)
+    assert once < probed / 3
+    assert again == asked(by_hand, 1.0) == probed
+    assert asked(model, 5.0) == probed
+    for _ in range(2):
+        with pytest.raises(errors.FalseTraitError, match="separable"):
+            asked(model, 40.0)
+    with pytest.raises(errors.WrongTypeError, match="derived"):
+        ss.Model(ndof=1, nnoise=0, gradient=gradient, derived="yes")
+
+
 def test_hessian_vector_is_used(options):
     called = []
 

@@ -237,14 +237,17 @@ def test_a_far_lane_changes_no_other():
         ("q[i]", {}, r"q\[i\] outside of a sum"),
         (FPU, {"noise": ["q[k]*Sum(q[i], i)"]}, "a Sum in a Sum, or beside an index"),
         ("*".join(f"Sum(q[i]**{j}, i)" for j in range(1, 18)), {}, "17 different sums in products: allowed are 16"),
-        ("Sum(Sum(q[i], i), i)", {}, "a Sum in a Sum"),
+        ("Sum(Sum(cos(q[i]-q[j]), j), i)", {}, "a Sum in a Sum.*write sums over pairs by products of sums"),
         ("Sum(q[i]*q[j], i)", {}, "the index j, where there is i"),
         ("Sum(q[i])", {}, "not written Sum"),
         ("Sum(q[i+9], i)", {}, "an index that is not i"),
         ("Sum(q[2*i], i)", {}, "an index that is not i"),
         ("Sum(q[i+8]*q[i-8], i)", {}, "reach over 17 of 8 sites: give more"),
         ("Sum(beta, i)", {}, r"a sum without q\[i\]"),
-        ("Sum(x[i], i)", {}, "an index of something that is not q or p"),
+        ("Sum(x[i], i)", {}, "an index of something that is not q or p: coefficients are the same at all sites"),
+        ("Sum(i*q[i]**2, i)", {}, r"takes i as a number: sites differ by q\[i\] and p\[i\] alone"),
+        ("Sum(cos(q[i]-q[j]), i, j)", {}, "over all sites by one index"),
+        ("Sum(q[i], i)", {"noise": ["k*q[k]"]}, "k, which is not given|takes k as a number"),
         ("Sum(q[i], beta)", {}, "sums over beta, which means something else"),
         ("2*beta", {}, "holds no Sum"),
         (FPU, {"noise": ["q[k+1]"]}, "reaches beyond free ends"),
@@ -255,6 +258,13 @@ def test_a_far_lane_changes_no_other():
 def test_bad_sums_get_a_sentence(H, more, words):
     with pytest.raises((errors.InvalidArgumentError, errors.UnknownNameError), match=words):
         ss.model_from_sympy(H, **{"n": 8, "params": {"beta": 1.0}, **more})
+
+
+def test_a_singular_start_of_a_chain():
+    model = ss.model_from_sympy("Sum(p[i]**2/2 - log(q[i]), i)", ["0.1*q[k]"], n=5)
+    with pytest.raises(errors.InvalidArgumentError, match=r"not finite at q0 = \[1, 1, 0, 1, ..\].*begin elsewhere"):
+        ss.simulate(model, q0=[1.0, 1.0, 0.0, 1.0, 1.0], p0=0.0, step=0.1, steps=1)
+    ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=1)
 
 
 def test_a_chain_in_a_scene(tmp_path):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import time
 import warnings
 from collections.abc import Mapping
@@ -55,13 +56,16 @@ class FormulaModel(Model):
         """Refuse one state for all paths where a Hamiltonian or its derivative is singular: no scheme is right."""
         if q0.shape[1] != 1 or p0.shape[1] != 1:
             return  # each path has its own status
-        if not all(np.isfinite(x).all() for x in (q0, p0, t0)):
+        if not (math.isfinite(t0) and np.isfinite(q0).all() and np.isfinite(p0).all()):
             return  # the library says which of them is not
-        w = np.ones(self.nnoise + 1)
-        every = [*self.gradient(q0, p0, w, t0), [self.value(q0, p0, w, t0)]]
-        if not np.isfinite(np.concatenate(every)).all():
+        found = np.empty(2 * self.ndof + 1)  # one state: by model.gradient and .value a call took twice as long
+        hq, hp, value = found[: self.ndof], found[self.ndof : -1], found[-1:]
+        w, x, y = (np.ascontiguousarray(a, dtype=float) for a in (np.ones(self.nnoise + 1), q0, p0))
+        self._evaluate("gradient", 1, t0, w, x, y, hq, hp)
+        self._evaluate("value", 1, t0, w, x, y, value)
+        if not np.isfinite(found).all():
             at = f"q0 = {_shown(q0)}, p0 = {_shown(p0)}"
-            if self.formula.structure.time_dependent:
+            if self.formula.structure is None or self.formula.structure.time_dependent:
                 at += f", t0 = {t0:g}"
             raise InvalidArgumentError(
                 f"a Hamiltonian or its derivative is not finite at {at}: begin elsewhere ({self._quoted()})"
@@ -157,7 +161,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         seconds_compilation=compiled.seconds if compiled else 0.0,
         file=str(compiled.path) if compiled and compiled.path else "",
     )
-    model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], **traits, **functions)
+    model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], derived=True, **traits, **functions)
     model.formula, model._derivatives, model._chain = formula, derivatives, chain
     model.parameters = dict(parameters)
     model._remade = (_made, (given,))

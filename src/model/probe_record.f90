@@ -1,0 +1,171 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Which probes a model has passed, where its functions are derived from formulas by a program and never change.
+!>
+!> Such a model is probed once for each size of its state and time, not by every run: a probe costs hundreds of
+!> gradients, and finds nothing new. It takes points as far from the state as the state is large, so that a state of
+!> another binary order is another probe; generated code, too, takes other ways for large arguments. Functions written
+!> by hand are probed by every run, since what `user` points to may have changed.
+!>
+!> A probe is known by a number made from all that it depends on. Several threads may ask and enter at once: numbers are
+!> read and written whole, and one that is overwritten is a probe that is made again.
+module symsde_model_probe_record
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_traits, only: model_traits
+   implicit none
+   private
+   public :: probe_record, probe_number
+
+   integer, parameter :: most = 32              !! probes that are remembered
+   integer(i8), parameter :: prime = 2147483647_i8
+
+   !> What a model and its copies have passed: every call of the library works on a copy.
+   type :: common_record
+      integer(i8) :: passed(most) = 0  !! numbers, 0 = none
+      integer(i8) :: entered = 0       !! how many there were
+      integer :: owners = 1
+   end type common_record
+
+   type :: probe_record
+      private
+      type(common_record), pointer :: common => null()  !! null: nothing is kept
+   contains
+      procedure :: keep
+      procedure :: knows
+      procedure :: enter
+      procedure :: forget
+      procedure :: share
+      procedure :: release
+   end type probe_record
+
+contains
+
+   !> From now on passed probes are remembered; none was passed so far.
+   subroutine keep(self)
+      class(probe_record), intent(inout) :: self
+
+      call self%release()
+      allocate (self%common)
+   end subroutine keep
+
+   !> The model has changed: it has passed nothing, whatever its copies have.
+   subroutine forget(self)
+      class(probe_record), intent(inout) :: self
+
+      if (associated(self%common)) call self%keep()
+   end subroutine forget
+
+   !> Whether this probe was passed.
+   logical function knows(self, number)
+      class(probe_record), intent(in) :: self
+      integer(i8), intent(in) :: number
+      integer(i8) :: one
+      integer :: i
+
+      knows = .false.
+      if (.not. associated(self%common)) return
+      do i = 1, most
+         !$omp atomic read
+         one = self%common%passed(i)
+         knows = knows .or. one == number
+      end do
+   end function knows
+
+   !> A probe was passed.
+   subroutine enter(self, number)
+      class(probe_record), intent(in) :: self  ! a model is intent(in) where it is run
+      integer(i8), intent(in) :: number
+      integer(i8) :: before
+
+      if (.not. associated(self%common)) return
+      !$omp atomic capture
+      before = self%common%entered
+      self%common%entered = self%common%entered + 1
+      !$omp end atomic
+      !$omp atomic write
+      self%common%passed(1 + int(modulo(before, int(most, i8)))) = number
+   end subroutine enter
+
+   !> The record of another model, of which this one becomes a copy.
+   subroutine share(self, other)
+      class(probe_record), intent(inout) :: self
+      type(probe_record), intent(in) :: other
+
+      if (associated(self%common, other%common)) return
+      call self%release()
+      if (.not. associated(other%common)) return
+      self%common => other%common
+      !$omp atomic update
+      self%common%owners = self%common%owners + 1
+   end subroutine share
+
+   !> The last owner gives the record back.
+   subroutine release(self)
+      class(probe_record), intent(inout) :: self
+      integer :: left
+
+      if (.not. associated(self%common)) return
+      !$omp atomic capture
+      self%common%owners = self%common%owners - 1
+      left = self%common%owners
+      !$omp end atomic
+      if (left == 0) deallocate (self%common)
+      nullify (self%common)
+   end subroutine release
+
+   !> The number of a probe: of what is probed, a scheme and its step where whole steps are, what is declared, and the
+   !> binary orders of the state and of time. Never 0.
+   integer(i8) function probe_number(what, traits, t, q, p, step) result(number)
+      character(*), intent(in) :: what
+      type(model_traits), intent(in) :: traits
+      real(wp), intent(in) :: t, q(:), p(:), step
+      integer(i8) :: low, high
+      integer :: i
+
+      low = 1
+      high = 1
+      do i = 1, len(what)
+         call take(iachar(what(i:i)))
+      end do
+      call take(exponent(max(1.0_wp, maxval(abs(q)), maxval(abs(p)))))
+      call take(exponent(max(1.0_wp, abs(t))))
+      call take(exponent(step))
+      call take(merge(1, 0, step < 0))
+      call take(traits%ndof)
+      call take(traits%nnoise)
+      call take(traits%bandwidth)
+      call take_flag(traits%separable)
+      call take_flag(traits%additive)
+      call take_flag(traits%position_noise)
+      call take_flag(traits%quadratic)
+      call take_flag(traits%identity_mass)
+      call take_flag(traits%constant_mass)
+      call take_flag(traits%has_value)
+      call take_flag(traits%has_hessian)
+      call take_flag(traits%has_hessian_vector)
+      call take_flag(traits%has_third_derivative)
+      call take_flag(traits%has_chain_rows)
+      if (allocated(traits%silent)) then
+         do i = 1, size(traits%silent)
+            call take_flag(traits%silent(i))
+         end do
+      end if
+      number = 1 + low + ishft(high, 31)
+
+   contains
+
+      subroutine take(x)
+         integer, intent(in) :: x
+
+         low = modulo(low*48271_i8 + x, prime)
+         high = modulo(high*69621_i8 + x, prime)
+      end subroutine take
+
+      subroutine take_flag(flag)
+         logical, intent(in) :: flag
+
+         call take(merge(1, 0, flag))
+      end subroutine take_flag
+
+   end function probe_number
+
+end module symsde_model_probe_record
