@@ -172,6 +172,10 @@ FEW |= {
         *(henon_heiles, "symplectic_euler", 0.02, 2),
         lambda: loops.euler(loops.henon_heiles_force, 2, 2),
     ),
+    "fpu64 gauss2": (
+        *(lambda: chain_model(64), "gauss2", 0.05, 64),
+        lambda: loops.collocation(loops.fpu_force, 64, 64, "gauss2"),
+    ),
 }
 
 

@@ -10,6 +10,7 @@ module symsde_step_lone_midpoint
    use symsde_solve_stagnation, only: ends_exact, verdict_of, quadratic
    use symsde_step_lone, only: lone_stepper
    use symsde_step_midpoint_equation, only: correct_pair
+   use symsde_step_slopes, only: take_slopes
    use symsde_step_stage_iteration, only: sweep_verdict, most_sweeps, stiff_rate, done
    implicit none
    private
@@ -152,7 +153,6 @@ contains
       sweep = 0
       v = 0
       associate (n => self%n, base => self%base, x => self%x, f => self%f)
-         !GCC$ novector  ! few numbers
          do i = 1, n
             base(i) = q(i) + 0.5_wp*(h*p(i))
             x(i) = base(i)
@@ -162,11 +162,8 @@ contains
             call self%model%gradient(1, n, self%m, t, w, x, self%still, hq=f)
             change = 0
             extent = 0
-            !GCC$ novector  ! few numbers
+            call take_slopes(n, .false., f, v, change, extent)
             do i = 1, n
-               change = max(change, abs(v(i) + f(i))) + 0*(change + f(i))  ! NaN stays
-               v(i) = -f(i)
-               extent = max(extent, abs(v(i)))
                x(i) = base(i) + c*v(i)  ! for the next sweep
             end do
             last = sweep_verdict(sweep, stiff_rate, stiff_rate, change, extent, last)

@@ -5,7 +5,7 @@
 module symsde_step_lone_stages
    use symsde_base_kinds, only: wp
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_slopes, only: add_slopes, slope_sum, find_sum, add_pair
+   use symsde_step_slopes, only: add_slopes, slope_sum, find_sum, add_sum, add_pair, take_slopes
    use symsde_step_stage_iteration, only: sweep_verdict, judge_ahead, most_sweeps, stiff_rate, done
    use symsde_step_stage_plan, only: stage_plan, stage_group
    implicit none
@@ -33,8 +33,6 @@ module symsde_step_lone_stages
    contains
       procedure :: take
    end type lone_stages
-
-   integer, parameter :: few = 4  !! numbers that are too few for vectors
 
 contains
 
@@ -127,36 +125,6 @@ contains
       self%counters%iterations = self%counters%iterations + sweep
    end subroutine take_pair
 
-   !> Q_i of stage i: one or two slopes of few numbers, as most stages want, without a call.
-   subroutine place(n, nstage, few_slopes, h, b, g, base, x)
-      integer, intent(in) :: n, nstage
-      type(slope_sum), intent(in) :: few_slopes
-      real(wp), intent(in) :: h, b(nstage), g(n, nstage), base(n)
-      real(wp), intent(out) :: x(n)
-      real(wp) :: c1, c2
-      integer :: i, j, k
-
-      if (n > few .or. few_slopes%m > 2 .or. few_slopes%m == 0) then
-         call add_slopes(n, nstage, h, b, g, base, x)
-         return
-      end if
-      c1 = few_slopes%c(1)
-      j = few_slopes%used(1)
-      if (few_slopes%m == 1) then
-         !GCC$ novector
-         do i = 1, n
-            x(i) = base(i) + c1*g(i, j)
-         end do
-      else
-         c2 = few_slopes%c(2)
-         k = few_slopes%used(2)
-         !GCC$ novector
-         do i = 1, n
-            x(i) = base(i) + (c1*g(i, j) + c2*g(i, k))
-         end do
-      end if
-   end subroutine place
-
    !> The slopes of a group.
    subroutine iterate(self, group, too_slow, t, h, w, p, sweeps, evaluations, taken)
       type(lone_stages), intent(inout) :: self
@@ -176,11 +144,15 @@ contains
          do k = 1, group%nmember
             i = group%stage(k)
             associate (plan => self%plan, n => self%n, x => self%x, f => self%f)
-               if (sweep == 1) then
-                  call place(n, plan%nstage, self%sums(i, 1), h, plan%first_b(1, i), self%g, self%base(1, i), x)
-               else
-                  call place(n, plan%nstage, self%sums(i, 2), h, plan%b(1, i), self%g, self%base(1, i), x)
-               end if
+               associate (sum => self%sums(i, min(sweep, 2)))
+                  if (sum%m <= 3) then
+                     call add_sum(n, plan%nstage, sum, self%g, self%base(1, i), x)
+                  else if (sweep == 1) then
+                     call add_slopes(n, plan%nstage, h, plan%first_b(1, i), self%g, self%base(1, i), x)
+                  else
+                     call add_slopes(n, plan%nstage, h, plan%b(1, i), self%g, self%base(1, i), x)
+                  end if
+               end associate
                call self%model%gradient(1, n, self%m, t + plan%c(i)*h, w, x, p, hq=f)
                call take_slopes(n, sweep == 1, f, self%g(:, i), change, extent)
             end associate
@@ -192,24 +164,5 @@ contains
       evaluations = evaluations + sweep*group%nmember
       taken = abs(last - done) <= 0 .or. group%explicit
    end subroutine iterate
-
-   !> slope = -f, with the largest change and slope; not finite where f is not.
-   pure subroutine take_slopes(n, first, f, slope, change, extent)
-      integer, intent(in) :: n
-      logical, intent(in) :: first
-      real(wp), intent(in) :: f(n)
-      real(wp), intent(inout) :: slope(n), change, extent
-      real(wp) :: d
-      integer :: i
-
-      !GCC$ novector  ! few numbers
-      do i = 1, n
-         d = -f(i)
-         if (.not. first) d = d - slope(i)
-         slope(i) = -f(i)
-         change = max(change, abs(d)) + 0*(change + d)
-         extent = max(extent, abs(slope(i)))
-      end do
-   end subroutine take_slopes
 
 end module symsde_step_lone_stages

@@ -4,9 +4,10 @@ module symsde_step_slopes
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: add_slopes, slope_sum, find_sum, add_pair
+   public :: add_slopes, slope_sum, find_sum, add_sum, add_pair, take_slopes
 
-   integer, parameter :: few = 4  !! numbers that a path by itself has, too few for vectors
+   integer, parameter :: few = 4       !! numbers that a path by itself has, too few for vectors
+   integer, parameter :: nbeside = 16  !! numbers of a path by itself that are compared side by side
 
    !> The coefficients that count, times a factor.
    type :: slope_sum
@@ -39,9 +40,23 @@ contains
       real(wp), intent(in) :: factor, coefficient(nstage), slope(n, nstage), start(n)
       real(wp), intent(out) :: total(n)
       type(slope_sum) :: sum
-      integer :: j, m
+      integer :: j
 
       call find_sum(nstage, factor, coefficient, sum)
+      call add_sum(n, nstage, sum, slope, start, total)
+      if (sum%m <= 3) return
+      do j = sum%used(3) + 1, nstage
+         if (abs(coefficient(j)) > 0) call add_more(n, factor*coefficient(j), slope(1, j), total)
+      end do
+   end subroutine add_slopes
+
+   !> The same of up to three slopes that were found before.
+   pure subroutine add_sum(n, nstage, sum, slope, start, total)
+      integer, intent(in) :: n, nstage
+      type(slope_sum), intent(in) :: sum
+      real(wp), intent(in) :: slope(n, nstage), start(n)
+      real(wp), intent(out) :: total(n)
+
       associate (c => sum%c, used => sum%used)
          select case (sum%m)
          case (0)
@@ -53,13 +68,8 @@ contains
          case default
             call add_three(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), c(3), slope(1, used(3)), start, total)
          end select
-         if (sum%m <= 3) return
-         m = used(3)
       end associate
-      do j = m + 1, nstage
-         if (abs(coefficient(j)) > 0) call add_more(n, factor*coefficient(j), slope(1, j), total)
-      end do
-   end subroutine add_slopes
+   end subroutine add_sum
 
    !> The same for both increments of a path of two degrees of freedom, from the slopes of two stages: without a loop.
    pure subroutine add_pair(v, alpha, nrow, row, slope, start, dq, dp)
@@ -73,6 +83,68 @@ contains
       dp(1) = 0 + (alpha(1)*slope(row, 1, 1) + alpha(2)*slope(row, 1, 2))
       dp(2) = 0 + (alpha(1)*slope(row, 2, 1) + alpha(2)*slope(row, 2, 2))
    end subroutine add_pair
+
+   !> slope = -f of a path by itself, with the largest change and slope beside those so far; the change is no number
+   !> where one of f is not finite.
+   pure subroutine take_slopes(n, first, f, slope, change, extent)
+      integer, intent(in) :: n
+      logical, intent(in) :: first   !! no slope was known
+      real(wp), intent(in) :: f(n)
+      real(wp), intent(inout) :: slope(n), change, extent
+      real(wp) :: d, zero
+      integer :: beside, i
+
+      beside = n - modulo(n, nbeside)
+      if (first) slope = 0
+      zero = 0*change
+      if (beside > 0) call take_beside(beside, f, slope, change, extent, zero)
+      !GCC$ novector  ! few numbers
+      do i = beside + 1, n
+         d = abs(f(i) + slope(i))
+         slope(i) = -f(i)
+         change = max(change, d)
+         extent = max(extent, abs(f(i)))
+         zero = zero + 0*d
+      end do
+      change = change + zero  ! NaN stays
+   end subroutine take_slopes
+
+   !> VEC The same of nbeside at a time, each of which has its own largest: one for all would wait for itself.
+   pure subroutine take_beside(n, f, slope, change, extent, zero)
+      integer, intent(in) :: n   !! a multiple of nbeside
+      real(wp), intent(in) :: f(n)
+      real(wp), intent(inout) :: slope(n), change, extent, zero
+      real(wp), dimension(nbeside) :: moved, largest, nothing
+      real(wp) :: d
+      integer :: done, i, half
+
+      moved = 0
+      largest = 0
+      nothing = 0
+      !GCC$ novector
+      do done = 0, n - nbeside, nbeside
+         do i = 1, nbeside
+            d = abs(f(done + i) + slope(done + i))
+            slope(done + i) = -f(done + i)
+            moved(i) = max(moved(i), d)
+            largest(i) = max(largest(i), abs(f(done + i)))
+            nothing(i) = nothing(i) + 0*d
+         end do
+      end do
+      half = nbeside/2
+      do while (half > 0)
+         !GCC$ novector
+         do i = 1, half
+            moved(i) = max(moved(i), moved(half + i))
+            largest(i) = max(largest(i), largest(half + i))
+            nothing(i) = nothing(i) + nothing(half + i)
+         end do
+         half = half/2
+      end do
+      change = max(change, moved(1))
+      extent = max(extent, largest(1))
+      zero = zero + nothing(1)
+   end subroutine take_beside
 
    !> VEC
    pure subroutine add_one(n, c, x, start, total)
