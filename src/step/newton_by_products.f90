@@ -66,8 +66,7 @@ contains
       integer, intent(in) :: unknowns
       type(newton_options), intent(in) :: options
 
-      does_without_matrices = pays_by_products(traits, unknowns) .and. options%fixed_point <= 0 .and. &
-                              .not. options%damped
+      does_without_matrices = pays_by_products(traits, unknowns) .and. is_free(options)
    end function does_without_matrices
 
    !> Whether a midpoint whose matrices are large, or made of differences, is first iterated without them (step/stages).
@@ -76,10 +75,16 @@ contains
       integer, intent(in) :: unknowns
       type(newton_options), intent(in) :: options
 
-      iterates_first = does_without_matrices(traits, unknowns, options)
-      if (traits%ndof > 1 .and. traits%differences_alone() .and. options%fixed_point <= 0 .and. .not. options%damped) &
-         iterates_first = .true.
+      iterates_first = is_free(options) .and. (pays_by_products(traits, unknowns) .or. &
+                                               (traits%ndof > 1 .and. traits%differences_alone()))
    end function iterates_first
+
+   !> Whether neither damping nor a number of iterations is asked for.
+   pure logical function is_free(options)
+      type(newton_options), intent(in) :: options
+
+      is_free = options%fixed_point <= 0 .and. .not. options%damped
+   end function is_free
 
    !> Room for nlane lanes.
    subroutine new_newton_by_products(self, nlane, traits, eliminated)
