@@ -131,6 +131,17 @@ def test_truncation_is_reported(kubo, options):
     assert 0 < report.lost_variance < 0.05**2
 
 
+@pytest.mark.parametrize("masses", [3, 5, 16])
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "symplectic_euler"])
+def test_a_path_alone_fails_as_in_company(masses, scheme):
+    """A chain that is far out of its range becomes infinite in the same step, which its status says."""
+    common = {"q0": 30.0, "p0": 0.0, "step": 1.5, "steps": 12, "scheme": scheme}
+    with pytest.warns(ss.PathsFailedWarning):
+        alone, many = (ss.simulate(ss.models.fpu_chain(n=masses), **common, paths=n) for n in (1, 20))
+    assert alone.status[0] == many.status[0] == 3 and alone.failed_step[0] == many.failed_step[0] > 0
+    np.testing.assert_array_equal(alone.q[:, :, 0], many.q[:, :, 0])
+
+
 def test_truncation_takes_an_order_and_a_time():
     """Increments end at sqrt(h) sqrt(2 l |log(h/tau)|), which one in 2000 of these would exceed."""
     order, time, step = 1.0, 20.0, 0.05
