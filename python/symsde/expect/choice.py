@@ -147,13 +147,24 @@ def of_variant(trial: Trial, method: str, error: float) -> Plan | None:
     if variant is None or level is None or math.isinf(variants.price(trial, method, level)):
         return None
     seconds = _seconds_of(trial, variant, level, error, method)
-    return Plan(method, trial, level, seconds, variance=variant.variance)
+    plan = Plan(method, trial, level, seconds, variance=variant.variance)
+    if method == control.Control.name:
+        plan.options = {"fit": control.fit_for(_units(variant, error))}
+    return plan
 
 
 def _seconds_of(trial: Trial, variant: variants.Variant, level: float, error: float, method: str) -> float:
     unit = variant.seconds * trial.seconds(level) / trial.seconds(variant.level)
     longer = variants.price(trial, method, level) / variants.price(trial, method, variant.level)
-    return variant.once * longer + max(2.0, variant.variance / _allowed(error)) * unit
+    units = _units(variant, error)
+    if method == control.Control.name:
+        return variant.once * longer + (units + control.fit_for(units) - control.FIT) * unit
+    return variant.once * longer + units * unit
+
+
+def _units(variant: variants.Variant, error: float) -> float:
+    """That this error takes."""
+    return max(float(Estimator.least_units), variant.variance / _allowed(error))
 
 
 def without_bias(trial: Trial, error: float) -> float:

@@ -11,6 +11,7 @@ less variance the nearer the paths stay to the linear response.
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 
@@ -24,10 +25,12 @@ from .stability import fewest_steps
 MOST_ROWS = 2048  #: increments of a path, up to which Z is summed
 RESPONSES = 64  #: steps with a response of their own; those of finer steps are read off between them
 _FINER = 8  #: of the fewest steps of the motion, that these are at least
+_CONTROLS = 4.0  #: root of the number of controls, which are 5 or 14
 _FULL = 2  #: degrees of freedom up to which every pair of components is a control
 _BUMP = 1e-4  #: increment, in sqrt(h), by which derivatives are taken
 _BY_INCREMENTS = {"truncation": None, "areas": "path", "area_time": None}  #: options of runs that take these alone
-FIT = 1024  #: paths that the regression is fitted on, none of which count
+FIT = 256  #: paths that the regression is fitted on at least, none of which count
+MOST_FIT = 2048
 
 
 class Control(Estimator):
@@ -93,6 +96,11 @@ class Control(Estimator):
         controls = np.concatenate([part[1] for part in parts], axis=1)
         design = np.vstack([np.ones(values.size), controls]).T
         return np.linalg.lstsq(design, values, rcond=1e-10)[0][1:]
+
+
+def fit_for(units: float) -> int:
+    """Paths for the regression of so many units: it adds about the number of controls over these to their variance."""
+    return int(min(max(_CONTROLS * math.sqrt(units), FIT), MOST_FIT))
 
 
 def applies(problem: Problem, steps: int) -> bool:

@@ -197,6 +197,7 @@ class Pilot:
             elif rank == 0 and best is not None:
                 yield from self._hopes(best)
                 if self.method in (None, choice.EVEN_LEVELS):
+                    yield from self._evenly(trial, range(math.ceil(min(plan.level, LEVELS - 1)) + 1))
                     yield from self._evenly(best.trial, range(math.ceil(min(best.level, LEVELS - 1)) + 1))
             if self.method in (None, Quasi.name):
                 yield from self._evenly(trial, [math.ceil(min(plan.level, LEVELS - 1))])

@@ -9,6 +9,7 @@ shift of its own: given the matrices they are unbiased and independent, so that 
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import sys
 import time
@@ -220,4 +221,10 @@ def applies(problem: Problem, scheme: Scheme, steps: int) -> bool:
     rows = steps * problem.model.nnoise * columns(problem, scheme)
     if not 0 < rows <= MOST_DIMENSIONS or problem.options.get("truncation") is not None:
         return False
-    return importlib.util.find_spec("scipy") is not None
+    return _is_there("scipy")
+
+
+@functools.cache
+def _is_there(package: str) -> bool:
+    """It can be loaded; looked for once, as that takes 50 us."""
+    return importlib.util.find_spec(package) is not None

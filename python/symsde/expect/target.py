@@ -16,6 +16,7 @@ from ..formulas.problem import make_problem
 from ..model import Model
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_READ_ONLY = "read-only"  #: as NumPy has it of arrays that are not to be changed
 _TRIED = 5  #: points that f is tried at before any work; no other size of a run is likely to be the same
 
 
@@ -35,7 +36,7 @@ class Target:
 
     def __call__(self, q: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Values (path,); WrongShapeError tells what came instead."""
-        values = self._function(q, p)
+        values = self._of_states(q, p)
         paths = q.shape[1]
         array = np.asarray(values)
         if array.shape != (paths,):
@@ -51,6 +52,25 @@ class Target:
     def try_at(self, q0: np.ndarray, p0: np.ndarray) -> None:
         """Refuse an f that does not work, at the initial state (dof, 1), before any path is computed."""
         self(_checks.full(q0, _TRIED), _checks.full(p0, _TRIED))
+
+    def _of_states(self, q: np.ndarray, p: np.ndarray) -> Any:
+        """Whatever the function returns, which may not write to the states."""
+        try:
+            return self._function(_not_to_write(q), _not_to_write(p))
+        except ValueError as refused:
+            if _READ_ONLY not in str(refused):
+                raise
+            raise InvalidArgumentError(
+                f"f = {self.name} changes q or p in place, but these are the states of the run: give an f that makes "
+                "arrays of its own, as by q = q.copy()"
+            ) from refused
+
+
+def _not_to_write(state: np.ndarray) -> np.ndarray:
+    """The same numbers, of which an f that changes them in place is told."""
+    view = state.view()
+    view.flags.writeable = False
+    return view
 
 
 def require_numbers(target: Target, values: np.ndarray, ok: np.ndarray, run) -> None:

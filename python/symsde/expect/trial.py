@@ -19,7 +19,8 @@ from .variants import LONG, Even, Variant, measure, measure_changes, measure_eve
 LEVELS = 4  #: of a pilot, the first without differences
 MOST_HALVINGS = 10  #: of the finest of them
 _NEARLY = 1 - 1e-12  #: rounding of powers of two is no step more
-_TIMED = 1024  #: paths of a call that is timed
+_LEAST_TIMED, _TIMED = 256, 1024  #: paths of a call that is timed
+_LONG_ENOUGH = 5e-4  #: seconds of such a call, beyond which it is made no longer
 _TIMES = 2  #: that short calls are timed, whose difference tells what a path takes
 UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
 
@@ -77,12 +78,15 @@ class Trial:
     def _time(self) -> None:
         """Seconds of a path as a + b steps, those of a call apart."""
         few, many = (self.sampler.steps(level) for level in (0, LEVELS - 1))
-        long = self._seconds_of(many, _TIMED)  # the first call, which takes longer than later ones, is the longest
-        pairs = [(self._seconds_of(few, _TIMED // 8), self._seconds_of(few, _TIMED)) for _ in range(_TIMES)]
+        drawn = self.draws[-1]
+        enough = _LONG_ENOUGH * drawn.difference.n / max(drawn.seconds, 1e-9)
+        paths = _TIMED if enough > _TIMED else _LEAST_TIMED
+        long = self._seconds_of(many, paths)  # the first call, which takes longer than later ones, is the longest
+        pairs = [(self._seconds_of(few, paths // 8), self._seconds_of(few, paths)) for _ in range(_TIMES)]
         little, short = map(min, zip(*pairs, strict=True))
-        path = max((short - little) / (_TIMED - _TIMED // 8), 0.1 * short / _TIMED)
-        call = short - path * _TIMED
-        last = max((long - call) / _TIMED, path)
+        path = max((short - little) / (paths - paths // 8), 0.1 * short / paths)
+        call = short - path * paths
+        last = max((long - call) / paths, path)
         self._slope = max((last - path) / (many - few), 0.2 * last / many)
         self._once = max(path - self._slope * few, 0.0)
 
