@@ -181,7 +181,7 @@ def even(trial: Trial, error: float) -> Plan | None:
     if level is None or not known or not quasi.applies(trial.problem, trial.scheme, trial.steps(level)):
         return None
     near = min(known, key=lambda x: abs(x.level - level))
-    points = _points(near.fine, _allowed(error) * Quasi.least_units)
+    points = _points(near.fine, _allowed(error) * Quasi.least_units, near.usual)
     if points is None:
         return None
     longer = trial.steps(level) / trial.steps(near.level)
@@ -190,10 +190,10 @@ def even(trial: Trial, error: float) -> Plan | None:
     return plan
 
 
-def _points(units: dict[int, Tally], needed: float) -> int | None:
+def _points(units: dict[int, Tally], needed: float, usual: float = variants.USUAL) -> int | None:
     """log2 of the points of a unit, from those that were tried on, whose variance is what is needed."""
     points = known = max(units)
-    slope = variants.fall(units)
+    slope = variants.fall(units, usual)
     while units[known].variance * 2.0 ** (-slope * (points - known)) > needed:
         points += 1
         if points > quasi.MOST_POINTS:
@@ -225,7 +225,7 @@ def _even_levels(trial: Trial, coarsest: int, finest: int, needed: float) -> Pla
         smaller = (
             trial.spread(level) / trial.spread(near.level) if level > near.level and trial.spread(near.level) else 1.0
         )
-        slope.append(2.0 ** -variants.fall(units))
+        slope.append(2.0 ** -variants.fall(units, near.usual))
         known = max(units[near.most].variance * smaller, 1e-300)
         variance.append(known * slope[-1] ** (_FEWEST - near.most))
         longer = trial.steps(level) / trial.steps(near.level)

@@ -37,7 +37,7 @@ from .watch import Watch
 _ELSEWHERE = 0.2  #: seconds between looks at what other processes do
 _AHEAD = 64  #: parts that may be drawn before they are wanted, while others draw those
 _PARTS = 64  #: of the work, as many as that
-_LEAST = 2  #: units that an interval takes, drawn whatever the time
+LEAST = 2  #: units that an interval takes, drawn whatever the time
 _SHORTEST, _LONGEST = 0.5, 10.0  #: seconds of a part
 CHOICE = Piece("choice", "choice", 0, 0, 0)
 
@@ -118,7 +118,7 @@ class InFolder:
                 if shard.facts["by"] != self._name:
                     self.seconds += shard.facts["seconds"]
                 return _part_of(shard)
-            if self._watch.over and first >= _LEAST:
+            if self._watch.over and first >= LEAST:
                 return None
             if not any(self._draw(piece, draw) for piece in pieces if not self.folder.is_done(piece)):
                 time.sleep(_ELSEWHERE)

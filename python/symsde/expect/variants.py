@@ -27,7 +27,8 @@ _MATRIX = 2.2e-5  #: seconds that SciPy takes for the matrix scrambling of a dim
 _NUMBER = 2e-8  #: seconds of a normal of a point, bridged, about
 _SLOWER = 1.5  #: paths of given increments, over those that the library draws, about
 _DOUBT = 1.06  #: standard error of the log2 of a ratio of two variances of eight units
-_USUAL, _WEIGHT = 1.5, 11.0  #: of falls: most are between 1.2 and 1.8
+USUAL, _WEIGHT = 1.5, 11.0  #: of falls: most are between 1.2 and 1.8
+_OF_JUMPS = 1.1  #: the same of truth values: of 20, from 2^9 to 2^12 points, most are between 0.9 and 1.3
 _FEW = 1.2  #: standard errors of eight units, as many of a normal law
 
 
@@ -50,6 +51,7 @@ class Even:
     change: dict[int, Tally]  #: of f itself at level 0
     path: float  #: seconds of a point, of both paths
     once: float  #: seconds, whatever the points: matrices, calls
+    usual: float = USUAL  #: fall of the variance of units, of an f like this one
 
     @property
     def error(self) -> float:
@@ -90,9 +92,18 @@ def measure_even(trial: Trial, level: int, most: int = LONG) -> Even | None:
         seconds[points] = time.process_time() - begin
         if not ok.all():
             return None
-        fine[points], change[points] = Tally.of(both[0]), Tally.of(both[int(level > 0)])
+        fine[points] = Tally.of(both[0])
+        change[points] = _as_if_one_differed(Tally.of(both[int(level > 0)]), points, trial.variance)
     path = max((seconds[most] - seconds[SHORT]) / (SCRAMBLINGS * (2**most - 2**SHORT)), trial.seconds(level))
-    return Even(level, fine, change, path, once + max(seconds[most] - path * SCRAMBLINGS * 2**most, 0.0))
+    once += max(seconds[most] - path * SCRAMBLINGS * 2**most, 0.0)
+    return Even(level, fine, change, path, once, _OF_JUMPS if trial.problem.target.is_truth else USUAL)
+
+
+def _as_if_one_differed(units: Tally, points: int, variance: float) -> Tally:
+    """Of units that are all the same, as of an f that jumps where none of 2^points points came: one of all may yet."""
+    if units.m2 > 0:
+        return units
+    return Tally(units.n, units.mean, (units.n - 1) * variance / (units.n * 4.0**points))
 
 
 def measure_changes(trial: Trial, level: int) -> Tally | None:
@@ -116,7 +127,7 @@ def price_of_changes(trial: Trial, levels: Iterable[int]) -> float:
     return total
 
 
-def fall(variances: dict[int, Tally]) -> float:
+def fall(variances: dict[int, Tally], usual: float = USUAL) -> float:
     """-log2 of the variance for a doubling of the points: of what is seen and what is usual, by how well each is known.
 
     Eight units know a variance to a half, so that two of them tell the fall by eight times the points to a third.
@@ -125,7 +136,7 @@ def fall(variances: dict[int, Tally]) -> float:
     few, more = (max(variances[points].variance, 1e-300) for points in (short, most))
     weight = ((most - short) / _DOUBT) ** 2
     seen = math.log2(few / more) / (most - short)
-    return min(max((weight * seen + _WEIGHT * _USUAL) / (weight + _WEIGHT), 1.0), 3.0)
+    return min(max((weight * seen + _WEIGHT * usual) / (weight + _WEIGHT), 1.0), 3.0)
 
 
 def price(trial: Trial, method: str, level: float, most: int = LONG) -> float:

@@ -29,7 +29,7 @@ class Watch:
         self._begin, self._begin_of_work = time.monotonic(), time.process_time()
         self._bar = _Bar() if progress is True else None
         self._tell = progress if callable(progress) else self._bar
-        self._stopped = False
+        self._stopped = self._ended = False
 
     @property
     def elapsed(self) -> float:
@@ -44,12 +44,25 @@ class Watch:
     @property
     def over(self) -> bool:
         """No work is to be begun any more."""
-        return self._stopped or self.elapsed >= self.max_time
+        return self._stopped or self._ended or self.elapsed >= self.max_time
+
+    def room(self, seconds: float) -> float:
+        """Units of so many seconds of the processor each that fit into what is left, where others want it, too."""
+        elapsed = self.elapsed
+        slower = max(elapsed / max(self.seconds, 1e-9), 1.0)
+        return max(self.max_time - elapsed, 0.0) / max(slower * seconds, 1e-12)
+
+    def end(self) -> None:
+        """What comes next would take longer than what is left."""
+        self._ended = True
 
     @property
     def why(self) -> str:
         """What ended the work."""
-        return "the progress function asked to stop" if self._stopped else f"max_time = {self.max_time:g} s was over"
+        if self._stopped:
+            return "the progress function asked to stop"
+        end = "leaves no time for more" if self._ended else "was over"
+        return f"max_time = {self.max_time:g} s {end}"
 
     def tell(self, share: float) -> None:
         """This share of the work is done."""

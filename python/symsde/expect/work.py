@@ -18,7 +18,7 @@ from ..mlmc.sampler import MOST_LEVELS, LevelSampler
 from .answer import Alternative, Answer
 from .choice import EVEN_LEVELS, Plan
 from .estimators import NOTHING, Drawn, Estimator
-from .keep import InFolder, KeptPilot, KeptPlan, Nowhere
+from .keep import LEAST, InFolder, KeptPilot, KeptPlan, Nowhere
 from .pilot import Pilot
 from .quasi import MOST_POINTS, Quasi
 from .tally import Tally
@@ -123,7 +123,7 @@ class Work:
                 while drawn[i].units.n < least:
                     part = self._next_part(level, drawn[i], least - drawn[i].units.n, f"even-{i:02d}")
                     if part is None:
-                        return self._of_even_levels(drawn)
+                        break  # of this level: each has as few as an interval takes
                     drawn[i] += part
                     if drawn[i].failed >= least:
                         raise NumericalError(_failures(drawn[i])[0])
@@ -180,8 +180,19 @@ class Work:
         first = drawn.units.n + drawn.failed
         count = self.store.grain(estimator.part, missing, drawn.seconds / first if first else -1.0)
         if isinstance(self.store, Nowhere):
-            count = min(count, missing)
+            count = self._in_time(min(count, missing), drawn)
+            if count < 1:
+                self.watch.end()
+                return None
         return self.store.part(name, first, count, missing, estimator.draw_from)
+
+    def _in_time(self, count: int, drawn: Drawn) -> int:
+        """Units of `count` that fit into what is left of the time, by what those took; as few as an interval takes are
+        drawn whatever the time."""
+        missing = max(0, LEAST - drawn.units.n)
+        if missing:
+            return min(count, missing) if self.watch.over else count
+        return int(min(count, self.watch.room(drawn.seconds / (drawn.units.n + drawn.failed))))
 
     def _units_for(self, units: Tally) -> int:
         """Units whose noise has its share of the error, by their variance so far."""

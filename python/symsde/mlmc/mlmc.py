@@ -188,6 +188,12 @@ class Estimate:
         known = drawn.difference.n + drawn.failed
         part = usual if self.store is None else self.store.grain(usual, count, drawn.seconds / known if known else -1.0)
         while count > 0 and not (self.watch.over and self.draws[level].difference.n > 1):
+            if self.store is None and self.draws[level].difference.n > 1:
+                room = self.watch.room(self._seconds(level))
+                if room < 1:
+                    self.watch.end()
+                    return
+                part = int(min(part, room))
             found = self._drawn(level, min(part, count), count)
             if found is None:
                 return
