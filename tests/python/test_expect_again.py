@@ -83,7 +83,7 @@ def test_what_is_done_once_is_scaled_to_the_step(pilot):
     trial = pilot.trials[0]
     trial.measured = {Control.name: variants.Variant(1, 0.0, 1e-6, 1e-3)}
     prices = [variants.price(trial, Control.name, level) for level in (1, 3)]
-    unit = 2e-6 * trial.seconds(3) / trial.seconds(1)
+    unit = 256e-6 * trial.seconds(3) / trial.seconds(1)  # as few units as an interval takes
     assert choice.without_bias(trial, 1e-3) == pytest.approx(1e-3 * prices[1] / prices[0] + unit)
     trial.measured = {Control.name: None}
     assert choice.without_bias(trial, 1e-3) == float("inf")

@@ -3,18 +3,28 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..errors import NumericalError
+from ..schemes import Scheme
+from .estimators import Plain
+from .problem import Problem
+from .tally import Tally
 
+_MANY = 2**15  #: values, of which a few that differ are looked at again
+_OUTERMOST = 32  #: of these
+_FIRST = 2**45 + 2**42  #: path that they begin at
 LEAST = 256  #: values below which nothing can be told
 _DOUBT = 2.0  #: standard errors of the index that decide
 
 
-def tail_index(values: np.ndarray) -> tuple[float, float]:
-    """Hill's estimate of a with P(|f| > x) ~ x^-a from the largest values, and its standard error."""
+def tail_index(values: np.ndarray, count: int = 0) -> tuple[float, float]:
+    """Hill's estimate of a with P(|f| > x) ~ x^-a from so many of the largest values, the root of their number where
+    none is given, and its standard error."""
     size = np.sort(np.abs(values - np.median(values)))[::-1]
-    count = int(np.sqrt(size.size))
+    count = count or int(np.sqrt(size.size))
     if size[count] <= 0:
         return np.inf, 0.0
     mean = float(np.log(size[:count] / size[count]).mean())
@@ -22,14 +32,36 @@ def tail_index(values: np.ndarray) -> tuple[float, float]:
     return index, index / np.sqrt(count)
 
 
-def require_variance(values: np.ndarray, name: str) -> None:
+def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
     """Refuse values whose largest ones fall off so slowly that their variance is infinite."""
     if values.size < LEAST:
         return
-    index, error = tail_index(values)
+    index, error = tail_index(values, count)
     if index + _DOUBT * error < 2:
         raise NumericalError(
             f"f = {name} seems to have no finite variance: of {values.size} values the largest fall off as "
             f"x^-{index:.2g} (below 2), and the variance grows with the number of paths, so that no interval would "
             "hold; bound f, as by np.clip, or take another one"
         )
+
+
+class Doubt:
+    """Looks again, once, where few of many values carry all variation: one path of thousands may escape."""
+
+    def __init__(self, problem: Problem):
+        """Nothing was looked at."""
+        self._problem, self._looked = problem, False
+
+    def look(self, seen: Tally, scheme: Scheme, steps: int) -> None:
+        """Refuse an f whose values vary without a bound, by as many more of them as seemed to be enough."""
+        name = self._problem.target.name
+        if seen.n > 1 and not math.isfinite(seen.m2):
+            raise NumericalError(
+                f"f = {name} has values so large that their variance overflows: paths may escape; look at them with "
+                "`simulate`, bound f, as by np.clip, or take another one"
+            )
+        if self._looked or seen.n < _MANY or not seen.few:
+            return
+        self._looked = True
+        values, ok = Plain(self._problem, scheme, steps, _FIRST).sample(_MANY)
+        require_variance(values[ok], name, _OUTERMOST)

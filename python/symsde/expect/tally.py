@@ -39,15 +39,16 @@ class Tally:
             return self if self.n else other
         n, a, b = self.n + other.n, self.n, other.n
         d = other.mean - self.mean
+        d2 = d * d  # a power of floats that overflows raises, a product does not
         return Tally(
             n,
             self.mean + d * b / n,
-            self.m2 + other.m2 + d**2 * a * b / n,
-            self.m3 + other.m3 + d**3 * a * b * (a - b) / n**2 + 3 * d * (a * other.m2 - b * self.m2) / n,
+            self.m2 + other.m2 + d2 * a * b / n,
+            self.m3 + other.m3 + d2 * d * a * b * (a - b) / n**2 + 3 * d * (a * other.m2 - b * self.m2) / n,
             self.m4
             + other.m4
-            + d**4 * a * b * (a * a - a * b + b * b) / n**3
-            + 6 * d**2 * (a * a * other.m2 + b * b * self.m2) / n**2
+            + d2 * d2 * a * b * (a * a - a * b + b * b) / n**3
+            + 6 * d2 * (a * a * other.m2 + b * b * self.m2) / n**2
             + 4 * d * (a * other.m3 - b * self.m3) / n,
         )
 

@@ -21,8 +21,9 @@ from .estimators import NOTHING, Drawn, Estimator
 from .keep import LEAST, InFolder, KeptPilot, KeptPlan, Nowhere
 from .pilot import Pilot
 from .quasi import MOST_POINTS, Quasi
+from .tails import Doubt
 from .tally import Tally
-from .tolerance import BIAS_SHARE, half_width_when_stopped, quantile
+from .tolerance import BIAS_SHARE, half_width, half_width_when_stopped, quantile
 from .unseen import doubt, unseen
 
 FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
@@ -89,7 +90,7 @@ class Work:
         return ways.get(self.plan.method, self._one_step)()
 
     def _one_step(self) -> Answer:
-        drawn = NOTHING
+        drawn, tails = NOTHING, Doubt(self.pilot.problem)
         try:
             estimator = self._begun(self.plan.estimator(FIRST, self.pilot.problem))
             least = estimator.least_units if self.pilot.problem.model.nnoise else 2
@@ -104,6 +105,7 @@ class Work:
                     break
                 if drawn.failed >= max(least, drawn.units.n):
                     raise NumericalError(_failures(drawn)[0])
+                tails.look(drawn.units, self.plan.scheme, self.plan.steps)
                 if drawn.units.n >= least:
                     wanted = max(least, self._units_for(drawn.units))
                 self.watch.tell(drawn.units.n / wanted)
@@ -209,7 +211,9 @@ class Work:
         units, bias = drawn.units, math.hypot(*self.plan.bias)
         error = math.sqrt(self._variance(units) / units.n)
         wanted, notes = self.tolerance.half_width(units.mean), _failures(drawn)
-        half = half_width_when_stopped(error, bias, units.n, wanted)
+        half = half_width(error, bias, units.n)
+        if self.plan.method == Quasi.name:  # few units, whose points were doubled; many that are added need no more
+            half = half_width_when_stopped(error, bias, units.n, wanted)
         seen = self._seen(drawn)
         hidden = unseen(self.pilot.problem, self.plan.scheme, self.plan.steps, seen)
         if hidden > half or (seen.m2 == 0 and self.pilot.problem.model.nnoise):

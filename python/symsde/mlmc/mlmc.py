@@ -17,7 +17,7 @@ from ..expect.estimators import Plain
 from ..expect.keep import inputs_of, open_folder
 from ..expect.problem import make_problem
 from ..expect.stability import fewest_steps
-from ..expect.tails import require_variance
+from ..expect.tails import Doubt, require_variance
 from ..expect.tally import Tally
 from ..expect.target import Function
 from ..expect.tolerance import BIAS_SHARE, Tolerance, half_width, make_tolerance, quantile
@@ -111,6 +111,7 @@ class Estimate:
         self.sampler, self.tolerance, self.watch = sampler, tolerance, watch
         self.most, self.first, self.known, self.store = levels, first, known, store
         self.order = weak_order(sampler.problem, sampler.scheme)
+        self._tails = Doubt(sampler.problem)
         self.draws: list[Draw] = []
         self.notes: list[str] = []
 
@@ -199,6 +200,7 @@ class Estimate:
                 return
             self.draws[level] += found
             count -= part
+        self._tails.look(self.draws[level].fine, self.sampler.scheme, self.sampler.steps(level))
 
     def _drawn(self, level: int, part: int, count: int) -> Draw | None:
         """So many samples of `count` that are wanted; None where the time is over."""
