@@ -17,7 +17,7 @@ from .tally import Tally
 if TYPE_CHECKING:
     from .trial import Trial
 
-UNITS = 256  #: that are drawn: their variance is known to a tenth, which is enough to choose by
+UNITS = 256  #: that are drawn in a call: their variance is known to a tenth, which is enough to choose by
 _MORE = 768  #: where few of these differ
 _CHANGES = 256  #: paths that changes from level to level are regressed on, and as many that count
 SHORT, LONG, SCRAMBLINGS = 6, 9, 8  #: of quasi-Monte Carlo: log2 of points, randomisations
@@ -39,7 +39,7 @@ class Variant:
     level: float
     variance: float  #: of a unit
     seconds: float  #: of a unit
-    once: float  #: seconds, before the first unit
+    once: float  #: seconds, whatever the units: before the first one, and of a call
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,15 @@ def measure(trial: Trial, kind: type[Estimator], level: float) -> Variant | None
     begin = time.process_time()
     estimator = kind(trial.problem, trial.scheme, trial.steps(level), FIRST)
     prepared = time.process_time() - begin
-    drawn = estimator.draw(UNITS)
+    few, many = estimator.draw(UNITS // 8), estimator.draw(UNITS)
+    unit = (many.seconds - few.seconds) / (UNITS - UNITS // 8)
+    unit = min(max(unit, trial.seconds(level)), many.seconds / UNITS)
+    drawn = few + many
     if drawn.units.few:
         drawn += estimator.draw(_MORE)
     if drawn.units.n < UNITS / 2:
         return None
-    return Variant(level, drawn.units.variance, drawn.seconds / drawn.units.n, prepared)
+    return Variant(level, drawn.units.variance, unit, prepared + many.seconds - unit * UNITS)
 
 
 def measure_even(trial: Trial, level: int, most: int = LONG) -> Even | None:
