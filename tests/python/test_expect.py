@@ -340,6 +340,8 @@ def test_formula_and_function_agree(nonlinear):
         ({"f": lambda q, p: 1 / (q[0] - 0.4)}, ss.errors.NumericalError, "no finite variance"),
         ({"f": lambda q, p: np.where(q[0] < 0.4, np.nan, q[0])}, ss.errors.InvalidArgumentError, "is nan on"),
         ({"seed": -1}, ss.errors.InvalidArgumentError, "seed"),
+        ({"f": lambda q, p: np.sin(q, out=q)[0]}, ss.errors.InvalidArgumentError, "changes q or p in place"),
+        ({"f": lambda q, p: p.fill(0.0)}, ss.errors.InvalidArgumentError, "changes q or p in place"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

@@ -11,7 +11,7 @@ import symsde as ss
 from symsde.expect import choice, variants
 from symsde.expect.candidates import suitable
 from symsde.expect.control import Control
-from symsde.expect.estimators import Drawn
+from symsde.expect.estimators import Drawn, Plain
 from symsde.expect.pilot import Pilot
 from symsde.expect.problem import make_problem
 from symsde.expect.quasi import Quasi
@@ -188,6 +188,90 @@ def test_the_error_of_a_change_is_that_of_the_longer_sequence():
     tallies = {variants.SHORT: few, variants.LONG: more}
     known = variants.Even(1, tallies, tallies, 1e-6, 0.0)
     assert known.error == pytest.approx(1.2 * (2 / 8) ** 0.5)
+
+
+def test_a_control_variate_is_fitted_on_as_many_paths_as_its_units_ask_for(pilot):
+    """The regression adds the number of controls over these to the variance of the units: 4 sqrt(units), within 256
+    and 2048."""
+    trial = pilot.trials[0]
+    trial.look_at_changes()
+    for variance, fit in ((0.0, 256), (0.9 * 4e-6 * 10**4, 400), (0.25, 1054), (10.0, 2048)):
+        trial.measured = {Control.name: variants.Variant(3, variance, 1e-6, 0.0)}
+        plan = choice.of_variant(trial, Control.name, 2e-3)
+        assert plan.options == {"fit": fit}
+        units = max(256, variance / 0.9 / 4e-6)
+        same = variants.price(trial, Control.name, plan.level) / variants.price(trial, Control.name, 3)
+        unit = 1e-6 * trial.seconds(plan.level) / trial.seconds(3)
+        assert same > 0 and plan.seconds == pytest.approx((units + fit - 256) * unit, rel=1e-3)
+        assert plan.estimator(0, pilot.problem)._fit_on == fit
+
+
+def test_units_are_looked_at_again_where_few_of_them_differ(pilot, monkeypatch):
+    """Their seconds are those of a call and of each unit: 32 and 256 of them in two calls of 2 s, and 1 ms a unit."""
+    drawn = []
+
+    class Seldom(Quasi):
+        name = "seldom"
+
+        def __init__(self, *_):
+            pass
+
+        def draw(self, count):
+            drawn.append(count)
+            values = np.zeros(count)
+            values[:1] = 1.0
+            return Drawn(Tally.of(values), 2.0 + 1e-3 * count, 0, count)
+
+    found = variants.measure(pilot.trials[0], Seldom, 1)
+    assert drawn == [32, 256, 768]
+    assert found.seconds == pytest.approx(1e-3) and found.once == pytest.approx(2.0, rel=1e-3)
+
+
+def test_levels_of_the_scheme_whose_paths_cost_least_are_looked_at_first(pilot, monkeypatch):
+    """Beside a multilevel plan of the first scheme, a finer one by far, that of the second."""
+    pytest.importorskip("scipy")
+    pilot._try_highest()
+    first, second = pilot.trials
+    seconds = {first: 2.0, second: 1.0}
+    monkeypatch.setattr(choice, "plain", lambda trial, error: plan_of(trial, "plain", level=2, seconds=seconds[trial]))
+    tasks = [task for _, task in pilot._tasks(plan_of(first, "multilevel", level=9, seconds=1e-9))]
+    looked = [task.func.__self__ for task in tasks if getattr(task, "func", None) == second.look_evenly]
+    others = [task.func for task in tasks if getattr(task, "func", None) in {first.look_evenly, second.look_evenly}]
+    assert len(looked) >= 3 and others[:3] == [second.look_evenly] * 3 and first.look_evenly in others
+
+
+class Slow(Plain):
+    """Units of a second each, by a clock that they alone move on, in parts of a hundred."""
+
+    part = 100
+
+    def __init__(self, watch):
+        self.watch = watch
+
+    def draw_from(self, unit, count):
+        self.watch.elapsed += count
+        self.watch.seconds += count
+        return Drawn(Tally.of(np.arange(count) % 2.0), float(count), 0, count)
+
+
+class Told(Watch):
+    """A watch whose time is told."""
+
+    elapsed = seconds = 0.0
+
+
+@pytest.mark.parametrize(("left", "units"), [(250.5, 250), (300.0, 300), (0.0, 2), (2.5, 100)])
+def test_no_unit_is_begun_that_does_not_fit_into_the_time(pilot, left, units):
+    """All of the time and no more, but for the first part, of which nothing is known, and two units where there is no
+    time at all."""
+    watch = Told(3600.0, False)
+    watch.elapsed = watch.seconds = 3600.0 - left
+    pilot.watch, pilot.tolerance = watch, make_tolerance(1e-9, None)
+    plan = SimpleNamespace(method="plain", scheme=as_scheme("midpoint"), seconds=0.0, variance=1.0, steps=1)
+    plan.bias, plan.estimator = (0.0, 0.0), lambda *_: Slow(watch)
+    answer = Work(pilot, [plan]).answer()
+    assert answer.paths == units and not answer.reached
+    assert any("max_time = 3600 s" in note for note in answer.notes)
 
 
 class Scattered(Quasi):

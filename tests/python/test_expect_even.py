@@ -13,6 +13,7 @@ from symsde.expect.estimators import Plain
 from symsde.expect.problem import make_problem
 from symsde.expect.stability import SHARPEST
 from symsde.expect.tally import Tally
+from symsde.expect.trial import Trial
 from symsde.schemes import as_scheme
 from symsde.stability.limits import stable_up_to
 from test_expect import FakeTrial, units
@@ -57,6 +58,25 @@ def test_points_are_doubled_where_variance_over_cost_is_largest():
     assert choice._even_levels(trial, 0, 2, 6.1).options == {"log2_points": [10, 7, 5]}
     del trial.even[1]
     assert choice._even_levels(trial, 0, 1, 4.5) is None
+
+
+def test_points_of_an_f_that_jumps_gain_less():
+    """Variance 1 by 2^6 points, 2^-4.5 by 2^9, known to a half each: a fall of 1.5 if f is smooth, of 1.27 if it
+    jumps, so that 2^-11.9 takes 2^14 or 2^15 points. Scramblings that all agree tell of a jump that none of their
+    points came to: as if one did."""
+    pytest.importorskip("scipy")
+    units = even_of((1.0, 2.0**-4.5)).fine
+    assert variants.fall(units) == pytest.approx(1.5)
+    assert variants.fall(units, variants._OF_JUMPS) == pytest.approx((1.5 * 8.01 + 1.1 * 11) / 19.01, abs=1e-3)
+    assert [choice._points(units, 2.0**-11.9, usual) for usual in (1.5, 1.1)] == [14, 15]
+    model, place = ss.models.linear_oscillator(), {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
+    for f, usual in ((lambda q, p: q[0] > 0.5, 1.1), ("q", 1.5)):
+        trial = Trial(make_problem(model, f, **place, threads=1), as_scheme("chin4a"), 2, 256)
+        trial.look_evenly(0)
+        assert trial.even[0].usual == usual
+    same = variants._as_if_one_differed(Tally(8, 0.5, 0.0), 9, 0.25)
+    assert same.variance == pytest.approx(0.25 / 8 / 2.0**18)
+    assert variants._as_if_one_differed(Tally(8, 0.5, 7.0), 9, 0.25).variance == 1.0
 
 
 @pytest.mark.parametrize(("scheme", "columns"), [("midpoint", 1), ("gauss_dkdkd", 2), ("chin4a", 3)])
