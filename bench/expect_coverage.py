@@ -131,6 +131,7 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
             chosen[f"{answer.method} by {answer.scheme}"] += 1
     held = np.array([x.interval[0] <= case.exact <= x.interval[1] for x in found])
     shares = held.reshape(pilots, -1).mean(axis=1)  # of each pilot
+    bounds = np.array([any("is a bound" in note for note in x.notes) for x in found])
     off = np.array([x.value for x in found]) - case.exact
     return {
         "scene": case.name,
@@ -141,6 +142,8 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
         "pilots": pilots,
         "coverage": float(held.mean()),
         "coverage_error": float(max(shares.std(ddof=1) / math.sqrt(pilots), math.sqrt(0.01 / len(found)))),
+        "bounds": int(bounds.sum()),
+        "coverage_of_the_others": float(held[~bounds].mean()) if not bounds.all() else math.nan,
         "mean_half_width": float(np.mean([x.half_width for x in found])),
         "bias_share": float(np.mean([(x.bias / x.error) ** 2 if x.error else math.inf for x in found])),
         "mean_error": float(off.mean()),
@@ -221,7 +224,8 @@ def told(row: dict) -> str:
             f"with the pilot {row['whole_over_best']:.2f} times that  {row['chosen']}"
         )
     return (
-        f"{row['scene']:34s} {100 * row['coverage']:5.1f} % +- {100 * row['coverage_error']:.1f}  half width "
+        f"{row['scene']:34s} {100 * row['coverage']:5.1f} % +- {100 * row['coverage_error']:.1f} "
+        f"({100 * row['coverage_of_the_others']:.1f} but for {row['bounds']} bounds)  half width "
         f"{row['mean_half_width']:.2e} of {row['abs']:.0e}  rms error {row['rms_error']:.2e}, mean "
         f"{row['mean_error']:+.1e}  {row['median_seconds']:.4f} s + {row['pilot_seconds']:.2f} s  {row['chosen']}"
     )

@@ -14,7 +14,7 @@ from symsde.expect.choice import Plan
 from symsde.expect.problem import make_problem
 from symsde.expect.quasi import Quasi
 from symsde.expect.tally import Tally
-from symsde.expect.tolerance import half_width, make_tolerance
+from symsde.expect.tolerance import make_tolerance
 from symsde.expect.unseen import unseen
 from symsde.expect.watch import Watch
 from symsde.expect.work import Work
@@ -185,9 +185,3 @@ def test_an_escape_that_the_pilot_does_not_see_ends_the_work():
     found.look(Tally.of(rare), as_scheme("stormer_verlet"), 40)  # once
     with pytest.raises(ss.errors.NumericalError, match="their variance overflows"):
         found.look(Tally(10, 0.0, math.inf), as_scheme("stormer_verlet"), 40)
-
-
-def test_intervals_of_many_paths_are_as_wide_as_their_scatter(kubo):
-    """Where paths are added until they are enough, 94.9 % of intervals hold without a larger error."""
-    found = ss.expect(kubo, "q", **PLACE, abs=1e-2, scheme="midpoint", method="plain")
-    assert found.half_width == pytest.approx(half_width(found.error, found.bias, found.paths), rel=1e-12)

@@ -23,7 +23,7 @@ from .pilot import Pilot
 from .quasi import MOST_POINTS, Quasi
 from .tails import Doubt
 from .tally import Tally
-from .tolerance import BIAS_SHARE, half_width, half_width_when_stopped, quantile
+from .tolerance import BIAS_SHARE, half_width_when_stopped, quantile
 from .unseen import doubt, unseen
 
 FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
@@ -211,9 +211,7 @@ class Work:
         units, bias = drawn.units, math.hypot(*self.plan.bias)
         error = math.sqrt(self._variance(units) / units.n)
         wanted, notes = self.tolerance.half_width(units.mean), _failures(drawn)
-        half = half_width(error, bias, units.n)
-        if self.plan.method == Quasi.name:  # few units, whose points were doubled; many that are added need no more
-            half = half_width_when_stopped(error, bias, units.n, wanted)
+        half = half_width_when_stopped(error, bias, units.n, wanted)
         seen = self._seen(drawn)
         hidden = unseen(self.pilot.problem, self.plan.scheme, self.plan.steps, seen)
         if hidden > half or (seen.m2 == 0 and self.pilot.problem.model.nnoise):
