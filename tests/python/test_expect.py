@@ -415,7 +415,8 @@ def work_of(nonlinear, seconds: float, **more) -> Work:
     """A plan that is reckoned to take so many seconds, by what `more` says."""
     given = {"method": "plain", "seconds": seconds, "variance": 1.0, "bias": (0.0, 0.0), **more}
     pilot = {"tolerance": tolerance.make_tolerance(1e-2, None), "watch": Watch(3600.0, False)}
-    return Work(SimpleNamespace(problem=make_problem(nonlinear, "q", **PLACE), **pilot), [SimpleNamespace(**given)])
+    pilot |= {"problem": make_problem(nonlinear, "q", **PLACE), "looked_at": Drawn(Tally(), 0.0, 0, 0)}
+    return Work(SimpleNamespace(**pilot), [SimpleNamespace(**given)])
 
 
 def test_long_work_within_its_time_is_announced_as_that(nonlinear):

@@ -35,6 +35,8 @@ _SILENT = 0.2  #: noise over bias, below which an interval is a bound: 1.96 bias
 _NEARLY = 1.05  #: times the half width that was asked for, that count as reached
 _FEWER = 2  #: halvings of the points that are planned, which work begins with, to double them where that is too few
 _LOWEST = 8  #: log2 of the points that are not halved: a call takes as long as these
+_AT_ONCE = 4096  #: units that are begun with at most
+_ENOUGH = 1.2  #: times the units that the pilot's variance asks for, so that few answers take more of them
 _TOP_UP = 3  #: units of a level that are added at least, as each look at the variance may end too early
 _SPARE = 1.02  #: units beyond those that the variance asks for, so that a second round is seldom needed
 
@@ -94,7 +96,7 @@ class Work:
         try:
             estimator = self._begun(self.plan.estimator(FIRST, self.pilot.problem))
             least = estimator.least_units if self.pilot.problem.model.nnoise else 2
-            wanted = least
+            wanted = max(least, self._planned())
             while drawn.units.n < wanted and not (self.watch.over and drawn.units.n >= 2):
                 missing = wanted - drawn.units.n
                 if drawn.units.n >= least and self._is_doubled(estimator, drawn, missing):
@@ -106,7 +108,7 @@ class Work:
                 if drawn.failed >= max(least, drawn.units.n):
                     raise NumericalError(_failures(drawn)[0])
                 tails.look(drawn.units, self.plan.scheme, self.plan.steps)
-                if drawn.units.n >= least:
+                if drawn.units.n >= wanted:
                     wanted = max(least, self._units_for(drawn.units))
                 self.watch.tell(drawn.units.n / wanted)
         except KeyboardInterrupt as stop:
@@ -195,6 +197,17 @@ class Work:
         if missing:
             return min(count, missing) if self.watch.over else count
         return int(min(count, self.watch.room(drawn.seconds / (drawn.units.n + drawn.failed))))
+
+    def _planned(self) -> int:
+        """Units to begin with, by what the pilot knows of their variance; no more than a moment takes.
+
+        Of skew units the mean and the variance go together: where their own variance tells how many there are, the mean
+        is off by their skewness times their size over their number, which counts beside the error where they are few.
+        """
+        if self.plan.method == Quasi.name:
+            return 0
+        error = self.tolerance.error(self.pilot.looked_at.units.mean)
+        return min(_AT_ONCE, math.ceil(_ENOUGH * self.plan.variance / max((1 - BIAS_SHARE) * error**2, 1e-300)))
 
     def _units_for(self, units: Tally) -> int:
         """Units whose noise has its share of the error, by their variance so far."""
