@@ -116,7 +116,7 @@ contains
       real(wp), intent(inout) :: slope(n), change, extent, zero
       real(wp), dimension(nbeside) :: moved, largest, nothing
       real(wp) :: d
-      integer :: done, i, half
+      integer :: done, i
 
       moved = 0
       largest = 0
@@ -131,19 +131,12 @@ contains
             nothing(i) = nothing(i) + 0*d
          end do
       end do
-      half = nbeside/2
-      do while (half > 0)
-         !GCC$ novector
-         do i = 1, half
-            moved(i) = max(moved(i), moved(half + i))
-            largest(i) = max(largest(i), largest(half + i))
-            nothing(i) = nothing(i) + nothing(half + i)
-         end do
-         half = half/2
+      !GCC$ novector
+      do i = 1, nbeside
+         change = max(change, moved(i))
+         extent = max(extent, largest(i))
+         zero = zero + nothing(i)
       end do
-      change = max(change, moved(1))
-      extent = max(extent, largest(1))
-      zero = zero + nothing(1)
    end subroutine take_beside
 
    !> VEC
