@@ -210,19 +210,33 @@ contains
       nbad = int(count)
    end subroutine find_bad_states
 
-   !> Whether all states of lane 1 are finite; four sums do not wait for each other.
+   !> Whether all states of lane 1 are finite.
    pure logical function is_finite_alone(nlane, n, q, p)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: q(nlane, n), p(nlane, n)
-      real(wp) :: zero(4)
+
+      if (nlane == 1) then
+         is_finite_alone = are_finite(n, q, p)
+      else
+         is_finite_alone = are_finite(n, q(1, :), p(1, :))
+      end if
+   end function is_finite_alone
+
+   !> VEC As integers the bits of |x| are ordered as |x|, with infinities and NaNs above all.
+   pure logical function are_finite(n, q, p)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: q(n), p(n)
+      integer(i8), parameter :: huge_bits = transfer(huge(1.0_wp), 0_i8)
+      integer(i8) :: bad
       integer :: i
 
-      zero = 0
-      do i = 1, n - 1, 2
-         zero = zero + 0*[q(1, i), p(1, i), q(1, i + 1), p(1, i + 1)]  ! NaN where one is not finite
+      bad = 0
+      do i = 1, n
+         bad = ior(bad, ior(huge_bits - iand(transfer(q(i), 0_i8), huge(bad)), &
+                            huge_bits - iand(transfer(p(i), 0_i8), huge(bad))))
       end do
-      is_finite_alone = abs(sum(zero) + 0*q(1, n) + 0*p(1, n)) <= 0
-   end function is_finite_alone
+      are_finite = bad >= 0
+   end function are_finite
 
    !> VEC The last good state in lanes with a status.
    pure subroutine keep(nlane, ndof, nout, q, p, status, qn, pn)
