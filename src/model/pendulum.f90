@@ -11,7 +11,7 @@ module symsde_model_pendulum
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_abstract, only: corrected
+   use symsde_model_abstract, only: angle_terms, corrected
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_pendulum_flow, only: pendulum_euler_flow
    use symsde_model_separable, only: separable_model
@@ -28,10 +28,12 @@ module symsde_model_pendulum
    type, extends(separable_model) :: pendulum_model
       private
       real(wp) :: sigma = 0    !! intensity of the noise [1/sqrt(time)]
+      integer(i8) :: none = 0  !! bits that are added to a product, see rounded
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
       procedure :: third_derivative
+      procedure :: angle
       procedure :: has_flow
       procedure :: flow
    end type pendulum_model
@@ -53,7 +55,7 @@ contains
                     ndof=1, nnoise=1, separable=.true., additive=is_zero(sigma), &
                     position_noise=is_zero(sigma), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_third_derivative=.true., &
+                    has_third_derivative=.true., has_angle_terms=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(sigma))
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_pendulum
@@ -78,21 +80,49 @@ contains
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
       real(wp) :: sine(sincos_tile), cosine(sincos_tile), sigma
+      integer(i8) :: none
       integer :: first, last, n
 
       sigma = self%sigma
+      none = self%none
       if (present(hq) .or. present(hqq)) then
          do first = 1, nlane, sincos_tile
             n = min(sincos_tile, nlane - first + 1)
             last = first + n - 1
             call sincos_where_weighted(n, w(first, 0), q(first, 1), sine, cosine)
-            if (present(hq)) hq(first:last, 1) = w(first:last, 0)*sine(:n) + sigma*w(first:last, 1)*q(first:last, 1)
-            if (present(hqq)) hqq(first:last, 1, 1) = w(first:last, 0)*cosine(:n) + sigma*w(first:last, 1)
+            if (present(hq)) hq(first:last, 1) = w(first:last, 0)*sine(:n) &
+                                                 + rounded(sigma*w(first:last, 1)*q(first:last, 1), none)
+            if (present(hqq)) hqq(first:last, 1, 1) = w(first:last, 0)*cosine(:n) &
+                                                      + rounded(sigma*w(first:last, 1), none)
          end do
       end if
-      if (present(hp)) hp(:, 1) = (w(:, 0) + sigma*w(:, 1))*p(:, 1)
-      if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + sigma*w(:, 1)
+      if (present(hp)) hp(:, 1) = (w(:, 0) + rounded(sigma*w(:, 1), none))*p(:, 1)
+      if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + rounded(sigma*w(:, 1), none)
    end subroutine evaluate
+
+   !> A product by itself. A sum of two may be contracted with either, and is not with the same one in lanes and in the
+   !> terms of a path by itself; parentheses around it are lost where gfortran makes vectors. What passes through an
+   !> operation on integers is contracted nowhere.
+   elemental real(wp) function rounded(product, none)
+      real(wp), intent(in) :: product
+      integer(i8), intent(in) :: none  !! 0, which the compiler must not know
+
+      rounded = transfer(ior(transfer(product, 0_i8), none), 0.0_wp)
+   end function rounded
+
+   !> The terms for one path, see model_type.
+   subroutine angle(self, nnoise, t, w, terms)
+      class(pendulum_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      type(angle_terms), intent(out) :: terms
+
+      terms%a = w(0)
+      terms%b = -0.0_wp  ! the two that vanish leave a zero its sign
+      terms%c = rounded(self%sigma*w(1), self%none)
+      terms%d = -0.0_wp
+      terms%e = w(0) + terms%c
+   end subroutine angle
 
    !> The gradient of a^T S'' b, S = sum_j w_j H_j: -w_0 sin q a_q b_q in q alone.
    subroutine third_derivative(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)

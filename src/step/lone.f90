@@ -71,8 +71,8 @@ contains
 
       if (self%model%traits%has_angle_terms) then
          sine = sincos_one(q, cosine)
-         force_at = terms%a*sine + (terms%b*cosine + terms%d)
-         slope = terms%a*cosine - terms%b*sine
+         force_at = terms%a*sine + (terms%b*cosine + (terms%c*q + terms%d))
+         slope = terms%a*cosine + (terms%c - terms%b*sine)
          if (.not. present(hp)) return
          hp = terms%e*p
          hpp = terms%e
