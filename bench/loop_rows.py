@@ -7,6 +7,7 @@ compiled callbacks also the same loop that calls the callback through its pointe
 A row "step" measures a step of its scheme against one of midpoint, in the library. Rows "call" are us of a call.
 """
 
+import math
 import re
 import sys
 import time
@@ -243,6 +244,20 @@ def saved_or_not(name) -> tuple[Run, Run]:
     return library(model, scheme, 1, step, save_every=1), library(model, scheme, 1, step)
 
 
+def given_or_own(name, paths) -> tuple[Run, Run]:
+    """Increments that are given, drawn beforehand, beside those of the library."""
+    model, scheme, step, _, _ = SCENES[name]
+    model, drawn = model(), {}
+
+    def run(steps):
+        if steps not in drawn:
+            drawn.clear()
+            drawn[steps] = np.random.default_rng(1).normal(0, math.sqrt(step), (steps, model.nnoise, paths))
+        library(model, scheme, paths, step, increments=drawn[steps])(steps)
+
+    return run, library(model, scheme, paths, step)
+
+
 def observed() -> tuple[Run, Run]:
     """Moments of q, p, the energy and an observable in Python at every step."""
     model = ss.models.kubo()
@@ -321,6 +336,9 @@ def rows_that_save() -> Iterator[Row]:
         yield Row("saved", name, 1, 1.5, partial(saved, name, 1))
     for name in ("kubo midpoint", "pendulum stormer_verlet"):
         yield Row("saved1000", name, 1000, 1.5, partial(saved, name, 1000))
+    for paths, target in ((1, 1.5), (1000, 2.0)):  # of many, memory is read twice: to look for NaN, and to use it
+        for name in ("kubo midpoint", "fpu64 stormer_verlet"):
+            yield Row(f"given{paths}", name, paths, target, partial(given_or_own, name, paths))
     for name in (*SAVED, "synchrotron midpoint", "cfunc synchrotron midpoint"):
         yield Row("saved_unsaved", name, 1, 1.5, partial(saved_or_not, name))
 

@@ -19,6 +19,8 @@ GROUPS = {
     "error": "1000 paths to an error, ns of a path",
     "saved": "1 path, every step saved",
     "saved1000": "1000 paths, every step saved",
+    "given1": "1 path, increments given, beside those that the library draws",
+    "given1000": "1000 paths, increments given, beside those that the library draws",
     "saved_unsaved": "1 path, every step saved, beside the library without",
     "moments": "1000 paths, moments at every step",
     "call": "us of a call; the target is for these",
