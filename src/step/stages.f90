@@ -19,6 +19,7 @@ module symsde_step_stages
    use symsde_solve_newton, only: newton_options
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_full_stages, only: lone_full_stages
    use symsde_step_lone_stages, only: lone_stages
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, by_products
    use symsde_step_modified_hamiltonian, only: active_brackets
@@ -183,9 +184,7 @@ contains
       integer :: g
 
       self%left = -1
-      too_stiff = stiff_rate
-      if (self%leaves .and. .not. self%midpoint_left .and. 2*self%ham%ndof*self%scheme%nstage > small) &
-         too_stiff = stiff_rate_dense
+      too_stiff = too_stiff_for(self)
       do g = 1, size(self%solver)
          self%outcome = merge(solved, -1_i8, status == 0 .and. self%left < 0)
          associate (group => self%equations%plan%group(g), solver => self%solver(g))
@@ -205,6 +204,15 @@ contains
       end do
    end subroutine solve_part
 
+   !> Contraction from which a lane is given up: one that goes to dense matrices waits longer.
+   pure real(wp) function too_stiff_for(self) result(rate)
+      class(stages_stepper), intent(in) :: self
+
+      rate = stiff_rate
+      if (self%leaves .and. .not. self%midpoint_left .and. 2*self%ham%ndof*self%scheme%nstage > small) &
+         rate = stiff_rate_dense
+   end function too_stiff_for
+
    !> Contraction from which a group is left to its solver.
    pure real(wp) function slowest(solver, group, too_stiff)
       type(solver_slot), intent(in) :: solver
@@ -215,13 +223,22 @@ contains
       if (solver%has_rows) slowest = slow_rate(group%nmember)
    end function slowest
 
-   !> Paths one by one, where momenta are eliminated, slopes iterated and nothing is added to them.
+   !> Paths one by one, where slopes are iterated and nothing is added to them.
    subroutine offer_lone(self, lone)
       class(stages_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
       type(lone_stages), allocatable :: made
+      type(lone_full_stages), allocatable :: full
       integer :: g
 
+      if (.not. (self%equations%eliminated .or. allocated(self%ham%modified))) then
+         allocate (full)
+         full%plan = self%equations%plan
+         full%too_stiff = too_stiff_for(self)
+         full%identity_mass = self%ham%model%traits%identity_mass
+         call move_alloc(full, lone)
+         return
+      end if
       if (.not. self%equations%eliminated .or. self%equations%has_c .or. any(self%solver%at_once)) return
       allocate (made)
       made%plan = self%equations%plan
