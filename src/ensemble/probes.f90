@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Which probes a run makes: none of models of the catalogue, which the tests probe, all of a user's, and of one whose
-!> functions are derived from formulas those that it has not passed yet.
+!> functions are derived from formulas those that it has not passed yet. A probe that decides nothing, where the
+!> model is not finite or gives up, is not passed.
 module symsde_ensemble_probes
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
@@ -24,12 +25,13 @@ contains
       real(wp), intent(in) :: t, q0(:), p0(:)
       type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: number
+      logical :: decided
 
       if (allocated(error) .or. is_built_in(model)) return
       number = probe_number('declared', model%traits, t, q0, p0, 0.0_wp)
       if (has_passed(model, number)) return
-      call probe_model(model, t, q0, p0, error)
-      if (.not. allocated(error)) call enter(model, number)
+      call probe_model(model, t, q0, p0, error, decided)
+      if (decided .and. .not. allocated(error)) call enter(model, number)
    end subroutine probe_declared
 
    !> Whole steps that a model defines, where a stepper takes them, near the state of one path.
@@ -40,12 +42,13 @@ contains
       real(wp), intent(in) :: t, h, q0(:), p0(:)
       type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: number
+      logical :: decided
 
       if (allocated(error) .or. is_built_in(model)) return
       number = probe_number(stepper%name, model%traits, t, q0, p0, h)
       if (has_passed(model, number)) return
-      call probe_flow(stepper, model, scheme, t, h, q0, p0, error)
-      if (.not. allocated(error)) call enter(model, number)
+      call probe_flow(stepper, model, scheme, t, h, q0, p0, error, decided)
+      if (decided .and. .not. allocated(error)) call enter(model, number)
    end subroutine probe_whole_steps
 
    logical function has_passed(model, number)

@@ -1,10 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The probe: what a model declares, tested by differences of its gradients at three points.
 !>
-!> One procedure a declaration. A false one is refused by name, with the numbers that refute it.
-!> Products with directions that have no zeros decide, so that the cost is that of some tens of
-!> gradients whatever the number of degrees of freedom; only then is the entry looked for that is to
-!> blame. A probe refutes, it does not prove: what is false only far from the initial state passes.
+!> A false declaration is refused by name, with the numbers that refute it. Products with directions that have no zeros
+!> decide, so that the cost is that of some tens of gradients whatever the number of degrees of freedom; only then is
+!> the entry looked for. A probe refutes, it does not prove: what is false only far from the initial state passes.
 module symsde_model_probe
    use symsde_base_kinds, only: wp
    use symsde_base_memory, only: require_memory
@@ -34,18 +33,18 @@ module symsde_model_probe
 
 contains
 
-   !> Test the gradient, the declared traits and the offered derivatives of a model around an initial state.
-   !> Refuses impossible traits (check_traits), a state of the wrong shape (wrong_shape), a gradient that is
-   !> none of a weighted sum of Hamiltonians and a declaration that the gradients refute (false_trait).
-   !> Points where the model is not finite are passed over.
-   subroutine probe_model(model, t, q0, p0, error)
+   !> Test gradient, declared traits and offered derivatives of a model around an initial state. Refuses impossible
+   !> traits (check_traits), a state of the wrong shape (wrong_shape), a gradient of no sum of Hamiltonians and what
+   !> gradients refute (false_trait). Passes over points where the model is not finite; decided: at the state it is.
+   subroutine probe_model(model, t, q0, p0, error, decided)
       class(model_type), intent(in) :: model
-      real(wp), intent(in) :: t             !! initial time [time]
-      real(wp), intent(in) :: q0(:), p0(:)  !! initial state of one path (ndof)
+      real(wp), intent(in) :: t, q0(:), p0(:)  !! initial time, and state of one path (ndof)
       type(error_type), allocatable, intent(inout) :: error
+      logical, intent(out), optional :: decided
       type(probe_points) :: points
       integer :: k
 
+      if (present(decided)) decided = .false.
       if (allocated(error)) return
       call check_traits(here, model%name, model%traits, error)
       if (size(q0) /= model%traits%ndof .or. size(p0) /= model%traits%ndof) &
@@ -70,6 +69,7 @@ contains
       call points%take_all()
       if (points%ndof > dense_alone) call probe_dense(points, largest_dense, error)
       if (model%traits%has_chain_rows) call probe_rows(points, error)
+      if (present(decided)) decided = points%slope(1) <= huge(1.0_wp)
       call model%clear_failure()  ! a user's function may refuse a displaced point
    end subroutine probe_model
 

@@ -25,19 +25,22 @@ module symsde_step_probe_flow
 
 contains
 
-   !> Refuses whole steps that are not the scheme's (false_trait). Any stepper may be given; the others pass.
-   subroutine probe_flow(stepper, model, scheme, t, h, q0, p0, error)
+   !> Refuses whole steps that are not the scheme's (false_trait). Any stepper may be given; the others pass. decided
+   !> tells whether anything was compared.
+   subroutine probe_flow(stepper, model, scheme, t, h, q0, p0, error, decided)
       class(stepper_type), intent(in) :: stepper
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       real(wp), intent(in) :: t, h, q0(:), p0(:)
       type(error_type), allocatable, intent(inout) :: error
+      logical, intent(out) :: decided
       class(stepper_type), allocatable :: whole, general
       type(error_type), allocatable :: refusal
       type(step_store) :: store
       real(wp), dimension(nlane, size(q0), nstep) :: q, p, q1, p1
       logical :: comparable
 
+      decided = .false.
       select type (stepper)
       type is (whole_stepper)
       class default
@@ -57,6 +60,7 @@ contains
                        refusal)
       if (allocated(refusal)) return
       call take_plain(general, store, t, q0, p0, q1, p1, comparable)
+      decided = comparable
       if (comparable) call compare(q1, q, 'q')
       if (comparable) call compare(p1, p, 'p')
 
