@@ -85,6 +85,7 @@ class _Prover:
         self.hams = [h.xreplace(self.special) for h in problem.hamiltonians]
         self.q, self.p = ([self.sympy.Symbol(x, real=True) for x in problem.coordinates(letter)] for letter in "qp")
         self.t = self.sympy.Symbol("t", real=True)
+        self.symbols = [h.free_symbols for h in self.hams]
         self._derived: dict[tuple, Any] = {}
 
     def vanishes(self, e: Any) -> bool:
@@ -112,6 +113,8 @@ class _Prover:
         """A derivative of H_j; zero where it is shown to vanish."""
         if not variables:
             return self.hams[j]
+        if not self.symbols[j].issuperset(variables):  # of most noises: one for each degree of freedom is usual
+            return self.sympy.Integer(0)
         *others, last = sorted(variables, key=str)
         key = (j, *others, last)
         if key not in self._derived:
@@ -122,8 +125,13 @@ class _Prover:
 
     def bracket(self, f: Any, g: Any) -> Any:
         """{F,G} = F_q.G_p - F_p.G_q."""
-        pairs = zip(self.q, self.p, strict=True)
-        return sum((f.diff(q) * g.diff(p) - f.diff(p) * g.diff(q) for q, p in pairs), self.sympy.Integer(0))
+        return self._half_bracket(f, g) - self._half_bracket(g, f)
+
+    def _half_bracket(self, f: Any, g: Any) -> Any:
+        """F_q.G_p."""
+        left, right = f.free_symbols, g.free_symbols
+        pairs = ((q, p) for q, p in zip(self.q, self.p, strict=True) if q in left and p in right)
+        return sum((f.diff(q) * g.diff(p) for q, p in pairs), self.sympy.Integer(0))
 
     def structure(self) -> Structure:
         """All of it."""
