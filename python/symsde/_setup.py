@@ -74,7 +74,7 @@ class Setup:
         chosen["correction"] = _abi.CORRECTIONS[self.options.correction]
         return {
             "model": self.model.name,
-            "parameters": json.dumps(self.model.parameters),
+            "parameters": json.dumps(dict(self.model.parameters)),
             "scheme": self.scheme.name,
             "options": json.dumps(chosen),
             "increments": "Brownian" if self.increments is None else "prescribed",

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib
+import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -196,7 +197,7 @@ class Model:
         """Own handles, made when they are needed."""
         self._handles = _handles.Pool(make)
         self.name: str = name
-        self.parameters: dict[str, float] = parameters
+        self._parameters: dict[str, float] = parameters
         self.traits: Traits = self._read_traits()
 
     def __reduce__(self) -> tuple:
@@ -230,6 +231,11 @@ class Model:
             silent=tuple(k + 1 for k in range(given.nnoise) if given.silent and given.silent[k]),
             **flags,
         )
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Values of the parameters, to be read: a model never changes."""
+        return types.MappingProxyType(self._parameters)
 
     ndof = property(lambda self: self.traits.ndof, doc="Degrees of freedom.")
     nnoise = property(lambda self: self.traits.nnoise, doc="Noises.")

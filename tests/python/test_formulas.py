@@ -261,6 +261,8 @@ def test_parameters_are_given_at_run_time():
     assert silent.traits.additive and silent.traits.position_noise and not first.traits.additive
     with pytest.raises(errors.UnknownNameError, match="there are sigma"):
         first.with_parameters(sigmo=1)
+    with pytest.raises(TypeError):  # it would be printed, and kept with results, but not run
+        first.parameters["sigma"] = 0.25
 
 
 def test_models_can_be_copied_and_pickled():

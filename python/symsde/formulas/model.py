@@ -163,7 +163,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     )
     model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], derived=True, **traits, **functions)
     model.formula, model._derivatives, model._chain = formula, derivatives, chain
-    model.parameters = dict(parameters)
+    model._parameters = dict(parameters)
     model._remade = (_made, (given,))
     return model
 

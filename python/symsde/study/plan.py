@@ -81,7 +81,7 @@ class Plan:
         shape = self.model.ndof, self.paths
         return {
             "model": self.model.name,
-            "parameters": json.dumps(self.model.parameters),
+            "parameters": json.dumps(dict(self.model.parameters)),
             **({"hamiltonians": json.dumps(self.model.formula.hamiltonians)} if hasattr(self.model, "formula") else {}),
             **{name: provenance.numbers_of(_checks.state(name, x, *shape)) for name, x in start.items()},
             "horizon": repr(self.horizon),

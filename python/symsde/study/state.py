@@ -72,7 +72,7 @@ def point_key(plan: Plan, scheme, steps: int) -> str:
     with np.errstate(all="ignore"):  # at states where nobody may ever be
         invariants = {name: _digits(f(*_sample(plan))) for name, f in plan.invariants.items()}
     parts = {
-        "model": [model.name, model.parameters, asdict(model.traits), _fingerprint(plan)],
+        "model": [model.name, dict(model.parameters), asdict(model.traits), _fingerprint(plan)],
         "scheme": str(scheme.__reduce__()[1]),
         "start": [np.asarray(x, dtype=float).tolist() for x in (plan.q0, plan.p0)],
         "study": [plan.horizon, plan.paths, plan.draws, plan.repeats],
