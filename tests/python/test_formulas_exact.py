@@ -88,3 +88,8 @@ def test_a_noise_for_each_of_many_degrees_of_freedom():
     assert time.process_time() - start < 10  # 2 s; 19 s where every derivative of every Hamiltonian was taken
     assert structure.noises_commute and not structure.flows_commute
     assert structure.nonzero == {"qq": 3 * n - 2, "qp": 0, "pp": n}
+
+
+def test_too_many_noises():
+    with pytest.raises(errors.InvalidArgumentError, match=r"257 noises beside 'p\*\*2/2': .* 256 at most"):
+        ss.model_from_sympy("p**2/2", ["q"] * 257)

@@ -18,6 +18,7 @@ from .graph import FUNCTIONS
 from .parse import FormulaTextError, Reader, check_name, names_in, parse
 
 MAX_DOF = 64
+MAX_NOISES = 256  #: brackets are taken of every pair of them
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,11 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
     """Check everything that is given; errors quote the formula."""
     sympy = optional("sympy", "sympy")
     given = [H, *_several("noise", noise)]
+    if len(given) - 1 > MAX_NOISES:
+        raise InvalidArgumentError(
+            f"{len(given) - 1} noises beside {quoted(str(H))}: "
+            f"formulas without sums over sites are for {MAX_NOISES} at most"
+        )
     candidates = _several("invariants", invariants)
     texts = [x for x in (*given, *candidates) if isinstance(x, str)]
     coordinates = {"q": _several("q", _found("q", texts) if q is None else q)}
