@@ -158,6 +158,13 @@ def test_estimate_of_a_bias():
     assert bias.order_of([1e-3, 1e-4], [1e-3, 1e-3], 1.0) == 1.0
 
 
+def test_differences_that_contradict_each_other_do_not_cancel():
+    """The oscillator with q p and q^2/2 noises, h = 3/2, 3/4 and 3/8: differences change their sign, and 7e-3 is left.
+    Their weighted mean is -2e-3 +- 2e-3; differences that agree within their noise keep their error."""
+    assert math.hypot(*bias.estimate([-1.25e-2, 1.06e-2], [3e-3, 4e-3], 1.0)) > 5e-3
+    assert bias.estimate([2e-2, 1.06e-2], [3e-3, 4e-3], 1.0)[1] < 4e-3
+
+
 def exact_square(t: float) -> float:
     """E q^2 of the linear oscillator from q = 1, p = 0."""
     return math.cos(t) ** 2 + t / 2 - math.sin(2 * t) / 4

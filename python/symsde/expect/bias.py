@@ -3,7 +3,8 @@
 
 E f(x_h) - E f(x_{h/2}) falls as h^a, a the weak order: so the finer of the two is off by that over 2^a - 1, and every
 coarser difference tells the same of it after another factor 2^-a. What coarser steps tell is trusted less: the powers
-of h beyond the first may change it by a half for every halving in between.
+of h beyond the first may change it by a half for every halving in between. Where differences contradict each other, as
+such that change their sign, their mean may be small by chance: its error is then as large as they are apart.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ _DOUBT = 0.5  #: relative change for each halving between a difference and the s
 _EXACT = 1e300  #: weight of a difference without noise
 TERMS = 3  #: differences of a pilot, and powers of h that they tell
 _SURE = 4.0  #: standard errors above which a difference counts as seen
+_APART = 4.0  #: mean square of what differences tell around their mean, in units of their errors, that is no chance
 
 
 def estimate(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> tuple[float, float]:
@@ -35,7 +37,9 @@ def estimate(means: Sequence[float], errors: Sequence[float], order: float, extr
         weights = [1 / max(e**2 + (d * best) ** 2, 1 / _EXACT) for e, d in zip(noise, doubts, strict=True)]
         total = sum(weights)
         best = sum(w * x for w, x in zip(weights, told, strict=True)) / total
-    return best, math.sqrt(1 / total) if total < _EXACT else 0.0
+    apart = sum(w * (x - best) ** 2 for w, x in zip(weights, told, strict=True)) / max(len(told) - 1, 1)
+    wider = apart if apart > _APART else 1.0  # (Birge 1932)
+    return best, math.sqrt(wider / total) if total < _EXACT else 0.0
 
 
 def left(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> tuple[float, float]:
