@@ -15,6 +15,7 @@ NORMAL = 1.96  #: half width of a 95 % interval, in standard errors
 BIAS_SHARE = 0.1  #: of the squared error that the bias may have: so little that the interval holds with or without it
 _SCATTER = 0.75  #: standard errors of a standard error, by which that of work that ends by it is taken larger
 _ROUNDING = 64 * np.finfo(float).eps  #: relative half width that sums and steps can be trusted to
+_LARGEST = 1e70  #: whose fourth power does not overflow
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,10 @@ def make_tolerance(absolute: object, relative: object) -> Tolerance:
         raise WrongTypeError("give one of abs and rel: the half width of the 95 % interval, or that over the value")
     name, value = ("abs", absolute) if relative is None else ("rel", relative)
     number = _checks.finite(name, value)
-    if number <= 0:
-        raise InvalidArgumentError(f"{name} = {number:g} is not allowed: give a half width above 0")
+    if not 0 < number <= _LARGEST:
+        raise InvalidArgumentError(
+            f"{name} = {number:g} is not allowed: give a half width above 0, and no larger than {_LARGEST:g}"
+        )
     return Tolerance(number, None) if relative is None else Tolerance(None, number)
 
 
