@@ -43,6 +43,7 @@ module symsde_base_traits
    contains
       procedure :: correction_vanishes
       procedure :: has_constant_mass
+      procedure :: divides_by_mass
       procedure :: one_solve
       procedure :: differences_alone
    end type model_traits
@@ -63,6 +64,14 @@ contains
 
       has_constant_mass = self%identity_mass .or. self%constant_mass
    end function has_constant_mass
+
+   !> Whether Hhat_p = h M^-1 p with a constant M that is not declared to be the identity: no noise moves positions.
+   pure logical function divides_by_mass(self)
+      class(model_traits), intent(in) :: self
+
+      divides_by_mass = self%constant_mass .and. .not. self%identity_mass .and. &
+                        (self%position_noise .or. self%nnoise == 0)
+   end function divides_by_mass
 
    !> Whether one linear solve finds the root of a step: quadratic Hamiltonians with exact Hessians.
    !> Differences leave errors of 1e-11 in a Hessian, which a second iteration removes.

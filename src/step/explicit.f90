@@ -11,7 +11,8 @@ module symsde_step_explicit
    use symsde_model_abstract, only: model_type
    use symsde_scheme_dependency, only: stages_follow => is_explicit
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
-   use symsde_step_kicks, only: kick_and_drift, kick_again
+   use symsde_step_constant_mass, only: new_constant_mass
+   use symsde_step_kicks, only: kick_and_drift, kick_again, move
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
@@ -33,7 +34,7 @@ module symsde_step_explicit
       private
       integer :: nstage = 0
       logical :: is_euler = .false.   !! symplectic Euler or its adjoint
-      logical :: is_verlet = .false.  !! Stormer-Verlet, where the velocity is h p whenever it is asked for
+      logical :: is_verlet = .false.  !! Stormer-Verlet, where the velocity is h p or h M^-1 p whenever it is asked for
       real(wp), allocatable :: c(:), alpha(:)     !! (nstage)
       real(wp), allocatable :: to_q(:, :)         !! a_ij of stage i in column i (nstage, nstage)
       real(wp), allocatable :: to_p(:, :)         !! -abar_ij of stage i in column i (nstage, nstage)
@@ -94,7 +95,7 @@ contains
       call find_plan(scheme, model%traits%separable, self%plan)
       self%is_euler = is_one_stage(self)
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      self%is_verlet = is_verlet(self) .and. self%ham%mass_alone
+      self%is_verlet = is_verlet(self) .and. (self%ham%mass_alone .or. allocated(self%ham%mass))
       associate (n => model%traits%ndof)
          allocate (self%hq(nlane, n, self%nstage), self%hp(nlane, n, self%nstage))
          allocate (self%qs(nlane, n), self%ps(nlane, n))
@@ -125,6 +126,10 @@ contains
       allocate (made)
       made%c(:self%nstage) = self%c
       made%mass_alone = self%ham%mass_alone
+      if (allocated(self%ham%mass)) then
+         allocate (made%mass)
+         call new_constant_mass(made%mass, 1, self%ham%ndof, self%ham%nnoise)
+      end if
       made%kind = kick_drift_kick
       if (self%is_euler) made%kind = merge(kick_drift, drift_kick, self%plan(1)%force)
       call move_alloc(made, lone)
@@ -250,11 +255,40 @@ contains
 
       n = size(q)
       call self%ham%gradient(t + self%c(1)*h, w, q, p, hq=self%hq(:, :, 1))
-      call kick_and_drift(n, 0.5_wp, w(1, 0), self%hq, q, p, dp, dq, self%qs)
+      if (allocated(self%ham%mass)) then
+         call drift_by_mass(self, t, w, q, p, dq, dp)
+      else
+         call kick_and_drift(n, 0.5_wp, w(1, 0), self%hq, q, p, dp, dq, self%qs)
+         self%ham%counters%gradients = self%ham%counters%gradients + self%ham%nreal
+      end if
       call self%ham%gradient(t + self%c(2)*h, w, self%qs, p, hq=self%hq(:, :, 1))
       call kick_again(n, self%hq, dp)
-      self%ham%counters%gradients = self%ham%counters%gradients + self%ham%nreal  ! the drift
    end subroutine verlet
+
+   !> Half a kick and a drift with a constant mass, whose velocity is found once for both halves.
+   subroutine drift_by_mass(self, t, w, q, p, dq, dp)
+      class(explicit_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+
+      call half_kick(size(q), p, self%hq, dp, self%ps)
+      call self%ham%gradient(t, w, q, self%ps, hp=self%hp(:, :, 1))
+      call move(size(q), q, self%hp, self%hp, self%qs, dq)
+   end subroutine drift_by_mass
+
+   !> VEC dp = -force/2, moved = p - force/2
+   pure subroutine half_kick(n, p, force, dp, moved)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: p(n), force(n)
+      real(wp), intent(out) :: dp(n), moved(n)
+      integer :: i
+
+      do i = 1, n
+         dp(i) = -0.5_wp*force(i)
+         moved(i) = p(i) - 0.5_wp*force(i)
+      end do
+   end subroutine half_kick
 
    !> VEC dp = -force, moved = p - force
    pure subroutine kick(n, p, force, dp, moved)

@@ -7,7 +7,7 @@ module symsde_step_kicks
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: kick_and_drift, kick_again, move
+   public :: kick_and_drift, kick_and_drift_each, kick_again, move
 
    integer, parameter :: few = 4  !! numbers that are too few for vectors
 
@@ -24,27 +24,43 @@ contains
       if (n <= few) then
          !GCC$ novector
          do i = 1, n
-            call one(dp(i), dq(i), x(i), force(i), q(i), p(i))
+            call one(c, h, force(i), q(i), p(i), dp(i), dq(i), x(i))
          end do
       else
          do i = 1, n
-            call one(dp(i), dq(i), x(i), force(i), q(i), p(i))
+            call one(c, h, force(i), q(i), p(i), dp(i), dq(i), x(i))
          end do
       end if
-
-   contains
-
-      pure subroutine one(kick, drift, place, f, at, momentum)
-         real(wp), intent(out) :: kick, drift, place
-         real(wp), intent(in) :: f, at, momentum
-
-         kick = -c*f
-         drift = h*(momentum - c*f)
-         place = at + 0.5_wp*drift
-         place = place + 0.5_wp*drift
-      end subroutine one
-
    end subroutine kick_and_drift
+
+   !> VEC The same of a path whose numbers have a drift of their own: h times `each`.
+   pure subroutine kick_and_drift_each(n, c, h, each, force, q, p, dp, dq, x)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c, h, each(n), force(n), q(n), p(n)
+      real(wp), intent(out) :: dp(n), dq(n), x(n)
+      integer :: i
+
+      if (n <= few) then
+         !GCC$ novector
+         do i = 1, n
+            call one(c, h*each(i), force(i), q(i), p(i), dp(i), dq(i), x(i))
+         end do
+      else
+         do i = 1, n
+            call one(c, h*each(i), force(i), q(i), p(i), dp(i), dq(i), x(i))
+         end do
+      end if
+   end subroutine kick_and_drift_each
+
+   pure subroutine one(c, h, force, q, p, dp, dq, x)
+      real(wp), intent(in) :: c, h, force, q, p
+      real(wp), intent(out) :: dp, dq, x
+
+      dp = -c*force
+      dq = h*(p - c*force)
+      x = q + 0.5_wp*dq
+      x = x + 0.5_wp*dq
+   end subroutine one
 
    !> VEC The other half.
    pure subroutine kick_again(n, force, dp)

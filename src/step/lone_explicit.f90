@@ -5,7 +5,8 @@
 module symsde_step_lone_explicit
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: angle_terms
-   use symsde_step_kicks, only: kick_and_drift, kick_again, move
+   use symsde_step_constant_mass, only: constant_mass
+   use symsde_step_kicks, only: kick_and_drift, kick_and_drift_each, kick_again, move
    use symsde_step_lone, only: lone_stepper
    implicit none
    private
@@ -19,6 +20,7 @@ module symsde_step_lone_explicit
       integer :: kind = kick_drift
       real(wp) :: c(2) = 0           !! nodes of the stages
       logical :: mass_alone = .false.  !! the velocity is h p, whenever it is asked for
+      type(constant_mass), allocatable :: mass  !! the velocity is h M^-1 p
       real(wp), allocatable, dimension(:), private :: x, first, second, force  !! (n)
    contains
       procedure :: take
@@ -31,6 +33,7 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
+      logical :: by_numbers  ! which M^-1 is
       integer :: i
 
       taken = .true.
@@ -40,12 +43,19 @@ contains
       end if
       if (.not. allocated(self%x)) &
          allocate (self%x(self%n), self%first(self%n), self%second(self%n), self%force(self%n))
+      by_numbers = .false.
+      if (allocated(self%mass)) then
+         call self%mass%look(self%model, 1, t, q)
+         by_numbers = self%mass%diagonal
+      end if
       associate (n => self%n, c => self%counters, t1 => t + self%c(1)*h, x => self%x, force => self%force)
          select case (self%kind)
          case (kick_drift)
             call self%model%gradient(1, n, self%m, t1, w, q, p, hq=force)
             if (self%mass_alone) then
                call kick_and_drift(n, 1.0_wp, w(0), force, q, p, dp, dq, x)
+            else if (by_numbers) then
+               call kick_and_drift_each(n, 1.0_wp, w(0), self%mass%inverse, force, q, p, dp, dq, x)
             else
                do i = 1, n
                   dp(i) = -force(i)
@@ -55,7 +65,11 @@ contains
             end if
             c%gradients = c%gradients + 2
          case (drift_kick)
-            if (.not. self%mass_alone) call self%model%gradient(1, n, self%m, t1, w, q, p, hp=dq)
+            if (by_numbers) then
+               call self%mass%drift(1, w(0:0), p, dq)
+            else if (.not. self%mass_alone) then
+               call self%model%gradient(1, n, self%m, t1, w, q, p, hp=dq)
+            end if
             !GCC$ novector  ! few numbers, mostly
             do i = 1, n
                if (self%mass_alone) dq(i) = w(0)*p(i)
@@ -67,7 +81,7 @@ contains
             end do
             c%gradients = c%gradients + 2
          case default
-            call verlet(self, t, h, w, q, p, dq, dp)
+            call verlet(self, t, h, w, by_numbers, q, p, dq, dp)
          end select
       end associate
    end subroutine take
@@ -107,10 +121,12 @@ contains
                                                                 self%kind == kick_drift_kick)
    end subroutine swing
 
-   !> Both stages have the same momentum. Where time matters to the velocity, they differ in it.
-   subroutine verlet(self, t, h, w, q, p, dq, dp)
+   !> Both stages have the same momentum. Where time matters to the velocity, they differ in it; a constant mass says
+   !> that it does not.
+   subroutine verlet(self, t, h, w, by_numbers, q, p, dq, dp)
       type(lone_explicit), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
+      logical, intent(in) :: by_numbers
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       real(wp) :: t1, t2
       integer :: i
@@ -121,18 +137,24 @@ contains
          call self%model%gradient(1, n, m, t1, w, q, p, hq=force)
          if (self%mass_alone) then
             call kick_and_drift(n, 0.5_wp, w(0), force, q, p, dp, dq, x)
+         else if (by_numbers) then
+            call kick_and_drift_each(n, 0.5_wp, w(0), self%mass%inverse, force, q, p, dp, dq, x)
          else
             do i = 1, n
                dp(i) = -0.5_wp*force(i)
                x(i) = p(i) - 0.5_wp*force(i)
             end do
             call self%model%gradient(1, n, m, t1, w, q, x, hp=first)
-            call self%model%gradient(1, n, m, t2, w, q, x, hp=second)
-            call move(n, q, first, second, x, dq)
+            if (allocated(self%mass)) then
+               call move(n, q, first, first, x, dq)
+            else
+               call self%model%gradient(1, n, m, t2, w, q, x, hp=second)
+               call move(n, q, first, second, x, dq)
+            end if
          end if
          call self%model%gradient(1, n, m, t2, w, x, p, hq=force)
          call kick_again(n, force, dp)
-         self%counters%gradients = self%counters%gradients + merge(3, 4, self%mass_alone)
+         self%counters%gradients = self%counters%gradients + merge(3, 4, self%mass_alone .or. allocated(self%mass))
       end associate
    end subroutine verlet
 

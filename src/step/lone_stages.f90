@@ -4,6 +4,7 @@
 !> is left to step/stages.
 module symsde_step_lone_stages
    use symsde_base_kinds, only: wp
+   use symsde_step_constant_mass, only: constant_mass
    use symsde_step_lone, only: lone_stepper
    use symsde_step_slopes, only: add_slopes, slope_sum, find_sum, add_sum, add_pair, take_slopes
    use symsde_step_stage_iteration, only: sweep_verdict, judge_ahead, most_sweeps, stiff_rate, done
@@ -25,6 +26,9 @@ module symsde_step_lone_stages
    type, extends(lone_stepper) :: lone_stages
       type(stage_plan) :: plan
       real(wp), allocatable :: too_slow(:)    !! contraction from which a group is left (ngroup)
+      real(wp) :: too_stiff = stiff_rate      !! contraction from which the step is
+      type(constant_mass), allocatable :: mass  !! where it is not the identity
+      real(wp), allocatable, dimension(:), private :: velocity, moved, nothing  !! M^-1 p; weighed slopes; zero (n)
       type(slope_sum), allocatable, private :: sums(:, :)    !! of the first sweep, and of the others (nstage, 2)
       real(wp), private :: h = 0                             !! for which the sums are
       real(wp), allocatable, private :: base(:, :), g(:, :)  !! what Q_i has without slopes; slopes (n, nstage)
@@ -41,12 +45,16 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
-      integer :: i, k, sweeps, evaluations
+      integer :: k, sweeps, evaluations
 
       if (.not. allocated(self%g)) then
          allocate (self%g(self%n, self%plan%nstage), self%base(self%n, self%plan%nstage))
          allocate (self%x(self%n), self%f(self%n), self%start(self%n))
          allocate (self%sums(self%plan%nstage, 2))
+         if (allocated(self%mass)) then
+            allocate (self%velocity(self%n), self%moved(self%n))
+            allocate (self%nothing(self%n), source=0.0_wp)
+         end if
       end if
       if (abs(h - self%h) > 0) call find_sums(self, h)
       if (allocated(self%pair)) then
@@ -57,21 +65,43 @@ contains
       evaluations = 0
       taken = .true.
       associate (plan => self%plan, n => self%n, s => self%plan%nstage, start => self%start)
-         do i = 1, s
-            call add_slopes(n, 1, h, plan%r(i:i), p, q, self%base(:, i))
-         end do
+         if (allocated(self%mass)) then
+            call self%mass%look(self%model, 1, t, q)
+            call self%mass%velocity(self%model, 1, t, q, p, self%velocity)
+            call find_bases(self, h, q, self%velocity)
+         else
+            call find_bases(self, h, q, p)
+         end if
          do k = 1, plan%ngroup
-            call iterate(self, plan%group(k), self%too_slow(k), t, h, w, p, sweeps, evaluations, taken)
+            call iterate(self, plan%group(k), self%too_slow(k), t, h, w, q, p, sweeps, evaluations, taken)
             if (.not. taken) return
          end do
-         start = h*sum(plan%alpha)*p
-         call add_slopes(n, s, h, plan%v, self%g, start, dq)
+         if (allocated(self%mass)) then
+            start = h*sum(plan%alpha)*self%velocity
+            call add_slopes(n, s, h, plan%v, self%g, self%nothing, self%moved)
+            call self%mass%add(self%model, 1, t, q, self%moved, start, dq)
+            evaluations = evaluations + 2*self%mass%asked
+         else
+            start = h*sum(plan%alpha)*p
+            call add_slopes(n, s, h, plan%v, self%g, start, dq)
+         end if
          start = 0
          call add_slopes(n, s, 1.0_wp, plan%alpha, self%g, start, dp)
       end associate
       self%counters%gradients = self%counters%gradients + evaluations
       self%counters%iterations = self%counters%iterations + sweeps
    end subroutine take
+
+   !> What the stages have without slopes.
+   subroutine find_bases(self, h, q, velocity)
+      type(lone_stages), intent(inout) :: self
+      real(wp), intent(in) :: h, q(self%n), velocity(self%n)
+      integer :: i
+
+      do i = 1, self%plan%nstage
+         call add_slopes(self%n, 1, h, self%plan%r(i:i), velocity, q, self%base(:, i))
+      end do
+   end subroutine find_bases
 
    !> What the places of the stages are put together from.
    subroutine find_sums(self, h)
@@ -85,7 +115,7 @@ contains
             call find_sum(s, h, plan%first_b(:, i), self%sums(i, 1))
             call find_sum(s, h, plan%b(:, i), self%sums(i, 2))
          end do
-         if (.not. (self%n == 2 .and. s == 2 .and. plan%ngroup == 1)) return
+         if (.not. (self%n == 2 .and. s == 2 .and. plan%ngroup == 1) .or. allocated(self%mass)) return
          if (.not. (all(self%sums(:, 1)%m == [0, 1]) .and. all(self%sums(:, 2)%m == 2))) return
          self%pair = stage_pair(r=h*plan%r, c_first=self%sums(2, 1)%c(1), all=h*sum(plan%alpha), v=h*plan%v)
          self%pair%c(:, 1) = self%sums(1, 2)%c(:2)
@@ -126,10 +156,10 @@ contains
    end subroutine take_pair
 
    !> The slopes of a group.
-   subroutine iterate(self, group, too_slow, t, h, w, p, sweeps, evaluations, taken)
+   subroutine iterate(self, group, too_slow, t, h, w, q, p, sweeps, evaluations, taken)
       type(lone_stages), intent(inout) :: self
       type(stage_group), intent(in) :: group
-      real(wp), intent(in) :: too_slow, t, h, w(0:self%m), p(self%n)
+      real(wp), intent(in) :: too_slow, t, h, w(0:self%m), q(self%n), p(self%n)
       integer, intent(inout) :: sweeps, evaluations
       logical, intent(out) :: taken
       real(wp) :: change, extent, last
@@ -144,25 +174,41 @@ contains
          do k = 1, group%nmember
             i = group%stage(k)
             associate (plan => self%plan, n => self%n, x => self%x, f => self%f)
-               associate (sum => self%sums(i, min(sweep, 2)))
-                  if (sum%m <= 3) then
-                     call add_sum(n, plan%nstage, sum, self%g, self%base(1, i), x)
-                  else if (sweep == 1) then
-                     call add_slopes(n, plan%nstage, h, plan%first_b(1, i), self%g, self%base(1, i), x)
-                  else
-                     call add_slopes(n, plan%nstage, h, plan%b(1, i), self%g, self%base(1, i), x)
-                  end if
-               end associate
+               if (allocated(self%mass)) then
+                  call weigh(self, i, sweep, h, self%nothing, self%moved)
+                  call self%mass%add(self%model, 1, t, q, self%moved, self%base(1, i), x)
+               else
+                  call weigh(self, i, sweep, h, self%base(1, i), x)
+               end if
                call self%model%gradient(1, n, self%m, t + plan%c(i)*h, w, x, p, hq=f)
                call take_slopes(n, sweep == 1, f, self%g(:, i), change, extent)
             end associate
          end do
          if (group%explicit) exit
-         last = sweep_verdict(sweep, too_slow, stiff_rate, change, extent, last)
+         last = sweep_verdict(sweep, too_slow, self%too_stiff, change, extent, last)
       end do
       sweeps = sweeps + sweep
       evaluations = evaluations + sweep*group%nmember
+      if (allocated(self%mass)) evaluations = evaluations + sweep*group%nmember*self%mass%asked
       taken = abs(last - done) <= 0 .or. group%explicit
    end subroutine iterate
+
+   !> start + h sum_k b_k G_k of stage i in this sweep.
+   subroutine weigh(self, i, sweep, h, start, total)
+      type(lone_stages), intent(in) :: self
+      integer, intent(in) :: i, sweep
+      real(wp), intent(in) :: h, start(self%n)
+      real(wp), intent(out) :: total(self%n)
+
+      associate (plan => self%plan, n => self%n, sum => self%sums(i, min(sweep, 2)))
+         if (sum%m <= 3) then
+            call add_sum(n, plan%nstage, sum, self%g, start, total)
+         else if (sweep == 1) then
+            call add_slopes(n, plan%nstage, h, plan%first_b(1, i), self%g, start, total)
+         else
+            call add_slopes(n, plan%nstage, h, plan%b(1, i), self%g, start, total)
+         end if
+      end associate
+   end subroutine weigh
 
 end module symsde_step_lone_stages

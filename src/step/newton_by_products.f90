@@ -69,14 +69,16 @@ contains
       does_without_matrices = pays_by_products(traits, unknowns) .and. is_free(options)
    end function does_without_matrices
 
-   !> Whether a midpoint whose matrices are large, or made of differences, is first iterated without them (step/stages).
+   !> Whether a midpoint whose matrices are large, or made of differences, or hold masses beside the Hessian of U, is
+   !> first iterated without them (step/stages).
    pure logical function iterates_first(traits, unknowns, options)
       type(model_traits), intent(in) :: traits
       integer, intent(in) :: unknowns
       type(newton_options), intent(in) :: options
 
       iterates_first = is_free(options) .and. (pays_by_products(traits, unknowns) .or. &
-                                               (traits%ndof > 1 .and. traits%differences_alone()))
+                                               (traits%ndof > 1 .and. (traits%differences_alone() .or. &
+                                                                       traits%divides_by_mass())))
    end function iterates_first
 
    !> Whether neither damping nor a number of iterations is asked for.

@@ -22,6 +22,7 @@ module symsde_step_one_step_hamiltonian
    use symsde_model_abstract, only: model_type
    use symsde_model_algebra, only: algebra_work, new_algebra_work, correction_gradient
    use symsde_scheme_scheme, only: bracket_terms, correction_none, correction_mean
+   use symsde_step_constant_mass, only: constant_mass, new_constant_mass
    use symsde_step_modified_hamiltonian, only: modified_hamiltonian, new_modified_hamiltonian, active_brackets
    implicit none
    private
@@ -34,6 +35,7 @@ module symsde_step_one_step_hamiltonian
       integer :: correction = correction_none
       real(wp) :: coefficient = 0             !! 1/2 - lambda
       logical :: mass_alone = .false.         !! H = p.p/2 + U(q), noise in position: Hhat_p = h p, correction apart
+      type(constant_mass), allocatable :: mass  !! H = p.M^-1 p/2 + U(q), noise in position: Hhat_p = h M^-1 p
       type(counters_type) :: counters
       type(modified_hamiltonian), allocatable :: modified  !! brackets of schemes beyond order one
       real(wp), allocatable, private :: v(:, :)       !! weights of the noise alone (nlane, 0:nnoise)
@@ -69,6 +71,10 @@ contains
       self%coefficient = coefficient
       associate (t => model%traits)
          self%mass_alone = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
+         if (t%divides_by_mass() .and. .not. t%has_angle_terms) then
+            allocate (self%mass)
+            call new_constant_mass(self%mass, nlane, t%ndof, t%nnoise)
+         end if
       end associate
       if (present(brackets)) active = active_brackets(brackets, model%traits)
       if (active%are_added()) then
@@ -90,7 +96,16 @@ contains
       real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(step_record), intent(in), optional :: step
 
-      if (self%mass_alone .and. present(hp) .and. .not. present(hq)) then
+      logical :: by_numbers
+
+      by_numbers = .false.
+      if (allocated(self%mass) .and. present(hp) .and. .not. present(hq)) then
+         call self%mass%look(self%model, self%nlane, t, q)
+         by_numbers = self%mass%diagonal
+      end if
+      if (by_numbers) then
+         call self%mass%drift(self%nlane, w(:, 0), p, hp)
+      else if (self%mass_alone .and. present(hp) .and. .not. present(hq)) then
          call find_velocity(self%nlane, self%ndof, w, p, hp)
       else
          call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hq, hp)

@@ -11,6 +11,9 @@
 !>    P_i = p_n + sum_k abar_ik G_k
 !>    dq  = kappa p_n + sum_j alpha_j C_j + kappa sum_k v_k G_k,   dp = sum_k alpha_k G_k
 !>
+!> With a constant mass M that is not the identity kappa = h as well, and kappa p_n and kappa sum_k B_ik G_k stand for
+!> M^-1 times these.
+!>
 !> For noise in position C vanishes, for additive noise it is known beforehand, so that the G alone are
 !> unknown (`eliminated`). So it is for the bracket {H_k,H} of additive noise in position that does not change in
 !> time. Other brackets of schemes beyond order one make C small; elsewhere it is all of Hhat_p.
@@ -20,6 +23,7 @@ module symsde_step_stage_equations
    use symsde_base_record, only: step_record, step_store, new_step_store
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_step_constant_mass, only: constant_mass, new_constant_mass
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_slopes, only: add_slopes
    use symsde_step_stage_plan, only: stage_plan, stage_group, new_stage_plan
@@ -33,6 +37,7 @@ module symsde_step_stage_equations
       logical :: eliminated = .false.           !! the G alone are unknown
       logical :: has_c = .false.                !! C does not vanish
       logical, private :: identity_mass = .false.
+      type(constant_mass), allocatable :: mass  !! where momenta are eliminated by one that is not the identity
       real(wp) :: kappa = 0                     !! of this step
       type(step_record) :: step                 !! what drives it, in the store
       type(step_store) :: store                 !! its first step
@@ -41,6 +46,9 @@ module symsde_step_stage_equations
       real(wp), allocatable :: g(:, :, :), c(:, :, :)    !! slopes (nlane, ndof, nstage)
       real(wp), allocatable :: qs(:, :), ps(:, :)        !! the point that was placed last (nlane, ndof)
       real(wp), allocatable :: hq(:, :), hp(:, :)        !! Hhat_q and C there (nlane, ndof)
+      real(wp), allocatable, private :: velocity(:, :)   !! M^-1 p, and below (nlane, ndof)
+      real(wp), allocatable, private :: moved(:, :)      !! what M^-1 is still to be applied to (nlane, ndof)
+      real(wp), allocatable, private :: nothing(:, :)    !! zero (nlane, ndof)
       real(wp), allocatable, dimension(:) :: last, change, extent  !! of an iteration (nlane)
    contains
       procedure :: begin
@@ -71,6 +79,13 @@ contains
          if (allocated(self%ham%modified)) &
             self%eliminated = self%eliminated .and. t%additive .and. t%position_noise .and. &
                               .not. self%ham%modified%time_dependent
+         if (t%divides_by_mass() .and. .not. allocated(self%ham%modified)) then
+            self%eliminated = .true.
+            allocate (self%mass)
+            call new_constant_mass(self%mass, nlane, n, t%nnoise)
+            allocate (self%velocity(nlane, n), self%moved(nlane, n))
+            allocate (self%nothing(nlane, n), source=0.0_wp)
+         end if
          self%has_c = .not. self%eliminated .or. allocated(self%ham%modified) .or. &
                       .not. (t%position_noise .or. t%nnoise == 0)
       end associate
@@ -109,7 +124,8 @@ contains
       end associate
       self%store%h = step%h
       call self%store%show(0, step%t, self%step)
-      self%kappa = merge(step%h, 0.0_wp, self%identity_mass)
+      self%kappa = merge(step%h, 0.0_wp, self%identity_mass .or. allocated(self%mass))
+      if (allocated(self%mass)) call find_velocity(self)
       associate (s => self%plan%nstage, size => size(self%q), plan => self%plan)
          if (self%eliminated .and. self%has_c) then
             self%ps = 0
@@ -119,6 +135,10 @@ contains
             end do
          end if
          do i = 1, s
+            if (allocated(self%mass)) then
+               call add_slopes(size, 1, self%kappa, plan%r(i:i), self%velocity, self%q, self%base(:, :, i))
+               cycle
+            end if
             call add_slopes(size, 1, self%kappa, plan%r(i:i), self%p, self%q, self%base(:, :, i))
             if (.not. (self%eliminated .and. self%has_c)) cycle
             call add_slopes(size, s, 1.0_wp, plan%a(:, i), self%c, self%base(:, :, i), self%qs)
@@ -126,6 +146,30 @@ contains
          end do
       end associate
    end subroutine begin
+
+   !> M^-1 p where the step begins.
+   subroutine find_velocity(self)
+      class(stage_equations), intent(inout) :: self
+
+      associate (nlane => self%ham%nlane, counters => self%ham%counters)
+         call self%mass%look(self%ham%model, nlane, self%step%t, self%q)
+         call self%mass%velocity(self%ham%model, nlane, self%step%t, self%q, self%p, self%velocity)
+         counters%gradients = counters%gradients + self%mass%asked*self%ham%nreal
+      end associate
+   end subroutine find_velocity
+
+   !> start + kappa M^-1 sum_k coefficient_k G_k
+   subroutine add_by_mass(self, coefficient, start, total)
+      class(stage_equations), intent(inout) :: self
+      real(wp), intent(in) :: coefficient(self%plan%nstage), start(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: total(self%ham%nlane, self%ham%ndof)
+
+      associate (nlane => self%ham%nlane, counters => self%ham%counters)
+         call add_slopes(size(start), self%plan%nstage, self%kappa, coefficient, self%g, self%nothing, self%moved)
+         call self%mass%add(self%ham%model, nlane, self%step%t, self%q, self%moved, start, total)
+         counters%gradients = counters%gradients + self%mass%asked*self%ham%nreal
+      end associate
+   end subroutine add_by_mass
 
    !> t_i = t_n + c_i h
    pure real(wp) function time_of(self, i) result(t)
@@ -142,7 +186,10 @@ contains
       real(wp), intent(in), dimension(self%plan%nstage) :: b, a, abar
 
       associate (s => self%plan%nstage, size => size(self%q))
-         if (self%eliminated) then
+         if (allocated(self%mass)) then
+            call add_by_mass(self, b, self%base(:, :, i), self%qs)
+            return
+         else if (self%eliminated) then
             call add_slopes(size, s, self%kappa, b, self%g, self%base(:, :, i), self%qs)
             return
          end if
@@ -185,8 +232,13 @@ contains
       real(wp), intent(out), dimension(self%ham%nlane, self%ham%ndof) :: dq, dp
 
       associate (s => self%plan%nstage, size => size(self%q), plan => self%plan)
-         self%qs = self%kappa*sum(plan%alpha)*self%p
-         call add_slopes(size, s, self%kappa, plan%v, self%g, self%qs, dq)
+         if (allocated(self%mass)) then
+            self%qs = self%kappa*sum(plan%alpha)*self%velocity
+            call add_by_mass(self, plan%v, self%qs, dq)
+         else
+            self%qs = self%kappa*sum(plan%alpha)*self%p
+            call add_slopes(size, s, self%kappa, plan%v, self%g, self%qs, dq)
+         end if
          if (self%has_c) then
             call add_slopes(size, s, 1.0_wp, plan%alpha, self%c, dq, self%qs)
             dq = self%qs

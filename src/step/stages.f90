@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Implicit schemes of several stages.
 !>
-!> Where H = p.p/2 + U(q) with noise in position or additive the momenta are eliminated (step/stage_plan).
+!> Where H = p.p/2 + U(q) with noise in position or additive the momenta are eliminated (step/stage_plan); so they are
+!> where H = p.M^-1 p/2 + U(q) with noise in position, for iteration without matrices.
 !> The slopes are found group by group: by fixed-point iteration in the lanes where the step is mild
 !> (step/stage_iteration), by Newton's iteration in the others (step/stage_newton; the general stepper's where
 !> momenta cannot be eliminated; midpoint's own where its matrices are large or made of differences). All find the
@@ -17,6 +18,7 @@ module symsde_step_stages
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, correction_none
    use symsde_solve_newton, only: newton_options
+   use symsde_step_constant_mass, only: new_constant_mass
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_full_stages, only: lone_full_stages
@@ -89,13 +91,25 @@ contains
 
       call new_stages_stepper(self, task%model, task%scheme, task%nlane, task%newton)
       if (self%equations%eliminated) self%left_out = 'half of the unknowns: identity mass'
+      if (allocated(self%equations%mass)) self%left_out = 'half of the unknowns of mild steps: constant mass'
       if (.not. self%midpoint_left) return
       associate (t => task%model%traits)
-         if (.not. does_without_matrices(t, merge(t%ndof, 2*t%ndof, self%equations%eliminated), task%newton)) return
+         if (.not. does_without_matrices(t, unknowns_left(self), task%newton)) return
       end associate
-      self%left_out = 'matrices: products with the Hessian take their place'
-      if (self%equations%eliminated) self%left_out = self%left_out//'; half of the unknowns: identity mass'
+      if (self%equations%eliminated) then
+         self%left_out = 'matrices: products with the Hessian take their place; '//self%left_out
+      else
+         self%left_out = 'matrices: products with the Hessian take their place'
+      end if
    end subroutine make
+
+   !> Unknowns of the midpoint that takes the lanes that are left.
+   pure integer function unknowns_left(self) result(n)
+      class(stages_stepper), intent(in) :: self
+
+      n = self%ham%ndof
+      if (.not. self%equations%eliminated .or. allocated(self%equations%mass)) n = 2*n
+   end function unknowns_left
 
    !> Whether this stepper serves a model, scheme and options.
    pure logical function fits_stages(model, scheme, options)
@@ -135,14 +149,12 @@ contains
       self%name = 'stages'
       if (self%equations%eliminated) self%name = 'stages, momenta eliminated'
       brackets = active_brackets(scheme%brackets, model%traits)
-      associate (n => model%traits%ndof)
-         self%midpoint_left = scheme%is_midpoint() .and. .not. brackets%are_added() .and. &
-                              iterates_first(model%traits, merge(n, 2*n, self%equations%eliminated), options)
-      end associate
-      self%leaves = self%midpoint_left .or. .not. self%equations%eliminated
+      self%midpoint_left = scheme%is_midpoint() .and. .not. brackets%are_added() .and. &
+                           iterates_first(model%traits, unknowns_left(self), options)
+      self%leaves = self%midpoint_left .or. .not. self%equations%eliminated .or. allocated(self%equations%mass)
       allocate (self%solver(self%equations%plan%ngroup))
       do g = 1, size(self%solver)
-         self%solver(g)%has_rows = self%equations%eliminated .and. &
+         self%solver(g)%has_rows = self%equations%eliminated .and. .not. allocated(self%equations%mass) .and. &
                                    fits_stage_rows(model%traits, self%equations%plan%group(g))
          self%solver(g)%at_once = self%solver(g)%has_rows .and. solves_at_once(model%traits) .and. &
                                   .not. self%equations%plan%group(g)%explicit
@@ -244,8 +256,13 @@ contains
       made%plan = self%equations%plan
       allocate (made%too_slow(size(self%solver)))
       do g = 1, size(self%solver)
-         made%too_slow(g) = slowest(self%solver(g), made%plan%group(g), stiff_rate)
+         made%too_slow(g) = slowest(self%solver(g), made%plan%group(g), too_stiff_for(self))
       end do
+      made%too_stiff = too_stiff_for(self)
+      if (allocated(self%equations%mass)) then
+         allocate (made%mass)
+         call new_constant_mass(made%mass, 1, self%ham%ndof, self%ham%nnoise)
+      end if
       call move_alloc(made, lone)
    end subroutine offer_lone
 
@@ -310,7 +327,7 @@ contains
       type(midpoint_full_stepper), allocatable :: midpoint
 
       associate (model => self%equations%ham%model)
-         if (self%midpoint_left .and. self%equations%eliminated) then
+         if (self%midpoint_left .and. self%equations%eliminated .and. .not. allocated(self%equations%mass)) then
             allocate (eliminated)
             call new_midpoint_stepper(eliminated, model, self%width, self%options, by_products)
             call move_alloc(eliminated, self%other)

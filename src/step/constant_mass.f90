@@ -1,0 +1,178 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The velocity M^-1 p of a constant mass that is not the identity.
+!>
+!> Where M is diagonal its numbers are found once, from the model: what a user's function computes beside them, the
+!> force, is not computed again for every velocity. Otherwise the model is asked, by H_p with the weight of H alone.
+module symsde_step_constant_mass
+   use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: lane_unit
+   use symsde_model_abstract, only: model_type
+   implicit none
+   private
+   public :: constant_mass, new_constant_mass
+
+   integer, parameter :: few = 4  !! numbers that a path by itself has, too few for vectors
+
+   type :: constant_mass
+      logical :: diagonal = .false.
+      integer :: asked = 0                                !! gradients that a velocity costs
+      real(wp), allocatable :: inverse(:)                 !! the diagonal of M^-1 (ndof)
+      logical, private :: known = .false.                 !! it was looked at
+      real(wp), allocatable, private :: unit(:, :)        !! the weight of H alone (nlane, 0:nnoise)
+      real(wp), allocatable, private :: hp(:, :)          !! H_p (nlane, ndof)
+   contains
+      procedure :: look
+      procedure :: velocity
+      procedure :: drift
+      procedure :: add
+   end type constant_mass
+
+contains
+
+   !> For blocks of nlane lanes.
+   subroutine new_constant_mass(self, nlane, ndof, nnoise)
+      type(constant_mass), intent(out) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+
+      allocate (self%inverse(ndof), source=0.0_wp)
+      allocate (self%unit(nlane, 0:nnoise), source=0.0_wp)
+      self%unit(:, 0) = 1
+      self%asked = 1
+   end subroutine new_constant_mass
+
+   !> Look once at a place where some path is: whether every velocity is a number times its momentum. That is so where
+   !> numbers found for one momentum are those of seven others, to rounding. The place itself does not matter: the
+   !> numbers are the same for all paths, blocks and threads.
+   subroutine look(self, model, nlane, t, q)
+      class(constant_mass), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, q(nlane, size(self%inverse))
+      real(wp), dimension(lane_unit, size(self%inverse)) :: x, p, v
+      real(wp) :: w(lane_unit, 0:model%traits%nnoise)
+      integer :: i, j, lane
+
+      if (self%known) return
+      do lane = 1, nlane
+         if (all(abs(q(lane, :)) <= huge(t))) exit
+      end do
+      if (lane > nlane) return  ! no path is anywhere
+      self%known = .true.
+      w = 0
+      w(:, 0) = 1
+      do i = 1, size(self%inverse)
+         x(:, i) = q(lane, i)
+         p(1, i) = 1
+         do j = 2, lane_unit
+            p(j, i) = 1.5_wp + sin(1.7_wp*i*j + j)  ! no two masses have the same ones
+         end do
+      end do
+      call model%gradient(lane_unit, size(self%inverse), model%traits%nnoise, t, w, x, p, hp=v)
+      self%diagonal = .true.
+      do i = 1, size(self%inverse)
+         self%inverse(i) = v(1, i)
+         self%diagonal = self%diagonal .and. abs(v(1, i)) <= huge(t) .and. &
+                         all(abs(v(:, i) - v(1, i)*p(:, i)) <= 4*epsilon(t)*abs(v(:, i)))
+      end do
+      if (self%diagonal) self%asked = 0
+   end subroutine look
+
+   !> M^-1 p
+   subroutine velocity(self, model, nlane, t, q, p, v)
+      class(constant_mass), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, q(nlane, size(self%inverse)), p(nlane, size(self%inverse))  !! where the path is
+      real(wp), intent(out) :: v(nlane, size(self%inverse))
+      integer :: i
+
+      if (self%diagonal) then
+         do i = 1, size(self%inverse)
+            v(:, i) = self%inverse(i)*p(:, i)
+         end do
+      else
+         call model%gradient(nlane, size(self%inverse), model%traits%nnoise, t, self%unit, q, p, hp=v)
+      end if
+   end subroutine velocity
+
+   !> h M^-1 p with the step of each path; M is diagonal.
+   pure subroutine drift(self, nlane, h, p, dq)
+      class(constant_mass), intent(in) :: self
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: h(nlane), p(nlane, size(self%inverse))
+      real(wp), intent(out) :: dq(nlane, size(self%inverse))
+      integer :: i
+
+      do i = 1, size(self%inverse)
+         dq(:, i) = (h*self%inverse(i))*p(:, i)
+      end do
+   end subroutine drift
+
+   !> start + M^-1 p
+   subroutine add(self, model, nlane, t, q, p, start, total)
+      class(constant_mass), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, q(nlane, size(self%inverse)), p(nlane, size(self%inverse))
+      real(wp), intent(in) :: start(nlane, size(self%inverse))
+      real(wp), intent(out) :: total(nlane, size(self%inverse))
+
+      if (.not. self%diagonal) then
+         if (.not. allocated(self%hp)) allocate (self%hp, mold=start)
+         call self%velocity(model, nlane, t, q, p, self%hp)
+         call add_once(size(start), self%hp, start, total)
+      else if (nlane == 1) then
+         call add_lone(size(start), self%inverse, p, start, total)
+      else
+         call add_times(nlane, size(self%inverse), self%inverse, p, start, total)
+      end if
+   end subroutine add
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC
+   pure subroutine add_once(n, x, start, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: x(n), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = start(i) + x(i)
+      end do
+   end subroutine add_once
+
+   !> VEC Of one path.
+   pure subroutine add_lone(n, c, x, start, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c(n), x(n), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      if (n <= few) then
+         !GCC$ novector
+         do i = 1, n
+            total(i) = start(i) + c(i)*x(i)
+         end do
+         return
+      end if
+      do i = 1, n
+         total(i) = start(i) + c(i)*x(i)
+      end do
+   end subroutine add_lone
+
+   !> VEC
+   pure subroutine add_times(nlane, n, c, x, start, total)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: c(n), x(nlane, n), start(nlane, n)
+      real(wp), intent(out) :: total(nlane, n)
+      integer :: i, lane
+
+      do i = 1, n
+         do lane = 1, nlane
+            total(lane, i) = start(lane, i) + c(i)*x(lane, i)
+         end do
+      end do
+   end subroutine add_times
+
+end module symsde_step_constant_mass
