@@ -96,7 +96,7 @@ class Work:
         try:
             estimator = self._begun(self.plan.estimator(FIRST, self.pilot.problem))
             least = estimator.least_units if self.pilot.problem.model.nnoise else 2
-            wanted = max(least, self._planned())
+            wanted = planned = max(least, self._planned())
             while drawn.units.n < wanted and not (self.watch.over and drawn.units.n >= 2):
                 missing = wanted - drawn.units.n
                 if drawn.units.n >= least and self._is_doubled(estimator, drawn, missing):
@@ -108,7 +108,7 @@ class Work:
                 if drawn.failed >= max(least, drawn.units.n):
                     raise NumericalError(_failures(drawn)[0])
                 tails.look(drawn.units, self.plan.scheme, self.plan.steps)
-                if drawn.units.n >= wanted:
+                if drawn.units.n >= planned:
                     wanted = max(least, self._units_for(drawn.units))
                 self.watch.tell(drawn.units.n / wanted)
         except KeyboardInterrupt as stop:
