@@ -139,7 +139,7 @@ int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradi
                      symsde_error *error);
 /* Further functions for a model of symsde_model_new, with its user pointer; NULL = without. They are probed. */
 /* called where a scheme wants gradient and Hessian at one point; it also stands in for a hessian that is NULL */
-int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian function, symsde_error *error);
+int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian joint, symsde_error *error);
 /* for bandwidth 1, identity_mass, and position_noise or additive: midpoint then stores neither force nor matrix as a
  * whole. The rows must agree with the gradient to rounding */
 int symsde_model_set_chain_rows(symsde_model model, symsde_chain_rows chain_rows, symsde_error *error);

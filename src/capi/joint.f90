@@ -22,16 +22,16 @@ contains
 
    !> Give a model of symsde_model_new one more function; NULL takes it back. Refuses built-in models
    !> (incompatible).
-   function symsde_model_set_gradient_hessian(model, gradient_hessian, error) result(status) &
+   function symsde_model_set_gradient_hessian(model, joint, error) result(status) &
       bind(c, name='symsde_model_set_gradient_hessian')
       type(c_ptr), intent(in), value :: model, error
-      type(c_funptr), intent(in), value :: gradient_hessian
+      type(c_funptr), intent(in), value :: joint
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       type(callback_model), pointer :: known
 
       call find_callback_model(model, known, 'symsde_model_set_gradient_hessian', refusal)
-      if (.not. allocated(refusal)) call known%set_gradient_hessian(gradient_hessian)
+      if (.not. allocated(refusal)) call known%set_gradient_hessian(joint)
       status = finish(refusal, error)
    end function symsde_model_set_gradient_hessian
 
