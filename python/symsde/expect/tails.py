@@ -16,7 +16,7 @@ from .tally import Tally
 _MANY = 2**15  #: values, of which a few that differ are looked at again
 _OUTERMOST = 32  #: of these
 _FIRST = 2**45 + 2**42  #: path that they begin at
-_SMALLEST = 1e-70  #: of the values, whose fourth power does not vanish
+_SMALLEST = 1e-135  #: of the values: squares of errors a millionth of that do not vanish
 LEAST = 256  #: values below which nothing can be told
 _DOUBT = 2.0  #: standard errors of the index that decide
 
@@ -34,12 +34,12 @@ def tail_index(values: np.ndarray, count: int = 0) -> tuple[float, float]:
 
 
 def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
-    """Refuse values whose largest ones fall off so slowly that their variance is infinite, or whose powers vanish."""
+    """Refuse values whose largest ones fall off so slowly that their variance is infinite, or whose squares vanish."""
     if values.size < LEAST:
         return
     if 0 < (largest := float(np.abs(values).max())) < _SMALLEST:
         raise InvalidArgumentError(
-            f"f = {name} is at most {largest:.3g}, whose powers double precision does not hold: give it in a unit in "
+            f"f = {name} is at most {largest:.3g}, whose square double precision does not hold: give it in a unit in "
             f"which it is larger than {_SMALLEST:g}"
         )
     index, error = tail_index(values, count)
