@@ -160,20 +160,22 @@ contains
    subroutine take_rows(self, nlane, path, column, n, row, nrow, lead, dw)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane, column, n, nrow
-      integer(i8), intent(in) :: path(nlane), row  !! paths in increasing order; padding repeats the last
+      integer(i8), intent(in) :: path(nlane), row  !! padding repeats the last
       integer, intent(in) :: lead                  !! columns before those that are written
       real(wp), intent(inout) :: dw(nlane, 1 - lead:n, nrow)
       integer(i8) :: place(nlane), from
+      logical :: neighbours
       integer :: i, k, lane
 
       place = merge(1_i8, path - self%first_path + 1, size(self%dw, 1) == 1)
+      neighbours = all(place(2:) - place(:nlane - 1) == 1)
       do i = 1, nrow
          from = row + i - 1
          if (size(self%dw, 1) == 1 .and. nlane == 1) then
             do k = 1, n
                dw(1, k, i) = self%dw(1, column + k - 1, from)
             end do
-         else if (place(nlane) - place(1) == nlane - 1) then
+         else if (neighbours) then
             do k = 1, n
                dw(:, k, i) = self%dw(place(1):place(nlane), column + k - 1, from)
             end do
