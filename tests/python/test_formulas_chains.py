@@ -150,22 +150,48 @@ def test_rows_are_those_of_gradient_and_hessian(H, noise, ends, lanes):
 @pytest.mark.parametrize("ends", ["free", "fixed"])
 @pytest.mark.parametrize(("H", "noise"), ROWS)
 def test_a_lane_by_itself_has_the_same_bits(H, noise, ends):
-    n = 150  # tiles of rows: full ones, and what is left over
+    n = 300  # a tile of rows, and what is left over
     model = ss.model_from_sympy(H, noise, params=PARAMS, n=n, ends=ends)
     x, y, w = points(model, 67)  # more than a strip of lanes
     beyond = np.zeros((1, 67))
     padded = np.concatenate([beyond, x, beyond])
     force, velocity = model.gradient(x, y, w, t=0.7)
-    ranges = ((0, n - 1), (0, 64), (70, n - 1), (n - 1, n - 1))
+    ranges = ((0, n - 1), (0, 64), (30, n - 1), (n - 1, n - 1))
     strips = [rows(model, padded[first : last + 3], w, first, last) for first, last in ranges]
-    for lane in (0, 15, 66):
-        own = slice(lane, lane + 1)
-        alone = model.gradient(x[:, own], y[:, own], w[:, own], t=0.7)
-        assert (alone[0] == force[:, own]).all() and (alone[1] == velocity[:, own]).all()
+    for own in lanes_alone(model, (x, y, w), force, velocity):
         for (first, last), (f, k) in zip(ranges, strips, strict=True):
             alone = rows(model, padded[first : last + 3, own], w[:, own], first, last)
             assert (alone[0] == f[:, own]).all()
             assert (alone[1][:-1] == k[:-1, :, own]).all() and (alone[1][-1, 0] == k[-1, 0, own]).all()
+
+
+def lanes_alone(model, at, force, velocity):
+    """Some lanes, each with the gradient that it has among all."""
+    for lane in (0, 15, 66):
+        own = slice(lane, lane + 1)
+        alone = model.gradient(*(v[:, own] for v in at), t=0.7)
+        assert (alone[0] == force[:, own]).all() and (alone[1] == velocity[:, own]).all()
+        yield own
+
+
+@pytest.mark.parametrize(("H", "noise"), ROWS)
+@pytest.mark.parametrize("n", [2, 3, 300])
+def test_a_ring_is_the_middle_of_a_chain_that_goes_round_thrice(H, noise, n):
+    ring = ss.model_from_sympy(H, noise, params=PARAMS, n=n, ends="periodic")
+    thrice = ss.model_from_sympy(H, noise, params=PARAMS, n=3 * n, ends="fixed")
+    assert "rows_of_hq" in ring.formula.source and ring.traits.bandwidth is None
+    at = points(ring, 67)
+    x, y, w = at
+    weights = [w[:1]]
+    for k, text in enumerate(noise):
+        each = 1 if "Sum" in text else n
+        before = 1 + sum(1 if "Sum" in other else n for other in noise[:k])
+        weights += [w[before : before + each]] * (1 if each == 1 else 3)
+    known = thrice.gradient(np.tile(x, (3, 1)), np.tile(y, (3, 1)), np.concatenate(weights), t=0.7)
+    force, velocity = ring.gradient(*at, t=0.7)
+    np.testing.assert_allclose(force, known[0][n : 2 * n], rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(velocity, known[1][n : 2 * n], rtol=1e-13, atol=1e-13)
+    assert len(list(lanes_alone(ring, at, force, velocity))) == 3
 
 
 @pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint"])

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""C for the rows of a chain H = p.p/2 + U(q) whose Hessian is tridiagonal (symsde_chain_rows in symsde.h).
+"""C for the rows of a chain H = p.p/2 + U(q) that ties neighbours only: its gradient, and where the Hessian is
+tridiagonal, which that of a ring is not, force and stiffness of a row (symsde_chain_rows in symsde.h).
 
 All densities together are one function of a row q0 and the next one q1: its derivatives by q0 are the row's, those by
 q1 are handed on to the next row, so that what ties two sites is evaluated once.
@@ -17,7 +18,9 @@ from .problem import Problem
 from .sites import Chain, Density, Number
 
 LANES = 16  #: that the library asks for at once, strip_lanes: what a row hands on stays in registers
-TILE = 64  #: rows of one lane side by side, what they hand on in the nearest cache
+TILE = (
+    256  #: rows of one lane side by side, what they hand on in the nearest cache, where it has arrived when it is read
+)
 WIDE = 64  #: lanes of a gradient that hand on together: blocks of long chains have as many
 OUTPUTS = {"force": ("hq", 0), "diagonal": ("hqq", 0), "beside": ("hqq", 1)}  #: of a row; places in `Derivatives`
 HANDED = {"force": ("hq", 1), "diagonal": ("hqq", 3)}  #: what the next row adds to its own
@@ -40,19 +43,18 @@ INLINE rows(const ptrdiff_t n, const int lanes, const ptrdiff_t sites, const ptr
 {alone}   return beyond;
 }}
 
-/* The same of one lane, whose rows are computed side by side: q holds the row before them, too, and the one behind. */
+/* The same of one lane, whose rows are computed side by side. */
 INLINE lone_rows(const ptrdiff_t sites, const ptrdiff_t first, const ptrdiff_t last, const double t,
-                 const double *restrict w, const double *restrict q, const double *restrict c, double *restrict hq,
-                 double *restrict hqq, const int stiff, const int far) {{
+                 const double *restrict w, const double *restrict above, const double *restrict q,
+                 const double *restrict next, const double *restrict c, double *restrict hq, double *restrict hqq,
+                 const int stiff, const int far) {{
    enum {{ n = 1, lanes = 1 }};
-   const double *const above = q;
    double force[TILE + 1], diagonal[TILE + 1];
    int64_t beyond = 0;
-{lone_handed}{before}   q++;
-   for (ptrdiff_t tile = first; tile <= {last}; tile += TILE) {{
+{handed}{before}   for (ptrdiff_t tile = first; tile <= {last}; tile += TILE) {{
       const ptrdiff_t left = {last} - tile + 1;
       const int some = left < TILE ? (int)left : TILE;
-      const double *restrict x = q + (tile - first), *restrict y = x + 1;
+      const double *restrict x = q + (tile - first), *restrict y = next + (tile - first);
       double *restrict f = hq + (tile - first), *restrict k = stiff ? hqq + 2 * (tile - first) : NULL;
 #pragma GCC ivdep
       for (int i = 0; i < some; i++) {{
@@ -68,69 +70,71 @@ INLINE lone_rows(const ptrdiff_t sites, const ptrdiff_t first, const ptrdiff_t l
    }}
 {alone}   return beyond;
 }}
-
+"""
+CHAIN_ROWS = """
 int formula_chain_rows(int nlane, int ndof, int nham, int first, int last, double t, const double *w, const double *q,
-                       double *hq, double *hqq, void *user) {{
+                       double *hq, double *hqq, void *user) {
    (void)nham;
    double force[LANES], diagonal[LANES];
    const double *const own = q + nlane, *const next = own + nlane;
-   if (nlane == LANES) {{ /* a number that the compiler knows */
+   if (nlane == LANES) { /* a number that the compiler knows */
       if (rows(LANES, LANES, ndof, first, last, t, w, q, own, next, user, hq, hqq, force, diagonal, 1, 0) < 0)
          rows(LANES, LANES, ndof, first, last, t, w, q, own, next, user, hq, hqq, force, diagonal, 1, 1);
       return 0;
-   }}
-   if (nlane == 1) {{
-      if (lone_rows(ndof, first, last, t, w, q, user, hq, hqq, 1, 0) < 0)
-         lone_rows(ndof, first, last, t, w, q, user, hq, hqq, 1, 1);
+   }
+   if (nlane == 1) {
+      if (lone_rows(ndof, first, last, t, w, q, own, next, user, hq, hqq, 1, 0) < 0)
+         lone_rows(ndof, first, last, t, w, q, own, next, user, hq, hqq, 1, 1);
       return 0;
-   }}
-   for (int i = 0; i < nlane; i += LANES) {{
+   }
+   for (int i = 0; i < nlane; i += LANES) {
       const int some = nlane - i < LANES ? nlane - i : LANES;
       if (rows(nlane, some, ndof, first, last, t, w + i, q + i, own + i, next + i, user, hq + i, hqq + i, force,
                diagonal, 1, 0) < 0)
          rows(nlane, some, ndof, first, last, t, w + i, q + i, own + i, next + i, user, hq + i, hqq + i, force,
               diagonal, 1, 1);
-   }}
+   }
    return 0;
-}}
+}
 """
 GRADIENT = """
-/* The gradient in q, row after row. */
-INLINE strip_of_hq(const int n, const int lanes, const double t, const double *restrict w, const double *restrict q,
-                   const double *restrict c, const ptrdiff_t sites, OUT hq, const int far) {
-   const double zero[WIDE] = {0};
-   double force[WIDE];
-   const double *const end = q + (sites - 1) * n, *const above = sites > 1 ? end - n : zero;
-   return rows(n, lanes, sites, 0, sites - 2, t, w, zero, q, q + n, c, hq, NULL, force, NULL, 0, far) |
-          rows(n, lanes, sites, sites - 1, sites - 1, t, w, above, end, zero, c, hq + (sites - 1) * n, NULL, force,
-               NULL, 0, far);
-}
+static const double nothing[WIDE] = {{0}};
 
-static __attribute__((noinline)) void of_hq(IN, const ptrdiff_t sites, OUT hq) {
-   if (n == 1) {
-      double x[TILE + 2];
-      for (ptrdiff_t first = 0; first < sites; first += TILE) {
-         const ptrdiff_t last = first + TILE < sites ? first + TILE - 1 : sites - 1;
-         x[0] = first > 0 ? q[first - 1] : 0;
-         memcpy(x + 1, q + first, (size_t)(last - first + 1) * sizeof(double));
-         x[last - first + 2] = last + 1 < sites ? q[last + 1] : 0;
-         if (lone_rows(sites, first, last, t, w, x, c, hq + first, NULL, 0, 0) < 0)
-            lone_rows(sites, first, last, t, w, x, c, hq + first, NULL, 0, 1);
-      }
+/* Rows first .. last of the gradient in q. */
+INLINE rows_of_hq(const int n, const int lanes, const ptrdiff_t sites, const ptrdiff_t first, const ptrdiff_t last,
+                  const double t, const double *restrict w, const double *restrict above, const double *restrict q,
+                  const double *restrict next, const double *restrict c, OUT hq, const int far) {{
+   double force[WIDE];
+   return n == 1 ? lone_rows(sites, first, last, t, w, above, q, next, c, hq, NULL, 0, far)
+                 : rows(n, lanes, sites, first, last, t, w, above, q, next, c, hq, NULL, force, NULL, 0, far);
+}}
+
+/* The gradient in q, row after row; the last one, whose next row is none or the first, by itself. */
+INLINE strip_of_hq(const int n, const int lanes, const double t, const double *restrict w, const double *restrict q,
+                   const double *restrict c, const ptrdiff_t sites, OUT hq, const int far) {{
+   const double *const end = q + (sites - 1) * n, *const above = sites > 1 ? end - n : {above};
+   return rows_of_hq(n, lanes, sites, 0, sites - 2, t, w, {above}, q, q + n, c, hq, far) |
+          rows_of_hq(n, lanes, sites, sites - 1, sites - 1, t, w, above, end, {behind}, c, hq + (sites - 1) * n, far);
+}}
+
+static __attribute__((noinline)) void of_hq(IN, const ptrdiff_t sites, OUT hq) {{
+   if (n == 1) {{
+      if (strip_of_hq(1, 1, t, w, q, c, sites, hq, 0) < 0)
+         strip_of_hq(1, 1, t, w, q, c, sites, hq, 1);
       return;
-   }
-   for (int i = 0; i < n; i += WIDE) {
+   }}
+   for (int i = 0; i < n; i += WIDE) {{
       const int some = n - i < WIDE ? n - i : WIDE;
-      if (some == WIDE) { /* a number that the compiler knows */
+      if (some == WIDE) {{ /* a number that the compiler knows */
          if (strip_of_hq(n, WIDE, t, w + i, q + i, c, sites, hq + i, 0) < 0)
             strip_of_hq(n, WIDE, t, w + i, q + i, c, sites, hq + i, 1);
-      } else if (strip_of_hq(n, some, t, w + i, q + i, c, sites, hq + i, 0) < 0)
+      }} else if (strip_of_hq(n, some, t, w + i, q + i, c, sites, hq + i, 0) < 0)
          strip_of_hq(n, some, t, w + i, q + i, c, sites, hq + i, 1);
-   }
-}
+   }}
+}}
 """
 HANDED_FROM_ABOVE = """   if ({there}) {{
-      const double *restrict x = above, *restrict y = OWN;
+      const double *restrict x = above, *restrict y = q;
 {before}      for (int i = 0; i < lanes; i++) {{
 {inside}      }}
    }} else {{
@@ -161,7 +165,7 @@ class _Term:
 
 def source(chain: Chain) -> str:
     """The functions."""
-    closed = chain.ends == "fixed"  # densities that reach beyond the ends count
+    closed = chain.ends != "free"  # densities that reach beyond the ends count
     terms, whole = _together(chain, chain.densities)
     parts = {
         "handed": _handed_from_above(whole, terms, closed),
@@ -182,19 +186,20 @@ def source(chain: Chain) -> str:
         own = ("f[i] = force[i] + {force};", "k[i] = diagonal[i] + {diagonal};", "k[n + i] = 0;")
         before, inside = _loop(single, terms, {x: OUTPUTS[x] for x in ("force", "diagonal")}, own)
         parts["alone"] = ALONE.format(before=before, inside=inside)
-    sizes = f"enum {{ LANES = {LANES}, TILE = {TILE}, WIDE = {WIDE} }};\n"
-    above = parts.pop("handed")
-    handed = [above.replace("OWN", x) for x in ("q", "q + 1")]
-    body = BODY.format(**parts, handed=handed[0], lone_handed=handed[1])
-    return sizes + body + GRADIENT
+    text = f"enum {{ LANES = {LANES}, TILE = {TILE}, WIDE = {WIDE} }};\n" + BODY.format(**parts)
+    if chain.ends == "periodic":
+        return text + GRADIENT.format(above="end", behind="q")
+    return text + CHAIN_ROWS + GRADIENT.format(above="nothing", behind="nothing")
 
 
 def has_rows(chain: Chain) -> bool:
-    """Whether this is a chain as the library wants for rows, with densities that stand in every row alike."""
+    """Whether each row of the force ties neighbours only, by densities that stand in every row alike."""
     traits = chain.traits
-    if not (traits["bandwidth"] == 1 and traits["identity_mass"] and (traits["position_noise"] or traits["additive"])):
+    if chain.outer or not (traits["identity_mass"] and (traits["position_noise"] or traits["additive"])):
         return False
-    return all(_is_plain(d, chain.ends) for d in chain.densities)
+    reach = max(d.offsets[-1] - d.offsets[0] for d in chain.densities)
+    near = traits["bandwidth"] == 1 or (chain.ends == "periodic" and reach == 1)
+    return near and all(_is_plain(d, chain.ends) for d in chain.densities)
 
 
 def _is_plain(d: Density, ends: str) -> bool:
@@ -202,7 +207,7 @@ def _is_plain(d: Density, ends: str) -> bool:
         return True
     if d.family:
         return d.offsets == (0,)
-    return ends == "fixed" or (d.offsets[0] <= 0 <= d.offsets[-1])
+    return ends != "free" or (d.offsets[0] <= 0 <= d.offsets[-1])
 
 
 def _together(chain: Chain, densities: Any) -> tuple[list[_Term], Derivatives]:
