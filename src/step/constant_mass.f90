@@ -11,8 +11,6 @@ module symsde_step_constant_mass
    private
    public :: constant_mass, new_constant_mass
 
-   integer, parameter :: few = 4  !! numbers that a path by itself has, too few for vectors
-
    type :: constant_mass
       logical :: diagonal = .false.
       integer :: asked = 0                                !! gradients that a velocity costs
@@ -149,13 +147,6 @@ contains
       real(wp), intent(out) :: total(n)
       integer :: i
 
-      if (n <= few) then
-         !GCC$ novector
-         do i = 1, n
-            total(i) = start(i) + c(i)*x(i)
-         end do
-         return
-      end if
       do i = 1, n
          total(i) = start(i) + c(i)*x(i)
       end do

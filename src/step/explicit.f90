@@ -12,14 +12,14 @@ module symsde_step_explicit
    use symsde_scheme_dependency, only: stages_follow => is_explicit
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_step_constant_mass, only: new_constant_mass
-   use symsde_step_kicks, only: kick_and_drift, kick_again, move
+   use symsde_step_kicks, only: kick, kick_and_drift, kick_again, move
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: explicit_stepper, new_explicit_stepper, is_explicit
+   public :: explicit_stepper, is_explicit
 
    !> One evaluation: of Hhat_q, of Hhat_p, or of both, at one stage.
    type :: evaluation
@@ -63,7 +63,22 @@ contains
       class(explicit_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
-      call new_explicit_stepper(self, task%model, task%scheme, task%nlane)
+      self%name = 'explicit'
+      self%explicit = .true.
+      associate (scheme => task%scheme, t => task%model%traits, nlane => task%nlane)
+         self%nstage = scheme%nstage
+         self%c = scheme%c
+         self%to_q = transpose(scheme%a)
+         self%to_p = -transpose(scheme%abar)
+         self%alpha = scheme%alpha
+         self%minus_alpha = -scheme%alpha
+         call find_plan(scheme, t%separable, self%plan)
+         self%is_euler = is_one_stage(self)
+         call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
+         self%is_verlet = is_verlet(self) .and. (self%ham%mass_alone .or. allocated(self%ham%mass))
+         allocate (self%hq(nlane, t%ndof, self%nstage), self%hp(nlane, t%ndof, self%nstage))
+         allocate (self%qs(nlane, t%ndof), self%ps(nlane, t%ndof))
+      end associate
    end subroutine make
 
    !> Whether this scheme without correction can be executed explicitly on this model.
@@ -76,31 +91,6 @@ contains
       if (.not. scheme%noise_coefficients_equal()) return
       is_explicit = stages_follow(scheme, model%traits%separable)
    end function is_explicit
-
-   !> An explicit stepper for blocks of nlane lanes; requires is_explicit(model, scheme).
-   subroutine new_explicit_stepper(self, model, scheme, nlane)
-      type(explicit_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
-      integer, intent(in) :: nlane
-
-      self%name = 'explicit'
-      self%explicit = .true.
-      self%nstage = scheme%nstage
-      self%c = scheme%c
-      self%to_q = transpose(scheme%a)
-      self%to_p = -transpose(scheme%abar)
-      self%alpha = scheme%alpha
-      self%minus_alpha = -scheme%alpha
-      call find_plan(scheme, model%traits%separable, self%plan)
-      self%is_euler = is_one_stage(self)
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      self%is_verlet = is_verlet(self) .and. (self%ham%mass_alone .or. allocated(self%ham%mass))
-      associate (n => model%traits%ndof)
-         allocate (self%hq(nlane, n, self%nstage), self%hp(nlane, n, self%nstage))
-         allocate (self%qs(nlane, n), self%ps(nlane, n))
-      end associate
-   end subroutine new_explicit_stepper
 
    !> Whether there is one stage of weight one that moves one of q and p before the other is evaluated.
    pure logical function is_one_stage(self)
@@ -234,13 +224,13 @@ contains
       associate (ti => t + self%c(1)*w(1, 0))
          if (self%plan(1)%force) then
             call self%ham%gradient(ti, w, q, p, hq=self%hq(:, :, 1))
-            call kick(n, p, self%hq, dp, self%ps)
+            call kick(n, 1.0_wp, self%hq, p, dp, self%ps)
             call self%ham%gradient(ti, w, q, self%ps, hp=dq)
          else
             call self%ham%gradient(ti, w, q, p, hp=dq)
-            call drift(n, q, dq, self%qs)
+            self%qs = q + dq
             call self%ham%gradient(ti, w, self%qs, p, hq=self%hq(:, :, 1))
-            call turn(n, self%hq, dp)
+            dp = -self%hq(:, :, 1)
          end if
       end associate
    end subroutine euler
@@ -272,60 +262,10 @@ contains
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
 
-      call half_kick(size(q), p, self%hq, dp, self%ps)
+      call kick(size(q), 0.5_wp, self%hq, p, dp, self%ps)
       call self%ham%gradient(t, w, q, self%ps, hp=self%hp(:, :, 1))
       call move(size(q), q, self%hp, self%hp, self%qs, dq)
    end subroutine drift_by_mass
-
-   !> VEC dp = -force/2, moved = p - force/2
-   pure subroutine half_kick(n, p, force, dp, moved)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: p(n), force(n)
-      real(wp), intent(out) :: dp(n), moved(n)
-      integer :: i
-
-      do i = 1, n
-         dp(i) = -0.5_wp*force(i)
-         moved(i) = p(i) - 0.5_wp*force(i)
-      end do
-   end subroutine half_kick
-
-   !> VEC dp = -force, moved = p - force
-   pure subroutine kick(n, p, force, dp, moved)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: p(n), force(n)
-      real(wp), intent(out) :: dp(n), moved(n)
-      integer :: i
-
-      do i = 1, n
-         dp(i) = -force(i)
-         moved(i) = p(i) - force(i)
-      end do
-   end subroutine kick
-
-   !> VEC moved = q + dq
-   pure subroutine drift(n, q, dq, moved)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: q(n), dq(n)
-      real(wp), intent(out) :: moved(n)
-      integer :: i
-
-      do i = 1, n
-         moved(i) = q(i) + dq(i)
-      end do
-   end subroutine drift
-
-   !> VEC dp = -force
-   pure subroutine turn(n, force, dp)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: force(n)
-      real(wp), intent(out) :: dp(n)
-      integer :: i
-
-      do i = 1, n
-         dp(i) = -force(i)
-      end do
-   end subroutine turn
 
    !> One evaluation of the plan at (q, p).
    subroutine evaluate(self, what, t, w, q, p)

@@ -7,30 +7,33 @@ module symsde_step_kicks
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: kick_and_drift, kick_and_drift_each, kick_again, move
-
-   integer, parameter :: few = 4  !! numbers that are too few for vectors
+   public :: kick, kick_and_drift, kick_and_drift_each, kick_again, move
 
 contains
 
-   !> VEC The share c of a kick, and a drift by h times the momentum after it, in two halves. What is few is not worth
-   !> vectors.
+   !> VEC The share c of a kick.
+   pure subroutine kick(n, c, force, p, dp, moved)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c, force(n), p(n)
+      real(wp), intent(out) :: dp(n), moved(n)
+      integer :: i
+
+      do i = 1, n
+         dp(i) = -c*force(i)
+         moved(i) = p(i) - c*force(i)
+      end do
+   end subroutine kick
+
+   !> VEC The same, and a drift by h times the momentum after it, in two halves.
    pure subroutine kick_and_drift(n, c, h, force, q, p, dp, dq, x)
       integer, intent(in) :: n
       real(wp), intent(in) :: c, h, force(n), q(n), p(n)
       real(wp), intent(out) :: dp(n), dq(n), x(n)
       integer :: i
 
-      if (n <= few) then
-         !GCC$ novector
-         do i = 1, n
-            call one(c, h, force(i), q(i), p(i), dp(i), dq(i), x(i))
-         end do
-      else
-         do i = 1, n
-            call one(c, h, force(i), q(i), p(i), dp(i), dq(i), x(i))
-         end do
-      end if
+      do i = 1, n
+         call one(c, h, force(i), q(i), p(i), dp(i), dq(i), x(i))
+      end do
    end subroutine kick_and_drift
 
    !> VEC The same of a path whose numbers have a drift of their own: h times `each`.
@@ -40,16 +43,9 @@ contains
       real(wp), intent(out) :: dp(n), dq(n), x(n)
       integer :: i
 
-      if (n <= few) then
-         !GCC$ novector
-         do i = 1, n
-            call one(c, h*each(i), force(i), q(i), p(i), dp(i), dq(i), x(i))
-         end do
-      else
-         do i = 1, n
-            call one(c, h*each(i), force(i), q(i), p(i), dp(i), dq(i), x(i))
-         end do
-      end if
+      do i = 1, n
+         call one(c, h*each(i), force(i), q(i), p(i), dp(i), dq(i), x(i))
+      end do
    end subroutine kick_and_drift_each
 
    pure subroutine one(c, h, force, q, p, dp, dq, x)
@@ -69,16 +65,9 @@ contains
       real(wp), intent(inout) :: dp(n)
       integer :: i
 
-      if (n <= few) then
-         !GCC$ novector
-         do i = 1, n
-            dp(i) = dp(i) - 0.5_wp*force(i)
-         end do
-      else
-         do i = 1, n
-            dp(i) = dp(i) - 0.5_wp*force(i)
-         end do
-      end if
+      do i = 1, n
+         dp(i) = dp(i) - 0.5_wp*force(i)
+      end do
    end subroutine kick_again
 
    !> VEC The drift of two halves.

@@ -31,7 +31,6 @@ module symsde_step_lone
    end type lone_stepper
 
    integer, parameter :: longest_rest = 64
-   integer, parameter :: few = 4  !! numbers that are too few for vectors
 
    abstract interface
       !> One step of one path; where it is not taken nothing is defined, and nothing is counted.
@@ -184,28 +183,16 @@ contains
       real(wp), intent(in) :: dx(n), dy(n)
       real(wp), intent(inout) :: x(n), y(n)
       logical, intent(out) :: sound
-      real(wp) :: zero
       integer(i8) :: nbad
       integer :: i
 
-      if (n <= few) then
-         zero = 0
-         !GCC$ novector
-         do i = 1, n
-            x(i) = x(i) + dx(i)
-            y(i) = y(i) + dy(i)
-            zero = zero + (0*x(i) + 0*y(i))  ! NaN where one is not finite
-         end do
-         sound = abs(zero) <= 0
-      else
-         nbad = 0
-         do i = 1, n
-            x(i) = x(i) + dx(i)
-            y(i) = y(i) + dy(i)
-            nbad = nbad + (merge(0_i8, 1_i8, abs(x(i)) <= huge(x)) + merge(0_i8, 1_i8, abs(y(i)) <= huge(y)))
-         end do
-         sound = nbad == 0
-      end if
+      nbad = 0
+      do i = 1, n
+         x(i) = x(i) + dx(i)
+         y(i) = y(i) + dy(i)
+         nbad = nbad + (merge(0_i8, 1_i8, abs(x(i)) <= huge(x)) + merge(0_i8, 1_i8, abs(y(i)) <= huge(y)))
+      end do
+      sound = nbad == 0
    end subroutine advance
 
 end module symsde_step_lone

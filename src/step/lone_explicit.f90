@@ -6,7 +6,7 @@ module symsde_step_lone_explicit
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: angle_terms
    use symsde_step_constant_mass, only: constant_mass
-   use symsde_step_kicks, only: kick_and_drift, kick_and_drift_each, kick_again, move
+   use symsde_step_kicks, only: kick, kick_and_drift, kick_and_drift_each, kick_again, move
    use symsde_step_lone, only: lone_stepper
    implicit none
    private
@@ -57,10 +57,7 @@ contains
             else if (by_numbers) then
                call kick_and_drift_each(n, 1.0_wp, w(0), self%mass%inverse, force, q, p, dp, dq, x)
             else
-               do i = 1, n
-                  dp(i) = -force(i)
-                  x(i) = p(i) - force(i)
-               end do
+               call kick(n, 1.0_wp, force, p, dp, x)
                call self%model%gradient(1, n, self%m, t1, w, q, x, hp=dq)
             end if
             c%gradients = c%gradients + 2
@@ -129,7 +126,6 @@ contains
       logical, intent(in) :: by_numbers
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       real(wp) :: t1, t2
-      integer :: i
 
       t1 = t + self%c(1)*h
       t2 = t + self%c(2)*h
@@ -140,10 +136,7 @@ contains
          else if (by_numbers) then
             call kick_and_drift_each(n, 0.5_wp, w(0), self%mass%inverse, force, q, p, dp, dq, x)
          else
-            do i = 1, n
-               dp(i) = -0.5_wp*force(i)
-               x(i) = p(i) - 0.5_wp*force(i)
-            end do
+            call kick(n, 0.5_wp, force, p, dp, x)
             call self%model%gradient(1, n, m, t1, w, q, x, hp=first)
             if (allocated(self%mass)) then
                call move(n, q, first, first, x, dq)

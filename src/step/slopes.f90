@@ -6,7 +6,6 @@ module symsde_step_slopes
    private
    public :: add_slopes, slope_sum, find_sum, add_sum, add_pair, take_slopes
 
-   integer, parameter :: few = 4       !! numbers that a path by itself has, too few for vectors
    integer, parameter :: nbeside = 16  !! numbers of a path by itself that are compared side by side
 
    !> The coefficients that count, times a factor.
@@ -146,13 +145,6 @@ contains
       real(wp), intent(out) :: total(n)
       integer :: i
 
-      if (n <= few) then
-         !GCC$ novector
-         do i = 1, n
-            total(i) = start(i) + c*x(i)
-         end do
-         return
-      end if
       do i = 1, n
          total(i) = start(i) + c*x(i)
       end do
@@ -165,13 +157,6 @@ contains
       real(wp), intent(out) :: total(n)
       integer :: i
 
-      if (n <= few) then
-         !GCC$ novector
-         do i = 1, n
-            total(i) = start(i) + (a*x(i) + b*y(i))
-         end do
-         return
-      end if
       do i = 1, n
          total(i) = start(i) + (a*x(i) + b*y(i))
       end do
@@ -184,13 +169,6 @@ contains
       real(wp), intent(out) :: total(n)
       integer :: i
 
-      if (n <= few) then
-         !GCC$ novector
-         do i = 1, n
-            total(i) = start(i) + (a*x(i) + b*y(i) + c*z(i))
-         end do
-         return
-      end if
       do i = 1, n
          total(i) = start(i) + (a*x(i) + b*y(i) + c*z(i))
       end do
