@@ -25,7 +25,7 @@ module symsde_step_stage_rows
    use symsde_step_stage_plan, only: stage_group
    implicit none
    private
-   public :: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once, fewest_rows
+   public :: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once
 
    integer, parameter :: panel = 16          !! sites asked of the model at once
    integer, parameter :: most_stages = 3     !! of a group

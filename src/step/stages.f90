@@ -32,7 +32,7 @@ module symsde_step_stages
    use symsde_step_stage_iteration, only: iterate_group, solved, untried, stiff_rate
    use symsde_step_stage_plan, only: stage_group
    use symsde_step_stage_newton, only: stage_newton, new_stage_newton
-   use symsde_step_stage_rows, only: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once, fewest_rows
+   use symsde_step_stage_rows, only: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
@@ -133,18 +133,17 @@ contains
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
       type(bracket_terms) :: brackets
-      integer :: g
+      integer :: g, least
 
       self%options = options
       self%scheme = scheme
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
       self%width = nlane
+      least = merge(strip_lanes, lane_unit, model%traits%has_chain_rows .and. modulo(nlane, strip_lanes) == 0)
       do while (mod(nlane, self%width) /= 0 .or. &
-                (self%width*model%traits%ndof > cached_values .and. self%width > lane_unit))
+                (self%width*model%traits%ndof > cached_values .and. self%width > least))
          self%width = self%width - lane_unit
       end do
-      if (model%traits%has_chain_rows .and. model%traits%ndof >= fewest_rows) &
-         self%width = merge(strip_lanes, lane_unit, modulo(nlane, strip_lanes) == 0)
       call new_stage_equations(self%equations, model, scheme, self%width)
       self%name = 'stages'
       if (self%equations%eliminated) self%name = 'stages, momenta eliminated'
