@@ -20,7 +20,7 @@ module symsde_step_midpoint
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_lanes, only: lane_unit
-   use symsde_base_traits, only: dense, strip_lanes
+   use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
@@ -31,7 +31,7 @@ module symsde_step_midpoint
    use symsde_step_midpoint_by_products, only: midpoint_by_products, new_midpoint_by_products
    use symsde_step_midpoint_by_rows, only: midpoint_by_rows, new_midpoint_by_rows
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
-   use symsde_step_midpoint_states, only: add_in_place, find_states, find_bad, put_states, tame
+   use symsde_step_midpoint_states, only: find_bad_sums, add_in_place, find_bad, put_states
    use symsde_step_newton_by_products, only: does_without_matrices
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -48,7 +48,6 @@ module symsde_step_midpoint
       class(midpoint_part), allocatable :: part
       type(midpoint_equation) :: eq            !! of the lanes that take the step together
       logical :: has_shift = .false.           !! additive noise moves the positions: g /= 0
-      real(wp), allocatable :: extent(:)       !! largest number of the state, of the lanes that go together (eq%nlane)
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
       real(wp), allocatable :: w(:, :)         !! where not all lanes go together: their w (eq%nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! where lanes are taken out (eq%nlane, ndof)
@@ -124,7 +123,6 @@ contains
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       associate (n => model%traits%ndof, m => model%traits%nnoise)
          call new_midpoint_equation(self%eq, together, n, m)
-         allocate (self%extent(together))
          self%has_shift = m > 0 .and. .not. model%traits%position_noise
          if (self%has_shift) allocate (self%shift(together, n))
          self%moves = chosen == by_rows .and. modulo(nlane, together) == 0 .and. .not. self%has_shift
@@ -283,11 +281,7 @@ contains
          eq%for_dq = .false.
          eq%stiff = .false.
          eq%c = 0.25_wp*eq%h
-         if (self%moves) then
-            call half_drift_strips(nlane, eq%n, before, eq%nlane, eq%h, q, p, eq%base(1, 1), self%extent)
-         else
-            call half_drift(nlane, eq%n, before, eq%nlane, eq%h, q, p, eq%base(1, 1))
-         end if
+         call half_drift(nlane, eq%n, before, eq%nlane, eq%h, q, p, eq%base(1, 1))
          if (self%has_shift) call add_shift(self, w)
          call self%part%solve(self%ham, eq, w, status)
       end associate
@@ -326,14 +320,11 @@ contains
             eq%base(:, 1:n) = self%q + self%dq
             eq%x = self%p + self%dp
             call find_bad(together, n, eq%base(1, 1), eq%x, status)
-         else if (all(status == 0 .and. self%part%newton%size <= tame .and. self%extent <= tame) .and. &
-                  abs(eq%h) <= tame) then
-            call add_in_place(nlane, n, before, together, eq%h, eq%x, q, p)
-            return
+            call put_states(nlane, n, before, together, eq%base(1, 1), eq%x, status, q, p)
          else
-            call find_states(nlane, n, before, together, eq%h, q, p, eq%base(1, 1), eq%x, status)
+            call find_bad_sums(nlane, n, before, together, eq%h, q, p, eq%x, status)
+            call add_in_place(nlane, n, before, together, eq%h, eq%x, status, q, p)
          end if
-         call put_states(nlane, n, before, together, eq%base(1, 1), eq%x, status, q, p)
       end associate
    end subroutine move_together
 
@@ -395,29 +386,6 @@ contains
          end do
       end do
    end subroutine half_drift
-
-   !> VEC The same in strips, with the largest number of every lane. A NaN is passed over: it is in base.
-   pure subroutine half_drift_strips(nlane, n, before, together, h, q, p, base, extent)
-      integer, intent(in) :: nlane, n, before, together
-      real(wp), intent(in) :: h, q(nlane, n), p(nlane, n)
-      real(wp), intent(out) :: base(together, n), extent(together)
-      real(wp) :: x, y, largest(strip_lanes)
-      integer :: i, done, lane
-
-      do done = 0, together - strip_lanes, strip_lanes
-         largest = 0
-         do i = 1, n
-            do lane = 1, strip_lanes
-               x = q(before + done + lane, i)
-               y = p(before + done + lane, i)
-               base(done + lane, i) = x + 0.5_wp*(h*y)
-               x = merge(abs(x), abs(y), abs(x) > abs(y))
-               largest(lane) = merge(x, largest(lane), x > largest(lane))
-            end do
-         end do
-         extent(done + 1:done + strip_lanes) = largest
-      end do
-   end subroutine half_drift_strips
 
    !> VEC dp = V and dq = h (p + V/2)
    pure subroutine find_increments(nlane, n, before, together, h, p, v, dq, dp)

@@ -9,36 +9,14 @@ module symsde_step_midpoint_states
    use symsde_base_status, only: nonfinite
    implicit none
    private
-   public :: add_in_place, find_states, find_bad, put_states, tame
-
-   real(wp), parameter :: tame = 1e75_wp  !! where h, states and V are not larger, the sums do not overflow
+   public :: find_bad_sums, add_in_place, find_bad, put_states
 
 contains
 
-   !> VEC The increments dp = V and dq = h (p + V/2) added where nothing can overflow.
-   pure subroutine add_in_place(nlane, n, before, together, h, v, q, p)
+   !> A status where q + dq or p + dp is not finite, dp = V and dq = h (p + V/2).
+   pure subroutine find_bad_sums(nlane, n, before, together, h, q, p, v, status)
       integer, intent(in) :: nlane, n, before, together
-      real(wp), intent(in) :: h, v(together, n)
-      real(wp), intent(inout) :: q(nlane, n), p(nlane, n)
-      integer :: i, done, lane
-
-      do i = 1, n
-         do done = 0, together - lane_unit, lane_unit
-            !GCC$ unroll 8
-            do lane = done + 1, done + lane_unit
-               q(before + lane, i) = q(before + lane, i) + h*(p(before + lane, i) + 0.5_wp*v(lane, i))
-               p(before + lane, i) = p(before + lane, i) + v(lane, i)
-            end do
-         end do
-      end do
-   end subroutine add_in_place
-
-   !> q + dq and p + dp with dp = V and dq = h (p + V/2), in place of V; a status where they are not finite.
-   pure subroutine find_states(nlane, n, before, together, h, q, p, qn, v, status)
-      integer, intent(in) :: nlane, n, before, together
-      real(wp), intent(in) :: h, q(nlane, n), p(nlane, n)
-      real(wp), intent(out) :: qn(together, n)
-      real(wp), intent(inout) :: v(together, n)  !! V, then p + V
+      real(wp), intent(in) :: h, q(nlane, n), p(nlane, n), v(together, n)
       integer(i8), intent(inout) :: status(together)
       real(wp) :: x, y, zero(lane_unit)
       integer :: i, done, lane
@@ -50,8 +28,6 @@ contains
             do lane = 1, lane_unit
                x = q(before + done + lane, i) + h*(p(before + done + lane, i) + 0.5_wp*v(done + lane, i))
                y = p(before + done + lane, i) + v(done + lane, i)
-               qn(done + lane, i) = x
-               v(done + lane, i) = y
                zero(lane) = zero(lane) + (0*x + 0*y)  ! NaN where one is not finite
             end do
          end do
@@ -59,7 +35,29 @@ contains
             if (.not. abs(zero(lane)) <= 0 .and. status(done + lane) == 0) status(done + lane) = nonfinite
          end do
       end do
-   end subroutine find_states
+   end subroutine find_bad_sums
+
+   !> VEC These increments added in lanes without a status.
+   pure subroutine add_in_place(nlane, n, before, together, h, v, status, q, p)
+      integer, intent(in) :: nlane, n, before, together
+      real(wp), intent(in) :: h, v(together, n)
+      integer(i8), intent(in) :: status(together)
+      real(wp), intent(inout) :: q(nlane, n), p(nlane, n)
+      real(wp) :: x, y
+      integer :: i, done, lane
+
+      do i = 1, n
+         do done = 0, together - lane_unit, lane_unit
+            !GCC$ unroll 8
+            do lane = done + 1, done + lane_unit
+               x = q(before + lane, i) + h*(p(before + lane, i) + 0.5_wp*v(lane, i))
+               y = p(before + lane, i) + v(lane, i)
+               q(before + lane, i) = merge(x, q(before + lane, i), status(lane) == 0)
+               p(before + lane, i) = merge(y, p(before + lane, i), status(lane) == 0)
+            end do
+         end do
+      end do
+   end subroutine add_in_place
 
    !> A status where states are not finite.
    pure subroutine find_bad(nlane, n, q, p, status)
@@ -80,26 +78,14 @@ contains
       real(wp), intent(in) :: qn(together, n), pn(together, n)
       integer(i8), intent(in) :: status(together)
       real(wp), intent(inout) :: q(nlane, n), p(nlane, n)
-      integer :: i, done, lane
+      integer :: i, lane
 
-      if (all(status == 0)) then
-         do i = 1, n
-            do done = 0, together - lane_unit, lane_unit
-               !GCC$ unroll 8
-               do lane = done + 1, done + lane_unit
-                  q(before + lane, i) = qn(lane, i)
-                  p(before + lane, i) = pn(lane, i)
-               end do
-            end do
+      do i = 1, n
+         do lane = 1, together
+            q(before + lane, i) = merge(qn(lane, i), q(before + lane, i), status(lane) == 0)
+            p(before + lane, i) = merge(pn(lane, i), p(before + lane, i), status(lane) == 0)
          end do
-      else
-         do i = 1, n
-            do lane = 1, together
-               q(before + lane, i) = merge(qn(lane, i), q(before + lane, i), status(lane) == 0)
-               p(before + lane, i) = merge(pn(lane, i), p(before + lane, i), status(lane) == 0)
-            end do
-         end do
-      end if
+      end do
    end subroutine put_states
 
 end module symsde_step_midpoint_states
