@@ -10,6 +10,7 @@ module symsde_scheme_additive
    use symsde_base_functionals, only: functionals, path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
+   use symsde_scheme_kicks, only: new_kicks, flow_rotation
    use symsde_scheme_orders, only: order_type, set_order, evidence_claimed, additive_noise, commutative_noise, &
                                    weak_order
    use symsde_scheme_quadrature, only: get_quadrature
@@ -53,6 +54,8 @@ contains
          call scheme_from_tableau(scheme, abar, a, halves, name, .false., error, c=ends)
          call claim(scheme, 1.0_wp, 1.0_wp)
          scheme%frame = frame_rotation
+         call new_kicks(scheme%kicks, ends, halves, flow=flow_rotation)
+         scheme%kicks%beta = [1, 0]
          scheme%symmetric = .false.  ! its noise comes first
          scheme%needs = model_needs(position_noise=.true., identity_mass=.true., rotation=.true., &
                                     instead='stormer_verlet, or midpoint where it is stiff')

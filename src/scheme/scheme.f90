@@ -84,7 +84,7 @@ module symsde_scheme_scheme
       integer :: degree = 0                   !! s: degree of the polynomial; 0 = not from a polynomial
       real(wp), allocatable :: basis(:, :)    !! l_mu(c_i), Galerkin form only (nstage, 0:degree)
       real(wp), allocatable :: slope(:, :)    !! l_mu'(c_i), Galerkin form only (nstage, 0:degree)
-      type(kicks_type) :: kicks               !! splitting form only
+      type(kicks_type) :: kicks               !! of splitting form, or where the frame is a rotation
       type(functional_set) :: asks            !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets         !! added to the one-step Hamiltonian
       integer :: frame = frame_none           !! what surrounds the step of the tableau

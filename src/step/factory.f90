@@ -9,7 +9,6 @@ module symsde_step_factory
    use symsde_solve_newton, only: newton_options, check_newton
    use symsde_step_averaged_shift, only: averaged_shift_stepper
    use symsde_step_drift_preserving, only: drift_preserving_stepper
-   use symsde_step_exact_rotation, only: exact_rotation_stepper
    use symsde_step_euler_maruyama, only: euler_maruyama_stepper
    use symsde_step_explicit, only: explicit_stepper
    use symsde_step_galerkin, only: galerkin_stepper
@@ -35,7 +34,7 @@ module symsde_step_factory
       logical :: as_increments = .false.  !! for compensated sums: no states, whose last place is coarser
    end type stepper_options
 
-   integer, parameter :: nstepper = 16
+   integer, parameter :: nstepper = 15
 
 contains
 
@@ -49,18 +48,17 @@ contains
       case (1); allocate (whole_stepper :: stepper)
       case (2); allocate (verlet_dz_stepper :: stepper)
       case (3); allocate (averaged_shift_stepper :: stepper)
-      case (4); allocate (exact_rotation_stepper :: stepper)
-      case (5); allocate (euler_maruyama_stepper :: stepper)
-      case (6); allocate (galerkin_stepper :: stepper)
-      case (7); allocate (explicit_stepper :: stepper)
-      case (8); allocate (drift_preserving_stepper :: stepper)
-      case (9); allocate (midpoint_stepper :: stepper)
-      case (10); allocate (midpoint_single_stepper :: stepper)
-      case (11); allocate (midpoint_full_stepper :: stepper)
-      case (12); allocate (one_sided_stepper :: stepper)
-      case (13); allocate (stages_single_stepper :: stepper)
-      case (14); allocate (stages_stepper :: stepper)
-      case (15); allocate (general_stepper :: stepper)
+      case (4); allocate (euler_maruyama_stepper :: stepper)
+      case (5); allocate (galerkin_stepper :: stepper)
+      case (6); allocate (explicit_stepper :: stepper)
+      case (7); allocate (drift_preserving_stepper :: stepper)
+      case (8); allocate (midpoint_stepper :: stepper)
+      case (9); allocate (midpoint_single_stepper :: stepper)
+      case (10); allocate (midpoint_full_stepper :: stepper)
+      case (11); allocate (one_sided_stepper :: stepper)
+      case (12); allocate (stages_single_stepper :: stepper)
+      case (13); allocate (stages_stepper :: stepper)
+      case (14); allocate (general_stepper :: stepper)
       case default; allocate (splitting_stepper :: stepper)
       end select
    end subroutine offer

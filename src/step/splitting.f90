@@ -17,22 +17,25 @@ module symsde_step_splitting
    use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, pair_index
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient, flow_rotation, flow_midpoint
-   use symsde_scheme_scheme, only: scheme_type, correction_none, splitting_form
+   use symsde_scheme_scheme, only: correction_none, splitting_form, frame_rotation
    use symsde_step_drift_flow, only: drift_flow, new_drift_flow
    use symsde_step_midpoint_flow, only: midpoint_flow, new_midpoint_flow
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: splitting_stepper, new_splitting_stepper
+   public :: splitting_stepper
 
    type, extends(stepper_type) :: splitting_stepper
       private
       type(kicks_type) :: kicks
       logical :: products = .false.                !! noises are not linear: H_k,q . H_l,q matters
+      logical :: uses_dz = .false.
+      logical, allocatable :: has_products(:)      !! kicks that have parts beside the gradient of one sum (nkick)
+      logical :: by_sums = .false.                 !! kicks ask for V
       real(wp) :: c = 0                            !! of the mean form
+      real(wp) :: h = 0                            !! that the weights of H belong to
       type(drift_flow) :: between_kicks            !! what happens between kicks
       type(midpoint_flow), allocatable :: midpoint !! or this
       logical :: by_mass = .false.                 !! the mass is constant, and not known to be the identity
@@ -62,14 +65,41 @@ contains
       class(splitting_stepper), intent(in) :: self
       type(stepper_task), intent(in) :: task
 
-      fits = task%scheme%form == splitting_form
+      fits = task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation
    end function fits
 
    subroutine make(self, task)
       class(splitting_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
+      integer :: k
 
-      call new_splitting_stepper(self, task%model, task%scheme, task%nlane)
+      self%name = 'drifts and kicks'
+      self%explicit = .true.
+      self%kicks = task%scheme%kicks
+      self%c = mean_coefficient(self%kicks)
+      associate (t => task%model%traits, n => task%model%traits%ndof, m => task%model%traits%nnoise, &
+                 nlane => task%nlane, nkick => size(self%kicks%c))
+         call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
+         self%by_mass = .not. t%identity_mass
+         if (self%kicks%flow == flow_rotation) then
+            call new_drift_flow(self%between_kicks, nkick + 1, t%rotation)
+         else
+            call new_drift_flow(self%between_kicks, nkick + 1)
+         end if
+         self%noisy = [(k, k=1, m)]
+         if (allocated(t%silent)) self%noisy = pack(self%noisy, .not. t%silent)
+         self%products = size(self%noisy) > 0 .and. .not. t%additive
+         self%by_sums = any(abs(self%kicks%kappa) > 0) .or. self%kicks%samples
+         self%uses_dz = self%kicks%uses_dz()
+         self%has_products = abs(self%kicks%kappa) > 0 .or. (self%products .and. abs(self%kicks%share) > 0 .and. &
+                                                             (self%kicks%samples .or. abs(self%c) > 0))
+         allocate (self%w(nlane, 0:m, nkick), self%a(nlane, m), source=0.0_wp)
+         allocate (self%x(nlane, n), self%f(nlane, n))
+         allocate (self%v(nlane, 0:m), self%unit(nlane, 0:m), self%zero(nlane, n), source=0.0_wp)
+         allocate (self%s(nlane, n), self%u(nlane, n), self%up(nlane, n))
+         if (n == 1) allocate (self%slope(nlane, 0:m), self%curvature(nlane, 1, 0:m), source=0.0_wp)
+         if (self%products) allocate (self%g(nlane, n, m), self%d(nlane, pair_index(m, m)), source=0.0_wp)
+      end associate
       if (self%kicks%flow /= flow_midpoint) return
       allocate (self%midpoint)
       call new_midpoint_flow(self%midpoint, task)
@@ -84,38 +114,6 @@ contains
 
       is_oracle = .true.
    end function is_oracle
-
-   !> A stepper for blocks of nlane lanes; the model has noise in position and a constant mass.
-   subroutine new_splitting_stepper(self, model, scheme, nlane)
-      type(splitting_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
-      integer, intent(in) :: nlane
-      integer :: n, m, k
-
-      n = model%traits%ndof
-      m = model%traits%nnoise
-      self%name = 'drifts and kicks'
-      self%explicit = .true.
-      self%kicks = scheme%kicks
-      self%c = mean_coefficient(self%kicks)
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      self%by_mass = .not. model%traits%identity_mass
-      if (self%kicks%flow == flow_rotation) then
-         call new_drift_flow(self%between_kicks, size(self%kicks%c) + 1, model%traits%rotation)
-      else
-         call new_drift_flow(self%between_kicks, size(self%kicks%c) + 1)
-      end if
-      self%noisy = [(k, k=1, m)]
-      if (allocated(model%traits%silent)) self%noisy = pack(self%noisy, .not. model%traits%silent)
-      self%products = size(self%noisy) > 0 .and. .not. model%traits%additive
-      allocate (self%w(nlane, 0:m, size(self%kicks%c)), self%a(nlane, m), source=0.0_wp)
-      allocate (self%x(nlane, n), self%f(nlane, n))
-      allocate (self%v(nlane, 0:m), self%unit(nlane, 0:m), self%zero(nlane, n), source=0.0_wp)
-      allocate (self%s(nlane, n), self%u(nlane, n), self%up(nlane, n))
-      if (n == 1) allocate (self%slope(nlane, 0:m), self%curvature(nlane, 1, 0:m), source=0.0_wp)
-      if (self%products) allocate (self%g(nlane, n, m), self%d(nlane, pair_index(m, m)), source=0.0_wp)
-   end subroutine new_splitting_stepper
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(splitting_stepper), intent(inout) :: self
@@ -183,19 +181,26 @@ contains
       integer :: i, j, k
 
       associate (kicks => self%kicks, nlane => self%ham%nlane)
-         do i = 1, size(kicks%c)
-            self%w(:, 0, i) = kicks%b(i)*step%h
-         end do
-         self%v(:, 0) = step%h
+         if (abs(step%h - self%h) > 0) then
+            self%h = step%h
+            self%v(:, 0) = step%h
+            do i = 1, size(kicks%c)
+               self%w(:, 0, i) = kicks%b(i)*step%h
+            end do
+         end if
          do j = 1, size(self%noisy)
             k = self%noisy(j)
-            if (kicks%uses_dz()) call find_a(nlane, step%h, step%w(:, k), step%of(path_dz)%x(:, k), self%a(:, k))
-            self%v(:, k) = step%w(:, k)
+            if (self%by_sums) self%v(:, k) = step%w(:, k)
+            if (self%uses_dz) call find_a(nlane, step%h, step%w(:, k), step%of(path_dz)%x(:, k), self%a(:, k))
             do i = 1, size(kicks%c)
-               self%w(:, k, i) = kicks%beta(i)*step%w(:, k) + kicks%gamma(i)*self%a(:, k)
+               if (abs(kicks%gamma(i)) > 0) then
+                  self%w(:, k, i) = kicks%beta(i)*step%w(:, k) + kicks%gamma(i)*self%a(:, k)
+               else
+                  self%w(:, k, i) = kicks%beta(i)*step%w(:, k)
+               end if
             end do
             if (.not. associated(step%of(path_stt_area)%x)) cycle
-            self%v(:, k) = self%v(:, k) + kicks%zeta*step%of(path_stt_area)%x(:, k)
+            if (self%by_sums) self%v(:, k) = self%v(:, k) + kicks%zeta*step%of(path_stt_area)%x(:, k)
             do i = 1, size(kicks%c)
                self%w(:, k, i) = self%w(:, k, i) + kicks%eta(i)*step%of(path_stt_area)%x(:, k)
             end do
@@ -240,7 +245,7 @@ contains
 
       associate (kicks => self%kicks, nlane => self%ham%nlane, n => self%ham%ndof)
          call add(nlane*n, q, dq, self%x)
-         if (n == 1 .and. .not. self%by_mass .and. has_products(self, i)) then
+         if (n == 1 .and. .not. self%by_mass .and. self%has_products(i)) then
             call find_single(self, i, t, h, p)
             call subtract(nlane, self%f, dp)
             return
@@ -253,15 +258,6 @@ contains
          call subtract(nlane*n, self%f, dp)
       end associate
    end subroutine kick
-
-   !> Whether kick i has parts beside the gradient of one sum.
-   pure logical function has_products(self, i)
-      type(splitting_stepper), intent(in) :: self
-      integer, intent(in) :: i
-
-      has_products = abs(self%kicks%kappa(i)) > 0 .or. (self%products .and. abs(self%kicks%share(i)) > 0 .and. &
-                                                        (self%kicks%samples .or. abs(self%c) > 0))
-   end function has_products
 
    !> f of kick i with one degree of freedom, from H_j' and H_j'' at the point.
    subroutine find_single(self, i, t, h, p)
