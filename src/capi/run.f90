@@ -3,7 +3,7 @@
 module symsde_capi_run
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
-   use symsde_base_kinds, only: wp, i8
+   use symsde_base_kinds, only: i8
    use symsde_base_memory, only: require_reserve
    use symsde_base_status, only: error_type, raise, null_handle, out_of_memory
    use symsde_capi_error, only: finish, require, take_struct, give_struct

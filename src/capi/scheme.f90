@@ -11,7 +11,7 @@ module symsde_capi_scheme
    use symsde_capi_arrays, only: view
    use symsde_capi_certificate, only: describe_scheme, c_scheme_info, blank_info, fill_info
    use symsde_capi_error, only: finish, require, take_struct, give_struct
-   use symsde_capi_text, only: read_text, put_text, put_chars, lines
+   use symsde_capi_text, only: read_text, put_text, lines
    use symsde_scheme_catalogue, only: get_scheme, scheme_names
    use symsde_scheme_discrete_lagrangian, only: scheme_from_quadrature
    use symsde_scheme_scheme, only: scheme_type

@@ -12,7 +12,7 @@ module symsde_ensemble_driver
    use symsde_base_lanes, only: lanes_for, padded, all_finite
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, status_ok, wrong_shape, invalid_argument, incompatible, stopped, &
-                                 callback_failed, paths_failed, out_of_memory, too_large
+                                 callback_failed, paths_failed, out_of_memory
    use symsde_base_text, only: to_text
    use symsde_ensemble_areas, only: choose_areas, check_area_counters
    use symsde_ensemble_block, only: block_runner

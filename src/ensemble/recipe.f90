@@ -2,7 +2,6 @@
 !> How a block runner of any width is made for a run: what threads share, and what one of them makes when it needs it.
 module symsde_ensemble_recipe
    use symsde_base_functionals, only: functional_set
-   use symsde_base_kinds, only: i8
    use symsde_base_status, only: error_type
    use symsde_ensemble_block, only: block_runner, new_block_runner
    use symsde_ensemble_few, only: are_all_few

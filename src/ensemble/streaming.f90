@@ -12,7 +12,7 @@ module symsde_ensemble_streaming
    use symsde_base_kinds, only: wp, i8
    use symsde_ensemble_comoments, only: pair_count, pair_place, reduce_pair
    use symsde_ensemble_observables, only: observables_type
-   use symsde_ensemble_statistics, only: moment_node, moment_tree, insert_node, final_node, dyadic_pieces, reduce_lanes
+   use symsde_ensemble_statistics, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes
    use symsde_model_abstract, only: model_type
    use symsde_step_state, only: lane_state
    implicit none

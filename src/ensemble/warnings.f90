@@ -4,7 +4,7 @@
 !> Bounds that the model declares (max_frequency, noise_lipschitz) are used as they are; otherwise they
 !> are estimated from Hessians at the initial state of the first path, and called estimates.
 module symsde_ensemble_warnings
-   use symsde_base_kinds, only: wp, i8
+   use symsde_base_kinds, only: wp
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: dense
    use symsde_ensemble_options, only: run_options

@@ -14,16 +14,14 @@ module symsde_step_averaged_shift
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: bracket_terms, correction_none, frame_mean_path
    use symsde_model_noise_time, only: noise_changes_in_time
-   use symsde_solve_newton, only: newton_options
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: averaged_shift_stepper, new_averaged_shift_stepper
+   public :: averaged_shift_stepper
 
    type, extends(stepper_type) :: averaged_shift_stepper
       private
@@ -51,25 +49,16 @@ contains
       class(averaged_shift_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
-      call new_averaged_shift_stepper(self, task%model, task%nlane, task%newton)
-   end subroutine make
-
-   !> A stepper for blocks of nlane lanes.
-   subroutine new_averaged_shift_stepper(self, model, nlane, options)
-      type(averaged_shift_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      integer, intent(in) :: nlane
-      type(newton_options), intent(in) :: options
-
       self%name = 'midpoint, averaged shift'
-      self%time_dependent = noise_changes_in_time(model)
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_midpoint_full_stepper(self%inner, model, nlane, options, brackets=bracket_terms(nested=.true.))
-      associate (n => model%traits%ndof, m => model%traits%nnoise)
+      self%time_dependent = noise_changes_in_time(task%model)
+      associate (n => task%model%traits%ndof, m => task%model%traits%nnoise, nlane => task%nlane)
+         call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
+         call new_midpoint_full_stepper(self%inner, task%model, nlane, task%newton, &
+                                        brackets=bracket_terms(nested=.true.))
          allocate (self%v(nlane, 0:m), self%drift(nlane, 0:m), source=0.0_wp)
          allocate (self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
       end associate
-   end subroutine new_averaged_shift_stepper
+   end subroutine make
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(averaged_shift_stepper), intent(inout) :: self

@@ -11,14 +11,13 @@ module symsde_step_drift_preserving
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: dense
-   use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
-   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_solve_newton, only: newton_type, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: drift_preserving_stepper, new_drift_preserving_stepper
+   public :: drift_preserving_stepper
 
    type, extends(stepper_type) :: drift_preserving_stepper
       private
@@ -67,37 +66,27 @@ contains
    subroutine make(self, task)
       class(drift_preserving_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
+      integer :: b
 
-      call new_drift_preserving_stepper(self, task%model, task%scheme, task%nlane, task%newton)
-      self%one_solve = self%newton%affine
-      self%left_out = 'half of the unknowns: identity mass'
-   end subroutine make
-
-   !> A stepper for blocks of nlane lanes; nodes and weights are those of the scheme.
-   subroutine new_drift_preserving_stepper(self, model, scheme, nlane, options)
-      type(drift_preserving_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
-      integer, intent(in) :: nlane
-      type(newton_options), intent(in) :: options
-      integer :: n, b
-
-      n = model%traits%ndof
-      b = model%traits%bandwidth
-      if (2*b + 1 >= n) b = dense
       self%name = 'drift preserving'
-      self%band = b
-      self%node = scheme%c
-      self%weight = scheme%alpha
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, n, options, model%traits%one_solve(b /= dense), b, b)
-      allocate (self%v(nlane, 0:model%traits%nnoise), self%kick(nlane, n), self%qs(nlane, n), self%hq(nlane, n))
-      if (b == dense) then
-         allocate (self%hqq(nlane, n, n))
-      else
-         allocate (self%hqq(nlane, -b:b, n))
-      end if
-   end subroutine new_drift_preserving_stepper
+      self%left_out = 'half of the unknowns: identity mass'
+      self%node = task%scheme%c
+      self%weight = task%scheme%alpha
+      associate (t => task%model%traits, n => task%model%traits%ndof, nlane => task%nlane)
+         b = t%bandwidth
+         if (2*b + 1 >= n) b = dense
+         self%band = b
+         call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
+         call new_newton(self%newton, nlane, n, task%newton, t%one_solve(b /= dense), b, b)
+         allocate (self%v(nlane, 0:t%nnoise), self%kick(nlane, n), self%qs(nlane, n), self%hq(nlane, n))
+         if (b == dense) then
+            allocate (self%hqq(nlane, n, n))
+         else
+            allocate (self%hqq(nlane, -b:b, n))
+         end if
+      end associate
+      self%one_solve = self%newton%affine
+   end subroutine make
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(drift_preserving_stepper), intent(inout) :: self

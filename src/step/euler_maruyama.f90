@@ -6,13 +6,12 @@
 module symsde_step_euler_maruyama
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none, ito_form
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: euler_maruyama_stepper, new_euler_maruyama_stepper
+   public :: euler_maruyama_stepper
 
    type, extends(stepper_type) :: euler_maruyama_stepper
       private
@@ -39,7 +38,13 @@ contains
       class(euler_maruyama_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
-      call new_euler_maruyama_stepper(self, task%model, task%nlane)
+      self%name = 'Euler-Maruyama (not symplectic)'
+      self%explicit = .true.
+      self%has_ito_drift = .not. task%model%traits%correction_vanishes()
+      associate (n => task%model%traits%ndof, m => task%model%traits%nnoise, nlane => task%nlane)
+         call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
+         allocate (self%e(nlane, 0:m), self%fq(nlane, n), self%fp(nlane, n), self%uq(nlane, n), self%up(nlane, n))
+      end associate
    end subroutine make
 
    pure logical function is_oracle(self)
@@ -47,22 +52,6 @@ contains
 
       is_oracle = .true.
    end function is_oracle
-
-   !> A stepper for blocks of nlane lanes.
-   subroutine new_euler_maruyama_stepper(self, model, nlane)
-      type(euler_maruyama_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      integer, intent(in) :: nlane
-
-      self%name = 'Euler-Maruyama (not symplectic)'
-      self%explicit = .true.
-      self%has_ito_drift = .not. model%traits%correction_vanishes()
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      associate (n => model%traits%ndof)
-         allocate (self%e(nlane, 0:model%traits%nnoise), self%fq(nlane, n), self%fp(nlane, n))
-         allocate (self%uq(nlane, n), self%up(nlane, n))
-      end associate
-   end subroutine new_euler_maruyama_stepper
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(euler_maruyama_stepper), intent(inout) :: self

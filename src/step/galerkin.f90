@@ -14,14 +14,13 @@
 module symsde_step_galerkin
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type, correction_none, galerkin_form
-   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_scheme_scheme, only: correction_none, galerkin_form
+   use symsde_solve_newton, only: newton_type, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: galerkin_stepper, new_galerkin_stepper
+   public :: galerkin_stepper
 
    !> Unknowns are ordered D^1 .. D^s, E_1 .. E_r, ndof columns each.
    type, extends(stepper_type) :: galerkin_stepper
@@ -54,8 +53,30 @@ contains
    subroutine make(self, task)
       class(galerkin_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
+      integer :: mu
 
-      call new_galerkin_stepper(self, task%model, task%scheme, task%nlane, task%newton)
+      self%name = 'Galerkin'
+      associate (scheme => task%scheme)
+         self%s = scheme%degree
+         self%r = scheme%nstage
+         self%c = scheme%c
+         self%alpha = scheme%alpha
+         self%beta = scheme%beta
+         allocate (self%basis(self%r, 0:self%s), source=scheme%basis)
+         allocate (self%slope(self%r, 0:self%s), source=scheme%slope)
+      end associate
+      allocate (self%moment(0:self%s - 1))
+      do mu = 0, self%s - 1
+         self%moment(mu) = dot_product(self%alpha, self%slope(:, mu)) + merge(1, 0, mu == 0)
+      end do
+      where (abs(self%moment) < 16*epsilon(1.0_wp)) self%moment = 0  ! exact for every consistent quadrature
+      associate (t => task%model%traits, n => task%model%traits%ndof, nlane => task%nlane, both => self%r + self%s)
+         call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
+         call new_newton(self%newton, nlane, both*n, task%newton, t%one_solve(.false.), -1, -1)
+         allocate (self%x(nlane, both*n), self%v(nlane, 0:t%nnoise, self%r))
+         allocate (self%qs(nlane, n), self%ps(nlane, n), self%sq(nlane, n), self%sp(nlane, n))
+         allocate (self%sqq(nlane, n, n), self%sqp(nlane, n, n), self%spp(nlane, n, n))
+      end associate
       self%one_solve = self%newton%affine
    end subroutine make
 
@@ -64,36 +85,6 @@ contains
 
       is_oracle = .true.
    end function is_oracle
-
-   !> A Galerkin stepper for blocks of nlane lanes.
-   subroutine new_galerkin_stepper(self, model, scheme, nlane, options)
-      type(galerkin_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme   !! in Galerkin form
-      integer, intent(in) :: nlane
-      type(newton_options), intent(in) :: options
-      integer :: n, mu
-
-      n = model%traits%ndof
-      self%name = 'Galerkin'
-      self%s = scheme%degree
-      self%r = scheme%nstage
-      self%c = scheme%c
-      self%alpha = scheme%alpha
-      self%beta = scheme%beta
-      allocate (self%basis(self%r, 0:self%s), source=scheme%basis)
-      allocate (self%slope(self%r, 0:self%s), source=scheme%slope)
-      allocate (self%moment(0:self%s - 1))
-      do mu = 0, self%s - 1
-         self%moment(mu) = dot_product(self%alpha, self%slope(:, mu)) + merge(1, 0, mu == 0)
-      end do
-      where (abs(self%moment) < 16*epsilon(1.0_wp)) self%moment = 0  ! exact for every consistent quadrature
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, (self%r + self%s)*n, options, model%traits%one_solve(.false.), -1, -1)
-      allocate (self%x(nlane, (self%r + self%s)*n), self%v(nlane, 0:model%traits%nnoise, self%r))
-      allocate (self%qs(nlane, n), self%ps(nlane, n), self%sq(nlane, n), self%sp(nlane, n))
-      allocate (self%sqq(nlane, n, n), self%sqp(nlane, n, n), self%spp(nlane, n, n))
-   end subroutine new_galerkin_stepper
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(galerkin_stepper), intent(inout) :: self

@@ -12,7 +12,6 @@
 !> solves these is all that the parts differ in (step/midpoint_by_matrix, _by_rows, _by_products).
 module symsde_step_midpoint_equation
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: lane_unit
    use symsde_solve_newton, only: newton_type
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none

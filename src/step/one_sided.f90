@@ -8,14 +8,13 @@
 module symsde_step_one_sided
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form
-   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_solve_newton, only: newton_type, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: one_sided_stepper, new_one_sided_stepper, is_one_sided
+   public :: one_sided_stepper, is_one_sided
 
    type, extends(stepper_type) :: one_sided_stepper
       private
@@ -43,7 +42,14 @@ contains
       class(one_sided_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
-      call new_one_sided_stepper(self, task%model, task%scheme, task%correction, task%nlane, task%newton)
+      self%name = 'one-sided'
+      self%adjoint = task%scheme%a(1, 1) > 0.5_wp
+      associate (t => task%model%traits, n => task%model%traits%ndof, nlane => task%nlane)
+         call new_one_step_hamiltonian(self%ham, task%model, nlane, task%correction, &
+                                       task%scheme%correction_coefficient())
+         call new_newton(self%newton, nlane, n, task%newton, t%one_solve(.false.), -1, -1)
+         allocate (self%x(nlane, n), self%hqp(nlane, n, n))
+      end associate
       self%one_solve = self%newton%affine
    end subroutine make
 
@@ -57,25 +63,6 @@ contains
       is_one_sided = (abs(scheme%a(1, 1)) <= 0 .and. abs(scheme%abar(1, 1) - 1) <= 0) .or. &
                      (abs(scheme%a(1, 1) - 1) <= 0 .and. abs(scheme%abar(1, 1)) <= 0)
    end function is_one_sided
-
-   !> A stepper for blocks of nlane lanes; requires is_one_sided(scheme).
-   subroutine new_one_sided_stepper(self, model, scheme, correction, nlane, options)
-      type(one_sided_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
-      integer, intent(in) :: correction  !! resolved: never correction_auto
-      integer, intent(in) :: nlane
-      type(newton_options), intent(in) :: options
-      integer :: n
-
-      n = model%traits%ndof
-      self%name = 'one-sided'
-      self%adjoint = scheme%a(1, 1) > 0.5_wp
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction, scheme%correction_coefficient())
-      call new_newton(self%newton, nlane, n, options, &
-                      model%traits%one_solve(.false.), -1, -1)
-      allocate (self%x(nlane, n), self%hqp(nlane, n, n))
-   end subroutine new_one_sided_stepper
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(one_sided_stepper), intent(inout) :: self

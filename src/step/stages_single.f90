@@ -22,7 +22,7 @@ module symsde_step_stages_single
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: stages_single_stepper, new_stages_single_stepper, fits_stages_single
+   public :: stages_single_stepper, fits_stages_single
 
    integer, parameter :: few_lanes = 64   !! of the small block
 
@@ -62,8 +62,15 @@ contains
       class(stages_single_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
-      call new_stages_single_stepper(self, task%model, task%scheme, task%nlane, task%newton)
+      self%name = 'stages, one degree of freedom'
+      self%alpha = task%scheme%alpha
+      allocate (self%zero(task%nlane), source=0.0_wp)
+      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp, task%scheme%brackets)
+      call new_single_newton(self%solver, self%ham, task%scheme, task%newton)
       self%one_solve = self%solver%newton%affine
+      if (self%one_solve .or. task%nlane <= few_lanes) return
+      allocate (self%few)
+      call new_last_lanes(self%few, task%model, task%scheme, task%newton)
    end subroutine make
 
    !> Drift and noise alike, one degree of freedom, solved by Newton: two stages, or more of a separable model whose
@@ -82,24 +89,6 @@ contains
                               .not. (t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0))
       end associate
    end function fits_stages_single
-
-   !> A stepper for blocks of nlane lanes; requires fits_stages_single and no correction.
-   subroutine new_stages_single_stepper(self, model, scheme, nlane, options)
-      type(stages_single_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
-      integer, intent(in) :: nlane
-      type(newton_options), intent(in) :: options
-
-      self%name = 'stages, one degree of freedom'
-      self%alpha = scheme%alpha
-      allocate (self%zero(nlane), source=0.0_wp)
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
-      call new_single_newton(self%solver, self%ham, scheme, options)
-      if (self%solver%newton%affine .or. nlane <= few_lanes) return
-      allocate (self%few)
-      call new_last_lanes(self%few, model, scheme, options)
-   end subroutine new_stages_single_stepper
 
    subroutine new_last_lanes(self, model, scheme, options)
       type(last_lanes), intent(inout) :: self

@@ -10,14 +10,13 @@ module symsde_step_verlet_dz
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none, frame_shift
    use symsde_model_noise_time, only: noise_changes_in_time
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: verlet_dz_stepper, new_verlet_dz_stepper
+   public :: verlet_dz_stepper
 
    type, extends(stepper_type) :: verlet_dz_stepper
       private
@@ -43,22 +42,13 @@ contains
       class(verlet_dz_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
-      call new_verlet_dz_stepper(self, task%model, task%nlane)
-   end subroutine make
-
-   !> A stepper for blocks of nlane lanes.
-   subroutine new_verlet_dz_stepper(self, model, nlane)
-      type(verlet_dz_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      integer, intent(in) :: nlane
-
       self%name = 'Verlet with dZ'
       self%explicit = .true.
-      self%time_dependent = noise_changes_in_time(model)
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      allocate (self%v(nlane, 0:model%traits%nnoise), source=0.0_wp)
-      allocate (self%qs(nlane, model%traits%ndof), self%shift(nlane, model%traits%ndof))
-   end subroutine new_verlet_dz_stepper
+      self%time_dependent = noise_changes_in_time(task%model)
+      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
+      allocate (self%v(task%nlane, 0:task%model%traits%nnoise), source=0.0_wp)
+      allocate (self%qs(task%nlane, task%model%traits%ndof), self%shift(task%nlane, task%model%traits%ndof))
+   end subroutine make
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(verlet_dz_stepper), intent(inout) :: self
