@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Poisson brackets and correction products of weighted sums of a model's Hamiltonians, from its own
+!> Gradients of Poisson brackets and correction products of weighted sums of a model's Hamiltonians, from its own
 !> gradients and Hessian-vector products; no third derivatives are needed.
 !>
 !>    {F,G} = F_q.G_p - F_p.G_q            grad {F,G} = Hess F (G_p, -G_q) - Hess G (F_p, -F_q)
@@ -12,8 +12,7 @@ module symsde_model_algebra
    use symsde_model_abstract, only: model_type
    implicit none
    private
-   public :: algebra_work, new_algebra_work
-   public :: poisson_bracket, bracket_gradient, correction_value, correction_gradient
+   public :: algebra_work, new_algebra_work, bracket_gradient, correction_gradient
 
    !> Room for the gradients of two sums and one product, so that loops over time do not allocate.
    type :: algebra_work
@@ -32,25 +31,6 @@ contains
       allocate (work%gq(nlane, ndof), work%gp(nlane, ndof))
       allocate (work%uq(nlane, ndof), work%up(nlane, ndof))
    end subroutine new_algebra_work
-
-   !> {F,G} for F = sum_j wf_j H_j and G = sum_j wg_j H_j.
-   subroutine poisson_bracket(model, nlane, ndof, nnoise, t, wf, wg, q, p, bracket, work)
-      class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t                                        !! time [time]
-      real(wp), intent(in) :: wf(nlane, 0:nnoise), wg(nlane, 0:nnoise) !! weights of F and of G
-      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out) :: bracket(nlane)
-      type(algebra_work), intent(inout) :: work                        !! for these nlane and ndof
-      integer :: i
-
-      call model%gradient(nlane, ndof, nnoise, t, wf, q, p, work%fq, work%fp)
-      call model%gradient(nlane, ndof, nnoise, t, wg, q, p, work%gq, work%gp)
-      bracket = 0
-      do i = 1, ndof
-         bracket = bracket + (work%fq(:, i)*work%gp(:, i) - work%fp(:, i)*work%gq(:, i))
-      end do
-   end subroutine poisson_bracket
 
    !> Gradient (bq, bp) of {F,G} for F = sum_j wf_j H_j and G = sum_j wg_j H_j.
    subroutine bracket_gradient(model, nlane, ndof, nnoise, t, wf, wg, q, p, bq, bp, work)
@@ -72,23 +52,6 @@ contains
       bq = bq - work%uq
       bp = bp - work%up
    end subroutine bracket_gradient
-
-   !> F_p.F_q for F = sum_j w_j H_j.
-   subroutine correction_value(model, nlane, ndof, nnoise, t, w, q, p, product, work)
-      class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise)  !! time [time], weights of F
-      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out) :: product(nlane)
-      type(algebra_work), intent(inout) :: work      !! for these nlane and ndof
-      integer :: i
-
-      call model%gradient(nlane, ndof, nnoise, t, w, q, p, work%fq, work%fp)
-      product = 0
-      do i = 1, ndof
-         product = product + work%fp(:, i)*work%fq(:, i)
-      end do
-   end subroutine correction_value
 
    !> Gradient (cq, cp) of F_p.F_q for F = sum_j w_j H_j: one gradient, one Hessian-vector product.
    subroutine correction_gradient(model, nlane, ndof, nnoise, t, w, q, p, cq, cp, work)
