@@ -25,7 +25,7 @@ module symsde_ensemble_observer_passage
    use symsde_step_state, only: lane_state
    implicit none
    private
-   public :: passage_observer, new_passage_observer, most_lost
+   public :: passage_observer, new_passage_observer
 
    integer(i4), parameter :: purpose_passage = 9  !! counter word of the numbers that decide
    integer, parameter :: most_listed = 1000, most_numbers = 100000

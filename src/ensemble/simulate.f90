@@ -19,7 +19,7 @@ module symsde_ensemble_simulate
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: paths_type, moments_type, simulate, moments, new_paths, saved_times, fill_times
+   public :: paths_type, moments_type, simulate, moments, new_paths, fill_times
 
    !> Saved paths. Values of a path after its failure are NaN; last_q, last_p keep its last good state.
    type :: paths_type

@@ -18,7 +18,7 @@ module symsde_ensemble_streaming
    implicit none
    private
    public :: streaming_observer, observer_request, observed_type, observer_store, observed_run
-   public :: means_only, with_pairs, with_errors, row_size
+   public :: means_only, with_pairs, with_errors
 
    integer, parameter :: means_only = 0, with_pairs = 1, with_errors = 4  !! what a table holds beside means
 

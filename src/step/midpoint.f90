@@ -38,9 +38,9 @@ module symsde_step_midpoint
    implicit none
    private
    public :: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
-   public :: by_choice, by_matrix, by_rows, by_products
+   public :: by_matrix, by_rows, by_products
 
-   integer, parameter :: by_choice = 0, by_matrix = 1, by_rows = 2, by_products = 3  !! what solves
+   integer, parameter :: by_matrix = 1, by_rows = 2, by_products = 3  !! what solves
    integer(i8), parameter :: copy_rests = 1  !! status of the copies that fill up lanes: any but 0
 
    type, extends(stepper_type) :: midpoint_stepper
@@ -93,12 +93,11 @@ contains
       class(model_type), intent(in), target :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
-      integer, intent(in), optional :: way  !! by_choice (as if absent), by_matrix, by_rows or by_products
+      integer, intent(in), optional :: way  !! by_matrix, by_rows or by_products, if not the fastest
       integer :: chosen, together
 
-      chosen = by_choice
+      chosen = choose_way(model, options)
       if (present(way)) chosen = way
-      if (chosen == by_choice) chosen = choose_way(model, options)
       together = nlane
       self%name = 'midpoint, momenta eliminated'
       select case (chosen)

@@ -22,7 +22,7 @@ module symsde_step_stages_single
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: stages_single_stepper, fits_stages_single
+   public :: stages_single_stepper
 
    integer, parameter :: few_lanes = 64   !! of the small block
 
