@@ -53,6 +53,7 @@ module symsde_model_abstract
       procedure :: third_derivative => third_derivative_missing
       procedure :: position_derivatives => position_derivatives_missing
       procedure :: sweeps => sweeps_composed
+      procedure :: pair => pair_composed
       procedure :: angle => angle_missing
       procedure :: has_flow => has_no_flow
       procedure :: flow => no_flow
@@ -293,6 +294,29 @@ contains
          end do
       end do
    end subroutine sweeps_composed
+
+   !> Hhat_q and Hhat_qq of one path of two degrees of freedom, where noise is in position or additive: numbers without
+   !> arrays, whose bits are those of gradient_hessian. This default asks for that.
+   subroutine pair_composed(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      real(wp), value :: q1, q2
+      real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
+      real(wp), dimension(2) :: q, still, f
+      real(wp) :: k(2, 2)
+
+      q(1) = q1
+      q(2) = q2
+      still = 0
+      call self%gradient_hessian(1, 2, nnoise, t, w, q, still, hq=f, hqq=k)
+      f1 = f(1)
+      f2 = f(2)
+      k11 = k(1, 1)
+      k21 = k(2, 1)
+      k12 = k(1, 2)
+      k22 = k(2, 2)
+   end subroutine pair_composed
 
    !> The terms of sum_j w_j H_j where it is one of an angle, for a path by itself: asked for once a time, and force and
    !> slope at many angles follow without the model. The bits are those of gradient_hessian,

@@ -32,6 +32,7 @@ module symsde_model_henon_heiles
       procedure :: gradient
       procedure :: evaluate
       procedure :: sweeps
+      procedure :: pair
       procedure :: has_flow
       procedure :: flow
    end type henon_heiles_model
@@ -97,16 +98,9 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
-      real(wp) :: alpha
 
-      alpha = self%alpha
       call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
-      if (present(hqq)) then
-         hqq(:, 1, 1) = w(:, 0)*(1 + 2*alpha*q(:, 2))
-         hqq(:, 2, 1) = w(:, 0)*2*alpha*q(:, 1)
-         hqq(:, 1, 2) = hqq(:, 2, 1)
-         hqq(:, 2, 2) = w(:, 0)*(1 - 2*alpha*q(:, 2))
-      end if
+      if (present(hqq)) call stiffness(nlane, self%alpha, w, q, hqq)
       if (present(hpp)) then
          hpp(:, 1, 1) = w(:, 0)
          hpp(:, 2, 1) = 0
@@ -127,6 +121,30 @@ contains
                            hq(lane, 1), hq(lane, 2))
       end do
    end subroutine force
+
+   !> VEC Hessian in q.
+   pure subroutine stiffness(nlane, alpha, w, q, hqq)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: alpha, w(nlane), q(nlane, 2)
+      real(wp), intent(out) :: hqq(nlane, 2, 2)
+      integer :: lane
+
+      do lane = 1, nlane
+         call stiffness_of_one(alpha, w(lane), q(lane, 1), q(lane, 2), hqq(lane, 1, 1), hqq(lane, 2, 1), &
+                               hqq(lane, 2, 2))
+         hqq(lane, 1, 2) = hqq(lane, 2, 1)
+      end do
+   end subroutine stiffness
+
+   !> The same of one lane.
+   pure subroutine stiffness_of_one(alpha, w, q1, q2, k11, k21, k22)
+      real(wp), intent(in) :: alpha, w, q1, q2
+      real(wp), intent(out) :: k11, k21, k22
+
+      k11 = w*(1 + 2*alpha*q2)
+      k21 = w*2*alpha*q1
+      k22 = w*(1 - 2*alpha*q2)
+   end subroutine stiffness_of_one
 
    !> The gradient in q of one lane. A path by itself waits for three operations in a row; what is contracted is the
    !> same wherever this is inlined, because the products stand here, those with q first.
@@ -188,6 +206,19 @@ contains
       end subroutine keep
 
    end subroutine sweeps
+
+   !> Force and stiffness of one path, see model_type.
+   subroutine pair(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
+      class(henon_heiles_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      real(wp), value :: q1, q2
+      real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
+
+      call force_of_one(self%alpha, self%sigma1, self%sigma2, w(0), w(1), w(2), q1, q2, f1, f2)
+      call stiffness_of_one(self%alpha, w(0), q1, q2, k11, k21, k22)
+      k12 = k21
+   end subroutine pair
 
    !> The slope of a momentum.
    pure subroutine slope_of_one(alpha, sigma1, sigma2, w, q1, q2, g1, g2)

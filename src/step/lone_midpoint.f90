@@ -7,9 +7,9 @@
 module symsde_step_lone_midpoint
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: angle_terms
-   use symsde_solve_stagnation, only: ends_exact, verdict_of, quadratic
+   use symsde_solve_stagnation, only: ends_exact
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_midpoint_equation, only: correct_pair
+   use symsde_step_midpoint_equation, only: solve_pair
    use symsde_step_slopes, only: take_slopes
    use symsde_step_stage_iteration, only: sweep_verdict, most_sweeps, stiff_rate, done
    implicit none
@@ -95,38 +95,17 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q(2), p(2)
       real(wp), intent(out) :: v(2)
       logical, intent(out) :: taken
-      real(wp) :: base(2), point(2), still(2), f(2), k(2, 2), g, last(1), step(1), size(1)
+      real(wp) :: base(2), slope(2), g
       integer :: iteration, i
 
-      g = 0.25_wp*h
-      still = 0
-      v = 0
       !GCC$ novector  ! few numbers
       do i = 1, 2
          base(i) = q(i) + 0.5_wp*(h*p(i))
       end do
-      point = base
-      last = 0
-      iteration = 0
-      do while (last(1) >= 0)
-         taken = iteration < self%patience
-         if (.not. taken) return
-         iteration = iteration + 1
-         call self%model%gradient_hessian(1, 2, self%m, t, w, point, still, hq=f, hqq=k)
-         if (iteration == 1) then
-            taken = g*k(1, 1) <= 1 .and. g*k(2, 2) <= 1  ! mild
-            if (.not. taken) return
-         end if
-         call correct_pair(1, g, f, k, last, v, step, size)
-         taken = step(1) + size(1) <= huge(g)
-         if (.not. taken) return
-         if (self%affine) exit
-         last = verdict_of(quadratic, step(1), size(1), last(1))
-         !GCC$ novector  ! few numbers
-         do i = 1, 2
-            point(i) = base(i) + g*v(i)
-         end do
-      end do
+      g = 0.25_wp*h
+      call solve_pair(self%model, self%m, self%patience, self%affine, t, g, w, base, v, slope, iteration)
+      taken = iteration > 0 .and. g*slope(1) <= 1 .and. g*slope(2) <= 1  ! mild
+      if (.not. taken) return
       associate (c => self%counters)
          c%gradients = c%gradients + iteration
          c%hessians = c%hessians + iteration

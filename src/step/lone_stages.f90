@@ -4,6 +4,7 @@
 !> is left to step/stages.
 module symsde_step_lone_stages
    use symsde_base_kinds, only: wp
+   use symsde_model_abstract, only: angle_terms
    use symsde_step_constant_mass, only: constant_mass
    use symsde_step_lone, only: lone_stepper
    use symsde_step_slopes, only: add_slopes, slope_sum, find_sum, add_sum, add_pair, take_slopes
@@ -14,6 +15,7 @@ module symsde_step_lone_stages
    public :: lone_stages
 
    integer, parameter :: most_ahead = 12  !! sweeps of a step that are asked of the model
+   integer, parameter :: most_swung = 3   !! stages of an angle, in numbers alone
 
    !> Two stages and two degrees of freedom: the model takes the sweeps.
    type :: stage_pair
@@ -22,6 +24,12 @@ module symsde_step_lone_stages
       real(wp) :: all = 0, v(2) = 0           !! and its increments: weights of p and of slopes in dq
       real(wp) :: slope(most_ahead, 2, 2) = 0
    end type stage_pair
+
+   !> Stages of an angle: what they and the increments are put together from.
+   type :: angle_stages
+      real(wp) :: r(most_swung) = 0, all = 0  !! weights of p in the stages and in dq
+      type(slope_sum) :: dq, dp
+   end type angle_stages
 
    type, extends(lone_stepper) :: lone_stages
       type(stage_plan) :: plan
@@ -34,6 +42,7 @@ module symsde_step_lone_stages
       real(wp), allocatable, private :: base(:, :), g(:, :)  !! what Q_i has without slopes; slopes (n, nstage)
       real(wp), allocatable, dimension(:), private :: x, f, start  !! (n)
       type(stage_pair), allocatable, private :: pair               !! where the step is one of these
+      type(angle_stages), allocatable, private :: angle            !! where the step is one of these
    contains
       procedure :: take
    end type lone_stages
@@ -59,6 +68,9 @@ contains
       if (abs(h - self%h) > 0) call find_sums(self, h)
       if (allocated(self%pair)) then
          call take_pair(self, self%pair, t, h, w, q, p, dq, dp, taken)
+         return
+      else if (allocated(self%angle)) then
+         call swing(self, self%angle, t, h, w, q(1), p(1), dq(1), dp(1), taken)
          return
       end if
       sweeps = 0
@@ -115,6 +127,12 @@ contains
             call find_sum(s, h, plan%first_b(:, i), self%sums(i, 1))
             call find_sum(s, h, plan%b(:, i), self%sums(i, 2))
          end do
+         if (self%model%traits%has_angle_terms .and. s <= most_swung) then
+            self%angle = angle_stages(all=h*sum(plan%alpha))
+            self%angle%r(:s) = h*plan%r
+            call find_sum(s, h, plan%v, self%angle%dq)
+            call find_sum(s, 1.0_wp, plan%alpha, self%angle%dp)
+         end if
          if (.not. (self%n == 2 .and. s == 2 .and. plan%ngroup == 1) .or. allocated(self%mass)) return
          if (.not. (all(self%sums(:, 1)%m == [0, 1]) .and. all(self%sums(:, 2)%m == 2))) return
          self%pair = stage_pair(r=h*plan%r, c_first=self%sums(2, 1)%c(1), all=h*sum(plan%alpha), v=h*plan%v)
@@ -154,6 +172,71 @@ contains
       self%counters%gradients = self%counters%gradients + 2*sweep
       self%counters%iterations = self%counters%iterations + sweep
    end subroutine take_pair
+
+   !> A step of an angle, without passes over one number.
+   subroutine swing(self, angle, t, h, w, q, p, dq, dp, taken)
+      type(lone_stages), intent(inout) :: self
+      type(angle_stages), intent(in) :: angle
+      real(wp), intent(in) :: t, h, w(0:self%m), q, p
+      real(wp), intent(out) :: dq, dp
+      logical, intent(out) :: taken
+      type(angle_terms) :: terms(most_swung)
+      real(wp) :: g(most_swung), f, slope, change, extent, last
+      integer :: i, j, k, sweep, sweeps, evaluations
+
+      do i = 1, self%plan%nstage
+         call self%find_terms(t + self%plan%c(i)*h, w, terms(i))
+      end do
+      sweeps = 0
+      evaluations = 0
+      do k = 1, self%plan%ngroup
+         associate (group => self%plan%group(k))
+            last = 0
+            sweep = 0
+            do while (last >= 0 .and. sweep < most_sweeps)
+               sweep = sweep + 1
+               change = 0
+               extent = 0
+               do j = 1, group%nmember
+                  i = group%stage(j)
+                  f = self%force_at(terms(i), t, w, weighed(self%sums(i, min(sweep, 2)), g, q + angle%r(i)*p), p, slope)
+                  change = max(change, abs(merge(f, f + g(i), sweep == 1))) + 0*(change + f)  ! NaN stays
+                  extent = max(extent, abs(f))
+                  g(i) = -f
+               end do
+               if (group%explicit) exit
+               last = sweep_verdict(sweep, self%too_slow(k), self%too_stiff, change, extent, last)
+            end do
+            sweeps = sweeps + sweep
+            evaluations = evaluations + sweep*group%nmember
+            taken = abs(last - done) <= 0 .or. group%explicit
+         end associate
+         if (.not. taken) return
+      end do
+      dq = weighed(angle%dq, g, angle%all*p)
+      dp = weighed(angle%dp, g, 0.0_wp)
+      self%counters%gradients = self%counters%gradients + evaluations
+      self%counters%iterations = self%counters%iterations + sweeps
+   end subroutine swing
+
+   !> add_sum of one number.
+   pure real(wp) function weighed(sum, g, start)
+      type(slope_sum), intent(in) :: sum
+      real(wp), intent(in) :: g(most_swung), start
+
+      associate (c => sum%c, i => sum%used)
+         select case (sum%m)
+         case (0)
+            weighed = start
+         case (1)
+            weighed = start + c(1)*g(i(1))
+         case (2)
+            weighed = start + (c(1)*g(i(1)) + c(2)*g(i(2)))
+         case default
+            weighed = start + (c(1)*g(i(1)) + c(2)*g(i(2)) + c(3)*g(i(3)))
+         end select
+      end associate
+   end function weighed
 
    !> The slopes of a group.
    subroutine iterate(self, group, too_slow, t, h, w, q, p, sweeps, evaluations, taken)

@@ -12,12 +12,14 @@
 !> solves these is all that the parts differ in (step/midpoint_by_matrix, _by_rows, _by_products).
 module symsde_step_midpoint_equation
    use symsde_base_kinds, only: wp, i8
+   use symsde_model_abstract, only: model_type
    use symsde_solve_newton, only: newton_type
+   use symsde_solve_stagnation, only: quadratic, verdict_of
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
    private
    public :: midpoint_equation, new_midpoint_equation, midpoint_part, solve_by_iterations
-   public :: position, add_unknown, correct_pair
+   public :: position, add_unknown, correct_pair, solve_pair
 
    !> The equations of the lanes that are taken through a step together.
    type :: midpoint_equation
@@ -114,6 +116,47 @@ contains
       call take_larger(self%nlane, slope, self%stiff_ratio)
    end subroutine note_stiff_ratio
 
+   !> Two unknowns of a path by itself, from V = 0: the iterations that were taken, none where it does not converge
+   !> soon, or where something is not finite. Whether the step is mild is for the caller to say: products with c
+   !> are contracted here as in lanes, since nothing else asks for them.
+   subroutine solve_pair(model, m, patience, affine, t, c, w, base, v, slope, iteration)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: m, patience   !! noises, iterations
+      logical, intent(in) :: affine        !! one is all
+      real(wp), intent(in) :: t, c, w(0:m), base(2)
+      real(wp), intent(out) :: v(2), slope(2)   !! and the first Hhat_ii
+      integer, intent(out) :: iteration
+      real(wp) :: f1, f2, k11, k21, k12, k22, x1, x2, v1, v2, d1, d2, last, step, size
+
+      x1 = base(1)
+      x2 = base(2)
+      v1 = 0
+      v2 = 0
+      last = 0
+      do iteration = 1, patience
+         call model%pair(m, t, w, x1, x2, f1, f2, k11, k21, k12, k22)
+         if (iteration == 1) then
+            slope(1) = k11
+            slope(2) = k22
+         end if
+         call correction(c, f1, f2, k11, k21, k12, k22, v1, v2, d1, d2)
+         v1 = v1 - d1
+         v2 = v2 - d2
+         step = max(abs(d1), abs(d2)) + 0*(d1 + d2)  ! NaN stays
+         size = max(abs(v1), abs(v2))
+         if (.not. step + size <= huge(c)) exit
+         last = verdict_of(quadratic, step, size, last)
+         if (affine .or. last < 0) then
+            v(1) = v1
+            v(2) = v2
+            return
+         end if
+         x1 = base(1) + c*v1
+         x2 = base(2) + c*v2
+      end do
+      iteration = 0
+   end subroutine solve_pair
+
    ! ---- kernels ----------------------------------------------------------------------------------
 
    !> VEC Q = base + c x
@@ -141,31 +184,41 @@ contains
    end subroutine add_unknown
 
    !> VEC Two unknowns: x = x - (I + c K)^{-1} (x + f) in running lanes, with the size of correction and unknowns in
-   !> each. By Cramer's rule, which needs no pivots.
+   !> each.
    pure subroutine correct_pair(nlane, c, f, k, last, x, step, size)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: c, f(nlane, 2), k(nlane, 2, 2), last(nlane)
       real(wp), intent(inout) :: x(nlane, 2)
       real(wp), intent(out) :: step(nlane), size(nlane)
-      real(wp) :: a, b, e, d, r1, r2, d1, d2, inverse
+      real(wp) :: d1, d2
       integer :: lane
 
       do lane = 1, nlane
-         a = 1 + c*k(lane, 1, 1)
-         b = c*k(lane, 1, 2)
-         e = c*k(lane, 2, 1)
-         d = 1 + c*k(lane, 2, 2)
-         r1 = x(lane, 1) + f(lane, 1)
-         r2 = x(lane, 2) + f(lane, 2)
-         inverse = 1/(a*d - b*e)
-         d1 = (d*r1 - b*r2)*inverse
-         d2 = (a*r2 - e*r1)*inverse
+         call correction(c, f(lane, 1), f(lane, 2), k(lane, 1, 1), k(lane, 2, 1), k(lane, 1, 2), k(lane, 2, 2), &
+                         x(lane, 1), x(lane, 2), d1, d2)
          x(lane, 1) = merge(x(lane, 1) - d1, x(lane, 1), last(lane) >= 0)
          x(lane, 2) = merge(x(lane, 2) - d2, x(lane, 2), last(lane) >= 0)
          step(lane) = max(abs(d1), abs(d2)) + 0*(d1 + d2)  ! NaN stays
          size(lane) = max(abs(x(lane, 1)), abs(x(lane, 2)))
       end do
    end subroutine correct_pair
+
+   !> (I + c K)^{-1} (x + f), by Cramer's rule, which needs no pivots.
+   pure subroutine correction(c, f1, f2, k11, k21, k12, k22, x1, x2, d1, d2)
+      real(wp), intent(in) :: c, f1, f2, k11, k21, k12, k22, x1, x2
+      real(wp), intent(out) :: d1, d2
+      real(wp) :: a, b, e, d, r1, r2, inverse
+
+      a = 1 + c*k11
+      b = c*k12
+      e = c*k21
+      d = 1 + c*k22
+      r1 = x1 + f1
+      r2 = x2 + f2
+      inverse = 1/(a*d - b*e)
+      d1 = (d*r1 - b*r2)*inverse
+      d2 = (a*r2 - e*r1)*inverse
+   end subroutine correction
 
    !> VEC (h/2) Hhat_q - (h p + g)
    pure subroutine weigh_force(n, half, drift, f)
