@@ -18,7 +18,7 @@ module symsde_solve_elimination
    implicit none
    private
    public :: strip_lanes, solve_lanes, solve_strip, factor_lanes, back_substitute_lanes
-   public :: pivot_ratio
+   public :: pivot_ratio, solve_lone
 
    integer, parameter :: cached = 2304      !! numbers of the matrices of a strip of small systems
    integer, parameter :: narrow_strip = 32  !! lanes of a strip of larger systems
@@ -87,6 +87,47 @@ contains
          x(first:last, j) = part(:, j)
       end do
    end subroutine solve_strip
+
+   !> One system by itself, by the operations of solve_strip in their order.
+   pure subroutine solve_lone(n, a, x, smallest)
+      integer, intent(in) :: n              !! unknowns, from 3 on
+      real(wp), intent(inout) :: a(n, n)    !! in: the matrix; out: factors
+      real(wp), intent(inout) :: x(n)       !! in: right-hand side; out: solution
+      real(wp), intent(out) :: smallest     !! pivot monitor, 0 where the solution is not finite
+      real(wp) :: diagonal(n), origin, reached, ratio, factor
+      integer :: i, j, k
+
+      do k = 1, n
+         diagonal(k) = abs(a(k, k))
+      end do
+      smallest = 1
+      do k = 1, n
+         origin = diagonal(k)
+         reached = abs(a(k, k))
+         ratio = merge(reached, origin, reached <= origin)/(merge(origin, reached, reached <= origin) + tiny(ratio))
+         smallest = merge(smallest, merge(ratio, 0.0_wp, ratio >= 0), smallest <= ratio)
+         a(k, k) = 1/(a(k, k) + merge(1.0_wp, 0.0_wp, reached <= 0))
+         factor = x(k)
+         do i = k + 1, n
+            a(i, k) = a(i, k)*a(k, k)
+            x(i) = x(i) - a(i, k)*factor
+         end do
+         do j = k + 1, n
+            factor = a(k, j)
+            do i = k + 1, n
+               a(i, j) = a(i, j) - a(i, k)*factor
+            end do
+         end do
+      end do
+      do k = n, 1, -1
+         factor = x(k)*a(k, k)
+         x(k) = factor
+         do i = 1, k - 1
+            x(i) = x(i) - a(i, k)*factor
+         end do
+         if (.not. abs(factor) <= huge(factor)) smallest = 0
+      end do
+   end subroutine solve_lone
 
    !> One unknown: x = b/a.
    subroutine solve_one_unknown(nlane, a, x, smallest)

@@ -4,17 +4,21 @@
 !>    q_{n+1} = q_n + Hhat_p(Q,P),  p_{n+1} = p_n - Hhat_q(Q,P),  (Q,P) the mean of both ends   [WHSB] (71)-(72)
 !>
 !> Unknowns are the increments (F,G) = (dq,dp), interleaved degree by degree so that banded Hessians
-!> make a banded matrix. Many of them in a dense one are found without matrices, by products (for step/stages,
-!> which iterates first): there the unknowns are all of F and then all of G.
+!> make a banded matrix. Many of them in a dense one are found without matrices, by products: there the unknowns are
+!> all of F and then all of G. Where matrices or products cost more than a dozen gradients, lanes whose step is mild
+!> are iterated before (step/midpoint_sweeps), and Newton begins anew in the others.
 module symsde_step_midpoint_full
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_base_traits, only: dense
+   use symsde_base_traits, only: model_traits, dense
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, does_without_matrices, &
-                                             iterates_first
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_midpoint_full, only: lone_midpoint_full
+   use symsde_step_midpoint_sweeps, only: midpoint_sweeps, new_midpoint_sweeps
+   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, is_free, &
+                                             does_without_matrices, iterates_first
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -25,6 +29,8 @@ module symsde_step_midpoint_full
       private
       type(newton_type) :: newton
       type(newton_by_products), allocatable :: products  !! where no matrices are formed
+      type(midpoint_sweeps), allocatable :: sweeps       !! where mild steps need neither
+      integer(i8), allocatable :: left(:)                !! 0 in lanes that these leave, then their status (nlane)
       integer :: band = dense
       real(wp), allocatable :: x(:, :)             !! F_1, G_1, F_2, G_2, ..; by products F, then G (nlane, 2 ndof)
       real(wp), allocatable :: r(:, :)             !! residual in that order, by products (nlane, 2 ndof)
@@ -35,6 +41,7 @@ module symsde_step_midpoint_full
       procedure :: fits
       procedure :: make
       procedure :: increment
+      procedure :: offer_lone
    end type midpoint_full_stepper
 
 contains
@@ -44,7 +51,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. &
-             .not. iterates_first(task%model%traits, 2*task%model%traits%ndof, task%newton)
+             .not. (is_free(task%newton) .and. has_fewer_unknowns(task%model%traits))
    end function fits
 
    subroutine make(self, task)
@@ -53,7 +60,22 @@ contains
 
       call new_midpoint_full_stepper(self, task%model, task%nlane, task%newton)
       self%one_solve = self%newton%affine
+      if (allocated(self%products)) self%left_out = 'matrices: products with the Hessian take their place'
+      associate (t => task%model%traits)
+         if (.not. iterates_first(t, task%newton)) return
+         allocate (self%sweeps, self%left(task%nlane))
+         call new_midpoint_sweeps(self%sweeps, task%nlane, t%ndof, t%nnoise)
+      end associate
    end subroutine make
+
+   !> Whether momenta are eliminated by step/midpoint or step/stages.
+   pure logical function has_fewer_unknowns(traits)
+      type(model_traits), intent(in) :: traits
+
+      has_fewer_unknowns = traits%identity_mass .and. &
+                           (traits%position_noise .or. traits%additive .or. traits%nnoise == 0)
+      has_fewer_unknowns = has_fewer_unknowns .or. (traits%ndof > 1 .and. traits%divides_by_mass())
+   end function has_fewer_unknowns
 
    !> A midpoint stepper for blocks of nlane lanes.
    subroutine new_midpoint_full_stepper(self, model, nlane, options, without_matrices, brackets)
@@ -67,8 +89,7 @@ contains
       logical :: matrices
 
       n = model%traits%ndof
-      b = model%traits%bandwidth
-      if (4*b + 3 >= 2*n) b = dense
+      b = band_of(model%traits)
       self%name = 'midpoint'
       self%band = b
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, brackets)
@@ -84,7 +105,9 @@ contains
          return
       end if
       width = merge(dense, 2*b + 1, b == dense)
-      call new_newton(self%newton, nlane, 2*n, options, model%traits%one_solve(b /= dense), width, width)
+      call new_newton(self%newton, nlane, 2*n, options, model%traits%one_solve(b /= dense), width, width, &
+                      exact=.not. allocated(self%ham%modified) .and. &
+                      (model%traits%has_hessian_vector .or. (model%traits%has_hessian .and. b == dense)))
       if (b == dense) then
          allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
       else
@@ -92,15 +115,63 @@ contains
       end if
    end subroutine new_midpoint_full_stepper
 
+   !> Paths one by one: iterated where blocks are, solved where the matrix is dense and has exact entries.
+   subroutine offer_lone(self, lone)
+      class(midpoint_full_stepper), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+      type(lone_midpoint_full), allocatable :: made
+
+      associate (newton => self%newton, t => self%ham%model%traits)
+         if (allocated(self%ham%modified) .or. .not. is_free(newton%options)) return
+         allocate (made)
+         made%iterates = allocated(self%sweeps)
+         made%solves = allocated(self%hqq) .and. self%band == dense .and. t%has_hessian .and. t%ndof > 1
+         made%test = newton%test
+         made%max_iter = newton%options%max_iter
+         if (made%iterates .or. made%solves) call move_alloc(made, lone)
+      end associate
+   end subroutine offer_lone
+
+   !> Bandwidth of the Hessian as it is used.
+   pure integer function band_of(traits) result(b)
+      type(model_traits), intent(in) :: traits
+
+      b = traits%bandwidth
+      if (4*b + 3 >= 2*traits%ndof) b = dense
+   end function band_of
+
    subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_full_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
       real(wp) :: tm
 
       tm = step%t + 0.5_wp*step%h
+      if (allocated(self%sweeps)) then
+         w => step%w
+         call self%sweeps%attempt(self%ham, tm, w, q, p, dq, dp, status, self%left)
+         if (.not. any(self%left == 0)) return
+         call solve(self, tm, step, q, p, dq, dp, self%left)
+         status = merge(self%left, status, self%left > 0)
+      else
+         dq = 0
+         dp = 0
+         call solve(self, tm, step, q, p, dq, dp, status)
+      end if
+   end subroutine increment
+
+   !> Increments of the lanes without a status by Newton's iteration.
+   subroutine solve(self, tm, step, q, p, dq, dp, status)
+      class(midpoint_full_stepper), intent(inout) :: self
+      real(wp), intent(in) :: tm
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(inout) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
       self%x = 0
       call self%newton%start(status)
       if (allocated(self%products)) then
@@ -113,9 +184,9 @@ contains
             call linearise(self, tm, step)
             call newton%update(self%x, status, self%ham%counters)
          end do
-         call split(nlane, n, self%x, dq, dp)
+         call split(nlane, n, self%x, status, dq, dp)
       end associate
-   end subroutine increment
+   end subroutine solve
 
    !> The same without matrices.
    subroutine solve_by_products(self, tm, step, q, p, dq, dp, status)
@@ -123,8 +194,9 @@ contains
       real(wp), intent(in) :: tm
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
-      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(inout) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer :: i
 
       associate (n => self%ham%ndof, x => self%x, r => self%r)
          do while (self%newton%running)
@@ -135,8 +207,10 @@ contains
             r(:, n + 1:) = x(:, n + 1:) + self%hq
             call self%products%correct(self%ham, 0.5_wp, tm, step%w, self%qs, self%ps, r, self%newton, x, status)
          end do
-         dq = x(:, :n)
-         dp = x(:, n + 1:)
+         do i = 1, n
+            dq(:, i) = merge(x(:, i), dq(:, i), status == 0)
+            dp(:, i) = merge(x(:, n + i), dp(:, i), status == 0)
+         end do
       end associate
    end subroutine solve_by_products
 
@@ -178,16 +252,18 @@ contains
       end do
    end subroutine midpoint_of
 
-   pure subroutine split(nlane, n, x, dq, dp)
+   !> The increments of lanes without a status.
+   pure subroutine split(nlane, n, x, status, dq, dp)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: x(nlane, 2, n)
-      real(wp), intent(out) :: dq(nlane, n), dp(nlane, n)
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(inout) :: dq(nlane, n), dp(nlane, n)
       integer :: lane, i
 
       do i = 1, n
          do lane = 1, nlane
-            dq(lane, i) = x(lane, 1, i)
-            dp(lane, i) = x(lane, 2, i)
+            dq(lane, i) = merge(x(lane, 1, i), dq(lane, i), status(lane) == 0)
+            dp(lane, i) = merge(x(lane, 2, i), dp(lane, i), status(lane) == 0)
          end do
       end do
    end subroutine split

@@ -26,12 +26,16 @@ module symsde_step_newton_by_products
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
    private
-   public :: newton_by_products, new_newton_by_products, pays_by_products, does_without_matrices, iterates_first
+   public :: newton_by_products, new_newton_by_products, pays_by_products, does_without_matrices
+   public :: iterates_first, is_free
    public :: hessian_product, set_goals  ! for matrices of other forms
 
    !> Unknowns of a lane from which no matrix is the faster way. With analytic second derivatives: where
    !> elimination across lanes ends. Without them a matrix costs two gradients for each unknown.
    integer, parameter :: least_analytic = max_lane_unknowns + 1, least_differenced = 8
+
+   !> Unknowns q and p of a lane up to which Newton's iteration is as fast as a dozen of sweeps.
+   integer, parameter :: small = 4
 
    real(wp), parameter :: loose = 1.0e-4_wp                      !! first solve, relative to its right-hand side
    real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)     !! no solve goes further, relative to the unknowns
@@ -69,16 +73,17 @@ contains
       does_without_matrices = pays_by_products(traits, unknowns) .and. is_free(options)
    end function does_without_matrices
 
-   !> Whether a midpoint whose matrices are large, or made of differences, or hold masses beside the Hessian of U, is
-   !> first iterated without them (step/stages).
-   pure logical function iterates_first(traits, unknowns, options)
+   !> Whether a midpoint of unknown q and p is iterated before Newton's matrices or products are asked for: they are
+   !> many, or made of differences, and more than one solve.
+   pure logical function iterates_first(traits, options)
       type(model_traits), intent(in) :: traits
-      integer, intent(in) :: unknowns
       type(newton_options), intent(in) :: options
 
-      iterates_first = is_free(options) .and. (pays_by_products(traits, unknowns) .or. &
-                                               (traits%ndof > 1 .and. (traits%differences_alone() .or. &
-                                                                       traits%divides_by_mass())))
+      associate (unknowns => 2*traits%ndof)
+         iterates_first = is_free(options) .and. traits%ndof > 1 .and. &
+                          (pays_by_products(traits, unknowns) .or. traits%differences_alone() .or. &
+                           (unknowns > small .and. .not. traits%quadratic))
+      end associate
    end function iterates_first
 
    !> Whether neither damping nor a number of iterations is asked for.

@@ -26,7 +26,7 @@ module symsde_step_stages
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, by_products
    use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
-   use symsde_step_newton_by_products, only: does_without_matrices, iterates_first
+   use symsde_step_newton_by_products, only: does_without_matrices
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stage_equations, only: stage_equations, new_stage_equations
    use symsde_step_stage_iteration, only: iterate_group, solved, untried, stiff_rate
@@ -96,11 +96,7 @@ contains
       associate (t => task%model%traits)
          if (.not. does_without_matrices(t, unknowns_left(self), task%newton)) return
       end associate
-      if (self%equations%eliminated) then
-         self%left_out = 'matrices: products with the Hessian take their place; '//self%left_out
-      else
-         self%left_out = 'matrices: products with the Hessian take their place'
-      end if
+      self%left_out = 'matrices: products with the Hessian take their place; '//self%left_out
    end subroutine make
 
    !> Unknowns of the midpoint that takes the lanes that are left.
@@ -108,7 +104,7 @@ contains
       class(stages_stepper), intent(in) :: self
 
       n = self%ham%ndof
-      if (.not. self%equations%eliminated .or. allocated(self%equations%mass)) n = 2*n
+      if (allocated(self%equations%mass)) n = 2*n
    end function unknowns_left
 
    !> Whether this stepper serves a model, scheme and options.
@@ -148,8 +144,9 @@ contains
       self%name = 'stages'
       if (self%equations%eliminated) self%name = 'stages, momenta eliminated'
       brackets = active_brackets(scheme%brackets, model%traits)
-      self%midpoint_left = scheme%is_midpoint() .and. .not. brackets%are_added() .and. &
-                           iterates_first(model%traits, unknowns_left(self), options)
+      self%midpoint_left = scheme%is_midpoint() .and. .not. brackets%are_added() .and. self%equations%eliminated .and. &
+                           (allocated(self%equations%mass) .or. &
+                            does_without_matrices(model%traits, model%traits%ndof, options))
       self%leaves = self%midpoint_left .or. .not. self%equations%eliminated .or. allocated(self%equations%mass)
       allocate (self%solver(self%equations%plan%ngroup))
       do g = 1, size(self%solver)
@@ -326,7 +323,7 @@ contains
       type(midpoint_full_stepper), allocatable :: midpoint
 
       associate (model => self%equations%ham%model)
-         if (self%midpoint_left .and. self%equations%eliminated .and. .not. allocated(self%equations%mass)) then
+         if (self%midpoint_left .and. .not. allocated(self%equations%mass)) then
             allocate (eliminated)
             call new_midpoint_stepper(eliminated, model, self%width, self%options, by_products)
             call move_alloc(eliminated, self%other)
