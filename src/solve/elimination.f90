@@ -93,7 +93,7 @@ contains
       integer, intent(in) :: n              !! unknowns, from 3 on
       real(wp), intent(inout) :: a(n, n)    !! in: the matrix; out: factors
       real(wp), intent(inout) :: x(n)       !! in: right-hand side; out: solution
-      real(wp), intent(out) :: smallest     !! pivot monitor, 0 where the solution is not finite
+      real(wp), intent(out) :: smallest     !! pivot monitor
       real(wp) :: diagonal(n), origin, reached, ratio, factor
       integer :: i, j, k
 
@@ -125,7 +125,6 @@ contains
          do i = 1, k - 1
             x(i) = x(i) - a(i, k)*factor
          end do
-         if (.not. abs(factor) <= huge(factor)) smallest = 0
       end do
    end subroutine solve_lone
 
