@@ -21,6 +21,7 @@ from .schemes import Scheme, as_scheme
 _LIBRARY_LANES = 256  # of a block in the library, at most
 _PYTHON_VALUES = 2048  # numbers of an array that a Python function is given
 _COUNT = 2**47  # range of the counters of paths and steps
+_INPUT_SIZE = _handles.new(_abi.Input, "input").struct_size
 
 
 @dataclass
@@ -48,14 +49,16 @@ class Setup:
 
     def input(self, monitor: Monitor | None = None) -> _abi.Input:
         """Arrays and callback as the C interface takes them; they live as long as this setup."""
-        given = _handles.new(_abi.Input, "input")
-        given.q0, given.p0 = address(self.q0), address(self.p0)
-        given.q0_paths, given.p0_paths = self.q0.shape[1], self.p0.shape[1]
+        q0, p0 = self.q0, self.p0
+        given = _abi.Input(_INPUT_SIZE, address(q0), address(p0), q0.shape[1], p0.shape[1])  # the rest is zero: none
         if self.increments is not None:
             given.increments = address(self.increments)
             rows, noises, paths = self.increments.shape
             given.increment_rows, given.increment_noises, given.increment_paths = rows, noises, paths
-        given.q0_low, given.p0_low = address(self.q0_low), address(self.p0_low)
+        if self.q0_low is not None:
+            given.q0_low = address(self.q0_low)
+        if self.p0_low is not None:
+            given.p0_low = address(self.p0_low)
         if monitor is not None:
             given.progress = monitor.callback
         return given

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import importlib
 import os
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ from .schemes import Scheme
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
 _ARRAYS = [name for name, *_ in _abi.Paths._fields_[1:]]
 _PATHS_SIZE = _handles.new(_abi.Paths, "paths").struct_size
+_REPORT_SIZE = _handles.new(_abi.Report, "report").struct_size
 
 
 class Run(Reported):
@@ -30,7 +32,6 @@ class Run(Reported):
     t: np.ndarray  #: (time,), t0 included
     q: np.ndarray  #: (time, dof, path)
     p: np.ndarray  #: (time, dof, path)
-    path: np.ndarray  #: (path,), global indices
     status: np.ndarray  #: (path,), 0 = ok; `symsde.status_text` tells the others
     failed_step: np.ndarray  #: (path,), absolute step that failed; -1 = none
     last_q: np.ndarray  #: (dof, path), last good state
@@ -43,10 +44,9 @@ class Run(Reported):
         self.setup = setup
         ntime, ndof, paths = setup.ntime, setup.model.ndof, setup.paths
         _checks.room((2, ntime, ndof, paths), "the saved paths (q and p; time, dof, path)")
-        saved, last, first = (ntime, ndof, paths), (ndof, paths), setup.options.first_path
+        saved, last = (ntime, ndof, paths), (ndof, paths)
         self.t = np.empty(ntime)
         self.q, self.p = np.empty(saved), np.empty(saved)
-        self.path = np.arange(first, first + paths)
         self.status = np.empty(paths, _INT32)
         self.failed_step = np.empty(paths, _INT64)
         self.last_q, self.last_p = np.empty(last), np.empty(last)
@@ -57,7 +57,7 @@ class Run(Reported):
     def fill(self, progress: Progress) -> None:
         """Let the library integrate."""
         paths = _abi.Paths(_PATHS_SIZE, *[address(getattr(self, name)) for name in _ARRAYS])
-        report = _handles.new(_abi.Report, "report")
+        report = _abi.Report(_REPORT_SIZE)
         setup = self.setup
         with Monitor(progress, result=self) as monitor:
             given = setup.input(monitor)
@@ -68,6 +68,12 @@ class Run(Reported):
                 allow=(_abi.STOPPED, _abi.PATHS_FAILED),
             )
             self._take_report(report)
+
+    @functools.cached_property
+    def path(self) -> np.ndarray:
+        """(path,), global indices."""
+        first = self.setup.options.first_path
+        return np.arange(first, first + self.setup.paths)
 
     @property
     def model(self) -> Model:

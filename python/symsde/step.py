@@ -11,10 +11,10 @@ import numpy as np
 from . import _abi, _checks
 from ._checks import address
 from ._progress import Monitor
-from ._setup import make_options
+from ._setup import make_options, make_setup
 from .model import Model
-from .prepared import prepare
 from .schemes import Scheme, as_scheme
+from .simulate import Run
 
 _DECIDED = {"q0": "give q", "p0": "give p", "t0": "give t", "steps": "it makes one", "increments": "give dw"}
 _DECIDED |= {"paths": "the points are those of q, p and dw", "save_every": "it makes one step"}
@@ -37,12 +37,13 @@ def step(  # noqa: PLR0917 - the step reads like its formula
     Options of `simulate` (correction, general, fixed_point, ...) are passed on. A point whose step fails is NaN.
     """
     _checks.not_given("step", options, _DECIDED)
-    points = _checks.columns(q=q, p=p, dw=dw)
-    run = prepare(model, scheme, step=step, q0=q, p0=p, t0=t, paths=points, **options)
-    run.step(dw)
-    if run.status.any():
-        run.q[:, run.status != 0] = run.p[:, run.status != 0] = np.nan
-    return run.q, run.p
+    alone = type(q) is type(p) is type(dw) is float  # as in a loop of one's own
+    points = 1 if alone else _checks.columns(q=q, p=p, dw=dw)
+    setup = make_setup(model, scheme=scheme, q0=q, p0=p, step=step, steps=1, t0=t, paths=points, **options)
+    setup.increments = _checks.state("dw", dw, model.nnoise, points)[np.newaxis]
+    run = Run(setup)
+    run.fill(progress=False)
+    return run.q[1], run.p[1]
 
 
 def increments_at(model: Model, dw: Any, points: int) -> np.ndarray:

@@ -10,6 +10,7 @@
 #if defined(__unix__) || defined(__APPLE__)
 #include <pthread.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #ifndef MAP_ANONYMOUS
@@ -57,11 +58,38 @@ static double machine(void) {
    return bytes > 0 ? bytes : HUGE_VAL;
 }
 
+/* 1 where a mapping of a few megabytes cannot be refused: Linux sets bounds to the address space and the data of a
+ * process, or to what all of them are promised (strict). To make a mapping takes as long as a short run's step. */
+#if defined(__linux__)
+#include <stdio.h>
+
+static int strict = 1; /* written once, before any other function of the library can be called */
+
+__attribute__((constructor)) static void ask_policy(void) {
+   FILE *file = fopen("/proc/sys/vm/overcommit_memory", "r");
+   if (file == NULL)
+      return;
+   const int policy = fgetc(file);
+   strict = policy != '0' && policy != '1';
+   fclose(file);
+}
+
+static int is_unbounded(void) {
+   struct rlimit space, data;
+   return !strict && getrlimit(RLIMIT_AS, &space) == 0 && space.rlim_cur == RLIM_INFINITY &&
+          getrlimit(RLIMIT_DATA, &data) == 0 && data.rlim_cur == RLIM_INFINITY;
+}
+#else
+static int is_unbounded(void) { return 0; }
+#endif
+
 /* 1 where so many bytes, and so many threads besides the calling one, can be had now. */
 __attribute__((visibility("hidden"))) int symsde_memory_available(double bytes, int threads);
 int symsde_memory_available(double bytes, int threads) {
    if (!(bytes < 4e18) || (bytes > LITTLE && bytes > machine()))
       return 0;
+   if (threads == 0 && bytes <= LITTLE && is_unbounded())
+      return 1;
    if (threads > 0 && !can_map((size_t)bytes + (size_t)threads * (stack_size() + ARENA), PROT_NONE))
       return 0;
    return can_map((size_t)bytes, PROT_READ | PROT_WRITE);

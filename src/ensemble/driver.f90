@@ -135,7 +135,8 @@ contains
                              error)
       if (allocated(error)) return
       self%options%area_time = self%noise%areas%time
-      call set_up_warnings(model, scheme, options, self%runners(1)%stepper%explicit, q0(1, :), p0(1, :), &
+      call set_up_warnings(model, merge(1, 8, has_any_lanes(model)), scheme, options, &
+                           self%runners(1)%stepper%explicit, q0(1, :), p0(1, :), &
                            self%report%lost_variance, self%report%warnings)
       self%report%seconds_setup = seconds() - start
    end subroutine new_ensemble

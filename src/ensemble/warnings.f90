@@ -27,8 +27,9 @@ module symsde_ensemble_warnings
 contains
 
    !> Warnings, one a line; empty where there is nothing to say.
-   subroutine set_up_warnings(model, scheme, options, explicit, q0, p0, lost_variance, text)
+   subroutine set_up_warnings(model, nlane, scheme, options, explicit, q0, p0, lost_variance, text)
       class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane               !! lanes that the model is called with: 1 where it takes any number
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
       logical, intent(in) :: explicit            !! the step calls no solver
@@ -38,12 +39,12 @@ contains
       type(bounds_type) :: bounds
 
       text = ''
-      call find_bounds(model, options%t0, q0, p0, bounds)
+      call find_bounds(model, nlane, options%t0, q0, p0, bounds)
       call warn_of_frequency(text, scheme, model%traits%quadratic, abs(options%step), explicit, bounds)
       if (.not. explicit) call warn_of_noise(text, options, bounds)
       if (lost_variance > 1e-3_wp) call add(text, 'truncation loses '//to_text(100*lost_variance)// &
                                             ' % of the variance of every increment')
-      if (.not. options%compensated) call warn_of_rounding(text, model, options, q0, p0)
+      if (.not. options%compensated) call warn_of_rounding(text, model, nlane, options, q0, p0)
    end subroutine set_up_warnings
 
    !> Stability limit, resolution and uniqueness, by h omega.
@@ -94,19 +95,21 @@ contains
    end subroutine warn_of_noise
 
    !> Increments of the drift below the rounding of the state are lost.
-   subroutine warn_of_rounding(text, model, options, q0, p0)
+   subroutine warn_of_rounding(text, model, nlane, options, q0, p0)
       character(:), allocatable, intent(inout) :: text
       class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
       type(run_options), intent(in) :: options
       real(wp), intent(in) :: q0(:), p0(:)
-      real(wp) :: w(8, 0:model%traits%nnoise), q(8, size(q0)), p(8, size(p0)), hq(8, size(q0)), hp(8, size(p0))
+      real(wp) :: w(nlane, 0:model%traits%nnoise)
+      real(wp), dimension(nlane, size(q0)) :: q, p, hq, hp
       real(wp) :: largest, state
 
       w = 0
       w(:, 0) = 1
-      q = spread(q0, 1, 8)
-      p = spread(p0, 1, 8)
-      call model%gradient(8, size(q0), model%traits%nnoise, options%t0, w, q, p, hq, hp)
+      q = spread(q0, 1, nlane)
+      p = spread(p0, 1, nlane)
+      call model%gradient(nlane, size(q0), model%traits%nnoise, options%t0, w, q, p, hq, hp)
       largest = abs(options%step)*max(maxval(abs(hq(1, :))), maxval(abs(hp(1, :))))
       state = max(maxval(abs(q0)), maxval(abs(p0)))
       if (largest > 0 .and. largest < epsilon(1.0_wp)*state) &
@@ -116,8 +119,9 @@ contains
 
    !> Declared bounds, else row sums of Hessians at the initial state: of the noises, sums over all of them in one
    !> row, since noises on different sites of a lattice do not add up. Nothing is estimated of more noises than that.
-   subroutine find_bounds(model, t, q0, p0, bounds)
+   subroutine find_bounds(model, nlane, t, q0, p0, bounds)
       class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
       real(wp), intent(in) :: t, q0(:), p0(:)
       type(bounds_type), intent(out) :: bounds
       real(wp), dimension(size(q0)) :: hqq, hqp, hpp, row_of_q, row_of_p
@@ -131,7 +135,7 @@ contains
       bounds%nnoise = model%traits%nnoise
       if (.not. bounds%frequency > 0) then
          bounds%frequency_source = 'estimated at the initial state'
-         call row_sums(model, t, 0, q0, p0, hqq, hqp, hpp, looked)
+         call row_sums(model, nlane, t, 0, q0, p0, hqq, hqp, hpp, looked)
          if (looked) bounds%frequency = maxval(hqp) + sqrt(maxval(hqq))*sqrt(maxval(hpp))
       end if
       if (bounds%lipschitz > 0 .or. model%traits%additive .or. model%traits%nnoise > most_noises) return
@@ -140,7 +144,7 @@ contains
       row_of_q = 0
       row_of_p = 0
       do k = 1, model%traits%nnoise
-         call row_sums(model, t, k, q0, p0, hqq, hqp, hpp, looked)
+         call row_sums(model, nlane, t, k, q0, p0, hqq, hqp, hpp, looked)
          if (.not. looked) return
          if (max(maxval(hqq), maxval(hqp), maxval(hpp)) > 0) bounds%nnoise = bounds%nnoise + 1
          row_of_q = row_of_q + hqq + hqp
@@ -150,8 +154,9 @@ contains
    end subroutine find_bounds
 
    !> Row sums of the Hessian blocks of H_k; of the mixed one the larger of row and column.
-   subroutine row_sums(model, t, k, q0, p0, hqq, hqp, hpp, looked)
+   subroutine row_sums(model, nlane, t, k, q0, p0, hqq, hqp, hpp, looked)
       class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
       real(wp), intent(in) :: t, q0(:), p0(:)
       integer, intent(in) :: k
       real(wp), intent(out), dimension(:) :: hqq, hqp, hpp   !! (ndof)
@@ -166,19 +171,19 @@ contains
       b = model%traits%bandwidth
       looked = b /= dense .or. n <= largest_dense
       if (.not. looked) return
-      allocate (w(8, 0:model%traits%nnoise), source=0.0_wp)
+      allocate (w(nlane, 0:model%traits%nnoise), source=0.0_wp)
       w(:, k) = 1
-      q = spread(q0, 1, 8)
-      p = spread(p0, 1, 8)
+      q = spread(q0, 1, nlane)
+      p = spread(p0, 1, nlane)
       if (b == dense) then
-         allocate (aqq(8, n, n), aqp(8, n, n), app(8, n, n))
-         call model%hessian(8, n, model%traits%nnoise, t, w, q, p, aqq, aqp, app)
+         allocate (aqq(nlane, n, n), aqp(nlane, n, n), app(nlane, n, n))
+         call model%hessian(nlane, n, model%traits%nnoise, t, w, q, p, aqq, aqp, app)
          hqq = sum(abs(aqq(1, :, :)), dim=2)
          hqp = max(sum(abs(aqp(1, :, :)), dim=1), sum(abs(aqp(1, :, :)), dim=2))
          hpp = sum(abs(app(1, :, :)), dim=2)
       else
-         allocate (aqq(8, -b:b, n), aqp(8, -b:b, n), app(8, -b:b, n))
-         call model%hessian_banded(8, n, model%traits%nnoise, b, t, w, q, p, aqq, aqp, app)
+         allocate (aqq(nlane, -b:b, n), aqp(nlane, -b:b, n), app(nlane, -b:b, n))
+         call model%hessian_banded(nlane, n, model%traits%nnoise, b, t, w, q, p, aqq, aqp, app)
          hqq = sum(abs(aqq(1, :, :)), dim=1)
          hqp = sum(abs(aqp(1, :, :)), dim=1)
          hpp = sum(abs(app(1, :, :)), dim=1)

@@ -137,20 +137,19 @@ contains
       integer, intent(in) :: npair
       real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
       integer(i8), intent(inout) :: drawn
+      logical :: few
       integer :: k
 
+      few = nreal*((npair + 1)/2) <= most_ahead
       do k = 1, self%nnoise
          if (self%silent(k)) then
             w(:, k, :) = 0
-            cycle
-         end if
-         if (nreal*((npair + 1)/2) <= most_ahead) then
-            call fill_few(self, nlane, nreal, path, pair, npair, k, w)
          else
-            call fill_many(self, nlane, path, pair, npair, k, w)
+            if (.not. few) call fill_many(self, nlane, path, pair, npair, k, w)
+            drawn = drawn + 2*npair
          end if
-         drawn = drawn + 2*npair
       end do
+      if (few) call fill_few(self, nlane, nreal, path, pair, npair, w)
    end subroutine fill_ahead
 
    !> Noise k for whole blocks: the lanes of the generator are the paths.
@@ -173,62 +172,101 @@ contains
       end do
    end subroutine fill_many
 
-   !> Noise k for few paths: each path and draw is a lane of the generator.
-   subroutine fill_few(self, nlane, nreal, path, pair, npair, k, w)
+   !> Few paths: each path and draw is a lane of the generator, of as many noises at once as there are lanes for.
+   subroutine fill_few(self, nlane, nreal, path, pair, npair, w)
       class(brownian_noise), intent(in) :: self
-      integer, intent(in) :: nlane, nreal, npair, k
+      integer, intent(in) :: nlane, nreal, npair
       integer(i8), intent(in) :: path(nlane), pair
       real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
       integer(i8) :: paths(most_ahead), draws(most_ahead)
+      integer :: noises(most_ahead)
       real(wp) :: x(most_ahead*4)
-      integer :: n, m, i, j, step
+      integer :: n, m, used, k, i
 
       n = nreal*((npair + 1)/2)
-      m = padded(n)
-      do i = 1, m  ! a full vector: the last one again and again
-         j = (min(i, n) - 1)/nreal
-         paths(i) = merge(0_i8, path(min(i, n) - j*nreal), self%common(k))
-         draws(i) = pair/2 + j
+      k = 0
+      do while (k < self%nnoise)
+         used = 0
+         do while (k < self%nnoise .and. used + n <= most_ahead)
+            k = k + 1
+            if (.not. self%silent(k)) call add_lanes(k, used)
+         end do
+         if (used == 0) cycle
+         m = padded(used)  ! a full vector: the last one again and again
+         paths(used + 1:m) = paths(used)
+         draws(used + 1:m) = draws(used)
+         noises(used + 1:m) = noises(used)
+         call scaled_normals_at(m, self%seed, paths, draws, noises, 0, purpose_increment, sqrt(self%h), x)
+         if (self%bound < huge(1.0_wp)) call clip_increments(4*m, self%bound, x)
+         do i = 0, used - 1, n
+            call spread_few(nlane, nreal, self%nnoise, noises(i + 1), npair, i, m, x, w)
+         end do
       end do
-      call scaled_normals_at(m, self%seed, paths, draws, k, 0, purpose_increment, sqrt(self%h), x)
-      if (self%bound < huge(1.0_wp)) call clip_increments(4*m, self%bound, x)
+
+   contains
+
+      !> The lanes of noise k behind those that are used.
+      subroutine add_lanes(k, used)
+         integer, intent(in) :: k
+         integer, intent(inout) :: used
+         integer :: i, j
+
+         do i = 1, n
+            j = (i - 1)/nreal
+            paths(used + i) = merge(0_i8, path(i - j*nreal), self%common(k))
+            draws(used + i) = pair/2 + j
+            noises(used + i) = k
+         end do
+         used = used + n
+      end subroutine add_lanes
+
+   end subroutine fill_few
+
+   !> The increments of one noise, in the lanes of the generator behind so many others, to where steps have them.
+   pure subroutine spread_few(nlane, nreal, nnoise, k, npair, before, m, x, w)
+      integer, intent(in) :: nlane, nreal, nnoise, k, npair, before, m
+      real(wp), intent(in) :: x(4*m)
+      real(wp), intent(inout) :: w(nlane, 0:nnoise, 0:2*npair - 1)
+      integer :: i, step
+
       if (nreal == 1 .and. nlane == lane_unit .and. mod(npair, 2) == 0) then
-         call spread_one(self%nnoise, k, npair/2, m, x, w)
+         call spread_one(nnoise, k, npair/2, before, m, x, w)
       else if (nlane == 1 .and. mod(npair, 2) == 0) then
-         call spread_alone(self%nnoise, k, npair/2, m, x, w)
+         call spread_alone(nnoise, k, npair/2, before, m, x, w)
       else
          do step = 0, 2*npair - 1
-            i = mod(step, 4)*m + (step/4)*nreal
+            i = before + mod(step, 4)*m + (step/4)*nreal
             w(:nreal, k, step) = x(i + 1:i + nreal)
             w(nreal + 1:, k, step) = x(i + nreal)
          end do
       end if
-   end subroutine fill_few
+   end subroutine spread_few
 
-   !> One path in all lanes of the smallest block: x holds the steps 4j + i of draw j in column i.
-   pure subroutine spread_one(nnoise, k, ndraw, capacity, x, w)
-      integer, intent(in) :: nnoise, k, ndraw, capacity
+   !> One path in all lanes of the smallest block: x holds the steps 4j + i of draw j in column i,
+   !> behind so many lanes.
+   pure subroutine spread_one(nnoise, k, ndraw, before, capacity, x, w)
+      integer, intent(in) :: nnoise, k, ndraw, before, capacity
       real(wp), intent(in) :: x(0:capacity - 1, 0:3)
       real(wp), intent(inout) :: w(lane_unit, 0:nnoise, 0:3, 0:ndraw - 1)
       integer :: j, i
 
       do j = 0, ndraw - 1
          do i = 0, 3
-            w(:, k, i, j) = x(j, i)
+            w(:, k, i, j) = x(before + j, i)
          end do
       end do
    end subroutine spread_one
 
    !> The same into a block of one lane.
-   pure subroutine spread_alone(nnoise, k, ndraw, capacity, x, w)
-      integer, intent(in) :: nnoise, k, ndraw, capacity
+   pure subroutine spread_alone(nnoise, k, ndraw, before, capacity, x, w)
+      integer, intent(in) :: nnoise, k, ndraw, before, capacity
       real(wp), intent(in) :: x(0:capacity - 1, 0:3)
       real(wp), intent(inout) :: w(0:nnoise, 0:3, 0:ndraw - 1)
       integer :: j, i
 
       do j = 0, ndraw - 1
          do i = 0, 3
-            w(k, i, j) = x(j, i)
+            w(k, i, j) = x(before + j, i)
          end do
       end do
    end subroutine spread_alone

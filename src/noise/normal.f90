@@ -159,22 +159,25 @@ contains
       end do
    end function neighbours
 
-   !> Standard deviation `scale`, a draw for each lane: the normals of the fine steps 4 draw .. 4 draw + 3.
+   !> Standard deviation `scale`, a draw of a noise for each lane: the normals of the fine steps 4 draw .. 4 draw + 3.
    subroutine scaled_normals_at(nlane, seed, path, draw, noise, level, purpose, scale, x)
       integer(i4), intent(in) :: nlane         !! lanes, any number
       integer(i8), intent(in) :: seed, path(nlane), draw(nlane)
-      integer(i4), intent(in) :: noise, level, purpose
+      integer(i4), intent(in) :: noise(nlane), level, purpose
       real(wp), intent(in) :: scale
       real(wp), intent(out) :: x(nlane, 0:3)   !! N(0,scale**2)
       integer(i8) :: words(nlane, 4)
-      integer(i4) :: j
+      integer(i4) :: j, lane
       logical :: tails
 
       call philox_lanes_at(nlane, seed, path, draw, noise, level, purpose, words)
       do j = 0, 2, 2
          call normal_pair_lanes(nlane, words(1, j + 1), words(1, j + 2), scale, x(1, j), x(1, j + 1), tails)
-         if (tails) call mend_tails(nlane, seed, path, draw, noise, level, purpose, j + 1, words(1, j + 1), &
-                                    words(1, j + 2), scale, x(1, j), x(1, j + 1))
+         if (.not. tails) cycle
+         do lane = 1, nlane
+            call mend_tails(1, seed, path(lane), draw(lane), noise(lane), level, purpose, j + 1, words(lane, j + 1), &
+                            words(lane, j + 2), scale, x(lane, j), x(lane, j + 1))
+         end do
       end do
    end subroutine scaled_normals_at
 

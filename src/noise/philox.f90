@@ -116,23 +116,24 @@ contains
       end do
    end subroutine philox_two_lanes
 
-   !> VEC The same with a draw for each lane: a path alone fills its lanes with the draws to come.
+   !> VEC The same with a draw and a noise for each lane: a path alone fills its lanes with the draws to come, and with
+   !> those of several noises.
    subroutine philox_lanes_at(nlane, seed, path, draw, noise, level, purpose, words)
       integer(i4), intent(in) :: nlane           !! lanes, any number
       integer(i8), intent(in) :: seed, path(nlane), draw(nlane)
-      integer(i4), intent(in) :: noise, level, purpose
+      integer(i4), intent(in) :: noise(nlane), level, purpose
       integer(i8), intent(out) :: words(nlane, 4)  !! each 0 .. 2**32-1
       integer(i8) :: k(nround, 2), m(2), c1, c2, c3, c4, tag
       integer(i4) :: lane, round
 
       call round_keys(seed, k)
       call multipliers(m)
-      tag = tag_of(noise, level, purpose)
+      tag = tag_of(0, level, purpose)
       do lane = 1, nlane
          c1 = iand(path(lane), low32)
          c2 = ior(ishft(path(lane), -32), ishft(ishft(draw(lane), -32), 16))
          c3 = iand(draw(lane), low32)
-         c4 = tag
+         c4 = tag + int(noise(lane), i8)
          !GCC$ unroll 10
          do round = 1, nround
             call one_round(m(1), m(2), k(round, 1), k(round, 2), c1, c2, c3, c4)
