@@ -63,20 +63,20 @@ static double machine(void) {
 #if defined(__linux__)
 #include <stdio.h>
 
-static int strict = 1; /* written once, before any other function of the library can be called */
+static int strict_overcommit = 1; /* written once, before any other function of the library can be called */
 
 __attribute__((constructor)) static void ask_policy(void) {
    FILE *file = fopen("/proc/sys/vm/overcommit_memory", "r");
    if (file == NULL)
       return;
    const int policy = fgetc(file);
-   strict = policy != '0' && policy != '1';
+   strict_overcommit = policy != '0' && policy != '1';
    fclose(file);
 }
 
 static int is_unbounded(void) {
    struct rlimit space, data;
-   return !strict && getrlimit(RLIMIT_AS, &space) == 0 && space.rlim_cur == RLIM_INFINITY &&
+   return !strict_overcommit && getrlimit(RLIMIT_AS, &space) == 0 && space.rlim_cur == RLIM_INFINITY &&
           getrlimit(RLIMIT_DATA, &data) == 0 && data.rlim_cur == RLIM_INFINITY;
 }
 #else

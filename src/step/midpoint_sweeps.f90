@@ -114,31 +114,27 @@ contains
       end do
    end subroutine find_middle
 
-   !> VEC
+   !> Rows of a part out of those of the block.
    pure subroutine take_rows(nlane, nrow, before, width, x, y)
       integer, intent(in) :: nlane, nrow, before, width
       real(wp), intent(in) :: x(nlane, nrow)
       real(wp), intent(out) :: y(width, nrow)
-      integer :: i, lane
+      integer :: i
 
       do i = 1, nrow
-         do lane = 1, width
-            y(lane, i) = x(before + lane, i)
-         end do
+         y(:, i) = x(before + 1:before + width, i)
       end do
    end subroutine take_rows
 
-   !> VEC
+   !> Rows of a part into those of the block.
    pure subroutine put_rows(nlane, nrow, before, width, x, y)
       integer, intent(in) :: nlane, nrow, before, width
       real(wp), intent(in) :: x(width, nrow)
       real(wp), intent(inout) :: y(nlane, nrow)
-      integer :: i, lane
+      integer :: i
 
       do i = 1, nrow
-         do lane = 1, width
-            y(before + lane, i) = x(lane, i)
-         end do
+         y(before + 1:before + width, i) = x(:, i)
       end do
    end subroutine put_rows
 
