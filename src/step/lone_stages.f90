@@ -187,6 +187,7 @@ contains
       do i = 1, self%plan%nstage
          call self%find_terms(t + self%plan%c(i)*h, w, terms(i))
       end do
+      g = 0  ! the first sweep of a group finds all of a slope as its change
       sweeps = 0
       evaluations = 0
       do k = 1, self%plan%ngroup
@@ -200,7 +201,7 @@ contains
                do j = 1, group%nmember
                   i = group%stage(j)
                   f = self%force_at(terms(i), t, w, weighed(self%sums(i, min(sweep, 2)), g, q + angle%r(i)*p), p, slope)
-                  change = max(change, abs(merge(f, f + g(i), sweep == 1))) + 0*(change + f)  ! NaN stays
+                  change = max(change, abs(f + g(i))) + 0*(change + f)  ! NaN stays
                   extent = max(extent, abs(f))
                   g(i) = -f
                end do

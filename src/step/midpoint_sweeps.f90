@@ -57,13 +57,13 @@ contains
       integer :: before
 
       do before = 0, ham%nlane - self%width, self%width
-         associate (last => before + self%width, nlane => ham%nlane, width => self%width)
-            call take_rows(nlane, self%m + 1, before, width, w, self%w)
-            call take_rows(nlane, self%n, before, width, q, self%q)
-            call take_rows(nlane, self%n, before, width, p, self%p)
+         associate (last => before + self%width, width => self%width)
+            self%w = w(before + 1:last, :)
+            self%q = q(before + 1:last, :)
+            self%p = p(before + 1:last, :)
             call sweep_part(self, ham, t, max(0, min(width, ham%nreal - before)), status(before + 1:last))
-            call put_rows(nlane, self%n, before, width, self%dq, dq)
-            call put_rows(nlane, self%n, before, width, self%dp, dp)
+            dq(before + 1:last, :) = self%dq
+            dp(before + 1:last, :) = self%dp
             left(before + 1:last) = merge(0_i8, -1_i8, status(before + 1:last) == 0 .and. &
                                           .not. abs(self%last - done) <= 0)
          end associate
@@ -113,29 +113,5 @@ contains
          y(i) = p(i) + 0.5_wp*dp(i)
       end do
    end subroutine find_middle
-
-   !> Rows of a part out of those of the block.
-   pure subroutine take_rows(nlane, nrow, before, width, x, y)
-      integer, intent(in) :: nlane, nrow, before, width
-      real(wp), intent(in) :: x(nlane, nrow)
-      real(wp), intent(out) :: y(width, nrow)
-      integer :: i
-
-      do i = 1, nrow
-         y(:, i) = x(before + 1:before + width, i)
-      end do
-   end subroutine take_rows
-
-   !> Rows of a part into those of the block.
-   pure subroutine put_rows(nlane, nrow, before, width, x, y)
-      integer, intent(in) :: nlane, nrow, before, width
-      real(wp), intent(in) :: x(width, nrow)
-      real(wp), intent(inout) :: y(nlane, nrow)
-      integer :: i
-
-      do i = 1, nrow
-         y(before + 1:before + width, i) = x(:, i)
-      end do
-   end subroutine put_rows
 
 end module symsde_step_midpoint_sweeps
