@@ -116,13 +116,12 @@ contains
       end associate
    end subroutine make_room
 
-   !> What takes the paths of a block of few one by one, if there is such a thing.
+   !> What takes the paths of a block of few one by one.
    subroutine set_lone(self, lone, model)
       class(block_runner), intent(inout) :: self
-      class(lone_stepper), allocatable, intent(inout) :: lone  !! taken over
+      class(lone_stepper), allocatable, intent(inout) :: lone  !! taken over; none: the model takes whole steps
       class(model_type), intent(in), target :: model
 
-      if (.not. (allocated(lone) .or. self%whole) .or. self%options%compensated) return
       if (.not. self%whole) call make_room(self)
       call self%few%equip(lone, model, self%state%ndof, self%nout, self%store, self%options)
    end subroutine set_lone

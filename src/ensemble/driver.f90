@@ -37,6 +37,7 @@ module symsde_ensemble_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: resolve_correction
+   use symsde_step_lone, only: most_lone
    implicit none
    private
    public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, check_state
@@ -246,7 +247,7 @@ contains
          has_padding = mod(self%options%npath, int(report%nlane, i8)) > 0
          do i = 1, report%nthread
             call self%recipe%new_runner(self%runners(i), report%nlane, has_padding, error, &
-                                        has_few(self%options%npath, report%nlane) .and. has_any_lanes(model))
+                                        has_few(self%options%npath, report%nlane, most_lone) .and. has_any_lanes(model))
             if (allocated(error)) return
          end do
          report%stepper = self%runners(1)%stepper%name

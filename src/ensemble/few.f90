@@ -10,20 +10,19 @@ module symsde_ensemble_few
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
-   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone, only: lone_stepper, most_lone
    use symsde_step_state, only: lane_state
    use symsde_step_stepper, only: stepper_type
    use symsde_step_whole, only: whole_stepper
    implicit none
    private
-   public :: few_paths, lone_paths, has_few, are_all_few, lone_numbers
-
-   integer, parameter :: lone_paths = 2  !! of a block: side by side three take 0.6 to 1.2 of the time
+   public :: few_paths, has_few, most_alone, lone_numbers
 
    type :: few_paths
       class(lone_stepper), allocatable :: stepper
+      integer :: most = 0                   !! paths of a block of few
       integer :: npair = 0                  !! pairs of steps that fit
-      type(step_store) :: own(lone_paths)   !! what drives each path
+      type(step_store), allocatable :: own(:)   !! what drives each path
       type(steps_record), private :: steps  !! which are taken, without what drives them
       real(wp), allocatable, dimension(:, :, :) :: qn, pn  !! states after whole steps (1, ndof, ..)
    contains
@@ -37,27 +36,28 @@ module symsde_ensemble_few
 
 contains
 
-   !> Whether a run has a block of few paths.
-   pure logical function has_few(npath, nlane)
+   !> Whether a run has a block of few paths, which are up to `most`: the last one, if any.
+   pure logical function has_few(npath, nlane, most)
       integer(i8), intent(in) :: npath
-      integer, intent(in) :: nlane
+      integer, intent(in) :: nlane, most
 
-      has_few = mod(npath, int(nlane, i8)) > 0 .and. mod(npath, int(nlane, i8)) <= lone_paths
+      has_few = mod(npath - 1, int(nlane, i8)) < most
    end function has_few
 
-   !> Whether all paths of a run are taken one by one, by this stepper, or by a lone one where there is one.
-   pure logical function are_all_few(options, stepper, has_lone)
+   !> Paths up to which those of a block are taken one by one, by a lone stepper where there is one.
+   pure integer function most_alone(options, stepper, lone)
       type(run_options), intent(in) :: options
       class(stepper_type), intent(in) :: stepper
-      logical, intent(in) :: has_lone
+      class(lone_stepper), allocatable, intent(in) :: lone
 
-      are_all_few = has_lone .and. options%npath <= lone_paths
+      most_alone = 0
+      if (allocated(lone)) most_alone = lone%most
       select type (stepper)
       class is (whole_stepper)
-         are_all_few = options%npath == 1
+         most_alone = 1
       end select
-      if (options%compensated) are_all_few = .false.
-   end function are_all_few
+      if (options%compensated) most_alone = 0
+   end function most_alone
 
    !> Numbers that the stores of such a block hold, with so many columns a step beside h.
    pure real(wp) function lone_numbers(npath, nlane, ncolumn)
@@ -65,7 +65,7 @@ contains
       integer, intent(in) :: nlane, ncolumn
 
       lone_numbers = 0
-      if (has_few(npath, nlane)) lone_numbers = 2.0_wp*lone_paths*pairs_ahead(1, ncolumn)*(ncolumn + 1)
+      if (has_few(npath, nlane, most_lone)) lone_numbers = 2.0_wp*most_lone*pairs_ahead(1, ncolumn)*(ncolumn + 1)
    end function lone_numbers
 
    !> A stepper for paths of a model, and room for steps as those of the store of a block.
@@ -78,7 +78,9 @@ contains
       type(run_options), intent(in) :: options
       integer :: i
 
+      self%most = 1
       if (allocated(stepper)) then
+         self%most = stepper%most
          call move_alloc(stepper, self%stepper)
          self%stepper%model => model
          self%stepper%n = ndof
@@ -89,7 +91,8 @@ contains
       self%steps%nlane = like%nlane
       self%steps%h = like%h
       self%npair = pairs_of(options%nstep, pairs_ahead(1, like%asked%columns(like%nnoise)))
-      do i = 1, int(min(options%npath, int(lone_paths, i8)))
+      allocate (self%own(min(options%npath, int(min(self%most, like%nlane), i8))))
+      do i = 1, size(self%own)
          call new_step_store(self%own(i), 1, like%nnoise, 2*self%npair, like%h, like%asked)
       end do
    end subroutine equip
@@ -99,7 +102,7 @@ contains
       class(few_paths), intent(in) :: self
       integer, intent(in) :: nreal
 
-      are_alone = self%npair > 0 .and. nreal <= merge(lone_paths, 1, allocated(self%stepper))
+      are_alone = self%npair > 0 .and. nreal <= self%most
    end function are_alone
 
    !> Whole steps of the one path of a block, which is lane 1: nout states, each after `every` more steps, in self%qn

@@ -2,9 +2,10 @@
 !> How a block runner of any width is made for a run: what threads share, and what one of them makes when it needs it.
 module symsde_ensemble_recipe
    use symsde_base_functionals, only: functional_set
+   use symsde_base_kinds, only: i8
    use symsde_base_status, only: error_type
    use symsde_ensemble_block, only: block_runner, new_block_runner
-   use symsde_ensemble_few, only: are_all_few
+   use symsde_ensemble_few, only: has_few, most_alone
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
@@ -38,10 +39,10 @@ contains
       integer, intent(in) :: nlane
       logical, intent(in) :: has_padding        !! some block will not be full
       type(error_type), allocatable, intent(inout) :: error
-      logical, intent(in), optional :: takes_few  !! blocks of few paths one by one, where the stepper can
+      logical, intent(in), optional :: takes_few  !! a block of few paths one by one, where the stepper can
       class(stepper_type), allocatable :: stepper
       class(lone_stepper), allocatable :: lone
-      logical :: one_by_one
+      integer :: most  ! paths of a block that are taken one by one
       type(real_lanes_model), pointer :: view
       class(model_type), pointer :: seen
 
@@ -51,19 +52,29 @@ contains
          if (associated(view)) deallocate (view)
          return
       end if
-      one_by_one = .false.
-      if (present(takes_few)) one_by_one = takes_few
-      if (one_by_one) then
-         call stepper%offer_lone(lone)
-         call new_block_runner(runner, self%options, nlane, stepper, self%asked, &
-                               are_all_few(self%options, stepper, allocated(lone)))
-         call runner%set_lone(lone, self%model)
-      else
-         call new_block_runner(runner, self%options, nlane, stepper, self%asked)
+      most = 0
+      if (present(takes_few)) then
+         if (takes_few) call offer_few(self, stepper, nlane, lone, most)
       end if
+      call new_block_runner(runner, self%options, nlane, stepper, self%asked, &
+                            brings=min(self%options%npath, int(nlane, i8)) <= most)
+      if (most > 0) call runner%set_lone(lone, self%model)
       runner%real_lanes => view
       call new_rescue(runner%rescue, self%model, self%scheme, runner%stepper, self%choice%newton)
    end subroutine new_runner
+
+   !> What takes the paths of a block of few one by one, and how many are few; none where the run has no such block.
+   subroutine offer_few(self, stepper, nlane, lone, most)
+      type(runner_recipe), intent(in) :: self
+      class(stepper_type), intent(in) :: stepper
+      integer, intent(in) :: nlane
+      class(lone_stepper), allocatable, intent(out) :: lone
+      integer, intent(out) :: most
+
+      call stepper%offer_lone(lone)
+      most = most_alone(self%options, stepper, lone)
+      if (.not. has_few(self%options%npath, nlane, most)) most = 0
+   end subroutine offer_few
 
    !> The model as a stepper sees it: padding is kept from functions whose lanes do not need it.
    subroutine look_at_real_lanes(model, has_padding, view, seen)

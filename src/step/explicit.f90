@@ -13,7 +13,7 @@ module symsde_step_explicit
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_step_constant_mass, only: new_constant_mass
    use symsde_step_kicks, only: kick, kick_and_drift, kick_again, move
-   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -114,6 +114,7 @@ contains
 
       if (.not. (self%is_euler .or. is_verlet(self)) .or. .not. self%ham%model%traits%separable) return
       allocate (made)
+      made%most = few_of(self%ham%ndof, merge(3, 2, self%ham%ndof > 2))  ! one more takes 1.1 to 1.5
       made%c(:self%nstage) = self%c
       made%mass_alone = self%ham%mass_alone
       if (allocated(self%ham%mass)) then

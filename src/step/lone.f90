@@ -13,11 +13,15 @@ module symsde_step_lone
    use symsde_model_abstract, only: model_type, angle_terms
    implicit none
    private
-   public :: lone_stepper
+   public :: lone_stepper, most_lone, few_of
+
+   integer, parameter :: most_lone = 12           !! paths that any lone stepper takes of a block
+   integer, parameter :: wide = 32, most_wide = 6 !! degrees of freedom of a wide system; paths of it
 
    type, abstract :: lone_stepper
       class(model_type), pointer :: model => null()  !! whose lanes have the same bits whatever their number
       integer :: n = 0, m = 0                        !! degrees of freedom, noises
+      integer :: most = 2                            !! paths up to which those of a block go one by one
       type(counters_type) :: counters                !! of the steps that were taken
       integer, private :: rest = 0, resting = 0      !! steps left to others after an unusual one; of them, to come
    contains
@@ -46,6 +50,15 @@ module symsde_step_lone
    end interface
 
 contains
+
+   !> Paths up to which those of a block are faster one by one: as many as were measured for narrow systems, and more
+   !> of wide ones, where a block takes its passes through memory.
+   pure integer function few_of(n, narrow)
+      integer, intent(in) :: n       !! degrees of freedom
+      integer, intent(in) :: narrow
+
+      few_of = merge(most_wide, narrow, n >= wide)
+   end function few_of
 
    !> What a model with angle terms has at a time; of others nothing is asked.
    subroutine find_terms(self, t, w, terms)

@@ -45,6 +45,7 @@ module symsde_step_lone_stages
       type(angle_stages), allocatable, private :: angle            !! where the step is one of these
    contains
       procedure :: take
+      procedure :: is_pair
    end type lone_stages
 
 contains
@@ -133,13 +134,24 @@ contains
             call find_sum(s, h, plan%v, self%angle%dq)
             call find_sum(s, 1.0_wp, plan%alpha, self%angle%dp)
          end if
-         if (.not. (self%n == 2 .and. s == 2 .and. plan%ngroup == 1) .or. allocated(self%mass)) return
-         if (.not. (all(self%sums(:, 1)%m == [0, 1]) .and. all(self%sums(:, 2)%m == 2))) return
+         if (.not. self%is_pair(self%n)) return
          self%pair = stage_pair(r=h*plan%r, c_first=self%sums(2, 1)%c(1), all=h*sum(plan%alpha), v=h*plan%v)
          self%pair%c(:, 1) = self%sums(1, 2)%c(:2)
          self%pair%c(:, 2) = self%sums(2, 2)%c(:2)
       end associate
    end subroutine find_sums
+
+   !> Whether the model takes the sweeps: two stages that wait for each other, each for both, the second one at once.
+   pure logical function is_pair(self, n)
+      class(lone_stages), intent(in) :: self
+      integer, intent(in) :: n  !! degrees of freedom
+
+      is_pair = n == 2 .and. self%plan%nstage == 2 .and. self%plan%ngroup == 1 .and. .not. allocated(self%mass)
+      if (.not. is_pair) return
+      associate (plan => self%plan)
+         is_pair = all(count(abs(plan%first_b) > 0, 1) == [0, 1]) .and. all(count(abs(plan%b) > 0, 1) == 2)
+      end associate
+   end function is_pair
 
    !> A step of two stages by sweeps of the model: as many as the step before took, which mostly is enough, then one by
    !> one.

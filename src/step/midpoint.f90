@@ -24,7 +24,7 @@ module symsde_step_midpoint
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
-   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_lone_midpoint, only: lone_midpoint
    use symsde_step_lone_midpoint_rows, only: lone_midpoint_rows
    use symsde_step_midpoint_by_matrix, only: midpoint_by_matrix, new_midpoint_by_matrix
@@ -146,6 +146,8 @@ contains
          if (self%eq%n == 2 .and. .not. (part%iterates .or. self%ham%model%traits%has_hessian)) return
          if (self%eq%n > 1 .and. .not. (part%iterates .or. part%pairs)) return
          allocate (made)
+         if (self%eq%n == 2 .and. self%ham%model%traits%has_lone_pair) made%most = 5  ! six take 1.06 of the time
+         if (self%eq%n > 2) made%most = 6  ! seven take 0.8 to 1.0, eight 1.4 to 1.9
          made%affine = part%newton%affine
          made%iterates = part%iterates
          made%patience = min(made%patience, part%newton%options%max_iter)
@@ -153,6 +155,7 @@ contains
       type is (midpoint_by_rows)
          if (self%ham%model%traits%has_chain_rows .and. .not. self%ham%model%traits%has_lone_rows) return
          allocate (rows)
+         rows%most = few_of(self%eq%n, 4)  ! five take 0.9 to 1.0
          rows%test = part%newton%test
          rows%max_iter = part%newton%options%max_iter
          call move_alloc(rows, lone)

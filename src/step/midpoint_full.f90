@@ -14,7 +14,7 @@ module symsde_step_midpoint_full
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_lone_midpoint_full, only: lone_midpoint_full
    use symsde_step_midpoint_sweeps, only: midpoint_sweeps, new_midpoint_sweeps
    use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, is_free, &
@@ -124,6 +124,7 @@ contains
       associate (newton => self%newton, t => self%ham%model%traits)
          if (allocated(self%ham%modified) .or. .not. is_free(newton%options)) return
          allocate (made)
+         made%most = few_of(t%ndof, 4)  ! five take 0.9 to 1.2 of the time
          made%iterates = allocated(self%sweeps)
          made%solves = allocated(self%hqq) .and. self%band == dense .and. t%has_hessian .and. t%ndof > 1
          made%test = newton%test

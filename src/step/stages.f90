@@ -20,7 +20,7 @@ module symsde_step_stages
    use symsde_solve_newton, only: newton_options
    use symsde_step_constant_mass, only: new_constant_mass
    use symsde_step_general, only: general_stepper, new_general_stepper
-   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_lone_full_stages, only: lone_full_stages
    use symsde_step_lone_stages, only: lone_stages
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, by_products
@@ -241,6 +241,7 @@ contains
 
       if (.not. (self%equations%eliminated .or. allocated(self%ham%modified))) then
          allocate (full)
+         full%most = few_of(self%ham%ndof, 4)  ! five take 0.8 to 1.2 of the time
          full%plan = self%equations%plan
          full%too_stiff = too_stiff_for(self)
          full%identity_mass = self%ham%model%traits%identity_mass
@@ -249,6 +250,7 @@ contains
       end if
       if (.not. self%equations%eliminated .or. self%equations%has_c .or. any(self%solver%at_once)) return
       allocate (made)
+      made%most = few_of(self%ham%ndof, 3)  ! four take 0.9 to 1.5 of the time
       made%plan = self%equations%plan
       allocate (made%too_slow(size(self%solver)))
       do g = 1, size(self%solver)
@@ -259,6 +261,7 @@ contains
          allocate (made%mass)
          call new_constant_mass(made%mass, 1, self%ham%ndof, self%ham%nnoise)
       end if
+      if (self%ham%model%traits%has_lone_pair .and. made%is_pair(self%ham%ndof)) made%most = 12  ! 14 take 1.05
       call move_alloc(made, lone)
    end subroutine offer_lone
 
