@@ -20,7 +20,7 @@ module symsde_step_single_newton
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    use symsde_step_single_brackets, only: single_brackets, new_single_brackets
    use symsde_step_slopes, only: add_slopes
-   use symsde_step_two_stage_slopes, only: stage_point, solve_separable, solve_lanes
+   use symsde_step_two_stage_slopes, only: stage_point, correct_separable, solve_lanes
    implicit none
    private
    public :: single_newton, new_single_newton
@@ -165,16 +165,17 @@ contains
       type(counters_type), intent(inout) :: counters
 
       associate (n => self%newton, i => at(1), j => at(2))
-         if (self%s > 2) then
-            call eliminate(self, at, status, counters)
-         else if (self%separable) then
-            call solve_separable(self%nlane, self%a, self%abar, self%hq(:, i), self%hq(:, j), self%hp(:, i), &
-                                 self%hp(:, j), self%hqq(:, i), self%hqq(:, j), self%hpp(:, i), self%hpp(:, j), &
-                                 self%x, self%d)
-         else
+         if (self%s == 2 .and. self%separable) then
+            call correct_separable(self%nlane, self%a, self%abar, self%hq(:, i), self%hq(:, j), self%hp(:, i), &
+                                   self%hp(:, j), self%hqq(:, i), self%hqq(:, j), self%hpp(:, i), self%hpp(:, j), &
+                                   n%last, self%x, n%step, n%size)
+            return
+         else if (self%s == 2) then
             call solve_lanes(self%nlane, self%a, self%abar, self%hq(:, i), self%hq(:, j), self%hp(:, i), &
                              self%hp(:, j), self%hqq(:, i), self%hqq(:, j), self%hqp(:, i), self%hqp(:, j), &
                              self%hpp(:, i), self%hpp(:, j), self%x, self%d)
+         else
+            call eliminate(self, at, status, counters)
          end if
          call correct_lanes(self%nlane, 2*self%s, self%d, n%last, self%x, n%step, n%size)
       end associate

@@ -8,7 +8,7 @@ module symsde_step_two_stage_slopes
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: stage_point, add_stages, solve_separable, solve_lanes
+   public :: stage_point, add_stages, solve_separable, correct_separable, solve_lanes
 
 contains
 
@@ -38,39 +38,80 @@ contains
       end do
    end subroutine add_stages
 
-   !> VEC Newton's correction d of the slopes where Hhat_qp = 0:
-   !>    (I + diag(Hqq) a diag(Hpp) abar) dG = r_G - diag(Hqq) a r_F,   dF = r_F + diag(Hpp) abar dG
+   !> VEC Newton's correction d of the slopes where Hhat_qp = 0.
    pure subroutine solve_separable(nlane, a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, x, d)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: a(2, 2), abar(2, 2)
       real(wp), intent(in), dimension(nlane) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2
       real(wp), intent(in) :: x(nlane, 4)
       real(wp), intent(out) :: d(nlane, 4)
-      real(wp) :: e11, e12, e21, e22, m11, m12, m21, m22, r1, r2, s1, s2, g1, g2, inverse
       integer :: lane
 
       do lane = 1, nlane
-         e11 = a(1, 1)*hpp1(lane)
-         e12 = a(1, 2)*hpp2(lane)
-         e21 = a(2, 1)*hpp1(lane)
-         e22 = a(2, 2)*hpp2(lane)
-         m11 = 1 + hqq1(lane)*(e11*abar(1, 1) + e12*abar(2, 1))
-         m12 = hqq1(lane)*(e11*abar(1, 2) + e12*abar(2, 2))
-         m21 = hqq2(lane)*(e21*abar(1, 1) + e22*abar(2, 1))
-         m22 = 1 + hqq2(lane)*(e21*abar(1, 2) + e22*abar(2, 2))
-         r1 = x(lane, 1) - hp1(lane)
-         r2 = x(lane, 2) - hp2(lane)
-         s1 = x(lane, 3) + hq1(lane) - hqq1(lane)*(a(1, 1)*r1 + a(1, 2)*r2)
-         s2 = x(lane, 4) + hq2(lane) - hqq2(lane)*(a(2, 1)*r1 + a(2, 2)*r2)
-         inverse = 1/(m11*m22 - m12*m21)
-         g1 = (m22*s1 - m12*s2)*inverse
-         g2 = (m11*s2 - m21*s1)*inverse
-         d(lane, 1) = r1 + hpp1(lane)*(abar(1, 1)*g1 + abar(1, 2)*g2)
-         d(lane, 2) = r2 + hpp2(lane)*(abar(2, 1)*g1 + abar(2, 2)*g2)
-         d(lane, 3) = g1
-         d(lane, 4) = g2
+         call eliminate_velocities(a, abar, hq1(lane), hq2(lane), hp1(lane), hp2(lane), hqq1(lane), hqq2(lane), &
+                                   hpp1(lane), hpp2(lane), x(lane, 1), x(lane, 2), x(lane, 3), x(lane, 4), &
+                                   d(lane, 1), d(lane, 2), d(lane, 3), d(lane, 4))
       end do
    end subroutine solve_separable
+
+   !> VEC The same, and x = x - d in running lanes with the size of correction and unknowns in each, as by
+   !> correct_lanes of solve/stagnation: the correction is not stored.
+   pure subroutine correct_separable(nlane, a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, last, x, step, size)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: a(2, 2), abar(2, 2)
+      real(wp), intent(in), dimension(nlane) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, last
+      real(wp), intent(inout) :: x(nlane, 4)
+      real(wp), intent(out) :: step(nlane), size(nlane)
+      real(wp) :: d1, d2, d3, d4, x1, x2, x3, x4
+      integer :: lane
+
+      do lane = 1, nlane
+         x1 = x(lane, 1)
+         x2 = x(lane, 2)
+         x3 = x(lane, 3)
+         x4 = x(lane, 4)
+         call eliminate_velocities(a, abar, hq1(lane), hq2(lane), hp1(lane), hp2(lane), hqq1(lane), hqq2(lane), &
+                                   hpp1(lane), hpp2(lane), x1, x2, x3, x4, d1, d2, d3, d4)
+         x1 = merge(x1 - d1, x1, last(lane) >= 0)
+         x2 = merge(x2 - d2, x2, last(lane) >= 0)
+         x3 = merge(x3 - d3, x3, last(lane) >= 0)
+         x4 = merge(x4 - d4, x4, last(lane) >= 0)
+         ! 0*d keeps a NaN, which max would drop
+         step(lane) = max(max(abs(d1), abs(d2)), max(abs(d3), abs(d4))) + (0*d1 + 0*d2 + 0*d3 + 0*d4)
+         size(lane) = max(max(abs(x1), abs(x2)), max(abs(x3), abs(x4)))
+         x(lane, 1) = x1
+         x(lane, 2) = x2
+         x(lane, 3) = x3
+         x(lane, 4) = x4
+      end do
+   end subroutine correct_separable
+
+   !> The correction of one lane where Hhat_qp = 0:
+   !>    (I + diag(Hqq) a diag(Hpp) abar) dG = r_G - diag(Hqq) a r_F,   dF = r_F + diag(Hpp) abar dG
+   pure subroutine eliminate_velocities(a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, x1, x2, x3, x4, &
+                                        d1, d2, d3, d4)
+      real(wp), intent(in) :: a(2, 2), abar(2, 2), hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, x1, x2, x3, x4
+      real(wp), intent(out) :: d1, d2, d3, d4
+      real(wp) :: e11, e12, e21, e22, m11, m12, m21, m22, r1, r2, s1, s2, inverse
+
+      e11 = a(1, 1)*hpp1
+      e12 = a(1, 2)*hpp2
+      e21 = a(2, 1)*hpp1
+      e22 = a(2, 2)*hpp2
+      m11 = 1 + hqq1*(e11*abar(1, 1) + e12*abar(2, 1))
+      m12 = hqq1*(e11*abar(1, 2) + e12*abar(2, 2))
+      m21 = hqq2*(e21*abar(1, 1) + e22*abar(2, 1))
+      m22 = 1 + hqq2*(e21*abar(1, 2) + e22*abar(2, 2))
+      r1 = x1 - hp1
+      r2 = x2 - hp2
+      s1 = x3 + hq1 - hqq1*(a(1, 1)*r1 + a(1, 2)*r2)
+      s2 = x4 + hq2 - hqq2*(a(2, 1)*r1 + a(2, 2)*r2)
+      inverse = 1/(m11*m22 - m12*m21)
+      d3 = (m22*s1 - m12*s2)*inverse
+      d4 = (m11*s2 - m21*s1)*inverse
+      d1 = r1 + hpp1*(abar(1, 1)*d3 + abar(1, 2)*d4)
+      d2 = r2 + hpp2*(abar(2, 1)*d3 + abar(2, 2)*d4)
+   end subroutine eliminate_velocities
 
    !> VEC Newton's correction d of the slopes.
    pure subroutine solve_lanes(nlane, a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hqp1, hqp2, hpp1, hpp2, x, d)
