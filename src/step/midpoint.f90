@@ -394,15 +394,12 @@ contains
       integer, intent(in) :: nlane, n, before, together
       real(wp), intent(in) :: h, p(nlane, n), v(together, n)
       real(wp), intent(inout) :: dq(nlane, n), dp(nlane, n)
-      integer :: i, done, lane
+      integer :: i, lane
 
       do i = 1, n
-         do done = 0, together - lane_unit, lane_unit
-            !GCC$ unroll 8
-            do lane = done + 1, done + lane_unit
-               dp(before + lane, i) = v(lane, i)
-               dq(before + lane, i) = h*(p(before + lane, i) + 0.5_wp*v(lane, i))
-            end do
+         do lane = 1, together
+            dp(before + lane, i) = v(lane, i)
+            dq(before + lane, i) = h*(p(before + lane, i) + 0.5_wp*v(lane, i))
          end do
       end do
    end subroutine find_increments
