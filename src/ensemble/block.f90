@@ -227,19 +227,17 @@ contains
    !> One step of the block.
    subroutine one_step(self)
       type(block_runner), intent(inout) :: self
+      logical :: refused
 
       call show_step(self)
       associate (s => self%state)
          if (self%stepper%moves .and. .not. self%options%compensated) then
             call self%stepper%move(self%record, s%q, s%p, s%status)
-            if (count(s%status /= 0) > s%nfailed) call settle_lanes(self, (s%status), (s%q), (s%p))
+            if (s%has_new_failures()) call settle_lanes(self, (s%status), (s%q), (s%p))
          else
             call self%stepper%increment(self%record, s%q, s%p, self%dq, self%dp, s%status)
-            if (self%rescue%available) then
-               if (count(s%status /= 0) > s%nfailed) &
-                  call self%rescue%attempt(s%nlane, self%record, s%q, s%p, s%failed_step, self%dq, self%dp, s%status)
-            end if
-            call s%advance(self%step, self%dq, self%dp)
+            call s%advance(self%step, self%dq, self%dp, refused)
+            if (refused) call self%rescue%settle(self%step, self%record, s, self%dq, self%dp)
          end if
       end associate
       call account(self, 1)

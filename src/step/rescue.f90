@@ -20,6 +20,7 @@ module symsde_step_rescue
    use symsde_scheme_scheme, only: scheme_type, tableau_form
    use symsde_solve_newton, only: newton_options
    use symsde_step_general, only: general_stepper, new_general_stepper
+   use symsde_step_state, only: lane_state
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
@@ -40,6 +41,7 @@ module symsde_step_rescue
       real(wp), allocatable :: part(:, :)     !! a fraction of w
       type(counters_type) :: counters         !! path-steps saved
    contains
+      procedure :: settle
       procedure :: attempt
       procedure :: tally
    end type rescue_type
@@ -64,6 +66,23 @@ contains
       self%correction = stepper%ham%correction
       self%max_iter = options%max_iter
    end subroutine new_rescue
+
+   !> Increments with which a lane could not go on: it is rescued where that is possible, or gets its status and step.
+   subroutine settle(self, n, step, state, dq, dp)
+      class(rescue_type), intent(inout) :: self
+      integer(i8), intent(in) :: n                   !! absolute step
+      type(step_record), intent(in) :: step
+      type(lane_state), intent(inout) :: state       !! others have taken the step
+      real(wp), intent(inout) :: dq(:, :), dp(:, :)
+      integer(i8) :: status(state%nlane)
+
+      if (self%available .and. state%has_new_failures()) then
+         status = state%status
+         call self%attempt(state%nlane, step, state%q, state%p, state%failed_step, dq, dp, state%status)
+         call state%take_rescued(status, dq, dp)
+      end if
+      call state%record(n, dq, dp)
+   end subroutine settle
 
    !> Try the lanes that failed in this step; those that are saved get their increments and status ok.
    subroutine attempt(self, nlane, step, q, p, failed_step, dq, dp, status)

@@ -18,6 +18,9 @@ module symsde_step_state
       real(wp), allocatable, private :: bad(:)
    contains
       procedure :: advance
+      procedure :: take_rescued
+      procedure :: record
+      procedure :: has_new_failures
       procedure :: judge
       procedure :: is_sound_alone
       procedure :: settle
@@ -42,27 +45,62 @@ contains
       self%failed_step = -1
    end subroutine new_lane_state
 
-   !> Add the increments of one step where the result is finite and the lane is still ok.
-   subroutine advance(self, step, dq, dp)
+   !> Add the increments of one step where the result is finite and the lane is still ok. Where that is not so in a lane
+   !> that went on until now, refused says so, for someone to rescue it and to `record` what became of it.
+   subroutine advance(self, step, dq, dp, refused)
       class(lane_state), intent(inout) :: self
       integer(i8), intent(in) :: step                        !! absolute step, for the record of a failure
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
+      logical, intent(out), optional :: refused              !! absent: nobody rescues, and it is recorded here
       integer :: nbad
 
       if (self%ndof == 1 .and. .not. allocated(self%q_low)) then
          call advance_one(self%nlane, dq, dp, self%q, self%p, self%status, nbad)
       else
          call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
-         if (allocated(self%q_low)) then
-            call add_compensated(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
-            call add_compensated(self%nlane, self%ndof, dp, self%bad, self%p, self%p_low)
-         else
-            call add(self%nlane, self%ndof, dq, self%bad, self%q)
-            call add(self%nlane, self%ndof, dp, self%bad, self%p)
-         end if
+         call add_increments(self, dq, dp)
       end if
-      if (nbad > self%nfailed) call record(self, step, dq, dp)
+      if (present(refused)) then
+         refused = nbad > self%nfailed
+      else if (nbad > self%nfailed) then
+         call self%record(step, dq, dp)
+      end if
    end subroutine advance
+
+   !> Add the increments in lanes that had a status in this step and have none now.
+   subroutine take_rescued(self, status, dq, dp)
+      class(lane_state), intent(inout) :: self
+      integer(i8), intent(in) :: status(self%nlane)          !! as the step left it
+      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
+      integer :: nbad
+
+      call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
+      self%bad = merge(self%bad, 1.0_wp, status /= 0)
+      call add_increments(self, dq, dp)
+   end subroutine take_rescued
+
+   !> Add the increments in lanes that are not bad.
+   subroutine add_increments(self, dq, dp)
+      type(lane_state), intent(inout) :: self
+      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
+
+      if (allocated(self%q_low)) then
+         call add_compensated(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
+         call add_compensated(self%nlane, self%ndof, dp, self%bad, self%p, self%p_low)
+      else
+         call add(self%nlane, self%ndof, dq, self%bad, self%q)
+         call add(self%nlane, self%ndof, dp, self%bad, self%p)
+      end if
+   end subroutine add_increments
+
+   !> Whether lanes have got a status since failures were last counted: asked after every step, so that lanes are only
+   !> counted where some have one.
+   pure logical function has_new_failures(self)
+      class(lane_state), intent(in) :: self
+
+      has_new_failures = any_status(self%nlane, self%status)
+      if (has_new_failures .and. self%nfailed > 0) has_new_failures = count(self%status /= 0) > self%nfailed
+   end function has_new_failures
 
    !> Judge states that a model took whole steps to, before they are shown: taken says that no further lane has failed.
    !> Lanes that had failed keep their last good state in all of them. What is not taken is left to single steps: of
@@ -143,7 +181,7 @@ contains
 
    !> Give the lanes that failed in this step their status and step.
    subroutine record(self, step, dq, dp)
-      type(lane_state), intent(inout) :: self
+      class(lane_state), intent(inout) :: self
       integer(i8), intent(in) :: step
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
       integer :: lane
@@ -185,6 +223,20 @@ contains
       end do
       nbad = int(count)
    end subroutine advance_one
+
+   !> VEC Whether a lane has a status.
+   pure logical function any_status(nlane, status)
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: status(nlane)
+      integer(i8) :: bits
+      integer :: lane
+
+      bits = 0
+      do lane = 1, nlane
+         bits = ior(bits, status(lane))
+      end do
+      any_status = bits /= 0
+   end function any_status
 
    !> VEC How many of the real lanes have a status, or a state among the n that is not finite.
    pure subroutine find_bad_states(nlane, n, nreal, status, q, p, bad, nbad)
