@@ -23,22 +23,26 @@ module symsde_base_counters
 
 contains
 
-   !> total = total + part
-   pure subroutine add_counters(total, part)
+   !> total = total + part, or total - part
+   pure subroutine add_counters(total, part, sign)
       type(counters_type), intent(inout) :: total
       type(counters_type), intent(in) :: part
+      integer, intent(in), optional :: sign  !! 1 if absent, or -1
+      integer :: s
 
-      total%steps = total%steps + part%steps
-      total%normals = total%normals + part%normals
-      total%gradients = total%gradients + part%gradients
-      total%hessians = total%hessians + part%hessians
-      total%hessian_vectors = total%hessian_vectors + part%hessian_vectors
-      total%iterations = total%iterations + part%iterations
-      total%solves = total%solves + part%solves
-      total%lapack_solves = total%lapack_solves + part%lapack_solves
-      total%failures = total%failures + part%failures
-      total%damped = total%damped + part%damped
-      total%continued = total%continued + part%continued
+      s = 1
+      if (present(sign)) s = sign
+      total%steps = total%steps + s*part%steps
+      total%normals = total%normals + s*part%normals
+      total%gradients = total%gradients + s*part%gradients
+      total%hessians = total%hessians + s*part%hessians
+      total%hessian_vectors = total%hessian_vectors + s*part%hessian_vectors
+      total%iterations = total%iterations + s*part%iterations
+      total%solves = total%solves + s*part%solves
+      total%lapack_solves = total%lapack_solves + s*part%lapack_solves
+      total%failures = total%failures + s*part%failures
+      total%damped = total%damped + s*part%damped
+      total%continued = total%continued + s*part%continued
    end subroutine add_counters
 
 end module symsde_base_counters

@@ -82,9 +82,7 @@ contains
       if (allocated(stepper)) then
          self%most = stepper%most
          call move_alloc(stepper, self%stepper)
-         self%stepper%model => model
-         self%stepper%n = ndof
-         self%stepper%m = like%nnoise
+         call self%stepper%lead(model)
       else
          allocate (self%qn(1, ndof, nout), self%pn(1, ndof, nout))
       end if

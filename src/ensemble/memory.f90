@@ -7,13 +7,14 @@ module symsde_ensemble_memory
    use symsde_base_status, only: error_type
    use symsde_base_text, only: to_text
    use symsde_ensemble_ahead, only: pairs_ahead, states_ahead
-   use symsde_ensemble_few, only: lone_numbers
+   use symsde_ensemble_few, only: has_few, lone_numbers
    use symsde_ensemble_narrow, only: narrower_width
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_newton, only: newton_options
+   use symsde_step_lone_lane, only: most_of_lane
    use symsde_step_memory, only: stepper_numbers
    implicit none
    private
@@ -87,6 +88,8 @@ contains
                 + nlane*((12.0_wp + kept)*model%traits%ndof + ahead*(asked%columns(model%traits%nnoise) + 1)) &
                 + noise_numbers(model%traits%nnoise, asked, nlane) &
                 + lone_numbers(options%npath, nlane, asked%columns(model%traits%nnoise))
+      if (has_few(options%npath, nlane, most_of_lane)) &  ! a stepper of one lane
+         numbers = numbers + stepper_numbers(model, scheme, newton, options%general, 1)
    end function block_numbers
 
    !> Numbers that a source of noise needs to fill a block of lanes.

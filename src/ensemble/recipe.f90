@@ -13,6 +13,7 @@ module symsde_ensemble_recipe
    use symsde_scheme_scheme, only: scheme_type
    use symsde_step_factory, only: stepper_options, new_stepper
    use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_lane, only: lone_lane, new_lone_lane, most_of_lane
    use symsde_step_rescue, only: new_rescue
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -54,7 +55,7 @@ contains
       end if
       most = 0
       if (present(takes_few)) then
-         if (takes_few) call offer_few(self, stepper, nlane, lone, most)
+         if (takes_few) call offer_few(self, stepper, nlane, lone, most, error)
       end if
       call new_block_runner(runner, self%options, nlane, stepper, self%asked, &
                             brings=min(self%options%npath, int(nlane, i8)) <= most)
@@ -64,17 +65,38 @@ contains
    end subroutine new_runner
 
    !> What takes the paths of a block of few one by one, and how many are few; none where the run has no such block.
-   subroutine offer_few(self, stepper, nlane, lone, most)
+   subroutine offer_few(self, stepper, nlane, lone, most, error)
       type(runner_recipe), intent(in) :: self
       class(stepper_type), intent(in) :: stepper
       integer, intent(in) :: nlane
       class(lone_stepper), allocatable, intent(out) :: lone
       integer, intent(out) :: most
+      type(error_type), allocatable, intent(inout) :: error
 
       call stepper%offer_lone(lone)
+      if (.not. allocated(lone) .and. has_few(self%options%npath, nlane, most_of_lane)) &
+         call offer_lane(self, stepper, lone, error)
       most = most_alone(self%options, stepper, lone)
       if (.not. has_few(self%options%npath, nlane, most)) most = 0
    end subroutine offer_few
+
+   !> A path by itself by a stepper of one lane, where that has the bits of others.
+   subroutine offer_lane(self, stepper, lone, error)
+      class(runner_recipe), intent(in) :: self
+      class(stepper_type), intent(in) :: stepper  !! of the block
+      class(lone_stepper), allocatable, intent(out) :: lone
+      type(error_type), allocatable, intent(inout) :: error
+      class(stepper_type), allocatable :: single
+      type(lone_lane), allocatable :: made
+
+      if (.not. stepper%takes_one_lane) return
+      call new_stepper(single, self%model, self%scheme, self%choice, 1, error)
+      if (allocated(error)) return
+      if (.not. single%takes_one_lane) return
+      allocate (made)
+      call new_lone_lane(made, single)
+      call move_alloc(made, lone)
+   end subroutine offer_lane
 
    !> The model as a stepper sees it: padding is kept from functions whose lanes do not need it.
    subroutine look_at_real_lanes(model, has_padding, view, seen)

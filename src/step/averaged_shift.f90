@@ -50,6 +50,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'midpoint, averaged shift'
+      self%takes_one_lane = .true.
       self%time_dependent = noise_changes_in_time(task%model)
       associate (n => task%model%traits%ndof, m => task%model%traits%nnoise, nlane => task%nlane)
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)

@@ -5,11 +5,12 @@
 !> force, is not computed again for every velocity. Otherwise the model is asked, by H_p with the weight of H alone.
 module symsde_step_constant_mass
    use symsde_base_kinds, only: wp
-   use symsde_base_lanes, only: lane_unit
    use symsde_model_abstract, only: model_type
    implicit none
    private
    public :: constant_mass, new_constant_mass
+
+   integer, parameter :: nmomentum = 8  !! that velocities are looked at for
 
    type :: constant_mass
       logical :: diagonal = .false.
@@ -40,14 +41,14 @@ contains
 
    !> Look once at a place where some path is: whether every velocity is a number times its momentum. That is so where
    !> numbers found for one momentum are those of seven others, to rounding. The place itself does not matter: the
-   !> numbers are the same for all paths, blocks and threads.
+   !> numbers are the same for all paths, blocks and threads. One momentum after the other: a view of the real lanes of
+   !> a block (model/real_lanes) does not look at more than there are paths.
    subroutine look(self, model, nlane, t, q)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
       real(wp), intent(in) :: t, q(nlane, size(self%inverse))
-      real(wp), dimension(lane_unit, size(self%inverse)) :: x, p, v
-      real(wp) :: w(lane_unit, 0:model%traits%nnoise)
+      real(wp), dimension(1, size(self%inverse)) :: x, p, v
       integer :: i, j, lane
 
       if (self%known) return
@@ -56,21 +57,17 @@ contains
       end do
       if (lane > nlane) return  ! no path is anywhere
       self%known = .true.
-      w = 0
-      w(:, 0) = 1
-      do i = 1, size(self%inverse)
-         x(:, i) = q(lane, i)
-         p(1, i) = 1
-         do j = 2, lane_unit
-            p(j, i) = 1.5_wp + sin(1.7_wp*i*j + j)  ! no two masses have the same ones
-         end do
-      end do
-      call model%gradient(lane_unit, size(self%inverse), model%traits%nnoise, t, w, x, p, hp=v)
       self%diagonal = .true.
-      do i = 1, size(self%inverse)
-         self%inverse(i) = v(1, i)
-         self%diagonal = self%diagonal .and. abs(v(1, i)) <= huge(t) .and. &
-                         all(abs(v(:, i) - v(1, i)*p(:, i)) <= 4*epsilon(t)*abs(v(:, i)))
+      x(1, :) = q(lane, :)
+      p = 1
+      do j = 1, nmomentum
+         call model%gradient(1, size(self%inverse), model%traits%nnoise, t, self%unit(1, :), x, p, hp=v)
+         if (j == 1) self%inverse = v(1, :)
+         do i = 1, size(self%inverse)
+            self%diagonal = self%diagonal .and. abs(self%inverse(i)) <= huge(t) .and. &
+                            abs(v(1, i) - self%inverse(i)*p(1, i)) <= 4*epsilon(t)*abs(v(1, i))
+            p(1, i) = 1.5_wp + sin(1.7_wp*i*(j + 1) + (j + 1))  ! no two masses have the same ones
+         end do
       end do
       if (self%diagonal) self%asked = 0
    end subroutine look

@@ -69,6 +69,7 @@ contains
       integer :: b
 
       self%name = 'drift preserving'
+      self%takes_one_lane = .true.
       self%left_out = 'half of the unknowns: identity mass'
       self%node = task%scheme%c
       self%weight = task%scheme%alpha

@@ -64,6 +64,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'explicit'
+      self%takes_one_lane = .true.
       self%explicit = .true.
       associate (scheme => task%scheme, t => task%model%traits, nlane => task%nlane)
          self%nstage = scheme%nstage

@@ -56,6 +56,7 @@ contains
       integer :: mu
 
       self%name = 'Galerkin'
+      self%takes_one_lane = .true.
       associate (scheme => task%scheme)
          self%s = scheme%degree
          self%r = scheme%nstage

@@ -26,6 +26,9 @@ module symsde_step_lone
       integer, private :: rest = 0, resting = 0      !! steps left to others after an unusual one; of them, to come
    contains
       procedure(take_interface), deferred :: take
+      procedure :: lead
+      procedure :: show
+      procedure :: collect
       procedure :: find_terms
       procedure :: force_at
       procedure :: walk_lanes
@@ -59,6 +62,28 @@ contains
 
       few_of = merge(most_wide, narrow, n >= wide)
    end function few_of
+
+   !> The model of the paths to come.
+   subroutine lead(self, model)
+      class(lone_stepper), intent(inout) :: self
+      class(model_type), intent(in), target :: model
+
+      self%model => model
+      self%n = model%traits%ndof
+      self%m = model%traits%nnoise
+   end subroutine lead
+
+   !> What is counted elsewhere, to self%counters.
+   subroutine collect(self)
+      class(lone_stepper), intent(inout) :: self
+   end subroutine collect
+
+   !> What else drives a step, for those that ask for more than weights.
+   subroutine show(self, own, i)
+      class(lone_stepper), intent(inout) :: self
+      type(step_store), intent(in), target :: own
+      integer, intent(in) :: i  !! where it stands
+   end subroutine show
 
    !> What a model with angle terms has at a time; of others nothing is asked.
    subroutine find_terms(self, t, w, terms)
@@ -107,7 +132,7 @@ contains
    subroutine walk_lanes(self, steps, own, place, t0, first, status, q, p, qn, pn, ntaken)
       class(lone_stepper), intent(inout) :: self
       type(steps_record), intent(in) :: steps  !! which they are, without their weights
-      type(step_store), intent(in) :: own(:)   !! the weights of each lane by itself
+      type(step_store), intent(in), target :: own(:)   !! the weights of each lane by itself
       integer, intent(in) :: place           !! where in these stores the first of them stands
       real(wp), intent(in) :: t0             !! when step 0 of the run begins
       integer(i8), intent(in) :: first       !! absolute step of the first of them
@@ -123,7 +148,7 @@ contains
       ntaken = steps%nstep
       do lane = 1, steps%nreal
          if (status(lane) == 0) then
-            call self%walk(steps, own(lane)%w(1, 0, place), t0, first, lane, q, p, qn, pn, n)
+            call self%walk(steps, own(lane), place, t0, first, lane, q, p, qn, pn, n)
             ntaken = min(ntaken, n)
          else
             do k = 1, size(qn, 3)
@@ -132,6 +157,7 @@ contains
             end do
          end if
       end do
+      call self%collect()
       if (ntaken < steps%nstep) self%counters = counters
    end subroutine walk_lanes
 
@@ -154,10 +180,11 @@ contains
    end subroutine is_rested
 
    !> Steps of one lane from (q, p), with the states after every steps%every-th, as far as they are usual.
-   subroutine walk(self, steps, w, t0, first, lane, q, p, qn, pn, ntaken)
+   subroutine walk(self, steps, own, place, t0, first, lane, q, p, qn, pn, ntaken)
       class(lone_stepper), intent(inout) :: self
       type(steps_record), intent(in) :: steps
-      real(wp), intent(in) :: w(0:self%m, steps%nstep)
+      type(step_store), intent(in), target :: own  !! the weights of the lane
+      integer, intent(in) :: place           !! where in it the first of them stands
       real(wp), intent(in) :: t0             !! when step 0 of the run begins
       integer(i8), intent(in) :: first       !! absolute step of the first of them
       integer, intent(in) :: lane
@@ -175,7 +202,9 @@ contains
       left = steps%every
       do ntaken = 0, steps%nstep - 1
          ! increments come through memory, as those of blocks do: no operation of theirs is fused with the sum
-         call self%take(t0 + real(first + ntaken, wp)*steps%h, steps%h, w(0, ntaken + 1), x, y, dx, dy, sound)
+         call self%show(own, place + ntaken)
+         call self%take(t0 + real(first + ntaken, wp)*steps%h, steps%h, own%w(1, 0, place + ntaken), x, y, &
+                        dx, dy, sound)
          if (sound) call advance(self%n, dx, dy, x, y, sound)
          if (.not. sound) return
          left = left - 1

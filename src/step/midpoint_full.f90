@@ -91,6 +91,7 @@ contains
       n = model%traits%ndof
       b = band_of(model%traits)
       self%name = 'midpoint'
+      self%takes_one_lane = .true.
       self%band = b
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, brackets)
       matrices = .not. does_without_matrices(model%traits, 2*n, options)

@@ -68,6 +68,7 @@ contains
       type(newton_options), intent(in) :: options
 
       self%name = 'midpoint, one degree of freedom'
+      self%takes_one_lane = .true.
       self%separable = model%traits%separable
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       call new_newton(self%newton, nlane, 2, options, model%traits%one_solve(.false.), -1, -1)

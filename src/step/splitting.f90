@@ -74,6 +74,7 @@ contains
       integer :: k
 
       self%name = 'drifts and kicks'
+      self%takes_one_lane = .true.
       self%explicit = .true.
       self%kicks = task%scheme%kicks
       self%c = mean_coefficient(self%kicks)
@@ -106,6 +107,7 @@ contains
       self%name = 'kicks between midpoint steps'
       self%explicit = .false.
       self%one_solve = self%midpoint%stepper%one_solve
+      if (task%nlane == 1) self%takes_one_lane = allocated(self%midpoint%lone)
       if (allocated(self%midpoint%stepper%left_out)) self%left_out = self%midpoint%stepper%left_out
    end subroutine make
 
@@ -221,11 +223,13 @@ contains
          do l = 1, self%ham%nnoise
             do k = 1, l
                kl = pair_index(k, l)
-               self%d(:, kl) = -2*kappa*v(:, k)*v(:, l)
+               ! from zero, one product after the other: of a sum of two products either one may be fused
+               self%d(:, kl) = 0
+               call add_product(self%ham%nlane, -2*kappa, v(:, k), v(:, l), self%d(:, kl))
                do j = 2, size(c)
                   do i = 1, j - 1
-                     self%d(:, kl) = self%d(:, kl) &
-                                     + 0.5_wp*(c(j) - c(i))*(w(:, k, i)*w(:, l, j) + w(:, l, i)*w(:, k, j))
+                     call add_product(self%ham%nlane, 0.5_wp*(c(j) - c(i)), w(:, k, i), w(:, l, j), self%d(:, kl))
+                     call add_product(self%ham%nlane, 0.5_wp*(c(j) - c(i)), w(:, l, i), w(:, k, j), self%d(:, kl))
                   end do
                end do
                self%d(:, kl) = step%h*self%d(:, kl) - step%of(path_magnus)%x(:, kl)
@@ -293,10 +297,10 @@ contains
             end if
             self%s = 0
             do l = 1, size(noisy)
-               call add_product(nlane, kicks%share(i), self%d(:, pair_index(min(k, noisy(l)), max(k, noisy(l)))), &
-                                slope(:, noisy(l)), self%s)
+               call add_each(nlane, self%d(:, pair_index(min(k, noisy(l)), max(k, noisy(l)))), slope(:, noisy(l)), &
+                             self%s)
             end do
-            call add_product(nlane, 1.0_wp, self%s, curvature(:, 1, k), self%f)
+            call add_product(nlane, kicks%share(i), self%s, curvature(:, 1, k), self%f)
          end do
       end associate
    end subroutine find_single
@@ -405,15 +409,25 @@ contains
       real(wp), intent(out) :: total(nlane)
       integer :: lane, j
 
-      do lane = 1, nlane
-         total(lane) = weight(lane, 0)*x(lane, 0)
-      end do
-      do j = 1, m
+      total = 0
+      do j = 0, m
          do lane = 1, nlane
             total(lane) = total(lane) + weight(lane, j)*x(lane, j)
          end do
       end do
    end subroutine weighted_sum
+
+   !> VEC f = f + x y; with a factor of one the product below may be rounded or not.
+   pure subroutine add_each(nlane, x, y, f)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: x(nlane), y(nlane)
+      real(wp), intent(inout) :: f(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         f(lane) = f(lane) + x(lane)*y(lane)
+      end do
+   end subroutine add_each
 
    !> VEC f = f + factor x y
    pure subroutine add_product(nlane, factor, x, y, f)

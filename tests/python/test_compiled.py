@@ -381,6 +381,36 @@ def test_any_number_of_lanes(scheme):
     assert not ss._callbacks.takes_any_lanes([lambda: 0])
 
 
+@pytest.mark.parametrize("scheme", ["gauss3", "midpoint_areas", "stormer_verlet"])
+def test_few_unequal_masses(scheme):
+    """Masses are found out from the model, whatever the number of paths: three paths have the bits of 16."""
+    pytest.importorskip("numba")
+    pytest.importorskip("sympy")
+    model = ss.model_from_sympy(
+        "p1**2/2.6 + p2**2/1.4 + (q1**2 + 0.3*q2**2)**2/4 + q1*q2/5",
+        noise=["s*q1*q2"], q=["q1", "q2"], p=["p1", "p2"], params={"s": 0.3},
+    )  # fmt: skip
+    how = {"q0": [0.25, 0.27], "p0": [0.1, 0.05], "step": 0.5, "steps": 7, "seed": 5, "scheme": scheme}
+    many = ss.simulate(model, paths=16, **how)
+    for paths in (1, 3, 7):
+        run = ss.simulate(model, paths=paths, **how)
+        np.testing.assert_array_equal(run.q, many.q[:, :, :paths])
+
+
+@pytest.mark.parametrize("scheme", ["verlet_kdk_strong2", "chin4a_strong2", "verlet_kdk", "gauss_dkdkd_midpoint"])
+def test_few_paths_of_kicks(scheme):
+    """Products of gradients of noises, weighed by what is sampled of the path, have the same bits for few paths."""
+    pytest.importorskip("numba")
+    pytest.importorskip("sympy")
+    model = ss.model_from_sympy("p**2/2 + cos(q)", noise=["s*q**2", "s*cos(2*q)"], params={"s": 0.3})
+    how = {"q0": 0.3, "p0": 0.1, "step": 1.7, "steps": 9, "seed": 5, "scheme": scheme}
+    many = ss.simulate(model, paths=40, **how)
+    for first in range(0, 39, 3):
+        run = ss.simulate(model, paths=1 + first % 2, first_path=first, **how)
+        np.testing.assert_array_equal(run.q, many.q[:, :, first : first + 1 + first % 2])
+        np.testing.assert_array_equal(run.p, many.p[:, :, first : first + 1 + first % 2])
+
+
 def test_lanes_of_the_librarys_sine():
     """Its sine and cosine are known to take any number of lanes; what else is called by its address is not."""
     numba = pytest.importorskip("numba")
