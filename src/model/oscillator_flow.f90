@@ -9,16 +9,19 @@
 !>                       d = A dW_i C dW_k/2; its adjoint takes (q, p) -> (p, -q), and -d becomes d
 !>    Stormer-Verlet     half a kick, a drift, half a kick
 !>    midpoint           dq = (v - c f/2)/(1 + a c/4), dp = -(f + a v/2)/(1 + a c/4), f = a q + b, v = c p + e
-!>    Gauss, two stages  dq = (u v - c f/2)/(u^2 + a c/4), dp = -(u f + a v/2)/(u^2 + a c/4), u = 1 - a c/12
+!>    Gauss              dq = 2 o (u v - o c f)/(u^2 + o^2 a c), dp = -2 o (u f + o a v)/(u^2 + o^2 a c)
 !>
-!> ([WHSB] (71)-(72) solved; with Z the matrix of the linear equations, two stages of Gauss add
-!> (1 - Z/2 + Z^2/12)^-1 (v, -f), and Z^2 = -a c.) A group of steps keeps the states of the lanes in registers; a path
+!> ([WHSB] (71)-(72) solved; with Z the matrix of the linear equations, stages of Gauss add (N/D - 1) (q, p) of Pade's
+!> quotient for exp(Z), D = u - o Z, N = u + o Z, and Z^2 = -a c: what is rounded in u and o leaves a rotation one. For
+!> Lobatto see model/oscillator_quotients.) A group of steps keeps the states of the lanes in registers; a path
 !> that is alone goes through all of its steps at once.
 module symsde_model_oscillator_flow
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: steps_record
    use symsde_model_abstract, only: corrected
+   use symsde_model_oscillator_quotients, only: step_quotients, has_quotients, quotients_of, &
+                                                quotient_pass, quotient_alone
    implicit none
    private
    public :: oscillator_terms, oscillator_flow, oscillator_has_flow
@@ -31,9 +34,19 @@ module symsde_model_oscillator_flow
    end type oscillator_terms
 
    enum, bind(c)
-      enumerator :: euler = 1, adjoint = 2, verlet = 3, midpoint = 4, gauss2 = 5
-      enumerator :: additive_euler = 6, additive_adjoint = 7, corrected_euler = 8, corrected_adjoint = 9
+      enumerator :: euler = 1, adjoint = 2, verlet = 3, additive_euler = 4, additive_adjoint = 5
+      enumerator :: midpoint = 6, gauss2 = 7, gauss3 = 8, gauss4 = 9, quotients = 10  ! from midpoint on by one solve
+      enumerator :: corrected_euler = 11, corrected_adjoint = 12
    end enum
+
+   !> Coefficients of u from a c on, which begins with 1, and of o, which begins with 1/2.
+   type :: pade_terms
+      real(wp) :: u(2) = 0, o = 0
+   end type pade_terms
+
+   type(pade_terms), parameter :: pade(midpoint:gauss4) = &
+                             [pade_terms(), pade_terms(u=[-1/12.0_wp, 0.0_wp]), pade_terms(u=[-1/10.0_wp, 0.0_wp], o=-1/120.0_wp), &
+                                   pade_terms(u=[-3/28.0_wp, 1/1680.0_wp], o=-1/84.0_wp)]
 
    !> Steps of one pass over the lanes; the short one where there are more operations than gcc would unroll eight times.
    integer, parameter :: group = 8, short = 4
@@ -63,12 +76,16 @@ contains
          index_of = midpoint
       case ('gauss2')
          index_of = gauss2
+      case ('gauss3')
+         index_of = gauss3
+      case ('gauss4')
+         index_of = gauss4
       case ('symplectic_euler'//corrected)
          index_of = corrected_euler
       case ('symplectic_euler_adjoint'//corrected)
          index_of = corrected_adjoint
       case default
-         index_of = 0
+         index_of = merge(quotients, 0, has_quotients(scheme))
       end select
    end function index_of
 
@@ -81,10 +98,12 @@ contains
       real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       type(counters_type), intent(inout) :: counters
       real(wp), contiguous, pointer :: w(:, :, :)
+      type(step_quotients) :: by
       integer :: which, out, n
 
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       which = index_of(scheme)
+      if (which == quotients) by = quotients_of(scheme)
       if (steps%nreal == 1 .and. which == corrected_euler) then
          associate (r => terms%rate*steps%h, t => terms)
             call corrected_alone(steps%nlane, steps%nnoise, steps%nstep, steps%every, r, t%a, t%c, t%noise_a, &
@@ -94,6 +113,11 @@ contains
          associate (r => terms%rate*steps%h, t => terms)
             call corrected_alone(steps%nlane, steps%nnoise, steps%nstep, steps%every, -r, -t%c, -t%a, t%noise_c, &
                                  t%noise_a, w, p(1), q(1), pn, qn)
+         end associate
+      else if (steps%nreal == 1 .and. which == quotients) then
+         associate (t => terms)
+            call quotient_alone(by, t%rate*steps%h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, &
+                                steps%nlane, steps%nnoise, steps%nstep, steps%every, w, q(1), p(1), qn, pn)
          end associate
       else if (steps%nreal == 1) then
          call advance_alone(terms, which, steps%nlane, steps%nnoise, steps%nstep, steps%every, terms%rate*steps%h, w, &
@@ -111,12 +135,12 @@ contains
                qn(:, out) = qn(:, out - 1)
                pn(:, out) = pn(:, out - 1)
             end if
-            call advance(terms, which, steps%nlane, steps%nnoise, steps%every, terms%rate*steps%h, &
+            call advance(terms, which, by, steps%nlane, steps%nnoise, steps%every, terms%rate*steps%h, &
                          w(:, :, (out - 1)*steps%every + 1:out*steps%every), qn(:, out), pn(:, out))
          end do
       end if
       n = steps%nstep*steps%nreal
-      if (which == midpoint .or. which == gauss2 .or. which >= corrected_euler) then
+      if (which >= midpoint) then
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
       else
@@ -125,8 +149,9 @@ contains
    end subroutine oscillator_flow
 
    !> Steps in place, in groups as long as there are enough.
-   pure subroutine advance(terms, which, nlane, nnoise, nstep, h, w, q, p)
+   pure subroutine advance(terms, which, by, nlane, nnoise, nstep, h, w, q, p)
       type(oscillator_terms), intent(in) :: terms
+      type(step_quotients), intent(in) :: by   !! of the schemes that have them
       integer, intent(in) :: which, nlane, nnoise, nstep
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
@@ -134,7 +159,7 @@ contains
 
       first = 1
       do while (first <= nstep)
-         n = merge(short, group, which == midpoint .or. which == gauss2 .or. which >= corrected_euler)
+         n = merge(short, group, which >= midpoint)
          if (nstep - first + 1 < n) n = 1
          associate (t => terms)
             select case (which)
@@ -154,9 +179,11 @@ contains
                call corrected_pass(-h, -t%c, -t%a, t%noise_c, t%noise_a, nlane, nnoise, n, w(:, :, first:), p, q)
             case (verlet)
                call verlet_pass(t, nlane, nnoise, n, h, w(:, :, first:), q, p)
+            case (quotients)
+               call quotient_pass(by, h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, nlane, &
+                                  nnoise, n, w(:, :, first:), q, p)
             case default
-               call gauss_pass(t, merge(1.0_wp/12, 0.0_wp, which == gauss2), nlane, nnoise, n, h, &
-                               w(:, :, first:), q, p)
+               call gauss_pass(t, pade(which), nlane, nnoise, n, h, w(:, :, first:), q, p)
             end select
          end associate
          first = first + n
@@ -169,12 +196,13 @@ contains
       integer, intent(in) :: which, nlane, nnoise, nstep, every
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep), q, p
       real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
-      real(wp) :: x, y, a, c, part
+      type(pade_terms) :: by
+      real(wp) :: x, y, a, c
       integer :: step, out
 
       x = q
       y = p
-      part = merge(1.0_wp/12, 0.0_wp, which == gauss2)
+      by = pade(max(which, midpoint))
       do out = 1, nstep/every
          do step = (out - 1)*every + 1, out*every
             associate (b => terms%b, e => terms%e, wb => w(1, terms%noise_b, step), we => w(1, terms%noise_e, step))
@@ -188,7 +216,7 @@ contains
                case (verlet)
                   call verlet_step(a, b, wb, c, e, we, x, y)
                case default
-                  call gauss_step(part, a, c, a*x + b*wb, c*y + e*we, x, y)
+                  call gauss_step(by, a, c, a*x + b*wb, c*y + e*we, x, y)
                end select
             end associate
          end do
@@ -354,16 +382,18 @@ contains
       end if
    end subroutine verlet_pass
 
-   !> VEC The linear equations of one stage of Gauss, or of two, solved.
-   pure subroutine gauss_pass(terms, part, nlane, nnoise, nstep, h, w, q, p)
+   !> VEC The linear equations of the stages of Gauss, solved.
+   pure subroutine gauss_pass(terms, numbers, nlane, nnoise, nstep, h, w, q, p)
       type(oscillator_terms), intent(in) :: terms
-      real(wp), intent(in) :: part  !! of a c in 1 - u
+      type(pade_terms), intent(in) :: numbers
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
+      type(pade_terms) :: by  ! a copy stays in registers
       real(wp) :: x, y, a, c, ca, cb, cc, ce
       integer :: lane, step, i, j, k, l
 
+      by = numbers
       ca = terms%a
       cb = terms%b
       cc = terms%c
@@ -380,7 +410,7 @@ contains
             do step = 1, short
                a = h + ca*w(lane, i, step)
                c = h + cc*w(lane, k, step)
-               call gauss_step(part, a, c, a*x + cb*w(lane, j, step), c*y + ce*w(lane, l, step), x, y)
+               call gauss_step(by, a, c, a*x + cb*w(lane, j, step), c*y + ce*w(lane, l, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -391,7 +421,7 @@ contains
             y = p(lane)
             a = h + ca*w(lane, i, 1)
             c = h + cc*w(lane, k, 1)
-            call gauss_step(part, a, c, a*x + cb*w(lane, j, 1), c*y + ce*w(lane, l, 1), x, y)
+            call gauss_step(by, a, c, a*x + cb*w(lane, j, 1), c*y + ce*w(lane, l, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do
@@ -427,15 +457,18 @@ contains
       y = y - 0.5_wp*(a*x + cb*wb)
    end subroutine verlet_step
 
-   pure subroutine gauss_step(part, a, c, force, velocity, x, y)
-      real(wp), intent(in) :: part, a, c, force, velocity
+   pure subroutine gauss_step(by, a, c, force, velocity, x, y)
+      type(pade_terms), intent(in) :: by
+      real(wp), intent(in) :: a, c, force, velocity
       real(wp), intent(inout) :: x, y
-      real(wp) :: u, inverse
+      real(wp) :: z, u, o, factor
 
-      u = 1 - part*(a*c)
-      inverse = 1/(u*u + 0.25_wp*(a*c))
-      x = x + (u*velocity - 0.5_wp*c*force)*inverse
-      y = y - (u*force + 0.5_wp*a*velocity)*inverse
+      z = a*c
+      u = 1 + z*(by%u(1) + z*by%u(2))
+      o = 0.5_wp + z*by%o
+      factor = 2*o/(u*u + z*(o*o))
+      x = x + (u*velocity - (o*c)*force)*factor
+      y = y - (u*force + (o*a)*velocity)*factor
    end subroutine gauss_step
 
 end module symsde_model_oscillator_flow
