@@ -1,29 +1,97 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Two implicit stages of one degree of freedom for a path by itself: the first guess and the iterations of
-!> step/single_newton where the Hamiltonians are separable, or its one solve where they are quadratic, by its passes
-!> over one lane.
-module symsde_step_lone_two_stages
+!> Implicit stages of one degree of freedom for a path by itself: the first guess and the iterations of
+!> step/single_newton where the Hamiltonians are separable, or the one solve of two stages where they are quadratic. Two
+!> stages by its passes over one lane, three and four by numbers.
+module symsde_step_lone_single_newton
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: angle_terms
+   use symsde_solve_blocks, only: pivot_floor
+   use symsde_solve_elimination, only: solve_lone
    use symsde_solve_stagnation, only: verdict_of, quadratic
    use symsde_step_lone, only: lone_stepper
    use symsde_step_two_stage_slopes, only: stage_point, add_stages, solve_separable, solve_lanes
    implicit none
    private
-   public :: lone_two_stages
+   public :: lone_single_newton, has_lone_stages
 
-   type, extends(lone_stepper) :: lone_two_stages
-      real(wp) :: a(2, 2) = 0, abar(2, 2) = 0, alpha(2) = 0, c(2) = 0
+   integer, parameter :: most = 4  !! stages
+
+   !> The coefficients of a sum of slopes, of which the first m do not vanish.
+   type :: first_slopes
+      integer :: m = 0
+      real(wp) :: c(most) = 0
+   end type first_slopes
+
+   !> Three or four stages.
+   type :: several_stages
+      real(wp) :: a(most, most) = 0, abar(most, most) = 0
+      type(first_slopes) :: q(most), p(most), sum  !! of Q_i, of P_i and of both increments
+   end type several_stages
+
+   type, extends(lone_stepper) :: lone_single_newton
+      integer :: s = 2
+      real(wp) :: a(2, 2) = 0, abar(2, 2) = 0, alpha(2) = 0  !! of two stages
+      real(wp) :: c(most) = 0
+      type(several_stages) :: several  !! of more
       integer :: max_iter = 0
       logical :: affine = .false.  !! one solve is all
    contains
+      procedure :: set
       procedure :: take
-   end type lone_two_stages
+   end type lone_single_newton
 
 contains
 
+   !> Whether these coefficients are served.
+   pure logical function has_lone_stages(a, abar, alpha)
+      real(wp), intent(in) :: a(:, :), abar(:, :), alpha(:)
+      integer :: i
+
+      has_lone_stages = size(alpha) <= most
+      if (size(alpha) == 2) return
+      has_lone_stages = has_lone_stages .and. are_first(alpha)
+      do i = 1, size(alpha)
+         has_lone_stages = has_lone_stages .and. are_first(a(i, :)) .and. are_first(abar(i, :))
+      end do
+   end function has_lone_stages
+
+   !> Whether no coefficient stands behind one that vanishes.
+   pure logical function are_first(c)
+      real(wp), intent(in) :: c(:)
+
+      are_first = all(abs(c(:count(abs(c) > 0))) > 0)
+   end function are_first
+
+   !> Coefficients that are served.
+   subroutine set(self, a, abar, alpha, c)
+      class(lone_single_newton), intent(inout) :: self
+      real(wp), intent(in) :: a(:, :), abar(:, :), alpha(:), c(:)
+      integer :: i
+
+      self%s = size(alpha)
+      self%c(:self%s) = c
+      if (self%s == 2) then
+         self%a = a
+         self%abar = abar
+         self%alpha = alpha
+         return
+      end if
+      associate (all => self%several, s => self%s)
+         all%a(:s, :s) = a
+         all%abar(:s, :s) = abar
+         all%sum%c(:s) = alpha
+         do i = 1, s
+            all%q(i)%m = count(abs(a(i, :)) > 0)
+            all%q(i)%c(:s) = a(i, :)
+            all%p(i)%m = count(abs(abar(i, :)) > 0)
+            all%p(i)%c(:s) = abar(i, :)
+         end do
+         all%sum%m = count(abs(alpha) > 0)
+      end associate
+   end subroutine set
+
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
-      class(lone_two_stages), intent(inout) :: self
+      class(lone_single_newton), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
@@ -34,6 +102,12 @@ contains
 
       if (self%affine) then
          call solve_once(self, t, h, w, q, p, dq, dp, taken)
+         return
+      else if (self%s == 3) then
+         call iterate(self, 3, t, h, w, q(1), p(1), dq(1), dp(1), taken)
+         return
+      else if (self%s == 4) then
+         call iterate(self, 4, t, h, w, q(1), p(1), dq(1), dp(1), taken)
          return
       end if
       associate (a => self%a, abar => self%abar)
@@ -71,6 +145,122 @@ contains
       end associate
    end subroutine take
 
+   !> Three or four stages, with the operations of step/single_newton on a lane. What does not count is added as
+   !> zero, but for sums of slopes: every number of stages has loops of its own length.
+   subroutine iterate(self, s, t, h, w, q, p, dq, dp, taken)
+      type(lone_single_newton), intent(inout) :: self
+      integer, value :: s
+      real(wp), intent(in) :: t, h, w(0:self%m), q, p
+      real(wp), intent(out) :: dq, dp
+      logical, intent(out) :: taken
+      type(angle_terms) :: terms(most)
+      real(wp) :: x(2*most), d(2*most), last, step, size
+      real(wp), dimension(most) :: hq, hp, hqq, hpp
+      integer :: iteration, i
+
+      call self%find_terms(t + 0.5_wp*h, w, terms(1))
+      hq(1) = self%force_at(terms(1), t + 0.5_wp*h, w, q, p, hqq(1), hp(1), hpp(1))
+      do i = 2, s
+         hq(i) = hq(1)
+         hp(i) = hp(1)
+         hqq(i) = hqq(1)
+         hpp(i) = hpp(1)
+      end do
+      x = 0
+      call find_correction(s, self%several%a, self%several%abar, hq, hp, hqq, hpp, x, d, taken)
+      if (.not. taken) return
+      call correct(2*s, d, x, step, size, taken)
+      do i = 1, s
+         call self%find_terms(t + self%c(i)*h, w, terms(i))
+      end do
+      last = 0
+      iteration = 0
+      do while (last >= 0)
+         taken = iteration < self%max_iter
+         if (.not. taken) return
+         iteration = iteration + 1
+         do i = 1, s
+            hq(i) = self%force_at(terms(i), t + self%c(i)*h, w, weighed(self%several%q(i), x, q), &
+                                  weighed(self%several%p(i), x(s + 1:), p), hqq(i), hp(i), hpp(i))
+         end do
+         call find_correction(s, self%several%a, self%several%abar, hq, hp, hqq, hpp, x, d, taken)
+         if (.not. taken) return
+         call correct(2*s, d, x, step, size, taken)
+         if (.not. taken) return
+         last = verdict_of(quadratic, step, size, last)
+      end do
+      dq = weighed(self%several%sum, x, 0.0_wp)
+      dp = weighed(self%several%sum, x(s + 1:), 0.0_wp)
+      associate (c => self%counters)
+         c%gradients = c%gradients + 1 + s*iteration
+         c%hessians = c%hessians + 1 + s*iteration
+         c%iterations = c%iterations + iteration
+         c%solves = c%solves + iteration
+      end associate
+   end subroutine iterate
+
+   !> add_slopes of one number.
+   pure real(wp) function weighed(by, x, start)
+      type(first_slopes), intent(in) :: by
+      real(wp), intent(in) :: x(most), start
+
+      associate (c => by%c)
+         select case (by%m)
+         case (0)
+            weighed = start
+         case (1)
+            weighed = start + c(1)*x(1)
+         case (2)
+            weighed = start + (c(1)*x(1) + c(2)*x(2))
+         case (3)
+            weighed = start + (c(1)*x(1) + c(2)*x(2) + c(3)*x(3))
+         case default
+            weighed = start + (c(1)*x(1) + c(2)*x(2) + c(3)*x(3))
+            weighed = weighed + c(4)*x(4)
+         end select
+      end associate
+   end function weighed
+
+   !> Newton's correction of the slopes; not where pivots are not trusted.
+   pure subroutine find_correction(s, a, abar, hq, hp, hqq, hpp, x, d, trusted)
+      integer, value :: s
+      real(wp), intent(in) :: a(most, most), abar(most, most)
+      real(wp), intent(in), dimension(most) :: hq, hp, hqq, hpp
+      real(wp), intent(in) :: x(2*most)
+      real(wp), intent(out) :: d(2*most)
+      logical, intent(out) :: trusted
+      real(wp) :: m(most*most), g(most), total, smallest  ! of their first s rows and columns
+      integer :: i, j, k
+
+      do i = 1, s
+         d(i) = x(i) - hp(i)
+      end do
+      do i = 1, s
+         total = 0
+         !GCC$ novector  ! sums in order, contracted as in lanes
+         do k = 1, s
+            total = total - a(i, k)*d(k)
+         end do
+         g(i) = x(s + i) + hq(i) + hqq(i)*total
+         do j = 1, s
+            total = 0
+            !GCC$ novector
+            do k = 1, s
+               total = total + a(i, k)*abar(k, j)*hpp(k)
+            end do
+            m(i + s*(j - 1)) = merge(1.0_wp, 0.0_wp, i == j) + hqq(i)*total
+         end do
+      end do
+      call solve_lone(s, m, g, smallest)
+      trusted = smallest > pivot_floor
+      do j = 1, s
+         do i = 1, s
+            d(i) = d(i) + abar(i, j)*hpp(i)*g(j)
+         end do
+         d(s + j) = g(j)
+      end do
+   end subroutine find_correction
+
    !> x = x - d and the sizes of both; sound says that x is finite. Number by number, as d has just been stored: a
    !> vector of them would wait for the stores.
    pure subroutine correct(n, d, x, step, size, sound)
@@ -97,7 +287,7 @@ contains
 
    !> From slopes of zero, where both stages are where the step begins.
    subroutine solve_once(self, t, h, w, q, p, dq, dp, taken)
-      type(lone_two_stages), intent(inout) :: self
+      type(lone_single_newton), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(1), p(1)
       real(wp), intent(out) :: dq(1), dp(1)
       logical, intent(out) :: taken
@@ -123,4 +313,4 @@ contains
       end associate
    end subroutine solve_once
 
-end module symsde_step_lone_two_stages
+end module symsde_step_lone_single_newton

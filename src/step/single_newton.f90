@@ -232,9 +232,8 @@ contains
          end do
          rg(:, i) = x(:, s + i) + hq(:, at(i)) + hqq(:, at(i))*rg(:, i)
          do j = 1, s
-            matrix(:, i, j) = hqq(:, at(i))*matrix(:, i, j)
+            matrix(:, i, j) = merge(1.0_wp, 0.0_wp, i == j) + hqq(:, at(i))*matrix(:, i, j)
          end do
-         matrix(:, i, i) = matrix(:, i, i) + 1
       end do
    end subroutine linearise
 

@@ -15,7 +15,7 @@ module symsde_step_stages_single
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_lone_two_stages, only: lone_two_stages
+   use symsde_step_lone_single_newton, only: lone_single_newton, has_lone_stages
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_single_newton, only: single_newton, new_single_newton
    use symsde_step_slopes, only: add_slopes
@@ -166,22 +166,20 @@ contains
       few%ham%counters = counters_type()
    end subroutine finish
 
-   !> Paths one by one, where there are two stages, the Hamiltonians are separable or one solve is all, and have their
-   !> derivatives.
+   !> Paths one by one, where there are two to four stages, the Hamiltonians are separable or one solve is all, and have
+   !> their derivatives.
    subroutine offer_lone(self, lone)
       class(stages_single_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
-      type(lone_two_stages), allocatable :: made
+      type(lone_single_newton), allocatable :: made
 
-      if (.not. (self%ham%model%traits%has_hessian .and. self%solver%s == 2)) return
+      if (.not. (self%ham%model%traits%has_hessian .and. &
+                 has_lone_stages(self%solver%a, self%solver%abar, self%alpha))) return
       if (.not. (self%solver%separable .or. self%solver%newton%affine)) return
       allocate (made)
       made%most = 3  ! four take 1.2 to 1.3 of the time
       made%affine = self%solver%newton%affine
-      made%a = self%solver%a
-      made%abar = self%solver%abar
-      made%alpha = self%alpha
-      made%c = self%solver%c
+      call made%set(self%solver%a, self%solver%abar, self%alpha, self%solver%c)
       made%max_iter = self%solver%newton%options%max_iter
       call move_alloc(made, lone)
    end subroutine offer_lone
