@@ -44,9 +44,10 @@ module symsde_model_oscillator_flow
       real(wp) :: u(2) = 0, o = 0
    end type pade_terms
 
-   type(pade_terms), parameter :: pade(midpoint:gauss4) = &
-                             [pade_terms(), pade_terms(u=[-1/12.0_wp, 0.0_wp]), pade_terms(u=[-1/10.0_wp, 0.0_wp], o=-1/120.0_wp), &
-                                   pade_terms(u=[-3/28.0_wp, 1/1680.0_wp], o=-1/84.0_wp)]
+   type(pade_terms), parameter :: &
+      pade(midpoint:gauss4) = [pade_terms(), pade_terms(u=[-1/12.0_wp, 0.0_wp]), &
+                               pade_terms(u=[-1/10.0_wp, 0.0_wp], o=-1/120.0_wp), &
+                               pade_terms(u=[-3/28.0_wp, 1/1680.0_wp], o=-1/84.0_wp)]
 
    !> Steps of one pass over the lanes; the short one where there are more operations than gcc would unroll eight times.
    integer, parameter :: group = 8, short = 4

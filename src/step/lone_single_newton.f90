@@ -14,24 +14,24 @@ module symsde_step_lone_single_newton
    private
    public :: lone_single_newton, has_lone_stages
 
-   integer, parameter :: most = 4  !! stages
+   integer, parameter :: most_stages = 4
 
    !> The coefficients of a sum of slopes, of which the first m do not vanish.
    type :: first_slopes
       integer :: m = 0
-      real(wp) :: c(most) = 0
+      real(wp) :: c(most_stages) = 0
    end type first_slopes
 
    !> Three or four stages.
    type :: several_stages
-      real(wp) :: a(most, most) = 0, abar(most, most) = 0
-      type(first_slopes) :: q(most), p(most), sum  !! of Q_i, of P_i and of both increments
+      real(wp) :: a(most_stages, most_stages) = 0, abar(most_stages, most_stages) = 0
+      type(first_slopes) :: q(most_stages), p(most_stages), sum  !! of Q_i, of P_i and of both increments
    end type several_stages
 
    type, extends(lone_stepper) :: lone_single_newton
       integer :: s = 2
       real(wp) :: a(2, 2) = 0, abar(2, 2) = 0, alpha(2) = 0  !! of two stages
-      real(wp) :: c(most) = 0
+      real(wp) :: c(most_stages) = 0
       type(several_stages) :: several  !! of more
       integer :: max_iter = 0
       logical :: affine = .false.  !! one solve is all
@@ -153,9 +153,9 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q, p
       real(wp), intent(out) :: dq, dp
       logical, intent(out) :: taken
-      type(angle_terms) :: terms(most)
-      real(wp) :: x(2*most), d(2*most), last, step, size
-      real(wp), dimension(most) :: hq, hp, hqq, hpp
+      type(angle_terms) :: terms(most_stages)
+      real(wp) :: x(2*most_stages), d(2*most_stages), last, step, size
+      real(wp), dimension(most_stages) :: hq, hp, hqq, hpp
       integer :: iteration, i
 
       call self%find_terms(t + 0.5_wp*h, w, terms(1))
@@ -202,7 +202,7 @@ contains
    !> add_slopes of one number.
    pure real(wp) function weighed(by, x, start)
       type(first_slopes), intent(in) :: by
-      real(wp), intent(in) :: x(most), start
+      real(wp), intent(in) :: x(most_stages), start
 
       associate (c => by%c)
          select case (by%m)
@@ -224,12 +224,12 @@ contains
    !> Newton's correction of the slopes; not where pivots are not trusted.
    pure subroutine find_correction(s, a, abar, hq, hp, hqq, hpp, x, d, trusted)
       integer, value :: s
-      real(wp), intent(in) :: a(most, most), abar(most, most)
-      real(wp), intent(in), dimension(most) :: hq, hp, hqq, hpp
-      real(wp), intent(in) :: x(2*most)
-      real(wp), intent(out) :: d(2*most)
+      real(wp), intent(in) :: a(most_stages, most_stages), abar(most_stages, most_stages)
+      real(wp), intent(in), dimension(most_stages) :: hq, hp, hqq, hpp
+      real(wp), intent(in) :: x(2*most_stages)
+      real(wp), intent(out) :: d(2*most_stages)
       logical, intent(out) :: trusted
-      real(wp) :: m(most*most), g(most), total, smallest  ! of their first s rows and columns
+      real(wp) :: m(most_stages*most_stages), g(most_stages), total, smallest  ! of their first s rows and columns
       integer :: i, j, k
 
       do i = 1, s
