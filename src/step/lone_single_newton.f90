@@ -47,7 +47,7 @@ contains
       real(wp), intent(in) :: a(:, :), abar(:, :), alpha(:)
       integer :: i
 
-      has_lone_stages = size(alpha) <= most
+      has_lone_stages = size(alpha) <= most_stages
       if (size(alpha) == 2) return
       has_lone_stages = has_lone_stages .and. are_first(alpha)
       do i = 1, size(alpha)
