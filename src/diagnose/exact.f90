@@ -33,7 +33,7 @@ module symsde_diagnose_exact
    use symsde_model_kubo, only: kubo_model
    use symsde_model_linear_oscillator, only: linear_oscillator_model
    use symsde_noise_brownian, only: max_refine
-   use symsde_noise_integrals, only: shape_draws
+   use symsde_noise_integral_draws, only: shape_draws
    use symsde_noise_oscillator_law, only: oscillator_integrals, oscillator_draws
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type

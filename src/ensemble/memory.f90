@@ -3,6 +3,7 @@
 module symsde_ensemble_memory
    use symsde_base_functionals, only: functional_set, path_areas
    use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: padded
    use symsde_base_memory, only: memory_for, require_memory
    use symsde_base_status, only: error_type
    use symsde_base_text, only: to_text
@@ -14,6 +15,7 @@ module symsde_ensemble_memory
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_newton, only: newton_options
+   use symsde_step_lone, only: most_lone
    use symsde_step_lone_lane, only: most_of_lane
    use symsde_step_memory, only: stepper_numbers
    implicit none
@@ -79,17 +81,22 @@ contains
       type(newton_options) :: newton
       type(functional_set) :: asked
       real(wp) :: ahead, kept
+      logical :: few
 
       newton%fixed_point = options%fixed_point
       asked = scheme%asks%needed_for(model%traits)
       ahead = 2*pairs_ahead(nlane, asked%columns(model%traits%nnoise))
       kept = 2*states_ahead(nlane, model%traits%ndof)
+      few = has_few(options%npath, nlane, most_lone)
       numbers = stepper_numbers(model, scheme, newton, options%general, nlane) &
                 + nlane*((12.0_wp + kept)*model%traits%ndof + ahead*(asked%columns(model%traits%nnoise) + 1)) &
                 + noise_numbers(model%traits%nnoise, asked, nlane) &
                 + lone_numbers(options%npath, nlane, asked%columns(model%traits%nnoise))
       if (has_few(options%npath, nlane, most_of_lane)) &  ! a stepper of one lane
          numbers = numbers + stepper_numbers(model, scheme, newton, options%general, 1)
+      if (few .and. .not. asked%is_empty()) &  ! pairs of steps are lanes of the noise of a path by itself
+         numbers = numbers + noise_numbers(model%traits%nnoise, asked, &
+                                           2*padded(pairs_ahead(1, asked%columns(model%traits%nnoise))/2))
    end function block_numbers
 
    !> Numbers that a source of noise needs to fill a block of lanes.

@@ -20,7 +20,8 @@ module symsde_noise_brownian
    use symsde_base_text, only: to_text
    use symsde_noise_discrete, only: discrete_pairs
    use symsde_noise_functionals, only: path_interval, clip_increments, clip_interval
-   use symsde_noise_integrals, only: integral_draws, fill_pair, fill_direct
+   use symsde_noise_integral_draws, only: integral_draws, fill_direct
+   use symsde_noise_integrals, only: fill_pair
    use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_steps, scaled_normals_at, pairs_of_steps
    use symsde_noise_source, only: noise_type
    implicit none
@@ -283,6 +284,11 @@ contains
 
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%common, &
                              self%asked, self%areas, self%law)
+      if (request%nlane == 1 .and. request%npair > 1 .and. mod(request%pair, 2_i8) == 0 .and. self%refine >= 0 .and. &
+          self%law == law_gaussian) then
+         call fill_alone(self, draws, request, store, drawn)
+         return
+      end if
       if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
          call fill_direct(draws, request, store, drawn)
          return
@@ -299,6 +305,54 @@ contains
          end associate
       end do
    end subroutine fill_functionals
+
+   !> A path by itself: the lanes of the generator, and of all that is made of its draws, are pairs of steps from an
+   !> even one on.
+   subroutine fill_alone(self, draws, request, store, drawn)
+      class(brownian_noise), intent(in) :: self
+      type(integral_draws), intent(inout) :: draws
+      type(step_request), intent(in) :: request
+      type(step_store), intent(inout) :: store
+      integer(i8), intent(inout) :: drawn
+      integer(i8), allocatable :: path(:)
+      type(path_interval) :: steps(0:1)
+      integer(i8) :: of_pair
+      integer :: i, f, n
+
+      call draws%look_ahead(request%npair)
+      n = size(draws%ahead)
+      allocate (path(n), source=request%path(1))
+      of_pair = 0
+      call fill_pair(draws, n, path, request%pair, steps(0), steps(1), of_pair)
+      drawn = drawn + request%npair*of_pair
+      do i = 0, 1
+         if (self%bound < huge(1.0_wp)) call clip_interval(n, self%nnoise, self%bound, steps(i))
+         call spread_lanes(self%nnoise, self%nnoise + 1, steps(i)%w, store%w(1, 1, i))
+         do f = 1, nfunctional
+            if (.not. self%asked%has(f)) cycle
+            associate (x => steps(i)%of(f)%x)
+               call spread_lanes(size(x, 2), size(x, 2), x, store%of(f)%x(1, 1, i))
+            end associate
+         end do
+      end do
+
+   contains
+
+      !> To every other step, of so many numbers.
+      pure subroutine spread_lanes(ncolumn, nstep, x, w)
+         integer, intent(in) :: ncolumn, nstep
+         real(wp), intent(in) :: x(n, ncolumn)
+         real(wp), intent(inout) :: w(2*(request%npair - 1)*nstep + ncolumn)
+         integer :: j, k
+
+         do k = 1, ncolumn
+            do j = 0, request%npair - 1
+               w(2*j*nstep + k) = x(1 + j/2 + mod(j, 2)*(n/2), k)  ! the odd pairs stand behind the even ones
+            end do
+         end do
+      end subroutine spread_lanes
+
+   end subroutine fill_alone
 
    !> Two scaled normals a lane; level 0 are the increments at the finest step, level d the bridge's.
    subroutine draw(self, nlane, path, pair, k, level, scale, even, odd, drawn)

@@ -26,45 +26,18 @@
 !> one of a source that makes only dW: a run is halved on the path of the same scheme. The halvings of a
 !> run at refine = -l are the sub-increments of the areas at refine = 0: one path.
 module symsde_noise_integrals
-   use symsde_base_area_rule, only: area_rule, areas_in_law
-   use symsde_base_functionals, only: functional_set, functional_count, area_index, nfunctional, path_areas, &
-                                      path_dz, path_stt_area, path_magnus
+   use symsde_base_functionals, only: area_index, nfunctional, path_areas, path_magnus
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_gaussian
-   use symsde_base_record, only: step_request, step_store
    use symsde_noise_discrete, only: discrete_pairs, sign_pairs
    use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals
-   use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_column, pairs_of_steps
+   use symsde_noise_integral_draws, only: integral_draws, draw, draw_rests, purpose_increment, purpose_shape, &
+                                          purpose_halving, purpose_halves, purpose_stt_area, purpose_stt_halving
    implicit none
    private
-   public :: integral_draws, fill_pair, fill_direct, shape_draws
+   public :: fill_pair
 
-   ! counter words; 1 is the bridge of W alone, 2 the oscillator's
-   integer, parameter :: purpose_increment = 0  !! dW at the finest step
-   integer, parameter :: purpose_shape = 3      !! H at the finest step
-   integer, parameter :: purpose_halving = 4    !! Z of a halving
-   integer, parameter :: purpose_halves = 5     !! N of the same, or M
-   integer, parameter :: purpose_stt_area = 6       !! K at the finest step
-   integer, parameter :: purpose_stt_halving = 7      !! D of a halving
-   integer, parameter :: purpose_rest = 8       !! rest of an area in law; its noise word is the index of the pair
    integer, parameter :: magnus_levels = 2      !! halvings of a step whose J is wanted
-
-   !> What the draws of a run are a function of.
-   type :: integral_draws
-      integer :: nnoise = 0
-      integer(i8) :: seed = 0
-      real(wp) :: h = 0                    !! step of the run, with its sign [time]
-      integer :: refine = 0
-      logical, allocatable :: silent(:)    !! noises for which nothing is drawn (nnoise)
-      logical, allocatable :: common(:)    !! noises drawn with the counters of path 0 for all paths (nnoise)
-      type(functional_set) :: asked        !! functionals that are wanted
-      type(area_rule) :: areas             !! how areas are drawn
-      integer :: law = law_gaussian        !! of base/laws
-   contains
-      procedure :: are_direct
-      procedure :: in_law
-      procedure :: needs_stt_area
-   end type integral_draws
 
    !> What is known of the path on an interval: dW, H and, where it is asked for, K (nlane, nnoise); the rest of
    !> its areas where they are drawn in law (nlane, pairs of noises).
@@ -79,90 +52,7 @@ module symsde_noise_integrals
 
 contains
 
-   !> dZ, or dZ and K, of steps as they are drawn: nothing is halved or merged.
-   pure logical function are_direct(self)
-      class(integral_draws), intent(in) :: self
-
-      are_direct = self%refine == 0 .and. self%asked%has(path_dz) .and. &
-                   .not. (self%asked%has(path_areas) .or. self%asked%has(path_magnus))
-   end function are_direct
-
-   !> The numbers of fill_pair where the draws are direct, for several pairs of steps from an even one on: where they
-   !> belong, and no word of a draw is left over.
-   subroutine fill_direct(d, request, store, drawn)
-      type(integral_draws), intent(in) :: d
-      type(step_request), intent(in) :: request
-      type(step_store), intent(inout) :: store
-      integer(i8), intent(inout) :: drawn
-      integer(i8) :: from(request%nlane)
-      integer :: k, j, step, n
-      real(wp) :: root
-
-      root = sqrt(abs(d%h))
-      associate (w => store%w, dz => store%of(path_dz), stt_area => store%of(path_stt_area), m => d%nnoise)
-         do k = 1, m
-            if (d%silent(k)) then
-               w(:, k, :) = 0
-               dz%x(:, k, :) = 0
-               if (allocated(stt_area%x)) stt_area%x(:, k, :) = 0
-               cycle
-            end if
-            from = merge(0_i8, request%path, d%common(k))
-            do j = 0, request%npair - 1, pairs_of_steps
-               n = min(pairs_of_steps, request%npair - j)
-               call draw_column(purpose_increment, root, m + 1, w(1, k, 2*j))
-               call draw_column(purpose_shape, sqrt(abs(d%h)/12), m, dz%x(1, k, 2*j))
-               if (allocated(stt_area%x)) &
-                  call draw_column(purpose_stt_area, sqrt(abs(d%h)/720), m, stt_area%x(1, k, 2*j))
-            end do
-            do step = 0, 2*request%npair - 1
-               call dz_of_shape(request%nlane, d%h, w(:, k, step), dz%x(:, k, step))
-            end do
-         end do
-      end associate
-
-   contains
-
-      !> Of one functional of noise k, in n pairs of steps.
-      subroutine draw_column(purpose, scale, ncolumn, x)
-         integer, intent(in) :: purpose, ncolumn
-         real(wp), intent(in) :: scale
-         real(wp), intent(inout) :: x(request%nlane*(ncolumn*(2*n - 1) + 1))
-
-         call scaled_normal_column(request%nlane, d%seed, from, request%pair + j, n, k, 0, purpose, scale, &
-                                   ncolumn, x)
-         drawn = drawn + 2*n
-      end subroutine draw_column
-
-   end subroutine fill_direct
-
-   !> dZ = h (dW/2 + H), in the place of H.
-   pure subroutine dz_of_shape(nlane, h, w, z)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: h, w(nlane)
-      real(wp), intent(inout) :: z(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         z(lane) = h*(0.5_wp*w(lane) + z(lane))
-      end do
-   end subroutine dz_of_shape
-
-   !> Areas are asked for, in law.
-   pure logical function in_law(self)
-      class(integral_draws), intent(in) :: self
-
-      in_law = self%asked%has(path_areas) .and. self%areas%kind == areas_in_law
-   end function in_law
-
-   !> The path is known by its K, too.
-   pure logical function needs_stt_area(self)
-      class(integral_draws), intent(in) :: self
-
-      needs_stt_area = self%asked%has(path_stt_area) .or. self%in_law()
-   end function needs_stt_area
-
-   !> The steps 2*pair and 2*pair+1 of the run.
+   !> The steps 2*pair and 2*pair+1 of the run; of a path by itself, those of the pairs that its lanes look ahead to.
    subroutine fill_pair(d, nlane, path, pair, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -283,31 +173,6 @@ contains
          call draw(d, nlane, path, pair, 0, purpose_stt_area, sqrt(abs(length)/720), even%kk, odd%kk, drawn)
       if (d%in_law()) call draw_rests(d, nlane, path, pair, abs(length)/sqrt(20.0_wp), even%rest, odd%rest, drawn)
    end subroutine draw_shapes
-
-   !> Scaled normals of all pairs of noises for the intervals 2*pair and 2*pair+1; zero where one is silent, those of
-   !> path 0 where both are common.
-   subroutine draw_rests(d, nlane, path, pair, scale, even, odd, drawn)
-      type(integral_draws), intent(in) :: d
-      integer, intent(in) :: nlane
-      integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(in) :: scale
-      real(wp), allocatable, intent(out) :: even(:, :), odd(:, :)  !! (nlane, pairs of noises)
-      integer(i8), intent(inout) :: drawn
-      integer(i8) :: from(nlane)
-      integer :: k, l, kl
-
-      allocate (even(nlane, functional_count(path_areas, d%nnoise)), source=0.0_wp)
-      allocate (odd, source=even)
-      do l = 2, d%nnoise
-         do k = 1, l - 1
-            if (d%silent(k) .or. d%silent(l)) cycle
-            kl = area_index(k, l)
-            from = merge(0_i8, path, d%common(k) .and. d%common(l))
-            call scaled_normal_pairs(nlane, d%seed, from, pair, kl, 0, purpose_rest, scale, even(:, kl), odd(:, kl))
-            drawn = drawn + 2
-         end do
-      end do
-   end subroutine draw_rests
 
    !> One step of a run at refine < 0: the coarse step that holds it, halved.
    subroutine descend(d, nlane, path, step, interval, drawn)
@@ -458,42 +323,5 @@ contains
       end if
       call draw(d, nlane, path, pair, level, purpose_halves, sqrt(abs(length)/parts), even%n, odd%n, drawn)
    end subroutine draw_halving
-
-   !> H = dZ/h - dW/2 and K of noise k at the finest steps 2*pair and 2*pair+1: the numbers that fill_pair draws.
-   subroutine shape_draws(nlane, seed, path, pair, k, h, hh, kk, drawn)
-      integer, intent(in) :: nlane, k
-      integer(i8), intent(in) :: seed, path(nlane), pair
-      real(wp), intent(in) :: h            !! length of a step, either sign [time]
-      real(wp), intent(out) :: hh(nlane, 0:1), kk(nlane, 0:1)
-      integer(i8), intent(inout) :: drawn
-
-      call scaled_normal_pairs(nlane, seed, path, pair, k, 0, purpose_shape, sqrt(abs(h)/12), hh(:, 0), hh(:, 1))
-      call scaled_normal_pairs(nlane, seed, path, pair, k, 0, purpose_stt_area, sqrt(abs(h)/720), kk(:, 0), kk(:, 1))
-      drawn = drawn + 4
-   end subroutine shape_draws
-
-   !> Scaled normals of all noises for the intervals 2*pair and 2*pair+1; zero for silent noises.
-   subroutine draw(d, nlane, path, pair, level, purpose, scale, even, odd, drawn)
-      type(integral_draws), intent(in) :: d
-      integer, intent(in) :: nlane, level, purpose
-      integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(in) :: scale
-      real(wp), allocatable, intent(inout) :: even(:, :), odd(:, :)  !! (nlane, nnoise)
-      integer(i8), intent(inout) :: drawn
-      integer(i8) :: from(nlane)
-      integer :: k
-
-      if (.not. allocated(even)) allocate (even(nlane, d%nnoise), odd(nlane, d%nnoise))
-      do k = 1, d%nnoise
-         if (d%silent(k)) then
-            even(:, k) = 0
-            odd(:, k) = 0
-            cycle
-         end if
-         from = merge(0_i8, path, d%common(k))
-         call scaled_normal_pairs(nlane, d%seed, from, pair, k, level, purpose, scale, even(:, k), odd(:, k))
-         drawn = drawn + 2
-      end do
-   end subroutine draw
 
 end module symsde_noise_integrals

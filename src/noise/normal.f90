@@ -19,7 +19,7 @@ module symsde_noise_normal
    implicit none
    private
    public :: uniform_open_lanes, normal_pair_lanes, normal_pairs
-   public :: scaled_normal_pairs, scaled_normal_steps, scaled_normal_column, scaled_normals_at
+   public :: scaled_normal_pairs, scaled_normal_steps, scaled_normal_column, scaled_normals_at, scaled_pairs_at
 
    integer(i4), parameter, public :: pairs_of_steps = 4  !! most pairs of scaled_normal_steps: two draws
 
@@ -180,6 +180,26 @@ contains
          end do
       end do
    end subroutine scaled_normals_at
+
+   !> The two normals of a pair of fine steps for each lane; all of these pairs are even, or all are odd.
+   subroutine scaled_pairs_at(nlane, seed, path, pair, noise, level, purpose, scale, even, odd)
+      integer(i4), intent(in) :: nlane         !! lanes, any number
+      integer(i8), intent(in) :: seed, path(nlane), pair(nlane)
+      integer(i4), intent(in) :: noise, level, purpose
+      real(wp), intent(in) :: scale
+      real(wp), intent(out) :: even(nlane), odd(nlane)   !! N(0,scale**2)
+      integer(i8) :: words(nlane, 4), draw(nlane)
+      integer(i4) :: noises(nlane), word
+      logical :: tails
+
+      draw = pair/2
+      noises = noise
+      word = 1 + 2*int(mod(pair(1), 2_i8))
+      call philox_lanes_at(nlane, seed, path, draw, noises, level, purpose, words)
+      call normal_pair_lanes(nlane, words(1, word), words(1, word + 1), scale, even, odd, tails)
+      if (tails) call mend_tails(nlane, seed, path, draw, noise, level, purpose, word, words(1, word), &
+                                 words(1, word + 1), scale, even, odd)
+   end subroutine scaled_pairs_at
 
    !> The pairs whose radius lies in the tail once more, with the further bits of their draw.
    subroutine mend_tails(nlane, seed, path, draw, noise, level, purpose, word, radius, angle, scale, even, odd)

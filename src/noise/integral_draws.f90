@@ -1,0 +1,244 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The normals that increments and functionals of a path are made of (noise/integrals): each is a function of seed,
+!> path, step, and of what it is for.
+!>
+!> The lanes of a block are paths in the same steps. A path by itself looks ahead instead: its lanes are pairs of steps.
+module symsde_noise_integral_draws
+   use symsde_base_area_rule, only: area_rule, areas_in_law
+   use symsde_base_functionals, only: functional_set, functional_count, area_index, path_areas, path_dz, &
+                                      path_stt_area, path_magnus
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: padded
+   use symsde_base_laws, only: law_gaussian
+   use symsde_base_record, only: step_request, step_store
+   use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_column, scaled_normals_at, scaled_pairs_at, &
+                                  pairs_of_steps
+   implicit none
+   private
+   public :: integral_draws, fill_direct, shape_draws, draw, draw_rests
+   public :: purpose_increment, purpose_shape, purpose_halving, purpose_halves, purpose_stt_area, purpose_stt_halving
+
+   ! counter words; 1 is the bridge of W alone, 2 the oscillator's
+   integer, parameter :: purpose_increment = 0  !! dW at the finest step
+   integer, parameter :: purpose_shape = 3      !! H at the finest step
+   integer, parameter :: purpose_halving = 4    !! Z of a halving
+   integer, parameter :: purpose_halves = 5     !! N of the same, or M
+   integer, parameter :: purpose_stt_area = 6       !! K at the finest step
+   integer, parameter :: purpose_stt_halving = 7      !! D of a halving
+   integer, parameter :: purpose_rest = 8       !! rest of an area in law; its noise word is the index of the pair
+
+   !> What the draws of a run are a function of.
+   type :: integral_draws
+      integer :: nnoise = 0
+      integer(i8) :: seed = 0
+      real(wp) :: h = 0                    !! step of the run, with its sign [time]
+      integer :: refine = 0
+      logical, allocatable :: silent(:)    !! noises for which nothing is drawn (nnoise)
+      logical, allocatable :: common(:)    !! noises drawn with the counters of path 0 for all paths (nnoise)
+      type(functional_set) :: asked        !! functionals that are wanted
+      type(area_rule) :: areas             !! how areas are drawn
+      integer :: law = law_gaussian        !! of base/laws
+      !> Pairs of steps that each lane is ahead of the one that is asked for, of a path by itself (nlane)
+      integer(i8), allocatable :: ahead(:)
+   contains
+      procedure :: are_direct
+      procedure :: look_ahead
+      procedure :: in_law
+      procedure :: needs_stt_area
+   end type integral_draws
+
+contains
+
+   !> dZ, or dZ and K, of steps as they are drawn: nothing is halved or merged.
+   pure logical function are_direct(self)
+      class(integral_draws), intent(in) :: self
+
+      are_direct = self%refine == 0 .and. self%asked%has(path_dz) .and. &
+                   .not. (self%asked%has(path_areas) .or. self%asked%has(path_magnus))
+   end function are_direct
+
+   !> The lanes are so many pairs of steps of a path, an even one first: even ones in the first half, which share their
+   !> draws with the odd ones in the other.
+   pure subroutine look_ahead(self, npair)
+      class(integral_draws), intent(inout) :: self
+      integer, intent(in) :: npair
+      integer :: half, i
+
+      half = padded((npair + 1)/2)
+      allocate (self%ahead(2*half))
+      do i = 1, half
+         self%ahead(i) = 2*(i - 1)
+         self%ahead(half + i) = 2*i - 1
+      end do
+   end subroutine look_ahead
+
+   !> The numbers of fill_pair where the draws are direct, for several pairs of steps from an even one on: where they
+   !> belong, and no word of a draw is left over.
+   subroutine fill_direct(d, request, store, drawn)
+      type(integral_draws), intent(in) :: d
+      type(step_request), intent(in) :: request
+      type(step_store), intent(inout) :: store
+      integer(i8), intent(inout) :: drawn
+      integer(i8) :: from(request%nlane)
+      integer :: k, j, step, n
+      real(wp) :: root
+
+      root = sqrt(abs(d%h))
+      associate (w => store%w, dz => store%of(path_dz), stt_area => store%of(path_stt_area), m => d%nnoise)
+         do k = 1, m
+            if (d%silent(k)) then
+               w(:, k, :) = 0
+               dz%x(:, k, :) = 0
+               if (allocated(stt_area%x)) stt_area%x(:, k, :) = 0
+               cycle
+            end if
+            from = merge(0_i8, request%path, d%common(k))
+            do j = 0, request%npair - 1, pairs_of_steps
+               n = min(pairs_of_steps, request%npair - j)
+               call draw_column(purpose_increment, root, m + 1, w(1, k, 2*j))
+               call draw_column(purpose_shape, sqrt(abs(d%h)/12), m, dz%x(1, k, 2*j))
+               if (allocated(stt_area%x)) &
+                  call draw_column(purpose_stt_area, sqrt(abs(d%h)/720), m, stt_area%x(1, k, 2*j))
+            end do
+            do step = 0, 2*request%npair - 1
+               call dz_of_shape(request%nlane, d%h, w(:, k, step), dz%x(:, k, step))
+            end do
+         end do
+      end associate
+
+   contains
+
+      !> Of one functional of noise k, in n pairs of steps.
+      subroutine draw_column(purpose, scale, ncolumn, x)
+         integer, intent(in) :: purpose, ncolumn
+         real(wp), intent(in) :: scale
+         real(wp), intent(inout) :: x(request%nlane*(ncolumn*(2*n - 1) + 1))
+
+         call scaled_normal_column(request%nlane, d%seed, from, request%pair + j, n, k, 0, purpose, scale, &
+                                   ncolumn, x)
+         drawn = drawn + 2*n
+      end subroutine draw_column
+
+   end subroutine fill_direct
+
+   !> dZ = h (dW/2 + H), in the place of H.
+   pure subroutine dz_of_shape(nlane, h, w, z)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: h, w(nlane)
+      real(wp), intent(inout) :: z(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         z(lane) = h*(0.5_wp*w(lane) + z(lane))
+      end do
+   end subroutine dz_of_shape
+
+   !> Areas are asked for, in law.
+   pure logical function in_law(self)
+      class(integral_draws), intent(in) :: self
+
+      in_law = self%asked%has(path_areas) .and. self%areas%kind == areas_in_law
+   end function in_law
+
+   !> The path is known by its K, too.
+   pure logical function needs_stt_area(self)
+      class(integral_draws), intent(in) :: self
+
+      needs_stt_area = self%asked%has(path_stt_area) .or. self%in_law()
+   end function needs_stt_area
+
+   !> Scaled normals of all pairs of noises for the intervals 2*pair and 2*pair+1; zero where one is silent, those of
+   !> path 0 where both are common.
+   subroutine draw_rests(d, nlane, path, pair, scale, even, odd, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(in) :: scale
+      real(wp), allocatable, intent(out) :: even(:, :), odd(:, :)  !! (nlane, pairs of noises)
+      integer(i8), intent(inout) :: drawn
+      integer(i8) :: from(nlane)
+      integer :: k, l, kl
+
+      allocate (even(nlane, functional_count(path_areas, d%nnoise)), source=0.0_wp)
+      allocate (odd, source=even)
+      do l = 2, d%nnoise
+         do k = 1, l - 1
+            if (d%silent(k) .or. d%silent(l)) cycle
+            kl = area_index(k, l)
+            from = merge(0_i8, path, d%common(k) .and. d%common(l))
+            call draw_one(d, nlane, from, pair, kl, 0, purpose_rest, scale, even(:, kl), odd(:, kl))
+            drawn = drawn + 2
+         end do
+      end do
+   end subroutine draw_rests
+
+   !> H = dZ/h - dW/2 and K of noise k at the finest steps 2*pair and 2*pair+1: the numbers that fill_pair draws.
+   subroutine shape_draws(nlane, seed, path, pair, k, h, hh, kk, drawn)
+      integer, intent(in) :: nlane, k
+      integer(i8), intent(in) :: seed, path(nlane), pair
+      real(wp), intent(in) :: h            !! length of a step, either sign [time]
+      real(wp), intent(out) :: hh(nlane, 0:1), kk(nlane, 0:1)
+      integer(i8), intent(inout) :: drawn
+
+      call scaled_normal_pairs(nlane, seed, path, pair, k, 0, purpose_shape, sqrt(abs(h)/12), hh(:, 0), hh(:, 1))
+      call scaled_normal_pairs(nlane, seed, path, pair, k, 0, purpose_stt_area, sqrt(abs(h)/720), kk(:, 0), kk(:, 1))
+      drawn = drawn + 4
+   end subroutine shape_draws
+
+   !> Scaled normals of all noises for the intervals 2*pair and 2*pair+1; zero for silent noises.
+   subroutine draw(d, nlane, path, pair, level, purpose, scale, even, odd, drawn)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane, level, purpose
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(in) :: scale
+      real(wp), allocatable, intent(inout) :: even(:, :), odd(:, :)  !! (nlane, nnoise)
+      integer(i8), intent(inout) :: drawn
+      integer(i8) :: from(nlane)
+      integer :: k
+
+      if (.not. allocated(even)) allocate (even(nlane, d%nnoise), odd(nlane, d%nnoise))
+      do k = 1, d%nnoise
+         if (d%silent(k)) then
+            even(:, k) = 0
+            odd(:, k) = 0
+            cycle
+         end if
+         from = merge(0_i8, path, d%common(k))
+         call draw_one(d, nlane, from, pair, k, level, purpose, scale, even(:, k), odd(:, k))
+         drawn = drawn + 2
+      end do
+   end subroutine draw
+
+   !> Those of one noise, or of one pair of noises.
+   subroutine draw_one(d, nlane, path, pair, noise, level, purpose, scale, even, odd)
+      type(integral_draws), intent(in) :: d
+      integer, intent(in) :: nlane, noise, level, purpose
+      integer(i8), intent(in) :: path(nlane), pair
+      real(wp), intent(in) :: scale
+      real(wp), intent(out) :: even(nlane), odd(nlane)
+      integer(i8) :: finer  ! pairs of intervals of this length in a pair of steps
+      integer(i8) :: at(nlane)
+      integer :: noises(nlane), half
+      real(wp) :: x(nlane/2, 0:3)
+
+      if (.not. allocated(d%ahead)) then
+         call scaled_normal_pairs(nlane, d%seed, path, pair, noise, level, purpose, scale, even, odd)
+         return
+      end if
+      finer = 2_i8**(d%refine + max(level - 1, 0))
+      if (finer == 1) then
+         half = nlane/2
+         at = (pair + d%ahead)/2
+         noises = noise
+         call scaled_normals_at(half, d%seed, path, at, noises, level, purpose, scale, x)
+         even(:half) = x(:, 0)
+         odd(:half) = x(:, 1)
+         even(half + 1:) = x(:, 2)
+         odd(half + 1:) = x(:, 3)
+      else
+         at = pair + finer*d%ahead
+         call scaled_pairs_at(nlane, d%seed, path, at, noise, level, purpose, scale, even, odd)
+      end if
+   end subroutine draw_one
+
+end module symsde_noise_integral_draws
