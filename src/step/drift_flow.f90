@@ -113,8 +113,8 @@ contains
       do lane = 1, nlane
          x = q(lane) + dq(lane)
          y = p(lane) + dp(lane)
-         dq(lane) = dq(lane) + (cosine_less_one*x + sine_over*y)
-         dp(lane) = dp(lane) + (cosine_less_one*y - sine*x)
+         dq(lane) = dq(lane) + (cosine_less_one*x + (sine_over*y))
+         dp(lane) = dp(lane) + (cosine_less_one*y - (sine*x))
       end do
    end subroutine rotate
 
