@@ -21,7 +21,7 @@ module symsde_step_averaged_shift
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: averaged_shift_stepper
+   public :: averaged_shift_stepper, averaged_shift_fits
 
    type, extends(stepper_type) :: averaged_shift_stepper
       private
@@ -30,7 +30,6 @@ module symsde_step_averaged_shift
       real(wp), allocatable :: v(:, :), drift(:, :)    !! weights 0, b_k and h, 0 (nlane, 0:nnoise)
       real(wp), allocatable :: qs(:, :), ps(:, :), hq(:, :), hp(:, :)  !! (nlane, ndof)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
       procedure :: tally
@@ -38,12 +37,12 @@ module symsde_step_averaged_shift
 
 contains
 
-   logical function fits(self, task)
-      class(averaged_shift_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function averaged_shift_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%scheme%frame == frame_mean_path
-   end function fits
+   end function averaged_shift_fits
 
    subroutine make(self, task)
       class(averaged_shift_stepper), intent(inout) :: self

@@ -17,7 +17,7 @@ module symsde_step_drift_preserving
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: drift_preserving_stepper
+   public :: drift_preserving_stepper, drift_preserving_fits
 
    type, extends(stepper_type) :: drift_preserving_stepper
       private
@@ -29,15 +29,14 @@ module symsde_step_drift_preserving
       real(wp), allocatable :: qs(:, :), hq(:, :)      !! (nlane, ndof)
       real(wp), allocatable :: hqq(:, :, :)            !! (nlane, ndof, ndof) or its bands
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
    end type drift_preserving_stepper
 
 contains
 
-   logical function fits(self, task)
-      class(drift_preserving_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function drift_preserving_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = .false.
@@ -45,7 +44,7 @@ contains
          if (t%nnoise > 0 .and. .not. (t%additive .and. t%position_noise)) return
          if (t%identity_mass .and. task%is_plain()) fits = averages_forces(task%scheme)
       end associate
-   end function fits
+   end function drift_preserving_fits
 
    !> Whether a tableau is that of averaged forces: a_ij = c_i w_j, abar_ij = w_j/2, bbar_ij = w_j.
    pure logical function averages_forces(scheme)

@@ -11,7 +11,7 @@ module symsde_step_euler_maruyama
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: euler_maruyama_stepper
+   public :: euler_maruyama_stepper, euler_maruyama_fits
 
    type, extends(stepper_type) :: euler_maruyama_stepper
       private
@@ -19,7 +19,6 @@ module symsde_step_euler_maruyama
       real(wp), allocatable :: e(:, :)       !! weights that single out one noise (nlane, 0:nnoise)
       real(wp), allocatable :: fq(:, :), fp(:, :), uq(:, :), up(:, :)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: is_oracle
       procedure :: increment
@@ -27,12 +26,12 @@ module symsde_step_euler_maruyama
 
 contains
 
-   logical function fits(self, task)
-      class(euler_maruyama_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function euler_maruyama_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%scheme%form == ito_form
-   end function fits
+   end function euler_maruyama_fits
 
    subroutine make(self, task)
       class(euler_maruyama_stepper), intent(inout) :: self

@@ -19,7 +19,7 @@ module symsde_step_explicit
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: explicit_stepper, is_explicit
+   public :: explicit_stepper, explicit_fits, is_explicit
 
    !> One evaluation: of Hhat_q, of Hhat_p, or of both, at one stage.
    type :: evaluation
@@ -43,7 +43,6 @@ module symsde_step_explicit
       real(wp), allocatable :: hq(:, :, :), hp(:, :, :)  !! of each stage (nlane, ndof, nstage)
       real(wp), allocatable :: qs(:, :), ps(:, :)        !! one stage (nlane, ndof)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
       procedure :: offer_lone
@@ -51,13 +50,13 @@ module symsde_step_explicit
 
 contains
 
-   logical function fits(self, task)
-      class(explicit_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function explicit_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = .false.
       if (task%is_plain()) fits = is_explicit(task%model, task%scheme)
-   end function fits
+   end function explicit_fits
 
    subroutine make(self, task)
       class(explicit_stepper), intent(inout) :: self

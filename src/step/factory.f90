@@ -7,22 +7,22 @@ module symsde_step_factory
    use symsde_scheme_needs, only: find_missing
    use symsde_scheme_scheme, only: scheme_type, correction_auto, correction_none, correction_mean, correction_increments
    use symsde_solve_newton, only: newton_options, check_newton
-   use symsde_step_averaged_shift, only: averaged_shift_stepper
-   use symsde_step_drift_preserving, only: drift_preserving_stepper
-   use symsde_step_euler_maruyama, only: euler_maruyama_stepper
-   use symsde_step_explicit, only: explicit_stepper
-   use symsde_step_galerkin, only: galerkin_stepper
-   use symsde_step_general, only: general_stepper
-   use symsde_step_midpoint, only: midpoint_stepper
-   use symsde_step_midpoint_full, only: midpoint_full_stepper
-   use symsde_step_midpoint_single, only: midpoint_single_stepper
-   use symsde_step_one_sided, only: one_sided_stepper
-   use symsde_step_splitting, only: splitting_stepper
-   use symsde_step_stages, only: stages_stepper
-   use symsde_step_stages_single, only: stages_single_stepper
+   use symsde_step_averaged_shift, only: averaged_shift_stepper, averaged_shift_fits
+   use symsde_step_drift_preserving, only: drift_preserving_stepper, drift_preserving_fits
+   use symsde_step_euler_maruyama, only: euler_maruyama_stepper, euler_maruyama_fits
+   use symsde_step_explicit, only: explicit_stepper, explicit_fits
+   use symsde_step_galerkin, only: galerkin_stepper, galerkin_fits
+   use symsde_step_general, only: general_stepper, general_fits
+   use symsde_step_midpoint, only: midpoint_stepper, midpoint_fits
+   use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
+   use symsde_step_midpoint_single, only: midpoint_single_stepper, midpoint_single_fits
+   use symsde_step_one_sided, only: one_sided_stepper, one_sided_fits
+   use symsde_step_splitting, only: splitting_stepper, splitting_fits
+   use symsde_step_stages, only: stages_stepper, stages_fits
+   use symsde_step_stages_single, only: stages_single_stepper, stages_single_fits
    use symsde_step_stepper, only: stepper_type, stepper_task
-   use symsde_step_verlet_dz, only: verlet_dz_stepper
-   use symsde_step_whole, only: whole_stepper
+   use symsde_step_verlet_dz, only: verlet_dz_stepper, verlet_dz_fits
+   use symsde_step_whole, only: whole_stepper, whole_fits
    implicit none
    private
    public :: stepper_options, new_stepper, resolve_correction
@@ -38,28 +38,29 @@ module symsde_step_factory
 
 contains
 
-   !> All steppers, the most special ones first: the first one that fits is taken. Made one by one, since a run of few
-   !> steps would notice the time of making all.
-   subroutine offer(i, stepper)
+   !> All steppers, the most special ones first: the first one that fits is taken. Only such a one is allocated, since a
+   !> run of few steps would notice the time of allocating all.
+   subroutine offer(i, task, stepper)
       integer, intent(in) :: i   !! 1 .. nstepper
-      class(stepper_type), allocatable, intent(out) :: stepper
+      type(stepper_task), intent(in) :: task
+      class(stepper_type), allocatable, intent(inout) :: stepper  !! not allocated; still so if it does not fit
 
       select case (i)
-      case (1); allocate (whole_stepper :: stepper)
-      case (2); allocate (verlet_dz_stepper :: stepper)
-      case (3); allocate (averaged_shift_stepper :: stepper)
-      case (4); allocate (euler_maruyama_stepper :: stepper)
-      case (5); allocate (galerkin_stepper :: stepper)
-      case (6); allocate (explicit_stepper :: stepper)
-      case (7); allocate (drift_preserving_stepper :: stepper)
-      case (8); allocate (midpoint_stepper :: stepper)
-      case (9); allocate (midpoint_single_stepper :: stepper)
-      case (10); allocate (midpoint_full_stepper :: stepper)
-      case (11); allocate (one_sided_stepper :: stepper)
-      case (12); allocate (stages_single_stepper :: stepper)
-      case (13); allocate (stages_stepper :: stepper)
-      case (14); allocate (general_stepper :: stepper)
-      case default; allocate (splitting_stepper :: stepper)
+      case (1); if (whole_fits(task)) allocate (whole_stepper :: stepper)
+      case (2); if (verlet_dz_fits(task)) allocate (verlet_dz_stepper :: stepper)
+      case (3); if (averaged_shift_fits(task)) allocate (averaged_shift_stepper :: stepper)
+      case (4); if (euler_maruyama_fits(task)) allocate (euler_maruyama_stepper :: stepper)
+      case (5); if (galerkin_fits(task)) allocate (galerkin_stepper :: stepper)
+      case (6); if (explicit_fits(task)) allocate (explicit_stepper :: stepper)
+      case (7); if (drift_preserving_fits(task)) allocate (drift_preserving_stepper :: stepper)
+      case (8); if (midpoint_fits(task)) allocate (midpoint_stepper :: stepper)
+      case (9); if (midpoint_single_fits(task)) allocate (midpoint_single_stepper :: stepper)
+      case (10); if (midpoint_full_fits(task)) allocate (midpoint_full_stepper :: stepper)
+      case (11); if (one_sided_fits(task)) allocate (one_sided_stepper :: stepper)
+      case (12); if (stages_single_fits(task)) allocate (stages_single_stepper :: stepper)
+      case (13); if (stages_fits(task)) allocate (stages_stepper :: stepper)
+      case (14); if (general_fits(task)) allocate (general_stepper :: stepper)
+      case default; if (splitting_fits(task)) allocate (splitting_stepper :: stepper)
       end select
    end subroutine offer
 
@@ -87,13 +88,14 @@ contains
       task%as_increments = options%as_increments
       task%general = options%general
       do i = 1, nstepper
-         call offer(i, stepper)
-         if (options%general .and. .not. stepper%is_oracle()) cycle
-         if (.not. stepper%fits(task)) cycle
-         call stepper%make(task)
-         return
+         call offer(i, task, stepper)
+         if (.not. allocated(stepper)) cycle
+         if (stepper%is_oracle() .or. .not. options%general) then
+            call stepper%make(task)
+            return
+         end if
+         deallocate (stepper)
       end do
-      deallocate (stepper)
       call raise(error, incompatible, 'new_stepper', 'the option general does not go with scheme '//scheme%name// &
                  ': its only stepper is made for the models that it allows, and there is no general one to '// &
                  'compare with; leave the option out')

@@ -20,7 +20,7 @@ module symsde_step_galerkin
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: galerkin_stepper
+   public :: galerkin_stepper, galerkin_fits
 
    !> Unknowns are ordered D^1 .. D^s, E_1 .. E_r, ndof columns each.
    type, extends(stepper_type) :: galerkin_stepper
@@ -35,7 +35,6 @@ module symsde_step_galerkin
       real(wp), allocatable :: qs(:, :), ps(:, :), sq(:, :), sp(:, :)  !! one node (nlane, ndof)
       real(wp), allocatable :: sqq(:, :, :), sqp(:, :, :), spp(:, :, :)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: is_oracle
       procedure :: increment
@@ -43,12 +42,12 @@ module symsde_step_galerkin
 
 contains
 
-   logical function fits(self, task)
-      class(galerkin_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function galerkin_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%scheme%form == galerkin_form
-   end function fits
+   end function galerkin_fits
 
    subroutine make(self, task)
       class(galerkin_stepper), intent(inout) :: self

@@ -18,7 +18,7 @@ module symsde_step_general
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: general_stepper, new_general_stepper
+   public :: general_stepper, general_fits, new_general_stepper
 
    !> Slopes are ordered x(:, 1:n) = F of stage 1 and part 1, x(:, n+1:2n) = G of the same, and so on.
    type, extends(stepper_type) :: general_stepper
@@ -32,7 +32,6 @@ module symsde_step_general
       real(wp), allocatable :: qs(:, :), ps(:, :)               !! one stage (nlane, ndof)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: is_oracle
       procedure :: increment
@@ -42,12 +41,12 @@ module symsde_step_general
 
 contains
 
-   logical function fits(self, task)
-      class(general_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function general_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_tableau()
-   end function fits
+   end function general_fits
 
    subroutine make(self, task)
       class(general_stepper), intent(inout) :: self

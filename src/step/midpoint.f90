@@ -37,7 +37,7 @@ module symsde_step_midpoint
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: midpoint_stepper, new_midpoint_stepper, fits_midpoint_stepper
+   public :: midpoint_stepper, midpoint_fits, new_midpoint_stepper, fits_midpoint_stepper
    public :: by_matrix, by_rows, by_products
 
    integer, parameter :: by_matrix = 1, by_rows = 2, by_products = 3  !! what solves
@@ -52,7 +52,6 @@ module symsde_step_midpoint
       real(wp), allocatable :: w(:, :)         !! where not all lanes go together: their w (eq%nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! where lanes are taken out (eq%nlane, ndof)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
       procedure :: move
@@ -61,13 +60,13 @@ module symsde_step_midpoint
 
 contains
 
-   logical function fits(self, task)
-      class(midpoint_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function midpoint_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. fits_midpoint_stepper(task%model)
       if (fits) fits = choose_way(task%model, task%newton) /= by_products
-   end function fits
+   end function midpoint_fits
 
    subroutine make(self, task)
       class(midpoint_stepper), intent(inout) :: self

@@ -10,9 +10,9 @@ module symsde_step_midpoint_flow
    use symsde_scheme_scheme, only: scheme_type
    use symsde_step_general, only: general_stepper
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_midpoint, only: midpoint_stepper
-   use symsde_step_midpoint_full, only: midpoint_full_stepper
-   use symsde_step_midpoint_single, only: midpoint_single_stepper
+   use symsde_step_midpoint, only: midpoint_stepper, midpoint_fits
+   use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
+   use symsde_step_midpoint_single, only: midpoint_single_stepper, midpoint_single_fits
    use symsde_step_rescue, only: rescue_type, new_rescue
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -41,21 +41,21 @@ contains
       type(stepper_task) :: task
       type(scheme_type), target :: midpoint
       type(error_type), allocatable :: error
-      integer :: i
 
       task = whole
       call get_scheme(midpoint, 'midpoint', error)
       task%scheme => midpoint
-      do i = merge(4, 1, whole%general), 4
-         if (allocated(self%stepper)) deallocate (self%stepper)
-         select case (i)
-         case (1); allocate (midpoint_stepper :: self%stepper)
-         case (2); allocate (midpoint_single_stepper :: self%stepper)
-         case (3); allocate (midpoint_full_stepper :: self%stepper)
-         case default; allocate (general_stepper :: self%stepper)
-         end select
-         if (self%stepper%fits(task)) exit
-      end do
+      if (whole%general) then
+         allocate (general_stepper :: self%stepper)
+      else if (midpoint_fits(task)) then
+         allocate (midpoint_stepper :: self%stepper)
+      else if (midpoint_single_fits(task)) then
+         allocate (midpoint_single_stepper :: self%stepper)
+      else if (midpoint_full_fits(task)) then
+         allocate (midpoint_full_stepper :: self%stepper)
+      else
+         allocate (general_stepper :: self%stepper)
+      end if
       call self%stepper%make(task)
       if (task%nlane == 1) then
          call self%stepper%offer_lone(self%lone)

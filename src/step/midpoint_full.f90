@@ -23,7 +23,7 @@ module symsde_step_midpoint_full
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: midpoint_full_stepper, new_midpoint_full_stepper
+   public :: midpoint_full_stepper, midpoint_full_fits, new_midpoint_full_stepper
 
    type, extends(stepper_type) :: midpoint_full_stepper
       private
@@ -38,7 +38,6 @@ module symsde_step_midpoint_full
       real(wp), allocatable :: hq(:, :), hp(:, :)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
       procedure :: offer_lone
@@ -46,13 +45,13 @@ module symsde_step_midpoint_full
 
 contains
 
-   logical function fits(self, task)
-      class(midpoint_full_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function midpoint_full_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. &
              .not. (is_free(task%newton) .and. has_fewer_unknowns(task%model%traits))
-   end function fits
+   end function midpoint_full_fits
 
    subroutine make(self, task)
       class(midpoint_full_stepper), intent(inout) :: self

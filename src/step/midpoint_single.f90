@@ -18,7 +18,7 @@ module symsde_step_midpoint_single
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: midpoint_single_stepper, new_midpoint_single_stepper
+   public :: midpoint_single_stepper, midpoint_single_fits, new_midpoint_single_stepper
 
    type, extends(stepper_type) :: midpoint_single_stepper
       private
@@ -28,7 +28,6 @@ module symsde_step_midpoint_single
       real(wp), allocatable :: hq(:, :), hp(:, :)  !! (nlane, 1)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)  !! (nlane, 1, 1)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
       procedure :: offer_lone
@@ -45,12 +44,12 @@ module symsde_step_midpoint_single
 
 contains
 
-   logical function fits(self, task)
-      class(midpoint_single_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function midpoint_single_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. task%model%traits%ndof == 1
-   end function fits
+   end function midpoint_single_fits
 
    subroutine make(self, task)
       class(midpoint_single_stepper), intent(inout) :: self

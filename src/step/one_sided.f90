@@ -14,7 +14,7 @@ module symsde_step_one_sided
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: one_sided_stepper, is_one_sided
+   public :: one_sided_stepper, one_sided_fits, is_one_sided
 
    type, extends(stepper_type) :: one_sided_stepper
       private
@@ -23,20 +23,19 @@ module symsde_step_one_sided
       real(wp), allocatable :: x(:, :)     !! the end that is unknown, p_{n+1} or q_{n+1} (nlane, ndof)
       real(wp), allocatable :: hqp(:, :, :)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
    end type one_sided_stepper
 
 contains
 
-   logical function fits(self, task)
-      class(one_sided_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function one_sided_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_tableau() .and. .not. task%has_brackets()
       if (fits) fits = is_one_sided(task%scheme)
-   end function fits
+   end function one_sided_fits
 
    subroutine make(self, task)
       class(one_sided_stepper), intent(inout) :: self

@@ -28,7 +28,7 @@ module symsde_step_splitting
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: splitting_stepper
+   public :: splitting_stepper, splitting_fits
 
    type, extends(stepper_type) :: splitting_stepper
       private
@@ -44,7 +44,6 @@ module symsde_step_splitting
       real(wp), allocatable :: curvature(:, :, :)       !! H_j'' (nlane, 1, 0:nnoise), the same
       real(wp), allocatable :: s(:, :), zero(:, :), u(:, :), up(:, :)  !! a product (nlane, ndof)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: is_oracle
       procedure :: increment
@@ -54,12 +53,12 @@ module symsde_step_splitting
 
 contains
 
-   logical function fits(self, task)
-      class(splitting_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function splitting_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation
-   end function fits
+   end function splitting_fits
 
    subroutine make(self, task)
       class(splitting_stepper), intent(inout) :: self

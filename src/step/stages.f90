@@ -36,7 +36,7 @@ module symsde_step_stages
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: stages_stepper, new_stages_stepper, fits_stages
+   public :: stages_stepper, stages_fits, new_stages_stepper, fits_stages
 
    integer, parameter :: cached_values = 1024  !! of one array of a part
    !> Contraction from which Newton's iteration by rows is cheaper, for groups of one, two and three stages.
@@ -68,7 +68,6 @@ module symsde_step_stages
       logical, allocatable :: wanted(:)                 !! (width)
       real(wp), allocatable, dimension(:, :) :: dq, dp, dq_left, dp_left  !! of the part (width, ndof)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
       procedure :: offer_lone
@@ -76,14 +75,14 @@ module symsde_step_stages
 
 contains
 
-   logical function fits(self, task)
-      class(stages_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function stages_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = .false.
       if (task%is_tableau() .and. task%correction == correction_none) &
          fits = fits_stages(task%model, task%scheme, task%newton)
-   end function fits
+   end function stages_fits
 
    subroutine make(self, task)
       class(stages_stepper), intent(inout) :: self

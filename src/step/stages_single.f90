@@ -22,7 +22,7 @@ module symsde_step_stages_single
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: stages_single_stepper
+   public :: stages_single_stepper, stages_single_fits
 
    integer, parameter :: few_lanes = 64   !! of the small block
 
@@ -41,7 +41,6 @@ module symsde_step_stages_single
       type(last_lanes), allocatable :: few         !! where a block is larger
       real(wp), allocatable :: alpha(:), zero(:)   !! weights; (nlane)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
       procedure :: offer_lone
@@ -49,14 +48,14 @@ module symsde_step_stages_single
 
 contains
 
-   logical function fits(self, task)
-      class(stages_single_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function stages_single_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_tableau() .and. task%correction == correction_none
       if (fits) fits = fits_stages_single(task%model, task%scheme, task%newton)
       if (fits .and. task%scheme%nstage > 2) fits = .not. task%has_brackets()
-   end function fits
+   end function stages_single_fits
 
    subroutine make(self, task)
       class(stages_single_stepper), intent(inout) :: self

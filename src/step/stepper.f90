@@ -5,8 +5,8 @@
 !> they are finite and freezes failed paths. A stepper that takes lanes in small groups may add theirs itself
 !> while they are near (`moves`). A stepper owns its workspace: every thread has its own.
 !>
-!> A stepper describes itself: which tasks it fits, how it is made for one, what it leaves out, and whether it is the
-!> oracle of its schemes. The factory only keeps them in order.
+!> A stepper describes itself: which tasks it fits (a function beside its type, asked before there is one), how it is
+!> made for one, what it leaves out, and whether it is the oracle of its schemes. The factory only keeps them in order.
 module symsde_step_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -45,7 +45,6 @@ module symsde_step_stepper
       character(:), allocatable :: left_out    !! what else it does without, for the run report
       type(one_step_hamiltonian) :: ham
    contains
-      procedure(fits_interface), deferred :: fits
       procedure(make_interface), deferred :: make
       procedure(increment_interface), deferred :: increment
       procedure :: move
@@ -55,13 +54,6 @@ module symsde_step_stepper
    end type stepper_type
 
    abstract interface
-      !> Whether this stepper executes the task. Asked before it is made.
-      logical function fits_interface(self, task)
-         import :: stepper_type, stepper_task
-         class(stepper_type), intent(in) :: self
-         type(stepper_task), intent(in) :: task
-      end function fits_interface
-
       !> Make it ready for a task that it fits.
       subroutine make_interface(self, task)
          import :: stepper_type, stepper_task

@@ -16,7 +16,7 @@ module symsde_step_verlet_dz
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: verlet_dz_stepper
+   public :: verlet_dz_stepper, verlet_dz_fits
 
    type, extends(stepper_type) :: verlet_dz_stepper
       private
@@ -24,19 +24,18 @@ module symsde_step_verlet_dz
       real(wp), allocatable :: v(:, :)                !! weights 0, dZ_k - h dW_k/2 (nlane, 0:nnoise)
       real(wp), allocatable :: qs(:, :), shift(:, :)  !! (nlane, ndof)
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
    end type verlet_dz_stepper
 
 contains
 
-   logical function fits(self, task)
-      class(verlet_dz_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function verlet_dz_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%scheme%frame == frame_shift
-   end function fits
+   end function verlet_dz_fits
 
    subroutine make(self, task)
       class(verlet_dz_stepper), intent(inout) :: self

@@ -19,14 +19,13 @@ module symsde_step_whole
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: whole_stepper, name_of_flow
+   public :: whole_stepper, whole_fits, name_of_flow
 
    type, extends(stepper_type) :: whole_stepper
       private
       character(:), allocatable :: scheme   !! as the model knows it
       integer, public :: max_iter = 0
    contains
-      procedure :: fits
       procedure :: make
       procedure :: increment
       procedure :: flow
@@ -34,8 +33,8 @@ module symsde_step_whole
 
 contains
 
-   logical function fits(self, task)
-      class(whole_stepper), intent(in) :: self
+   !> Whether this stepper executes the task.
+   logical function whole_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
       character(:), allocatable :: name
 
@@ -51,7 +50,7 @@ contains
       else
          fits = is_of_catalogue(task%scheme, name)
       end if
-   end function fits
+   end function whole_fits
 
    !> What stands behind the name of a scheme where it is corrected.
    pure function suffix(task)
