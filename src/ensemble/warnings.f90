@@ -153,7 +153,8 @@ contains
       bounds%lipschitz = max(maxval(row_of_q), maxval(row_of_p))
    end subroutine find_bounds
 
-   !> Row sums of the Hessian blocks of H_k; of the mixed one the larger of row and column.
+   !> Row sums of the Hessian blocks of H_k; of the mixed one, which separable models do not have, the larger of row and
+   !> column.
    subroutine row_sums(model, nlane, t, k, q0, p0, hqq, hqp, hpp, looked)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
@@ -162,31 +163,35 @@ contains
       real(wp), intent(out), dimension(:) :: hqq, hqp, hpp   !! (ndof)
       logical, intent(out) :: looked   !! false where the Hessian is too large to look at
       real(wp), allocatable :: w(:, :), q(:, :), p(:, :), aqq(:, :, :), aqp(:, :, :), app(:, :, :), column(:)
-      integer :: n, b, i
+      integer :: n, m, b, i
 
       hqq = 0
       hqp = 0
       hpp = 0
       n = size(q0)
+      m = model%traits%nnoise
       b = model%traits%bandwidth
       looked = b /= dense .or. n <= largest_dense
       if (.not. looked) return
-      allocate (w(nlane, 0:model%traits%nnoise), source=0.0_wp)
+      allocate (w(nlane, 0:m), source=0.0_wp)
       w(:, k) = 1
       q = spread(q0, 1, nlane)
       p = spread(p0, 1, nlane)
       if (b == dense) then
-         allocate (aqq(nlane, n, n), aqp(nlane, n, n), app(nlane, n, n))
-         call model%hessian(nlane, n, model%traits%nnoise, t, w, q, p, aqq, aqp, app)
+         allocate (aqq(nlane, n, n), app(nlane, n, n))
+         if (.not. model%traits%separable) allocate (aqp(nlane, n, n))
+         call model%hessian(nlane, n, m, t, w, q, p, aqq, aqp, app)
          hqq = sum(abs(aqq(1, :, :)), dim=2)
-         hqp = max(sum(abs(aqp(1, :, :)), dim=1), sum(abs(aqp(1, :, :)), dim=2))
          hpp = sum(abs(app(1, :, :)), dim=2)
+         if (allocated(aqp)) hqp = max(sum(abs(aqp(1, :, :)), dim=1), sum(abs(aqp(1, :, :)), dim=2))
       else
-         allocate (aqq(nlane, -b:b, n), aqp(nlane, -b:b, n), app(nlane, -b:b, n))
-         call model%hessian_banded(nlane, n, model%traits%nnoise, b, t, w, q, p, aqq, aqp, app)
+         allocate (aqq(nlane, -b:b, n), app(nlane, -b:b, n))
+         if (.not. model%traits%separable) allocate (aqp(nlane, -b:b, n))
+         call model%hessian_banded(nlane, n, m, b, t, w, q, p, aqq, aqp, app)
          hqq = sum(abs(aqq(1, :, :)), dim=1)
-         hqp = sum(abs(aqp(1, :, :)), dim=1)
          hpp = sum(abs(app(1, :, :)), dim=1)
+         if (.not. allocated(aqp)) return
+         hqp = sum(abs(aqp(1, :, :)), dim=1)
          allocate (column(1 - b:n + b), source=0.0_wp)
          do i = 1, n
             column(i - b:i + b) = column(i - b:i + b) + abs(aqp(1, :, i))
