@@ -188,3 +188,8 @@ def address(array: np.ndarray | None) -> int | None:
         return _address_of(_byte_at(array))  # array.ctypes.data takes three times as long
     except (TypeError, ValueError):  # read-only, or empty
         return array.ctypes.data
+
+
+def addresses(arrays: Iterable[np.ndarray]) -> Iterable[int]:
+    """Addresses of arrays that can be written and are not empty, without a call of Python for each."""
+    return map(_address_of, map(_byte_at, arrays))

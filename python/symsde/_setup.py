@@ -182,9 +182,9 @@ def make_options(
     **given: object,
 ) -> _abi.Options:
     """Options of the C interface; types and ranges are checked here, their meaning by the library."""
-    for key in given:
-        if key not in _READ:
-            raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}")
+    if not given.keys() <= _READ.keys():
+        key = next(key for key in given if key not in _READ)
+        raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}")
     if not isinstance(model, Model):
         raise WrongTypeError(
             f"model = {_checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from . import _abi, _checks, _files, _handles, tabular
-from ._checks import address
+from ._checks import addresses
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
 from .model import Model
@@ -21,7 +21,6 @@ from .report import Reported
 from .schemes import Scheme
 
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
-_ARRAYS = [name for name, *_ in _abi.Paths._fields_[1:]]
 _PATHS_SIZE = _handles.new(_abi.Paths, "paths").struct_size
 _REPORT_SIZE = _handles.new(_abi.Report, "report").struct_size
 
@@ -56,7 +55,9 @@ class Run(Reported):
 
     def fill(self, progress: Progress) -> None:
         """Let the library integrate."""
-        paths = _abi.Paths(_PATHS_SIZE, *[address(getattr(self, name)) for name in _ARRAYS])
+        arrays = (self.t, self.q, self.p, self.status, self.failed_step, self.last_q, self.last_p)
+        low = () if self.q_low is None else (self.q_low, self.p_low)
+        paths = _abi.Paths(_PATHS_SIZE, *addresses(arrays + low))  # the rest is NULL
         report = _abi.Report(_REPORT_SIZE)
         setup = self.setup
         with Monitor(progress, result=self) as monitor:
