@@ -20,10 +20,22 @@ module symsde_base_text
 
 contains
 
+   !> Digit by digit: an internal write takes as long as thirty numbers, and probes of models name all their noises.
    pure character(len=24) function padded_long(n)
       integer(i8), intent(in) :: n
+      character(len=24) :: digits
+      integer(i8) :: rest
+      integer :: first
 
-      write (padded_long, '(i0)') n
+      rest = merge(n, -n, n < 0)  ! there is a negative number more
+      digits = ''
+      do first = len(digits), 1, -1
+         digits(first:first) = achar(iachar('0') - int(mod(rest, 10_i8)))
+         rest = rest/10
+         if (rest == 0) exit
+      end do
+      padded_long = digits(first:)
+      if (n < 0) padded_long = '-'//digits(first:)
    end function padded_long
 
    pure integer function long_length(n)
