@@ -103,6 +103,7 @@ contains
       allocate (made)
       call new_kick_weights(made%weights, self%weights%kicks, self%ham%model%traits, 1)
       made%between_kicks = self%between_kicks
+      if (made%weights%products .and. made%weights%kicks%samples) made%most = 6  ! three take 0.3 of the time, six 0.7
       call move_alloc(made, lone)
    end subroutine offer_lone
 
