@@ -47,9 +47,18 @@ module symsde_base_traits
       procedure :: divides_by_mass
       procedure :: one_solve
       procedure :: differences_alone
+      procedure :: is_slow
    end type model_traits
 
 contains
+
+   !> Whether no frequency is known that h is long for.
+   pure logical function is_slow(self, h)
+      class(model_traits), intent(in) :: self
+      real(wp), intent(in) :: h
+
+      is_slow = abs(h)*self%max_frequency <= 1
+   end function is_slow
 
    !> Whether H_{k,p} . H_{k,q} is constant for every noise, so that one-sided schemes need no correction.
    pure function correction_vanishes(self) result(vanishes)

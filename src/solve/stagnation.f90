@@ -16,18 +16,23 @@
 !>                 Should d_k be that small by accident although c = C d_{k-1} is not, c 2^-40 |x| remains at
 !>                 most, in one step of 2^20 c, without a preferred sign: sqrt(c/5) 2^-50 |x| in the mean square.
 !>
+!>    seen         as quadratic, but for a rate r <= 2^-13 in its first case: d_{k+1} = r^2 d_k <= 2^-59 |x| whatever C
+!>                 is. For equations whose |x| says little of C, such as two unknowns far from the origin.
+!>
 !> Bounds looser than these make invariants drift linearly.
 module symsde_solve_stagnation
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
-   public :: stopping_test, linear, quadratic, done_at_once, never_done, failed
+   public :: stopping_test, linear, quadratic, seen, done_at_once, never_done, failed
    public :: start_lanes, correct_first, correct_exact, fail_nonfinite, correct_scalar, iterate_scalar
-   public :: correct_lanes, test_lanes, ends_exact, verdict_of
+   public :: correct_lanes, test_lanes, ends_exact, verdict_of, restart_lanes, gives_up
 
    real(wp), parameter :: done = -1      !! value of `last` for a lane that has converged
    real(wp), parameter :: failed = -2    !! value of `last` for a lane that has failed
    real(wp), parameter :: near = 2.0_wp**(-33)
+   real(wp), parameter :: hopeful = 0.25_wp      !! rate of corrections up to which a guess is followed
+   real(wp), parameter :: too_stiff = 2          !! (h omega)^2 up to which it is
    integer(i8), parameter :: huge_bits = transfer(huge(1.0_wp), 0_i8)
 
    !> A correction not larger than `level` times the unknowns ends a lane, and so does one larger by at_slow
@@ -43,6 +48,7 @@ module symsde_solve_stagnation
    type(stopping_test), parameter :: linear = stopping_test()
    type(stopping_test), parameter :: quadratic = stopping_test(slow=2.0_wp**(-3), at_slow=2.0_wp**21, &
                                                                fast=2.0_wp**(-20), at_fast=2.0_wp**34)
+   type(stopping_test), parameter :: seen = stopping_test(at_slow=2.0_wp**21, fast=2.0_wp**(-20), at_fast=2.0_wp**34)
    !> Affine systems, after one solve.
    type(stopping_test), parameter :: done_at_once = stopping_test(level=huge(1.0_wp), at_slow=1, at_fast=1, &
                                                                   stagnation=huge(1.0_wp))
@@ -241,6 +247,32 @@ contains
          end do
       end do
    end subroutine correct_lanes
+
+   !> Unknowns zero, as if nothing had been done, in lanes that give up the guess that they began with.
+   pure subroutine restart_lanes(nlane, n, before, size, hqq, hpp, last, x)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: before(nlane), size(nlane), hqq(nlane), hpp(nlane)
+      real(wp), intent(inout) :: last(nlane), x(nlane, n)
+      logical :: anew(nlane)
+      integer :: i
+
+      anew = gives_up(before, last, size, hqq, hpp)
+      if (.not. any(anew)) return
+      do i = 1, n
+         where (anew) x(:, i) = 0
+      end do
+      where (anew) last = 0
+   end subroutine restart_lanes
+
+   !> Whether a guess was too far away: a correction that is not a small part of the one before and of the unknowns, or
+   !> a stiff step, which may have several roots; of them those near the beginning of the step are wanted.
+   elemental logical function gives_up(before, last, size, hqq, hpp)
+      real(wp), intent(in) :: before, last  !! sizes of two corrections; done or failed
+      real(wp), intent(in) :: size          !! of the unknowns
+      real(wp), intent(in) :: hqq, hpp      !! of one degree of freedom
+
+      gives_up = last >= 0 .and. (last > hopeful*max(before, hopeful*size) .or. abs(hqq*hpp) > too_stiff)
+   end function gives_up
 
    !> VEC The stopping test for lanes whose correction and unknowns have these sizes.
    pure subroutine test_lanes(nlane, test, step, size, last, nrunning, failures)

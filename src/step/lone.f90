@@ -22,6 +22,7 @@ module symsde_step_lone
       class(model_type), pointer :: model => null()  !! whose lanes have the same bits whatever their number
       integer :: n = 0, m = 0                        !! degrees of freedom, noises
       integer :: most = 2                            !! paths up to which those of a block go one by one
+      logical :: mass_alone = .false.                !! Hhat_p = h p, for those that are told
       type(counters_type) :: counters                !! of the steps that were taken
       integer, private :: rest = 0, resting = 0      !! steps left to others after an unusual one; of them, to come
    contains
@@ -31,6 +32,7 @@ module symsde_step_lone
       procedure :: collect
       procedure :: find_terms
       procedure :: force_at
+      procedure :: velocity_at
       procedure :: walk_lanes
       procedure :: walk
       procedure :: note_rest
@@ -127,6 +129,26 @@ contains
          slope = gqq(1)
       end if
    end function force_at
+
+   !> Hhat_p of one degree of freedom, where the Hamiltonians are separable.
+   real(wp) function velocity_at(self, terms, t, w, q, p)
+      class(lone_stepper), intent(in) :: self
+      type(angle_terms), intent(in) :: terms
+      real(wp), intent(in) :: t, w(0:self%m)
+      real(wp), value :: q, p
+      real(wp) :: x(1), y(1), hp(1)
+
+      if (self%model%traits%has_angle_terms) then
+         velocity_at = terms%e*p
+      else if (self%mass_alone) then
+         velocity_at = w(0)*p
+      else
+         x = q
+         y = p
+         call self%model%gradient(1, 1, self%m, t, w, x, y, hp=hp)
+         velocity_at = hp(1)
+      end if
+   end function velocity_at
 
    !> All real lanes through the same steps, as far as all of them come; those with a status stay where they are.
    subroutine walk_lanes(self, steps, own, place, t0, first, status, q, p, qn, pn, ntaken)

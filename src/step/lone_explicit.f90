@@ -19,7 +19,6 @@ module symsde_step_lone_explicit
    type, extends(lone_stepper) :: lone_explicit
       integer :: kind = kick_drift
       real(wp) :: c(2) = 0           !! nodes of the stages
-      logical :: mass_alone = .false.  !! the velocity is h p, whenever it is asked for
       type(constant_mass), allocatable :: mass  !! the velocity is h M^-1 p
       real(wp), allocatable, dimension(:), private :: x, first, second, force  !! (n)
    contains

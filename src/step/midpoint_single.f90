@@ -4,15 +4,17 @@
 !>    F = Hhat_p(Q,P),  G = -Hhat_q(Q,P),  Q = q_n + F/2,  P = p_n + G/2,  (dq,dp) = (F,G)   [WHSB] (71)-(72)
 !>
 !> With a = Hhat_qq/2, b = Hhat_qp/2, c = Hhat_pp/2 the Newton matrix is [1-b, -c; a, 1+b], of determinant
-!> 1 - b^2 + a c. Quadratic Hamiltonians need one solve and no test. Agrees with the general stepper to a
-!> few ulps (tests/verification/test_steppers.pf).
+!> 1 - b^2 + a c. Where Hhat_qp = 0 it begins with F = Hhat_p(p), G = 0: only the force is left to move Q, by one order
+!> more in the step; from zero where h is long for a known frequency, or the second correction says that this was too
+!> far. Quadratic Hamiltonians need one solve and no test. Agrees with the general stepper to a few ulps
+!> (tests/verification/test_steppers.pf).
 module symsde_step_midpoint_single
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type, angle_terms
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_solve_stagnation, only: linear, verdict_of
+   use symsde_solve_stagnation, only: seen, verdict_of, restart_lanes, gives_up
    use symsde_step_lone, only: lone_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -24,7 +26,9 @@ module symsde_step_midpoint_single
       private
       type(newton_type) :: newton
       logical :: separable = .false.
+      logical :: flies = .false.                   !! Newton's iteration begins with the velocity
       real(wp), allocatable :: qs(:, :), ps(:, :)  !! (Q, P) (nlane, 1)
+      real(wp), allocatable :: first(:)            !! size of the first correction (nlane)
       real(wp), allocatable :: hq(:, :), hp(:, :)  !! (nlane, 1)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)  !! (nlane, 1, 1)
    contains
@@ -71,7 +75,10 @@ contains
       self%separable = model%traits%separable
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       call new_newton(self%newton, nlane, 2, options, model%traits%one_solve(.false.), -1, -1)
-      allocate (self%qs(nlane, 1), self%ps(nlane, 1), self%hq(nlane, 1), self%hp(nlane, 1))
+      if (model%traits%has_hessian .and. .not. (self%newton%affine .or. options%fixed_point > 0 .or. options%damped)) &
+         self%newton%test = seen
+      self%flies = self%separable .and. .not. (self%newton%affine .or. options%fixed_point > 0 .or. options%damped)
+      allocate (self%first(nlane), self%qs(nlane, 1), self%ps(nlane, 1), self%hq(nlane, 1), self%hp(nlane, 1))
       allocate (self%hqq(nlane, 1, 1), self%hpp(nlane, 1, 1))
       allocate (self%hqp(nlane, 1, 1), source=0.0_wp)
    end subroutine new_midpoint_single_stepper
@@ -83,6 +90,7 @@ contains
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       real(wp) :: tm
+      logical :: flies
 
       tm = step%t + 0.5_wp*step%h
       if (self%newton%affine) then
@@ -96,14 +104,33 @@ contains
       end if
       dq = 0
       dp = 0
+      flies = self%flies .and. self%ham%model%traits%is_slow(step%h)
+      if (flies) call self%ham%velocity(tm, step%w, q, p, dq)
       call self%newton%start(status)
       do while (self%newton%running)
          call middle(self%ham%nlane, q, p, dq, dp, self%qs, self%ps)
          call evaluate(self, tm, step%w, self%qs, self%ps)
          call correct(self, dq, dp)
+         if (flies .and. self%newton%iteration == 1) self%first = self%newton%last
          call self%newton%judge(status, self%ham%counters)
+         if (flies .and. self%newton%running .and. self%newton%iteration == 2) &
+            call restart(self%ham%nlane, self%first, self%newton%size, self%hqq, self%hpp, self%newton%last, dq, dp)
       end do
    end subroutine increment
+
+   !> From zero where the velocity has led too far.
+   pure subroutine restart(nlane, first, size, hqq, hpp, last, dq, dp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: first(nlane), size(nlane), hqq(nlane), hpp(nlane)
+      real(wp), intent(inout) :: last(nlane), dq(nlane), dp(nlane)
+      real(wp) :: x(nlane, 2)
+
+      x(:, 1) = dq
+      x(:, 2) = dp
+      call restart_lanes(nlane, 2, first, size, hqq, hpp, last, x)
+      dq = x(:, 1)
+      dp = x(:, 2)
+   end subroutine restart
 
    !> Paths one by one, where two derivatives of each Hamiltonian are there and one solve does not do.
    subroutine offer_lone(self, lone)
@@ -112,9 +139,9 @@ contains
       type(lone_midpoint_single), allocatable :: made
 
       associate (newton => self%newton)
-         if (newton%affine .or. newton%options%fixed_point > 0 .or. newton%options%damped) return
-         if (.not. (self%separable .and. self%ham%model%traits%has_hessian)) return
+         if (.not. (self%flies .and. self%ham%model%traits%has_hessian)) return
          allocate (made)
+         made%mass_alone = self%ham%mass_alone
          made%max_iter = newton%options%max_iter
          call move_alloc(made, lone)
       end associate
@@ -126,12 +153,15 @@ contains
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
       type(angle_terms) :: terms
-      real(wp) :: tm, x, y, hq, hp, hqq, hpp, a, b, c, f, g, inverse, last, step
+      real(wp) :: tm, x, y, hq, hp, hqq, hpp, a, b, c, f, g, inverse, last, step, before
       integer :: iteration
+      logical :: flies
 
+      flies = self%model%traits%is_slow(h)
       tm = t + 0.5_wp*h
       call self%find_terms(tm, w, terms)
       x = 0
+      if (flies) x = self%velocity_at(terms, tm, w, q(1), p(1))
       y = 0
       b = 0.5_wp*self%mixed
       last = 0
@@ -153,12 +183,19 @@ contains
          step = max(abs(hp), abs(hq))
          taken = step + abs(x + y) <= huge(h)
          if (.not. taken) return
-         last = verdict_of(linear, step, max(abs(x), abs(y)), last)
+         before = last
+         last = verdict_of(seen, step, max(abs(x), abs(y)), before)
+         if (.not. flies .or. iteration /= 2) cycle
+         if (gives_up(before, last, max(abs(x), abs(y)), hqq, hpp)) then
+            x = 0
+            y = 0
+            last = 0
+         end if
       end do
       dq = x
       dp = y
       associate (n => self%counters)
-         n%gradients = n%gradients + iteration
+         n%gradients = n%gradients + merge(1, 0, flies) + iteration
          n%hessians = n%hessians + iteration
          n%iterations = n%iterations + iteration
          n%solves = n%solves + iteration

@@ -45,6 +45,7 @@ module symsde_step_one_step_hamiltonian
       real(wp), allocatable, private :: fqq(:, :, :), fqp(:, :, :), fpp(:, :, :)  !! (nlane, ndof, ndof)
    contains
       procedure :: gradient
+      procedure :: velocity
       procedure :: hessian_vector
       procedure :: gradient_hessian
       procedure :: gradient_hessian_banded
@@ -114,6 +115,21 @@ contains
       if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
       if (allocated(self%modified)) call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
+
+   !> Hhat_p of separable Hamiltonians alone, without correction and brackets.
+   subroutine velocity(self, t, w, q, p, hp)
+      class(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(out) :: hp(self%nlane, self%ndof)
+
+      if (self%mass_alone) then
+         call find_velocity(self%nlane, self%ndof, w, p, hp)
+      else
+         call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hp=hp)
+      end if
+      self%counters%gradients = self%counters%gradients + self%nreal
+   end subroutine velocity
 
    !> VEC Hhat_p where it is h p: a user's function would compute the force, too.
    pure subroutine find_velocity(nlane, ndof, w, p, hp)
