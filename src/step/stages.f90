@@ -155,6 +155,7 @@ contains
                                   .not. self%equations%plan%group(g)%explicit
       end do
       self%one_solve = all(self%equations%plan%group%explicit .or. self%solver%at_once)
+      self%takes_one_lane = .not. self%midpoint_left
       allocate (self%left(self%width), self%outcome(self%width), self%wanted(self%width))
       allocate (self%dq(self%width, model%traits%ndof), self%dp(self%width, model%traits%ndof))
    end subroutine new_stages_stepper
