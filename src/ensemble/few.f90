@@ -45,8 +45,7 @@ contains
    end function has_few
 
    !> Paths up to which those of a block are taken one by one, by a lone stepper where there is one.
-   pure integer function most_alone(options, stepper, lone)
-      type(run_options), intent(in) :: options
+   pure integer function most_alone(stepper, lone)
       class(stepper_type), intent(in) :: stepper
       class(lone_stepper), allocatable, intent(in) :: lone
 
@@ -56,7 +55,6 @@ contains
       class is (whole_stepper)
          most_alone = 1
       end select
-      if (options%compensated) most_alone = 0
    end function most_alone
 
    !> Numbers that the stores of such a block hold, with so many columns a step beside h.
@@ -83,6 +81,7 @@ contains
          self%most = stepper%most
          call move_alloc(stepper, self%stepper)
          call self%stepper%lead(model)
+         if (options%compensated) allocate (self%stepper%low(ndof, 2, self%most))
       else
          allocate (self%qn(1, ndof, nout), self%pn(1, ndof, nout))
       end if
@@ -138,12 +137,18 @@ contains
       integer, intent(in) :: nreal
       real(wp), intent(in) :: t0             !! when step 0 of the run begins
       integer(i8), intent(in) :: first       !! absolute step of the first of them
-      type(lane_state), intent(in) :: state
+      type(lane_state), intent(inout) :: state  !! its low parts are moved on, if there are any
       integer, intent(inout) :: nout, every  !! in: those that are wanted; nout = 0: none
       real(wp), intent(inout), contiguous :: qn(:, :, :), pn(:, :, :)  !! (nlane, ndof, at least nout)
       integer :: ntaken, attempt
+      logical :: compensated
 
+      compensated = allocated(state%q_low)
       do attempt = 1, 2
+         if (compensated) then
+            self%stepper%low(:, 1, :nreal) = transpose(state%q_low(:nreal, :))
+            self%stepper%low(:, 2, :nreal) = transpose(state%p_low(:nreal, :))
+         end if
          self%steps%nstep = nout*every
          self%steps%every = every
          self%steps%nreal = nreal
@@ -155,6 +160,9 @@ contains
       end do
       call self%stepper%note_rest(ntaken > 0)
       if (ntaken == 0) nout = 0
+      if (.not. compensated .or. nout == 0) return
+      state%q_low(:nreal, :) = transpose(self%stepper%low(:, 1, :nreal))
+      state%p_low(:nreal, :) = transpose(self%stepper%low(:, 2, :nreal))
    end subroutine walk
 
    !> The pairs of steps of a request, for each of its real paths.

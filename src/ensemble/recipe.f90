@@ -76,7 +76,7 @@ contains
       call stepper%offer_lone(lone)
       if (.not. allocated(lone) .and. has_few(self%options%npath, nlane, most_of_lane)) &
          call offer_lane(self, stepper, lone, error)
-      most = most_alone(self%options, stepper, lone)
+      most = most_alone(stepper, lone)
       if (.not. has_few(self%options%npath, nlane, most)) most = 0
    end subroutine offer_few
 

@@ -24,6 +24,7 @@ module symsde_step_lone
       integer :: most = 2                            !! paths up to which those of a block go one by one
       logical :: mass_alone = .false.                !! Hhat_p = h p, for those that are told
       type(counters_type) :: counters                !! of the steps that were taken
+      real(wp), allocatable :: low(:, :, :)          !! low parts of q and p, if compensated (n, 2, lane)
       integer, private :: rest = 0, resting = 0      !! steps left to others after an unusual one; of them, to come
    contains
       procedure(take_interface), deferred :: take
@@ -227,7 +228,12 @@ contains
          call self%show(own, place + ntaken)
          call self%take(t0 + real(first + ntaken, wp)*steps%h, steps%h, own%w(1, 0, place + ntaken), x, y, &
                         dx, dy, sound)
-         if (sound) call advance(self%n, dx, dy, x, y, sound)
+         if (sound .and. allocated(self%low)) then
+            call advance_compensated(self%n, dx, x, self%low(:, 1, lane), sound)
+            call advance_compensated(self%n, dy, y, self%low(:, 2, lane), sound)
+         else if (sound) then
+            call advance(self%n, dx, dy, x, y, sound)
+         end if
          if (.not. sound) return
          left = left - 1
          if (left > 0) cycle
@@ -258,5 +264,26 @@ contains
       end do
       sound = nbad == 0
    end subroutine advance
+
+   !> VEC The same by Kahan's summation, as step/state does it.
+   pure subroutine advance_compensated(n, d, x, low, sound)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: d(n)
+      real(wp), intent(inout) :: x(n), low(n)
+      logical, intent(inout) :: sound
+      real(wp) :: y, s
+      integer(i8) :: nbad
+      integer :: i
+
+      nbad = 0
+      do i = 1, n
+         nbad = nbad + merge(0_i8, 1_i8, abs(x(i) + d(i)) <= huge(x))
+         y = d(i) + low(i)
+         s = x(i) + y
+         low(i) = y - (s - x(i))
+         x(i) = s
+      end do
+      sound = sound .and. nbad == 0
+   end subroutine advance_compensated
 
 end module symsde_step_lone

@@ -155,7 +155,7 @@ contains
                                   .not. self%equations%plan%group(g)%explicit
       end do
       self%one_solve = all(self%equations%plan%group%explicit .or. self%solver%at_once)
-      self%takes_one_lane = .not. self%midpoint_left
+      self%takes_one_lane = .not. any(self%solver%at_once)
       allocate (self%left(self%width), self%outcome(self%width), self%wanted(self%width))
       allocate (self%dq(self%width, model%traits%ndof), self%dp(self%width, model%traits%ndof))
    end subroutine new_stages_stepper
@@ -203,6 +203,10 @@ contains
                                   self%outcome)
             end if
             if (.not. any(self%outcome > solved)) cycle
+            if (self%ham%nlane == 1) then  ! matrices of one lane round otherwise: the block takes what is not mild
+               status = not_converged
+               return
+            end if
             if (self%leaves) then
                self%left = merge(0_i8, self%left, self%outcome > solved)
             else
