@@ -162,9 +162,9 @@ contains
 
       call path_of_lane(self%state%nlane, first, nreal, path)
       call self%begin_with(self%options%first_step, nreal, path)
-      self%alone = self%few%are_alone(nreal)
       call start%give(first - self%options%first_path, nreal, self%options%first_step + self%options%nstep, self%step, &
                       self%state)
+      call self%few%begin(nreal, self%state, self%qn, self%pn, self%alone)
    end subroutine take_state
 
    !> A block of these paths, the first nreal of them real, whose step number `step` comes next; without their state.
@@ -280,9 +280,11 @@ contains
    recursive subroutine take_whole(self, nout, every)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: nout, every
+      type(counters_type) :: before
       logical :: taken
       integer :: i
 
+      before = self%stepper%ham%counters
       self%status = self%state%status
       select type (stepper => self%stepper)
       class is (whole_stepper)
@@ -306,6 +308,7 @@ contains
          call account(self, 1)
          if (steps_to_save(self) == self%options%save_every) call save_point(self)
       else
+         self%stepper%ham%counters = before  ! no step counts twice, however many went together
          do i = 1, nout*every
             if (self%state%nfailed == self%state%nlane) exit
             call take_whole(self, 1, 1)

@@ -27,7 +27,7 @@ module symsde_ensemble_few
       real(wp), allocatable, dimension(:, :, :) :: qn, pn  !! states after whole steps (1, ndof, ..)
    contains
       procedure :: equip
-      procedure :: are_alone
+      procedure :: begin
       procedure :: flow
       procedure :: walk
       procedure :: fill
@@ -94,13 +94,23 @@ contains
       end do
    end subroutine equip
 
-   !> Whether so many paths are taken here.
-   pure logical function are_alone(self, nreal)
+   !> Whether the paths of a block, so many, are taken here. Lanes past them are not moved, but observers may look at
+   !> them: they keep the first state of the last path in all states that are shown.
+   subroutine begin(self, nreal, state, qn, pn, alone)
       class(few_paths), intent(in) :: self
       integer, intent(in) :: nreal
+      type(lane_state), intent(in) :: state
+      real(wp), allocatable, intent(inout) :: qn(:, :, :), pn(:, :, :)  !! states to be shown (nlane, ndof, ..)
+      logical, intent(out) :: alone
+      integer :: i
 
-      are_alone = self%npair > 0 .and. nreal <= self%most
-   end function are_alone
+      alone = self%npair > 0 .and. nreal <= self%most
+      if (.not. (alone .and. allocated(self%stepper))) return
+      do i = 1, state%ndof
+         qn(nreal + 1:, i, :) = state%q(nreal, i)
+         pn(nreal + 1:, i, :) = state%p(nreal, i)
+      end do
+   end subroutine begin
 
    !> Whole steps of the one path of a block, which is lane 1: nout states, each after `every` more steps, in self%qn
    !> and self%pn, side by side, if it does not fail on the way.

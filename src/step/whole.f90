@@ -12,7 +12,8 @@ module symsde_step_whole
    use symsde_base_text, only: name_length
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_model_abstract, only: corrected
-   use symsde_scheme_scheme, only: scheme_type, correction_none, correction_increments, tableau_form, frame_none
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms, correction_none, correction_increments, tableau_form, &
+                                   frame_none
    use symsde_step_explicit, only: is_explicit
    use symsde_step_one_sided, only: is_one_sided
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
@@ -113,12 +114,21 @@ contains
       call get_scheme(known, name, error)
       if (allocated(error)) return
       if (known%form /= scheme%form .or. known%frame /= scheme%frame .or. known%nstage /= scheme%nstage) return
-      if (known%law /= scheme%law .or. (known%brackets%are_added() .neqv. scheme%brackets%are_added())) return
+      if (known%law /= scheme%law .or. .not. same_brackets(known%brackets, scheme%brackets)) return
       is_of_catalogue = .true.
       if (.not. known%has_tableau()) return
       is_of_catalogue = all(abs(known%a - scheme%a) <= 0) .and. all(abs(known%abar - scheme%abar) <= 0) .and. &
-                        all(abs(known%alpha - scheme%alpha) <= 0) .and. all(abs(known%beta - scheme%beta) <= 0)
+                        all(abs(known%b - scheme%b) <= 0) .and. all(abs(known%bbar - scheme%bbar) <= 0) .and. &
+                        all(abs(known%alpha - scheme%alpha) <= 0) .and. all(abs(known%beta - scheme%beta) <= 0) .and. &
+                        all(abs(known%c - scheme%c) <= 0)
    end function is_of_catalogue
+
+   pure logical function same_brackets(a, b)
+      type(bracket_terms), intent(in) :: a, b
+
+      same_brackets = (a%single .eqv. b%single) .and. (a%areas .eqv. b%areas) .and. (a%nested .eqv. b%nested) .and. &
+                      (a%crossed .eqv. b%crossed)
+   end function same_brackets
 
    !> Half a kick, a drift, half a kick.
    pure logical function is_verlet(scheme)
