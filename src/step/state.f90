@@ -176,9 +176,6 @@ contains
       do i = 1, self%ndof
          self%q(nreal + 1:, i) = self%q(nreal, i)
          self%p(nreal + 1:, i) = self%p(nreal, i)
-         if (.not. allocated(self%q_low)) cycle
-         self%q_low(nreal + 1:, i) = self%q_low(nreal, i)
-         self%p_low(nreal + 1:, i) = self%p_low(nreal, i)
       end do
    end subroutine repeat_last
 
