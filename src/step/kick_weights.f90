@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the kicks of a step weigh the Hamiltonians with, for a block of paths or for one: w_ik with b_i h in front,
-!> those of V, and D_kl of the sampled form (symsde_scheme_kicks).
+!> What the kicks of a step weigh the Hamiltonians with: w_ik with b_i h in front, those of V, and D_kl of the sampled
+!> form (symsde_scheme_kicks). Lanes are the paths of a block, or steps that a path by itself has ahead.
 !>
 !> Of a sum of two products the first is contracted: parentheses around the other say so, or a path by itself would have
 !> other bits than one of a block.
@@ -18,6 +18,7 @@ module symsde_step_kick_weights
       type(kicks_type) :: kicks
       logical :: products = .false.            !! noises are not linear: H_k,q . H_l,q matters
       logical, allocatable :: has_products(:)  !! kicks that have parts beside the gradient of one sum (nkick)
+      logical, allocatable :: multiplies(:)    !! of these, kicks with products of gradients of the noises (nkick)
       real(wp) :: c = 0                        !! of the mean form
       integer, allocatable :: noisy(:)         !! the noises that are not silent
       real(wp), allocatable :: w(:, :, :)      !! w_ik with b_i h in front (nlane, 0:nnoise, nkick)
@@ -32,7 +33,8 @@ module symsde_step_kick_weights
    contains
       procedure :: weigh
       procedure :: join
-      procedure :: multiplies
+      procedure :: join_alone
+      procedure :: d_of
    end type kick_weights
 
 contains
@@ -54,26 +56,17 @@ contains
       self%products = size(self%noisy) > 0 .and. .not. traits%additive
       self%by_sums = any(abs(kicks%kappa) > 0) .or. kicks%samples
       self%uses_dz = kicks%uses_dz()
-      allocate (self%has_products(size(kicks%c)))
-      do k = 1, size(kicks%c)
-         self%has_products(k) = abs(kicks%kappa(k)) > 0 .or. self%multiplies(k)
-      end do
+      self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
+      self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
       allocate (self%w(nlane, 0:self%nnoise, size(kicks%c)), self%v(nlane, 0:self%nnoise), self%a(nlane), source=0.0_wp)
       allocate (self%s(nlane), self%u(nlane))
       if (self%products) allocate (self%d(nlane, pair_index(self%nnoise, self%nnoise)), source=0.0_wp)
    end subroutine new_kick_weights
 
-   !> Whether kick i has the part with products of gradients of the noises.
-   pure logical function multiplies(self, i)
-      class(kick_weights), intent(in) :: self
-      integer, intent(in) :: i
-
-      multiplies = self%products .and. abs(self%kicks%share(i)) > 0 .and. (self%kicks%samples .or. abs(self%c) > 0)
-   end function multiplies
-
-   !> The weights of every kick, of V, and D.
-   subroutine weigh(self, step)
+   !> The weights of every kick, of V, and D, of as many lanes.
+   subroutine weigh(self, nlane, step)
       class(kick_weights), intent(inout) :: self
+      integer, intent(in) :: nlane
       type(step_record), intent(in) :: step
       integer :: i, j
 
@@ -85,15 +78,11 @@ contains
                self%w(:, 0, i) = kicks%b(i)*step%h
             end do
          end if
-         if (self%nlane == 1) then
-            call weigh_alone(kicks, self%uses_dz, size(self%noisy), self%noisy, self%nnoise, step, self%w, self%v)
-         else
-            do j = 1, size(self%noisy)
-               call weigh_noise(self, self%nlane, self%noisy(j), step)
-            end do
-         end if
+         do j = 1, size(self%noisy)
+            call weigh_noise(self, nlane, self%noisy(j), step)
+         end do
          if (.not. (self%products .and. kicks%samples)) return
-         call find_d(self, self%nlane, step)
+         call find_d(self, nlane, step)
       end associate
    end subroutine weigh
 
@@ -124,38 +113,6 @@ contains
       end associate
    end subroutine weigh_noise
 
-   !> The same of all noises for a path by itself, whose numbers need no loops.
-   pure subroutine weigh_alone(kicks, uses_dz, nnoisy, noisy, nnoise, step, w, v)
-      type(kicks_type), intent(in) :: kicks
-      logical, intent(in) :: uses_dz
-      integer, intent(in) :: nnoisy, noisy(nnoisy), nnoise
-      type(step_record), intent(in) :: step
-      real(wp), intent(inout) :: w(0:nnoise, size(kicks%c)), v(0:nnoise)
-      real(wp) :: dw, a, stt_area
-      integer :: i, j, k
-
-      a = 0
-      associate (dz => step%of(path_dz), areas => step%of(path_stt_area))
-         do j = 1, nnoisy
-            k = noisy(j)
-            dw = step%w(1, k)
-            if (uses_dz) a = dz%x(1, k)/step%h - 0.5_wp*dw
-            v(k) = dw
-            !GCC$ novector  ! they do not lie side by side
-            do i = 1, size(kicks%c)
-               w(k, i) = kicks%beta(i)*dw + (kicks%gamma(i)*a)
-            end do
-            if (.not. associated(areas%x)) cycle
-            stt_area = areas%x(1, k)
-            v(k) = dw + kicks%zeta*stt_area
-            !GCC$ novector
-            do i = 1, size(kicks%c)
-               w(k, i) = w(k, i) + kicks%eta(i)*stt_area
-            end do
-         end do
-      end associate
-   end subroutine weigh_alone
-
    !> D_kl of the sampled form.
    subroutine find_d(self, nlane, step)
       type(kick_weights), intent(inout) :: self
@@ -170,7 +127,7 @@ contains
             do k = 1, l
                kl = pair_index(k, l)
                ! from zero, one product after the other: of a sum of two products either one may be fused
-               d(:, kl) = 0
+               d(:nlane, kl) = 0
                call add_product(nlane, -2*kappa, v(:, k), v(:, l), d(:, kl))
                do j = 2, size(c)
                   do i = 1, j - 1
@@ -178,7 +135,7 @@ contains
                      call add_product(nlane, 0.5_wp*(c(j) - c(i)), w(:, l, i), w(:, k, j), d(:, kl))
                   end do
                end do
-               d(:, kl) = step%h*d(:, kl) - step%of(path_magnus)%x(:, kl)
+               d(:nlane, kl) = step%h*d(:nlane, kl) - step%of(path_magnus)%x(:nlane, kl)
             end do
          end do
       end associate
@@ -215,6 +172,59 @@ contains
          end do
       end associate
    end subroutine join
+
+   !> The same of one lane, by numbers. Parentheses keep the first product of a sum from being contracted with the next,
+   !> and gcc contracts none of sums that it takes by vectors, or that two branches end in.
+   pure real(wp) function join_alone(self, lane, i, h, slope, curvature) result(f)
+      class(kick_weights), intent(in) :: self
+      integer, intent(in) :: lane, i
+      real(wp), intent(in) :: h, slope(0:self%nnoise), curvature(0:self%nnoise)
+      real(wp) :: s, u
+      integer :: j, k, l
+
+      associate (kicks => self%kicks, noisy => self%noisy, v => self%v)
+         f = (self%w(lane, 0, i)*slope(0))
+         !GCC$ novector
+         do j = 1, self%nnoise
+            f = f + self%w(lane, j, i)*slope(j)
+         end do
+         if (abs(kicks%kappa(i)) > 0) then
+            s = (v(lane, 0)*slope(0))
+            u = (v(lane, 0)*curvature(0))
+            !GCC$ novector
+            do j = 1, self%nnoise
+               s = s + v(lane, j)*slope(j)
+               u = u + v(lane, j)*curvature(j)
+            end do
+            f = f + 2*kicks%kappa(i)*h*(s*u)
+         end if
+         if (.not. self%multiplies(i)) return
+         if (kicks%samples) then
+            do j = 1, size(noisy)
+               k = noisy(j)
+               s = (self%d_of(lane, k, noisy(1))*slope(noisy(1)))
+               !GCC$ novector
+               do l = 2, size(noisy)
+                  s = s + self%d_of(lane, k, noisy(l))*slope(noisy(l))
+               end do
+               f = f + kicks%share(i)*(s*curvature(k))
+            end do
+         else
+            !GCC$ novector
+            do j = 1, size(noisy)
+               f = f + kicks%share(i)*self%c*h*abs(h)*(slope(noisy(j))*curvature(noisy(j)))
+            end do
+         end if
+      end associate
+   end function join_alone
+
+   !> D_kl of a lane.
+   pure real(wp) function d_of(self, lane, k, l)
+      class(kick_weights), intent(in) :: self
+      integer, intent(in) :: lane, k, l
+
+      d_of = self%d(lane, pair_index(min(k, l), max(k, l)))
+   end function d_of
 
    ! ---- kernels ----------------------------------------------------------------------------------
 

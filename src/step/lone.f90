@@ -29,6 +29,7 @@ module symsde_step_lone
    contains
       procedure(take_interface), deferred :: take
       procedure :: lead
+      procedure :: foresee
       procedure :: show
       procedure :: collect
       procedure :: find_terms
@@ -80,6 +81,14 @@ contains
    subroutine collect(self)
       class(lone_stepper), intent(inout) :: self
    end subroutine collect
+
+   !> What steps of a path have in common, for those that prepare several at once.
+   subroutine foresee(self, own, place, nstep)
+      class(lone_stepper), intent(inout) :: self
+      type(step_store), intent(in) :: own
+      integer, intent(in) :: place  !! where in it the first of them stands
+      integer, intent(in) :: nstep
+   end subroutine foresee
 
    !> What else drives a step, for those that ask for more than weights.
    subroutine show(self, own, i)
@@ -223,6 +232,7 @@ contains
       y = p(lane, :)
       out = 0
       left = steps%every
+      call self%foresee(own, place, steps%nstep)
       do ntaken = 0, steps%nstep - 1
          ! increments come through memory, as those of blocks do: no operation of theirs is fused with the sum
          call self%show(own, place + ntaken)

@@ -1,83 +1,74 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Drifts and kicks for a path by itself, where the mass is the identity and no midpoint steps come between kicks.
 !>
-!> The operations are those of step/splitting in their order. With one degree of freedom increments, force and products
-!> are numbers that come and go in registers; sine and cosine of an angle are found once a kick, for all Hamiltonians.
+!> The operations are those of step/splitting in their order. Weights are found for all steps ahead at once. With one
+!> degree of freedom, sine and cosine of an angle are found once a kick, for all Hamiltonians.
 module symsde_step_lone_splitting
-   use symsde_base_functionals, only: pair_index
    use symsde_base_kinds, only: wp
-   use symsde_base_record, only: step_record, step_store
+   use symsde_base_record, only: step_record, step_store, new_step_store
    use symsde_base_sincos, only: sincos_one
    use symsde_model_abstract, only: angle_terms
+   use symsde_scheme_kicks, only: kicks_type
    use symsde_step_drift_flow, only: drift_flow
-   use symsde_step_kick_weights, only: kick_weights
+   use symsde_step_kick_weights, only: kick_weights, new_kick_weights
    use symsde_step_lone, only: lone_stepper
    implicit none
    private
    public :: lone_splitting
 
    type, extends(lone_stepper) :: lone_splitting
-      type(kick_weights) :: weights
+      type(kicks_type) :: kicks
       type(drift_flow) :: between_kicks
-      type(step_record), private :: step  !! what drives it
+      type(kick_weights), private :: weights    !! of the steps ahead, a lane for each
+      type(step_store), private :: ahead        !! what drives these: one step, a lane for each
+      integer, private :: place = 0             !! where the first of them stands among those of the path
+      integer, private :: lane = 0              !! the one to be taken
+      real(wp), allocatable, private :: w(:)               !! weights of a kick (0:m)
       real(wp), allocatable, private :: unit(:)            !! weights of one Hamiltonian alone (0:m)
       real(wp), allocatable, private :: slope(:), curvature(:)      !! H_j', H_j'' (0:m)
       real(wp), allocatable, dimension(:), private :: x, f, s, u, up, zero  !! (n)
       real(wp), allocatable, private :: g(:, :)            !! H_k,q (n, m)
    contains
+      procedure :: foresee
       procedure :: show
       procedure :: take
    end type lone_splitting
 
 contains
 
-   subroutine show(self, own, i)
+   !> The weights of all steps at once.
+   subroutine foresee(self, own, place, nstep)
       class(lone_splitting), intent(inout) :: self
-      type(step_store), intent(in), target :: own
-      integer, intent(in) :: i
+      type(step_store), intent(in) :: own
+      integer, intent(in) :: place, nstep
+      type(step_record) :: record
+      integer :: k, f
 
-      call own%show(i, self%step%t, self%step)
-   end subroutine show
-
-   subroutine take(self, t, h, w, q, p, dq, dp, taken)
-      class(lone_splitting), intent(inout) :: self
-      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
-      real(wp), intent(out) :: dq(self%n), dp(self%n)
-      logical, intent(out) :: taken
-      real(wp) :: reached
-      integer :: i
-
-      taken = .true.
-      if (.not. allocated(self%unit)) call make_room(self)
-      dq = 0
-      dp = 0
-      call self%weights%weigh(self%step)
-      reached = 0
-      associate (n => self%n, weights => self%weights, kicks => self%weights%kicks)
-         do i = 1, size(kicks%c)
-            if (kicks%c(i) > reached) &
-               call self%between_kicks%move(i, (kicks%c(i) - reached)*h, 1, n, q, p, dq, dp)
-            reached = kicks%c(i)
-            call add(n, q, dq, self%x)
-            if (n > 1) then
-               call find_force(self, i, t + reached*h, h, p)
-            else if (weights%has_products(i)) then
-               call find_derivatives(self, t + reached*h, p)
-               call weights%join(i, h, self%slope, self%curvature, self%f)
-            else
-               call find_slope(self, i, t + reached*h, h, p)
-            end if
-            call subtract(n, self%f, dp)
+      if (.not. allocated(self%unit)) call make_room(self, own)
+      self%place = place
+      associate (last => place + nstep - 1)
+         do k = 1, self%m
+            self%ahead%w(:nstep, k, 0) = own%w(1, k, place:last)
          end do
-         if (reached < 1) call self%between_kicks%move(size(kicks%c) + 1, (1 - reached)*h, 1, n, q, p, dq, dp)
+         do f = 1, size(own%of)
+            if (.not. allocated(own%of(f)%x)) cycle
+            do k = 1, size(own%of(f)%x, 2)
+               self%ahead%of(f)%x(:nstep, k, 0) = own%of(f)%x(1, k, place:last)
+            end do
+         end do
       end associate
-   end subroutine take
+      call self%ahead%show(0, 0.0_wp, record)
+      call self%weights%weigh(nstep, record)
+   end subroutine foresee
 
-   subroutine make_room(self)
+   subroutine make_room(self, own)
       type(lone_splitting), intent(inout) :: self
+      type(step_store), intent(in) :: own
 
+      call new_step_store(self%ahead, own%capacity, own%nnoise, 2, own%h, own%asked)
+      call new_kick_weights(self%weights, self%kicks, self%model%traits, own%capacity)
       associate (n => self%n, m => self%m)
-         allocate (self%unit(0:m), self%zero(n), source=0.0_wp)
+         allocate (self%w(0:m), self%unit(0:m), self%zero(n), source=0.0_wp)
          allocate (self%x(n), self%f(n))
          if (n == 1) then
             allocate (self%slope(0:m), self%curvature(0:m), source=0.0_wp)
@@ -88,6 +79,49 @@ contains
       end associate
    end subroutine make_room
 
+   subroutine show(self, own, i)
+      class(lone_splitting), intent(inout) :: self
+      type(step_store), intent(in), target :: own
+      integer, intent(in) :: i
+
+      self%lane = i - self%place + 1
+   end subroutine show
+
+   subroutine take(self, t, h, w, q, p, dq, dp, taken)
+      class(lone_splitting), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
+      real(wp), intent(out) :: dq(self%n), dp(self%n)
+      logical, intent(out) :: taken
+      real(wp) :: reached
+      integer :: i, k
+
+      taken = .true.
+      dq = 0
+      dp = 0
+      reached = 0
+      associate (n => self%n, c => self%kicks%c)
+         do i = 1, size(c)
+            if (c(i) > reached) call self%between_kicks%move(i, (c(i) - reached)*h, 1, n, q, p, dq, dp)
+            reached = c(i)
+            call add(n, q, dq, self%x)
+            !GCC$ novector  ! far from each other
+            do k = 0, self%m
+               self%w(k) = self%weights%w(self%lane, k, i)
+            end do
+            if (n > 1) then
+               call find_force(self, i, t + reached*h, h, p)
+            else if (self%weights%has_products(i)) then
+               call find_derivatives(self, t + reached*h, p)
+               self%f(1) = self%weights%join_alone(self%lane, i, h, self%slope, self%curvature)
+            else
+               call find_slope(self, i, t + reached*h, h, p)
+            end if
+            call subtract(n, self%f, dp)
+         end do
+         if (reached < 1) call self%between_kicks%move(size(c) + 1, (1 - reached)*h, 1, n, q, p, dq, dp)
+      end associate
+   end subroutine take
+
    !> With one degree of freedom, the force of kick i where it is the gradient of one sum.
    subroutine find_slope(self, i, t, h, p)
       type(lone_splitting), intent(inout) :: self
@@ -96,16 +130,14 @@ contains
       type(angle_terms) :: terms
       real(wp) :: slope
 
-      associate (w => self%weights%w(:, :, i))
-         if (self%model%traits%has_angle_terms) then
-            call self%find_terms(t, w, terms)
-            self%f(1) = self%force_at(terms, t, w, self%x(1), p(1), slope)
-         else
-            call self%model%gradient(1, 1, self%m, t, w, self%x, p, hq=self%f)
-         end if
-      end associate
+      if (self%model%traits%has_angle_terms) then
+         call self%model%angle(self%m, t, self%w, terms)
+         self%f(1) = self%force_at(terms, t, self%w, self%x(1), p(1), slope)
+      else
+         call self%model%gradient(1, 1, self%m, t, self%w, self%x, p, hq=self%f)
+      end if
       self%counters%gradients = self%counters%gradients + 1
-      call self%between_kicks%remove_linear(self%weights%kicks%b(i)*h, 1, 1, self%x, self%f)
+      call self%between_kicks%remove_linear(self%kicks%b(i)*h, 1, 1, self%x, self%f)
    end subroutine find_slope
 
    !> With one degree of freedom, H_j' and H_j'' of every Hamiltonian that is not silent, those of H without what a
@@ -150,15 +182,17 @@ contains
       integer, intent(in) :: i
       real(wp), intent(in) :: t, h, p(self%n)
 
-      associate (n => self%n, weights => self%weights, kicks => self%weights%kicks, flow => self%between_kicks, &
+      associate (n => self%n, weights => self%weights, kicks => self%kicks, flow => self%between_kicks, &
                  c => self%counters)
-         call self%model%gradient(1, n, self%m, t, weights%w(:, :, i), self%x, p, hq=self%f)
+         call self%model%gradient(1, n, self%m, t, self%w, self%x, p, hq=self%f)
          c%gradients = c%gradients + 1
          if (flow%rotates) call flow%remove_linear(kicks%b(i)*h, 1, n, self%x, self%f)
+         if (.not. weights%has_products(i)) return
          if (abs(kicks%kappa(i)) > 0) then
-            call self%model%gradient(1, n, self%m, t, weights%v, self%x, p, hq=self%s)
+            self%w(:) = weights%v(self%lane, :)
+            call self%model%gradient(1, n, self%m, t, self%w, self%x, p, hq=self%s)
             if (flow%rotates) call flow%remove_linear(h, 1, n, self%x, self%s)
-            call self%model%hessian_vector(1, n, self%m, t, weights%v, self%x, p, self%s, self%zero, self%u, self%up)
+            call self%model%hessian_vector(1, n, self%m, t, self%w, self%x, p, self%s, self%zero, self%u, self%up)
             if (flow%rotates) call flow%remove_linear(h, 1, n, self%s, self%u)
             call add_times(n, 2*kicks%kappa(i)*h, self%u, self%f)
             c%gradients = c%gradients + 1
@@ -184,8 +218,7 @@ contains
             self%s = 0
             if (weights%kicks%samples) then
                do l = 1, size(noisy)
-                  call add_times(n, weights%d(1, pair_index(min(noisy(k), noisy(l)), max(noisy(k), noisy(l)))), &
-                                 self%g(:, noisy(l)), self%s)
+                  call add_times(n, weights%d_of(self%lane, noisy(k), noisy(l)), self%g(:, noisy(l)), self%s)
                end do
             else
                call add_times(n, weights%c*h*abs(h), self%g(:, noisy(k)), self%s)

@@ -101,9 +101,9 @@ contains
 
       if (allocated(self%midpoint) .or. self%by_mass) return
       allocate (made)
-      call new_kick_weights(made%weights, self%weights%kicks, self%ham%model%traits, 1)
+      made%kicks = self%weights%kicks
       made%between_kicks = self%between_kicks
-      if (made%weights%products .and. made%weights%kicks%samples) made%most = 6  ! three take 0.3 of the time, six 0.7
+      if (self%weights%products .and. self%weights%kicks%samples) made%most = 12
       call move_alloc(made, lone)
    end subroutine offer_lone
 
@@ -124,7 +124,7 @@ contains
 
       dq = 0
       dp = 0
-      call self%weights%weigh(step)
+      call self%weights%weigh(self%ham%nlane, step)
       reached = 0
       associate (kicks => self%weights%kicks)
          do i = 1, size(kicks%c)
