@@ -24,6 +24,7 @@ module symsde_base_sincos
    real(wp), parameter :: half_pi_1 = 1.5707963267923333_wp
    real(wp), parameter :: half_pi_2 = 2.5633441515839558e-12_wp
    real(wp), parameter :: half_pi_3 = 1.0562999066987428e-23_wp
+   real(wp), parameter :: small = 0.785_wp  !! arguments below pi/4, which are reduced to themselves
    real(wp), parameter :: to_integer = 1.5_wp*2.0_wp**52  ! x + this - this rounds x to an integer
    ! minimax on |r| <= pi/4, z = r**2, to 2**-58 and 2**-64:
    ! sin(r) = r + r z (s1 + s2 z + ..), cos(r) = 1 - z/2 + z**2 (c1 + c2 z + ..)
@@ -77,12 +78,14 @@ contains
    end subroutine sincos_where_weighted
 
    !> The sine, and the cosine, of one argument, with the bits of a lane: a path by itself waits for the sine, which
-   !> comes and goes in registers here.
+   !> comes and goes in registers here. A small angle needs no reduction, and waits for none.
    real(wp) function sincos_one(x, c) result(s)
       real(wp), value :: x               !! radians
       real(wp), intent(out) :: c         !! cos(x)
 
-      if (abs(x) <= sincos_bound) then  ! before all of sincos_near, so that it is contracted as in lanes
+      if (abs(x) <= small) then
+         call on_quarter(x, 0.0_wp, s, c)
+      else if (abs(x) <= sincos_bound) then  ! before all of sincos_near, so that it is contracted as in lanes
          call sincos_near(x, s, c)
       else
          s = sin(x)
@@ -97,7 +100,7 @@ contains
    pure subroutine sincos_near(x, s, c)
       real(wp), intent(in) :: x
       real(wp), intent(out) :: s, c
-      real(wp) :: shifted, turns, first, second, r, low, z, a, b, half
+      real(wp) :: shifted, turns, first, second, r, low, a, b
       integer(i8) :: q, a_bits, b_bits, swap
 
       shifted = x*two_over_pi + to_integer
@@ -107,18 +110,27 @@ contains
       second = turns*half_pi_2
       r = first - second
       low = ((first - r) - second) - turns*half_pi_3
-      z = r*r
-      a = r + (r*(z*(s1 + z*(s2 + z*(s3 + z*(s4 + z*(s5 + z*s6)))))) + low)
-      half = 0.5_wp*z
-      b = 1 - half
-      b = b + (((1 - b) - half) + &
-               (z*z*(c1 + z*(c2 + z*(c3 + z*(c4 + z*(c5 + z*c6))))) - r*low))
+      call on_quarter(r, low, a, b)
       a_bits = transfer(a, 0_i8)
       b_bits = transfer(b, 0_i8)
       swap = iand(ieor(a_bits, b_bits), -iand(q, 1_i8))
       s = transfer(ieor(ieor(a_bits, swap), sign_bit(q)), 0.0_wp)
       c = transfer(ieor(ieor(b_bits, swap), sign_bit(ieor(q, ishft(q, 1)))), 0.0_wp)
    end subroutine sincos_near
+
+   !> Sine and cosine of r + low, |r| <= pi/4.
+   pure subroutine on_quarter(r, low, s, c)
+      real(wp), intent(in) :: r, low
+      real(wp), intent(out) :: s, c
+      real(wp) :: z, half
+
+      z = r*r
+      s = r + (r*(z*(s1 + z*(s2 + z*(s3 + z*(s4 + z*(s5 + z*s6)))))) + low)
+      half = 0.5_wp*z
+      c = 1 - half
+      c = c + (((1 - c) - half) + &
+               (z*z*(c1 + z*(c2 + z*(c3 + z*(c4 + z*(c5 + z*c6))))) - r*low))
+   end subroutine on_quarter
 
    !> Bit 1 of q at the place of the sign.
    pure function sign_bit(q) result(bits)

@@ -7,9 +7,9 @@ module symsde_step_lone_single_newton
    use symsde_model_abstract, only: angle_terms
    use symsde_solve_blocks, only: pivot_floor
    use symsde_solve_elimination, only: solve_lone
-   use symsde_solve_stagnation, only: verdict_of, quadratic
+   use symsde_solve_stagnation, only: verdict_of, gives_up, quadratic
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_two_stage_slopes, only: stage_point, add_stages, solve_separable, solve_lanes
+   use symsde_step_two_stage_slopes, only: find_points, add_stages, correct_alone, solve_lanes
    implicit none
    private
    public :: lone_single_newton, has_lone_stages
@@ -96,9 +96,10 @@ contains
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
       type(angle_terms) :: terms, terms2
-      real(wp) :: x(4), d(4), last, step, size, qs(1), ps(1), t1, t2
-      real(wp), dimension(1) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2
+      real(wp) :: x(4), last, before, step, size, qs(2), ps(2), t1, t2
+      real(wp) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2
       integer :: iteration
+      logical :: flies
 
       if (self%affine) then
          call solve_once(self, t, h, w, q, p, dq, dp, taken)
@@ -111,35 +112,35 @@ contains
          return
       end if
       associate (a => self%a, abar => self%abar)
-         x = 0
-         call self%find_terms(t + 0.5_wp*h, w, terms)
-         hq1 = self%force_at(terms, t + 0.5_wp*h, w, q(1), p(1), hqq1(1), hp1(1), hpp1(1))
-         call solve_separable(1, a, abar, hq1, hq1, hp1, hp1, hqq1, hqq1, hpp1, hpp1, x, d)
-         call correct(4*self%n, d, x, step, size, taken)
          t1 = t + self%c(1)*h
          t2 = t + self%c(2)*h
          call self%find_terms(t1, w, terms)
          call self%find_terms(t2, w, terms2)
+         call begin(self, 2, t1, h, w, terms, q(1), p(1), x, flies)
+         call find_points(a, abar, q(1), p(1), x, qs, ps)
          last = 0
          iteration = 0
          do while (last >= 0)
             taken = iteration < self%max_iter
             if (.not. taken) return
             iteration = iteration + 1
-            call stage_point(1, 1, a, abar, q, p, x, qs, ps)
-            hq1 = self%force_at(terms, t1, w, qs(1), ps(1), hqq1(1), hp1(1), hpp1(1))
-            call stage_point(1, 2, a, abar, q, p, x, qs, ps)
-            hq2 = self%force_at(terms2, t2, w, qs(1), ps(1), hqq2(1), hp2(1), hpp2(1))
-            call solve_separable(1, a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, x, d)
-            call correct(4*self%n, d, x, step, size, taken)
+            hq1 = self%force_at(terms, t1, w, qs(1), ps(1), hqq1, hp1, hpp1)
+            hq2 = self%force_at(terms2, t2, w, qs(2), ps(2), hqq2, hp2, hpp2)
+            call correct_alone(a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, q(1), p(1), x, qs, ps, step, size, &
+                               taken)
             if (.not. taken) return
-            last = verdict_of(quadratic, step, size, last)
+            before = last
+            last = verdict_of(quadratic, step, size, before)
+            if (flies .and. iteration == 2) then
+               call land(2, before, size, hqq1, hpp1, last, x)
+               call find_points(a, abar, q(1), p(1), x, qs, ps)
+            end if
          end do
          call add_stages(1, self%alpha, x, dq, dp)
       end associate
       associate (c => self%counters)
-         c%gradients = c%gradients + 1 + 2*iteration
-         c%hessians = c%hessians + 1 + 2*iteration
+         c%gradients = c%gradients + merge(1, 0, flies) + 2*iteration
+         c%hessians = c%hessians + 2*iteration
          c%iterations = c%iterations + iteration
          c%solves = c%solves + iteration
       end associate
@@ -154,25 +155,15 @@ contains
       real(wp), intent(out) :: dq, dp
       logical, intent(out) :: taken
       type(angle_terms) :: terms(most_stages)
-      real(wp) :: x(2*most_stages), d(2*most_stages), last, step, size
+      real(wp) :: x(2*most_stages), d(2*most_stages), last, before, step, size
       real(wp), dimension(most_stages) :: hq, hp, hqq, hpp
       integer :: iteration, i
+      logical :: flies
 
-      call self%find_terms(t + 0.5_wp*h, w, terms(1))
-      hq(1) = self%force_at(terms(1), t + 0.5_wp*h, w, q, p, hqq(1), hp(1), hpp(1))
-      do i = 2, s
-         hq(i) = hq(1)
-         hp(i) = hp(1)
-         hqq(i) = hqq(1)
-         hpp(i) = hpp(1)
-      end do
-      x = 0
-      call find_correction(s, self%several%a, self%several%abar, hq, hp, hqq, hpp, x, d, taken)
-      if (.not. taken) return
-      call correct(2*s, d, x, step, size, taken)
       do i = 1, s
          call self%find_terms(t + self%c(i)*h, w, terms(i))
       end do
+      call begin(self, s, t + self%c(1)*h, h, w, terms(1), q, p, x, flies)
       last = 0
       iteration = 0
       do while (last >= 0)
@@ -187,17 +178,44 @@ contains
          if (.not. taken) return
          call correct(2*s, d, x, step, size, taken)
          if (.not. taken) return
-         last = verdict_of(quadratic, step, size, last)
+         before = last
+         last = verdict_of(quadratic, step, size, before)
+         if (flies .and. iteration == 2) call land(s, before, size, hqq(1), hpp(1), last, x)
       end do
       dq = weighed(self%several%sum, x, 0.0_wp)
       dp = weighed(self%several%sum, x(s + 1:), 0.0_wp)
       associate (c => self%counters)
-         c%gradients = c%gradients + 1 + s*iteration
-         c%hessians = c%hessians + 1 + s*iteration
+         c%gradients = c%gradients + merge(1, 0, flies) + s*iteration
+         c%hessians = c%hessians + s*iteration
          c%iterations = c%iterations + iteration
          c%solves = c%solves + iteration
       end associate
    end subroutine iterate
+
+   !> The first guess of step/single_newton.
+   subroutine begin(self, s, t, h, w, terms, q, p, x, flies)
+      type(lone_single_newton), intent(in) :: self
+      integer, value :: s
+      real(wp), intent(in) :: t, h, w(0:self%m), q, p  !! t is that of the first stage
+      type(angle_terms), intent(in) :: terms           !! of that time
+      real(wp), intent(out) :: x(2*s)
+      logical, intent(out) :: flies
+
+      x = 0
+      flies = self%model%traits%is_slow(h)
+      if (flies) x(:s) = self%velocity_at(terms, t, w, q, p)
+   end subroutine begin
+
+   !> From zero where the velocity has led too far.
+   pure subroutine land(s, before, size, hqq, hpp, last, x)
+      integer, value :: s
+      real(wp), intent(in) :: before, size, hqq, hpp
+      real(wp), intent(inout) :: last, x(2*s)
+
+      if (.not. gives_up(before, last, size, hqq, hpp)) return
+      x = 0
+      last = 0
+   end subroutine land
 
    !> add_slopes of one number.
    pure real(wp) function weighed(by, x, start)
@@ -232,7 +250,9 @@ contains
       real(wp) :: m(most_stages*most_stages), g(most_stages), total, smallest  ! of their first s rows and columns
       integer :: i, j, k
 
+      m = 0
       do i = 1, s
+         m(i + s*(i - 1)) = 1
          d(i) = x(i) - hp(i)
       end do
       do i = 1, s
@@ -248,7 +268,7 @@ contains
             do k = 1, s
                total = total + a(i, k)*abar(k, j)*hpp(k)
             end do
-            m(i + s*(j - 1)) = merge(1.0_wp, 0.0_wp, i == j) + hqq(i)*total
+            m(i + s*(j - 1)) = m(i + s*(j - 1)) + hqq(i)*total
          end do
       end do
       call solve_lone(s, m, g, smallest)

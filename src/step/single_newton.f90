@@ -3,10 +3,12 @@
 !>
 !>    F_i = Hhat_p(Q_i,P_i),  G_i = -Hhat_q(Q_i,P_i),  Q_i = q_n + sum_j a_ij F_j,  P_i = p_n + sum_j abar_ij G_j
 !>
-!> The first guess is one Newton correction from (q_n, p_n), with a single evaluation in the middle of the step for
-!> all stages. Where Hhat_qp = 0 the F are eliminated and the G remain, as many as there are stages:
+!> Where Hhat_qp = 0 the F are eliminated and the G remain, as many as there are stages:
 !>
 !>    (I + diag(Hqq) a diag(Hpp) abar) dG = r_G - diag(Hqq) a r_F,   dF = r_F + diag(Hpp) abar dG
+!>
+!> Then it begins as step/midpoint_single does, with F = Hhat_p(p), G = 0, or from zero. Else the first guess is one
+!> Newton correction from (q_n, p_n), with a single evaluation in the middle of the step for all stages.
 !>
 !> Two stages are solved in closed form (step/two_stage_slopes), more by elimination across lanes.
 module symsde_step_single_newton
@@ -16,7 +18,7 @@ module symsde_step_single_newton
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_blocks, only: block_solver, new_block_solver
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_solve_stagnation, only: correct_lanes
+   use symsde_solve_stagnation, only: correct_lanes, restart_lanes
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    use symsde_step_single_brackets, only: single_brackets, new_single_brackets
    use symsde_step_slopes, only: add_slopes
@@ -31,6 +33,8 @@ module symsde_step_single_newton
       logical :: separable = .false.               !! Hhat_qp = 0, and the F are eliminated
       real(wp), allocatable :: a(:, :), abar(:, :), c(:)  !! (s, s), (s)
       real(wp), allocatable :: x(:, :)             !! slopes F_1 .. F_s, G_1 .. G_s (nlane, 2 s)
+      logical, private :: flies = .false.          !! this step begins with the velocity
+      real(wp), allocatable, private :: first(:)   !! size of the first correction (nlane)
       type(single_brackets), allocatable, private :: brackets      !! where some are added
       real(wp), allocatable, private :: d(:, :)                    !! their correction (nlane, 2 s)
       real(wp), allocatable, dimension(:), private :: qs, ps       !! one stage (nlane)
@@ -68,7 +72,7 @@ contains
                          judge_only=.true., exact=traits%has_hessian .and. whole)
          ! where one solve must do, the elimination of the F would lose digits at h omega = 1000
          self%separable = traits%separable .and. bare .and. .not. self%newton%affine
-         allocate (self%x(nlane, 2*s), self%d(nlane, 2*s), self%qs(nlane), self%ps(nlane))
+         allocate (self%x(nlane, 2*s), self%d(nlane, 2*s), self%qs(nlane), self%ps(nlane), self%first(nlane))
          allocate (self%hq(nlane, s), self%hp(nlane, s), self%hqq(nlane, s), self%hpp(nlane, s))
          if (.not. self%separable) allocate (self%hqp(nlane, s))
          if (.not. bare) then
@@ -82,6 +86,7 @@ contains
    end subroutine new_single_newton
 
    !> Begin a step: the first guess. It is not judged: a gradient that vanishes here need not vanish at the stages.
+   !> As one order of the step more is right of the velocity's, it needs no evaluation of the force.
    subroutine begin(self, ham, step, q, p, status)
       class(single_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -94,6 +99,14 @@ contains
       call self%newton%start(status)
       if (allocated(self%brackets)) call self%brackets%begin(ham%modified, step)
       if (self%newton%affine) return
+      self%flies = self%separable .and. ham%model%traits%is_slow(step%h)
+      if (self%flies) then
+         call ham%velocity(step%t + self%c(1)*step%h, step%w, q, p, self%qs)
+         do i = 1, self%s
+            self%x(:, i) = self%qs
+         end do
+      end if
+      if (self%separable) return
       call evaluate(self, ham, 1, step%t + 0.5_wp*step%h, step, q, p)
       call correct(self, [(1, i=1, self%s)], status, ham%counters)
    end subroutine begin
@@ -112,6 +125,8 @@ contains
       if (allocated(self%brackets)) call self%brackets%begin(ham%modified, step)
       self%newton%last = merge(from%newton%last(lanes), self%newton%last, status == 0)
       self%newton%iteration = from%newton%iteration
+      self%first = from%first(lanes)
+      self%flies = from%flies
    end subroutine resume
 
    !> One correction of the slopes, and the test of every lane.
@@ -134,6 +149,12 @@ contains
       end do
       call correct(self, [(i, i=1, self%s)], status, ham%counters)
       call self%newton%judge(status, ham%counters)
+      if (.not. self%flies) return
+      associate (n => self%newton)
+         if (n%iteration == 1) self%first = n%last
+         if (n%iteration == 2 .and. n%running) &
+            call restart_lanes(self%nlane, 2*self%s, self%first, n%size, self%hqq(:, 1), self%hpp(:, 1), n%last, self%x)
+      end associate
    end subroutine iterate
 
    !> Gradient and Hessian of stage i.

@@ -178,6 +178,7 @@ contains
       allocate (made)
       made%most = merge(3, 4, self%solver%s == 2)  ! one more takes up to 1.3 of the time
       made%affine = self%solver%newton%affine
+      made%mass_alone = self%ham%mass_alone
       call made%set(self%solver%a, self%solver%abar, self%alpha, self%solver%c)
       made%max_iter = self%solver%newton%options%max_iter
       call move_alloc(made, lone)

@@ -8,7 +8,7 @@ module symsde_step_two_stage_slopes
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: stage_point, add_stages, solve_separable, correct_separable, solve_lanes
+   public :: stage_point, find_points, add_stages, correct_separable, correct_alone, solve_lanes
 
 contains
 
@@ -38,24 +38,8 @@ contains
       end do
    end subroutine add_stages
 
-   !> VEC Newton's correction d of the slopes where Hhat_qp = 0.
-   pure subroutine solve_separable(nlane, a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, x, d)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: a(2, 2), abar(2, 2)
-      real(wp), intent(in), dimension(nlane) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2
-      real(wp), intent(in) :: x(nlane, 4)
-      real(wp), intent(out) :: d(nlane, 4)
-      integer :: lane
-
-      do lane = 1, nlane
-         call eliminate_velocities(a, abar, hq1(lane), hq2(lane), hp1(lane), hp2(lane), hqq1(lane), hqq2(lane), &
-                                   hpp1(lane), hpp2(lane), x(lane, 1), x(lane, 2), x(lane, 3), x(lane, 4), &
-                                   d(lane, 1), d(lane, 2), d(lane, 3), d(lane, 4))
-      end do
-   end subroutine solve_separable
-
-   !> VEC The same, and x = x - d in running lanes with the size of correction and unknowns in each, as by
-   !> correct_lanes of solve/stagnation: the correction is not stored.
+   !> VEC Newton's correction of the slopes where Hhat_qp = 0: x = x - d in running lanes, with the size of correction
+   !> and unknowns in each, as by correct_lanes of solve/stagnation. The correction is not stored.
    pure subroutine correct_separable(nlane, a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, last, x, step, size)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: a(2, 2), abar(2, 2)
@@ -85,6 +69,40 @@ contains
          x(lane, 4) = x4
       end do
    end subroutine correct_separable
+
+   !> The same of a path by itself, and the points of the stages to go on from: numbers that come in registers.
+   subroutine correct_alone(a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, q, p, x, qs, ps, step, size, sound)
+      real(wp), intent(in) :: a(2, 2), abar(2, 2), q, p
+      real(wp), value :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2
+      real(wp), intent(inout) :: x(4)
+      real(wp), intent(out) :: qs(2), ps(2), step, size
+      logical, intent(out) :: sound
+      real(wp) :: d1, d2, d3, d4
+
+      call eliminate_velocities(a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, x(1), x(2), x(3), x(4), &
+                                d1, d2, d3, d4)
+      x(1) = x(1) - d1
+      x(2) = x(2) - d2
+      x(3) = x(3) - d3
+      x(4) = x(4) - d4
+      call find_points(a, abar, q, p, x, qs, ps)
+      step = max(max(abs(d1), abs(d2)), max(abs(d3), abs(d4)))
+      size = max(max(abs(x(1)), abs(x(2))), max(abs(x(3)), abs(x(4))))
+      sound = abs((x(1) + x(2)) + (x(3) + x(4))) <= huge(step)
+   end subroutine correct_alone
+
+   !> (Q_i, P_i) of both stages of a path by itself.
+   pure subroutine find_points(a, abar, q, p, x, qs, ps)
+      real(wp), intent(in) :: a(2, 2), abar(2, 2), q, p, x(4)
+      real(wp), intent(out) :: qs(2), ps(2)
+      integer :: i
+
+      !GCC$ novector
+      do i = 1, 2
+         qs(i) = q + (a(i, 1)*x(1) + a(i, 2)*x(2))
+         ps(i) = p + (abar(i, 1)*x(3) + abar(i, 2)*x(4))
+      end do
+   end subroutine find_points
 
    !> The correction of one lane where Hhat_qp = 0:
    !>    (I + diag(Hqq) a diag(Hpp) abar) dG = r_G - diag(Hqq) a r_F,   dF = r_F + diag(Hpp) abar dG
