@@ -15,7 +15,8 @@ module symsde_scheme_discrete_lagrangian
    use symsde_base_lanes, only: is_finite_lane
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
    use symsde_base_text, only: to_text
-   use symsde_scheme_scheme, only: scheme_type, model_needs, tableau_form, galerkin_form, symplectic_conjugate
+   use symsde_scheme_scheme, only: scheme_type, model_needs, tableau_form, galerkin_form, symplectic_conjugate, &
+                                   tidy
    use symsde_scheme_quadrature, only: get_quadrature, exactness_degree
    use symsde_scheme_properties, only: declare_properties
    implicit none
@@ -261,14 +262,6 @@ contains
          slope = slope + product
       end do
    end function lagrange_slope
-
-   !> Coefficients that are zero but for rounding become zero, so that what is explicit is seen to
-   !> be.
-   elemental real(wp) function tidy(x)
-      real(wp), intent(in) :: x
-
-      tidy = merge(0.0_wp, x, abs(x) < 8*epsilon(1.0_wp))
-   end function tidy
 
    !> Smallest distance between two of the nodes; 1 for a single one.
    pure real(wp) function smallest_distance(nodes) result(distance)

@@ -26,7 +26,7 @@ module symsde_scheme_scheme
    public :: correction_auto, correction_none, correction_mean, correction_increments
    public :: frame_none, frame_shift, frame_mean_path, frame_rotation
    public :: model_needs
-   public :: symplectic_conjugate, symplecticity_residual
+   public :: symplectic_conjugate, symplecticity_residual, tidy
 
    enum, bind(c)
       enumerator :: tableau_form = 1   !! executed from a, abar, alpha (b, bbar, beta)
@@ -165,6 +165,14 @@ contains
          end do
       end do
    end function symplectic_conjugate
+
+   !> Coefficients that are zero but for rounding become zero, so that what is explicit is seen to
+   !> be.
+   elemental real(wp) function tidy(x)
+      real(wp), intent(in) :: x
+
+      tidy = merge(0.0_wp, x, abs(x) < 8*epsilon(1.0_wp))
+   end function tidy
 
    !> Largest residual of the four symplecticity conditions of a stochastic partitioned tableau
    !> (Ma-Ding; Holm-Tyranowski): alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j, and the three with noise.

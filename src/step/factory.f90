@@ -4,6 +4,7 @@ module symsde_step_factory
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
+   use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_needs, only: find_missing
    use symsde_scheme_scheme, only: scheme_type, correction_auto, correction_none, correction_mean, correction_increments
    use symsde_solve_newton, only: newton_options, check_newton
@@ -73,6 +74,7 @@ contains
       integer, intent(in) :: nlane
       type(error_type), allocatable, intent(inout) :: error
       type(stepper_task) :: task
+      type(scheme_type), allocatable, target :: tableau
       integer :: i
 
       call check_newton(options%newton, error)
@@ -83,6 +85,8 @@ contains
       if (allocated(error)) return
       task%model => model
       task%scheme => scheme
+      if (.not. options%general) call find_tableau(scheme, model%traits, tableau)
+      if (allocated(tableau)) task%scheme => tableau
       task%nlane = nlane
       task%newton = options%newton
       task%as_increments = options%as_increments

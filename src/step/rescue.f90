@@ -17,6 +17,7 @@ module symsde_step_rescue
    use symsde_base_record, only: step_record
    use symsde_base_status, only: not_converged, singular, nonfinite
    use symsde_model_abstract, only: model_type
+   use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_scheme, only: scheme_type, tableau_form
    use symsde_solve_newton, only: newton_options
    use symsde_step_general, only: general_stepper, new_general_stepper
@@ -55,14 +56,17 @@ contains
       type(scheme_type), intent(in) :: scheme
       class(stepper_type), intent(in) :: stepper   !! rung 1
       type(newton_options), intent(in) :: options
+      type(scheme_type), allocatable :: tableau
 
-      if (scheme%form /= tableau_form .or. options%fixed_point > 0) return
+      call find_tableau(scheme, model%traits, tableau)
+      if (.not. (scheme%form == tableau_form .or. allocated(tableau)) .or. options%fixed_point > 0) return
       if (stepper%explicit) return              ! no equations
       if (allocated(stepper%ham%modified)) return  ! its brackets have increments of their own
       if (4*model%traits%ndof*scheme%nstage > max_unknowns) return
       self%available = .true.
       self%model => model
       self%scheme = scheme
+      if (allocated(tableau)) self%scheme = tableau
       self%correction = stepper%ham%correction
       self%max_iter = options%max_iter
    end subroutine new_rescue

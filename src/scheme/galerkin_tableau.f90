@@ -1,0 +1,78 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The tableau that a Galerkin scheme is where H = p.M^-1 p/2 + U(q) with a constant mass M.
+!>
+!> With r nodes and degree s the momenta P_i = p_n + sum_j abar_ij G_j are then values of a polynomial of degree s - 1
+!> (step/galerkin has the equations), which the velocities are a constant matrix times. With phi_m, m = 1..s, an orthogonal
+!> basis of these polynomials for the sum over nodes,
+!>
+!>    sum_i alpha_i phi_l(c_i) phi_m(c_i) = delta_lm d_m,       Phi_m(t) = integral of phi_m from 0 to t,
+!>
+!> the equations of the control points are those of the tableau
+!>
+!>    a_ij = sum_m Phi_m(c_i) phi_m(c_j) alpha_j/d_m,           abar: its symplectic conjugate
+!>
+!> so that Q_i integrates the projection of the velocities, which loses nothing of the momenta, and of velocities that
+!> additive noise gives the nodes keeps what the polynomial can. One node more than the degree: two by Lobatto's
+!> quadrature are Stormer-Verlet, three are Lobatto IIIA-IIIB (tests/verification/test_galerkin.pf).
+module symsde_scheme_galerkin_tableau
+   use symsde_base_kinds, only: wp
+   use symsde_base_traits, only: model_traits
+   use symsde_scheme_scheme, only: scheme_type, galerkin_form, tableau_form, symplectic_conjugate, tidy
+   implicit none
+   private
+   public :: find_tableau
+
+contains
+
+   !> The tableau; not allocated where the scheme is none for this model.
+   pure subroutine find_tableau(scheme, traits, tableau)
+      type(scheme_type), intent(in) :: scheme
+      type(model_traits), intent(in) :: traits
+      type(scheme_type), allocatable, intent(out) :: tableau
+      real(wp) :: phi(scheme%nstage, scheme%degree), integral(scheme%nstage, scheme%degree)
+      real(wp) :: norm(scheme%degree), a(scheme%nstage, scheme%nstage)
+      integer :: i, j
+
+      if (scheme%form /= galerkin_form .or. .not. traits%has_constant_mass()) return
+      if (traits%nnoise > 0 .and. .not. scheme%noise_coefficients_equal()) return
+      call orthogonalise(scheme, phi, integral, norm)
+      if (.not. all(norm > 0)) return  ! weights of both signs
+      do j = 1, scheme%nstage
+         do i = 1, scheme%nstage
+            a(i, j) = scheme%alpha(j)*sum(integral(i, :)*phi(j, :)/norm)
+         end do
+      end do
+      tableau = scheme
+      tableau%form = tableau_form
+      tableau%beta = scheme%alpha
+      tableau%a = tidy(a)
+      a = symplectic_conjugate(tableau%a, scheme%alpha)
+      tableau%abar = tidy(a)
+      tableau%b = tableau%a
+      tableau%bbar = tableau%abar
+   end subroutine find_tableau
+
+   !> Values of the phi_m and Phi_m at the nodes, from those of the l_mu' and l_mu, mu = 1..s, which vanish at 0. Twice,
+   !> so that nothing is left of rounding.
+   pure subroutine orthogonalise(scheme, phi, integral, norm)
+      type(scheme_type), intent(in) :: scheme  !! in Galerkin form
+      real(wp), intent(out), dimension(scheme%nstage, scheme%degree) :: phi, integral
+      real(wp), intent(out) :: norm(scheme%degree)
+      real(wp) :: part
+      integer :: m, l, pass
+
+      phi = scheme%slope(:, 1:scheme%degree)
+      integral = scheme%basis(:, 1:scheme%degree)
+      do m = 1, scheme%degree
+         do pass = 1, 2
+            do l = 1, m - 1
+               part = sum(scheme%alpha*phi(:, l)*phi(:, m))/norm(l)
+               phi(:, m) = phi(:, m) - part*phi(:, l)
+               integral(:, m) = integral(:, m) - part*integral(:, l)
+            end do
+         end do
+         norm(m) = sum(scheme%alpha*phi(:, m)**2)
+      end do
+   end subroutine orthogonalise
+
+end module symsde_scheme_galerkin_tableau
