@@ -10,7 +10,8 @@
 !>    sum_i [alpha_i P_i l_mu'(c_i) - S_{i,q} l_mu(c_i)] + delta_{mu 0} p_n = 0    mu = 0..s-1
 !>
 !> Unknowns are D^mu = q^mu - q_n (mu = 1..s) and E_i = P_i - p_n. Then dq = D^s and, since the basis adds
-!> up to one, dp = -sum_i S_{i,q}. The matrix is not near the identity: LAPACK solves what it must.
+!> up to one, dp = -sum_i S_{i,q}. The matrix is not near the identity: LAPACK solves what it must. The oracle of these
+!> schemes, which are executed as tableaus where the mass is constant (scheme/galerkin_tableau).
 module symsde_step_galerkin
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record

@@ -10,6 +10,7 @@ module symsde_step_memory
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
    use symsde_scheme_catalogue, only: get_scheme
+   use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
                                    splitting_form, frame_none
@@ -38,9 +39,15 @@ contains
       integer, intent(in) :: nlane
       type(bracket_terms) :: active
       type(scheme_type) :: midpoint
+      type(scheme_type), allocatable :: tableau
       type(error_type), allocatable :: error
       real(wp) :: n, m, stages, lane, once, unknowns
 
+      if (.not. general) call find_tableau(scheme, model%traits, tableau)
+      if (allocated(tableau)) then
+         numbers = stepper_numbers(model, tableau, options, general, nlane)
+         return
+      end if
       n = model%traits%ndof
       m = model%traits%nnoise
       stages = scheme%nstage

@@ -106,8 +106,8 @@ G = {"q0": 0.1, "p0": 0.1, "step": 0.01}
 @pytest.mark.parametrize(
     "call",
     [
-        lambda chain: ss.simulate(chain, steps=2, scheme="P1N2Q4Gau", **G),
-        lambda chain: ss.moments(chain, steps=2, scheme="P1N2Q4Gau", **G),
+        lambda chain: ss.simulate(chain, steps=2, scheme="P1N2Q4Gau", general=True, **G),
+        lambda chain: ss.moments(chain, steps=2, scheme="P1N2Q4Gau", general=True, **G),
         lambda chain: ss.diagnose.symplecticity(chain, "midpoint", q=0.1, p=0.1, step=0.01),
         lambda chain: ss.diagnose.stationary_path(chain, "gauss2", q_start=0.1, q_end=0.2, step=0.01, steps=2),
         lambda chain: ss.diagnose.action(ss.simulate(chain, steps=2, scheme="stormer_verlet", **G)),
@@ -123,7 +123,7 @@ def test_sizes_are_judged_before_work_begins(call):
 
 def test_large_systems_run_where_no_matrix_is_formed():
     chain = ss.models.fpu_chain(n=100000)
-    for scheme in ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "lambda:0.3"):
+    for scheme in ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "lambda:0.3", "P1N2Q4Gau"):
         assert ss.simulate(chain, steps=2, scheme=scheme, **G).report.outcome == "ok"
     assert np.isfinite(chain.gradient(np.full((100000, 1), 0.1), 0.1)[0]).all()
 
