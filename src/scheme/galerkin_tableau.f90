@@ -1,19 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The tableau that a Galerkin scheme is where H = p.M^-1 p/2 + U(q) with a constant mass M.
 !>
-!> With r nodes and degree s the momenta P_i = p_n + sum_j abar_ij G_j are then values of a polynomial of degree s - 1
-!> (step/galerkin has the equations), which the velocities are a constant matrix times. With phi_m, m = 1..s, an orthogonal
-!> basis of these polynomials for the sum over nodes,
+!> With r nodes and degree s the velocities q_d'(c_i) are values of a polynomial of degree s - 1 (step/galerkin has the
+!> equations), and so are the momenta of the nodes, which M takes them to. With phi_m, m = 1..s, an orthogonal basis of
+!> these polynomials for the sum over nodes,
 !>
 !>    sum_i alpha_i phi_l(c_i) phi_m(c_i) = delta_lm d_m,       Phi_m(t) = integral of phi_m from 0 to t,
 !>
-!> the equations of the control points are those of the tableau
+!> the equations are those of the tableau
 !>
 !>    a_ij = sum_m Phi_m(c_i) phi_m(c_j) alpha_j/d_m,           abar: its symplectic conjugate
 !>
-!> so that Q_i integrates the projection of the velocities, which loses nothing of the momenta, and of velocities that
-!> additive noise gives the nodes keeps what the polynomial can. One node more than the degree: two by Lobatto's
-!> quadrature are Stormer-Verlet, three are Lobatto IIIA-IIIB (tests/verification/test_galerkin.pf).
+!> P_i = p_n + sum_j abar_ij G_j is such a polynomial, which a integrates exactly; of velocities that additive noise
+!> gives the nodes a integrates the projection, as q_d does. Two nodes of Lobatto with s = 1 are Stormer-Verlet, three
+!> with s = 2 Lobatto IIIA-IIIB (tests/verification/test_galerkin.pf).
 module symsde_scheme_galerkin_tableau
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits

@@ -25,6 +25,7 @@ module symsde_step_stage_plan
       real(wp), allocatable :: b(:, :)         !! B of these stages (nmember, nmember)
       real(wp), allocatable :: earlier(:, :)   !! B of each of these with others alone, in a column (nstage, nmember)
       real(wp), allocatable :: inverse(:, :)   !! of b; not allocated where it is singular
+      real(wp), allocatable :: e(:), f(:)      !! b_ik = e_i f_k where it is singular and of rank one (nmember)
    end type stage_group
 
    !> The coefficients that make a stage or an increment stand in a column.
@@ -168,7 +169,25 @@ contains
          end do
       end do
       call invert(m, group%b, group%inverse)
+      if (.not. allocated(group%inverse)) call factorise(group)
    end subroutine fill_group
+
+   !> b_ik = e_i f_k, if there are such numbers.
+   pure subroutine factorise(group)
+      type(stage_group), intent(inout) :: group
+      real(wp), dimension(group%nmember) :: e, f
+      integer :: at(2), k
+
+      at = maxloc(abs(group%b))
+      e = group%b(:, at(2))
+      if (.not. any(abs(e) > 0)) return
+      f = group%b(at(1), :)/e(at(1))
+      do k = 1, group%nmember
+         if (any(abs(group%b(:, k) - e*f(k)) > 8*epsilon(e)*maxval(abs(e)))) return
+      end do
+      group%e = e
+      group%f = f
+   end subroutine factorise
 
    !> The inverse of a small matrix by elimination with exchange of rows; not allocated where a pivot vanishes
    !> against the largest entry.

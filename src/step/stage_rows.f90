@@ -9,6 +9,12 @@
 !> diagonal, and that of G is B^{-1} d/h (solve/block_tridiagonal; one stage alone: solve/tridiagonal). Force and
 !> stiffness of a panel of sites are eliminated as they come, as in step/midpoint_by_rows.
 !>
+!> Where B_mk = e_m f_k is singular, the sum z = sum_k f_k G_k alone is unknown, by the equations of one stage:
+!>
+!>    z + sum_m f_m Hhat_q(base_m + h e_m z) = 0,       with the matrix I + h sum_m f_m e_m Hhat_qq(Q_m)
+!>
+!> and the slopes follow from one more evaluation.
+!>
 !> Mild lanes begin with the slopes that fixed-point iteration has found, linear equations with zero, stiff lanes with
 !> the slopes of Q = q_n: from there on the iterates are those of the general stepper from slopes zero. A lane that
 !> fails here, or whose pivots say that its matrix might not be eliminated in this order, is left to the caller, who
@@ -37,17 +43,21 @@ module symsde_step_stage_rows
       private
       type(newton_type) :: newton
       integer(i8), allocatable :: status(:)     !! (newton%nlane)
-      integer :: s = 0, n = 0                   !! stages, sites
+      integer :: s = 0, n = 0                   !! unknowns of a site, sites
+      integer :: nstage = 0                     !! stages: as many as unknowns, or more where they are summed
       integer :: nlane = 0, nstrip = 0          !! lanes of the part, strips that hold them
       logical :: gives_rows = .false.
       integer :: nrow = 0                       !! sites of a panel
-      real(wp), allocatable :: c(:, :), hb(:, :)  !! B^{-1}/h; h B, of a stage in a column (s, s)
+      logical :: sums = .false.                 !! sum_k f_k G_k is unknown
+      real(wp) :: h_one = 0                     !! what one unknown's stiffness is multiplied by
+      real(wp), allocatable :: c(:, :)          !! B^{-1}/h, or what takes a displacement to z (s, nstage)
+      real(wp), allocatable :: hb(:, :)         !! h B, or h e, of a stage in a column (s, nstage)
       real(wp), allocatable :: w(:, :, :)       !! weights (strip_lanes, 0:m, nstrip)
-      real(wp), allocatable :: base(:, :, :, :) !! sites 0 and n+1 are zero (strip_lanes, 0:n+1, s, nstrip)
-      real(wp), allocatable :: g(:, :, :, :)    !! slopes (strip_lanes, s, n, nstrip)
+      real(wp), allocatable :: base(:, :, :, :) !! sites 0 and n+1 are zero (strip_lanes, 0:n+1, nstage, nstrip)
+      real(wp), allocatable :: g(:, :, :, :)    !! slopes, or z (strip_lanes, s, n, nstrip)
       real(wp), allocatable :: q(:, :)          !! Q of a panel and its neighbours (strip_lanes, nrow+2)
-      real(wp), allocatable :: f(:, :, :)       !! force (strip_lanes, nrow, s)
-      real(wp), allocatable :: k(:, :, :, :)    !! stiffness (strip_lanes, 0:1, nrow, s)
+      real(wp), allocatable :: f(:, :, :)       !! force (strip_lanes, nrow, nstage)
+      real(wp), allocatable :: k(:, :, :, :)    !! stiffness (strip_lanes, 0:1, nrow, nstage)
       real(wp), allocatable :: force(:, :, :), stiffness(:, :, :, :)  !! of all lanes, where the model gives no rows
       real(wp), allocatable :: factor(:, :, :, :), rhs(:, :, :)  !! (strip_lanes, s, s, n), (strip_lanes, s, n)
       type(site_above) :: above                 !! several stages
@@ -64,7 +74,7 @@ contains
       type(stage_group), intent(in) :: group
 
       fits_stage_rows = traits%bandwidth == 1 .and. traits%ndof >= fewest_rows .and. &
-                        group%nmember <= most_stages .and. allocated(group%inverse)
+                        group%nmember <= most_stages .and. (allocated(group%inverse) .or. allocated(group%e))
    end function fits_stage_rows
 
    !> Whether the equations are linear and their matrix exact: one solve from slopes zero finds the root.
@@ -85,8 +95,10 @@ contains
       bounded = options
       bounded%max_iter = min(options%max_iter, most_iterations)
       associate (t => equations%ham%model%traits, n => equations%ham%ndof, m => equations%ham%nnoise, &
-                 s => group%nmember)
-         self%s = s
+                 s => self%s, r => self%nstage)
+         self%sums = allocated(group%e)
+         self%nstage = group%nmember
+         self%s = merge(1, self%nstage, self%sums)
          self%n = n
          self%nlane = equations%ham%nlane
          self%nstrip = (self%nlane + strip_lanes - 1)/strip_lanes
@@ -95,16 +107,16 @@ contains
          call new_newton(self%newton, self%nstrip*strip_lanes, n*s, bounded, solves_at_once(t), -1, -1, &
                          judge_only=.true., exact=t%has_chain_rows .or. t%has_hessian_vector)
          allocate (self%status(self%newton%nlane))
-         allocate (self%c(s, s), self%hb(s, s))
+         allocate (self%c(s, r), self%hb(s, r))
          allocate (self%w(strip_lanes, 0:m, self%nstrip), source=0.0_wp)
-         allocate (self%base(strip_lanes, 0:n + 1, s, self%nstrip), source=0.0_wp)
+         allocate (self%base(strip_lanes, 0:n + 1, r, self%nstrip), source=0.0_wp)
          allocate (self%g(strip_lanes, s, n, self%nstrip), source=0.0_wp)
-         allocate (self%q(strip_lanes, self%nrow + 2), self%f(strip_lanes, self%nrow, s), source=0.0_wp)
-         allocate (self%k(strip_lanes, 0:1, self%nrow, s), source=0.0_wp)
+         allocate (self%q(strip_lanes, self%nrow + 2), self%f(strip_lanes, self%nrow, r), source=0.0_wp)
+         allocate (self%k(strip_lanes, 0:1, self%nrow, r), source=0.0_wp)
          allocate (self%factor(strip_lanes, s, s, n), self%rhs(strip_lanes, s, n))
          call new_site_above(self%above, s)
          if (self%gives_rows) return
-         allocate (self%force(self%nlane, n, s), self%stiffness(self%nlane, 0:1, n, s))
+         allocate (self%force(self%nlane, n, r), self%stiffness(self%nlane, 0:1, n, r))
       end associate
    end subroutine new_stage_rows
 
@@ -120,9 +132,8 @@ contains
 
       self%status = -1
       self%status(:self%nlane) = merge(0_i8, -1_i8, wanted)
+      call find_coefficients(self, group, equations%step%h)
       call take_lanes(self, equations, group, outcome)
-      self%c = group%inverse/equations%step%h
-      self%hb = equations%step%h*transpose(group%b)
       failures = equations%ham%counters%failures
       call self%newton%start(self%status)
       do while (self%newton%running)
@@ -131,8 +142,8 @@ contains
             call correct_strip(self, equations, group, strip)
          end do
          associate (c => equations%ham%counters)
-            c%gradients = c%gradients + self%s*self%newton%nrunning
-            c%hessians = c%hessians + self%s*self%newton%nrunning
+            c%gradients = c%gradients + self%nstage*self%newton%nrunning
+            c%hessians = c%hessians + self%nstage*self%newton%nrunning
             call self%newton%judge(self%status, c)
          end associate
       end do
@@ -141,22 +152,49 @@ contains
       call give_slopes(self, equations, group)
    end subroutine solve
 
+   !> What goes with the matrix of the group and this step.
+   pure subroutine find_coefficients(self, group, h)
+      type(stage_rows), intent(inout) :: self
+      type(stage_group), intent(in) :: group
+      real(wp), intent(in) :: h
+      integer :: m
+
+      if (self%sums) then
+         m = maxloc(abs(group%e), 1)
+         self%c = 0
+         self%c(1, m) = 1/(h*group%e(m))
+         self%hb(1, :) = h*group%e
+         self%h_one = h
+      else
+         self%c = group%inverse/h
+         self%hb = h*transpose(group%b)
+         self%h_one = h*group%b(1, 1)
+      end if
+   end subroutine find_coefficients
+
    !> Weights, bases and first slopes of all strips. Lanes that fill up the last one stay zero, and rest.
    subroutine take_lanes(self, equations, group, outcome)
       type(stage_rows), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer(i8), intent(in) :: outcome(self%nlane)
-      integer :: m, strip, i, before, until
+      integer :: m, u, strip, i, before, until
+      real(wp) :: by
 
-      do m = 1, self%s
+      do m = 1, self%nstage
+         u = merge(1, m, self%sums)
+         by = 1
+         if (self%sums) by = group%f(m)
          call equations%place_known(group, m)
          do strip = 1, self%nstrip
             call find_strip(self, strip, before, until)
+            if (u == m) self%g(:, u, :, strip) = 0
             do i = 1, self%n
                self%base(:until, i, m, strip) = equations%qs(before + 1:before + until, i)
-               self%g(:until, m, i, strip) = merge(equations%g(before + 1:before + until, i, group%stage(m)), 0.0_wp, &
-                                                   outcome(before + 1:before + until) == slow)
+               associate (g => equations%g(before + 1:before + until, i, group%stage(m)))
+                  self%g(:until, u, i, strip) = self%g(:until, u, i, strip) + &
+                                                merge(by*g, 0.0_wp, outcome(before + 1:before + until) == slow)
+               end associate
             end do
             self%w(:until, :, strip) = equations%store%w(before + 1:before + until, :, 0)
          end do
@@ -164,15 +202,14 @@ contains
       if (.not. any(outcome == stiff)) return
       do strip = 1, self%nstrip
          call find_strip(self, strip, before, until)
-         call stand_still(self, equations, group, strip, before, until, outcome(before + 1:before + until))
+         call stand_still(self, equations, strip, before, until, outcome(before + 1:before + until))
       end do
    end subroutine take_lanes
 
    !> The slopes of Q = q_n in stiff lanes.
-   subroutine stand_still(self, equations, group, strip, before, until, outcome)
+   subroutine stand_still(self, equations, strip, before, until, outcome)
       type(stage_rows), intent(inout) :: self
       type(stage_equations), intent(in) :: equations
-      type(stage_group), intent(in) :: group
       integer, intent(in) :: strip, before, until
       integer(i8), intent(in) :: outcome(until)
       real(wp) :: g(strip_lanes)
@@ -181,8 +218,8 @@ contains
       do i = 1, self%n
          do m = 1, self%s
             g = 0
-            do k = 1, self%s
-               g(:until) = g(:until) + group%inverse(m, k)/equations%step%h* &
+            do k = 1, self%nstage
+               g(:until) = g(:until) + self%c(m, k)* &
                            (equations%q(before + 1:before + until, i) - self%base(:until, i, k, strip))
             end do
             self%g(:until, m, i, strip) = merge(g(:until), self%g(:until, m, i, strip), outcome == stiff)
@@ -208,7 +245,7 @@ contains
       integer :: m, strip, before, until
 
       associate (e => equations, ham => equations%ham)
-         do m = 1, self%s
+         do m = 1, self%nstage
             do strip = 1, self%nstrip
                call place(self%s, self%n, self%hb(:, m), self%base(:, 1:self%n, m, strip), &
                           self%g(:, :, :, strip), self%q)
@@ -232,7 +269,7 @@ contains
       integer :: first, last, before, lane
 
       before = (strip - 1)*strip_lanes
-      associate (newton => self%newton, s => self%s, n => self%n, g => self%g(:, :, :, strip), h => equations%step%h)
+      associate (newton => self%newton, s => self%s, n => self%n, g => self%g(:, :, :, strip))
          if (.not. any(newton%last(before + 1:before + strip_lanes) >= 0)) return
          call self%above%start()
          self%above_one = before_first_row
@@ -243,7 +280,7 @@ contains
                call eliminate_down_blocks(s, n, first, last, self%nrow, self%c, g, self%f, self%k, self%above, &
                                           self%factor, self%rhs)
             else
-               call eliminate_down_strip(last - first + 1, h*group%b(1, 1), .false., g(1, 1, first), self%f, self%k, &
+               call eliminate_down_strip(last - first + 1, self%h_one, .false., g(1, 1, first), self%f, self%k, &
                                          self%above_one, self%factor(1, 1, 1, first), self%rhs(1, 1, first))
             end if
          end do
@@ -270,7 +307,7 @@ contains
       integer, intent(in) :: strip, first, last
       integer :: m, i, low, high, before, until
 
-      do m = 1, self%s
+      do m = 1, self%nstage
          if (self%gives_rows) then
             low = max(first - 1, 1)
             high = min(last + 1, self%n)
@@ -290,6 +327,9 @@ contains
          end if
          if (last == self%n) self%k(:, 1, last - first + 1, m) = 0
       end do
+      if (.not. self%sums) return
+      call sum_up(size(self%f, 1)*self%nrow, self%nstage, group%f, self%f)
+      call sum_up(size(self%k, 1)*2*self%nrow, self%nstage, group%f*group%e, self%k)
    end subroutine linearise
 
    !> Slopes back to the lanes that are solved.
@@ -299,6 +339,10 @@ contains
       type(stage_group), intent(in) :: group
       integer :: strip, m, i, before, until
 
+      if (self%sums) then
+         call find_slopes(self, equations, group)
+         return
+      end if
       do strip = 1, self%nstrip
          call find_strip(self, strip, before, until)
          do m = 1, self%s
@@ -311,7 +355,48 @@ contains
       end do
    end subroutine give_slopes
 
+   !> The same where their sum was unknown.
+   subroutine find_slopes(self, equations, group)
+      type(stage_rows), intent(in) :: self
+      type(stage_equations), intent(inout) :: equations
+      type(stage_group), intent(in) :: group
+      integer :: strip, m, i, before, until
+
+      associate (e => equations)
+         do m = 1, self%nstage
+            do strip = 1, self%nstrip
+               call find_strip(self, strip, before, until)
+               do i = 1, self%n
+                  e%qs(before + 1:before + until, i) = self%base(:until, i, m, strip) + &
+                                                       self%hb(1, m)*self%g(:until, 1, i, strip)
+               end do
+            end do
+            call e%evaluate(group%stage(m))
+            do i = 1, self%n
+               e%g(:, i, group%stage(m)) = merge(-e%hq(:, i), e%g(:, i, group%stage(m)), self%status(:self%nlane) == 0)
+            end do
+         end do
+      end associate
+   end subroutine find_slopes
+
    ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC The first column becomes the weighed sum of all.
+   pure subroutine sum_up(n, nstage, by, x)
+      integer, intent(in) :: n, nstage
+      real(wp), intent(in) :: by(nstage)
+      real(wp), intent(inout) :: x(n, nstage)
+      integer :: i, m
+
+      do i = 1, n
+         x(i, 1) = by(1)*x(i, 1)
+      end do
+      do m = 2, nstage
+         do i = 1, n
+            x(i, 1) = x(i, 1) + by(m)*x(i, m)
+         end do
+      end do
+   end subroutine sum_up
 
    !> Q of some sites.
    pure subroutine place(s, n, hb, base, g, q)

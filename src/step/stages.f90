@@ -232,7 +232,7 @@ contains
       real(wp), intent(in) :: too_stiff
 
       slowest = too_stiff
-      if (solver%has_rows) slowest = slow_rate(group%nmember)
+      if (solver%has_rows) slowest = slow_rate(merge(1, group%nmember, allocated(group%e)))
    end function slowest
 
    !> Paths one by one, where slopes are iterated and nothing is added to them.
