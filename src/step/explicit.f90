@@ -26,8 +26,8 @@ module symsde_step_explicit
       integer :: stage = 0
       logical :: force = .false.     !! Hhat_q is wanted
       logical :: velocity = .false.  !! Hhat_p is wanted
-      logical :: needs_q = .true.    !! of the point where it is evaluated
-      logical :: needs_p = .true.
+      logical :: q_moves = .false.   !! the point where it is evaluated is not that where the step began
+      logical :: p_moves = .false.
    end type evaluation
 
    type, extends(stepper_type) :: explicit_stepper
@@ -159,8 +159,8 @@ contains
             next%force = q_ready .and. (separable .or. p_ready) .and. .not. has_force(i)
             next%velocity = p_ready .and. (separable .or. q_ready) .and. .not. has_velocity(i)
             if (.not. (next%force .or. next%velocity)) cycle
-            next%needs_q = next%force .or. .not. separable
-            next%needs_p = next%velocity .or. .not. separable
+            next%q_moves = (next%force .or. .not. separable) .and. any(abs(scheme%a(i, :)) > 0)
+            next%p_moves = (next%velocity .or. .not. separable) .and. any(abs(scheme%abar(i, :)) > 0)
             has_force(i) = has_force(i) .or. next%force
             has_velocity(i) = has_velocity(i) .or. next%velocity
             n = n + 1
@@ -179,7 +179,6 @@ contains
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: n, i, k
-      logical :: q_moves, p_moves
 
       n = size(q)
       if (self%is_euler) then
@@ -192,12 +191,10 @@ contains
       end if
       do k = 1, size(self%plan)
          i = self%plan(k)%stage
-         q_moves = self%plan(k)%needs_q .and. any(abs(self%to_q(:, i)) > 0)
-         p_moves = self%plan(k)%needs_p .and. any(abs(self%to_p(:, i)) > 0)
-         if (q_moves) call add_slopes(n, self%nstage, self%to_q(:, i), self%hp, q, self%qs)
-         if (p_moves) call add_slopes(n, self%nstage, self%to_p(:, i), self%hq, p, self%ps)
+         if (self%plan(k)%q_moves) call add_slopes(n, self%nstage, self%to_q(:, i), self%hp, q, self%qs)
+         if (self%plan(k)%p_moves) call add_slopes(n, self%nstage, self%to_p(:, i), self%hq, p, self%ps)
          ! a point that is where the step began is not copied
-         associate (ti => step%t + self%c(i)*step%h)
+         associate (ti => step%t + self%c(i)*step%h, q_moves => self%plan(k)%q_moves, p_moves => self%plan(k)%p_moves)
             if (q_moves .and. p_moves) then
                call evaluate(self, self%plan(k), ti, step%w, self%qs, self%ps)
             else if (q_moves) then
