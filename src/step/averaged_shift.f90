@@ -8,32 +8,60 @@
 !>
 !> that is the midpoint rule for H* between two constant shifts: symplectic for every h, dW, dZ. Where B changes
 !> in time it is taken at the middle of the step, and B dW becomes B dW - (B_{n+1} - B_n) (dZ/h - dW/2). The second
-!> difference of H that stands for B^T Hess H B is a Hamiltonian itself (step/modified_hamiltonian).
+!> difference of H that stands for B^T Hess H B is a Hamiltonian itself (step/modified_hamiltonian). For noise in
+!> position and H = p.p/2 + U(q) it is constant: the step is then that of step/midpoint, which eliminates momenta.
 module symsde_step_averaged_shift
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: step_record
-   use symsde_scheme_scheme, only: bracket_terms, correction_none, frame_mean_path
+   use symsde_base_record, only: step_record, step_store
+   use symsde_model_abstract, only: model_type
    use symsde_model_noise_time, only: noise_changes_in_time
+   use symsde_scheme_scheme, only: bracket_terms, correction_none, frame_mean_path
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, midpoint_serves
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
+   use symsde_step_modified_hamiltonian, only: active_brackets
+   use symsde_step_noise_shift, only: noise_shift, new_noise_shift
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: averaged_shift_stepper, averaged_shift_fits
 
+   !> What is around the midpoint, for a block of paths or for one.
+   type :: mean_path
+      integer :: nlane = 0, n = 0
+      type(noise_shift) :: shift
+      logical :: time_dependent = .false.            !! B changes in time
+      real(wp), allocatable :: drift(:, :)           !! weights h, 0 (nlane, 0:nnoise)
+   end type mean_path
+
    type, extends(stepper_type) :: averaged_shift_stepper
       private
-      logical :: time_dependent = .false.                      !! B changes in time
-      type(midpoint_full_stepper) :: inner             !! under h H*, without noise
-      real(wp), allocatable :: v(:, :), drift(:, :)    !! weights 0, b_k and h, 0 (nlane, 0:nnoise)
-      real(wp), allocatable :: qs(:, :), ps(:, :), hq(:, :), hp(:, :)  !! (nlane, ndof)
+      type(mean_path) :: mean
+      class(stepper_type), allocatable :: inner      !! under h H*, without noise
+      real(wp), allocatable :: qs(:, :), ps(:, :)    !! (nlane, ndof)
    contains
       procedure :: make
       procedure :: increment
+      procedure :: offer_lone
       procedure :: tally
    end type averaged_shift_stepper
+
+   !> A path by itself.
+   type, extends(lone_stepper) :: lone_averaged_shift
+      private
+      type(mean_path) :: mean
+      class(lone_stepper), allocatable :: inner
+      type(step_record) :: step
+      real(wp), allocatable, dimension(:) :: x, y    !! (n)
+   contains
+      procedure :: lead
+      procedure :: collect
+      procedure :: show
+      procedure :: take
+   end type lone_averaged_shift
 
 contains
 
@@ -47,18 +75,40 @@ contains
    subroutine make(self, task)
       class(averaged_shift_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
+      type(midpoint_stepper), allocatable :: eliminated
+      type(midpoint_full_stepper), allocatable :: full
+      type(bracket_terms) :: brackets
 
       self%name = 'midpoint, averaged shift'
-      self%takes_one_lane = .true.
-      self%time_dependent = noise_changes_in_time(task%model)
-      associate (n => task%model%traits%ndof, m => task%model%traits%nnoise, nlane => task%nlane)
-         call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
-         call new_midpoint_full_stepper(self%inner, task%model, nlane, task%newton, &
-                                        brackets=bracket_terms(nested=.true.))
-         allocate (self%v(nlane, 0:m), self%drift(nlane, 0:m), source=0.0_wp)
-         allocate (self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
-      end associate
+      brackets = active_brackets(bracket_terms(nested=.true.), task%model%traits)
+      if (midpoint_serves(task%model, task%newton) .and. .not. brackets%are_added()) then
+         self%left_out = 'half of the unknowns: identity mass'
+         allocate (eliminated)
+         call new_midpoint_stepper(eliminated, task%model, task%nlane, task%newton)
+         call move_alloc(eliminated, self%inner)
+      else
+         allocate (full)
+         call new_midpoint_full_stepper(full, task%model, task%nlane, task%newton, brackets=brackets)
+         call move_alloc(full, self%inner)
+      end if
+      self%takes_one_lane = self%inner%takes_one_lane
+      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
+      call new_mean_path(self%mean, task%model, task%nlane, noise_changes_in_time(task%model))
+      allocate (self%qs(task%nlane, task%model%traits%ndof), self%ps(task%nlane, task%model%traits%ndof))
    end subroutine make
+
+   subroutine new_mean_path(self, model, nlane, time_dependent)
+      type(mean_path), intent(out) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      logical, intent(in) :: time_dependent
+
+      self%nlane = nlane
+      self%n = model%traits%ndof
+      call new_noise_shift(self%shift, model, nlane)
+      self%time_dependent = time_dependent
+      allocate (self%drift(nlane, 0:model%traits%nnoise), source=0.0_wp)
+   end subroutine new_mean_path
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(averaged_shift_stepper), intent(inout) :: self
@@ -66,23 +116,14 @@ contains
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
-      real(wp) :: h, tm
 
-      h = step%h
-      tm = step%t + 0.5_wp*h
       self%qs = q
       self%ps = p
-      self%v = 0
-      if (associated(step%of(path_dz)%x)) self%v(:, 1:) = step%of(path_dz)%x/h
-      call add_shift(self, tm, self%qs, self%ps)
+      call begin(self%mean, self%ham%model, step, self%qs, self%ps)
       call drift_midpoint(self, step, dq, dp, status)
-      self%v(:, 1:) = step%w(:, 1:)
-      call add_shift(self, tm, dq, dp)
-      if (.not. (self%time_dependent .and. associated(step%of(path_dz)%x))) return
-      self%v(:, 1:) = 0.5_wp*step%w(:, 1:) - step%of(path_dz)%x/h
-      call add_shift(self, step%t + h, dq, dp)
-      self%v = -self%v
-      call add_shift(self, step%t, dq, dp)
+      call finish(self%mean, self%ham%model, step, dq, dp)
+      self%ham%counters%gradients = self%ham%counters%gradients + self%mean%shift%asked*self%ham%nreal
+      self%mean%shift%asked = 0
    end subroutine increment
 
    !> The step of H* from (qs, ps), without noise.
@@ -94,11 +135,37 @@ contains
       type(step_record) :: drift
 
       drift = step
-      self%drift(:, 0) = step%h
-      drift%w(1:, 0:) => self%drift
+      drift%w(1:, 0:) => self%mean%drift
       self%inner%ham%nreal = self%ham%nreal
       call self%inner%increment(drift, self%qs, self%ps, dq, dp, status)
    end subroutine drift_midpoint
+
+   !> From the path to its mean, x + B dZ/h.
+   subroutine begin(self, model, step, q, p)
+      type(mean_path), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      type(step_record), intent(in) :: step
+      real(wp), intent(inout), dimension(self%nlane, self%n) :: q, p
+
+      self%drift(:, 0) = step%h
+      call self%shift%weigh(0.0_wp, 1.0_wp, step)
+      call self%shift%add(model, step%t + 0.5_wp*step%h, 1.0_wp, q, p)
+   end subroutine begin
+
+   !> To the increments of z those of the path.
+   subroutine finish(self, model, step, dq, dp)
+      type(mean_path), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      type(step_record), intent(in) :: step
+      real(wp), intent(inout), dimension(self%nlane, self%n) :: dq, dp
+
+      call self%shift%weigh(1.0_wp, 0.0_wp, step)
+      call self%shift%add(model, step%t + 0.5_wp*step%h, 1.0_wp, dq, dp)
+      if (.not. (self%time_dependent .and. associated(step%of(path_dz)%x))) return
+      call self%shift%weigh(0.5_wp, -1.0_wp, step)
+      call self%shift%add(model, step%t + step%h, 1.0_wp, dq, dp)
+      call self%shift%add(model, step%t, -1.0_wp, dq, dp)
+   end subroutine finish
 
    !> What this stepper and the one within have counted.
    subroutine tally(self, total)
@@ -109,16 +176,62 @@ contains
       call self%inner%tally(total)
    end subroutine tally
 
-   !> (xq, xp) + sum_k v_k B_k, read off at that very point: the fields of additive noise are constant.
-   subroutine add_shift(self, t, xq, xp)
-      type(averaged_shift_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t
-      real(wp), intent(inout) :: xq(self%ham%nlane, self%ham%ndof), xp(self%ham%nlane, self%ham%ndof)
+   ! ---- a path by itself -------------------------------------------------------------------------
 
-      if (self%ham%nnoise == 0) return
-      call self%ham%gradient(t, self%v, xq, xp, self%hq, self%hp)
-      xq = xq + self%hp
-      xp = xp - self%hq
-   end subroutine add_shift
+   !> Paths one by one, where those of the midpoint within are.
+   subroutine offer_lone(self, lone)
+      class(averaged_shift_stepper), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+      type(lone_averaged_shift), allocatable :: made
+
+      allocate (made)
+      call self%inner%offer_lone(made%inner)
+      if (.not. allocated(made%inner)) return
+      made%most = made%inner%most
+      call new_mean_path(made%mean, self%ham%model, 1, self%mean%time_dependent)
+      call move_alloc(made, lone)
+   end subroutine offer_lone
+
+   subroutine lead(self, model)
+      class(lone_averaged_shift), intent(inout) :: self
+      class(model_type), intent(in), target :: model
+
+      self%model => model
+      self%n = model%traits%ndof
+      self%m = model%traits%nnoise
+      allocate (self%x(self%n), self%y(self%n))
+      call self%inner%lead(model)
+   end subroutine lead
+
+   subroutine collect(self)
+      class(lone_averaged_shift), intent(inout) :: self
+
+      call add_counters(self%counters, self%inner%counters)
+      self%inner%counters = counters_type()
+      self%counters%gradients = self%counters%gradients + self%mean%shift%asked
+      self%mean%shift%asked = 0
+   end subroutine collect
+
+   subroutine show(self, own, i)
+      class(lone_averaged_shift), intent(inout) :: self
+      type(step_store), intent(in), target :: own
+      integer, intent(in) :: i
+
+      call own%show(i, self%step%t, self%step)
+   end subroutine show
+
+   subroutine take(self, t, h, w, q, p, dq, dp, taken)
+      class(lone_averaged_shift), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
+      real(wp), intent(out) :: dq(self%n), dp(self%n)
+      logical, intent(out) :: taken
+
+      self%step%t = t
+      self%x = q
+      self%y = p
+      call begin(self%mean, self%model, self%step, self%x, self%y)
+      call self%inner%take(t, h, self%mean%drift, self%x, self%y, dq, dp, taken)
+      if (taken) call finish(self%mean, self%model, self%step, dq, dp)
+   end subroutine take
 
 end module symsde_step_averaged_shift

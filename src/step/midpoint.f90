@@ -37,7 +37,7 @@ module symsde_step_midpoint
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: midpoint_stepper, midpoint_fits, new_midpoint_stepper, fits_midpoint_stepper
+   public :: midpoint_stepper, midpoint_fits, new_midpoint_stepper, fits_midpoint_stepper, midpoint_serves
    public :: by_matrix, by_rows, by_products
 
    integer, parameter :: by_matrix = 1, by_rows = 2, by_products = 3  !! what solves
@@ -64,9 +64,16 @@ contains
    logical function midpoint_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
-      fits = task%is_plain() .and. task%scheme%is_midpoint() .and. fits_midpoint_stepper(task%model)
-      if (fits) fits = choose_way(task%model, task%newton) /= by_products
+      fits = task%is_plain() .and. task%scheme%is_midpoint() .and. midpoint_serves(task%model, task%newton)
    end function midpoint_fits
+
+   !> Whether momenta are eliminated, and matrices or rows solve what remains.
+   pure logical function midpoint_serves(model, options)
+      class(model_type), intent(in) :: model
+      type(newton_options), intent(in) :: options
+
+      midpoint_serves = fits_midpoint_stepper(model) .and. choose_way(model, options) /= by_products
+   end function midpoint_serves
 
    subroutine make(self, task)
       class(midpoint_stepper), intent(inout) :: self
