@@ -4,9 +4,11 @@
 !> is left to step/stages.
 module symsde_step_lone_stages
    use symsde_base_kinds, only: wp
+   use symsde_base_record, only: step_record, step_store
    use symsde_model_abstract, only: angle_terms
    use symsde_step_constant_mass, only: constant_mass
    use symsde_step_lone, only: lone_stepper
+   use symsde_step_noise_shift, only: noise_shift
    use symsde_step_slopes, only: add_slopes, slope_sum, find_sum, add_sum, add_pair, take_slopes
    use symsde_step_stage_iteration, only: sweep_verdict, judge_ahead, most_sweeps, stiff_rate, done
    use symsde_step_stage_plan, only: stage_plan, stage_group
@@ -37,6 +39,9 @@ module symsde_step_lone_stages
       real(wp) :: too_stiff = stiff_rate      !! contraction from which the step is
       type(constant_mass), allocatable :: mass  !! where it is not the identity
       real(wp), allocatable, dimension(:), private :: velocity, moved, nothing  !! M^-1 p; weighed slopes; zero (n)
+      type(noise_shift), allocatable :: shift   !! of p_n, where brackets are added; of one lane
+      type(step_record), private :: step        !! what these are made of
+      real(wp), allocatable, private :: shifted(:)           !! p_n (n)
       type(slope_sum), allocatable, private :: sums(:, :)    !! of the first sweep, and of the others (nstage, 2)
       real(wp), private :: h = 0                             !! for which the sums are
       real(wp), allocatable, private :: base(:, :), g(:, :)  !! what Q_i has without slopes; slopes (n, nstage)
@@ -44,29 +49,61 @@ module symsde_step_lone_stages
       type(stage_pair), allocatable, private :: pair               !! where the step is one of these
       type(angle_stages), allocatable, private :: angle            !! where the step is one of these
    contains
+      procedure :: show
       procedure :: take
       procedure :: is_pair
    end type lone_stages
 
 contains
 
+   subroutine show(self, own, i)
+      class(lone_stages), intent(inout) :: self
+      type(step_store), intent(in), target :: own
+      integer, intent(in) :: i
+
+      if (allocated(self%shift)) call own%show(i, self%step%t, self%step)
+   end subroutine show
+
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
       class(lone_stages), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
+
+      if (.not. allocated(self%g)) call make_room(self)
+      if (abs(h - self%h) > 0) call find_sums(self, h)
+      if (.not. allocated(self%shift)) then
+         call take_plain(self, t, h, w, q, p, dq, dp, taken)
+         return
+      end if
+      self%x = q
+      self%shifted = p
+      call self%shift%weigh(-0.5_wp, 1.0_wp, self%step)
+      call self%shift%add(self%model, t, 1.0_wp, self%x, self%shifted)
+      call take_plain(self, t, h, w, q, self%shifted, dq, dp, taken)
+      if (taken) self%counters%gradients = self%counters%gradients + self%shift%asked
+      self%shift%asked = 0
+   end subroutine take
+
+   subroutine make_room(self)
+      type(lone_stages), intent(inout) :: self
+
+      allocate (self%g(self%n, self%plan%nstage), self%base(self%n, self%plan%nstage))
+      allocate (self%x(self%n), self%f(self%n), self%start(self%n), self%shifted(self%n))
+      allocate (self%sums(self%plan%nstage, 2))
+      if (.not. allocated(self%mass)) return
+      allocate (self%velocity(self%n), self%moved(self%n))
+      allocate (self%nothing(self%n), source=0.0_wp)
+   end subroutine make_room
+
+   !> The step where positions move with these momenta.
+   subroutine take_plain(self, t, h, w, q, p, dq, dp, taken)
+      type(lone_stages), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
+      real(wp), intent(out) :: dq(self%n), dp(self%n)
+      logical, intent(out) :: taken
       integer :: k, sweeps, evaluations
 
-      if (.not. allocated(self%g)) then
-         allocate (self%g(self%n, self%plan%nstage), self%base(self%n, self%plan%nstage))
-         allocate (self%x(self%n), self%f(self%n), self%start(self%n))
-         allocate (self%sums(self%plan%nstage, 2))
-         if (allocated(self%mass)) then
-            allocate (self%velocity(self%n), self%moved(self%n))
-            allocate (self%nothing(self%n), source=0.0_wp)
-         end if
-      end if
-      if (abs(h - self%h) > 0) call find_sums(self, h)
       if (allocated(self%pair)) then
          call take_pair(self, self%pair, t, h, w, q, p, dq, dp, taken)
          return
@@ -103,7 +140,7 @@ contains
       end associate
       self%counters%gradients = self%counters%gradients + evaluations
       self%counters%iterations = self%counters%iterations + sweeps
-   end subroutine take
+   end subroutine take_plain
 
    !> What the stages have without slopes.
    subroutine find_bases(self, h, q, velocity)

@@ -16,19 +16,22 @@ module symsde_step_midpoint_by_matrix
    use symsde_step_stage_iteration, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, done
    implicit none
    private
-   public :: midpoint_by_matrix, new_midpoint_by_matrix
+   public :: midpoint_by_matrix, new_midpoint_by_matrix, solve_mildly
 
    type, extends(midpoint_part) :: midpoint_by_matrix
       private
-      integer :: band = dense
+      integer, public :: band = dense
       logical, public :: iterates = .false.  !! mild steps need no matrix
       logical, public :: pairs = .false.     !! two unknowns by Newton's iteration
+      real(wp), public :: too_stiff = stiff_rate  !! contraction from which a step is not mild
       real(wp), allocatable, dimension(:) :: last, change, extent  !! of that iteration (nlane)
       real(wp), allocatable :: kept(:, :)    !! V of the lanes that it solved, while others are (nlane, ndof)
       real(wp), allocatable :: q(:, :)  !! Q (nlane, ndof)
    contains
       procedure :: solve
       procedure :: iterate
+      procedure :: find_force
+      procedure :: linearise
    end type midpoint_by_matrix
 
 contains
@@ -70,12 +73,12 @@ contains
             call solve_by_iterations(self, ham, eq, w, status)
             return
          end if
-         call linearise(self, ham, eq, w, eq%base(1, 1))
+         call self%linearise(ham, eq, w, eq%base(1, 1))
          call newton%first_scalar(quarter, eq%base(1, 1), eq%x, self%q, eq%stiff, status, ham%counters)
          if (eq%stiff) call eq%note_stiff_ratio(quarter*newton%a(:, 1, 1), .true.)
          do while (newton%running)
             if (newton%iteration > 1) call position(eq%nlane, eq%c, eq%base(1, 1), eq%x, self%q)
-            call linearise(self, ham, eq, w, self%q)
+            call self%linearise(ham, eq, w, self%q)
             call newton%update_scalar(1.0_wp, quarter, eq%x, status, ham%counters)
          end do
       end associate
@@ -123,16 +126,16 @@ contains
             self%change = 0
             self%extent = 0
             if (sweep == 1) then
-               call ham%model%gradient(nlane, n, eq%m, eq%t, w, eq%base(1, 1), eq%still, hq=force)
+               call self%find_force(ham, eq, w, eq%base(1, 1), force)
                call take_first(nlane, n, -1.0_wp, force, eq%x, self%change)
             else
                call position(nlane*n, eq%c, eq%base(1, 1), eq%x, self%q)
-               call ham%model%gradient(nlane, n, eq%m, eq%t, w, self%q, eq%still, hq=force)
+               call self%find_force(ham, eq, w, self%q, force)
                call take(nlane, n, -1.0_wp, force, self%last, eq%x, self%change, self%extent)
             end if
-            c%gradients = c%gradients + eq%nreal
             c%iterations = c%iterations + nrunning
-            call judge_sweep(nlane, sweep, stiff_rate, stiff_rate, self%change, self%extent, self%last, nrunning)
+            call judge_sweep(nlane, sweep, self%too_stiff, self%too_stiff, self%change, self%extent, self%last, &
+                             nrunning)
          end do
       end associate
    end subroutine sweep_lanes
@@ -146,11 +149,11 @@ contains
 
       associate (newton => self%newton, nlane => eq%nlane, n => eq%n)
          if (eq%starts(newton)) then
-            call linearise(self, ham, eq, w, eq%base(1, 1))
+            call self%linearise(ham, eq, w, eq%base(1, 1))
             call find_stiff_ratio(self, eq)
          else
             call position(nlane*n, eq%c, eq%base(1, 1), eq%x, self%q)
-            call linearise(self, ham, eq, w, self%q)
+            call self%linearise(ham, eq, w, self%q)
          end if
          call eq%weigh(1, n, newton%r)
          if (self%pairs) then
@@ -167,7 +170,19 @@ contains
       end associate
    end subroutine iterate
 
-   !> Force and stiffness at q.
+   !> Force at q.
+   subroutine find_force(self, ham, eq, w, q, force)
+      class(midpoint_by_matrix), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(in) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m), q(eq%nlane, eq%n)
+      real(wp), intent(out) :: force(eq%nlane, eq%n)
+
+      call ham%model%gradient(eq%nlane, eq%n, eq%m, eq%t, w, q, eq%still, hq=force)
+      ham%counters%gradients = ham%counters%gradients + eq%nreal
+   end subroutine find_force
+
+   !> Force and stiffness at q, in the newton's right-hand side and matrix.
    subroutine linearise(self, ham, eq, w, q)
       class(midpoint_by_matrix), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham

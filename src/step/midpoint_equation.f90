@@ -19,7 +19,7 @@ module symsde_step_midpoint_equation
    implicit none
    private
    public :: midpoint_equation, new_midpoint_equation, midpoint_part, solve_by_iterations
-   public :: position, add_unknown, correct_pair, solve_pair
+   public :: position, add_unknown, correct_pair, correction_of, solve_pair
 
    !> The equations of the lanes that are taken through a step together.
    type :: midpoint_equation
@@ -219,6 +219,14 @@ contains
       d1 = (d*r1 - b*r2)*inverse
       d2 = (a*r2 - e*r1)*inverse
    end subroutine correction
+
+   !> The same for other modules: what they see is not inlined in the loop above.
+   pure subroutine correction_of(c, f1, f2, k11, k21, k12, k22, x1, x2, d1, d2)
+      real(wp), intent(in) :: c, f1, f2, k11, k21, k12, k22, x1, x2
+      real(wp), intent(out) :: d1, d2
+
+      call correction(c, f1, f2, k11, k21, k12, k22, x1, x2, d1, d2)
+   end subroutine correction_of
 
    !> VEC (h/2) Hhat_q - (h p + g)
    pure subroutine weigh_force(n, half, drift, f)

@@ -15,8 +15,9 @@
 !> M^-1 times these.
 !>
 !> For noise in position C vanishes, for additive noise it is known beforehand, so that the G alone are
-!> unknown (`eliminated`). So it is for the bracket {H_k,H} of additive noise in position that does not change in
-!> time. Other brackets of schemes beyond order one make C small; elsewhere it is all of Hhat_p.
+!> unknown (`eliminated`). The bracket {H_k,H} of additive noise in position that does not change in time moves all
+!> velocities alike: it is a shift of p_n, by sum_k (dW_k/2 - dZ_k/h) H_k,q, in the equations of Q_i and dq.
+!> Other brackets of schemes beyond order one make C small; elsewhere it is all of Hhat_p.
 module symsde_step_stage_equations
    use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
    use symsde_base_kinds, only: wp
@@ -24,6 +25,7 @@ module symsde_step_stage_equations
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_constant_mass, only: constant_mass, new_constant_mass
+   use symsde_step_noise_shift, only: noise_shift, new_noise_shift
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_slopes, only: add_slopes
    use symsde_step_stage_plan, only: stage_plan, stage_group, new_stage_plan
@@ -41,6 +43,7 @@ module symsde_step_stage_equations
       real(wp) :: kappa = 0                     !! of this step
       type(step_record) :: step                 !! what drives it, in the store
       type(step_store) :: store                 !! its first step
+      type(noise_shift), allocatable :: shift   !! of p_n, where brackets are no more than that
       real(wp), allocatable :: q(:, :), p(:, :) !! where the step begins (nlane, ndof)
       real(wp), allocatable :: base(:, :, :)    !! what Q_i has of known slopes (nlane, ndof, nstage)
       real(wp), allocatable :: g(:, :, :), c(:, :, :)    !! slopes (nlane, ndof, nstage)
@@ -86,8 +89,11 @@ contains
             allocate (self%velocity(nlane, n), self%moved(nlane, n))
             allocate (self%nothing(nlane, n), source=0.0_wp)
          end if
-         self%has_c = .not. self%eliminated .or. allocated(self%ham%modified) .or. &
-                      .not. (t%position_noise .or. t%nnoise == 0)
+         self%has_c = .not. (self%eliminated .and. (t%position_noise .or. t%nnoise == 0))
+         if (self%eliminated .and. allocated(self%ham%modified)) then
+            allocate (self%shift)
+            call new_noise_shift(self%shift, model, nlane)
+         end if
       end associate
       call new_stage_plan(self%plan, scheme, self%eliminated)
       if (allocated(self%ham%modified)) then
@@ -126,6 +132,7 @@ contains
       call self%store%show(0, step%t, self%step)
       self%kappa = merge(step%h, 0.0_wp, self%identity_mass .or. allocated(self%mass))
       if (allocated(self%mass)) call find_velocity(self)
+      if (allocated(self%shift)) call shift_momenta(self)
       associate (s => self%plan%nstage, size => size(self%q), plan => self%plan)
          if (self%eliminated .and. self%has_c) then
             self%ps = 0
@@ -146,6 +153,18 @@ contains
          end do
       end associate
    end subroutine begin
+
+   !> The momenta that the positions move with.
+   subroutine shift_momenta(self)
+      class(stage_equations), intent(inout) :: self
+
+      associate (shift => self%shift, counters => self%ham%counters)
+         call shift%weigh(-0.5_wp, 1.0_wp, self%step)
+         call shift%add(self%ham%model, self%step%t, 1.0_wp, self%q, self%p)
+         counters%gradients = counters%gradients + shift%asked*self%ham%nreal
+         shift%asked = 0
+      end associate
+   end subroutine shift_momenta
 
    !> M^-1 p where the step begins.
    subroutine find_velocity(self)

@@ -27,6 +27,7 @@ module symsde_step_stages
    use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_newton_by_products, only: does_without_matrices
+   use symsde_step_noise_shift, only: new_noise_shift
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stage_equations, only: stage_equations, new_stage_equations
    use symsde_step_stage_iteration, only: iterate_group, solved, untried, stiff_rate
@@ -264,6 +265,10 @@ contains
       if (allocated(self%equations%mass)) then
          allocate (made%mass)
          call new_constant_mass(made%mass, 1, self%ham%ndof, self%ham%nnoise)
+      end if
+      if (allocated(self%equations%shift)) then
+         allocate (made%shift)
+         call new_noise_shift(made%shift, self%ham%model, 1)
       end if
       if (self%ham%model%traits%has_lone_pair .and. made%is_pair(self%ham%ndof)) made%most = 12  ! 14 take 1.05
       call move_alloc(made, lone)
