@@ -61,7 +61,23 @@ contains
 
       has_flow = index_of(scheme) > 0
       if (index_of(scheme) >= corrected_euler) has_flow = terms%noise_b == 0 .and. terms%noise_e == 0
+      if (has_brackets(scheme)) has_flow = is_of_one_form(terms)
    end function oscillator_has_flow
+
+   !> Schemes of a Hamiltonian with brackets.
+   pure logical function has_brackets(scheme)
+      character(*), intent(in) :: scheme
+
+      has_brackets = index(scheme, '_strong32') > 0 .or. index(scheme, '_weak2') > 0
+   end function has_brackets
+
+   !> Whether every H_j is a multiple of p^2 + q^2, so that all brackets vanish.
+   pure logical function is_of_one_form(terms)
+      type(oscillator_terms), intent(in) :: terms
+
+      is_of_one_form = terms%noise_a == terms%noise_c .and. abs(terms%a - terms%c) <= 0 .and. &
+                       terms%noise_b == 0 .and. terms%noise_e == 0
+   end function is_of_one_form
 
    pure integer function index_of(scheme)
       character(*), intent(in) :: scheme
@@ -75,8 +91,8 @@ contains
          index_of = verlet
       case ('midpoint')
          index_of = midpoint
-      case ('gauss2')
-         index_of = gauss2
+      case ('gauss2', 'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'gauss2_weak2_areas')
+         index_of = gauss2  ! where brackets vanish
       case ('gauss3')
          index_of = gauss3
       case ('gauss4')

@@ -12,7 +12,7 @@ module symsde_step_lone_single_newton
    use symsde_step_two_stage_slopes, only: find_points, add_stages, correct_alone, solve_lanes
    implicit none
    private
-   public :: lone_single_newton, has_lone_stages
+   public :: lone_single_newton, has_lone_stages, correct
 
    integer, parameter :: most_stages = 4
 

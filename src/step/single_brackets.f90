@@ -14,7 +14,10 @@ module symsde_step_single_brackets
    use symsde_base_functionals, only: area_index, path_areas, path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
+   use symsde_base_sincos, only: sincos_one
+   use symsde_model_abstract, only: model_type, angle_terms
+   use symsde_step_angle_derivatives, only: angle_derivatives
+   use symsde_step_bracket_differences, only: add_second_difference, add_differences, add_transposed
    use symsde_step_exact_bracket, only: add_second_derivatives, add_third_derivatives, has_exact_bracket
    use symsde_step_modified_hamiltonian, only: modified_hamiltonian, reach
    use symsde_step_position_brackets, only: position_brackets, new_position_brackets
@@ -31,6 +34,7 @@ module symsde_step_single_brackets
    type :: single_brackets
       private
       integer :: nlane = 0, nnoise = 0
+      logical, public :: takes_terms = .false.      !! terms of an angle are all that one lane asks for
       logical :: thirds = .false.                   !! all third derivatives that there are: qqq and ppp
       !> Weights of H_j alone, and at -1 of F/h, of which the nested brackets are (nlane, 0:nnoise, -1:nnoise).
       real(wp), allocatable :: unit(:, :, :)
@@ -61,6 +65,7 @@ contains
       associate (n => parts%nlane, m => parts%nnoise, traits => parts%model%traits)
          self%thirds = traits%separable .and. traits%has_third_derivative .and. .not. traits%quadratic .and. &
                        .not. parts%active%crossed
+         self%takes_terms = traits%has_angle_terms .and. (self%thirds .or. self%position%at_once())
          allocate (self%one(n), source=1.0_wp)
          allocate (self%unit(n, 0:m, -1:m), self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
          allocate (self%of(0:m))
@@ -98,7 +103,7 @@ contains
    end subroutine begin
 
    !> Gradient and Hessian of all at (q, p).
-   subroutine evaluate(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, counters, nreal)
+   subroutine evaluate(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, counters, nreal, terms)
       class(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(inout) :: parts
       real(wp), intent(in) :: t
@@ -107,13 +112,22 @@ contains
       real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
+      !> Of one lane, where it takes them: those of every H_j at t, and at both ends of a step in which noises change
+      type(angle_terms), intent(in), optional :: terms(0:self%nnoise, 3)
       integer :: asked, gradients
 
       if (parts%simple) then
-         call self%position%evaluate(parts, t, step, self%c, self%rate, q, p, hq, hp, hqq, hqp, hpp, gradients, asked)
+         call self%position%evaluate(parts, t, step, self%c, self%rate, q, p, hq, hp, hqq, hqp, hpp, gradients, asked, &
+                                     terms)
          counters%gradients = counters%gradients + nreal*(gradients - asked)
       else
-         call add_up(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
+         if (present(terms)) then
+            call derive(self, terms, q(1), p(1))
+         else
+            call ask_for_all(self, parts, t, q, p)
+         end if
+         asked = 1 + count(parts%noisy)
+         call add_up(self, parts, step, hq, hp, hqq, hqp, hpp)
          if (parts%active%crossed) call cross(self, parts)
          if (parts%active%nested .and. has_exact_bracket(parts%model%traits)) then
             call add_exact(self, parts, t, step%h, q, p, hq, hp, hqq, hqp, hpp, counters, nreal)
@@ -126,15 +140,50 @@ contains
       counters%hessians = counters%hessians + nreal*asked
    end subroutine evaluate
 
-   !> Any model: sum_j w_j H_j, {sum_k c_k H_k, H} and sum_l {H_l, sum_{k<l} A_kl H_k}.
-   subroutine add_up(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, asked)
-      class(single_brackets), intent(inout) :: self
+   !> All derivatives at (q, p) from the terms of an angle.
+   subroutine derive(self, terms, q, p)
+      type(single_brackets), intent(inout) :: self
+      type(angle_terms), intent(in) :: terms(0:self%nnoise)
+      real(wp), intent(in) :: q, p
+      real(wp) :: sine, cosine
+      integer :: j
+
+      sine = sincos_one(q, cosine)
+      do j = 0, self%nnoise
+         associate (d => self%of(j))
+            call angle_derivatives(terms(j), q, sine, cosine, d%q(1), d%qq(1), d%qqq(1))
+            d%p(1) = terms(j)%e*p
+            d%pp(1) = terms(j)%e
+         end associate
+      end do
+   end subroutine derive
+
+   !> All derivatives at (q, p) from the model.
+   subroutine ask_for_all(self, parts, t, q, p)
+      type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
       real(wp), intent(in) :: t
-      type(step_record), intent(in) :: step
       real(wp), intent(in), dimension(self%nlane) :: q, p
+      integer :: j
+
+      do j = 0, self%nnoise
+         if (j > 0) then
+            if (.not. parts%noisy(j)) cycle
+         end if
+         associate (n => self%nlane, m => self%nnoise, d => self%of(j))
+            call parts%model%gradient_hessian(n, 1, m, t, self%unit(:, :, j), q, p, d%q, d%p, d%qq, d%qp, d%pp)
+            if (self%thirds) call parts%model%third_derivative(n, 1, m, t, self%unit(:, :, j), q, p, self%one, &
+                                                               self%one, self%one, self%one, d%qqq, d%ppp)
+         end associate
+      end do
+   end subroutine ask_for_all
+
+   !> Any model: sum_j w_j H_j, {sum_k c_k H_k, H} and sum_l {H_l, sum_{k<l} A_kl H_k}.
+   subroutine add_up(self, parts, step, hq, hp, hqq, hqp, hpp)
+      class(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      type(step_record), intent(in) :: step
       real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
-      integer, intent(out) :: asked
       integer :: j, k, l
 
       hq = 0
@@ -142,19 +191,13 @@ contains
       hqq = 0
       hqp = 0
       hpp = 0
-      asked = 0
       associate (n => self%nlane, m => self%nnoise, noisy => parts%noisy, f => self%f)
          do j = 0, m
             if (j > 0) then
                if (.not. noisy(j)) cycle
             end if
-            associate (d => self%of(j))
-               call parts%model%gradient_hessian(n, 1, m, t, self%unit(:, :, j), q, p, d%q, d%p, d%qq, d%qp, d%pp)
-               call add_multiple(n, step%w(:, j), d%q, d%p, d%qq, d%qp, d%pp, hq, hp, hqq, hqp, hpp)
-               if (self%thirds) call parts%model%third_derivative(n, 1, m, t, self%unit(:, :, j), q, p, self%one, &
-                                                                  self%one, self%one, self%one, d%qqq, d%ppp)
-            end associate
-            asked = asked + 1
+            call add_multiple(n, step%w(:, j), self%of(j)%q, self%of(j)%p, self%of(j)%qq, self%of(j)%qp, &
+                              self%of(j)%pp, hq, hp, hqq, hqp, hpp)
          end do
          if (parts%active%single) then
             call clear(f)
@@ -410,59 +453,5 @@ contains
          vp(lane) = -hq(lane)
       end do
    end subroutine field
-
-   !> VEC Additive noise: c [H(x+bv) + H(x-bv) - 2H(x)], whose gradients are the columns 1 and 2 of (gq, gp), and
-   !> (eq, ep).
-   pure subroutine add_second_difference(nlane, c, eq, ep, gq, gp, hq, hp)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: c, eq(nlane), ep(nlane), gq(nlane, 6), gp(nlane, 6)
-      real(wp), intent(inout), dimension(nlane) :: hq, hp
-      integer :: lane
-
-      do lane = 1, nlane
-         hq(lane) = hq(lane) + c*((gq(lane, 1) + gq(lane, 2)) - 2*eq(lane))
-         hp(lane) = hp(lane) + c*((gp(lane, 1) + gp(lane, 2)) - 2*ep(lane))
-      end do
-   end subroutine add_second_difference
-
-   !> VEC The same, and what the points share by the fields: that of H_k, by its Hessian (qq, qp, pp), and that of H, to
-   !> which (yq, yp) is added; with c2 times the mixed difference of H_k at x -+ a u - b v and x -+ a u + b v, whose
-   !> gradients are the columns 3 and 4, 5 and 6.
-   pure subroutine add_differences(nlane, a, b, c, c2, eq, ep, gq, gp, qq, qp, pp, hq, hp, yq, yp)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: a, b, c, c2, eq(nlane), ep(nlane), gq(nlane, 6), gp(nlane, 6)
-      real(wp), intent(in), dimension(nlane) :: qq, qp, pp
-      real(wp), intent(inout), dimension(nlane) :: hq, hp, yq, yp
-      real(wp) :: rq, rp, before, behind
-      integer :: lane
-
-      do lane = 1, nlane
-         before = gq(lane, 4) - gq(lane, 3)
-         behind = gq(lane, 6) - gq(lane, 5)
-         rq = b*(c*(gq(lane, 2) - gq(lane, 1)) - c2*(before + behind))
-         hq(lane) = hq(lane) + (c*((gq(lane, 1) + gq(lane, 2)) - 2*eq(lane)) - c2*(behind - before))
-         yq(lane) = yq(lane) - a*c2*((gq(lane, 5) - gq(lane, 3)) + (gq(lane, 6) - gq(lane, 4)))
-         before = gp(lane, 4) - gp(lane, 3)
-         behind = gp(lane, 6) - gp(lane, 5)
-         rp = b*(c*(gp(lane, 2) - gp(lane, 1)) - c2*(before + behind))
-         hp(lane) = hp(lane) + (c*((gp(lane, 1) + gp(lane, 2)) - 2*ep(lane)) - c2*(behind - before))
-         yp(lane) = yp(lane) - a*c2*((gp(lane, 5) - gp(lane, 3)) + (gp(lane, 6) - gp(lane, 4)))
-         hq(lane) = hq(lane) + (qp(lane)*rq - qq(lane)*rp)
-         hp(lane) = hp(lane) + (pp(lane)*rq - qp(lane)*rp)
-      end do
-   end subroutine add_differences
-
-   !> VEC Add (D field)^T r = Hessian (-r_p, r_q).
-   pure subroutine add_transposed(nlane, qq, qp, pp, rq, rp, hq, hp)
-      integer, intent(in) :: nlane
-      real(wp), intent(in), dimension(nlane) :: qq, qp, pp, rq, rp
-      real(wp), intent(inout), dimension(nlane) :: hq, hp
-      integer :: lane
-
-      do lane = 1, nlane
-         hq(lane) = hq(lane) + (qp(lane)*rq(lane) - qq(lane)*rp(lane))
-         hp(lane) = hp(lane) + (pp(lane)*rq(lane) - qp(lane)*rp(lane))
-      end do
-   end subroutine add_transposed
 
 end module symsde_step_single_brackets

@@ -15,6 +15,7 @@ module symsde_step_stages_single
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_brackets, only: lone_brackets
    use symsde_step_lone_single_newton, only: lone_single_newton, has_lone_stages
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_single_newton, only: single_newton, new_single_newton
@@ -165,13 +166,27 @@ contains
       few%ham%counters = counters_type()
    end subroutine finish
 
-   !> Paths one by one, where there are two to four stages, the Hamiltonians are separable or one solve is all, and have
-   !> their derivatives.
+   !> Paths one by one: where brackets are added, and where there are two to four stages, the Hamiltonians are separable
+   !> or one solve is all, and have their derivatives.
    subroutine offer_lone(self, lone)
       class(stages_single_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
       type(lone_single_newton), allocatable :: made
+      type(lone_brackets), allocatable :: bracketed
 
+      if (allocated(self%ham%modified)) then
+         allocate (bracketed)
+         bracketed%most = 4
+         bracketed%a = self%solver%a
+         bracketed%abar = self%solver%abar
+         bracketed%alpha = self%alpha
+         bracketed%c = self%solver%c
+         bracketed%test = self%solver%newton%test
+         bracketed%max_iter = self%solver%newton%options%max_iter
+         bracketed%wanted = self%ham%modified%active
+         call move_alloc(bracketed, lone)
+         return
+      end if
       if (.not. (self%ham%model%traits%has_hessian .and. &
                  has_lone_stages(self%solver%a, self%solver%abar, self%alpha))) return
       if (.not. (self%solver%separable .or. self%solver%newton%affine)) return
