@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Derivatives of a Hamiltonian of an angle from its terms (angle_terms of model/abstract). Of a Hamiltonian that has one
-!> term in q they have the bits of those that a model gives.
+!> Derivatives of a Hamiltonian of an angle from its terms (angle_terms of model/abstract). Where there is but one term
+!> in q they have the bits of those that a model gives.
 module symsde_step_angle_derivatives
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: angle_terms

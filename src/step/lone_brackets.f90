@@ -30,7 +30,7 @@ module symsde_step_lone_brackets
       type(modified_hamiltonian), private :: parts   !! of one lane
       type(single_brackets), private :: brackets
       type(step_record), private :: step
-      type(angle_terms), allocatable, private :: terms(:, :, :)  !! of every H_j, see step/single_brackets; at times 0..2
+      type(angle_terms), allocatable, private :: terms(:, :, :)  !! of every H_j, see single_brackets; at times 0..2
       real(wp), allocatable, private :: unit(:)      !! weights of one Hamiltonian alone (0:m)
    contains
       procedure :: lead

@@ -214,8 +214,8 @@ contains
       end do
    end subroutine begin_sum
 
-   !> The same of one lane. Here and below every product is added to a sum, from zero on: of a sum of two products either
-   !> one may be fused, in lanes and alone not the same.
+   !> The same of one lane. Here and below every product is added to a sum, from zero on: of a sum of two products
+   !> either one may be fused, in lanes and alone not the same.
    pure subroutine begin_one(w, p, u1, u2, hq, hp, hqq, hqp, hpp)
       real(wp), intent(in) :: w, p, u1, u2
       real(wp), intent(out) :: hq, hp, hqq, hqp, hpp
