@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Implicit stages of one degree of freedom for a path by itself: the first guess and the iterations of
-!> step/single_newton where the Hamiltonians are separable, or the one solve of two stages where they are quadratic. Two
-!> stages by its passes over one lane, three and four by numbers.
+!> step/single_newton where the Hamiltonians are separable, or one solve where they are quadratic.
 module symsde_step_lone_single_newton
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: angle_terms
@@ -305,32 +304,70 @@ contains
       sound = abs(total) <= huge(total)
    end subroutine correct
 
-   !> From slopes of zero, where both stages are where the step begins.
+   !> From slopes of zero, where all stages are where the step begins.
    subroutine solve_once(self, t, h, w, q, p, dq, dp, taken)
       type(lone_single_newton), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(1), p(1)
       real(wp), intent(out) :: dq(1), dp(1)
       logical, intent(out) :: taken
-      real(wp) :: x(4), d(4), step, size
-      real(wp), dimension(1, 2) :: hq, hp, hqq, hqp, hpp
+      real(wp) :: x(2*most_stages), d(2*most_stages), step, size
+      real(wp), dimension(1, most_stages) :: hq, hp, hqq, hqp, hpp
       integer :: i
 
-      do i = 1, 2
+      do i = 1, self%s
          call self%model%gradient_hessian(1, 1, self%m, t + self%c(i)*h, w, q, p, hq(:, i), hp(:, i), hqq(:, i), &
                                           hqp(:, i), hpp(:, i))
       end do
       x = 0
-      call solve_lanes(1, self%a, self%abar, hq(:, 1), hq(:, 2), hp(:, 1), hp(:, 2), hqq(:, 1), hqq(:, 2), &
-                       hqp(:, 1), hqp(:, 2), hpp(:, 1), hpp(:, 2), x, d)
-      call correct(4*self%n, d, x, step, size, taken)
+      taken = .true.
+      if (self%s == 2) then
+         call solve_lanes(1, self%a, self%abar, hq(:, 1), hq(:, 2), hp(:, 1), hp(:, 2), hqq(:, 1), hqq(:, 2), &
+                          hqp(:, 1), hqp(:, 2), hpp(:, 1), hpp(:, 2), x, d)
+      else
+         call solve_whole(self%s, self%several%a, self%several%abar, hq, hp, hqq, hqp, hpp, d, taken)
+      end if
+      if (taken) call correct(2*self%s, d, x, step, size, taken)
       if (.not. taken) return
-      call add_stages(1, self%alpha, x, dq, dp)
+      if (self%s == 2) then
+         call add_stages(1, self%alpha, x, dq, dp)
+      else
+         dq = weighed(self%several%sum, x, 0.0_wp)
+         dp = weighed(self%several%sum, x(self%s + 1:), 0.0_wp)
+      end if
       associate (c => self%counters)
-         c%gradients = c%gradients + 2
-         c%hessians = c%hessians + 2
+         c%gradients = c%gradients + self%s
+         c%hessians = c%hessians + self%s
          c%iterations = c%iterations + 1
          c%solves = c%solves + 1
       end associate
    end subroutine solve_once
+
+   !> Newton's correction from slopes of zero by the whole matrix; not where pivots are not trusted.
+   pure subroutine solve_whole(s, a, abar, hq, hp, hqq, hqp, hpp, d, trusted)
+      integer, intent(in) :: s
+      real(wp), intent(in) :: a(most_stages, most_stages), abar(most_stages, most_stages)
+      real(wp), intent(in), dimension(most_stages) :: hq, hp, hqq, hqp, hpp
+      real(wp), intent(out) :: d(2*s)
+      logical, intent(out) :: trusted
+      real(wp) :: m(2*s, 2*s), smallest
+      integer :: i, k
+
+      m = 0
+      do i = 1, 2*s
+         m(i, i) = 1
+      end do
+      do k = 1, s
+         do i = 1, s
+            m(i, k) = m(i, k) - a(i, k)*hqp(i)
+            m(i, s + k) = -(abar(i, k)*hpp(i))
+            m(s + i, k) = a(i, k)*hqq(i)
+            m(s + i, s + k) = m(s + i, s + k) + abar(i, k)*hqp(i)
+         end do
+         d(k) = 0 - hp(k)
+         d(s + k) = 0 + hq(k)
+      end do
+      call solve_lone(2*s, m, d, smallest)
+      trusted = smallest > pivot_floor
+   end subroutine solve_whole
 
 end module symsde_step_lone_single_newton

@@ -39,7 +39,7 @@ module symsde_step_single_newton
       real(wp), allocatable, private :: d(:, :)                    !! their correction (nlane, 2 s)
       real(wp), allocatable, dimension(:), private :: qs, ps       !! one stage (nlane)
       real(wp), allocatable, dimension(:, :), private :: hq, hp, hqq, hqp, hpp  !! all stages (nlane, s)
-      real(wp), allocatable, private :: matrix(:, :, :)            !! more than two stages (nlane, s, s)
+      real(wp), allocatable, private :: matrix(:, :, :)            !! more than two stages (nlane, n, n): s or 2 s
       type(block_solver), private :: solver
       logical, allocatable, private :: active(:)
       integer(i8), allocatable, private :: verdict(:)
@@ -51,13 +51,14 @@ module symsde_step_single_newton
 
 contains
 
-   !> An iteration for the lanes of this Hamiltonian. More than two stages must be separable and not affine.
+   !> An iteration for the lanes of this Hamiltonian.
    subroutine new_single_newton(self, ham, scheme, options)
       type(single_newton), intent(out) :: self
       type(one_step_hamiltonian), intent(in) :: ham
       type(scheme_type), intent(in) :: scheme
       type(newton_options), intent(in) :: options
       logical :: bare, whole
+      integer :: n
 
       bare = .not. allocated(ham%modified)
       whole = bare  ! Newton's matrix
@@ -80,8 +81,9 @@ contains
             call new_single_brackets(self%brackets, ham%modified)
          end if
          if (s == 2) return
-         allocate (self%matrix(nlane, s, s), self%active(nlane), self%verdict(nlane))
-         call new_block_solver(self%solver, nlane, s, -1, -1)
+         n = merge(s, 2*s, self%separable)
+         allocate (self%matrix(nlane, n, n), self%active(nlane), self%verdict(nlane))
+         call new_block_solver(self%solver, nlane, n, -1, -1)
       end associate
    end subroutine new_single_newton
 
@@ -209,16 +211,24 @@ contains
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
       integer(i8) :: before
-      integer :: lane
+      integer :: lane, first
 
-      call linearise(self%nlane, self%s, at, self%a, self%abar, self%hq, self%hp, self%hqq, self%hpp, self%x, &
-                     self%d, self%d(:, self%s + 1:), self%matrix)
+      if (self%separable) then
+         first = self%s + 1  ! of the unknowns
+         call linearise(self%nlane, self%s, at, self%a, self%abar, self%hq, self%hp, self%hqq, self%hpp, self%x, &
+                        self%d, self%d(:, first:), self%matrix)
+      else
+         first = 1
+         call linearise_all(self%nlane, self%s, at, self%a, self%abar, self%hq, self%hp, self%hqq, self%hqp, self%hpp, &
+                            self%x, self%d, self%matrix)
+      end if
       self%active = self%newton%last >= 0
       self%verdict = 0
       before = self%solver%lapack_solves
-      call self%solver%solve(self%matrix, self%d(:, self%s + 1:), self%active, self%verdict)
+      call self%solver%solve(self%matrix, self%d(:, first:), self%active, self%verdict)
       counters%lapack_solves = counters%lapack_solves + self%solver%lapack_solves - before
-      call add_velocities(self%nlane, self%s, at, self%abar, self%hpp, self%d(:, self%s + 1:), self%d)
+      if (self%separable) &
+         call add_velocities(self%nlane, self%s, at, self%abar, self%hpp, self%d(:, first:), self%d)
       if (all(self%verdict == 0)) return
       do lane = 1, self%nlane
          if (self%active(lane) .and. self%verdict(lane) /= 0) &
@@ -257,6 +267,29 @@ contains
          end do
       end do
    end subroutine linearise
+
+   !> r_F, r_G, and the whole matrix.
+   pure subroutine linearise_all(nlane, s, at, a, abar, hq, hp, hqq, hqp, hpp, x, r, matrix)
+      integer, intent(in) :: nlane, s, at(s)
+      real(wp), intent(in) :: a(s, s), abar(s, s)
+      real(wp), intent(in), dimension(nlane, s) :: hq, hp, hqq, hqp, hpp
+      real(wp), intent(in) :: x(nlane, 2*s)
+      real(wp), intent(out) :: r(nlane, 2*s), matrix(nlane, 2*s, 2*s)
+      real(wp) :: unit
+      integer :: i, k
+
+      do i = 1, s
+         r(:, i) = x(:, i) - hp(:, at(i))
+         r(:, s + i) = x(:, s + i) + hq(:, at(i))
+         do k = 1, s
+            unit = merge(1.0_wp, 0.0_wp, i == k)
+            matrix(:, i, k) = unit - a(i, k)*hqp(:, at(i))
+            matrix(:, i, s + k) = -(abar(i, k)*hpp(:, at(i)))
+            matrix(:, s + i, k) = a(i, k)*hqq(:, at(i))
+            matrix(:, s + i, s + k) = unit + abar(i, k)*hqp(:, at(i))
+         end do
+      end do
+   end subroutine linearise_all
 
    !> dF = r_F + diag(Hpp) abar dG
    pure subroutine add_velocities(nlane, s, at, abar, hpp, dg, df)

@@ -74,8 +74,8 @@ contains
       call new_last_lanes(self%few, task%model, task%scheme, task%newton)
    end subroutine make
 
-   !> Drift and noise alike, one degree of freedom, solved by Newton: two stages, or more of a separable model whose
-   !> momenta step/stages does not eliminate.
+   !> Drift and noise alike, one degree of freedom, solved by Newton: two stages, or more of a separable or quadratic
+   !> model whose momenta step/stages does not eliminate.
    pure logical function fits_stages_single(model, scheme, options)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
@@ -86,7 +86,7 @@ contains
       if (fits_stages_single) fits_stages_single = scheme%noise_coefficients_equal()
       if (.not. fits_stages_single .or. scheme%nstage == 2) return
       associate (t => model%traits)
-         fits_stages_single = t%separable .and. .not. t%one_solve(.false.) .and. &
+         fits_stages_single = (t%separable .or. t%one_solve(.false.)) .and. &
                               .not. (t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0))
       end associate
    end function fits_stages_single

@@ -468,11 +468,16 @@ def test_one_path_of_a_quadratic_model():
     functions = {"gradient": gradient, "gradient_hessian": gradient_hessian}
     assert ss._callbacks.takes_any_lanes(functions.values())
     model = ss.Model(ndof=1, nnoise=1, quadratic=True, **functions)
-    how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 60, "seed": 5, "scheme": "gauss2"}
-    many = ss.simulate(model, paths=300, **how)
-    assert many.report.counters["solves"] == 300 * 60
-    for paths in (1, 2, 5):
-        run = ss.simulate(model, paths=paths, **how)
-        np.testing.assert_array_equal(run.q, many.q[:, :, :paths])
-        np.testing.assert_array_equal(run.p, many.p[:, :, :paths])
-        assert run.report.counters["solves"] == paths * 60
+    for scheme in ("gauss2", "gauss3", "gauss4", "lobatto3", "lobatto4_swapped"):
+        how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 60, "seed": 5, "scheme": scheme}
+        many = ss.simulate(model, paths=300, **how)
+        assert many.report.counters["solves"] == 300 * 60
+        for paths in (1, 2, 5):
+            run = ss.simulate(model, paths=paths, **how)
+            np.testing.assert_array_equal(run.q, many.q[:, :, :paths])
+            np.testing.assert_array_equal(run.p, many.p[:, :, :paths])
+            assert run.report.counters["solves"] == paths * 60
+        if scheme != "gauss2":
+            plain = ss.simulate(model, paths=300, general=True, **how)
+            np.testing.assert_allclose(many.q, plain.q, rtol=1e-12, atol=1e-13)
+            np.testing.assert_allclose(many.p, plain.p, rtol=1e-12, atol=1e-13)
