@@ -18,7 +18,7 @@ module symsde_step_averaged_shift
    use symsde_model_abstract, only: model_type
    use symsde_model_noise_time, only: noise_changes_in_time
    use symsde_scheme_scheme, only: bracket_terms, correction_none, frame_mean_path
-   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, midpoint_serves
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_modified_hamiltonian, only: active_brackets
@@ -187,7 +187,7 @@ contains
       allocate (made)
       call self%inner%offer_lone(made%inner)
       if (.not. allocated(made%inner)) return
-      made%most = made%inner%most
+      made%most = few_of(self%ham%ndof, 3)  ! four take 1.1 of the time
       call new_mean_path(made%mean, self%ham%model, 1, self%mean%time_dependent)
       call move_alloc(made, lone)
    end subroutine offer_lone

@@ -176,7 +176,7 @@ contains
 
       if (allocated(self%ham%modified)) then
          allocate (bracketed)
-         bracketed%most = 4
+         bracketed%most = 2  ! three take 1.0 to 1.2 of the time
          bracketed%a = self%solver%a
          bracketed%abar = self%solver%abar
          bracketed%alpha = self%alpha
