@@ -17,7 +17,7 @@ module symsde_step_lone_stages
    public :: lone_stages
 
    integer, parameter :: most_ahead = 12  !! sweeps of a step that are asked of the model
-   integer, parameter :: most_swung = 3   !! stages of an angle, in numbers alone
+   integer, parameter :: most_swung = 4   !! stages of an angle, in numbers alone
 
    !> Two stages and two degrees of freedom: the model takes the sweeps.
    type :: stage_pair
@@ -284,6 +284,7 @@ contains
             weighed = start + (c(1)*g(i(1)) + c(2)*g(i(2)))
          case default
             weighed = start + (c(1)*g(i(1)) + c(2)*g(i(2)) + c(3)*g(i(3)))
+            if (sum%m > 3) weighed = weighed + c(4)*g(i(4))
          end select
       end associate
    end function weighed

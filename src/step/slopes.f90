@@ -11,13 +11,13 @@ module symsde_step_slopes
    !> The coefficients that count, times a factor.
    type :: slope_sum
       integer :: m = 0          !! how many there are
-      integer :: used(3) = 0    !! slopes of the first three
-      real(wp) :: c(3) = 0      !! and their coefficients
+      integer :: used(4) = 0    !! slopes of the first four
+      real(wp) :: c(4) = 0      !! and their coefficients
    end type slope_sum
 
 contains
 
-   !> What add_slopes adds, found once; of more than three the first three.
+   !> What add_slopes adds, found once; of more than four the first four.
    pure subroutine find_sum(nstage, factor, coefficient, sum)
       integer, intent(in) :: nstage
       real(wp), intent(in) :: factor, coefficient(nstage)
@@ -27,7 +27,7 @@ contains
       do j = 1, nstage
          if (abs(coefficient(j)) <= 0) cycle
          sum%m = sum%m + 1
-         if (sum%m > 3) cycle
+         if (sum%m > size(sum%c)) cycle
          sum%used(sum%m) = j
          sum%c(sum%m) = factor*coefficient(j)
       end do
