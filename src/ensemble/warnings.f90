@@ -173,6 +173,11 @@ contains
       b = model%traits%bandwidth
       looked = b /= dense .or. n <= largest_dense
       if (.not. looked) return
+      if (model%traits%has_lone_rows) then  ! H = p.p/2 + U(q)
+         call sum_rows(model, nlane, n, m, t, k, q0, hqq)
+         if (k == 0) hpp = 1
+         return
+      end if
       allocate (w(nlane, 0:m), source=0.0_wp)
       w(:, k) = 1
       q = spread(q0, 1, nlane)
@@ -188,8 +193,8 @@ contains
          allocate (aqq(nlane, -b:b, n), app(nlane, -b:b, n))
          if (.not. model%traits%separable) allocate (aqp(nlane, -b:b, n))
          call model%hessian_banded(nlane, n, m, b, t, w, q, p, aqq, aqp, app)
-         hqq = sum(abs(aqq(1, :, :)), dim=1)
-         hpp = sum(abs(app(1, :, :)), dim=1)
+         call sum_bands(nlane, 2*b + 1, n, aqq, hqq)
+         call sum_bands(nlane, 2*b + 1, n, app, hpp)
          if (.not. allocated(aqp)) return
          hqp = sum(abs(aqp(1, :, :)), dim=1)
          allocate (column(1 - b:n + b), source=0.0_wp)
@@ -199,6 +204,47 @@ contains
          hqp = max(hqp, column(1:n))
       end if
    end subroutine row_sums
+
+   !> Row sums of the block in q of a chain that gives its rows in one pass: to have all bands takes longer than steps.
+   subroutine sum_rows(model, nlane, n, m, t, k, q0, sums)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane, n, m, k
+      real(wp), intent(in) :: t, q0(:)         !! (n)
+      real(wp), intent(out) :: sums(:)         !! (n)
+      real(wp) :: w(nlane, 0:m), bands(nlane, 0:1, n)
+      real(wp), dimension(nlane, n) :: q, p, hq
+      integer :: i
+
+      w = 0
+      w(:, k) = 1
+      p = 0
+      do i = 1, n
+         q(:, i) = q0(i)
+      end do
+      call model%force_stiffness(nlane, n, m, 1, t, w, q, p, hq, bands)
+      do i = 1, n
+         sums(i) = abs(bands(1, 0, i))
+      end do
+      do i = 1, n - 1
+         sums(i) = sums(i) + abs(bands(1, 1, i))
+         sums(i + 1) = sums(i + 1) + abs(bands(1, 1, i))
+      end do
+   end subroutine sum_rows
+
+   !> Sums over the bands of the first lane, by explicit bounds: of a small chain sections take as long as its steps.
+   pure subroutine sum_bands(nlane, nband, n, a, sums)
+      integer, intent(in) :: nlane, nband, n
+      real(wp), intent(in) :: a(nlane, nband, n)
+      real(wp), intent(out) :: sums(:)   !! (n)
+      integer :: i, d
+
+      do i = 1, n
+         sums(i) = 0
+         do d = 1, nband
+            sums(i) = sums(i) + abs(a(1, d, i))
+         end do
+      end do
+   end subroutine sum_bands
 
    subroutine add(text, sentence)
       character(:), allocatable, intent(inout) :: text

@@ -271,23 +271,34 @@ contains
       integer, intent(in) :: b   !! bandwidth, traits%bandwidth
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
-      real(wp) :: before(nlane), behind(nlane)
-      integer :: i
 
       if (nlane == 1 .and. b == 1) then
          call rows_alone(ndof, self%beta, self%sigma, w, q, hq, hqq)
-         return
+      else
+         call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq=hq)
+         call upper_bands(nlane, ndof, b, self%beta, w(1, 0), q, hqq)
       end if
-      call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq=hq)
-      call stiffness(nlane, ndof, 0, self%beta, w(:, 0), q, before)
+   end subroutine force_stiffness
+
+   !> The stiffness of all rows of many lanes.
+   pure subroutine upper_bands(nlane, ndof, b, beta, w, q, hqq)
+      integer, intent(in) :: nlane, ndof, b
+      real(wp), intent(in) :: beta
+      real(wp), intent(in) :: w(nlane)  !! weights of H_0
+      real(wp), intent(in) :: q(nlane, ndof)
+      real(wp), intent(out) :: hqq(nlane, 0:b, ndof)
+      real(wp) :: before(nlane), behind(nlane)
+      integer :: i
+
+      call stiffness(nlane, ndof, 0, beta, w, q, before)
       do i = 1, ndof
-         call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, behind)
+         call stiffness(nlane, ndof, i, beta, w, q, behind)
          hqq(:, :, i) = 0  ! a model may be declared to have more bands
          hqq(:, 0, i) = before + behind
          if (b > 0) hqq(:, 1, i) = -behind
          before = behind
       end do
-   end subroutine force_stiffness
+   end subroutine upper_bands
 
    !> VEC
    pure subroutine rows_alone(n, beta, sigma, w, q, hq, hqq)
