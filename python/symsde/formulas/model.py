@@ -44,6 +44,7 @@ class FormulaModel(Model):
     formula: Formula
     _derivatives: Derivatives | None  #: nodes of all derivatives; None of sums over sites
     _chain: Chain | None  #: sums over sites
+    _direct: tuple | None  #: compiled gradient and value, each with its parameters, and weights 1 of all Hamiltonians
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """As of every model; what does not fit the model is told with its formulas."""
@@ -56,6 +57,8 @@ class FormulaModel(Model):
         """Refuse one state for all paths where a Hamiltonian or its derivative is singular: no scheme is right."""
         if q0.shape[1] != 1 or p0.shape[1] != 1:
             return  # each path has its own status
+        if self._is_finite_at(q0, p0, t0):
+            return
         if not (math.isfinite(t0) and np.isfinite(q0).all() and np.isfinite(p0).all()):
             return  # the library says which of them is not
         found = np.empty(2 * self.ndof + 1)  # one state: by model.gradient and .value a call took twice as long
@@ -70,6 +73,17 @@ class FormulaModel(Model):
             raise InvalidArgumentError(
                 f"a Hamiltonian or its derivative is not finite at {at}: begin elsewhere ({self._quoted()})"
             )
+
+    def _is_finite_at(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> bool:
+        """Whether the compiled functions say so. They are asked themselves: by the library it took half of a call."""
+        if self._direct is None:
+            return False
+        (gradient, user), (value, _), w = self._direct
+        found = np.empty(2 * self.ndof + 1)
+        at = 1, self.ndof, self.nnoise + 1, t0, *map(_checks.address, (w, q0, p0))
+        hq = _checks.address(found)
+        hp, energy = hq + found.itemsize * self.ndof, hq + 2 * found.itemsize * self.ndof
+        return not (gradient(*at, hq, hp, user) or value(*at, energy, user)) and bool(np.isfinite(found).all())
 
     def _quoted(self) -> str:
         texts = (f"{'H' if j == 0 else f'H_{j}'} = {quoted(h)}" for j, h in enumerate(self.formula.hamiltonians[:4]))
@@ -163,6 +177,9 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     )
     model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], derived=True, **traits, **functions)
     model.formula, model._derivatives, model._chain = formula, derivatives, chain
+    model._direct = None
+    if compiled is not None:
+        model._direct = (*(_callbacks.compiled(x, functions[x]) for x in ("gradient", "value")), np.ones(nnoise + 1))
     model._parameters = dict(parameters)
     model._remade = (_made, (given,))
     return model
