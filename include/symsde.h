@@ -328,14 +328,13 @@ int symsde_report_init(symsde_report *report);
 /* Saved paths, in the caller's arrays; ntime = steps/save_every + 1. Values after a failure are NaN. */
 typedef struct symsde_paths {
    size_t struct_size;
-   double *t;                  /* [ntime] */
+   double *t;                  /* [ntime]; NULL = not wanted */
    double *q, *p;              /* [ntime][ndof][paths] */
    int32_t *status;            /* [paths]: 0 or a status above 0 */
    int64_t *failed_step;       /* [paths]: absolute step that failed, -1 = none */
    double *last_q, *last_p;    /* [ndof][paths], last good state; NULL = not wanted */
    double *q_low, *p_low;      /* [ndof][paths], its low parts if compensated; NULL = not wanted */
 } symsde_paths;
-
 int symsde_paths_init(symsde_paths *paths);
 int symsde_simulate(symsde_model model, symsde_scheme scheme, const symsde_options *options, const symsde_input *input,
                     symsde_paths *paths, symsde_report *report, symsde_error *error);
@@ -452,7 +451,8 @@ int symsde_run_state(symsde_run run, symsde_state *state, symsde_error *error);
 /* counters and seconds of all calls, outcome of the last one; warnings are for a million steps */
 int symsde_run_report(symsde_run run, symsde_report *report, symsde_error *error);
 int symsde_run_delete(symsde_run *run);
-
+/* t[ntime] of the saved points of a run with these options, as symsde_simulate has them */
+int symsde_saved_times(const symsde_options *options, double *t, symsde_error *error);
 /* the increments that drive a run of this scheme with these options: dw[steps][nnoise][paths]; scheme = NULL: of any
  * scheme that asks for Gaussian increments alone */
 int symsde_increments(symsde_model model, symsde_scheme scheme, const symsde_options *options, double *dw,

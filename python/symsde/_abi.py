@@ -323,6 +323,7 @@ FUNCTIONS = {
     "input_init": (_input,),
     "report_init": (POINTER(Report),),
     "paths_init": (POINTER(Paths),),
+    "saved_times": (_options, c_void_p, _error),
     "simulate": (*_run, _input, POINTER(Paths), POINTER(Report), _error),
     "moments_init": (POINTER(Moments),),
     "compute_moments": (*_run, _input, POINTER(Moments), POINTER(Report), _error),

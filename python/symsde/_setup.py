@@ -8,6 +8,7 @@ import functools
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -167,21 +168,20 @@ _READ = {
     "max_iter": (100, _integer(INT32)),
 }
 
+_FIRST = ("step", "steps", "threads", "lanes")  # which are read one by one
+
 #: names of the options of a run
 OPTIONS = ["step", "steps", *_READ, "threads", "lanes"]
 
 
-def make_options(
-    model: Model,
-    *,
-    step: float | None = None,
-    steps: int | None = None,
-    threads: int | None = None,
-    lanes: int | None = None,
-    in_python: bool = False,
-    **given: object,
-) -> _abi.Options:
-    """Options of the C interface; types and ranges are checked here, their meaning by the library."""
+def make_options(model: Model, *, in_python: bool = False, **given: object) -> _abi.Options:
+    """Options of the C interface, those of `OPTIONS`."""
+    return _options_of(model, given, in_python)
+
+
+def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> _abi.Options:
+    """The same from a dictionary, which is used up; types and ranges are checked here, their meaning by the library."""
+    step, steps, threads, lanes = (given.pop(key, None) for key in _FIRST)
     if not given.keys() <= _READ.keys():
         key = next(key for key in given if key not in _READ)
         raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}")
@@ -226,10 +226,11 @@ def make_setup(
     increments: object = None,
     q0_low: object = None,
     p0_low: object = None,
+    in_python: bool = False,
     **options,
 ) -> Setup:
     """Check everything that goes into a run."""
-    chosen = make_options(model, **options)
+    chosen = _options_of(model, options, in_python)
     ndof, paths = model.ndof, chosen.paths
     start = _checks.state("q0", q0, ndof, paths), _checks.state("p0", p0, ndof, paths)
     model.check_start(*start, chosen.t0)

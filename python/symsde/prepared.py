@@ -220,7 +220,7 @@ class PreparedRun:
     def _fill(self, run: Run, name: str, *steps: int, progress: Progress) -> Run:
         """Let the library advance, and save into a Run."""
         paths = _handles.new(_abi.Paths, "paths")
-        paths.t, paths.q, paths.p = (address(x) for x in (run.t, run.q, run.p))
+        paths.q, paths.p = address(run.q), address(run.p)
         with Monitor(progress, result=run) as monitor:
             given = _handles.new(_abi.Input, "input")
             given.progress = monitor.callback

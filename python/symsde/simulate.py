@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib
+import math
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from . import _abi, _checks, _files, _handles, tabular
-from ._checks import addresses
+from ._checks import address, addresses
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
 from .model import Model
@@ -25,10 +26,21 @@ _PATHS_SIZE = _handles.new(_abi.Paths, "paths").struct_size
 _REPORT_SIZE = _handles.new(_abi.Report, "report").struct_size
 
 
+_HELD, _KEPT = 2**14, 2**25  # bytes of a piece that glibc's allocator always has, and that it keeps for the next run
+
+
+def _two_of(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Room for q and p: up to a size in one piece, since of two the allocator gives one back to the system, and its
+    fresh pages would take longer than the steps of the next run."""
+    if not _HELD < 16 * math.prod(shape) <= _KEPT:
+        return np.empty(shape), np.empty(shape)
+    q, p = np.empty((2, *shape))
+    return q, p
+
+
 class Run(Reported):
     """Saved paths: arrays as the library filled them, without a copy. Values after a failure are NaN."""
 
-    t: np.ndarray  #: (time,), t0 included
     q: np.ndarray  #: (time, dof, path)
     p: np.ndarray  #: (time, dof, path)
     status: np.ndarray  #: (path,), 0 = ok; `symsde.status_text` tells the others
@@ -44,8 +56,7 @@ class Run(Reported):
         ntime, ndof, paths = setup.ntime, setup.model.ndof, setup.paths
         _checks.room((2, ntime, ndof, paths), "the saved paths (q and p; time, dof, path)")
         saved, last = (ntime, ndof, paths), (ndof, paths)
-        self.t = np.empty(ntime)
-        self.q, self.p = np.empty(saved), np.empty(saved)
+        self.q, self.p = _two_of(saved)
         self.status = np.empty(paths, _INT32)
         self.failed_step = np.empty(paths, _INT64)
         self.last_q, self.last_p = np.empty(last), np.empty(last)
@@ -55,9 +66,9 @@ class Run(Reported):
 
     def fill(self, progress: Progress) -> None:
         """Let the library integrate."""
-        arrays = (self.t, self.q, self.p, self.status, self.failed_step, self.last_q, self.last_p)
+        arrays = (self.q, self.p, self.status, self.failed_step, self.last_q, self.last_p)
         low = () if self.q_low is None else (self.q_low, self.p_low)
-        paths = _abi.Paths(_PATHS_SIZE, *addresses(arrays + low))  # the rest is NULL
+        paths = _abi.Paths(_PATHS_SIZE, None, *addresses(arrays + low))  # the rest is NULL, as t is
         report = _abi.Report(_REPORT_SIZE)
         setup = self.setup
         with Monitor(progress, result=self) as monitor:
@@ -69,6 +80,17 @@ class Run(Reported):
                 allow=(_abi.STOPPED, _abi.PATHS_FAILED),
             )
             self._take_report(report)
+
+    @functools.cached_property
+    def t(self) -> np.ndarray:
+        """(time,), t0 included."""
+        t = np.empty(self.setup.ntime)  # made when it is looked at: a third of what one path takes with q and p
+        _handles.call("saved_times", ctypes.byref(self.setup.options), address(t))
+        return t
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle and copies: with the times, which another library may round otherwise."""
+        return {**self.__dict__, "t": self.t}
 
     @functools.cached_property
     def path(self) -> np.ndarray:

@@ -4,6 +4,7 @@ module symsde_capi_paths
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_memory, only: require_reserve
    use symsde_base_status, only: error_type, raise, out_of_memory
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
@@ -23,7 +24,7 @@ module symsde_capi_paths
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: symsde_paths_init, symsde_simulate, read_saved
+   public :: symsde_paths_init, symsde_simulate, symsde_saved_times, read_saved
 
    !> struct symsde_paths
    type, bind(c) :: c_paths
@@ -88,7 +89,22 @@ contains
       status = end_run(refusal, code, outcome, report, error)
    end function symsde_simulate
 
-   !> A recorder on the caller's arrays, with the saved times filled in.
+   !> When the saved points of a run with these options are.
+   function symsde_saved_times(options, t, error) result(status) bind(c, name='symsde_saved_times')
+      type(c_ptr), intent(in), value :: options, t, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(run_options) :: o
+
+      call require_reserve('a call', 'symsde_saved_times', refusal)
+      call read_options(options, o, refusal)
+      call check_options(o, refusal)
+      call require(t, 't', refusal)
+      if (.not. allocated(refusal)) call put_times(t, o)
+      status = finish(refusal, error)
+   end function symsde_saved_times
+
+   !> A recorder on the caller's arrays, with the saved times filled in where they are wanted.
    subroutine read_paths(given, ndof, options, recorder, scratch, error)
       type(c_ptr), intent(in) :: given                       !! symsde_paths
       integer, intent(in) :: ndof
@@ -127,7 +143,8 @@ contains
       call take_paths(given, ndof, options, recorder, copy, error)
    end subroutine read_saved
 
-   !> The caller's struct, its arrays of saved states in the recorder, with the saved times filled in.
+   !> The caller's struct, its arrays of saved states in the recorder, with the saved times filled in where they are
+   !> wanted.
    subroutine take_paths(given, ndof, options, recorder, copy, error)
       type(c_ptr), intent(in) :: given                       !! symsde_paths
       integer, intent(in) :: ndof
@@ -143,13 +160,12 @@ contains
       ntime = options%nstep/options%save_every + 1
       call take_struct(given, 'paths', c_loc(copy), c_sizeof(copy), error)
       call check_sizes(ntime, n, options%npath, 'q', error)
-      call require(copy%t, 't', error)
       call require(copy%q, 'q', error)
       call require(copy%p, 'p', error)
       if (allocated(error)) return
       call view(copy%q, options%npath, n, ntime, recorder%q)
       call view(copy%p, options%npath, n, ntime, recorder%p)
-      call put_times(copy%t, ntime, options)
+      if (c_associated(copy%t)) call put_times(copy%t, options)
    end subroutine take_paths
 
    !> The caller's array, or scratch of that size where he wants none but the recorder needs it.
@@ -177,12 +193,13 @@ contains
       end if
    end subroutine choose
 
-   subroutine put_times(given, ntime, options)
-      type(c_ptr), intent(in) :: given       !! (ntime)
-      integer(i8), intent(in) :: ntime
+   subroutine put_times(given, options)
+      type(c_ptr), intent(in) :: given       !! one number for each saved point
       type(run_options), intent(in) :: options
       real(wp), pointer, contiguous :: t(:)
+      integer(i8) :: ntime
 
+      ntime = options%nstep/options%save_every + 1
       call view(given, ntime, t)
       call fill_times(options, ntime, t)
    end subroutine put_times

@@ -95,6 +95,11 @@ static void test_misuse(void) {
           symsde_simulate(model, scheme, &options, NULL, &paths, NULL, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "paths is NULL",
           symsde_simulate(model, scheme, &options, &input, NULL, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "t is NULL", symsde_saved_times(&options, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL", symsde_saved_times(NULL, a.t, &error));
+   options.save_every = 3;
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "not a multiple of save_every", symsde_saved_times(&options, a.t, &error));
+   options = some_options();
    EXPECT(SYMSDE_INVALID_ARGUMENT, "dw is NULL", symsde_increments(model, NULL, &options, NULL, &error));
    EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_increments(NULL, NULL, &options, dw, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL", symsde_increments(model, NULL, NULL, dw, &error));

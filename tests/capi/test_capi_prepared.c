@@ -236,8 +236,35 @@ static void test_fork(void) {
    symsde_run_delete(&run);
 }
 
+/* times by themselves, and runs that are given no room for them: the same bits, also from a later step on */
+static void test_times(void) {
+   symsde_options options = some_options();
+   symsde_paths paths = paths_in(&pieces, 1);
+   symsde_model model = new_kubo();
+   symsde_scheme scheme = new_scheme("midpoint");
+   const symsde_input input = some_input(&one, &zero);
+   double t[NTIME];
+
+   options.first_step = 3;
+   options.t0 = -0.7;
+   run_whole(&options);
+   OK(symsde_saved_times(&options, t, &error));
+   CHECK(memcmp(t, whole.t, sizeof t) == 0 && t[0] == -0.7 + 3 * 0.1);
+   paths.t = NULL;
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(memcmp(pieces.q, whole.q, sizeof(double) * NTIME * PATHS) == 0);
+   memset(&pieces, 0, sizeof pieces);
+   symsde_run run = prepared(&options);
+   OK(symsde_run_advance(run, STEPS, SAVE, NULL, &paths, &error));
+   CHECK(memcmp(pieces.p, whole.p, sizeof(double) * NTIME * PATHS) == 0 && pieces.t[1] == 0);
+   symsde_run_delete(&run);
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
 int main(void) {
    test_pieces();
+   test_times();
    test_host_loop();
    test_stopped();
    test_refusals();

@@ -4,6 +4,7 @@
 import json
 import math
 import os
+import pickle
 import re
 import subprocess
 import sys
@@ -52,6 +53,32 @@ def test_times_and_negative_step(kubo):
     dw = ss.increments(kubo, step=0.1, steps=20, seed=3)
     back = ss.simulate(kubo, q0=there.last_q, p0=there.last_p, t0=4.0, step=-0.1, steps=20, increments=-dw[::-1])
     np.testing.assert_allclose(back.q[-1], 1.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("where", [{}, {"t0": -0.3}, {"t0": 2.0, "first_step": 7}, {"step": -0.07}])
+def test_times_are_those_that_the_library_fills_in(kubo, where):
+    """They are asked for when they are looked at: the bits of those of moments, in prepared runs and copies, too."""
+    how = {"q0": 1.0, "p0": 0.0, "step": 0.1, **where}
+    run = ss.simulate(kubo, steps=30, save_every=3, **how)
+    filled = ss.moments(kubo, steps=30, save_every=3, paths=2, **how).t
+    assert "t" not in vars(run) and run.t.shape == (11,)
+    assert run.t.tobytes() == filled.tobytes()
+    assert run.t is run.t and run.t.flags.writeable
+    saved = ss.prepare(kubo, **how).run(30, save_every=3)
+    twin = pickle.loads(pickle.dumps(saved))
+    assert "t" in vars(twin) and twin.t.tobytes() == filled.tobytes()
+
+
+@pytest.mark.parametrize(("steps", "together"), [(10, False), (20_000, True)])
+@pytest.mark.parametrize("paths", [1, 3])
+def test_q_and_p_are_arrays_of_their_own(kubo, steps, together, paths):
+    """Where one piece of memory holds both, too: neither lies in the other."""
+    run = ss.simulate(kubo, q0=1.0, p0=0.0, step=1e-3, steps=steps, paths=paths)
+    assert (run.q.base is not None) == together
+    assert run.q.flags.c_contiguous and run.p.flags.c_contiguous and not np.shares_memory(run.q, run.p)
+    np.testing.assert_allclose(run.q**2 + run.p**2, 1, rtol=1e-11)
+    few = ss.simulate(kubo, q0=1.0, p0=0.0, step=1e-3, steps=steps, paths=paths, save_every=steps)
+    assert np.array_equal(run.q[-1], few.q[-1]) and np.array_equal(run.p[-1], few.p[-1])
 
 
 def test_report(kubo, options):
@@ -251,6 +278,20 @@ def lattice(sites, sigma, noises_at=None, **declared):
         return stiffness(w) * q, w[0] * p
 
     return ss.Model(ndof=sites, nnoise=len(at), gradient=gradient, hessian=hessian, **declared)
+
+
+@pytest.mark.parametrize("form", ["catalogue", "formula"])
+def test_the_frequency_of_a_chain_is_that_of_its_rows(form):
+    """The largest row sum of |H_qq| at the initial state, whether the chain gives rows or bands."""
+    if form == "catalogue":
+        model = ss.models.fpu_chain(n=5, sigma=0.1, beta=0.7)
+    else:
+        springs = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + beta*(q[i+1]-q[i])**4/4, i)"
+        model = ss.model_from_sympy(springs, ["-0.1*q[k]"], params={"beta": 0.7}, n=5, ends="fixed")
+    q0 = np.array([0.3, -0.8, 0.5, 1.1, -0.2])
+    sums = np.abs(model.hessian(q0, 0.0)[0][:, :, 0]).sum(axis=0)
+    (said,) = ss.simulate(model, q0=q0, p0=0.0, step=1.0, steps=1).report.warnings[:1]
+    assert float(re.match(r"h\*omega = ([\d.]+)", said)[1]) == pytest.approx(math.sqrt(sums.max()), rel=1e-3)
 
 
 @pytest.mark.parametrize("bandwidth", [None, 0, 1])
