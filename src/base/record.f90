@@ -9,7 +9,7 @@ module symsde_base_record
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
-   public :: step_record, steps_record, step_store, step_request, new_step_store
+   public :: step_record, steps_record, step_store, step_request, new_step_store, describe_step_store
 
    !> The values of one functional in one step, and in all steps of a store.
    type :: functional_values
@@ -56,6 +56,7 @@ module symsde_base_record
       real(wp), allocatable :: w(:, :, :)       !! weights h, dW_1 .. dW_m (nlane, 0:nnoise, 0:capacity-1)
       type(functional_steps) :: of(nfunctional)
    contains
+      procedure :: make_room
       procedure :: show
       procedure :: show_several
    end type step_store
@@ -78,20 +79,38 @@ contains
       integer, intent(in) :: capacity           !! steps, an even number
       real(wp), intent(in) :: h             !! step with its sign [time]
       type(functional_set), intent(in) :: asked
-      integer :: i
+
+      call describe_step_store(self, nlane, nnoise, capacity, h, asked)
+      call self%make_room()
+   end subroutine new_step_store
+
+   !> A store that gets its room when it is used.
+   subroutine describe_step_store(self, nlane, nnoise, capacity, h, asked)
+      type(step_store), intent(out) :: self
+      integer, intent(in) :: nlane, nnoise, capacity
+      real(wp), intent(in) :: h
+      type(functional_set), intent(in) :: asked
 
       self%nlane = nlane
       self%nnoise = nnoise
       self%capacity = capacity
       self%h = h
       self%asked = asked
-      allocate (self%w(nlane, 0:nnoise, 0:capacity - 1), source=0.0_wp)
-      self%w(:, 0, :) = h
+   end subroutine describe_step_store
+
+   !> Room for its steps, if there is none yet: zero but for h.
+   subroutine make_room(self)
+      class(step_store), intent(inout) :: self
+      integer :: i
+
+      if (allocated(self%w)) return
+      allocate (self%w(self%nlane, 0:self%nnoise, 0:self%capacity - 1), source=0.0_wp)
+      self%w(:, 0, :) = self%h
       do i = 1, nfunctional
-         if (asked%has(i)) &
-            allocate (self%of(i)%x(nlane, functional_count(i, nnoise), 0:capacity - 1), source=0.0_wp)
+         if (self%asked%has(i)) &
+            allocate (self%of(i)%x(self%nlane, functional_count(i, self%nnoise), 0:self%capacity - 1), source=0.0_wp)
       end do
-   end subroutine new_step_store
+   end subroutine make_room
 
    !> Step i of the store, which begins at the time t.
    subroutine show(self, i, t, step)

@@ -4,12 +4,13 @@ module symsde_ensemble_ahead
    use symsde_base_kinds, only: i8
    implicit none
    private
-   public :: pairs_ahead, pairs_of, states_ahead
+   public :: pairs_ahead, pairs_of, states_ahead, most_shown
 
    integer, parameter :: few_lanes = 8, few_columns = 8
    integer, parameter :: columns_of_one = 256     !! of a path by itself: 128 steps of them take 256 kB
    integer, parameter :: most_increments = 36864  !! of a block that are drawn ahead: 288 kB
    integer(i8), parameter :: most_states = 4096   !! values of q that are kept until they are shown: 32 kB
+   integer, parameter :: most_shown = 128         !! states that are shown at once
 
 contains
 
@@ -17,7 +18,7 @@ contains
    pure integer function states_ahead(nlane, ndof)
       integer, intent(in) :: nlane, ndof
 
-      states_ahead = int(max(1_i8, min(128_i8, most_states/(int(nlane, i8)*ndof))))
+      states_ahead = int(max(1_i8, min(int(most_shown, i8), most_states/(int(nlane, i8)*ndof))))
    end function states_ahead
 
    !> Pairs of steps whose increments and functionals, so many columns a step, are drawn at once: two make use of all

@@ -9,9 +9,10 @@ module symsde_ensemble_block
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: path_of_lane
-   use symsde_base_record, only: step_record, steps_record, step_store, step_request, new_step_store
+   use symsde_base_record, only: step_record, steps_record
    use symsde_base_status, only: stopped
-   use symsde_ensemble_ahead, only: pairs_ahead, pairs_of, states_ahead
+   use symsde_ensemble_ahead, only: states_ahead, most_shown
+   use symsde_ensemble_drawn, only: drawn_steps, new_drawn_steps
    use symsde_ensemble_few, only: few_paths
    use symsde_ensemble_initial_state, only: initial_state
    use symsde_ensemble_observer, only: observer_type
@@ -36,26 +37,18 @@ module symsde_ensemble_block
       class(observer_type), allocatable :: observer
       type(step_record) :: record          !! the step that is taken, where the model does not take it as a whole
       type(real_lanes_model), pointer :: real_lanes => null()  !! the model without padding, where it allows; owned
-      class(noise_type), pointer :: noise => null()
       type(lane_state) :: state
       integer :: nreal = 0
       integer(i8) :: step = 0              !! absolute step that comes next
-      integer(i8) :: pair = -1             !! pair of steps that increments were last taken from
-      type(step_store) :: store            !! steps that were drawn ahead, or are asked for one pair at a time
-      type(step_request) :: request        !! paths of the block, and the pairs of steps in the store
-      integer :: nahead = 0, npair = 1     !! pairs in the store, and the most that fit
-      integer(i8) :: normals = 0           !! used for one path since begin
-      integer(i8) :: normals_of_pair = 0   !! drawn for one path in a pair of steps
+      type(drawn_steps) :: drawn           !! what drives the steps
       integer(i8) :: chunk = 1             !! steps of a chunk, adapted to the clock
       type(counters_type) :: counters      !! steps and normals
-      real(wp), allocatable :: dq(:, :), dp(:, :)  !! increments of a step (nlane, ndof)
+      real(wp), allocatable :: dq(:, :), dp(:, :)  !! increments of a step, made for the first one (nlane, ndof)
       logical :: whole = .false.                   !! the model takes steps as a whole, several at once
       type(few_paths) :: few                       !! takes the paths of a block of few one by one, if it has a stepper
       logical :: alone = .false.                   !! this block is one of few
       type(steps_record) :: steps                  !! those
-      integer :: nout = 1                          !! states after them that fit
-      real(wp), allocatable :: qn(:, :, :), pn(:, :, :)  !! these states (nlane, ndof, nout)
-      real(wp), allocatable :: times(:)                  !! when (nout)
+      real(wp), allocatable :: qn(:, :, :), pn(:, :, :)  !! these states, of more paths than one (nlane, ndof, ..)
       integer(i8), allocatable :: status(:)              !! of their lanes (nlane)
       integer :: enough = 0                              !! lanes with a status that end a chunk
       type(block_runner), pointer :: narrower => null()  !! a list of others, for the paths that are left; owned
@@ -68,7 +61,6 @@ module symsde_ensemble_block
       procedure :: pass_over
       procedure :: run_chunk
       procedure :: finish
-      procedure :: settle_normals
       procedure :: is_done
       procedure :: tally
       final :: release
@@ -85,36 +77,21 @@ contains
       integer, intent(in) :: nlane
       class(stepper_type), allocatable, intent(inout) :: stepper  !! taken over
       type(functional_set), intent(in) :: asked                   !! of the path, beside its increments
-      logical, intent(in), optional :: brings                     !! its steps are brought one by one, if at all
+      logical, intent(in) :: brings                               !! its steps are brought one by one, if at all
 
       self%options = options
       call move_alloc(stepper, self%stepper)
-      associate (ham => self%stepper%ham)
-         self%npair = pairs_of(options%nstep, pairs_ahead(nlane, asked%columns(ham%nnoise)))
-         if (present(brings)) self%npair = merge(1, self%npair, brings)
-         call new_step_store(self%store, nlane, ham%nnoise, 2*self%npair, options%step, asked)
-         self%request%nlane = nlane
-         call new_lane_state(self%state, nlane, ham%ndof, options%compensated)
-         allocate (self%request%path(nlane), self%dq(nlane, ham%ndof), self%dp(nlane, ham%ndof))
+      associate (n => self%stepper%ham%ndof, nout => states_ahead(nlane, self%stepper%ham%ndof))
+         call new_drawn_steps(self%drawn, nlane, self%stepper%ham%nnoise, options%nstep, options%step, asked, brings)
+         call new_lane_state(self%state, nlane, n, options%compensated)
+         select type (stepper => self%stepper)
+         class is (whole_stepper)
+            self%whole = .true.
+            self%steps%max_iter = stepper%max_iter
+            allocate (self%qn(nlane, n, nout), self%pn(nlane, n, nout), self%status(nlane))
+         end select
       end associate
-      select type (stepper => self%stepper)
-      class is (whole_stepper)
-         self%whole = .true.
-         self%steps%max_iter = stepper%max_iter
-         call make_room(self)
-         allocate (self%status(nlane))
-      end select
    end subroutine new_block_runner
-
-   !> Room for the states after several steps.
-   subroutine make_room(self)
-      type(block_runner), intent(inout) :: self
-
-      associate (nlane => self%state%nlane, n => self%state%ndof)
-         self%nout = states_ahead(nlane, n)
-         allocate (self%qn(nlane, n, self%nout), self%pn(nlane, n, self%nout), self%times(self%nout))
-      end associate
-   end subroutine make_room
 
    !> What takes the paths of a block of few one by one.
    subroutine set_lone(self, lone, model)
@@ -122,8 +99,7 @@ contains
       class(lone_stepper), allocatable, intent(inout) :: lone  !! taken over; none: the model takes whole steps
       class(model_type), intent(in), target :: model
 
-      if (.not. self%whole) call make_room(self)
-      call self%few%equip(lone, model, self%state%ndof, self%nout, self%store, self%options)
+      call self%few%equip(lone, model, self%state%ndof, self%drawn%store, self%options)
    end subroutine set_lone
 
    !> What one drive of the runner needs; all but steps and saves in the options is as when the runner was made.
@@ -134,7 +110,7 @@ contains
       class(noise_type), intent(in), target :: noise
 
       self%options = options
-      self%noise => noise
+      self%drawn%noise => noise
       if (allocated(self%observer)) deallocate (self%observer)
       allocate (self%observer, source=observer)
    end subroutine equip
@@ -164,7 +140,7 @@ contains
       call self%begin_with(self%options%first_step, nreal, path)
       call start%give(first - self%options%first_path, nreal, self%options%first_step + self%options%nstep, self%step, &
                       self%state)
-      call self%few%begin(nreal, self%state, self%qn, self%pn, self%alone)
+      self%alone = self%few%takes(nreal)
    end subroutine take_state
 
    !> A block of these paths, the first nreal of them real, whose step number `step` comes next; without their state.
@@ -175,14 +151,10 @@ contains
 
       self%nreal = nreal
       self%step = step
-      self%pair = -1
-      self%nahead = 0
-      self%normals = 0
+      call self%drawn%begin(nreal, path)
       self%alone = .false.
       self%stepper%ham%nreal = nreal
       if (associated(self%real_lanes)) self%real_lanes%nreal = nreal
-      self%request%nreal = nreal
-      self%request%path = path
       self%enough = self%state%nlane
    end subroutine begin_with
 
@@ -197,7 +169,7 @@ contains
       start = seconds()
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%enough)
-         if (self%step/2 /= self%pair .or. self%nahead == 0) call draw(self)
+         call self%drawn%draw(self%step, self%options%first_step + self%options%nstep, self%few, self%alone)
          alone = self%alone .and. .not. self%whole
          if (alone) call self%few%stepper%is_rested(alone)
          taken = self%whole
@@ -250,11 +222,14 @@ contains
       integer(i8), intent(in) :: left       !! steps that may be taken
       integer, intent(out) :: nout, every   !! states that are asked for, and the steps to each
       integer(i8) :: most, ahead
+      integer :: room
 
-      most = min(left, 2*(self%request%pair + self%nahead) - self%step)
+      most = min(left, self%drawn%left(self%step))
       ahead = steps_to_save(self)
+      room = self%few%nout
+      if (.not. self%alone) room = size(self%qn, 3)
       nout = 1
-      if (ahead == self%options%save_every .and. ahead <= most) nout = int(min(most/ahead, int(self%nout, i8)))
+      if (ahead == self%options%save_every .and. ahead <= most) nout = int(min(most/ahead, int(room, i8)))
       every = int(min(ahead, most))
    end subroutine plan_states
 
@@ -266,10 +241,10 @@ contains
       integer :: nout, every
 
       call plan_states(self, left, nout, every)
-      call self%few%walk(ahead(self), self%nreal, self%options%t0, self%step, self%state, nout, every, self%qn, self%pn)
+      call self%few%walk(self%drawn%ahead(self%step), self%nreal, self%options%t0, self%step, self%state, nout, every)
       taken = nout > 0
       if (taken) then
-         call show_states(self, nout, every, self%state%nlane, self%qn, self%pn)
+         call show_states(self, nout, every, self%nreal, self%few%qn, self%few%pn)
       else
          call self%state%repeat_last(self%nreal)
       end if
@@ -289,10 +264,11 @@ contains
       select type (stepper => self%stepper)
       class is (whole_stepper)
          if (self%alone) then
-            call self%few%flow(stepper, ahead(self), time_of(self, self%step), nout, every, self%state, &
-                               self%qn, self%pn, self%status, taken)
+            call self%few%flow(stepper, self%drawn%ahead(self%step), time_of(self, self%step), nout, every, &
+                               self%state, self%qn, self%pn, self%status, taken)
          else
-            call self%store%show_several(ahead(self), nout*every, time_of(self, self%step), self%steps)
+            call self%drawn%store%show_several(self%drawn%ahead(self%step), nout*every, time_of(self, self%step), &
+                                               self%steps)
             self%steps%every = every
             self%steps%nreal = self%nreal
             call stepper%flow(self%steps, self%state%q, self%state%p, self%qn, self%pn, self%status)
@@ -319,8 +295,9 @@ contains
    !> The states that were taken, to the observer where they are saved points.
    subroutine show_states(self, nout, every, nlane, qn, pn)
       type(block_runner), intent(inout) :: self
-      integer, intent(in) :: nout, every, nlane   !! nlane: 1 of a path that is alone
+      integer, intent(in) :: nout, every, nlane   !! nlane: nreal of few paths
       real(wp), intent(in), dimension(nlane, self%state%ndof, nout) :: qn, pn
+      real(wp) :: times(most_shown)
       integer(i8) :: first
       integer :: k
 
@@ -328,10 +305,10 @@ contains
       call account(self, nout*every)
       if (steps_to_save(self) == self%options%save_every) then
          do k = 1, nout
-            self%times(k) = time_of(self, first + (k - 1)*int(every, i8))
+            times(k) = time_of(self, first + (k - 1)*int(every, i8))
          end do
          call self%observer%observe_several((first - self%options%first_step)/self%options%save_every, nout, &
-                                            self%times, nlane, qn, pn, self%state)
+                                            times, nlane, qn, pn, self%state)
       else
          self%state%q(:nlane, :) = qn(:, :, nout)
          self%state%p(:nlane, :) = pn(:, :, nout)
@@ -361,53 +338,22 @@ contains
       end associate
    end subroutine settle_lanes
 
-   !> Steps from the first one that was drawn to the next one.
-   pure integer function ahead(self)
-      type(block_runner), intent(in) :: self
-
-      ahead = int(self%step - 2*self%request%pair)
-   end function ahead
-
-   !> The next step of the store of the block; that of few paths is brought there.
+   !> What the next step of the block is given, and room for its increments.
    subroutine show_step(self)
       type(block_runner), intent(inout) :: self
 
-      if (self%alone) call self%few%bring(ahead(self), self%nreal, self%store)
-      call self%store%show(merge(0, ahead(self), self%alone), time_of(self, self%step), self%record)
+      call self%drawn%show(self%step, time_of(self, self%step), self%few, self%alone, self%record)
+      if (.not. allocated(self%dq)) &
+         allocate (self%dq(self%state%nlane, self%state%ndof), self%dp(self%state%nlane, self%state%ndof))
    end subroutine show_step
-
-   !> What drives the pair of steps that begins: drawn ahead, or asked for, several pairs from an even one on.
-   subroutine draw(self)
-      type(block_runner), intent(inout) :: self
-      integer(i8) :: pair, last, drawn
-      integer :: room
-
-      pair = self%step/2
-      if (self%nahead > 0 .and. pair < self%request%pair + self%nahead) return
-      last = (self%options%first_step + self%options%nstep - 1)/2
-      room = merge(self%few%npair, self%npair, self%alone)
-      self%request%pair = pair - mod(pair, min(2_i8, int(room, i8)))
-      self%nahead = int(min(int(room, i8), last - self%request%pair + 1))
-      self%request%npair = self%nahead
-      if (self%noise%nnoise == 0) return
-      if (self%alone) then
-         call self%few%fill(self%noise, self%request, drawn)
-      else
-         call self%noise%fill(self%request, self%store, drawn)
-      end if
-      self%normals_of_pair = drawn/self%nahead
-   end subroutine draw
 
    !> n steps were taken: count them and the normals of the pairs that they began.
    pure subroutine account(self, n)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: n
-      integer(i8) :: last
 
       self%counters%steps = self%counters%steps + n*self%nreal
-      last = (self%step + n - 1)/2
-      self%normals = self%normals + self%normals_of_pair*(last - max(self%pair, self%step/2 - 1))
-      self%pair = last
+      call self%drawn%pass(self%step, n)
       self%step = self%step + n
    end subroutine account
 
@@ -451,16 +397,8 @@ contains
          reached = (self%step - self%options%first_step)/self%options%save_every
          if (reached < self%options%nstep/self%options%save_every) call self%observer%skip(reached + 1)
       end if
-      call self%settle_normals()
+      call self%drawn%settle(self%counters%normals)
    end subroutine finish
-
-   !> The normals of this block are counted.
-   subroutine settle_normals(self)
-      class(block_runner), intent(inout) :: self
-
-      self%counters%normals = self%counters%normals + self%normals*self%nreal
-      self%normals = 0
-   end subroutine settle_normals
 
    !> Add what was counted, by this block, its stepper and its rescue.
    recursive subroutine tally(self, total)

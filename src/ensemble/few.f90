@@ -6,7 +6,7 @@ module symsde_ensemble_few
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: steps_record, step_store, step_request, new_step_store
-   use symsde_ensemble_ahead, only: pairs_ahead, pairs_of
+   use symsde_ensemble_ahead, only: pairs_ahead, pairs_of, states_ahead
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
@@ -22,12 +22,13 @@ module symsde_ensemble_few
       class(lone_stepper), allocatable :: stepper
       integer :: most = 0                   !! paths of a block of few
       integer :: npair = 0                  !! pairs of steps that fit
+      integer :: nout = 1                   !! states after them that fit
       type(step_store), allocatable :: own(:)   !! what drives each path
       type(steps_record), private :: steps  !! which are taken, without what drives them
-      real(wp), allocatable, dimension(:, :, :) :: qn, pn  !! states after whole steps (1, ndof, ..)
+      real(wp), allocatable, dimension(:, :, :) :: qn, pn  !! these states, side by side (path, ndof, nout)
    contains
       procedure :: equip
-      procedure :: begin
+      procedure :: takes
       procedure :: flow
       procedure :: walk
       procedure :: fill
@@ -67,14 +68,14 @@ contains
    end function lone_numbers
 
    !> A stepper for paths of a model, and room for steps as those of the store of a block.
-   subroutine equip(self, stepper, model, ndof, nout, like, options)
+   subroutine equip(self, stepper, model, ndof, like, options)
       class(few_paths), intent(inout) :: self
       class(lone_stepper), allocatable, intent(inout) :: stepper  !! taken over; none: the model takes whole steps
       class(model_type), intent(in), target :: model
-      integer, intent(in) :: ndof, nout  !! degrees of freedom, states that are asked for at once
+      integer, intent(in) :: ndof
       type(step_store), intent(in) :: like
       type(run_options), intent(in) :: options
-      integer :: i
+      integer :: i, npath
 
       self%most = 1
       if (allocated(stepper)) then
@@ -82,35 +83,26 @@ contains
          call move_alloc(stepper, self%stepper)
          call self%stepper%lead(model)
          if (options%compensated) allocate (self%stepper%low(ndof, 2, self%most))
-      else
-         allocate (self%qn(1, ndof, nout), self%pn(1, ndof, nout))
       end if
       self%steps%nlane = like%nlane
       self%steps%h = like%h
       self%npair = pairs_of(options%nstep, pairs_ahead(1, like%asked%columns(like%nnoise)))
-      allocate (self%own(min(options%npath, int(min(self%most, like%nlane), i8))))
-      do i = 1, size(self%own)
+      npath = int(min(options%npath, int(min(self%most, like%nlane), i8)))
+      self%nout = int(min(int(states_ahead(npath, ndof), i8), max(1_i8, options%nstep/options%save_every)))
+      allocate (self%qn(npath, ndof, self%nout), self%pn(npath, ndof, self%nout), self%own(npath))
+      do i = 1, npath
          call new_step_store(self%own(i), 1, like%nnoise, 2*self%npair, like%h, like%asked)
       end do
    end subroutine equip
 
-   !> Whether the paths of a block, so many, are taken here. Lanes past them are not moved, but observers may look at
-   !> them: they keep the first state of the last path in all states that are shown.
-   subroutine begin(self, nreal, state, qn, pn, alone)
+   !> Whether the paths of a block, so many, are taken here. Lanes past them are not moved: observers that look at them
+   !> find a state of the last path.
+   pure logical function takes(self, nreal)
       class(few_paths), intent(in) :: self
       integer, intent(in) :: nreal
-      type(lane_state), intent(in) :: state
-      real(wp), allocatable, intent(inout) :: qn(:, :, :), pn(:, :, :)  !! states to be shown (nlane, ndof, ..)
-      logical, intent(out) :: alone
-      integer :: i
 
-      alone = self%npair > 0 .and. nreal <= self%most
-      if (.not. (alone .and. allocated(self%stepper))) return
-      do i = 1, state%ndof
-         qn(nreal + 1:, i, :) = state%q(nreal, i)
-         pn(nreal + 1:, i, :) = state%p(nreal, i)
-      end do
-   end subroutine begin
+      takes = self%npair > 0 .and. nreal <= self%most
+   end function takes
 
    !> Whole steps of the one path of a block, which is lane 1: nout states, each after `every` more steps, in self%qn
    !> and self%pn, side by side, if it does not fail on the way.
@@ -139,9 +131,9 @@ contains
       pn(1, :, 1) = self%pn(1, :, 1)
    end subroutine flow
 
-   !> Up to nout states, each after `every` more steps: as many as all paths come to by usual steps, but one of fewer
-   !> steps where they do not come to the first. None are left to the stepper of the block.
-   subroutine walk(self, place, nreal, t0, first, state, nout, every, qn, pn)
+   !> Up to nout states, each after `every` more steps, in self%qn and self%pn: as many as all paths come to by usual
+   !> steps, but one of fewer steps where they do not come to the first. None are left to the stepper of the block.
+   subroutine walk(self, place, nreal, t0, first, state, nout, every)
       class(few_paths), intent(inout) :: self
       integer, intent(in) :: place           !! where in the stores the first step stands
       integer, intent(in) :: nreal
@@ -149,7 +141,6 @@ contains
       integer(i8), intent(in) :: first       !! absolute step of the first of them
       type(lane_state), intent(inout) :: state  !! its low parts are moved on, if there are any
       integer, intent(inout) :: nout, every  !! in: those that are wanted; nout = 0: none
-      real(wp), intent(inout), contiguous :: qn(:, :, :), pn(:, :, :)  !! (nlane, ndof, at least nout)
       integer :: ntaken, attempt
       logical :: compensated
 
@@ -163,7 +154,7 @@ contains
          self%steps%every = every
          self%steps%nreal = nreal
          call self%stepper%walk_lanes(self%steps, self%own, place, t0, first, state%status, state%q, state%p, &
-                                      qn, pn, ntaken)
+                                      self%qn, self%pn, ntaken)
          if (ntaken == 0 .or. ntaken == nout*every) exit
          if (ntaken < every) every = ntaken
          nout = ntaken/every  ! those that all paths can take, once more

@@ -120,11 +120,11 @@ contains
       end do
       to%origin(n + 1:) = to%origin(n)
       do lane = 1, to%state%nlane
-         path(lane) = wide%request%path(to%origin(lane))
+         path(lane) = wide%drawn%request%path(to%origin(lane))
       end do
-      call to%equip(wide%options, spreading_observer(wide=wide, narrow=to), wide%noise)
+      call to%equip(wide%options, spreading_observer(wide=wide, narrow=to), wide%drawn%noise)
       call to%begin_with(from%step, n, path)
-      to%pair = from%pair
+      to%drawn%pair = from%drawn%pair
       to%chunk = from%chunk
       associate (s => to%state, x => wide%state)
          call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q, s%q)
@@ -147,7 +147,7 @@ contains
       type(block_runner), intent(inout) :: narrow
 
       call spread_state(narrow%nreal, narrow%origin, narrow%state, wide%state)
-      call narrow%settle_normals()
+      call narrow%drawn%settle(narrow%counters%normals)
    end subroutine leave
 
    !> Lanes of a narrower block to where they were; lanes that have a status there keep what they have.

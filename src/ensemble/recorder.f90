@@ -60,7 +60,8 @@ contains
       end do
    end subroutine observe
 
-   !> Several times at once, straight from where they are: for few lanes the loop over times is the inner one.
+   !> Several times at once, straight from where they are: all paths of the run as they stand, where they stand side by
+   !> side; of other few lanes the loop over times is the inner one.
    subroutine observe_several(self, isave, nsave, t, nlane, q, p, state)
       class(path_recorder), intent(inout) :: self
       integer(i8), intent(in) :: isave
@@ -73,7 +74,10 @@ contains
 
       if (associated(self%q)) then
          associate (last => isave + nsave)
-            if (self%nreal > few) then
+            if (nlane == size(self%q, 1) .and. all(state%status(:nlane) == 0)) then
+               call copy_all(q, self%q(:, :, isave + 1:last))
+               call copy_all(p, self%p(:, :, isave + 1:last))
+            else if (self%nreal > few) then
                call copy_lanes(self%nreal, nsave, q, state%status, self%q(:, :, isave + 1:last), self%offset)
                call copy_lanes(self%nreal, nsave, p, state%status, self%p(:, :, isave + 1:last), self%offset)
             else
@@ -89,6 +93,26 @@ contains
       state%q(:nlane, :) = q(:, :, nsave)
       state%p(:nlane, :) = p(:, :, nsave)
    end subroutine observe_several
+
+   !> States of all paths of a run that are all its lanes.
+   pure subroutine copy_all(x, saved)
+      real(wp), intent(in), contiguous :: x(:, :, :)
+      real(wp), intent(inout), contiguous :: saved(:, :, :)
+
+      call copy_numbers(size(x), x, saved)
+   end subroutine copy_all
+
+   !> A copy of memory, by explicit bounds.
+   pure subroutine copy_numbers(n, x, saved)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: x(n)
+      real(wp), intent(out) :: saved(n)
+      integer :: i
+
+      do i = 1, n
+         saved(i) = x(i)
+      end do
+   end subroutine copy_numbers
 
    !> The first lanes of x as paths offset + 1, .. of saved; NaN in those with a status.
    pure subroutine copy_lanes(nreal, nsave, x, status, saved, offset)

@@ -106,6 +106,7 @@ contains
          end if
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
          call new_midpoint_equation(self%eq, nlane, n, m)
+         call self%eq%make_room()
          call new_noise_shift(self%shift, task%model, nlane)
          allocate (self%v(nlane, 0:m), source=0.0_wp)
       end associate

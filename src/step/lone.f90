@@ -170,8 +170,8 @@ contains
       integer(i8), intent(in) :: first       !! absolute step of the first of them
       integer(i8), intent(in) :: status(steps%nlane)
       real(wp), intent(in) :: q(steps%nlane, self%n), p(steps%nlane, self%n)
-      real(wp), intent(inout) :: qn(steps%nlane, self%n, steps%nstep/steps%every)
-      real(wp), intent(inout) :: pn(steps%nlane, self%n, steps%nstep/steps%every)
+      real(wp), intent(inout) :: qn(steps%nreal, self%n, steps%nstep/steps%every)
+      real(wp), intent(inout) :: pn(steps%nreal, self%n, steps%nstep/steps%every)
       integer, intent(out) :: ntaken  !! all, or those before the first that some lane does not take
       type(counters_type) :: counters
       integer :: lane, k, n
@@ -221,8 +221,8 @@ contains
       integer(i8), intent(in) :: first       !! absolute step of the first of them
       integer, intent(in) :: lane
       real(wp), intent(in) :: q(steps%nlane, self%n), p(steps%nlane, self%n)
-      real(wp), intent(inout) :: qn(steps%nlane, self%n, steps%nstep/steps%every)
-      real(wp), intent(inout) :: pn(steps%nlane, self%n, steps%nstep/steps%every)
+      real(wp), intent(inout) :: qn(steps%nreal, self%n, steps%nstep/steps%every)
+      real(wp), intent(inout) :: pn(steps%nreal, self%n, steps%nstep/steps%every)
       integer, intent(out) :: ntaken  !! all, or those before the first that is not
       real(wp), dimension(self%n) :: x, y, dx, dy
       integer :: i, left, out

@@ -129,13 +129,23 @@ contains
       associate (n => model%traits%ndof, m => model%traits%nnoise)
          call new_midpoint_equation(self%eq, together, n, m)
          self%has_shift = m > 0 .and. .not. model%traits%position_noise
-         if (self%has_shift) allocate (self%shift(together, n))
          self%moves = chosen == by_rows .and. modulo(nlane, together) == 0 .and. .not. self%has_shift
-         if (self%moves .or. modulo(nlane, together) /= 0) &
-            allocate (self%q(together, n), self%p(together, n), self%dq(together, n), self%dp(together, n))
-         if (together /= nlane) allocate (self%w(together, 0:m))
       end associate
    end subroutine new_midpoint_stepper
+
+   !> Room for lanes, made for the first step: that of a large system takes as long as some runs, and where lone paths
+   !> take all steps it is not needed.
+   subroutine make_room(self)
+      type(midpoint_stepper), intent(inout) :: self
+
+      call self%eq%make_room()
+      associate (nlane => self%ham%nlane, together => self%eq%nlane, n => self%eq%n)
+         if (self%has_shift) allocate (self%shift(together, n))
+         if (self%moves .or. modulo(nlane, together) /= 0) &
+            allocate (self%q(together, n), self%p(together, n), self%dq(together, n), self%dp(together, n))
+         if (together /= nlane) allocate (self%w(together, 0:self%eq%m))
+      end associate
+   end subroutine make_room
 
    !> Paths one by one, where matrices or rows solve, noise is in position, one unknown or two have their derivatives.
    subroutine offer_lone(self, lone)
@@ -192,7 +202,7 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: before
 
-      call set_time(self%eq, step)
+      call begin(self, step)
       associate (nlane => self%ham%nlane, together => self%eq%nlane)
          if (together == nlane) then
             self%eq%nreal = self%ham%nreal
@@ -208,13 +218,14 @@ contains
       end associate
    end subroutine increment
 
-   pure subroutine set_time(eq, step)
-      type(midpoint_equation), intent(inout) :: eq
+   subroutine begin(self, step)
+      type(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
 
-      eq%h = step%h
-      eq%t = step%t + 0.5_wp*step%h
-   end subroutine set_time
+      if (.not. allocated(self%eq%x)) call make_room(self)
+      self%eq%h = step%h
+      self%eq%t = step%t + 0.5_wp*step%h
+   end subroutine begin
 
    !> Lanes that go together get their new state while the old one is near.
    subroutine move(self, step, q, p, status)
@@ -224,7 +235,7 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: before
 
-      call set_time(self%eq, step)
+      call begin(self, step)
       associate (nlane => self%ham%nlane, together => self%eq%nlane)
          do before = 0, nlane - together, together
             self%eq%nreal = max(0, min(together, self%ham%nreal - before))

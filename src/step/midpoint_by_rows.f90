@@ -38,7 +38,8 @@ module symsde_step_midpoint_by_rows
 
 contains
 
-   !> Room for nlane lanes, a multiple of strip_lanes; strip_lanes where the model gives its rows.
+   !> For nlane lanes, a multiple of strip_lanes; strip_lanes where the model gives its rows. Room is made for the first
+   !> step.
    subroutine new_midpoint_by_rows(self, model, nlane, options)
       type(midpoint_by_rows), intent(out) :: self
       class(model_type), intent(in) :: model
@@ -51,12 +52,19 @@ contains
          self%nrow = merge(min(panel, n), n, self%gives_rows)
          call new_newton(self%newton, nlane, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., &
                          exact=exact)
-         allocate (self%q(nlane, self%nrow + 2), self%hq(nlane, self%nrow), self%hqq(nlane, 0:1, self%nrow))
-         allocate (self%factor(strip_lanes, n), self%rhs(strip_lanes, n))
-         if (self%gives_rows) return
-         allocate (self%x(strip_lanes, n), self%f(strip_lanes, n), self%k(strip_lanes, 0:1, n))
       end associate
    end subroutine new_midpoint_by_rows
+
+   !> Room for its lanes.
+   subroutine make_room(self, nlane, n)
+      type(midpoint_by_rows), intent(inout) :: self
+      integer, intent(in) :: nlane, n
+
+      allocate (self%q(nlane, self%nrow + 2), self%hq(nlane, self%nrow), self%hqq(nlane, 0:1, self%nrow))
+      allocate (self%factor(strip_lanes, n), self%rhs(strip_lanes, n))
+      if (self%gives_rows) return
+      allocate (self%x(strip_lanes, n), self%f(strip_lanes, n), self%k(strip_lanes, 0:1, n))
+   end subroutine make_room
 
    !> As any part does it, but V = 0 is not written down: the first iteration knows.
    subroutine solve(self, ham, eq, w, status)
@@ -66,6 +74,7 @@ contains
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
       integer(i8), intent(inout) :: status(eq%nlane)
 
+      if (.not. allocated(self%q)) call make_room(self, eq%nlane, eq%n)
       call self%newton%start(status)
       if (.not. (self%newton%running .or. eq%for_dq)) eq%x = 0
       do while (self%newton%running)

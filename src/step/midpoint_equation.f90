@@ -35,6 +35,7 @@ module symsde_step_midpoint_equation
       logical :: stiff = .false.                 !! of V: (h omega)^2/4 > 1 in some lane
       real(wp), allocatable :: stiff_ratio(:)      !! where stiff: (h omega)^2/4 of each lane, about (nlane)
    contains
+      procedure :: make_room
       procedure :: starts
       procedure :: weigh
       procedure :: note_stiff_ratio
@@ -62,7 +63,7 @@ module symsde_step_midpoint_equation
 
 contains
 
-   !> Room for the equations of so many lanes.
+   !> The equations of so many lanes, without room.
    subroutine new_midpoint_equation(self, nlane, n, m)
       type(midpoint_equation), intent(out) :: self
       integer, intent(in) :: nlane, n, m
@@ -70,9 +71,17 @@ contains
       self%nlane = nlane
       self%n = n
       self%m = m
-      allocate (self%base(nlane, 0:n + 1), self%still(nlane, n), self%x(nlane, n), source=0.0_wp)
-      allocate (self%drift(nlane, n), self%stiff_ratio(nlane))
    end subroutine new_midpoint_equation
+
+   !> Room for its lanes.
+   subroutine make_room(self)
+      class(midpoint_equation), intent(inout) :: self
+
+      associate (nlane => self%nlane, n => self%n)
+         allocate (self%base(nlane, 0:n + 1), self%still(nlane, n), self%x(nlane, n), source=0.0_wp)
+         allocate (self%drift(nlane, n), self%stiff_ratio(nlane))
+      end associate
+   end subroutine make_room
 
    !> Newton from V = 0, or from the dq that V gave.
    subroutine solve_by_iterations(self, ham, eq, w, status)
