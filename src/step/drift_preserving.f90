@@ -17,6 +17,7 @@ module symsde_step_drift_preserving
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: dense
+   use symsde_base_vectors, only: add_times
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_lone_drift_preserving, only: lone_drift_preserving
@@ -228,18 +229,6 @@ contains
    end subroutine linearise
 
    ! ---- kernels ----------------------------------------------------------------------------------
-
-   !> VEC total = total + c x
-   pure subroutine add_times(n, c, x, total)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: c, x(n)
-      real(wp), intent(inout) :: total(n)
-      integer :: i
-
-      do i = 1, n
-         total(i) = total(i) + c*x(i)
-      end do
-   end subroutine add_times
 
    !> VEC
    pure subroutine find_increments(n, h, p, x, kick, dq, dp)

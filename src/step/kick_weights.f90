@@ -9,6 +9,7 @@ module symsde_step_kick_weights
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
+   use symsde_base_vectors, only: add_times
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient
    implicit none
    private
@@ -263,18 +264,6 @@ contains
          total(lane) = (b*x(lane))
       end do
    end subroutine scale
-
-   !> VEC total = total + b x
-   pure subroutine add_times(nlane, b, x, total)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: b, x(nlane)
-      real(wp), intent(inout) :: total(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         total(lane) = total(lane) + b*x(lane)
-      end do
-   end subroutine add_times
 
    !> VEC total = sum_j weight_j x_j
    pure subroutine weighted_sum(nlane, m, weight, x, total)

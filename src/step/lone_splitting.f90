@@ -7,6 +7,7 @@ module symsde_step_lone_splitting
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record, step_store, new_step_store
    use symsde_base_sincos, only: sincos_one
+   use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: angle_terms
    use symsde_scheme_kicks, only: kicks_type
    use symsde_step_drift_flow, only: drift_flow
@@ -103,7 +104,7 @@ contains
          do i = 1, size(c)
             if (c(i) > reached) call self%between_kicks%move(i, (c(i) - reached)*h, 1, n, q, p, dq, dp)
             reached = c(i)
-            call add(n, q, dq, self%x)
+            self%x(:) = q + dq
             !GCC$ novector  ! far from each other
             do k = 0, self%m
                self%w(k) = self%weights%w(self%lane, k, i)
@@ -116,7 +117,7 @@ contains
             else
                call find_slope(self, i, t + reached*h, h, p)
             end if
-            call subtract(n, self%f, dp)
+            dp = dp - self%f
          end do
          if (reached < 1) call self%between_kicks%move(size(c) + 1, (1 - reached)*h, 1, n, q, p, dq, dp)
       end associate
@@ -232,41 +233,5 @@ contains
          c%hessian_vectors = c%hessian_vectors + size(noisy)
       end associate
    end subroutine add_products
-
-   !> VEC x = q + dq
-   pure subroutine add(n, q, dq, x)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: q(n), dq(n)
-      real(wp), intent(out) :: x(n)
-      integer :: i
-
-      do i = 1, n
-         x(i) = q(i) + dq(i)
-      end do
-   end subroutine add
-
-   !> VEC dp = dp - f
-   pure subroutine subtract(n, f, dp)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: f(n)
-      real(wp), intent(inout) :: dp(n)
-      integer :: i
-
-      do i = 1, n
-         dp(i) = dp(i) - f(i)
-      end do
-   end subroutine subtract
-
-   !> VEC f = f + factor u
-   pure subroutine add_times(n, factor, u, f)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: factor, u(n)
-      real(wp), intent(inout) :: f(n)
-      integer :: i
-
-      do i = 1, n
-         f(i) = f(i) + factor*u(i)
-      end do
-   end subroutine add_times
 
 end module symsde_step_lone_splitting

@@ -9,6 +9,7 @@ module symsde_step_noise_shift
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
+   use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    implicit none
    private
@@ -69,9 +70,9 @@ contains
          call model%gradient(self%nlane, self%n, self%m, t, self%v, q, p, hq=self%hq)
       else
          call model%gradient(self%nlane, self%n, self%m, t, self%v, q, p, self%hq, self%hp)
-         call move(self%nlane*self%n, sign, self%hp, q)
+         call add_times(self%nlane*self%n, sign, self%hp, q)
       end if
-      call move(self%nlane*self%n, -sign, self%hq, p)
+      call add_times(self%nlane*self%n, -sign, self%hq, p)
       self%asked = self%asked + 1
    end subroutine add
 
@@ -98,17 +99,5 @@ contains
          v(i) = a*dw(i)
       end do
    end subroutine scale
-
-   !> VEC x = x + sign f
-   pure subroutine move(n, sign, f, x)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: sign, f(n)
-      real(wp), intent(inout) :: x(n)
-      integer :: i
-
-      do i = 1, n
-         x(i) = x(i) + sign*f(i)
-      end do
-   end subroutine move
 
 end module symsde_step_noise_shift

@@ -2,6 +2,7 @@
 !> Sums of the slopes of stages. A slope whose coefficient is zero is never read: it may not be known yet.
 module symsde_step_slopes
    use symsde_base_kinds, only: wp
+   use symsde_base_vectors, only: add_times
    implicit none
    private
    public :: add_slopes, slope_sum, find_sum, add_sum, add_pair, take_slopes
@@ -45,7 +46,7 @@ contains
       call add_sum(n, nstage, sum, slope, start, total)
       if (sum%m <= 3) return
       do j = sum%used(3) + 1, nstage
-         if (abs(coefficient(j)) > 0) call add_more(n, factor*coefficient(j), slope(1, j), total)
+         if (abs(coefficient(j)) > 0) call add_times(n, factor*coefficient(j), slope(1, j), total)
       end do
    end subroutine add_slopes
 
@@ -173,17 +174,5 @@ contains
          total(i) = start(i) + (a*x(i) + b*y(i) + c*z(i))
       end do
    end subroutine add_three
-
-   !> VEC
-   pure subroutine add_more(n, c, x, total)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: c, x(n)
-      real(wp), intent(inout) :: total(n)
-      integer :: i
-
-      do i = 1, n
-         total(i) = total(i) + c*x(i)
-      end do
-   end subroutine add_more
 
 end module symsde_step_slopes

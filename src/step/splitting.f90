@@ -17,6 +17,7 @@ module symsde_step_splitting
    use symsde_base_functionals, only: pair_index
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
+   use symsde_base_vectors, only: add, subtract, add_times
    use symsde_scheme_kicks, only: flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: correction_none, splitting_form, frame_rotation
    use symsde_step_drift_flow, only: drift_flow, new_drift_flow
@@ -277,43 +278,5 @@ contains
       call add_counters(total, self%ham%counters)
       if (allocated(self%midpoint)) call self%midpoint%tally(total)
    end subroutine tally
-
-   ! ---- kernels ----------------------------------------------------------------------------------
-
-   !> VEC x = q + dq
-   pure subroutine add(n, q, dq, x)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: q(n), dq(n)
-      real(wp), intent(out) :: x(n)
-      integer :: i
-
-      do i = 1, n
-         x(i) = q(i) + dq(i)
-      end do
-   end subroutine add
-
-   !> VEC dp = dp - f
-   pure subroutine subtract(n, f, dp)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: f(n)
-      real(wp), intent(inout) :: dp(n)
-      integer :: i
-
-      do i = 1, n
-         dp(i) = dp(i) - f(i)
-      end do
-   end subroutine subtract
-
-   !> VEC f = f + factor u
-   pure subroutine add_times(n, factor, u, f)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: factor, u(n)
-      real(wp), intent(inout) :: f(n)
-      integer :: i
-
-      do i = 1, n
-         f(i) = f(i) + factor*u(i)
-      end do
-   end subroutine add_times
 
 end module symsde_step_splitting

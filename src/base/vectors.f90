@@ -1,0 +1,47 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Sums of n numbers that lie side by side: of the lanes of a block, or of the degrees of freedom of a path.
+module symsde_base_vectors
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: add, subtract, add_times
+
+contains
+
+   !> VEC total = x + y
+   pure subroutine add(n, x, y, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: x(n), y(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = x(i) + y(i)
+      end do
+   end subroutine add
+
+   !> VEC total = total - x
+   pure subroutine subtract(n, x, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: x(n)
+      real(wp), intent(inout) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = total(i) - x(i)
+      end do
+   end subroutine subtract
+
+   !> VEC total = total + factor x
+   pure subroutine add_times(n, factor, x, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: factor, x(n)
+      real(wp), intent(inout) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = total(i) + factor*x(i)
+      end do
+   end subroutine add_times
+
+end module symsde_base_vectors
