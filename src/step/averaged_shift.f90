@@ -14,7 +14,7 @@ module symsde_step_averaged_shift
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: step_record, step_store
+   use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_model_noise_time, only: noise_changes_in_time
    use symsde_scheme_scheme, only: bracket_terms, correction_none, frame_mean_path
@@ -54,12 +54,10 @@ module symsde_step_averaged_shift
       private
       type(mean_path) :: mean
       class(lone_stepper), allocatable :: inner
-      type(step_record) :: step
       real(wp), allocatable, dimension(:) :: x, y    !! (n)
    contains
       procedure :: lead
       procedure :: collect
-      procedure :: show
       procedure :: take
    end type lone_averaged_shift
 
@@ -187,6 +185,7 @@ contains
       allocate (made)
       call self%inner%offer_lone(made%inner)
       if (.not. allocated(made%inner)) return
+      made%wants_record = .true.
       made%most = few_of(self%ham%ndof, 3)  ! four take 1.1 of the time
       call new_mean_path(made%mean, self%ham%model, 1, self%mean%time_dependent)
       call move_alloc(made, lone)
@@ -211,14 +210,6 @@ contains
       self%counters%gradients = self%counters%gradients + self%mean%shift%asked
       self%mean%shift%asked = 0
    end subroutine collect
-
-   subroutine show(self, own, i)
-      class(lone_averaged_shift), intent(inout) :: self
-      type(step_store), intent(in), target :: own
-      integer, intent(in) :: i
-
-      call own%show(i, self%step%t, self%step)
-   end subroutine show
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
       class(lone_averaged_shift), intent(inout) :: self

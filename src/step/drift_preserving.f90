@@ -152,6 +152,7 @@ contains
          made%too_stiff = part%too_stiff
          made%test = part%newton%test
          made%max_iter = part%newton%options%max_iter
+         made%wants_record = .true.
          made%node = part%node
          made%weight = part%weight
          call new_noise_shift(made%shift, self%ham%model, 1)

@@ -8,7 +8,7 @@
 module symsde_step_lone
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: steps_record, step_store
+   use symsde_base_record, only: step_record, steps_record, step_store
    use symsde_base_sincos, only: sincos_one
    use symsde_model_abstract, only: model_type, angle_terms
    implicit none
@@ -24,6 +24,8 @@ module symsde_step_lone
       integer :: most = 2                            !! paths up to which those of a block go one by one
       logical :: mass_alone = .false.                !! Hhat_p = h p, for those that are told
       type(counters_type) :: counters                !! of the steps that were taken
+      logical :: wants_record = .false.              !! more than weights drives a step: it stands in the record
+      type(step_record) :: step                      !! without its time
       real(wp), allocatable :: low(:, :, :)          !! low parts of q and p, if compensated (n, 2, lane)
       integer, private :: rest = 0, resting = 0      !! steps left to others after an unusual one; of them, to come
    contains
@@ -90,11 +92,13 @@ contains
       integer, intent(in) :: nstep
    end subroutine foresee
 
-   !> What else drives a step, for those that ask for more than weights.
+   !> The step at a place, before it is taken.
    subroutine show(self, own, i)
       class(lone_stepper), intent(inout) :: self
       type(step_store), intent(in), target :: own
       integer, intent(in) :: i  !! where it stands
+
+      if (self%wants_record) call own%show(i, self%step%t, self%step)
    end subroutine show
 
    !> What a model with angle terms has at a time; of others nothing is asked.

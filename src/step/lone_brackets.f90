@@ -4,7 +4,6 @@
 !> terms of its Hamiltonians, each asked for once a time.
 module symsde_step_lone_brackets
    use symsde_base_kinds, only: wp
-   use symsde_base_record, only: step_record, step_store
    use symsde_model_abstract, only: model_type, angle_terms
    use symsde_scheme_scheme, only: bracket_terms
    use symsde_solve_stagnation, only: stopping_test, verdict_of
@@ -29,12 +28,10 @@ module symsde_step_lone_brackets
       type(bracket_terms) :: wanted
       type(modified_hamiltonian), private :: parts   !! of one lane
       type(single_brackets), private :: brackets
-      type(step_record), private :: step
       type(angle_terms), allocatable, private :: terms(:, :, :)  !! of every H_j, see single_brackets; at times 0..2
       real(wp), allocatable, private :: unit(:)      !! weights of one Hamiltonian alone (0:m)
    contains
       procedure :: lead
-      procedure :: show
       procedure :: take
    end type lone_brackets
 
@@ -53,14 +50,6 @@ contains
       allocate (self%terms(0:self%m, 3, 0:2))
       allocate (self%unit(0:self%m), source=0.0_wp)
    end subroutine lead
-
-   subroutine show(self, own, i)
-      class(lone_brackets), intent(inout) :: self
-      type(step_store), intent(in), target :: own
-      integer, intent(in) :: i
-
-      call own%show(i, self%step%t, self%step)
-   end subroutine show
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
       class(lone_brackets), intent(inout) :: self

@@ -3,7 +3,6 @@
 !> iteration of step/midpoint_by_matrix. What takes long is left to step/drift_preserving.
 module symsde_step_lone_drift_preserving
    use symsde_base_kinds, only: wp
-   use symsde_base_record, only: step_record, step_store
    use symsde_solve_stagnation, only: stopping_test, verdict_of
    use symsde_step_lone, only: lone_stepper
    use symsde_step_midpoint_equation, only: correction_of, position
@@ -21,23 +20,13 @@ module symsde_step_lone_drift_preserving
       integer :: max_iter = 0
       real(wp), allocatable :: node(:), weight(:)  !! s_j, w_j
       type(noise_shift) :: shift                   !! of one lane
-      type(step_record), private :: step
       real(wp), allocatable, private :: v(:)       !! weights h, 0 (0:m)
       real(wp), allocatable, dimension(:), private :: start, kick, psi, at, hq, f, still  !! (n)
    contains
-      procedure :: show
       procedure :: take
    end type lone_drift_preserving
 
 contains
-
-   subroutine show(self, own, i)
-      class(lone_drift_preserving), intent(inout) :: self
-      type(step_store), intent(in), target :: own
-      integer, intent(in) :: i
-
-      call own%show(i, self%step%t, self%step)
-   end subroutine show
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
       class(lone_drift_preserving), intent(inout) :: self

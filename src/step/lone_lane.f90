@@ -6,7 +6,6 @@
 module symsde_step_lone_lane
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: step_record, step_store
    use symsde_step_lone, only: lone_stepper
    use symsde_step_stepper, only: stepper_type
    implicit none
@@ -18,11 +17,9 @@ module symsde_step_lone_lane
    type, extends(lone_stepper) :: lone_lane
       private
       class(stepper_type), allocatable :: stepper  !! of one lane
-      type(step_record) :: step
       type(counters_type) :: counted               !! by it, and collected before
    contains
       procedure :: collect
-      procedure :: show
       procedure :: take
    end type lone_lane
 
@@ -35,6 +32,7 @@ contains
       call move_alloc(stepper, self%stepper)
       self%stepper%ham%nreal = 1
       self%most = most_of_lane
+      self%wants_record = .true.
    end subroutine new_lone_lane
 
    subroutine collect(self)
@@ -46,14 +44,6 @@ contains
       call add_counters(self%counters, self%counted, -1)
       self%counted = total
    end subroutine collect
-
-   subroutine show(self, own, i)
-      class(lone_lane), intent(inout) :: self
-      type(step_store), intent(in), target :: own
-      integer, intent(in) :: i
-
-      call own%show(i, self%step%t, self%step)
-   end subroutine show
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
       class(lone_lane), intent(inout) :: self

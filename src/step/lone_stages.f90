@@ -4,7 +4,6 @@
 !> is left to step/stages.
 module symsde_step_lone_stages
    use symsde_base_kinds, only: wp
-   use symsde_base_record, only: step_record, step_store
    use symsde_model_abstract, only: angle_terms
    use symsde_step_constant_mass, only: constant_mass
    use symsde_step_lone, only: lone_stepper
@@ -40,7 +39,6 @@ module symsde_step_lone_stages
       type(constant_mass), allocatable :: mass  !! where it is not the identity
       real(wp), allocatable, dimension(:), private :: velocity, moved, nothing  !! M^-1 p; weighed slopes; zero (n)
       type(noise_shift), allocatable :: shift   !! of p_n, where brackets are added; of one lane
-      type(step_record), private :: step        !! what these are made of
       real(wp), allocatable, private :: shifted(:)           !! p_n (n)
       type(slope_sum), allocatable, private :: sums(:, :)    !! of the first sweep, and of the others (nstage, 2)
       real(wp), private :: h = 0                             !! for which the sums are
@@ -49,20 +47,11 @@ module symsde_step_lone_stages
       type(stage_pair), allocatable, private :: pair               !! where the step is one of these
       type(angle_stages), allocatable, private :: angle            !! where the step is one of these
    contains
-      procedure :: show
       procedure :: take
       procedure :: is_pair
    end type lone_stages
 
 contains
-
-   subroutine show(self, own, i)
-      class(lone_stages), intent(inout) :: self
-      type(step_store), intent(in), target :: own
-      integer, intent(in) :: i
-
-      if (allocated(self%shift)) call own%show(i, self%step%t, self%step)
-   end subroutine show
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
       class(lone_stages), intent(inout) :: self

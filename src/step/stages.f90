@@ -267,6 +267,7 @@ contains
          call new_constant_mass(made%mass, 1, self%ham%ndof, self%ham%nnoise)
       end if
       if (allocated(self%equations%shift)) then
+         made%wants_record = .true.
          allocate (made%shift)
          call new_noise_shift(made%shift, self%ham%model, 1)
       end if

@@ -177,6 +177,7 @@ contains
       if (allocated(self%ham%modified)) then
          allocate (bracketed)
          bracketed%most = 2  ! three take 1.0 to 1.2 of the time
+         bracketed%wants_record = .true.
          bracketed%a = self%solver%a
          bracketed%abar = self%solver%abar
          bracketed%alpha = self%alpha
