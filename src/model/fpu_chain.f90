@@ -96,18 +96,12 @@ contains
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
-      real(wp) :: force(nlane), wall(nlane)
       integer :: i
 
       if (present(hq) .and. nlane == 1) then
          call gradient_alone(ndof, self%beta, self%sigma, w, q, hq)
       else if (present(hq)) then
-         wall = 0
-         force = q(:, 1)*(1 + self%beta*q(:, 1)**2)
-         do i = 1, ndof - 1
-            call gradient_row(nlane, self%beta, self%sigma, w, w(1, i), q(1, i), q(1, i + 1), force, hq(1, i))
-         end do
-         call gradient_row(nlane, self%beta, self%sigma, w, w(1, ndof), q(1, ndof), wall, force, hq(1, ndof))
+         call gradient_lanes(nlane, ndof, self%beta, self%sigma, w, q, hq)
       end if
       if (present(hp) .and. nlane == 1) then
          call velocity_alone(ndof, w(1, 0), p, hp)
@@ -117,6 +111,22 @@ contains
          end do
       end if
    end subroutine gradient
+
+   !> All rows of a block, one after the other.
+   subroutine gradient_lanes(nlane, n, beta, sigma, w, q, hq)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: beta, sigma, w(nlane, 0:n), q(nlane, n)
+      real(wp), intent(out) :: hq(nlane, n)
+      real(wp) :: force(nlane), wall(nlane)  ! room of a block, which a path by itself does not ask for
+      integer :: i
+
+      wall = 0
+      force = q(:, 1)*(1 + beta*q(:, 1)**2)
+      do i = 1, n - 1
+         call gradient_row(nlane, beta, sigma, w, w(1, i), q(1, i), q(1, i + 1), force, hq(1, i))
+      end do
+      call gradient_row(nlane, beta, sigma, w, w(1, n), q(1, n), wall, force, hq(1, n))
+   end subroutine gradient_lanes
 
    !> VEC
    pure subroutine velocity_alone(n, weight, p, hp)
