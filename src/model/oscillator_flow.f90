@@ -61,15 +61,8 @@ contains
 
       has_flow = index_of(scheme) > 0
       if (index_of(scheme) >= corrected_euler) has_flow = terms%noise_b == 0 .and. terms%noise_e == 0
-      if (has_brackets(scheme)) has_flow = is_of_one_form(terms)
+      if (index_of(scheme) == gauss2 .and. scheme /= 'gauss2') has_flow = is_of_one_form(terms)  ! its brackets
    end function oscillator_has_flow
-
-   !> Schemes of a Hamiltonian with brackets.
-   pure logical function has_brackets(scheme)
-      character(*), intent(in) :: scheme
-
-      has_brackets = index(scheme, '_strong32') > 0 .or. index(scheme, '_weak2') > 0
-   end function has_brackets
 
    !> Whether every H_j is a multiple of p^2 + q^2, so that all brackets vanish.
    pure logical function is_of_one_form(terms)
