@@ -162,7 +162,7 @@ contains
             force(last) = r*(1 + beta*r**2)
          end if
          do i = 1, last
-            hq(first + i) = weight*(force(i - 1) - force(i)) - sigma*w(first + i)
+            hq(first + i) = weight*(force(i - 1) - force(i)) - (sigma*w(first + i))
          end do
          force(0) = force(last)
       end do
@@ -180,8 +180,8 @@ contains
 
       do lane = 1, nlane
          r = next_q(lane) - q(lane)
-         next_force = r*(1 + beta*r**2)
-         hq(lane) = weight(lane)*(force(lane) - next_force) - sigma*dw(lane)
+         next_force = (r*(1 + beta*r**2))  ! in parentheses: not contracted with the difference
+         hq(lane) = weight(lane)*(force(lane) - next_force) - (sigma*dw(lane))
          force(lane) = next_force
       end do
    end subroutine gradient_row
@@ -265,7 +265,7 @@ contains
       do i = first, last
          do lane = 1, strip_lanes
             call spring(beta, weight(lane), q(lane, i + 1) - q(lane, i), next_force, next_k)
-            hq(lane, i) = weight(lane)*(force(lane) - next_force) - sigma*w(lane, i)
+            hq(lane, i) = weight(lane)*(force(lane) - next_force) - (sigma*w(lane, i))
             hqq(lane, 0, i) = k(lane) + next_k
             hqq(lane, 1, i) = -next_k
             force(lane) = next_force
@@ -328,7 +328,7 @@ contains
          end do
          if (first + last == n) call spring(beta, weight, 0 - q(n), force(last), k(last))
          do i = 1, last
-            hq(first + i) = weight*(force(i - 1) - force(i)) - sigma*w(first + i)
+            hq(first + i) = weight*(force(i - 1) - force(i)) - (sigma*w(first + i))
             hqq(0, first + i) = k(i - 1) + k(i)
             hqq(1, first + i) = -k(i)
          end do
