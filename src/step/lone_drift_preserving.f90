@@ -46,13 +46,14 @@ contains
       else
          call solve_two(self, t + 0.5_wp*h, h, q, p, dp, taken)
       end if
+      if (taken) self%counters%gradients = self%counters%gradients + self%shift%asked
+      self%shift%asked = 0
+      if (.not. taken) return  ! there are no increments to compute with
       !GCC$ novector  ! few numbers
       do i = 1, self%n
          dq(i) = h*(p(i) + dp(i))
          dp(i) = 2*dp(i) - self%kick(i)
       end do
-      if (taken) self%counters%gradients = self%counters%gradients + self%shift%asked
-      self%shift%asked = 0
    end subroutine take
 
    subroutine make_room(self)
