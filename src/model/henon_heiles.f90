@@ -84,7 +84,12 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
 
-      if (present(hq)) call force(nlane, self%alpha, self%sigma1, self%sigma2, w, q, hq)
+      if (present(hq) .and. nlane == 1) then
+         call force_of_one(self%alpha, self%sigma1, self%sigma2, w(1, 0), w(1, 1), w(1, 2), q(1, 1), q(1, 2), &
+                           hq(1, 1), hq(1, 2))
+      else if (present(hq)) then
+         call force(nlane, self%alpha, self%sigma1, self%sigma2, w, q, hq)
+      end if
       if (present(hp)) then
          hp(:, 1) = w(:, 0)*p(:, 1)
          hp(:, 2) = w(:, 0)*p(:, 2)

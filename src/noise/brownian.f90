@@ -89,7 +89,8 @@ contains
       integer :: j
 
       drawn = 0
-      if (.not. self%asked%is_empty()) then
+      if (.not. self%asked%is_empty() .or. &
+          (self%law /= law_gaussian .and. self%refine == 0 .and. looks_ahead(self, request))) then
          call fill_functionals(self, request, store, drawn)
       else if (self%refine /= 0 .or. self%law /= law_gaussian .or. mod(request%pair, 2_i8) == 1) then
          do j = 0, request%npair - 1
@@ -284,8 +285,7 @@ contains
 
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%common, &
                              self%asked, self%areas, self%law)
-      if (request%nlane == 1 .and. request%npair > 1 .and. mod(request%pair, 2_i8) == 0 .and. self%refine >= 0 .and. &
-          self%law == law_gaussian) then
+      if (looks_ahead(self, request)) then
          call fill_alone(self, draws, request, store, drawn)
          return
       end if
@@ -305,6 +305,14 @@ contains
          end associate
       end do
    end subroutine fill_functionals
+
+   !> Whether lanes are pairs of steps, not paths.
+   pure logical function looks_ahead(self, request)
+      class(brownian_noise), intent(in) :: self
+      type(step_request), intent(in) :: request
+
+      looks_ahead = request%nlane == 1 .and. request%npair > 1 .and. mod(request%pair, 2_i8) == 0 .and. self%refine >= 0
+   end function looks_ahead
 
    !> A path by itself: the lanes of the generator, and of all that is made of its draws, are pairs of steps from an
    !> even one on.
@@ -370,7 +378,7 @@ contains
          call scaled_normal_pairs(nlane, self%seed, from, pair, k, level, &
                                   merge(purpose_increment, purpose_bridge, level == 0), scale, even, odd)
       else
-         call discrete_pairs(nlane, self%seed, from, pair, k, self%law, even, odd)
+         call discrete_pairs(nlane, self%seed, from, spread(pair, 1, nlane), k, self%law, even, odd)
          do lane = 1, nlane
             even(lane) = scale*even(lane)
             odd(lane) = scale*odd(lane)

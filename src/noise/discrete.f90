@@ -9,7 +9,7 @@ module symsde_noise_discrete
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_three_point
    use symsde_noise_normal, only: uniform_open_lanes
-   use symsde_noise_philox, only: philox_lanes
+   use symsde_noise_philox, only: philox_lanes_at
    implicit none
    private
    public :: discrete_pairs, sign_pairs
@@ -22,13 +22,15 @@ contains
    !> Two independent draws of mean 0 and variance 1 a lane, in the place of two normals.
    subroutine discrete_pairs(nlane, seed, path, pair, noise, law, even, odd)
       integer, intent(in) :: nlane
-      integer(i8), intent(in) :: seed, path(nlane), pair  !! as in normal_pairs
+      integer(i8), intent(in) :: seed, path(nlane), pair(nlane)  !! as in normal_pairs, a pair for each lane
       integer, intent(in) :: noise
       integer, intent(in) :: law                          !! law_three_point or law_two_point
       real(wp), intent(out) :: even(nlane), odd(nlane)
       integer(i8) :: words(nlane, 4)
+      integer :: noises(nlane)
 
-      call philox_lanes(nlane, seed, path, pair, noise, 0, purpose_discrete, words)
+      noises = noise
+      call philox_lanes_at(nlane, seed, path, pair, noises, 0, purpose_discrete, words)
       call uniform_open_lanes(nlane, words, even, odd)
       call to_values(nlane, law == law_three_point, even)
       call to_values(nlane, law == law_three_point, odd)
@@ -37,12 +39,14 @@ contains
    !> Two independent signs a lane, of the area of a pair of noises.
    subroutine sign_pairs(nlane, seed, path, pair, index, even, odd)
       integer, intent(in) :: nlane
-      integer(i8), intent(in) :: seed, path(nlane), pair  !! as in normal_pairs
+      integer(i8), intent(in) :: seed, path(nlane), pair(nlane)
       integer, intent(in) :: index                        !! area_index of the noises
       real(wp), intent(out) :: even(nlane), odd(nlane)
       integer(i8) :: words(nlane, 4)
+      integer :: indices(nlane)
 
-      call philox_lanes(nlane, seed, path, pair, index, 0, purpose_sign, words)
+      indices = index
+      call philox_lanes_at(nlane, seed, path, pair, indices, 0, purpose_sign, words)
       call uniform_open_lanes(nlane, words, even, odd)
       call to_values(nlane, .false., even)
       call to_values(nlane, .false., odd)

@@ -130,30 +130,33 @@ contains
       real(wp), intent(in) :: length
       type(path_interval), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
-      integer(i8) :: from(nlane)
+      integer(i8) :: from(nlane), at(nlane)
       integer :: k, l, kl
 
+      at = pair
+      if (allocated(d%ahead)) at = pair + 2_i8**d%refine*d%ahead
       call new_path_interval(even, nlane, d%nnoise, length, d%asked)
       call new_path_interval(odd, nlane, d%nnoise, length, d%asked)
       even%w = 0
       odd%w = 0
-      even%of(path_areas)%x = 0
-      odd%of(path_areas)%x = 0
+      if (d%asked%has(path_areas)) even%of(path_areas)%x = 0
+      if (d%asked%has(path_areas)) odd%of(path_areas)%x = 0
       do l = 1, d%nnoise
          if (d%silent(l)) cycle
          from = merge(0_i8, path, d%common(l))
-         call discrete_pairs(nlane, d%seed, from, pair, l, d%law, even%w(:, l), odd%w(:, l))
+         call discrete_pairs(nlane, d%seed, from, at, l, d%law, even%w(:, l), odd%w(:, l))
          drawn = drawn + 2
          do k = 1, l - 1
-            if (d%silent(k)) cycle
+            if (d%silent(k) .or. .not. d%asked%has(path_areas)) cycle
             kl = area_index(k, l)
             from = merge(0_i8, path, d%common(l) .and. d%common(k))
-            call sign_pairs(nlane, d%seed, from, pair, kl, even%of(path_areas)%x(:, kl), odd%of(path_areas)%x(:, kl))
+            call sign_pairs(nlane, d%seed, from, at, kl, even%of(path_areas)%x(:, kl), odd%of(path_areas)%x(:, kl))
             drawn = drawn + 2
          end do
       end do
       even%w = sqrt(abs(length))*even%w
       odd%w = sqrt(abs(length))*odd%w
+      if (.not. d%asked%has(path_areas)) return
       even%of(path_areas)%x = (0.5_wp*abs(length))*even%of(path_areas)%x
       odd%of(path_areas)%x = (0.5_wp*abs(length))*odd%of(path_areas)%x
    end subroutine discrete_pair

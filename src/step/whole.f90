@@ -7,7 +7,6 @@
 module symsde_step_whole
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record, steps_record
-   use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_scheme_catalogue, only: get_scheme
@@ -43,14 +42,9 @@ contains
       if (fits .and. task%correction /= correction_none) &
          fits = task%correction == correction_increments .and. is_one_sided(task%scheme)
       if (.not. fits) return
-      call name_of_flow(task%scheme, name)
+      call name_of_flow(task%scheme, task%has_brackets(), name)
       fits = task%model%has_flow(name//suffix(task))
-      if (.not. fits) return
-      if (usual_name(task%scheme) /= '') then
-         fits = task%scheme%law == law_gaussian
-      else
-         fits = is_of_catalogue(task%scheme, name)
-      end if
+      if (fits .and. usual_name(task%scheme, task%has_brackets()) == '') fits = is_of_catalogue(task%scheme, name)
    end function whole_fits
 
    !> What stands behind the name of a scheme where it is corrected.
@@ -67,7 +61,7 @@ contains
       logical :: plain
 
       plain = task%correction == correction_none
-      call name_of_flow(task%scheme, self%scheme)
+      call name_of_flow(task%scheme, task%has_brackets(), self%scheme)
       self%name = 'whole steps of '//self%scheme//' by the model'
       if (.not. plain) self%name = 'whole corrected steps of '//self%scheme//' by the model'
       self%scheme = self%scheme//suffix(task)
@@ -79,20 +73,22 @@ contains
    end subroutine make
 
    !> The name by which a model is asked for a scheme: nothing depends on what a user calls one of the four.
-   subroutine name_of_flow(scheme, name)
+   subroutine name_of_flow(scheme, has_brackets, name)
       type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: has_brackets  !! that count for the model
       character(:), allocatable, intent(out) :: name
 
-      name = trim(usual_name(scheme))
+      name = trim(usual_name(scheme, has_brackets))
       if (name == '') name = scheme%name
    end subroutine name_of_flow
 
    !> The name in the catalogue of one of the four, known by its coefficients; blank for others.
-   pure character(len=name_length) function usual_name(scheme) result(name)
+   pure character(len=name_length) function usual_name(scheme, has_brackets) result(name)
       type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: has_brackets
 
       name = ''
-      if (scheme%form /= tableau_form .or. scheme%frame /= frame_none .or. scheme%brackets%are_added()) return
+      if (scheme%form /= tableau_form .or. scheme%frame /= frame_none .or. has_brackets) return
       if (scheme%is_midpoint()) then
          name = 'midpoint'
       else if (is_one_sided(scheme)) then
