@@ -22,6 +22,7 @@ module symsde_step_kick_weights
       logical, allocatable :: multiplies(:)    !! of these, kicks with products of gradients of the noises (nkick)
       real(wp) :: c = 0                        !! of the mean form
       integer, allocatable :: noisy(:)         !! the noises that are not silent
+      integer, allocatable, private :: at(:, :)  !! pair_index in any order (nnoise, nnoise)
       real(wp), allocatable :: w(:, :, :)      !! w_ik with b_i h in front (nlane, 0:nnoise, nkick)
       real(wp), allocatable :: v(:, :)         !! weights of V (nlane, 0:nnoise)
       real(wp), allocatable :: d(:, :)         !! D_kl at pair_index (nlane, nnoise(nnoise+1)/2)
@@ -46,7 +47,7 @@ contains
       type(kicks_type), intent(in) :: kicks
       type(model_traits), intent(in) :: traits
       integer, intent(in) :: nlane
-      integer :: k
+      integer :: k, l
 
       self%kicks = kicks
       self%c = mean_coefficient(kicks)
@@ -61,7 +62,12 @@ contains
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
       allocate (self%w(nlane, 0:self%nnoise, size(kicks%c)), self%v(nlane, 0:self%nnoise), self%a(nlane), source=0.0_wp)
       allocate (self%s(nlane), self%u(nlane))
-      if (self%products) allocate (self%d(nlane, pair_index(self%nnoise, self%nnoise)), source=0.0_wp)
+      if (.not. self%products) return
+      allocate (self%d(nlane, pair_index(self%nnoise, self%nnoise)), source=0.0_wp)
+      allocate (self%at(self%nnoise, self%nnoise))
+      do k = 1, self%nnoise
+         self%at(:, k) = [(pair_index(min(k, l), max(k, l)), l=1, self%nnoise)]
+      end do
    end subroutine new_kick_weights
 
    !> The weights of every kick, of V, and D, of as many lanes.
@@ -167,7 +173,7 @@ contains
             end if
             self%s = 0
             do l = 1, size(noisy)
-               call add_each(n, self%d(:, pair_index(min(k, noisy(l)), max(k, noisy(l)))), slope(:, noisy(l)), self%s)
+               call add_each(n, self%d(:, self%at(k, noisy(l))), slope(:, noisy(l)), self%s)
             end do
             call add_product(n, kicks%share(i), self%s, curvature(:, k), f)
          end do
@@ -176,18 +182,19 @@ contains
 
    !> The same of one lane, by numbers. Parentheses keep the first product of a sum from being contracted with the next,
    !> and gcc contracts none of sums that it takes by vectors, or that two branches end in.
-   pure real(wp) function join_alone(self, lane, i, h, slope, curvature) result(f)
+   pure real(wp) function join_alone(self, lane, i, h, w, slope, curvature) result(f)
       class(kick_weights), intent(in) :: self
       integer, intent(in) :: lane, i
-      real(wp), intent(in) :: h, slope(0:self%nnoise), curvature(0:self%nnoise)
+      real(wp), intent(in) :: h, w(0:self%nnoise)  !! the weights of the kick
+      real(wp), intent(in) :: slope(0:self%nnoise), curvature(0:self%nnoise)
       real(wp) :: s, u
       integer :: j, k, l
 
       associate (kicks => self%kicks, noisy => self%noisy, v => self%v)
-         f = (self%w(lane, 0, i)*slope(0))
+         f = (w(0)*slope(0))
          !GCC$ novector
          do j = 1, self%nnoise
-            f = f + self%w(lane, j, i)*slope(j)
+            f = f + w(j)*slope(j)
          end do
          if (abs(kicks%kappa(i)) > 0) then
             s = (v(lane, 0)*slope(0))
@@ -224,7 +231,7 @@ contains
       class(kick_weights), intent(in) :: self
       integer, intent(in) :: lane, k, l
 
-      d_of = self%d(lane, pair_index(min(k, l), max(k, l)))
+      d_of = self%d(lane, self%at(k, l))
    end function d_of
 
    ! ---- kernels ----------------------------------------------------------------------------------

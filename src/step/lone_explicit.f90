@@ -11,7 +11,7 @@ module symsde_step_lone_explicit
    use symsde_step_constant_mass, only: constant_mass
    use symsde_step_explicit_plan, only: explicit_plan, evaluation, add_slopes, sum_slopes
    use symsde_step_kicks, only: kick, kick_and_drift, kick_and_drift_each, kick_again, move
-   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone, only: lone_stepper, narrow
    implicit none
    private
    public :: lone_explicit, as_planned, kick_drift, drift_kick, kick_drift_kick
@@ -20,7 +20,7 @@ module symsde_step_lone_explicit
       enumerator :: as_planned = 0, kick_drift = 1, drift_kick = 2, kick_drift_kick = 3
    end enum
 
-   integer, parameter :: narrow = 4, most_stages = 8  !! degrees of freedom, and stages, that go number by number
+   integer, parameter :: most_stages = 8  !! that go number by number
 
    type, extends(lone_stepper) :: lone_explicit
       integer :: kind = as_planned

@@ -2,14 +2,13 @@
 !> The flow of H between kicks by the implicit midpoint rule, which large forces do not limit: by whatever stepper
 !> takes a midpoint step of the model, with noises of weight zero.
 module symsde_step_midpoint_flow
-   use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_base_status, only: error_type, not_converged
+   use symsde_base_status, only: error_type
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type
    use symsde_step_general, only: general_stepper
-   use symsde_step_lone, only: lone_stepper
    use symsde_step_midpoint, only: midpoint_stepper, midpoint_fits
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
    use symsde_step_midpoint_single, only: midpoint_single_stepper, midpoint_single_fits
@@ -22,7 +21,6 @@ module symsde_step_midpoint_flow
    type :: midpoint_flow
       private
       class(stepper_type), allocatable, public :: stepper  !! that takes the midpoint steps
-      class(lone_stepper), allocatable, public :: lone     !! takes these of a path by itself, in a usual step
       type(rescue_type) :: rescue                          !! of lanes that it fails in
       real(wp), allocatable :: w(:, :)                     !! tau and no noise (nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: x, y, dx, dy  !! (nlane, ndof)
@@ -57,10 +55,6 @@ contains
          allocate (general_stepper :: self%stepper)
       end if
       call self%stepper%make(task)
-      if (task%nlane == 1) then
-         call self%stepper%offer_lone(self%lone)
-         if (allocated(self%lone)) call self%lone%lead(task%model)
-      end if
       call new_rescue(self%rescue, task%model, task%scheme, self%stepper, task%newton)
       associate (nlane => task%nlane, n => task%model%traits%ndof, m => task%model%traits%nnoise)
          allocate (self%w(nlane, 0:m), source=0.0_wp)
@@ -77,7 +71,6 @@ contains
       real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
       integer(i8), intent(inout) :: status(nlane)
       type(step_record) :: step
-      logical :: taken
 
       self%w(:, 0) = tau
       self%x = q + dq
@@ -86,15 +79,10 @@ contains
       step%t = t
       step%h = tau
       step%w(1:, 0:) => self%w
-      if (allocated(self%lone)) then
-         call self%lone%take(t, tau, self%w, self%x, self%y, self%dx, self%dy, taken)
-         if (.not. taken) status = not_converged  ! in a usual step: a block may solve it
-      else
-         self%stepper%ham%nreal = nreal
-         call self%stepper%increment(step, self%x, self%y, self%dx, self%dy, status)
-         if (any(status /= 0 .and. self%failed < 0)) &
-            call self%rescue%attempt(nlane, step, self%x, self%y, self%failed, self%dx, self%dy, status)
-      end if
+      self%stepper%ham%nreal = nreal
+      call self%stepper%increment(step, self%x, self%y, self%dx, self%dy, status)
+      if (any(status /= 0 .and. self%failed < 0)) &
+         call self%rescue%attempt(nlane, step, self%x, self%y, self%failed, self%dx, self%dy, status)
       dq = dq + self%dx
       dp = dp + self%dy
    end subroutine move
@@ -106,7 +94,6 @@ contains
 
       call self%stepper%tally(total)
       call self%rescue%tally(total)
-      if (allocated(self%lone)) call add_counters(total, self%lone%counters)
    end subroutine tally
 
 end module symsde_step_midpoint_flow

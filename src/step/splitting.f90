@@ -20,6 +20,7 @@ module symsde_step_splitting
    use symsde_base_vectors, only: add, subtract, add_times
    use symsde_scheme_kicks, only: flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: correction_none, splitting_form, frame_rotation
+   use symsde_step_constant_mass, only: new_constant_mass
    use symsde_step_drift_flow, only: drift_flow, new_drift_flow
    use symsde_step_kick_weights, only: kick_weights, new_kick_weights
    use symsde_step_lone, only: lone_stepper
@@ -66,7 +67,6 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'drifts and kicks'
-      self%takes_one_lane = .true.
       self%explicit = .true.
       call new_kick_weights(self%weights, task%scheme%kicks, task%model%traits, task%nlane)
       associate (t => task%model%traits, n => task%model%traits%ndof, m => task%model%traits%nnoise, &
@@ -90,18 +90,25 @@ contains
       self%name = 'kicks between midpoint steps'
       self%explicit = .false.
       self%one_solve = self%midpoint%stepper%one_solve
-      if (task%nlane == 1) self%takes_one_lane = allocated(self%midpoint%lone)
       if (allocated(self%midpoint%stepper%left_out)) self%left_out = self%midpoint%stepper%left_out
    end subroutine make
 
-   !> Paths one by one, where the mass is the identity.
+   !> What takes paths one by one.
    subroutine offer_lone(self, lone)
       class(splitting_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
       type(lone_splitting), allocatable :: made
 
-      if (allocated(self%midpoint) .or. self%by_mass) return
       allocate (made)
+      if (allocated(self%midpoint)) then
+         call self%midpoint%stepper%offer_lone(made%midpoint)
+         if (.not. allocated(made%midpoint)) return
+      end if
+      made%by_mass = self%by_mass
+      if (self%by_mass .and. allocated(self%ham%mass)) then
+         allocate (made%mass)
+         call new_constant_mass(made%mass, 1, self%ham%ndof, self%ham%nnoise)
+      end if
       made%kicks = self%weights%kicks
       made%between_kicks = self%between_kicks
       if (self%weights%products .and. self%weights%kicks%samples) made%most = 12
