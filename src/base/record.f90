@@ -101,16 +101,35 @@ contains
    !> Room for its steps, if there is none yet: zero but for h.
    subroutine make_room(self)
       class(step_store), intent(inout) :: self
-      integer :: i
+      integer :: i, ncolumn
 
       if (allocated(self%w)) return
-      allocate (self%w(self%nlane, 0:self%nnoise, 0:self%capacity - 1), source=0.0_wp)
-      self%w(:, 0, :) = self%h
+      allocate (self%w(self%nlane, 0:self%nnoise, 0:self%capacity - 1))
+      call set_to(self%h, self%nlane, self%nnoise + 1, self%capacity, self%w)
       do i = 1, nfunctional
-         if (self%asked%has(i)) &
-            allocate (self%of(i)%x(self%nlane, functional_count(i, self%nnoise), 0:self%capacity - 1), source=0.0_wp)
+         if (.not. self%asked%has(i)) cycle
+         ncolumn = functional_count(i, self%nnoise)
+         allocate (self%of(i)%x(self%nlane, ncolumn, 0:self%capacity - 1))
+         call set_to(0.0_wp, self%nlane, ncolumn, self%capacity, self%of(i)%x)
       end do
    end subroutine make_room
+
+   !> Zero but for the first column, by explicit bounds: of one lane `source` would set each number by a call.
+   pure subroutine set_to(first, nlane, ncolumn, nstep, x)
+      real(wp), intent(in) :: first
+      integer, intent(in) :: nlane, ncolumn, nstep
+      real(wp), intent(out) :: x(nlane*ncolumn, nstep)
+      integer :: i, n
+
+      do n = 1, nstep
+         do i = 1, nlane
+            x(i, n) = first
+         end do
+         do i = nlane + 1, nlane*ncolumn
+            x(i, n) = 0
+         end do
+      end do
+   end subroutine set_to
 
    !> Step i of the store, which begins at the time t.
    subroutine show(self, i, t, step)

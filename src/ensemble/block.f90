@@ -161,13 +161,14 @@ contains
    !> Steps until the chunk or the run is over, or enough paths of the block have failed.
    subroutine run_chunk(self)
       class(block_runner), intent(inout) :: self
-      integer(i8) :: last
+      integer(i8) :: before, last
       real(wp) :: start, took
       integer :: nout, every
       logical :: alone, taken
 
       start = seconds()
-      last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
+      before = self%step
+      last = min(before + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%enough)
          call self%drawn%draw(self%step, self%options%first_step + self%options%nstep, self%few, self%alone)
          alone = self%alone .and. .not. self%whole
@@ -181,12 +182,8 @@ contains
          end if
          if (.not. taken) call one_step(self)
       end do
-      took = seconds() - start
-      if (took < 0.5_wp*longest_chunk) then
-         self%chunk = min(2*self%chunk, 2_i8**40)
-      else if (took > longest_chunk) then
-         self%chunk = max(self%chunk/2, 1_i8)
-      end if
+      took = max(seconds() - start, 1e-9_wp)  ! the next steps may take longer, but not at once by far more
+      self%chunk = max(1_i8, int(min(64.0_wp, 0.5_wp*longest_chunk/took)*(self%step - before), i8))
    end subroutine run_chunk
 
    !> Steps from here to the next saved point; save_every at a saved point.

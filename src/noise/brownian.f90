@@ -13,7 +13,7 @@
 module symsde_noise_brownian
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: lane_unit, padded
+   use symsde_base_lanes, only: padded
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_record, only: step_request, step_store
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible
@@ -224,52 +224,38 @@ contains
 
    end subroutine fill_few
 
-   !> The increments of one noise, in the lanes of the generator behind so many others, to where steps have them.
+   !> The increments of one noise to where steps have them: column i of x holds the steps 4j + i of draw j, behind the
+   !> lanes of other noises.
    pure subroutine spread_few(nlane, nreal, nnoise, k, npair, before, m, x, w)
       integer, intent(in) :: nlane, nreal, nnoise, k, npair, before, m
-      real(wp), intent(in) :: x(4*m)
+      real(wp), intent(in) :: x(m, 0:3)
       real(wp), intent(inout) :: w(nlane, 0:nnoise, 0:2*npair - 1)
-      integer :: i, step
+      integer :: draw, lane, step
 
-      if (nreal == 1 .and. nlane == lane_unit .and. mod(npair, 2) == 0) then
-         call spread_one(nnoise, k, npair/2, before, m, x, w)
-      else if (nlane == 1 .and. mod(npair, 2) == 0) then
-         call spread_alone(nnoise, k, npair/2, before, m, x, w)
-      else
-         do step = 0, 2*npair - 1
-            i = before + mod(step, 4)*m + (step/4)*nreal
-            w(:nreal, k, step) = x(i + 1:i + nreal)
-            w(nreal + 1:, k, step) = x(i + nreal)
-         end do
+      if (nlane == 1) then
+         call spread_alone(nnoise, k, npair, before, m, x, w)
+         return
       end if
-   end subroutine spread_few
-
-   !> One path in all lanes of the smallest block: x holds the steps 4j + i of draw j in column i,
-   !> behind so many lanes.
-   pure subroutine spread_one(nnoise, k, ndraw, before, capacity, x, w)
-      integer, intent(in) :: nnoise, k, ndraw, before, capacity
-      real(wp), intent(in) :: x(0:capacity - 1, 0:3)
-      real(wp), intent(inout) :: w(lane_unit, 0:nnoise, 0:3, 0:ndraw - 1)
-      integer :: j, i
-
-      do j = 0, ndraw - 1
-         do i = 0, 3
-            w(:, k, i, j) = x(before + j, i)
+      do step = 0, 2*npair - 1
+         draw = before + (step/4)*nreal
+         do lane = 1, nreal
+            w(lane, k, step) = x(draw + lane, mod(step, 4))
+         end do
+         do lane = nreal + 1, nlane
+            w(lane, k, step) = x(draw + nreal, mod(step, 4))
          end do
       end do
-   end subroutine spread_one
+   end subroutine spread_few
 
    !> The same into a block of one lane.
-   pure subroutine spread_alone(nnoise, k, ndraw, before, capacity, x, w)
-      integer, intent(in) :: nnoise, k, ndraw, before, capacity
-      real(wp), intent(in) :: x(0:capacity - 1, 0:3)
-      real(wp), intent(inout) :: w(0:nnoise, 0:3, 0:ndraw - 1)
-      integer :: j, i
+   pure subroutine spread_alone(nnoise, k, npair, before, m, x, w)
+      integer, intent(in) :: nnoise, k, npair, before, m
+      real(wp), intent(in) :: x(m, 0:3)
+      real(wp), intent(inout) :: w(0:nnoise, 0:2*npair - 1)
+      integer :: step
 
-      do j = 0, ndraw - 1
-         do i = 0, 3
-            w(k, i, j) = x(before + j, i)
-         end do
+      do step = 0, 2*npair - 1
+         w(k, step) = x(before + step/4 + 1, mod(step, 4))
       end do
    end subroutine spread_alone
 
