@@ -4,7 +4,7 @@
 !> noises change, not that they do not: a change that begins after 1e5 units of time, or is over between two of
 !> the times, is not noticed.
 module symsde_model_noise_time
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
    use symsde_model_abstract, only: model_type
    implicit none
@@ -39,19 +39,26 @@ contains
          later = earliest
          do while (later < latest)
             call model%gradient(lane_unit, n, m, later, w, q, p, hq, hp)
-            noise_changes_in_time = differ(hq, first_q) .or. differ(hp, first_p)
+            noise_changes_in_time = differ(size(hq), hq, first_q) .or. differ(size(hp), hp, first_p)
             if (noise_changes_in_time) return
             later = ratio*later
          end do
       end associate
    end function noise_changes_in_time
 
-   !> Whether some number is another; what is none at one time (sin(t)/t at 0) and one at another has changed.
-   pure logical function differ(a, b)
-      use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-      real(wp), intent(in) :: a(:, :), b(:, :)
+   !> VEC Whether some number is another; what is none at one time (sin(t)/t at 0) and one at another has changed.
+   pure logical function differ(n, a, b)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: a(n), b(n)
+      integer(i8) :: changed
+      integer :: i
 
-      differ = any((ieee_is_finite(a) .or. ieee_is_finite(b)) .and. .not. abs(a - b) <= 0)
+      changed = 0
+      do i = 1, n
+         changed = changed + merge(1_i8, 0_i8, (abs(a(i)) <= huge(a) .or. abs(b(i)) <= huge(b)) .and. &
+                                   .not. abs(a(i) - b(i)) <= 0)
+      end do
+      differ = changed > 0
    end function differ
 
 end module symsde_model_noise_time
