@@ -20,13 +20,13 @@ module symsde_diagnose_symplecticity
    use symsde_base_text, only: to_text
    use symsde_diagnose_lagrangian, only: lanes_of_diagnosis
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
-   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_options, only: run_options, check_options, steppers_of
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
-   use symsde_step_factory, only: stepper_options, new_stepper
-   use symsde_step_memory, only: stepper_numbers
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_factory, only: resolve_task, make_stepper
+   use symsde_step_memory, only: step_memory, find_step_memory
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: symplecticity_defect, tangent_map
@@ -129,7 +129,8 @@ contains
       real(wp), intent(in), optional :: spacing, dz(:, :), areas(:, :)
       class(monitor_type), intent(inout), optional :: monitor
       class(stepper_type), allocatable :: stepper
-      type(stepper_options) :: choice
+      type(stepper_task), target :: task
+      type(step_memory) :: memory
       type(step_store), target :: store
       type(step_record) :: step
       real(wp), allocatable :: qs(:, :), ps(:, :), dq(:, :), dp(:, :)
@@ -145,17 +146,16 @@ contains
       if (allocated(error)) return
       total = size(q, 1, i8)*2*n*nstencil
       nlane = lanes_of_diagnosis(model, scheme, total)
-      choice%correction = options%correction
-      choice%general = options%general
-      choice%newton%max_iter = options%max_iter
-      choice%newton%fixed_point = options%fixed_point
+      call resolve_task(task, model, scheme, steppers_of(options), error)
+      if (allocated(error)) return
+      call find_step_memory(task, memory)
       call require_memory(4.0_wp*size(q, 1)*real(n, wp)**2 + nlane*(8.0_wp*n + 2*model%traits%nnoise) &
-                          + stepper_numbers(model, scheme, choice%newton, choice%general, nlane), &
+                          + memory%numbers(nlane), &
                           'the tangent map of '//to_text(2*n)//' variables at '//to_text(size(q, 1))// &
                           ' points under scheme '//scheme%name, &
                           'give fewer points, a smaller system or a scheme of one stage', 'symplecticity_defect', error)
       if (allocated(error)) return
-      call new_stepper(stepper, model, scheme, choice, nlane, error)
+      call make_stepper(stepper, task, model, nlane, error)
       if (allocated(error)) return
       allocate (d(2*n, 2*n, size(q, 1)), source=0.0_wp)
       call new_step_store(store, nlane, model%traits%nnoise, 2, options%step, scheme%asks)

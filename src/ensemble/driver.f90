@@ -21,7 +21,7 @@ module symsde_ensemble_driver
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_probes, only: probe_declared, probe_whole_steps
-   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_options, only: run_options, check_options, steppers_of
    use symsde_ensemble_recipe, only: runner_recipe
    use symsde_ensemble_report, only: run_report, describe_left_out
    use symsde_ensemble_memory, only: fit_threads
@@ -36,7 +36,7 @@ module symsde_ensemble_driver
    use symsde_noise_truncation, only: truncation_bound, lost_variance
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
-   use symsde_step_factory, only: resolve_correction
+   use symsde_step_factory, only: resolve_task
    use symsde_step_lone, only: most_lone
    implicit none
    private
@@ -80,7 +80,7 @@ contains
    subroutine run_ensemble(model, scheme, options, q0, p0, observer, monitor, report, error, &
                            dw, q0_low, p0_low)
       class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
+      type(scheme_type), intent(in), target :: scheme
       type(run_options), intent(in) :: options
       real(wp), intent(in), target :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
       class(observer_type), intent(in) :: observer    !! for blocks of choose_nlane(options, model) lanes
@@ -106,9 +106,9 @@ contains
 
    !> Check, probe and choose all that is the same however often the ensemble is driven, and make its runners.
    subroutine new_ensemble(self, model, scheme, options, q0, p0, observer, error, dw)
-      type(ensemble_type), intent(out) :: self
+      type(ensemble_type), intent(out), target :: self
       class(model_type), intent(in), target :: model          !! must live as long as the ensemble
-      type(scheme_type), intent(in) :: scheme
+      type(scheme_type), intent(in), target :: scheme         !! this, too
       type(run_options), intent(in) :: options
       real(wp), intent(in) :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
       class(observer_type), intent(in) :: observer    !! like those that will look on
@@ -121,16 +121,16 @@ contains
       call check_options(options, error)
       if (allocated(error)) return
       self%model => model
-      self%recipe%scheme = scheme
       self%options = options
       call check_state(options, model%traits%ndof, q0, p0, error)
+      if (.not. allocated(error)) call resolve_task(self%recipe%task, model, scheme, steppers_of(options), error)
       if (.not. allocated(error)) call plan_run(self, observer, error)
       call probe_declared(model, options%t0, q0(1, :), p0(1, :), error)
       if (allocated(error)) return
       nullify (given)
       if (present(dw)) given => dw
       call new_noise(self%noise, model, options, self%report%lost_variance, error, given, scheme)
-      if (.not. allocated(error)) call new_runners(self, error)
+      if (.not. allocated(error)) call new_runners(self, scheme, error)
       if (allocated(error)) return
       call probe_whole_steps(self%runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), &
                              error)
@@ -160,12 +160,12 @@ contains
       call check_options(self%options, error)
       if (allocated(error)) return
       if (present(dw)) then
-         call new_noise(given, self%model, self%options, lost, error, dw, self%recipe%scheme)
+         call new_noise(given, self%model, self%options, lost, error, dw, self%recipe%task%scheme)
          noise => given
       else
          noise => self%noise
          if (noise%asked%has(path_areas)) &
-            call check_area_counters(self%model%traits%nnoise, self%recipe%scheme%law, self%options, noise%areas, &
+            call check_area_counters(self%model%traits%nnoise, self%recipe%task%scheme%law, self%options, noise%areas, &
                                      error)
       end if
       if (allocated(error)) return
@@ -199,7 +199,7 @@ contains
       self%options%seed = options%seed
       if (options%seed /= seed) &
          call new_noise(self%noise, self%model, self%options, self%report%lost_variance, error, &
-                        scheme=self%recipe%scheme)
+                        scheme=self%recipe%task%scheme)
    end subroutine renumber
 
    !> Lanes of a block, and threads: as many as are asked for, have blocks to do, and find memory.
@@ -216,29 +216,23 @@ contains
          report%nlane = choose_nlane(self%options, self%model)
          nblock = (self%options%npath + report%nlane - 1)/report%nlane
          report%nthread = int(min(int(nthread, i8), nblock))
-         call fit_threads(self%model, self%recipe%scheme, self%options, observer, report%nlane, report%nthread, &
+         call fit_threads(self%recipe%task, self%options, observer, report%nlane, report%nthread, &
                           self%recipe%narrows, error)
       end associate
    end subroutine plan_run
 
    !> One runner for every thread.
-   subroutine new_runners(self, error)
-      type(ensemble_type), intent(inout) :: self
+   subroutine new_runners(self, scheme, error)
+      type(ensemble_type), intent(inout), target :: self
+      type(scheme_type), intent(in) :: scheme   !! as it was asked for
       type(error_type), allocatable, intent(inout) :: error
       logical :: has_padding
       integer :: i, info
 
-      associate (report => self%report, model => self%model, scheme => self%recipe%scheme, choice => self%recipe%choice)
-         choice%correction = self%options%correction
-         choice%general = self%options%general
-         choice%newton%max_iter = self%options%max_iter
-         choice%newton%fixed_point = self%options%fixed_point
-         choice%as_increments = self%options%compensated
-         self%recipe%model => model
+      associate (report => self%report, model => self%model)
          self%recipe%options = self%options
          self%recipe%asked = self%noise%asked
-         call resolve_correction(report%correction, model, scheme, self%options%correction, error)
-         if (allocated(error)) return
+         report%correction = self%recipe%task%correction
          allocate (self%runners(report%nthread), stat=info)
          if (info /= 0) then
             call raise(error, out_of_memory, 'new_runners', 'no memory for '//to_text(report%nthread)//' threads')

@@ -12,12 +12,10 @@ module symsde_ensemble_memory
    use symsde_ensemble_narrow, only: narrower_width
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
-   use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type
-   use symsde_solve_newton, only: newton_options
    use symsde_step_lone, only: most_lone
    use symsde_step_lone_lane, only: most_of_lane
-   use symsde_step_memory, only: stepper_numbers
+   use symsde_step_memory, only: step_memory, find_step_memory
+   use symsde_step_stepper, only: stepper_task
    implicit none
    private
    public :: fit_threads, narrower_numbers, noise_numbers
@@ -28,21 +26,22 @@ contains
 
    !> Take fewer threads where memory does not suffice for all, and no narrower blocks where it does not suffice for
    !> these on all threads; neither changes a result. Refuse (out_of_memory) what does not fit on one.
-   subroutine fit_threads(model, scheme, options, observer, nlane, nthread, narrows, error)
-      class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
+   subroutine fit_threads(task, options, observer, nlane, nthread, narrows, error)
+      type(stepper_task), intent(in) :: task
       type(run_options), intent(in) :: options
       class(observer_type), intent(in) :: observer
       integer, intent(in) :: nlane          !! lanes of a block
       integer, intent(inout) :: nthread     !! in: as many as are wanted
       logical, intent(out) :: narrows       !! paths that are left may go on in narrower blocks
       type(error_type), allocatable, intent(inout) :: error
+      type(step_memory) :: step
       real(wp) :: block
 
       narrows = .false.
       if (allocated(error)) return
-      block = block_numbers(model, scheme, options, nlane)
-      narrows = memory_for(nthread*(block + narrower_numbers(model, scheme, options, nlane)) + &
+      call find_step_memory(task, step)
+      block = block_numbers(task, step, options, nlane)
+      narrows = memory_for(nthread*(block + narrower_numbers(task, step, options, nlane)) + &
                            observer%numbers(options%npath, nthread), nthread - 1)
       if (narrows) return
       do while (nthread > 1)
@@ -50,16 +49,16 @@ contains
          nthread = nthread/2
       end do
       if (memory_for(block + observer%numbers(options%npath, 1), 0)) return  ! before texts are put together
-      call require_memory(block + observer%numbers(options%npath, 1), 'the run of model '//model%name// &
-                          ' by scheme '//scheme%name//' ('//to_text(model%traits%ndof)//' degrees of freedom, '// &
-                          to_text(nlane)//' paths at a time)', 'give a smaller system, a scheme of one stage such '// &
-                          'as midpoint, fewer lanes, or save less often', 'run_ensemble', error)
+      call require_memory(block + observer%numbers(options%npath, 1), 'the run of model '//task%model%name// &
+                          ' by scheme '//task%scheme%name//' ('//to_text(task%model%traits%ndof)// &
+                          ' degrees of freedom, '//to_text(nlane)//' paths at a time)', 'give a smaller system, a '// &
+                          'scheme of one stage such as midpoint, fewer lanes, or save less often', 'run_ensemble', error)
    end subroutine fit_threads
 
    !> Numbers that one thread holds when it has made all narrower blocks.
-   real(wp) function narrower_numbers(model, scheme, options, nlane) result(numbers)
-      class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
+   real(wp) function narrower_numbers(task, step, options, nlane) result(numbers)
+      type(stepper_task), intent(in) :: task
+      type(step_memory), intent(in) :: step
       type(run_options), intent(in) :: options
       integer, intent(in) :: nlane
       integer :: width
@@ -68,35 +67,32 @@ contains
       width = nlane
       do while (narrower_width(width) < width)
          width = narrower_width(width)
-         numbers = numbers + block_numbers(model, scheme, options, width)
+         numbers = numbers + block_numbers(task, step, options, width)
       end do
    end function narrower_numbers
 
    !> Numbers that one thread holds: the stepper, a block of paths, its noise.
-   real(wp) function block_numbers(model, scheme, options, nlane) result(numbers)
-      class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
+   real(wp) function block_numbers(task, step, options, nlane) result(numbers)
+      type(stepper_task), intent(in) :: task
+      type(step_memory), intent(in) :: step
       type(run_options), intent(in) :: options
       integer, intent(in) :: nlane
-      type(newton_options) :: newton
       type(functional_set) :: asked
       real(wp) :: ahead, kept
-      logical :: few
+      integer :: ndof, nnoise, ncolumn
 
-      newton%fixed_point = options%fixed_point
-      asked = scheme%asks%needed_for(model%traits)
-      ahead = 2*pairs_ahead(nlane, asked%columns(model%traits%nnoise))
-      kept = 2*states_ahead(nlane, model%traits%ndof)
-      few = has_few(options%npath, nlane, most_lone)
-      numbers = stepper_numbers(model, scheme, newton, options%general, nlane) &
-                + nlane*((12.0_wp + kept)*model%traits%ndof + ahead*(asked%columns(model%traits%nnoise) + 1)) &
-                + noise_numbers(model%traits%nnoise, asked, nlane) &
-                + lone_numbers(options%npath, nlane, asked%columns(model%traits%nnoise))
+      ndof = task%model%traits%ndof
+      nnoise = task%model%traits%nnoise
+      asked = task%scheme%asks%needed_for(task%model%traits)
+      ncolumn = asked%columns(nnoise)
+      ahead = 2*pairs_ahead(nlane, ncolumn)
+      kept = 2*states_ahead(nlane, ndof)
+      numbers = step%numbers(nlane) + nlane*((12.0_wp + kept)*ndof + ahead*(ncolumn + 1)) &
+                + noise_numbers(nnoise, asked, nlane) + lone_numbers(options%npath, nlane, ncolumn)
       if (has_few(options%npath, nlane, most_of_lane)) &  ! a stepper of one lane
-         numbers = numbers + stepper_numbers(model, scheme, newton, options%general, 1)
-      if (few .and. .not. asked%is_empty()) &  ! pairs of steps are lanes of the noise of a path by itself
-         numbers = numbers + noise_numbers(model%traits%nnoise, asked, &
-                                           2*padded(pairs_ahead(1, asked%columns(model%traits%nnoise))/2))
+         numbers = numbers + step%lane + step%once
+      if (has_few(options%npath, nlane, most_lone) .and. .not. asked%is_empty()) &
+         numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))  ! lanes are pairs of steps
    end function block_numbers
 
    !> Numbers that a source of noise needs to fill a block of lanes.

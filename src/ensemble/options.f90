@@ -9,9 +9,10 @@ module symsde_ensemble_options
    use symsde_noise_brownian, only: max_refine
    use symsde_scheme_scheme, only: correction_auto
    use symsde_solve_newton, only: newton_options, check_newton
+   use symsde_step_factory, only: stepper_options
    implicit none
    private
-   public :: run_options, check_options, max_nlane
+   public :: run_options, check_options, steppers_of, max_nlane
 
    integer, parameter :: max_nlane = 4096            !! lanes of a block
    integer(i8), parameter :: max_index = 2_i8**47    !! bound of paths and of fine steps: 48-bit counters
@@ -42,6 +43,17 @@ module symsde_ensemble_options
    end type run_options
 
 contains
+
+   !> What a run asks of its steppers.
+   pure type(stepper_options) function steppers_of(options) result(choice)
+      type(run_options), intent(in) :: options
+
+      choice%correction = options%correction
+      choice%general = options%general
+      choice%newton%max_iter = options%max_iter
+      choice%newton%fixed_point = options%fixed_point
+      choice%as_increments = options%compensated
+   end function steppers_of
 
    !> Refuse what cannot be run, naming the value and what is allowed.
    subroutine check_options(o, error)

@@ -33,6 +33,7 @@ module symsde_ensemble_prepared
       real(wp), allocatable :: q_low(:, :), p_low(:, :)  !! its low parts (npath, ndof)
       integer(i4), allocatable :: status(:)              !! 0 = ok, else a code of base/status (npath)
       integer(i8), allocatable :: failed_step(:)         !! absolute step, -1 = none (npath)
+      type(scheme_type), private :: scheme
       type(ensemble_type), private :: ensemble
       type(run_options), private :: given     !! where a reset begins
       logical, private :: was_stopped = .false.    !! the last call was stopped
@@ -58,7 +59,7 @@ contains
    !> Check model, scheme and options, probe the model at the initial state, and allocate all that steps need. The model
    !> must live as long as the run; the scheme is copied. nstep and save_every of the options mean nothing here.
    subroutine prepare(self, model, scheme, options, q0, p0, error, q0_low, p0_low)
-      type(prepared_run), intent(out) :: self
+      type(prepared_run), intent(out), target :: self
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
@@ -76,7 +77,8 @@ contains
       chosen%save_every = 1
       chosen%nstep = max(0_i8, min(foreseen, 2_i8**46 - options%first_step))
       self%given = chosen
-      call new_ensemble(self%ensemble, model, scheme, chosen, q0, p0, path_recorder(), error)
+      self%scheme = scheme
+      call new_ensemble(self%ensemble, model, self%scheme, chosen, q0, p0, path_recorder(), error)
       if (.not. allocated(error)) call new_state(self, options%npath, model%traits%ndof, options%compensated, error)
       if (.not. allocated(error)) call self%reset(q0, p0, error, q_low, p_low)
    end subroutine prepare

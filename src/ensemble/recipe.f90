@@ -10,20 +10,17 @@ module symsde_ensemble_recipe
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
    use symsde_model_real_lanes, only: real_lanes_model, new_real_lanes
-   use symsde_scheme_scheme, only: scheme_type
-   use symsde_step_factory, only: stepper_options, new_stepper
+   use symsde_step_factory, only: make_stepper
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_lane, only: lone_lane, new_lone_lane, most_of_lane
    use symsde_step_rescue, only: new_rescue
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: runner_recipe
 
    type :: runner_recipe
-      class(model_type), pointer :: model => null()
-      type(scheme_type) :: scheme
-      type(stepper_options) :: choice
+      type(stepper_task) :: task        !! for any lanes
       type(run_options) :: options
       type(functional_set) :: asked     !! of the path, beside its increments
       logical :: narrows = .false.      !! there is memory for narrower blocks, too
@@ -35,7 +32,7 @@ contains
 
    !> A runner for blocks of nlane lanes.
    subroutine new_runner(self, runner, nlane, has_padding, error, takes_few)
-      class(runner_recipe), intent(in) :: self
+      class(runner_recipe), intent(in), target :: self   !! must live as long as the runner
       type(block_runner), intent(out) :: runner
       integer, intent(in) :: nlane
       logical, intent(in) :: has_padding        !! some block will not be full
@@ -47,8 +44,8 @@ contains
       type(real_lanes_model), pointer :: view
       class(model_type), pointer :: seen
 
-      call look_at_real_lanes(self%model, has_padding, view, seen)
-      call new_stepper(stepper, seen, self%scheme, self%choice, nlane, error)
+      call look_at_real_lanes(self%task%model, has_padding, view, seen)
+      call make_stepper(stepper, self%task, seen, nlane, error)
       if (allocated(error)) then
          if (associated(view)) deallocate (view)
          return
@@ -59,9 +56,9 @@ contains
       end if
       call new_block_runner(runner, self%options, nlane, stepper, self%asked, &
                             brings=min(self%options%npath, int(nlane, i8)) <= most)
-      if (most > 0) call runner%set_lone(lone, self%model)
+      if (most > 0) call runner%set_lone(lone, self%task%model)
       runner%real_lanes => view
-      call new_rescue(runner%rescue, self%model, self%scheme, runner%stepper, self%choice%newton)
+      call new_rescue(runner%rescue, self%task, runner%stepper)
    end subroutine new_runner
 
    !> What takes the paths of a block of few one by one, and how many are few; none where the run has no such block.
@@ -90,7 +87,7 @@ contains
       type(lone_lane), allocatable :: made
 
       if (.not. stepper%takes_one_lane) return
-      call new_stepper(single, self%model, self%scheme, self%choice, 1, error)
+      call make_stepper(single, self%task, self%task%model, 1, error)
       if (allocated(error)) return
       if (.not. single%takes_one_lane) return
       allocate (made)

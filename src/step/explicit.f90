@@ -8,9 +8,7 @@
 module symsde_step_explicit
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
-   use symsde_scheme_dependency, only: stages_follow => is_explicit
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
+   use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_constant_mass, only: new_constant_mass
    use symsde_step_explicit_plan, only: explicit_plan, evaluation, new_explicit_plan, add_slopes, sum_slopes
    use symsde_step_kicks, only: kick, kick_and_drift, kick_again, move
@@ -20,7 +18,7 @@ module symsde_step_explicit
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: explicit_stepper, explicit_fits, is_explicit
+   public :: explicit_stepper, explicit_fits
 
    type, extends(stepper_type) :: explicit_stepper
       private
@@ -41,8 +39,8 @@ contains
    logical function explicit_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
-      fits = .false.
-      if (task%is_plain()) fits = is_explicit(task%model, task%scheme)
+      fits = task%follows
+      if (fits) fits = task%is_plain()
    end function explicit_fits
 
    subroutine make(self, task)
@@ -61,17 +59,6 @@ contains
          allocate (self%qs(nlane, t%ndof), self%ps(nlane, t%ndof))
       end associate
    end subroutine make
-
-   !> Whether this scheme without correction can be executed explicitly on this model.
-   logical function is_explicit(model, scheme)
-      class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
-
-      is_explicit = .false.
-      if (scheme%form /= tableau_form) return
-      if (.not. scheme%noise_coefficients_equal()) return
-      is_explicit = stages_follow(scheme, model%traits%separable)
-   end function is_explicit
 
    !> Whether there is one stage of weight one that moves one of q and p before the other is evaluated.
    pure logical function is_one_stage(self)

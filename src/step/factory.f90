@@ -4,9 +4,11 @@ module symsde_step_factory
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
+   use symsde_scheme_dependency, only: is_explicit
    use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_needs, only: find_missing
-   use symsde_scheme_scheme, only: scheme_type, correction_auto, correction_none, correction_mean, correction_increments
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_auto, correction_none, correction_mean, &
+                                   correction_increments
    use symsde_solve_newton, only: newton_options, check_newton
    use symsde_step_averaged_shift, only: averaged_shift_stepper, averaged_shift_fits
    use symsde_step_drift_preserving, only: drift_preserving_stepper, drift_preserving_fits
@@ -26,7 +28,7 @@ module symsde_step_factory
    use symsde_step_whole, only: whole_stepper, whole_fits
    implicit none
    private
-   public :: stepper_options, new_stepper, resolve_correction
+   public :: stepper_options, new_stepper, resolve_task, make_stepper, resolve_correction
 
    type :: stepper_options
       integer :: correction = correction_auto
@@ -65,7 +67,7 @@ contains
       end select
    end subroutine offer
 
-   !> Choose and construct. Refuses combinations that do not fit, with the reason.
+   !> A stepper for blocks of nlane lanes.
    subroutine new_stepper(stepper, model, scheme, options, nlane, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       class(model_type), intent(in), target :: model
@@ -73,9 +75,19 @@ contains
       type(stepper_options), intent(in) :: options
       integer, intent(in) :: nlane
       type(error_type), allocatable, intent(inout) :: error
-      type(stepper_task) :: task
-      type(scheme_type), allocatable, target :: tableau
-      integer :: i
+      type(stepper_task), target :: task
+
+      call resolve_task(task, model, scheme, options, error)
+      if (.not. allocated(error)) call make_stepper(stepper, task, model, nlane, error)
+   end subroutine new_stepper
+
+   !> What steppers of a model are wanted for. Refuses combinations that do not fit, with the reason.
+   subroutine resolve_task(task, model, scheme, options, error)
+      type(stepper_task), intent(out), target :: task
+      class(model_type), intent(in), target :: model    !! must live as long as the task, as the scheme must
+      type(scheme_type), intent(in), target :: scheme
+      type(stepper_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
 
       call check_newton(options%newton, error)
       if (allocated(error)) return
@@ -85,25 +97,41 @@ contains
       if (allocated(error)) return
       task%model => model
       task%scheme => scheme
-      if (.not. options%general) call find_tableau(scheme, model%traits, tableau)
-      if (allocated(tableau)) task%scheme => tableau
-      task%nlane = nlane
+      call find_tableau(scheme, model%traits, task%tableau)
+      if (allocated(task%tableau) .and. .not. options%general) task%scheme => task%tableau
+      if (task%scheme%form == tableau_form) &
+         task%follows = task%scheme%noise_coefficients_equal() .and. is_explicit(task%scheme, model%traits%separable)
       task%newton = options%newton
       task%as_increments = options%as_increments
       task%general = options%general
+   end subroutine resolve_task
+
+   !> Choose and construct, for a model as blocks see it.
+   subroutine make_stepper(stepper, wanted, model, nlane, error)
+      class(stepper_type), allocatable, intent(out) :: stepper
+      type(stepper_task), intent(in) :: wanted
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+      type(error_type), allocatable, intent(inout) :: error
+      type(stepper_task) :: task
+      integer :: i
+
+      task = wanted
+      task%model => model
+      task%nlane = nlane
       do i = 1, nstepper
          call offer(i, task, stepper)
          if (.not. allocated(stepper)) cycle
-         if (stepper%is_oracle() .or. .not. options%general) then
+         if (stepper%is_oracle() .or. .not. task%general) then
             call stepper%make(task)
             return
          end if
          deallocate (stepper)
       end do
-      call raise(error, incompatible, 'new_stepper', 'the option general does not go with scheme '//scheme%name// &
+      call raise(error, incompatible, 'new_stepper', 'the option general does not go with scheme '//task%scheme%name// &
                  ': its only stepper is made for the models that it allows, and there is no general one to '// &
                  'compare with; leave the option out')
-   end subroutine new_stepper
+   end subroutine make_stepper
 
    !> A scheme says what it needs of a model.
    subroutine check_needs(model, scheme, error)

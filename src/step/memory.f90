@@ -10,18 +10,26 @@ module symsde_step_memory
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
    use symsde_scheme_catalogue, only: get_scheme
-   use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
                                    splitting_form, frame_none
    use symsde_solve_newton, only: newton_options
-   use symsde_step_explicit, only: is_explicit
    use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_newton_by_products, only: pays_by_products
    use symsde_step_stages, only: fits_stages
+   use symsde_step_stepper, only: stepper_task
    implicit none
    private
-   public :: stepper_numbers
+   public :: step_memory, find_step_memory
+
+   !> Numbers of eight bytes that a stepper holds at most.
+   type :: step_memory
+      real(wp) :: lane = 0     !! for each lane
+      real(wp) :: once = 0     !! for the one lane that LAPACK works on
+      real(wp) :: rescue = 0   !! to try failed lanes again
+   contains
+      procedure :: numbers
+   end type step_memory
 
    integer, parameter :: vectors = 60            !! of the length of q that a lane may hold at once
    integer, parameter :: small_matrix = 2048     !! numbers of one that elimination takes, whatever else is true
@@ -30,57 +38,53 @@ module symsde_step_memory
 
 contains
 
-   !> Numbers of eight bytes that a stepper of nlane lanes holds at most, with what the model needs for a call.
-   recursive real(wp) function stepper_numbers(model, scheme, options, general, nlane) result(numbers)
-      class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
-      type(newton_options), intent(in) :: options
-      logical, intent(in) :: general               !! the general stepper is asked for
-      integer, intent(in) :: nlane
+   !> What steppers of a task hold at most, with what the model needs for a call.
+   recursive subroutine find_step_memory(task, memory)
+      type(stepper_task), intent(in) :: task
+      type(step_memory), intent(out) :: memory
+      type(step_memory) :: more
       type(bracket_terms) :: active
-      type(scheme_type) :: midpoint
-      type(scheme_type), allocatable :: tableau
+      type(scheme_type), target :: midpoint
+      type(stepper_task) :: flow
       type(error_type), allocatable :: error
-      real(wp) :: n, m, stages, lane, once, unknowns
+      real(wp) :: n, m, stages, unknowns
 
-      if (.not. general) call find_tableau(scheme, model%traits, tableau)
-      if (allocated(tableau)) then
-         numbers = stepper_numbers(model, tableau, options, general, nlane)
-         return
-      end if
-      n = model%traits%ndof
-      m = model%traits%nnoise
-      stages = scheme%nstage
-      if (.not. scheme%noise_coefficients_equal() .and. m > 0) stages = 2*stages
-      active = active_brackets(scheme%brackets, model%traits)
-      once = 0
-      lane = (vectors + 16*stages)*n + (12 + 2*stages)*(m + 1) + small_matrix
-      if (active%areas) lane = lane + m*(m - 1)/2
-      if (model%traits%bandwidth < 0 .and. model%traits%has_hessian .and. .not. model%traits%has_hessian_vector) &
-         lane = lane + 3*n**2  ! products are made from the blocks
-      if (scheme%form == splitting_form) then  ! its stepper is its own oracle
-         if (.not. model%traits%additive) lane = lane + n*m + m*(m + 1)/2  ! H_k,q and D_kl
-      else if (general .or. active%are_added() .or. .not. forms_nothing(model, scheme)) then
-         call add_matrices(model, scheme, options, general, active%are_added(), stages, lane, once)
-      end if
-      unknowns = 2*n*stages
-      numbers = nlane*lane + once
-      if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) then  ! with a stepper of its own
-         call get_scheme(midpoint, 'midpoint', error)
-         numbers = numbers + stepper_numbers(model, midpoint, options, general, nlane)
-         return
-      end if
-      if (unknowns <= most_rescued .and. options%fixed_point == 0) &  ! the rescue's general stepper, of eight lanes
-         numbers = numbers + lane_unit*(unknowns**2 + 6*n**2 + 8*unknowns) + 2*unknowns**2
-   end function stepper_numbers
+      associate (t => task%model%traits, scheme => task%scheme)
+         n = t%ndof
+         m = t%nnoise
+         stages = scheme%nstage
+         if (.not. scheme%noise_coefficients_equal() .and. m > 0) stages = 2*stages
+         active = active_brackets(scheme%brackets, t)
+         memory%lane = (vectors + 16*stages)*n + (12 + 2*stages)*(m + 1) + small_matrix
+         if (active%areas) memory%lane = memory%lane + m*(m - 1)/2
+         if (t%bandwidth < 0 .and. t%has_hessian .and. .not. t%has_hessian_vector) &
+            memory%lane = memory%lane + 3*n**2  ! products are made from the blocks
+         if (scheme%form == splitting_form) then  ! its stepper is its own oracle
+            if (.not. t%additive) memory%lane = memory%lane + n*m + m*(m + 1)/2  ! H_k,q and D_kl
+         else if (task%general .or. active%are_added() .or. .not. (scheme%form == ito_form .or. task%follows)) then
+            call add_matrices(task%model, scheme, task%newton, task%general, active%are_added(), stages, memory%lane, &
+                              memory%once)
+         end if
+         unknowns = 2*n*stages
+         if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) then  ! with a stepper of its own
+            call get_scheme(midpoint, 'midpoint', error)
+            flow = task
+            flow%scheme => midpoint
+            call find_step_memory(flow, more)
+            memory = step_memory(memory%lane + more%lane, memory%once + more%once, more%rescue)
+         else if (unknowns <= most_rescued .and. task%newton%fixed_point == 0) then  ! a general stepper of eight lanes
+            memory%rescue = lane_unit*(unknowns**2 + 6*n**2 + 8*unknowns) + 2*unknowns**2
+         end if
+      end associate
+   end subroutine find_step_memory
 
-   !> Explicit schemes.
-   logical function forms_nothing(model, scheme)
-      class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
+   !> Numbers of eight bytes that a stepper of nlane lanes and its rescue hold.
+   pure real(wp) function numbers(self, nlane)
+      class(step_memory), intent(in) :: self
+      integer, intent(in) :: nlane
 
-      forms_nothing = scheme%form == ito_form .or. is_explicit(model, scheme)
-   end function forms_nothing
+      numbers = nlane*self%lane + self%once + self%rescue
+   end function numbers
 
    !> Add the matrices of an implicit step: of every lane, and of the one lane that LAPACK works on.
    subroutine add_matrices(model, scheme, options, general, brackets, stages, lane, once)

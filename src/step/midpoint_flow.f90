@@ -21,6 +21,7 @@ module symsde_step_midpoint_flow
    type :: midpoint_flow
       private
       class(stepper_type), allocatable, public :: stepper  !! that takes the midpoint steps
+      type(scheme_type), allocatable :: midpoint
       type(rescue_type) :: rescue                          !! of lanes that it fails in
       real(wp), allocatable :: w(:, :)                     !! tau and no noise (nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: x, y, dx, dy  !! (nlane, ndof)
@@ -34,15 +35,15 @@ contains
 
    !> Midpoint steps of the model and the lanes of a task.
    subroutine new_midpoint_flow(self, whole)
-      type(midpoint_flow), intent(out) :: self
+      type(midpoint_flow), intent(out), target :: self
       type(stepper_task), intent(in) :: whole  !! of the scheme that kicks
       type(stepper_task) :: task
-      type(scheme_type), target :: midpoint
       type(error_type), allocatable :: error
 
       task = whole
-      call get_scheme(midpoint, 'midpoint', error)
-      task%scheme => midpoint
+      allocate (self%midpoint)
+      call get_scheme(self%midpoint, 'midpoint', error)
+      task%scheme => self%midpoint
       if (whole%general) then
          allocate (general_stepper :: self%stepper)
       else if (midpoint_fits(task)) then
@@ -55,7 +56,7 @@ contains
          allocate (general_stepper :: self%stepper)
       end if
       call self%stepper%make(task)
-      call new_rescue(self%rescue, task%model, task%scheme, self%stepper, task%newton)
+      call new_rescue(self%rescue, task, self%stepper)
       associate (nlane => task%nlane, n => task%model%traits%ndof, m => task%model%traits%nnoise)
          allocate (self%w(nlane, 0:m), source=0.0_wp)
          allocate (self%x(nlane, n), self%y(nlane, n), self%dx(nlane, n), self%dy(nlane, n), self%failed(nlane))

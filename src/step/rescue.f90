@@ -17,12 +17,11 @@ module symsde_step_rescue
    use symsde_base_record, only: step_record
    use symsde_base_status, only: not_converged, singular, nonfinite
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_scheme, only: scheme_type, tableau_form
    use symsde_solve_newton, only: newton_options
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_state, only: lane_state
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: rescue_type, new_rescue
@@ -34,7 +33,7 @@ module symsde_step_rescue
       private
       logical, public :: available = .false.  !! the scheme and the size of the system allow it
       class(model_type), pointer :: model => null()
-      type(scheme_type) :: scheme
+      type(scheme_type), pointer :: scheme => null()
       integer :: correction = 0
       integer :: max_iter = 0
       type(general_stepper), allocatable :: stepper  !! made when the first path needs it
@@ -50,25 +49,21 @@ module symsde_step_rescue
 contains
 
    !> Prepare for runs of this stepper; nothing large is allocated before it is needed.
-   subroutine new_rescue(self, model, scheme, stepper, options)
+   subroutine new_rescue(self, task, stepper)
       type(rescue_type), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
-      class(stepper_type), intent(in) :: stepper   !! rung 1
-      type(newton_options), intent(in) :: options
-      type(scheme_type), allocatable :: tableau
+      type(stepper_task), intent(in), target :: task   !! must live as long as the rescue
+      class(stepper_type), intent(in) :: stepper       !! rung 1
 
-      call find_tableau(scheme, model%traits, tableau)
-      if (.not. (scheme%form == tableau_form .or. allocated(tableau)) .or. options%fixed_point > 0) return
+      self%scheme => task%scheme
+      if (allocated(task%tableau)) self%scheme => task%tableau
+      if (self%scheme%form /= tableau_form .or. task%newton%fixed_point > 0) return
       if (stepper%explicit) return              ! no equations
       if (allocated(stepper%ham%modified)) return  ! its brackets have increments of their own
-      if (4*model%traits%ndof*scheme%nstage > max_unknowns) return
+      if (4*task%model%traits%ndof*self%scheme%nstage > max_unknowns) return
       self%available = .true.
-      self%model => model
-      self%scheme = scheme
-      if (allocated(tableau)) self%scheme = tableau
+      self%model => task%model
       self%correction = stepper%ham%correction
-      self%max_iter = options%max_iter
+      self%max_iter = task%newton%max_iter
    end subroutine new_rescue
 
    !> Increments with which a lane could not go on: it is rescued where that is possible, or gets its status and step.

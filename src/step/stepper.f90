@@ -21,10 +21,12 @@ module symsde_step_stepper
    private
    public :: stepper_type, stepper_task
 
-   !> What a stepper is wanted for.
+   !> What a stepper is wanted for: of a run, all but the lanes is found once (`resolve_task` of step/factory).
    type :: stepper_task
       class(model_type), pointer :: model => null()
-      type(scheme_type), pointer :: scheme => null()
+      type(scheme_type), pointer :: scheme => null()  !! as it is executed: the one that was asked for, or ..
+      type(scheme_type), allocatable :: tableau       !! .. the one that it is for this model
+      logical :: follows = .false.             !! its stages follow one after the other for this model
       integer :: correction = correction_none  !! resolved: never correction_auto
       integer :: nlane = 0                     !! lanes of a block
       logical :: general = .false.             !! the oracle is wanted, of all parts of the step
