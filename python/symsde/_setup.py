@@ -217,32 +217,30 @@ def _lanes_for(model: Model, paths: int) -> int:
     return lanes if lanes > _LIBRARY_LANES else 0
 
 
-def make_setup(
-    model: Model,
-    *,
-    q0: object,
-    p0: object,
-    scheme: str | Scheme = "midpoint",
-    increments: object = None,
-    q0_low: object = None,
-    p0_low: object = None,
-    in_python: bool = False,
-    **options,
-) -> Setup:
-    """Check everything that goes into a run."""
-    chosen = _options_of(model, options, in_python)
+def make_setup(model: Model, *, q0: object, p0: object, **given: Any) -> Setup:
+    """Check everything that goes into a run: the arguments of `simulate`, and in_python for functions beside the model."""
+    return setup_of({"model": model, "q0": q0, "p0": p0, **given})
+
+
+_ABSENT = {"scheme": "midpoint", "in_python": False, "increments": None, "q0_low": None, "p0_low": None}
+
+
+def setup_of(given: dict[str, Any]) -> Setup:
+    """The same from a dictionary, which is used up."""
+    model, q0, p0 = (given.pop(name) for name in ("model", "q0", "p0"))
+    scheme, in_python, increments, *low = (given.pop(name, absent) for name, absent in _ABSENT.items())
+    chosen = _options_of(model, given, in_python)
     ndof, paths = model.ndof, chosen.paths
-    start = _checks.state("q0", q0, ndof, paths), _checks.state("p0", p0, ndof, paths)
-    model.check_start(*start, chosen.t0)
+    q0, p0 = _checks.state("q0", q0, ndof, paths), _checks.state("p0", p0, ndof, paths)
+    model.check_start(q0, p0, chosen.t0)
     return Setup(
-        model=model,
-        scheme=as_scheme(scheme),
-        options=chosen,
-        q0=start[0],
-        p0=start[1],
-        increments=None if increments is None else increments_array(increments),
-        q0_low=_low("q0_low", q0_low, ndof, paths),
-        p0_low=_low("p0_low", p0_low, ndof, paths),
+        model,
+        as_scheme(scheme),
+        chosen,
+        q0,
+        p0,
+        None if increments is None else increments_array(increments),
+        *(_low(name, value, ndof, paths) for name, value in zip(("q0_low", "p0_low"), low, strict=True)),
     )
 
 

@@ -110,8 +110,9 @@ class Moments(Reported):
         for member, kind in (("mean", "mean"), ("variance", "var"), ("se_mean", "se_mean")):
             setattr(moments, member, address(self._tables[kind]))
         _bound = bind(observables, self.setup.model, moments, failures)
-        addresses, _made = kept.structs(self.scope, self.observers, self.kept)
-        moments.nobserver, moments.observers = len(self.observers), ctypes.addressof(addresses)
+        if self.observers:
+            addresses, _made = kept.structs(self.scope, self.observers, self.kept)
+            moments.nobserver, moments.observers = len(self.observers), ctypes.addressof(addresses)
         report = _handles.new(_abi.Report, "report")
         with Monitor(progress, result=self) as monitor:
             self._integrate(moments, report, monitor, failures)
@@ -200,13 +201,14 @@ class Moments(Reported):
 
     def doubts(self) -> list[str]:
         """Sentences about values that were no finite number for some path that counts: means do not leave these out."""
+        times, values = np.nonzero(~np.isfinite(self._tables["mean"]) & (self.n_ok > 0)[:, np.newaxis])
         found = []
-        for name, mean in zip(self.columns(), self._tables["mean"].T, strict=True):
-            if (bad := np.flatnonzero(~np.isfinite(mean) & (self.n_ok > 0))).size:
-                found.append(
-                    f"{name} is no finite number for some paths at {bad.size} of {len(self.t)} saved times, first at "
-                    f"t = {self.t[bad[0]]:g}: neither are its means there"
-                )
+        for value in np.unique(values):
+            bad = times[values == value]
+            found.append(
+                f"{self.columns()[value]} is no finite number for some paths at {bad.size} of {len(self.t)} saved "
+                f"times, first at t = {self.t[bad[0]]:g}: neither are its means there"
+            )
         return found
 
     def to_xarray(self):

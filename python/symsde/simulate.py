@@ -16,7 +16,7 @@ import numpy as np
 from . import _abi, _checks, _files, _handles, tabular
 from ._checks import address, addresses
 from ._progress import Monitor, Progress
-from ._setup import Setup, make_setup
+from ._setup import Setup, setup_of
 from .model import Model
 from .report import Reported
 from .schemes import Scheme
@@ -218,36 +218,8 @@ def simulate(
     raises KeyboardInterrupt, whose attribute `partial` is the Run until then, NaN where no path came. Paths that fail
     are NaN from there on; a PathsFailedWarning tells how many.
     """
-    run = Run(
-        make_setup(
-            model,
-            q0=q0,
-            p0=p0,
-            step=step,
-            steps=steps,
-            t0=t0,
-            scheme=scheme,
-            paths=paths,
-            seed=seed,
-            save_every=save_every,
-            increments=increments,
-            refine=refine,
-            first_path=first_path,
-            first_step=first_step,
-            correction=correction,
-            truncation=truncation,
-            areas=areas,
-            area_time=area_time,
-            common_noise=common_noise,
-            compensated=compensated,
-            threads=threads,
-            general=general,
-            fixed_point=fixed_point,
-            max_iter=max_iter,
-            lanes=lanes,
-            q0_low=q0_low,
-            p0_low=p0_low,
-        )
-    )
+    given = locals()  # all of the above, by name
+    del given["progress"]
+    run = Run(setup_of(given))
     run.fill(progress)
     return run
