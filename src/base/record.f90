@@ -122,11 +122,8 @@ contains
       integer :: i, n
 
       do n = 1, nstep
-         do i = 1, nlane
-            x(i, n) = first
-         end do
-         do i = nlane + 1, nlane*ncolumn
-            x(i, n) = 0
+         do i = 1, nlane*ncolumn
+            x(i, n) = merge(first, 0.0_wp, i <= nlane)
          end do
       end do
    end subroutine set_to

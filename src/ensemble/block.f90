@@ -182,8 +182,8 @@ contains
          end if
          if (.not. taken) call one_step(self)
       end do
-      took = max(seconds() - start, 1e-9_wp)  ! the next steps may take longer, but not at once by far more
-      self%chunk = max(1_i8, int(min(64.0_wp, 0.5_wp*longest_chunk/took)*(self%step - before), i8))
+      took = max(seconds() - start, 1e-9_wp)
+      self%chunk = max(1_i8, int(min(4.0_wp, 0.5_wp*longest_chunk/took)*(self%step - before), i8))
    end subroutine run_chunk
 
    !> Steps from here to the next saved point; save_every at a saved point.

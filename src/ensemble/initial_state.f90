@@ -87,13 +87,13 @@ contains
       integer :: lane, i
 
       do i = 1, size(x, 2)
-         do lane = 1, size(x, 1)
-            if (size(x0, 1) == 1) then
-               x(lane, i) = x0(1, i)
-            else
+         if (size(x0, 1) == 1) then
+            x(:, i) = x0(1, i)
+         else
+            do lane = 1, size(x, 1)
                x(lane, i) = x0(offset + min(lane, nreal), i)
-            end if
-         end do
+            end do
+         end if
       end do
    end subroutine load
 

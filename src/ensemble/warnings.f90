@@ -105,10 +105,7 @@ contains
       real(wp), dimension(nlane, size(q0)) :: q, p, hq, hp
       real(wp) :: largest, state
 
-      w = 0
-      w(:, 0) = 1
-      q = spread(q0, 1, nlane)
-      p = spread(p0, 1, nlane)
+      call look_at(nlane, size(q0), model%traits%nnoise, 0, q0, p0, w, q, p)
       call model%gradient(nlane, size(q0), model%traits%nnoise, options%t0, w, q, p, hq, hp)
       largest = abs(options%step)*max(maxval(abs(hq(1, :))), maxval(abs(hp(1, :))))
       state = max(maxval(abs(q0)), maxval(abs(p0)))
@@ -174,14 +171,12 @@ contains
       looked = b /= dense .or. n <= largest_dense
       if (.not. looked) return
       if (model%traits%has_lone_rows) then  ! H = p.p/2 + U(q)
-         call sum_rows(model, nlane, n, m, t, k, q0, hqq)
+         call sum_rows(model, nlane, n, m, t, k, q0, p0, hqq)
          if (k == 0) hpp = 1
          return
       end if
-      allocate (w(nlane, 0:m), source=0.0_wp)
-      w(:, k) = 1
-      q = spread(q0, 1, nlane)
-      p = spread(p0, 1, nlane)
+      allocate (w(nlane, 0:m), q(nlane, n), p(nlane, n))
+      call look_at(nlane, n, m, k, q0, p0, w, q, p)
       if (b == dense) then
          allocate (aqq(nlane, n, n), app(nlane, n, n))
          if (.not. model%traits%separable) allocate (aqp(nlane, n, n))
@@ -206,21 +201,16 @@ contains
    end subroutine row_sums
 
    !> Row sums of the block in q of a chain that gives its rows in one pass: to have all bands takes longer than steps.
-   subroutine sum_rows(model, nlane, n, m, t, k, q0, sums)
+   subroutine sum_rows(model, nlane, n, m, t, k, q0, p0, sums)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, n, m, k
-      real(wp), intent(in) :: t, q0(:)         !! (n)
+      real(wp), intent(in) :: t, q0(n), p0(n)
       real(wp), intent(out) :: sums(:)         !! (n)
       real(wp) :: w(nlane, 0:m), bands(nlane, 0:1, n)
       real(wp), dimension(nlane, n) :: q, p, hq
       integer :: i
 
-      w = 0
-      w(:, k) = 1
-      p = 0
-      do i = 1, n
-         q(:, i) = q0(i)
-      end do
+      call look_at(nlane, n, m, k, q0, p0, w, q, p)
       call model%force_stiffness(nlane, n, m, 1, t, w, q, p, hq, bands)
       do i = 1, n
          sums(i) = abs(bands(1, 0, i))
@@ -230,6 +220,21 @@ contains
          sums(i + 1) = sums(i + 1) + abs(bands(1, 1, i))
       end do
    end subroutine sum_rows
+
+   !> The point in all lanes, where H_k is looked at; by explicit bounds, as below.
+   pure subroutine look_at(nlane, n, m, k, q0, p0, w, q, p)
+      integer, intent(in) :: nlane, n, m, k
+      real(wp), intent(in) :: q0(n), p0(n)
+      real(wp), intent(out) :: w(nlane*(m + 1)), q(nlane, n), p(nlane, n)
+      integer :: i
+
+      w = 0
+      w(nlane*k + 1:nlane*(k + 1)) = 1
+      do i = 1, n
+         q(:, i) = q0(i)
+         p(:, i) = p0(i)
+      end do
+   end subroutine look_at
 
    !> Sums over the bands of the first lane, by explicit bounds: of a small chain sections take as long as its steps.
    pure subroutine sum_bands(nlane, nband, n, a, sums)
