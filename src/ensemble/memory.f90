@@ -51,8 +51,9 @@ contains
       if (memory_for(block + observer%numbers(options%npath, 1), 0)) return  ! before texts are put together
       call require_memory(block + observer%numbers(options%npath, 1), 'the run of model '//task%model%name// &
                           ' by scheme '//task%scheme%name//' ('//to_text(task%model%traits%ndof)// &
-                          ' degrees of freedom, '//to_text(nlane)//' paths at a time)', 'give a smaller system, a '// &
-                          'scheme of one stage such as midpoint, fewer lanes, or save less often', 'run_ensemble', error)
+                          ' degrees of freedom, '//to_text(nlane)//' paths at a time)', 'give a smaller system, '// &
+                          'a scheme of one stage such as midpoint, fewer lanes, or save less often', 'run_ensemble', &
+                          error)
    end subroutine fit_threads
 
    !> Numbers that one thread holds when it has made all narrower blocks.
@@ -91,8 +92,8 @@ contains
                 + noise_numbers(nnoise, asked, nlane) + lone_numbers(options%npath, nlane, ncolumn)
       if (has_few(options%npath, nlane, most_of_lane)) &  ! a stepper of one lane
          numbers = numbers + step%lane + step%once
-      if (has_few(options%npath, nlane, most_lone) .and. .not. asked%is_empty()) &
-         numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))  ! lanes are pairs of steps
+      if (has_few(options%npath, nlane, most_lone) .and. .not. asked%is_empty()) &  ! pairs of steps are lanes
+         numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
    end function block_numbers
 
    !> Numbers that a source of noise needs to fill a block of lanes.

@@ -204,7 +204,7 @@ contains
    subroutine sum_rows(model, nlane, n, m, t, k, q0, p0, sums)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, n, m, k
-      real(wp), intent(in) :: t, q0(n), p0(n)
+      real(wp), intent(in) :: t, q0(:), p0(:)  !! (n)
       real(wp), intent(out) :: sums(:)         !! (n)
       real(wp) :: w(nlane, 0:m), bands(nlane, 0:1, n)
       real(wp), dimension(nlane, n) :: q, p, hq
@@ -224,7 +224,7 @@ contains
    !> The point in all lanes, where H_k is looked at; by explicit bounds, as below.
    pure subroutine look_at(nlane, n, m, k, q0, p0, w, q, p)
       integer, intent(in) :: nlane, n, m, k
-      real(wp), intent(in) :: q0(n), p0(n)
+      real(wp), intent(in) :: q0(:), p0(:)     !! (n)
       real(wp), intent(out) :: w(nlane*(m + 1)), q(nlane, n), p(nlane, n)
       integer :: i
 
