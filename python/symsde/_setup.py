@@ -218,18 +218,16 @@ def _lanes_for(model: Model, paths: int) -> int:
 
 
 def make_setup(model: Model, *, q0: object, p0: object, **given: Any) -> Setup:
-    """Check everything that goes into a run: the arguments of `simulate`, and in_python for functions beside the model."""
+    """Check everything that goes into a run: arguments of `simulate`, and in_python for functions beside the model."""
     return setup_of({"model": model, "q0": q0, "p0": p0, **given})
-
-
-_ABSENT = {"scheme": "midpoint", "in_python": False, "increments": None, "q0_low": None, "p0_low": None}
 
 
 def setup_of(given: dict[str, Any]) -> Setup:
     """The same from a dictionary, which is used up."""
-    model, q0, p0 = (given.pop(name) for name in ("model", "q0", "p0"))
-    scheme, in_python, increments, *low = (given.pop(name, absent) for name, absent in _ABSENT.items())
-    chosen = _options_of(model, given, in_python)
+    take = given.pop
+    model, q0, p0, scheme = take("model"), take("q0"), take("p0"), take("scheme", "midpoint")
+    increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
+    chosen = _options_of(model, given, take("in_python", False))
     ndof, paths = model.ndof, chosen.paths
     q0, p0 = _checks.state("q0", q0, ndof, paths), _checks.state("p0", p0, ndof, paths)
     model.check_start(q0, p0, chosen.t0)
@@ -240,7 +238,8 @@ def setup_of(given: dict[str, Any]) -> Setup:
         q0,
         p0,
         None if increments is None else increments_array(increments),
-        *(_low(name, value, ndof, paths) for name, value in zip(("q0_low", "p0_low"), low, strict=True)),
+        _low("q0_low", q0_low, ndof, paths),
+        _low("p0_low", p0_low, ndof, paths),
     )
 
 

@@ -201,8 +201,10 @@ class Moments(Reported):
 
     def doubts(self) -> list[str]:
         """Sentences about values that were no finite number for some path that counts: means do not leave these out."""
-        times, values = np.nonzero(~np.isfinite(self._tables["mean"]) & (self.n_ok > 0)[:, np.newaxis])
-        found = []
+        found, finite = [], np.isfinite(self._tables["mean"])
+        if finite.all():
+            return found
+        times, values = np.nonzero(~finite & (self.n_ok > 0)[:, np.newaxis])
         for value in np.unique(values):
             bad = times[values == value]
             found.append(
