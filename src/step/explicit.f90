@@ -13,7 +13,8 @@ module symsde_step_explicit
    use symsde_step_explicit_plan, only: explicit_plan, evaluation, new_explicit_plan, add_slopes, sum_slopes
    use symsde_step_kicks, only: kick, kick_and_drift, kick_again, move
    use symsde_step_lone, only: lone_stepper, few_of
-   use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick, as_planned
+   use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick
+   use symsde_step_lone_planned, only: lone_planned, narrow, most_stages
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -74,26 +75,31 @@ contains
       end if
    end function is_one_stage
 
-   !> What takes paths one by one.
+   !> What takes paths one by one: Euler and Verlet in few passes, others with few degrees of freedom by the plan.
    subroutine offer_lone(self, lone)
       class(explicit_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
       type(lone_explicit), allocatable :: made
+      type(lone_planned), allocatable :: planned
 
+      if (.not. (self%is_euler .or. is_verlet(self)) .or. .not. self%ham%model%traits%separable) then
+         if (self%ham%ndof > narrow .or. self%plan%nstage > most_stages .or. allocated(self%ham%mass)) return
+         allocate (planned)
+         planned%plan = self%plan
+         planned%mass_alone = self%ham%mass_alone
+         call move_alloc(planned, lone)
+         return
+      end if
       allocate (made)
       made%most = few_of(self%ham%ndof, merge(3, 2, self%ham%ndof > 2))  ! one more takes 1.1 to 1.5
-      made%plan = self%plan
-      made%ngradient = merge(3, size(self%plan%order), self%is_verlet)
+      made%c(:self%plan%nstage) = self%plan%c
       made%mass_alone = self%ham%mass_alone
       if (allocated(self%ham%mass)) then
          allocate (made%mass)
          call new_constant_mass(made%mass, 1, self%ham%ndof, self%ham%nnoise)
       end if
-      made%kind = as_planned
-      if (self%ham%ndof > 1 .and. self%ham%model%traits%separable) then
-         if (is_verlet(self)) made%kind = kick_drift_kick
-         if (self%is_euler) made%kind = merge(kick_drift, drift_kick, self%plan%order(1)%force)
-      end if
+      made%kind = kick_drift_kick
+      if (self%is_euler) made%kind = merge(kick_drift, drift_kick, self%plan%order(1)%force)
       call move_alloc(made, lone)
    end subroutine offer_lone
 

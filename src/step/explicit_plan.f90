@@ -84,7 +84,7 @@ contains
       real(wp), intent(inout) :: total(n)
       integer :: i, j, first
 
-      first = first_of(nstage, coefficient)
+      first = findloc(abs(coefficient) > 0, .true., 1)
       do i = 1, n
          total(i) = start(i) + coefficient(first)*slope(i, first)
       end do
@@ -95,17 +95,6 @@ contains
          end do
       end do
    end subroutine add_slopes
-
-   !> The first coefficient that is not zero.
-   pure integer function first_of(nstage, coefficient)
-      integer, intent(in) :: nstage
-      real(wp), intent(in) :: coefficient(nstage)
-
-      first_of = 1
-      do while (abs(coefficient(first_of)) <= 0 .and. first_of < nstage)
-         first_of = first_of + 1
-      end do
-   end function first_of
 
    !> VEC total = sum_j coefficient_j slope_j
    pure subroutine sum_slopes(n, nstage, coefficient, slope, total)

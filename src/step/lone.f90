@@ -13,10 +13,9 @@ module symsde_step_lone
    use symsde_model_abstract, only: model_type, angle_terms
    implicit none
    private
-   public :: lone_stepper, most_lone, few_of, narrow
+   public :: lone_stepper, most_lone, few_of
 
    integer, parameter :: most_lone = 12           !! paths that any lone stepper takes of a block
-   integer, parameter :: narrow = 4               !! degrees of freedom that go number by number
    integer, parameter :: wide = 32, most_wide = 6 !! degrees of freedom of a wide system; paths of it
 
    type, abstract :: lone_stepper
@@ -63,11 +62,11 @@ contains
 
    !> Paths up to which those of a block are faster one by one: as many as were measured for narrow systems, and more
    !> of wide ones, where a block takes its passes through memory.
-   pure integer function few_of(n, measured)
+   pure integer function few_of(n, narrow)
       integer, intent(in) :: n       !! degrees of freedom
-      integer, intent(in) :: measured
+      integer, intent(in) :: narrow
 
-      few_of = merge(most_wide, measured, n >= wide)
+      few_of = merge(most_wide, narrow, n >= wide)
    end function few_of
 
    !> The model of the paths to come.
@@ -262,8 +261,7 @@ contains
       end do
    end subroutine walk
 
-   !> VEC Add the increments; sound says that all is finite. Few numbers have just been written one by one: a vector
-   !> of them would wait until they are in memory.
+   !> VEC Add the increments; sound says that all is finite.
    pure subroutine advance(n, dx, dy, x, y, sound)
       integer, intent(in) :: n
       real(wp), intent(in) :: dx(n), dy(n)
@@ -273,28 +271,13 @@ contains
       integer :: i
 
       nbad = 0
-      if (n <= narrow) then
-         !GCC$ novector
-         do i = 1, n
-            call advance_one(dx(i), dy(i), x(i), y(i), nbad)
-         end do
-      else
-         do i = 1, n
-            call advance_one(dx(i), dy(i), x(i), y(i), nbad)
-         end do
-      end if
+      do i = 1, n
+         x(i) = x(i) + dx(i)
+         y(i) = y(i) + dy(i)
+         nbad = nbad + (merge(0_i8, 1_i8, abs(x(i)) <= huge(x)) + merge(0_i8, 1_i8, abs(y(i)) <= huge(y)))
+      end do
       sound = nbad == 0
    end subroutine advance
-
-   pure subroutine advance_one(dx, dy, x, y, nbad)
-      real(wp), intent(in) :: dx, dy
-      real(wp), intent(inout) :: x, y
-      integer(i8), intent(inout) :: nbad
-
-      x = x + dx
-      y = y + dy
-      nbad = nbad + (merge(0_i8, 1_i8, abs(x) <= huge(x)) + merge(0_i8, 1_i8, abs(y) <= huge(y)))
-   end subroutine advance_one
 
    !> VEC The same by Kahan's summation, as step/state does it.
    pure subroutine advance_compensated(n, d, x, low, sound)

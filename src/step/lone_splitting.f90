@@ -14,10 +14,12 @@ module symsde_step_lone_splitting
    use symsde_step_constant_mass, only: constant_mass
    use symsde_step_drift_flow, only: drift_flow
    use symsde_step_kick_weights, only: kick_weights, new_kick_weights
-   use symsde_step_lone, only: lone_stepper, narrow
+   use symsde_step_lone, only: lone_stepper
    implicit none
    private
    public :: lone_splitting
+
+   integer, parameter :: narrow = 4  !! degrees of freedom that leap one by one
 
    type, extends(lone_stepper) :: lone_splitting
       type(kicks_type) :: kicks
