@@ -2,8 +2,8 @@
 !> Euler-Maruyama on the Ito form: the contrast. Not symplectic; it blows up where the others do not.
 !>
 !> x = (q,p), V_k = (H_{k,p}, -H_{k,q}):  dx = (V_0 + (1/2) sum_k DV_k V_k) dt + sum_k V_k dW_k   (Ito)
-!> DV_k V_k = (u_p, -u_q) with u = Hess H_k V_k, one Hessian-vector product for every noise; with one degree of freedom the
-!> Hessian itself, which comes with the gradient.
+!> DV_k V_k = (u_p, -u_q) with u = Hess H_k V_k, one Hessian-vector product for every noise; with one degree of freedom
+!> the Hessian itself, which comes with the gradient.
 module symsde_step_euler_maruyama
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
