@@ -8,12 +8,10 @@ module symsde_step_memory
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
    use symsde_base_status, only: error_type
-   use symsde_model_abstract, only: model_type
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
                                    splitting_form, frame_none
-   use symsde_solve_newton, only: newton_options
    use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_newton_by_products, only: pays_by_products
    use symsde_step_stages, only: fits_stages
@@ -62,8 +60,7 @@ contains
          if (scheme%form == splitting_form) then  ! its stepper is its own oracle
             if (.not. t%additive) memory%lane = memory%lane + n*m + m*(m + 1)/2  ! H_k,q and D_kl
          else if (task%general .or. active%are_added() .or. .not. (scheme%form == ito_form .or. task%follows)) then
-            call add_matrices(task%model, scheme, task%newton, task%general, active%are_added(), stages, memory%lane, &
-                              memory%once)
+            call add_matrices(task, active%are_added(), stages, memory)
          end if
          unknowns = 2*n*stages
          if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) then  ! with a stepper of its own
@@ -87,50 +84,38 @@ contains
    end function numbers
 
    !> Add the matrices of an implicit step: of every lane, and of the one lane that LAPACK works on.
-   subroutine add_matrices(model, scheme, options, general, brackets, stages, lane, once)
-      class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
-      type(newton_options), intent(in) :: options
-      logical, intent(in) :: general, brackets   !! the oracle; brackets are added to the Hamiltonian
-      real(wp), intent(in) :: stages             !! those of drift and noise together
-      real(wp), intent(inout) :: lane, once
-      real(wp) :: n, b, unknowns, blocks
+   subroutine add_matrices(task, brackets, stages, memory)
+      type(stepper_task), intent(in) :: task
+      logical, intent(in) :: brackets    !! they are added to the Hamiltonian
+      real(wp), intent(in) :: stages     !! those of drift and noise together
+      type(step_memory), intent(inout) :: memory
+      real(wp) :: n, b, unknowns
       logical :: by_parts
 
-      n = model%traits%ndof
-      b = model%traits%bandwidth
-      blocks = n**2
-      by_parts = fits_stages(model, scheme, options) .and. (brackets .or. consistent(model, scheme))
-      by_parts = .not. general .and. (by_parts .or. is_midpoint(scheme) .and. .not. brackets .or. &
-                                      scheme%needs%additive .or. scheme%frame /= frame_none)
-      if (scheme%form == galerkin_form) then
-         unknowns = (scheme%nstage + scheme%degree)*n
-      else if (by_parts) then
+      associate (t => task%model%traits, scheme => task%scheme, lane => memory%lane, once => memory%once)
+         n = t%ndof
+         b = t%bandwidth
          unknowns = 2*n*stages
-         if (b >= 0 .and. 2*b + 1 < n) then
+         by_parts = fits_stages(task%model, scheme, task%newton) .and. &
+                    (brackets .or. .not. abs(scheme%correction_coefficient()) > 0 .or. t%correction_vanishes())
+         by_parts = .not. task%general .and. (by_parts .or. is_midpoint(scheme) .and. .not. brackets .or. &
+                                              scheme%needs%additive .or. scheme%frame /= frame_none)
+         if (scheme%form == galerkin_form) then
+            unknowns = (scheme%nstage + scheme%degree)*n
+         else if (by_parts .and. b >= 0 .and. 2*b + 1 < n) then
             lane = lane + 12*((b + 1)*stages + 1)*unknowns + 6*(2*b + 1)*n
             once = once + (6*(b + 1)*stages + 8)*unknowns
             return
-         else if (pays_by_products(model%traits, model%traits%ndof) .and. options%fixed_point == 0) then
+         else if (by_parts .and. pays_by_products(t, t%ndof) .and. task%newton%fixed_point == 0) then
             lane = lane + krylov_vectors*(unknowns + krylov_vectors)
             return
          end if
-      else
-         unknowns = 2*n*stages
-      end if
-      lane = lane + 6*blocks
-      if (options%fixed_point > 0) return
-      lane = lane + unknowns**2
-      once = once + 2*unknowns**2
+         lane = lane + 6*n**2
+         if (task%newton%fixed_point > 0) return
+         lane = lane + unknowns**2
+         once = once + 2*unknowns**2
+      end associate
    end subroutine add_matrices
-
-   !> Whether no correction is ever added.
-   pure logical function consistent(model, scheme)
-      class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
-
-      consistent = .not. abs(scheme%correction_coefficient()) > 0 .or. model%traits%correction_vanishes()
-   end function consistent
 
    !> One stage at the middle of q and p, whose equations have steppers without large matrices.
    pure logical function is_midpoint(scheme)
