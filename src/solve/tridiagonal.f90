@@ -1,11 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton corrections from symmetric tridiagonal matrices I + c K, one a lane, without pivoting.
 !>
-!> Row i of K is its diagonal entry k(lane, 0, i) and the one right of it, k(lane, 1, i). Downwards pairs of rows
-!> become factors and right-hand sides; upwards the solution is found pair by pair and used at once. A lane is trusted
-!> while its pivots are positive, for elimination of a positive definite matrix is stable whatever their sizes, or
-!> else within pivot_floor of the entries they came from, either way; a NaN is not trusted.
+!> Row i of K is its diagonal entry k(lane, 0, i) and the one right of it, k(lane, 1, i). Rows are eliminated from both
+!> ends (a twisted factorization): the upper ones downwards, the lower ones upwards, in pairs, which become factors and
+!> right-hand sides. Where the two fronts meet two unknowns are left; from there the solution is found pair by pair
+!> outwards and used at once. A lane is trusted while its pivots are positive, for elimination of a positive definite
+!> matrix is stable whatever their sizes, or else within pivot_floor of the entries they came from, either way; a NaN
+!> is not trusted.
 !>
+!> Pairs of one front wait for each other, those of the two do not: a lane alone takes them in turn, in half the time.
 !> A strip of lanes whose number the compiler knows goes through together: a row's lanes stay in registers
 !> until the next row has read them, and K need not be kept: it is eliminated a few rows at a time, as it
 !> comes. Row by row over all lanes of a block takes a third more time for 64 lanes, two thirds for 16.
@@ -15,141 +18,294 @@ module symsde_solve_tridiagonal
    use symsde_solve_blocks, only: pivot_floor
    implicit none
    private
-   public :: eliminate_down_strip, correct_up_strip, before_first_row, nabove
-   public :: eliminate_down_lane, correct_up_lane
+   public :: upper_rows, eliminate_down_strip, eliminate_up_strip, meet_strip, correct_strip, before_first_row, nfront
+   public :: solve_lane
 
-   !> What a pair hands to the next one, of its last row: c times the entry right of the diagonal, the inverse of the
-   !> pivot, the right-hand side, and whether its lane is trusted (1 or 0); and the largest diagonal entry so far, where
-   !> the unknowns are zero yet.
-   integer, parameter :: nabove = 5
-   real(wp), parameter :: before_first_row(strip_lanes, nabove) = &
+   !> What a pair hands to the next one of its front, of its row that is nearer to that: c times the entry beside the
+   !> diagonal that ties the two, the inverse of the pivot, the right-hand side, and whether its lane is trusted (1 or
+   !> 0); and the largest diagonal entry so far.
+   integer, parameter :: nfront = 5
+   real(wp), parameter :: before_first_row(strip_lanes, nfront) = &
                           spread([0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp], 1, strip_lanes)
 
 contains
 
-   !> VEC Rows of right-hand sides x + f and matrices I + c K of a strip, eliminated downwards after the rows
-   !> before them, in pairs: with S = (d, b; b, a) what is left of a pair, one division, 1/det S, serves both rows. The
-   !> pairs wait for each other, everything else is done meanwhile. m is even, or these are the last rows of all.
-   pure subroutine eliminate_down_strip(m, c, starts, x, f, k, above, factor, rhs)
-      integer, intent(in) :: m                              !! rows
+   !> How many of n >= 2 rows are eliminated downwards: an even number, near half of them.
+   pure integer function upper_rows(n)
+      integer, intent(in) :: n
+
+      upper_rows = 2*((n + 2)/4)
+   end function upper_rows
+
+   !> VEC Rows of right-hand sides x + f and matrices I + c K of a strip, eliminated downwards after the rows before
+   !> them, in pairs: with S = (d, b; b, a) what is left of a pair, one division, 1/det S, serves both rows. The
+   !> pairs wait for each other, everything else is done meanwhile.
+   pure subroutine eliminate_down_strip(m, c, x, f, k, front, factor, rhs)
+      integer, intent(in) :: m                              !! rows, an even number
       real(wp), intent(in) :: c                             !! factor of K
-      logical, intent(in) :: starts                         !! the unknowns are zero, and x is not read
       real(wp), intent(in) :: x(strip_lanes, m)             !! unknowns
       real(wp), intent(in) :: f(strip_lanes, m)             !! residual less x
-      real(wp), intent(in) :: k(strip_lanes, 0:1, m)        !! K
-      real(wp), intent(inout) :: above(strip_lanes, nabove)
-      real(wp), intent(out) :: factor(strip_lanes, m)       !! S^{-1} U: what the row after the pair adds to each of it
+      real(wp), intent(in) :: k(strip_lanes, 0:1, 0:m)      !! K; row 0 is not read
+      real(wp), intent(inout) :: front(strip_lanes, nfront)
+      real(wp), intent(out) :: factor(strip_lanes, m)       !! S^{-1} U: what the row ahead of a pair has of each in it
       real(wp), intent(out) :: rhs(strip_lanes, m)          !! S^{-1} L^{-1} residual
-      real(wp), dimension(strip_lanes) :: carried, inverse, r, least, largest
-      integer(i8) :: doubtful
+      real(wp), dimension(strip_lanes) :: carried, inverse, r, largest
+      integer(i8) :: signs(strip_lanes)
       integer :: lane, i
 
-      carried = above(:, 1)
-      inverse = above(:, 2)
-      r = above(:, 3)
-      least = 1
-      largest = above(:, 5)
-      if (starts) then
-         do i = 1, m - 1, 2
-            do lane = 1, strip_lanes
-               call note_larger(c, k(lane, 0, i), k(lane, 0, i + 1), largest(lane))
-               call eliminate_pair(c, f(lane, i), f(lane, i + 1), k(lane, 0, i), k(lane, 1, i), k(lane, 0, i + 1), &
-                                   k(lane, 1, i + 1), carried(lane), inverse(lane), r(lane), least(lane), &
-                                   factor(lane, i), factor(lane, i + 1), rhs(lane, i), rhs(lane, i + 1))
-            end do
+      carried = front(:, 1)
+      inverse = front(:, 2)
+      r = front(:, 3)
+      signs = 0
+      largest = front(:, 5)
+      do i = 1, m - 1, 2
+         do lane = 1, strip_lanes
+            call note_larger(c, k(lane, 0, i), k(lane, 0, i + 1), largest(lane))
+            call eliminate_pair(c, x(lane, i) + f(lane, i), x(lane, i + 1) + f(lane, i + 1), k(lane, 0, i), &
+                                k(lane, 1, i), k(lane, 0, i + 1), k(lane, 1, i + 1), carried(lane), inverse(lane), &
+                                r(lane), signs(lane), factor(lane, i), factor(lane, i + 1), rhs(lane, i), &
+                                rhs(lane, i + 1))
          end do
-      else
-         do i = 1, m - 1, 2
-            do lane = 1, strip_lanes
-               call eliminate_pair(c, x(lane, i) + f(lane, i), x(lane, i + 1) + f(lane, i + 1), k(lane, 0, i), &
-                                   k(lane, 1, i), k(lane, 0, i + 1), k(lane, 1, i + 1), carried(lane), inverse(lane), &
-                                   r(lane), least(lane), factor(lane, i), factor(lane, i + 1), rhs(lane, i), &
-                                   rhs(lane, i + 1))
-            end do
-         end do
-      end if
+      end do
+      call leave(m, c, 1, k, carried, inverse, r, signs, largest, front)
+   end subroutine eliminate_down_strip
+
+   !> VEC The same upwards, after the rows below. m is even, or these are the last rows of all: then the last one has a
+   !> partner with nothing in it.
+   pure subroutine eliminate_up_strip(m, c, x, f, k, front, factor, rhs)
+      integer, intent(in) :: m
+      real(wp), intent(in) :: c
+      real(wp), intent(in) :: x(strip_lanes, m), f(strip_lanes, m)
+      real(wp), intent(in) :: k(strip_lanes, 0:1, 0:m)      !! row 0: what ties it to the first one
+      real(wp), intent(inout) :: front(strip_lanes, nfront)
+      real(wp), intent(out) :: factor(strip_lanes, m), rhs(strip_lanes, m)
+      real(wp), dimension(strip_lanes) :: carried, inverse, r, largest
+      integer(i8) :: signs(strip_lanes)
+      real(wp) :: unused(2)
+      integer :: lane, i
+
+      carried = front(:, 1)
+      inverse = front(:, 2)
+      r = front(:, 3)
+      signs = 0
+      largest = front(:, 5)
       if (modulo(m, 2) == 1) then
          do lane = 1, strip_lanes
             call note_larger(c, k(lane, 0, m), k(lane, 0, m), largest(lane))
-            call eliminate_last(c, merge(0.0_wp, x(lane, m), starts) + f(lane, m), k(lane, 0, m), carried(lane), &
-                                inverse(lane), r(lane), least(lane), rhs(lane, m))
-            factor(lane, m) = 0
+            call eliminate_pair(c, 0.0_wp, x(lane, m) + f(lane, m), 0.0_wp, 0.0_wp, k(lane, 0, m), &
+                                k(lane, 1, m - 1), carried(lane), inverse(lane), r(lane), signs(lane), unused(1), &
+                                factor(lane, m), unused(2), rhs(lane, m))
          end do
       end if
+      do i = m - modulo(m, 2), 2, -2
+         do lane = 1, strip_lanes
+            call note_larger(c, k(lane, 0, i), k(lane, 0, i - 1), largest(lane))
+            call eliminate_pair(c, x(lane, i) + f(lane, i), x(lane, i - 1) + f(lane, i - 1), k(lane, 0, i), &
+                                k(lane, 1, i - 1), k(lane, 0, i - 1), k(lane, 1, i - 2), carried(lane), inverse(lane), &
+                                r(lane), signs(lane), factor(lane, i), factor(lane, i - 1), rhs(lane, i), &
+                                rhs(lane, i - 1))
+         end do
+      end do
+      call leave(m, c, -1, k, carried, inverse, r, signs, largest, front)
+   end subroutine eliminate_up_strip
+
+   !> VEC What the next rows of a front are handed.
+   pure subroutine leave(m, c, way, k, carried, inverse, r, signs, largest, front)
+      integer, intent(in) :: m, way
+      real(wp), intent(in) :: c, k(strip_lanes, 0:1, 0:m)
+      real(wp), dimension(strip_lanes), intent(in) :: carried, inverse, r, largest
+      integer(i8), intent(in) :: signs(strip_lanes)
+      real(wp), intent(inout) :: front(strip_lanes, nfront)
+      integer(i8) :: doubtful
+      integer :: lane
+
       doubtful = 0
       do lane = 1, strip_lanes
-         doubtful = doubtful + merge(0_i8, 1_i8, least(lane) + 0*inverse(lane) > 0)
+         doubtful = doubtful + merge(merge(0_i8, 1_i8, abs(0*inverse(lane)) <= 0), 1_i8, signs(lane) >= 0)
       end do
-      if (doubtful > 0) call look_closer(strip_lanes, m, c, k, above(:, 1), above(:, 2), above(:, 4))
-      above(:, 1) = carried
-      above(:, 2) = inverse
-      above(:, 3) = r
-      above(:, 5) = largest
-   end subroutine eliminate_down_strip
+      if (doubtful > 0) call look_closer(strip_lanes, m, c, way, k, front(:, 1), front(:, 2), front(:, 4))
+      front(:, 1) = carried
+      front(:, 2) = inverse
+      front(:, 3) = r
+      front(:, 5) = largest
+   end subroutine leave
 
-   !> The same of one lane, all rows.
-   pure subroutine eliminate_down_lane(m, c, x, f, k, factor, rhs, trusted, largest)
-      integer, intent(in) :: m
-      real(wp), intent(in) :: c, x(m), f(m), k(0:1, m)
-      real(wp), intent(out) :: factor(m), rhs(m), trusted, largest
-      real(wp) :: carried, inverse, r, least, found(1)
-      integer :: i
+   !> VEC Corrections of the two rows where the fronts meet, upper and lower, and which lanes are trusted.
+   pure subroutine meet_strip(upper, lower, meeting, trusted)
+      real(wp), dimension(strip_lanes, nfront), intent(in) :: upper, lower
+      real(wp), intent(out) :: meeting(strip_lanes, 2), trusted(strip_lanes)
+      real(wp) :: found
+      integer :: lane
 
-      carried = before_first_row(1, 1)
-      inverse = before_first_row(1, 2)
-      r = before_first_row(1, 3)
-      least = 1
-      largest = before_first_row(1, 5)
-      do i = 1, m - 1, 2
-         call note_larger(c, k(0, i), k(0, i + 1), largest)
-         call eliminate_pair(c, x(i) + f(i), x(i + 1) + f(i + 1), k(0, i), k(1, i), k(0, i + 1), k(1, i + 1), &
-                             carried, inverse, r, least, factor(i), factor(i + 1), rhs(i), rhs(i + 1))
+      do lane = 1, strip_lanes
+         call meet(upper(lane, 1), upper(lane, 2), lower(lane, 2), upper(lane, 3), lower(lane, 3), meeting(lane, 1), &
+                   meeting(lane, 2), found)
+         trusted(lane) = min(found, min(upper(lane, 4), lower(lane, 4)))
       end do
-      if (modulo(m, 2) == 1) then
-         call note_larger(c, k(0, m), k(0, m), largest)
-         call eliminate_last(c, x(m) + f(m), k(0, m), carried, inverse, r, least, rhs(m))
-         factor(m) = 0
+   end subroutine meet_strip
+
+   !> VEC Solve from where the fronts meet outwards in a strip, x = x - d in running lanes, with the sizes of correction
+   !> and unknowns.
+   pure subroutine correct_strip(n, meeting, factor, rhs, last, x, step, size)
+      integer, intent(in) :: n                              !! unknowns of a system
+      real(wp), intent(in) :: meeting(strip_lanes, 2)       !! of meet_strip
+      real(wp), intent(in) :: factor(strip_lanes, n), rhs(strip_lanes, n)  !! of the fronts
+      real(wp), intent(in) :: last(strip_lanes)             !! negative in lanes that rest
+      real(wp), intent(inout) :: x(strip_lanes, n)          !! unknowns
+      real(wp), intent(out) :: step(strip_lanes), size(strip_lanes)
+      real(wp), dimension(strip_lanes) :: d, largest, extent, rests
+      real(wp) :: x1, x2, unused
+      integer :: lane, i
+
+      largest = 0
+      extent = 0
+      rests = last
+      d = meeting(:, 1)
+      do i = upper_rows(n) + 1, n - 1, 2
+         do lane = 1, strip_lanes
+            x1 = x(lane, i + 1)
+            x2 = x(lane, i)
+            call correct_pair(factor(lane, i + 1), factor(lane, i), rhs(lane, i + 1), rhs(lane, i), rests(lane), &
+                              x1, x2, d(lane), x(lane, i + 1), x(lane, i), largest(lane), extent(lane))
+         end do
+      end do
+      if (modulo(n, 2) == 1) then
+         do lane = 1, strip_lanes
+            x2 = x(lane, n)
+            call correct_pair(0.0_wp, factor(lane, n), 0.0_wp, rhs(lane, n), rests(lane), 0.0_wp, x2, d(lane), unused, &
+                              x(lane, n), largest(lane), extent(lane))
+         end do
       end if
-      found = before_first_row(1, 4)
-      if (.not. least + 0*inverse > 0) &
-         call look_closer(1, m, c, k, before_first_row(1:1, 1), before_first_row(1:1, 2), found)
-      trusted = found(1)
-   end subroutine eliminate_down_lane
+      d = meeting(:, 2)
+      do i = upper_rows(n), 2, -2
+         do lane = 1, strip_lanes
+            x1 = x(lane, i - 1)
+            x2 = x(lane, i)
+            call correct_pair(factor(lane, i - 1), factor(lane, i), rhs(lane, i - 1), rhs(lane, i), rests(lane), &
+                              x1, x2, d(lane), x(lane, i - 1), x(lane, i), largest(lane), extent(lane))
+         end do
+      end do
+      do lane = 1, strip_lanes
+         step(lane) = largest(lane) + 0*meeting(lane, 1)  ! a NaN goes on from pair to pair: it is where fronts meet
+         size(lane) = extent(lane)
+      end do
+   end subroutine correct_strip
 
-   !> Trust in pairs of rows, where some lane has a pivot that is not positive, or no number.
-   pure subroutine look_closer(nlane, m, c, k, carried_before, inverse_before, trusted)
-      integer, intent(in) :: nlane, m
-      real(wp), intent(in) :: c, k(nlane, 0:1, m)
+   !> The same of one lane that runs, all rows, the pairs of both fronts in turn.
+   pure subroutine solve_lane(n, c, f, k, factor, rhs, x, trusted, largest, step, size)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c, f(n), k(0:1, 0:n)  !! row 0 is not read
+      real(wp), intent(out) :: factor(n), rhs(n)    !! room
+      real(wp), intent(inout) :: x(n)
+      real(wp), intent(out) :: trusted, largest, step, size
+      real(wp) :: carried, inverse, r, carried2, inverse2, r2, d1, d2, found(1), unused(2)
+      integer(i8) :: signs
+      integer :: h, odd, i, pair
+
+      h = upper_rows(n)
+      odd = modulo(n, 2)
+      carried = 0
+      inverse = 0
+      r = 0
+      carried2 = 0
+      inverse2 = 0
+      r2 = 0
+      signs = 0
+      largest = 0
+      do i = 1, n
+         largest = max(1 + c*k(0, i), largest)
+      end do
+      if (odd == 1) call eliminate_pair(c, 0.0_wp, x(n) + f(n), 0.0_wp, 0.0_wp, k(0, n), k(1, n - 1), carried2, &
+                                        inverse2, r2, signs, unused(1), factor(n), unused(2), rhs(n))
+      do pair = 1, h/2
+         i = 2*pair - 1
+         call eliminate_pair(c, x(i) + f(i), x(i + 1) + f(i + 1), k(0, i), k(1, i), k(0, i + 1), k(1, i + 1), &
+                             carried, inverse, r, signs, factor(i), factor(i + 1), rhs(i), rhs(i + 1))
+         i = n - odd - i + 1
+         if (i == h) cycle  ! the upper front has a pair more
+         call eliminate_pair(c, x(i) + f(i), x(i - 1) + f(i - 1), k(0, i), k(1, i - 1), k(0, i - 1), k(1, i - 2), &
+                             carried2, inverse2, r2, signs, factor(i), factor(i - 1), rhs(i), rhs(i - 1))
+      end do
+      call meet(carried, inverse, inverse2, r, r2, d1, d2, trusted)
+      if (signs < 0 .or. .not. abs(0*(inverse + inverse2)) <= 0) then
+         found = trusted
+         call look_closer(1, h, c, 1, k, [0.0_wp], [0.0_wp], found)
+         call look_closer(1, n - h, c, -1, k(0, h), [0.0_wp], [0.0_wp], found)
+         trusted = found(1)
+      end if
+      call correct_lane(n, h, d1, d2, factor, rhs, x, step, size)
+   end subroutine solve_lane
+
+   !> Outwards from the corrections of rows h and h + 1. Those of all rows take the place of rhs.
+   pure subroutine correct_lane(n, h, d1, d2, factor, rhs, x, step, size)
+      integer, intent(in) :: n, h
+      real(wp), intent(in) :: d1, d2, factor(n)
+      real(wp), intent(inout) :: rhs(n), x(n)
+      real(wp), intent(out) :: step, size
+      real(wp) :: up, down
+      integer :: i, pair
+
+      up = d2
+      down = d1
+      do pair = 1, h/2
+         i = h + 2 - 2*pair
+         rhs(i) = rhs(i) - factor(i)*up
+         rhs(i - 1) = rhs(i - 1) + factor(i - 1)*up
+         up = rhs(i - 1)
+         i = h - 1 + 2*pair
+         if (i >= n) cycle
+         rhs(i) = rhs(i) - factor(i)*down
+         rhs(i + 1) = rhs(i + 1) + factor(i + 1)*down
+         down = rhs(i + 1)
+      end do
+      if (modulo(n, 2) == 1) rhs(n) = rhs(n) - factor(n)*down
+      step = 0
+      size = 0
+      do i = 1, n
+         x(i) = x(i) - rhs(i)
+         step = max(abs(rhs(i)), step)
+         size = max(abs(x(i)), size)
+      end do
+      step = step + 0*d1  ! NaN stays
+   end subroutine correct_lane
+
+   !> Trust in pairs of rows of one front, where some lane has a pivot that is not positive, or no number.
+   pure subroutine look_closer(nlane, m, c, way, k, carried_before, inverse_before, trusted)
+      integer, intent(in) :: nlane, m, way
+      real(wp), intent(in) :: c, k(nlane, 0:1, 0:m)
       real(wp), intent(in), dimension(nlane) :: carried_before, inverse_before  !! of the row before
       real(wp), intent(inout) :: trusted(nlane)
       real(wp) :: carried, inverse, entry, next, pivot, scale
-      integer :: lane, i
+      integer :: lane, i, beside, odd
 
+      odd = modulo(m, 2)
       do lane = 1, nlane
          carried = carried_before(lane)
          inverse = inverse_before(lane)
-         do i = 1, m - 1, 2
+         if (odd == 1) then
+            inverse = 1/(1 + c*k(lane, 0, m))
+            carried = c*k(lane, 1, m - 1)
+            if (.not. is_trusted(1.0_wp, inverse, 1/inverse)) trusted(lane) = 0
+         end if
+         do i = merge(1, m - odd, way > 0), merge(m - 1, 2, way > 0), 2*way
+            beside = min(i, i + way)
             entry = 1 + c*k(lane, 0, i)
-            next = 1 + c*k(lane, 0, i + 1)
+            next = 1 + c*k(lane, 0, i + way)
             pivot = entry - carried**2*inverse
-            scale = 1/(pivot*next - (c*k(lane, 1, i))**2)
+            scale = 1/(pivot*next - (c*k(lane, 1, beside))**2)
             if (.not. is_trusted(pivot, scale, entry*next)) trusted(lane) = 0
-            carried = c*k(lane, 1, i + 1)
+            carried = c*k(lane, 1, beside + way)
             inverse = pivot*scale
          end do
-         if (modulo(m, 2) == 0) cycle
-         entry = 1 + c*k(lane, 0, m)
-         pivot = entry - carried**2*inverse
-         if (.not. is_trusted(pivot, 1/pivot, entry)) trusted(lane) = 0
       end do
    end subroutine look_closer
 
    !> A pair of rows: residuals and entries of K.
-   pure subroutine eliminate_pair(c, res1, res2, k1, beside1, k2, beside2, carried, inverse, r, least, &
+   pure subroutine eliminate_pair(c, res1, res2, k1, beside1, k2, beside2, carried, inverse, r, signs, &
                                   factor1, factor2, rhs1, rhs2)
       real(wp), intent(in) :: c, res1, res2, k1, beside1, k2, beside2
       real(wp), intent(inout) :: carried, inverse, r
-      real(wp), intent(inout) :: least  !! positive while pivots and determinants are, NaN aside: that stays in inverse
+      integer(i8), intent(inout) :: signs  !! negative once a pivot or a determinant is; a NaN stays in inverse
       real(wp), intent(out) :: factor1, factor2, rhs1, rhs2
       real(wp) :: entry, next, pivot, beside, scale, y1
 
@@ -157,15 +313,16 @@ contains
       next = 1 + c*k2
       beside = c*beside1
       pivot = entry - carried**2*inverse
-      scale = 1/((entry*next - beside**2) - carried**2*next*inverse)  ! does not wait for the pivot
-      least = min(min(pivot, scale), least)
+      scale = 1/((entry*next - (beside*beside)) - carried**2*next*inverse)  ! does not wait for the pivot
+      signs = ior(ior(transfer(pivot, signs), transfer(scale, signs)), signs)
       y1 = res1 - carried*r
       carried = c*beside2
       inverse = pivot*scale
-      r = (pivot*res2 - beside*y1)*scale
-      rhs1 = (next*y1 - beside*res2)*scale
+      beside = beside*scale
+      rhs1 = (next*scale)*y1 - (beside*res2)
+      r = inverse*res2 - (beside*y1)
       rhs2 = r
-      factor1 = -beside*scale*carried
+      factor1 = beside*carried
       factor2 = inverse*carried
    end subroutine eliminate_pair
 
@@ -179,18 +336,21 @@ contains
       largest = max(entry, largest)
    end subroutine note_larger
 
-   !> The last row where their number is odd.
-   pure subroutine eliminate_last(c, res, k, carried, inverse, r, least, rhs)
-      real(wp), intent(in) :: c, res, k, carried, inverse, r
-      real(wp), intent(inout) :: least
-      real(wp), intent(out) :: rhs
-      real(wp) :: entry, pivot
+   !> Corrections of the two rows where the fronts meet, what they are tied by carried, and whether they are trusted.
+   pure subroutine meet(carried, inverse1, inverse2, r1, r2, d1, d2, trusted)
+      real(wp), intent(in) :: carried, inverse1, inverse2, r1, r2
+      real(wp), intent(out) :: d1, d2, trusted
+      real(wp) :: factor1, factor2, det, scale
 
-      entry = 1 + c*k
-      pivot = entry - carried**2*inverse
-      least = min(pivot, least) + 0*pivot
-      rhs = (res - carried*r)/pivot
-   end subroutine eliminate_last
+      factor1 = inverse1*carried
+      factor2 = inverse2*carried
+      det = 1 - factor1*factor2
+      scale = 1/det
+      d1 = (r1 - factor1*r2)*scale
+      d2 = (r2 - factor2*r1)*scale
+      trusted = merge(1.0_wp, 0.0_wp, det > 0)
+      if (-det > pivot_floor .and. -det < 1/pivot_floor) trusted = 1
+   end subroutine meet
 
    !> Whether the pivot and the inverse determinant of a pair are positive, or the determinant within bounds of what it
    !> would be without what is beside the diagonal. False for a NaN.
@@ -202,82 +362,8 @@ contains
       is_trusted = (pivot > 0 .and. scale > 0) .or. (ratio > pivot_floor .and. ratio < 1/pivot_floor)
    end function is_trusted
 
-   !> VEC Solve upwards in a strip, x = x - d in running lanes, with the sizes of correction and unknowns.
-   pure subroutine correct_up_strip(n, starts, factor, rhs, last, x, step, size)
-      integer, intent(in) :: n                              !! unknowns of a system
-      logical, intent(in) :: starts                         !! x = 0 before
-      real(wp), intent(in) :: factor(strip_lanes, n), rhs(strip_lanes, n)  !! of eliminate_down_strip
-      real(wp), intent(in) :: last(strip_lanes)             !! negative in lanes that rest
-      real(wp), intent(inout) :: x(strip_lanes, n)          !! unknowns
-      real(wp), intent(out) :: step(strip_lanes), size(strip_lanes)
-      real(wp), dimension(strip_lanes) :: d, largest, extent, rests
-      real(wp) :: x1, x2
-      integer :: lane, i
-
-      d = 0
-      largest = 0
-      extent = 0
-      rests = last
-      if (modulo(n, 2) == 1) then
-         do lane = 1, strip_lanes
-            d(lane) = rhs(lane, n)
-            if (starts) x(lane, n) = 0
-            x(lane, n) = merge(x(lane, n) - d(lane), x(lane, n), rests(lane) >= 0)
-            largest(lane) = abs(d(lane))
-            extent(lane) = abs(x(lane, n))
-         end do
-      end if
-      if (starts) then
-         do i = n - modulo(n, 2), 2, -2
-            do lane = 1, strip_lanes
-               call correct_pair(factor(lane, i - 1), factor(lane, i), rhs(lane, i - 1), rhs(lane, i), rests(lane), &
-                                 0.0_wp, 0.0_wp, d(lane), x(lane, i - 1), x(lane, i), largest(lane), extent(lane))
-            end do
-         end do
-      else
-         do i = n - modulo(n, 2), 2, -2
-            do lane = 1, strip_lanes
-               x1 = x(lane, i - 1)
-               x2 = x(lane, i)
-               call correct_pair(factor(lane, i - 1), factor(lane, i), rhs(lane, i - 1), rhs(lane, i), rests(lane), &
-                                 x1, x2, d(lane), x(lane, i - 1), x(lane, i), largest(lane), extent(lane))
-            end do
-         end do
-      end if
-      do lane = 1, strip_lanes
-         step(lane) = largest(lane) + 0*d(lane)  ! a NaN goes on from pair to pair: it is in the last d
-         size(lane) = extent(lane)
-      end do
-   end subroutine correct_up_strip
-
-   !> The same in a lane that runs.
-   pure subroutine correct_up_lane(n, factor, rhs, x, step, size)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: factor(n), rhs(n)
-      real(wp), intent(inout) :: x(n)
-      real(wp), intent(out) :: step, size
-      real(wp) :: d, x1, x2
-      integer :: i
-
-      d = 0
-      step = 0
-      size = 0
-      if (modulo(n, 2) == 1) then
-         d = rhs(n)
-         x(n) = x(n) - d
-         step = abs(d)
-         size = abs(x(n))
-      end if
-      do i = n - modulo(n, 2), 2, -2
-         x1 = x(i - 1)
-         x2 = x(i)
-         call correct_pair(factor(i - 1), factor(i), rhs(i - 1), rhs(i), 0.0_wp, x1, x2, d, x(i - 1), x(i), step, size)
-      end do
-      step = step + 0*d
-   end subroutine correct_up_lane
-
-   !> A pair of rows upwards; d is the correction of the row after it, then that of its first row. A NaN is
-   !> not among the largest.
+   !> A pair of rows, the second one nearer to where the fronts meet; d is the correction of the row before that, then
+   !> of the first one. A NaN is not among the largest.
    pure subroutine correct_pair(factor1, factor2, rhs1, rhs2, rests, old1, old2, d, x1, x2, largest, extent)
       real(wp), intent(in) :: factor1, factor2, rhs1, rhs2
       real(wp), intent(in) :: rests   !! negative where the lane rests
@@ -287,7 +373,7 @@ contains
       real(wp) :: d1, d2
 
       d2 = rhs2 - factor2*d
-      d1 = rhs1 - factor1*d
+      d1 = rhs1 + factor1*d
       d = d1
       x2 = old2 - merge(d2, 0.0_wp, rests >= 0)
       x1 = old1 - merge(d1, 0.0_wp, rests >= 0)

@@ -4,7 +4,7 @@
 module symsde_step_lone_midpoint_rows
    use symsde_base_kinds, only: wp
    use symsde_solve_stagnation, only: stopping_test, quadratic, verdict_of
-   use symsde_solve_tridiagonal, only: eliminate_down_lane, correct_up_lane
+   use symsde_solve_tridiagonal, only: solve_lane
    use symsde_step_lone, only: lone_stepper
    implicit none
    private
@@ -14,7 +14,7 @@ module symsde_step_lone_midpoint_rows
       type(stopping_test) :: test = quadratic
       integer :: max_iter = 0
       real(wp), allocatable, dimension(:), private :: base, x, f, still, factor, rhs  !! (n)
-      real(wp), allocatable, private :: k(:, :)  !! (0:1, n)
+      real(wp), allocatable, private :: k(:, :)  !! (0:1, 0:n)
    contains
       procedure :: take
    end type lone_midpoint_rows
@@ -47,12 +47,12 @@ contains
                   x(i) = base(i) + c*dp(i)
                end do
             end if
-            call self%model%force_stiffness(1, n, self%m, 1, t + 0.5_wp*h, w, x, self%still, self%f, self%k)
+            call self%model%force_stiffness(1, n, self%m, 1, t + 0.5_wp*h, w, x, self%still, self%f, &
+                                            self%k(0, 1))
             self%k(1, n) = 0
-            call eliminate_down_lane(n, c, dp, self%f, self%k, self%factor, self%rhs, trusted, largest)
+            call solve_lane(n, c, self%f, self%k, self%factor, self%rhs, dp, trusted, largest, step, size)
             taken = trusted > 0 .and. (iteration > 0 .or. largest - 1 <= 1)
             if (.not. taken) return
-            call correct_up_lane(n, self%factor, self%rhs, dp, step, size)
             last = verdict_of(self%test, step, size, last)
             iteration = iteration + 1
          end do
@@ -74,7 +74,7 @@ contains
       type(lone_midpoint_rows), intent(inout) :: self
 
       associate (n => self%n)
-         allocate (self%base(n), self%x(n), self%f(n), self%factor(n), self%rhs(n), self%k(0:1, n))
+         allocate (self%base(n), self%x(n), self%f(n), self%factor(n), self%rhs(n), self%k(0:1, 0:n))
          allocate (self%still(n), source=0.0_wp)
       end associate
    end subroutine make_room

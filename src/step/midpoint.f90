@@ -48,6 +48,7 @@ module symsde_step_midpoint
       class(midpoint_part), allocatable :: part
       type(midpoint_equation) :: eq            !! of the lanes that take the step together
       logical :: has_shift = .false.           !! additive noise moves the positions: g /= 0
+      real(wp) :: largest = 0                  !! of q and p in the lanes that go together
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
       real(wp), allocatable :: w(:, :)         !! where not all lanes go together: their w (eq%nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! where lanes are taken out (eq%nlane, ndof)
@@ -300,7 +301,7 @@ contains
          eq%for_dq = .false.
          eq%stiff = .false.
          eq%c = 0.25_wp*eq%h
-         call half_drift(nlane, eq%n, before, eq%nlane, eq%h, q, p, eq%base(1, 1))
+         call half_drift(nlane, eq%n, before, eq%nlane, eq%h, q, p, eq%base(1, 1), self%largest)
          if (self%has_shift) call add_shift(self, w)
          call self%part%solve(self%ham, eq, w, status)
       end associate
@@ -341,7 +342,8 @@ contains
             call find_bad(together, n, eq%base(1, 1), eq%x, status)
             call put_states(nlane, n, before, together, eq%base(1, 1), eq%x, status, q, p)
          else
-            call find_bad_sums(nlane, n, before, together, eq%h, q, p, eq%x, status)
+            if (.not. (self%largest + maxval(self%part%newton%size))*(1 + abs(eq%h)) <= 0.1_wp*huge(eq%h)) &
+               call find_bad_sums(nlane, n, before, together, eq%h, q, p, eq%x, status)
             call add_in_place(nlane, n, before, together, eq%h, eq%x, status, q, p)
          end if
       end associate
@@ -390,19 +392,27 @@ contains
    ! ---- kernels: lanes before+1 .. before+together of a block, a vector at a time
 
    !> VEC base = q + h p/2
-   pure subroutine half_drift(nlane, n, before, together, h, q, p, base)
+   pure subroutine half_drift(nlane, n, before, together, h, q, p, base, largest)
       integer, intent(in) :: nlane, n, before, together
       real(wp), intent(in) :: h, q(nlane, n), p(nlane, n)
       real(wp), intent(out) :: base(together, n)
+      real(wp), intent(out) :: largest  !! of q and p
+      real(wp) :: extent(lane_unit)
       integer :: i, done, lane
 
-      do i = 1, n
-         do done = 0, together - lane_unit, lane_unit
+      largest = 0
+      do done = 0, together - lane_unit, lane_unit
+         extent = 0
+         do i = 1, n
             !GCC$ unroll 8
-            do lane = done + 1, done + lane_unit
-               base(lane, i) = q(before + lane, i) + 0.5_wp*(h*p(before + lane, i))
+            do lane = 1, lane_unit
+               associate (x => q(before + done + lane, i), y => p(before + done + lane, i))
+                  base(done + lane, i) = x + 0.5_wp*(h*y)
+                  extent(lane) = max(max(abs(x), abs(y)), extent(lane))
+               end associate
             end do
          end do
+         largest = max(largest, maxval(extent))
       end do
    end subroutine half_drift
 

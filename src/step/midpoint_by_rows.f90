@@ -3,8 +3,8 @@
 !>
 !> Lanes are eliminated in strips whose number the compiler knows, so that what a row hands to the next one
 !> stays in registers. Where the model gives its rows (chain_rows), a strip takes the whole step alone, in arrays
-!> that stay in the nearest caches, 640 bytes a row, and the rows are eliminated a panel at a time, as they come:
-!> neither force nor matrix is ever stored as a whole. Other models are asked for the bands of all lanes of a
+!> that stay in the nearest caches, 640 bytes a row, and the rows are eliminated a panel at a time, as they come, from
+!> both ends: neither force nor matrix is ever stored as a whole. Other models are asked for the bands of all lanes of a
 !> block at once, which their calls are better shared by, and are then eliminated in the same strips.
 module symsde_step_midpoint_by_rows
    use symsde_base_kinds, only: wp, i4, i8
@@ -13,8 +13,9 @@ module symsde_step_midpoint_by_rows
    use symsde_model_abstract, only: model_type
    use symsde_solve_lapack, only: solve_banded_lane_lapack
    use symsde_solve_newton, only: newton_options, new_newton
-   use symsde_solve_tridiagonal, only: eliminate_down_strip, correct_up_strip, before_first_row, nabove
-   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position, add_unknown
+   use symsde_solve_tridiagonal, only: upper_rows, eliminate_down_strip, eliminate_up_strip, meet_strip, &
+                                       correct_strip, before_first_row, nfront
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position, add_unknown
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
    private
@@ -26,11 +27,13 @@ module symsde_step_midpoint_by_rows
       private
       logical :: gives_rows = .false.
       integer :: nrow = 0                             !! rows evaluated at once: a panel, or all
-      real(wp), allocatable :: q(:, :)                !! Q of these and of the rows before and behind (nlane, nrow+2)
-      real(wp), allocatable :: hq(:, :), hqq(:, :, :) !! force and stiffness (nlane, nrow), (nlane, 0:1, nrow)
+      real(wp), allocatable :: q(:, :)                !! Q of these and of three around them (nlane, nrow+3)
+      real(wp), allocatable :: hq(:, :), hqq(:, :, :) !! force and stiffness (nlane, 0:nrow), (nlane, 0:1, 0:nrow)
       real(wp), allocatable :: factor(:, :), rhs(:, :)  !! of a strip, eliminated (strip_lanes, ndof)
-      real(wp), allocatable :: x(:, :), f(:, :), k(:, :, :)  !! a strip of a block (strip_lanes, [0:1,] ndof)
-      real(wp) :: above(strip_lanes, nabove) = 0      !! of the row before
+      real(wp), allocatable :: x(:, :), f(:, :), k(:, :, :)  !! a strip of a block (strip_lanes, [0:1,] 0:ndof)
+      real(wp) :: fronts(strip_lanes, nfront, 2) = 0  !! of the rows before, upper and lower
+      real(wp) :: meeting(strip_lanes, 2) = 0         !! corrections where these meet
+      real(wp) :: trusted(strip_lanes) = 0
    contains
       procedure :: solve
       procedure :: iterate
@@ -60,13 +63,13 @@ contains
       type(midpoint_by_rows), intent(inout) :: self
       integer, intent(in) :: nlane, n
 
-      allocate (self%q(nlane, self%nrow + 2), self%hq(nlane, self%nrow), self%hqq(nlane, 0:1, self%nrow))
+      allocate (self%q(nlane, self%nrow + 3), self%hq(nlane, 0:self%nrow), self%hqq(nlane, 0:1, 0:self%nrow))
       allocate (self%factor(strip_lanes, n), self%rhs(strip_lanes, n))
       if (self%gives_rows) return
-      allocate (self%x(strip_lanes, n), self%f(strip_lanes, n), self%k(strip_lanes, 0:1, n))
+      allocate (self%x(strip_lanes, n), self%f(strip_lanes, n), self%k(strip_lanes, 0:1, 0:n))
    end subroutine make_room
 
-   !> As any part does it, but V = 0 is not written down: the first iteration knows.
+   !> As any part does it, in room that the first step makes.
    subroutine solve(self, ham, eq, w, status)
       class(midpoint_by_rows), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -75,11 +78,7 @@ contains
       integer(i8), intent(inout) :: status(eq%nlane)
 
       if (.not. allocated(self%q)) call make_room(self, eq%nlane, eq%n)
-      call self%newton%start(status)
-      if (.not. (self%newton%running .or. eq%for_dq)) eq%x = 0
-      do while (self%newton%running)
-         call self%iterate(ham, eq, w, status)
-      end do
+      call solve_by_iterations(self, ham, eq, w, status)
    end subroutine solve
 
    subroutine iterate(self, ham, eq, w, status)
@@ -88,26 +87,30 @@ contains
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
       integer(i8), intent(inout) :: status(eq%nlane)
-      integer :: first, last, before
-      logical :: starts
+      integer :: first, last, before, h
 
-      starts = eq%starts(self%newton)
-      self%above = before_first_row
+      h = upper_rows(eq%n)
       if (self%gives_rows) then
-         do first = 1, eq%n, self%nrow
+         self%fronts = spread(before_first_row, 3, 2)
+         do first = 1, h, self%nrow
+            last = min(first + self%nrow - 1, h)
+            call linearise(self, ham%model, eq, w, first, last, self%hq(1, 1), self%hqq(1, 0, 1))
+            call eliminate(self, eq, first, last, eq%x, self%hq(1, 1), self%hqq)
+         end do
+         do first = h + 1 + self%nrow*((eq%n - h + self%nrow - 1)/self%nrow - 1), h + 1, -self%nrow
             last = min(first + self%nrow - 1, eq%n)
-            call linearise(self, ham%model, eq, w, first, last)
-            call eliminate_down_strip(last - first + 1, 0.25_wp*eq%h, starts, eq%x(1, first), self%hq, self%hqq, &
-                                      self%above, self%factor(1, first), self%rhs(1, first))
+            call linearise(self, ham%model, eq, w, first - 1, last, self%hq, self%hqq)
+            call eliminate(self, eq, first, last, eq%x, self%hq(1, 1), self%hqq)
          end do
          call correct(self, ham, eq, w, 0, eq%x, status)
       else
-         call linearise(self, ham%model, eq, w, 1, eq%n)
+         call linearise(self, ham%model, eq, w, 1, eq%n, self%hq(1, 1), self%hqq(1, 0, 1))
          do before = 0, eq%nlane - strip_lanes, strip_lanes
-            call take_strip(eq%nlane, eq%n, before, eq%x, self%hq, self%hqq, self%x, self%f, self%k)
-            self%above = before_first_row
-            call eliminate_down_strip(eq%n, 0.25_wp*eq%h, starts, self%x, self%f, self%k, self%above, self%factor, &
-                                      self%rhs)
+            call take_strip(eq%nlane, eq%n, before, eq%x, self%hq(1, 1), self%hqq(1, 0, 1), self%x, self%f, &
+                            self%k(1, 0, 1))
+            self%fronts = spread(before_first_row, 3, 2)
+            call eliminate(self, eq, 1, h, self%x, self%f, self%k)
+            call eliminate(self, eq, h + 1, eq%n, self%x, self%f(1, h + 1), self%k(1, 0, h))
             call correct(self, ham, eq, w, before, self%x, status)
             eq%x(before + 1:before + strip_lanes, :) = self%x
          end do
@@ -117,21 +120,39 @@ contains
       call self%newton%judge(status, ham%counters)
    end subroutine iterate
 
+   !> Rows first .. last of a strip, after those before them in their front.
+   subroutine eliminate(self, eq, first, last, x, f, k)
+      type(midpoint_by_rows), intent(inout) :: self
+      type(midpoint_equation), intent(in) :: eq
+      integer, intent(in) :: first, last
+      real(wp), intent(in) :: x(strip_lanes, eq%n)
+      real(wp), intent(in) :: f(strip_lanes, first:last), k(strip_lanes, 0:1, first - 1:last)
+
+      if (first <= upper_rows(eq%n)) then
+         call eliminate_down_strip(last - first + 1, 0.25_wp*eq%h, x(1, first), f, k, self%fronts(1, 1, 1), &
+                                   self%factor(1, first), self%rhs(1, first))
+      else
+         call eliminate_up_strip(last - first + 1, 0.25_wp*eq%h, x(1, first), f, k, self%fronts(1, 1, 2), &
+                                 self%factor(1, first), self%rhs(1, first))
+      end if
+   end subroutine eliminate
+
    !> Force and stiffness in rows first .. last at the point of x.
-   subroutine linearise(self, model, eq, w, first, last)
+   subroutine linearise(self, model, eq, w, first, last, hq, hqq)
       type(midpoint_by_rows), intent(inout) :: self
       class(model_type), intent(in) :: model
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
       integer, intent(in) :: first, last
+      real(wp), intent(inout) :: hq(eq%nlane, first:last), hqq(eq%nlane, 0:1, first:last)
 
       if (eq%starts(self%newton)) then
-         call evaluate(model, self%gives_rows, eq, w, first, last, eq%base(1, first - 1), self%hq, self%hqq)
+         call evaluate(model, self%gives_rows, eq, w, first, last, eq%base(1, first - 1), hq, hqq)
       else
          call place(eq, first, last, self%q)
-         call evaluate(model, self%gives_rows, eq, w, first, last, self%q, self%hq, self%hqq)
+         call evaluate(model, self%gives_rows, eq, w, first, last, self%q, hq, hqq)
       end if
-      call eq%weigh(first, last, self%hq)
+      call eq%weigh(first, last, hq)
    end subroutine linearise
 
    !> Correct the unknowns of a strip, and tell how stiff its equations are.
@@ -144,14 +165,16 @@ contains
       real(wp), intent(inout) :: x(strip_lanes, eq%n)
       integer(i8), intent(inout) :: status(eq%nlane)
 
-      associate (newton => self%newton, trusted => self%above(:, 4), first => before + 1, last => before + strip_lanes)
+      call meet_strip(self%fronts(1, 1, 1), self%fronts(1, 1, 2), self%meeting, self%trusted)
+      associate (newton => self%newton, first => before + 1, last => before + strip_lanes)
          if (eq%starts(newton)) then
-            eq%stiff_ratio(first:last) = self%above(:, 5) - 1
+            eq%stiff_ratio(first:last) = max(self%fronts(:, 5, 1), self%fronts(:, 5, 2)) - 1
             eq%stiff = eq%stiff .or. any(eq%stiff_ratio(first:last) > 1)
          end if
-         if (any(trusted <= 0 .and. newton%last(first:last) >= 0)) call solve_suspects(self, ham, eq, w, before, status)
-         call correct_up_strip(eq%n, eq%starts(newton), self%factor, self%rhs, newton%last(first), x, &
-                               newton%step(first), newton%size(first))
+         if (any(self%trusted <= 0 .and. newton%last(first:last) >= 0)) &
+            call solve_suspects(self, ham, eq, w, before, status)
+         call correct_strip(eq%n, self%meeting, self%factor, self%rhs, newton%last(first), x, &
+                            newton%step(first), newton%size(first))
       end associate
    end subroutine correct
 
@@ -216,9 +239,10 @@ contains
          bands(:, -1, 1) = 0
          do i = 1, strip_lanes
             lane = before + i
-            if (self%above(i, 4) > 0 .or. .not. newton%last(lane) >= 0) cycle
+            if (self%trusted(i) > 0 .or. .not. newton%last(lane) >= 0) cycle
             call solve_banded_lane_lapack(nlane, n, 1, 1, lane, bands, r, info)
             ham%counters%lapack_solves = ham%counters%lapack_solves + 1
+            self%meeting(i, :) = 0
             self%factor(i, :) = 0
             self%rhs(i, :) = r(lane, :)
             if (info == status_ok) cycle

@@ -25,7 +25,8 @@ module symsde_step_stage_rows
    use symsde_base_traits, only: model_traits, strip_lanes
    use symsde_solve_block_tridiagonal, only: eliminate_down_blocks, correct_up_blocks, site_above, new_site_above
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_solve_tridiagonal, only: eliminate_down_strip, correct_up_strip, before_first_row, nabove
+   use symsde_solve_tridiagonal, only: upper_rows, eliminate_down_strip, eliminate_up_strip, meet_strip, &
+                                       correct_strip, before_first_row, nfront
    use symsde_step_stage_equations, only: stage_equations
    use symsde_step_stage_iteration, only: slow, stiff
    use symsde_step_stage_plan, only: stage_group
@@ -55,13 +56,13 @@ module symsde_step_stage_rows
       real(wp), allocatable :: w(:, :, :)       !! weights (strip_lanes, 0:m, nstrip)
       real(wp), allocatable :: base(:, :, :, :) !! sites 0 and n+1 are zero (strip_lanes, 0:n+1, nstage, nstrip)
       real(wp), allocatable :: g(:, :, :, :)    !! slopes, or z (strip_lanes, s, n, nstrip)
-      real(wp), allocatable :: q(:, :)          !! Q of a panel and its neighbours (strip_lanes, nrow+2)
-      real(wp), allocatable :: f(:, :, :)       !! force (strip_lanes, nrow, nstage)
-      real(wp), allocatable :: k(:, :, :, :)    !! stiffness (strip_lanes, 0:1, nrow, nstage)
+      real(wp), allocatable :: q(:, :)          !! Q of a panel and its neighbours (strip_lanes, nrow+3)
+      real(wp), allocatable :: f(:, :, :)       !! force, of one stage from 0 (strip_lanes, nrow, nstage)
+      real(wp), allocatable :: k(:, :, :, :)    !! stiffness, from there too (strip_lanes, 0:1, nrow, nstage)
       real(wp), allocatable :: force(:, :, :), stiffness(:, :, :, :)  !! of all lanes, where the model gives no rows
       real(wp), allocatable :: factor(:, :, :, :), rhs(:, :, :)  !! (strip_lanes, s, s, n), (strip_lanes, s, n)
       type(site_above) :: above                 !! several stages
-      real(wp) :: above_one(strip_lanes, nabove) = 0
+      real(wp) :: fronts(strip_lanes, nfront, 2) = 0  !! of one unknown a site
    contains
       procedure :: solve
    end type stage_rows
@@ -111,8 +112,9 @@ contains
          allocate (self%w(strip_lanes, 0:m, self%nstrip), source=0.0_wp)
          allocate (self%base(strip_lanes, 0:n + 1, r, self%nstrip), source=0.0_wp)
          allocate (self%g(strip_lanes, s, n, self%nstrip), source=0.0_wp)
-         allocate (self%q(strip_lanes, self%nrow + 2), self%f(strip_lanes, self%nrow, r), source=0.0_wp)
-         allocate (self%k(strip_lanes, 0:1, self%nrow, r), source=0.0_wp)
+         allocate (self%q(strip_lanes, self%nrow + 3), source=0.0_wp)
+         allocate (self%f(strip_lanes, merge(0, 1, s == 1):self%nrow, r), source=0.0_wp)
+         allocate (self%k(strip_lanes, 0:1, merge(0, 1, s == 1):self%nrow, r), source=0.0_wp)
          allocate (self%factor(strip_lanes, s, s, n), self%rhs(strip_lanes, s, n))
          call new_site_above(self%above, s)
          if (self%gives_rows) return
@@ -139,7 +141,7 @@ contains
       do while (self%newton%running)
          if (.not. self%gives_rows) call evaluate_lanes(self, equations, group)
          do strip = 1, self%nstrip
-            call correct_strip(self, equations, group, strip)
+            call correct_one(self, equations, group, strip)
          end do
          associate (c => equations%ham%counters)
             c%gradients = c%gradients + self%nstage*self%newton%nrunning
@@ -260,31 +262,30 @@ contains
    end subroutine evaluate_lanes
 
    !> One correction of a strip.
-   subroutine correct_strip(self, equations, group, strip)
+   subroutine correct_one(self, equations, group, strip)
       type(stage_rows), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer, intent(in) :: strip
-      real(wp) :: trusted(strip_lanes)
+      real(wp) :: trusted(strip_lanes), meeting(strip_lanes, 2)
       integer :: first, last, before, lane
 
       before = (strip - 1)*strip_lanes
       associate (newton => self%newton, s => self%s, n => self%n, g => self%g(:, :, :, strip))
          if (.not. any(newton%last(before + 1:before + strip_lanes) >= 0)) return
-         call self%above%start()
-         self%above_one = before_first_row
-         do first = 1, n, self%nrow
-            last = min(first + self%nrow - 1, n)
-            call linearise(self, equations, group, strip, first, last)
-            if (s > 1) then
+         if (s > 1) then
+            call self%above%start()
+            do first = 1, n, self%nrow
+               last = min(first + self%nrow - 1, n)
+               call linearise(self, equations, group, strip, first, last, 1)
                call eliminate_down_blocks(s, n, first, last, self%nrow, self%c, g, self%f, self%k, self%above, &
                                           self%factor, self%rhs)
-            else
-               call eliminate_down_strip(last - first + 1, self%h_one, .false., g(1, 1, first), self%f, self%k, &
-                                         self%above_one, self%factor(1, 1, 1, first), self%rhs(1, 1, first))
-            end if
-         end do
-         trusted = merge(self%above%trusted, self%above_one(:, 4), s > 1)
+            end do
+            trusted = self%above%trusted
+         else
+            call eliminate_fronts(self, equations, group, strip)
+            call meet_strip(self%fronts(1, 1, 1), self%fronts(1, 1, 2), meeting, trusted)
+         end if
          do lane = 1, strip_lanes
             if (trusted(lane) <= 0 .and. newton%last(before + lane) >= 0) &
                call newton%fail(before + lane, int(singular, i8), self%status, equations%ham%counters)
@@ -293,18 +294,44 @@ contains
             call correct_up_blocks(s, n, self%c, self%factor, self%rhs, newton%last(before + 1), g, &
                                    newton%step(before + 1), newton%size(before + 1))
          else
-            call correct_up_strip(n, .false., self%factor, self%rhs, newton%last(before + 1), g, &
-                                  newton%step(before + 1), newton%size(before + 1))
+            call correct_strip(n, meeting, self%factor, self%rhs, newton%last(before + 1), g, &
+                               newton%step(before + 1), newton%size(before + 1))
          end if
       end associate
-   end subroutine correct_strip
+   end subroutine correct_one
 
-   !> Force and stiffness of a strip in sites first .. last.
-   subroutine linearise(self, equations, group, strip, first, last)
+   !> One unknown a site: the rows of a strip, from both ends.
+   subroutine eliminate_fronts(self, equations, group, strip)
       type(stage_rows), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
-      integer, intent(in) :: strip, first, last
+      integer, intent(in) :: strip
+      integer :: first, h
+
+      h = upper_rows(self%n)
+      self%fronts = spread(before_first_row, 3, 2)
+      associate (n => self%n, nrow => self%nrow)
+         do first = 1, h, nrow
+            call linearise(self, equations, group, strip, first, min(first + nrow - 1, h), 1)
+            call eliminate_down_strip(min(nrow, h - first + 1), self%h_one, self%g(1, 1, first, strip), &
+                                      self%f(1, 1, 1), self%k(1, 0, 0, 1), self%fronts(1, 1, 1), &
+                                      self%factor(1, 1, 1, first), self%rhs(1, 1, first))
+         end do
+         do first = h + 1 + nrow*((n - h + nrow - 1)/nrow - 1), h + 1, -nrow
+            call linearise(self, equations, group, strip, first - 1, min(first + nrow - 1, n), 0)
+            call eliminate_up_strip(min(nrow, n - first + 1), self%h_one, self%g(1, 1, first, strip), &
+                                    self%f(1, 1, 1), self%k(1, 0, 0, 1), self%fronts(1, 1, 2), &
+                                    self%factor(1, 1, 1, first), self%rhs(1, 1, first))
+         end do
+      end associate
+   end subroutine eliminate_fronts
+
+   !> Force and stiffness of a strip in sites first .. last, from row `at` of the panel on.
+   subroutine linearise(self, equations, group, strip, first, last, at)
+      type(stage_rows), intent(inout) :: self
+      type(stage_equations), intent(inout) :: equations
+      type(stage_group), intent(in) :: group
+      integer, intent(in) :: strip, first, last, at
       integer :: m, i, low, high, before, until
 
       do m = 1, self%nstage
@@ -317,19 +344,19 @@ contains
             if (last == self%n) self%q(:, last - first + 3) = 0
             call equations%ham%model%chain_rows(self%n, equations%ham%nnoise, first, last, &
                                                 equations%time_of(group%stage(m)), self%w(1, 0, strip), &
-                                                self%q, self%f(1, 1, m), self%k(1, 0, 1, m))
+                                                self%q, self%f(1, at, m), self%k(1, 0, at, m))
          else
             call find_strip(self, strip, before, until)
             do i = first, last
-               self%f(:until, i - first + 1, m) = self%force(before + 1:before + until, i, m)
-               self%k(:until, :, i - first + 1, m) = self%stiffness(before + 1:before + until, :, i, m)
+               self%f(:until, i - first + at, m) = self%force(before + 1:before + until, i, m)
+               self%k(:until, :, i - first + at, m) = self%stiffness(before + 1:before + until, :, i, m)
             end do
          end if
-         if (last == self%n) self%k(:, 1, last - first + 1, m) = 0
+         if (last == self%n) self%k(:, 1, last - first + at, m) = 0
       end do
       if (.not. self%sums) return
-      call sum_up(size(self%f, 1)*self%nrow, self%nstage, group%f, self%f)
-      call sum_up(size(self%k, 1)*2*self%nrow, self%nstage, group%f*group%e, self%k)
+      call sum_up(size(self%f(:, :, 1)), self%nstage, group%f, self%f)
+      call sum_up(size(self%k(:, :, :, 1)), self%nstage, group%f*group%e, self%k)
    end subroutine linearise
 
    !> Slopes back to the lanes that are solved.
