@@ -109,21 +109,15 @@ contains
       call leave(m, c, -1, k, carried, inverse, r, signs, largest, front)
    end subroutine eliminate_up_strip
 
-   !> VEC What the next rows of a front are handed.
+   !> What the next rows of a front are handed.
    pure subroutine leave(m, c, way, k, carried, inverse, r, signs, largest, front)
       integer, intent(in) :: m, way
       real(wp), intent(in) :: c, k(strip_lanes, 0:1, 0:m)
       real(wp), dimension(strip_lanes), intent(in) :: carried, inverse, r, largest
       integer(i8), intent(in) :: signs(strip_lanes)
       real(wp), intent(inout) :: front(strip_lanes, nfront)
-      integer(i8) :: doubtful
-      integer :: lane
 
-      doubtful = 0
-      do lane = 1, strip_lanes
-         doubtful = doubtful + merge(merge(0_i8, 1_i8, abs(0*inverse(lane)) <= 0), 1_i8, signs(lane) >= 0)
-      end do
-      if (doubtful > 0) call look_closer(strip_lanes, m, c, way, k, front(:, 1), front(:, 2), front(:, 4))
+      if (any(signs < 0)) call look_closer(strip_lanes, m, c, way, k, front(:, 1), front(:, 2), front(:, 4))
       front(:, 1) = carried
       front(:, 2) = inverse
       front(:, 3) = r
@@ -227,7 +221,7 @@ contains
                              carried2, inverse2, r2, signs, factor(i), factor(i - 1), rhs(i), rhs(i - 1))
       end do
       call meet(carried, inverse, inverse2, r, r2, d1, d2, trusted)
-      if (signs < 0 .or. .not. abs(0*(inverse + inverse2)) <= 0) then
+      if (signs < 0) then
          found = trusted
          call look_closer(1, h, c, 1, k, [0.0_wp], [0.0_wp], found)
          call look_closer(1, n - h, c, -1, k(0, h), [0.0_wp], [0.0_wp], found)
@@ -305,7 +299,7 @@ contains
                                   factor1, factor2, rhs1, rhs2)
       real(wp), intent(in) :: c, res1, res2, k1, beside1, k2, beside2
       real(wp), intent(inout) :: carried, inverse, r
-      integer(i8), intent(inout) :: signs  !! negative once a pivot or a determinant is; a NaN stays in inverse
+      integer(i8), intent(inout) :: signs  !! negative once a pivot or a determinant is
       real(wp), intent(out) :: factor1, factor2, rhs1, rhs2
       real(wp) :: entry, next, pivot, beside, scale, y1
 

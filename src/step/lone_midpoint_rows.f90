@@ -49,7 +49,6 @@ contains
             end if
             call self%model%force_stiffness(1, n, self%m, 1, t + 0.5_wp*h, w, x, self%still, self%f, &
                                             self%k(0, 1))
-            self%k(1, n) = 0
             call solve_lane(n, c, self%f, self%k, self%factor, self%rhs, dp, trusted, largest, step, size)
             taken = trusted > 0 .and. (iteration > 0 .or. largest - 1 <= 1)
             if (.not. taken) return

@@ -192,7 +192,7 @@ contains
       if (last == eq%n) q(:, eq%n + 1) = 0
    end subroutine place
 
-   !> Force and stiffness in rows first .. last; behind the last row of all there is none.
+   !> Force and stiffness in rows first .. last.
    subroutine evaluate(model, gives_rows, eq, w, first, last, q, hq, hqq)
       class(model_type), intent(in) :: model
       logical, intent(in) :: gives_rows
@@ -207,7 +207,6 @@ contains
       else
          call model%force_stiffness(eq%nlane, eq%n, eq%m, 1, eq%t, w, q(:, 1:eq%n), eq%still, hq, hqq)
       end if
-      if (last == eq%n) hqq(:, 1, last) = 0
    end subroutine evaluate
 
    !> Running lanes of a strip whose pivots are not trusted are solved by LAPACK from their matrix, computed once
