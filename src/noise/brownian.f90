@@ -356,7 +356,7 @@ contains
       real(wp), intent(in) :: scale
       real(wp), intent(out) :: even(nlane), odd(nlane)
       integer(i8), intent(inout) :: drawn
-      integer(i8) :: from(nlane), pairs(nlane)
+      integer(i8) :: from(nlane)
       integer :: lane
 
       from = merge(0_i8, path, self%common(k))
@@ -364,8 +364,7 @@ contains
          call scaled_normal_pairs(nlane, self%seed, from, pair, k, level, &
                                   merge(purpose_increment, purpose_bridge, level == 0), scale, even, odd)
       else
-         pairs = pair
-         call discrete_pairs(nlane, self%seed, from, pairs, k, self%law, even, odd)
+         call discrete_pairs(nlane, self%seed, from, pair, k, self%law, even, odd)
          do lane = 1, nlane
             even(lane) = scale*even(lane)
             odd(lane) = scale*odd(lane)

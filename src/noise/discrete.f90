@@ -9,7 +9,7 @@ module symsde_noise_discrete
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_three_point
    use symsde_noise_normal, only: uniform_open_lanes
-   use symsde_noise_philox, only: philox_lanes_at
+   use symsde_noise_philox, only: philox_lanes, philox_lanes_at
    implicit none
    private
    public :: discrete_pairs, sign_pairs
@@ -20,37 +20,50 @@ module symsde_noise_discrete
 contains
 
    !> Two independent draws of mean 0 and variance 1 a lane, in the place of two normals.
-   subroutine discrete_pairs(nlane, seed, path, pair, noise, law, even, odd)
+   subroutine discrete_pairs(nlane, seed, path, pair, noise, law, even, odd, ahead)
       integer, intent(in) :: nlane
-      integer(i8), intent(in) :: seed, path(nlane), pair(nlane)  !! as in normal_pairs, a pair for each lane
+      integer(i8), intent(in) :: seed, path(nlane), pair  !! as in normal_pairs
       integer, intent(in) :: noise
       integer, intent(in) :: law                          !! law_three_point or law_two_point
       real(wp), intent(out) :: even(nlane), odd(nlane)
-      integer(i8) :: words(nlane, 4)
-      integer :: noises(nlane)
+      integer(i8), intent(in), optional :: ahead(nlane)   !! pairs that each lane is ahead of this one
 
-      noises = noise
-      call philox_lanes_at(nlane, seed, path, pair, noises, 0, purpose_discrete, words)
-      call uniform_open_lanes(nlane, words, even, odd)
+      call uniforms(nlane, seed, path, pair, noise, purpose_discrete, even, odd, ahead)
       call to_values(nlane, law == law_three_point, even)
       call to_values(nlane, law == law_three_point, odd)
    end subroutine discrete_pairs
 
    !> Two independent signs a lane, of the area of a pair of noises.
-   subroutine sign_pairs(nlane, seed, path, pair, index, even, odd)
+   subroutine sign_pairs(nlane, seed, path, pair, index, even, odd, ahead)
       integer, intent(in) :: nlane
-      integer(i8), intent(in) :: seed, path(nlane), pair(nlane)
+      integer(i8), intent(in) :: seed, path(nlane), pair
       integer, intent(in) :: index                        !! area_index of the noises
       real(wp), intent(out) :: even(nlane), odd(nlane)
-      integer(i8) :: words(nlane, 4)
-      integer :: indices(nlane)
+      integer(i8), intent(in), optional :: ahead(nlane)
 
-      indices = index
-      call philox_lanes_at(nlane, seed, path, pair, indices, 0, purpose_sign, words)
-      call uniform_open_lanes(nlane, words, even, odd)
+      call uniforms(nlane, seed, path, pair, index, purpose_sign, even, odd, ahead)
       call to_values(nlane, .false., even)
       call to_values(nlane, .false., odd)
    end subroutine sign_pairs
+
+   subroutine uniforms(nlane, seed, path, pair, noise, purpose, even, odd, ahead)
+      integer, intent(in) :: nlane, noise, purpose
+      integer(i8), intent(in) :: seed, path(nlane), pair
+      real(wp), intent(out) :: even(nlane), odd(nlane)
+      integer(i8), intent(in), optional :: ahead(nlane)
+      integer(i8) :: words(nlane, 4)
+      integer, allocatable :: noises(:)
+      integer(i8), allocatable :: at(:)
+
+      if (present(ahead)) then
+         allocate (noises(nlane), source=noise)
+         at = pair + ahead
+         call philox_lanes_at(nlane, seed, path, at, noises, 0, purpose, words)
+      else
+         call philox_lanes(nlane, seed, path, pair, noise, 0, purpose, words)
+      end if
+      call uniform_open_lanes(nlane, words, even, odd)
+   end subroutine uniforms
 
    !> Uniforms on (0,1) to the values of the law.
    pure subroutine to_values(nlane, three, u)

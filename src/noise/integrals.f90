@@ -130,11 +130,11 @@ contains
       real(wp), intent(in) :: length
       type(path_interval), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
-      integer(i8) :: from(nlane), at(nlane)
+      integer(i8) :: from(nlane)
+      integer(i8), allocatable :: ahead(:)  ! none but of a path by itself
       integer :: k, l, kl
 
-      at = pair
-      if (allocated(d%ahead)) at = pair + 2_i8**d%refine*d%ahead
+      if (allocated(d%ahead)) ahead = 2_i8**d%refine*d%ahead
       call new_path_interval(even, nlane, d%nnoise, length, d%asked)
       call new_path_interval(odd, nlane, d%nnoise, length, d%asked)
       even%w = 0
@@ -144,13 +144,14 @@ contains
       do l = 1, d%nnoise
          if (d%silent(l)) cycle
          from = merge(0_i8, path, d%common(l))
-         call discrete_pairs(nlane, d%seed, from, at, l, d%law, even%w(:, l), odd%w(:, l))
+         call discrete_pairs(nlane, d%seed, from, pair, l, d%law, even%w(:, l), odd%w(:, l), ahead)
          drawn = drawn + 2
          do k = 1, l - 1
             if (d%silent(k) .or. .not. d%asked%has(path_areas)) cycle
             kl = area_index(k, l)
             from = merge(0_i8, path, d%common(l) .and. d%common(k))
-            call sign_pairs(nlane, d%seed, from, at, kl, even%of(path_areas)%x(:, kl), odd%of(path_areas)%x(:, kl))
+            call sign_pairs(nlane, d%seed, from, pair, kl, even%of(path_areas)%x(:, kl), &
+                            odd%of(path_areas)%x(:, kl), ahead)
             drawn = drawn + 2
          end do
       end do
