@@ -31,11 +31,10 @@ module symsde_base_traits
       logical :: has_hessian = .false.     !! Hessians are analytic, not differences of gradients
       logical :: has_hessian_vector = .false.  !! Hessian-vector products are analytic
       logical :: has_third_derivative = .false.  !! third derivatives are analytic: third_derivative of the model
-      logical :: has_position_derivatives = .false.  !! those of every H_j in q by one call: position_derivatives
       logical :: has_chain_rows = .false.  !! force and stiffness come by rows: chain_rows of the model
       logical :: has_lone_rows = .false.   !! .. and with the same bits for one lane, by force_stiffness with b = 1
       logical :: has_lone_pair = .false.   !! two degrees of freedom of a path in numbers: sweeps and pair of the model
-      logical :: has_angle_terms = .false. !! the whole of a path of one degree of freedom: angle of the model
+      logical :: has_angle_terms = .false. !! of an angle: all derivatives from its terms, see angle of the model
       real(wp) :: max_frequency = 0        !! declared bound of the frequencies of H; 0 = not declared
       real(wp) :: noise_lipschitz = 0      !! declared Lipschitz constant of sum_k |grad H_k|; 0 = not declared
       !> omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q) (ndof). A choice, not a

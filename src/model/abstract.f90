@@ -51,7 +51,6 @@ module symsde_model_abstract
       procedure :: force_stiffness => force_stiffness_composed
       procedure :: chain_rows => chain_rows_missing
       procedure :: third_derivative => third_derivative_missing
-      procedure :: position_derivatives => position_derivatives_missing
       procedure :: sweeps => sweeps_composed
       procedure :: pair => pair_composed
       procedure :: angle => angle_missing
@@ -242,19 +241,6 @@ contains
       uq = ieee_value(1.0_wp, ieee_quiet_nan)
       up = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine third_derivative_missing
-
-   !> The first three derivatives in q of H_0 .. H_m at several times, for one degree of freedom and
-   !> H_j = T_j(p) + U_j(q): what they share (sines and cosines) is found once. This default serves models without it:
-   !> traits%has_position_derivatives is false.
-   subroutine position_derivatives_missing(self, nlane, nnoise, ntime, times, q, u)
-      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-      class(model_type), intent(in) :: self
-      integer, intent(in) :: nlane, nnoise, ntime
-      real(wp), intent(in) :: times(ntime), q(nlane)
-      real(wp), intent(out) :: u(nlane, 3, 0:nnoise, ntime)
-
-      u = ieee_value(1.0_wp, ieee_quiet_nan)
-   end subroutine position_derivatives_missing
 
    !> Sweeps first .. last over two stages of one path that wait for each other, where H = p.p/2 + U(q), with noise in
    !> position or additive, and two degrees of freedom. With slopes g_i = -Hhat_q(x_i) of the stages

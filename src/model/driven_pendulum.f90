@@ -16,7 +16,6 @@ module symsde_model_driven_pendulum
    use symsde_model_abstract, only: angle_terms
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
-   use symsde_model_sine_derivatives, only: sine_derivatives
    implicit none
    private
    public :: driven_pendulum_model, new_driven_pendulum, driven_pendulum_names, driven_pendulum_defaults
@@ -36,7 +35,6 @@ module symsde_model_driven_pendulum
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
-      procedure :: position_derivatives
       procedure :: angle
       procedure, private :: combine
    end type driven_pendulum_model
@@ -76,7 +74,7 @@ contains
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., additive=is_zero(sigma2), &
                     identity_mass=.true., has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_position_derivatives=.true., has_angle_terms=.true., &
+                    has_angle_terms=.true., &
                     max_frequency=abs(omega)*sqrt(1 + abs(epsilon)), noise_lipschitz=strength)
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)
@@ -134,24 +132,6 @@ contains
       terms%d = -torque(1)
       terms%e = w(0)
    end subroutine angle
-
-   !> The first three derivatives in q of all H_j, see model_type.
-   subroutine position_derivatives(self, nlane, nnoise, ntime, times, q, u)
-      class(driven_pendulum_model), intent(in) :: self
-      integer, intent(in) :: nlane, nnoise, ntime
-      real(wp), intent(in) :: times(ntime), q(nlane)
-      real(wp), intent(out) :: u(nlane, 3, 0:nnoise, ntime)
-      real(wp), parameter :: alone(0:2, 0:2) = reshape([1, 0, 0, 0, 1, 0, 0, 0, 1], [3, 3])  ! weights of every H_j
-      real(wp), dimension(0:2, ntime) :: torque, pull, none
-      integer :: i
-
-      do i = 1, ntime
-         call self%combine(3, times(i), alone(:, 0), alone(:, 1), alone(:, 2), torque(:, i), pull(:, i))
-      end do
-      torque = -torque
-      none = 0
-      call sine_derivatives(nlane, 3*ntime, pull, none, torque, q, u)
-   end subroutine position_derivatives
 
    !> The sum is w_0 p^2/2 - pull cos q - torque q.
    subroutine combine(self, nlane, t, w0, w1, w2, torque, pull)

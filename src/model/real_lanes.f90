@@ -48,7 +48,6 @@ contains
       class(model_type), intent(in), target :: model
 
       self%traits = model%traits
-      self%traits%has_position_derivatives = .false.  ! no callback has them
       self%name = model%name
       self%model => model
       self%nreal = huge(0)  ! until a block says how many: what is asked at set-up has no padding

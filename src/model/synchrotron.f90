@@ -13,7 +13,6 @@ module symsde_model_synchrotron
    use symsde_model_abstract, only: angle_terms
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
-   use symsde_model_sine_derivatives, only: sine_derivatives
    use symsde_model_sine_flow, only: sine_terms, sine_flow
    implicit none
    private
@@ -31,7 +30,6 @@ module symsde_model_synchrotron
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
-      procedure :: position_derivatives
       procedure :: angle
       procedure :: has_flow
       procedure :: flow
@@ -62,7 +60,7 @@ contains
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., &
                     additive=is_zero(sigma1) .and. is_zero(sigma2), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_position_derivatives=.true., has_angle_terms=.true., &
+                    has_angle_terms=.true., &
                     max_frequency=abs(omega), noise_lipschitz=abs(sigma1) + abs(sigma2))
       allocate (self%traits%silent(2))
       allocate (self%traits%rotation(1), source=abs(omega))
@@ -114,23 +112,6 @@ contains
       terms%b = self%sigma1*w(1)
       terms%e = w(0)
    end subroutine angle
-
-   !> The first three derivatives in q of all H_j, see model_type.
-   subroutine position_derivatives(self, nlane, nnoise, ntime, times, q, u)
-      class(synchrotron_model), intent(in) :: self
-      integer, intent(in) :: nlane, nnoise, ntime
-      real(wp), intent(in) :: times(ntime), q(nlane)
-      real(wp), intent(out) :: u(nlane, 3, 0:nnoise, ntime)
-      real(wp), dimension(0:2, ntime) :: a, b, c
-
-      a = 0
-      b = 0
-      c = 0
-      a(0, :) = self%omega2
-      a(2, :) = self%sigma2
-      b(1, :) = self%sigma1
-      call sine_derivatives(nlane, 3*ntime, a, b, c, q, u)
-   end subroutine position_derivatives
 
    !> Gradient in q by itself.
    subroutine force_alone(self, nlane, w, q, hq)

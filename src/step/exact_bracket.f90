@@ -13,7 +13,7 @@ module symsde_step_exact_bracket
    use symsde_model_abstract, only: model_type
    implicit none
    private
-   public :: exact_bracket, new_exact_bracket, has_exact_bracket, add_second_derivatives, add_third_derivatives
+   public :: exact_bracket, new_exact_bracket, has_exact_bracket
 
    type :: exact_bracket
       private
@@ -142,57 +142,5 @@ contains
       turned = -rp
       call add_product(self, model, t, w, 1.0_wp, turned, rq, q, p, hq, hp)
    end subroutine add_transposed
-
-   !> VEC With one degree of freedom what H'' = x and H_k'' = y add: c [(Dv)^T (2 x v - y u) - (Du)^T y v] to the
-   !> gradient, Du = J x, Dv = J y, J = (0, 1; -1, 0); and to the Hessian c [2 (Dv)^T x Dv - (Dv)^T y Du - (Du)^T y Dv].
-   pure subroutine add_second_derivatives(nlane, c, xqq, xqp, xpp, yqq, yqp, ypp, uq, up, vq, vp, hq, hp, hqq, hqp, hpp)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: c
-      real(wp), intent(in), dimension(nlane) :: xqq, xqp, xpp, yqq, yqp, ypp, uq, up, vq, vp
-      real(wp), intent(inout), dimension(nlane) :: hq, hp, hqq, hqp, hpp
-      real(wp) :: rq, rp, sq, sp, aqq, aqp, apq, app, det
-      integer :: lane
-
-      do lane = 1, nlane
-         rq = 2*(xqq(lane)*vq(lane) + xqp(lane)*vp(lane)) - (yqq(lane)*uq(lane) + yqp(lane)*up(lane))
-         rp = 2*(xqp(lane)*vq(lane) + xpp(lane)*vp(lane)) - (yqp(lane)*uq(lane) + ypp(lane)*up(lane))
-         sq = yqq(lane)*vq(lane) + yqp(lane)*vp(lane)
-         sp = yqp(lane)*vq(lane) + ypp(lane)*vp(lane)
-         hq(lane) = hq(lane) + c*((yqp(lane)*rq - yqq(lane)*rp) - (xqp(lane)*sq - xqq(lane)*sp))
-         hp(lane) = hp(lane) + c*((ypp(lane)*rq - yqp(lane)*rp) - (xpp(lane)*sq - xqp(lane)*sp))
-         ! a = 2 x Dv - y Du, b = y Dv
-         aqq = 2*(xqq(lane)*yqp(lane) - xqp(lane)*yqq(lane)) - (yqq(lane)*xqp(lane) - yqp(lane)*xqq(lane))
-         aqp = 2*(xqq(lane)*ypp(lane) - xqp(lane)*yqp(lane)) - (yqq(lane)*xpp(lane) - yqp(lane)*xqp(lane))
-         apq = 2*(xqp(lane)*yqp(lane) - xpp(lane)*yqq(lane)) - (yqp(lane)*xqp(lane) - ypp(lane)*xqq(lane))
-         app = 2*(xqp(lane)*ypp(lane) - xpp(lane)*yqp(lane)) - (yqp(lane)*xpp(lane) - ypp(lane)*xqp(lane))
-         det = yqq(lane)*ypp(lane) - yqp(lane)**2  ! b = (0, det; -det, 0)
-         hqq(lane) = hqq(lane) + c*((yqp(lane)*aqq - yqq(lane)*apq) - xqq(lane)*det)
-         hqp(lane) = hqp(lane) + c*((yqp(lane)*aqp - yqq(lane)*app) - xqp(lane)*det)
-         hpp(lane) = hpp(lane) + c*((ypp(lane)*aqp - yqp(lane)*app) - xpp(lane)*det)
-      end do
-   end subroutine add_second_derivatives
-
-   !> VEC What third derivatives add where both are separable: c (H'''[v,v] - H_k'''[u,v]) to the gradient, and to the
-   !> Hessian all but fourth derivatives.
-   pure subroutine add_third_derivatives(nlane, c, xqqq, xppp, yqqq, yppp, xqq, xpp, yqq, ypp, uq, up, vq, vp, &
-                                         hq, hp, hqq, hqp, hpp)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: c
-      real(wp), intent(in), dimension(nlane) :: xqqq, xppp, yqqq, yppp, xqq, xpp, yqq, ypp, uq, up, vq, vp
-      real(wp), intent(inout), dimension(nlane) :: hq, hp, hqq, hqp, hpp
-      integer :: lane
-
-      do lane = 1, nlane
-         hq(lane) = hq(lane) + c*vq(lane)*(xqqq(lane)*vq(lane) - yqqq(lane)*uq(lane))
-         hp(lane) = hp(lane) + c*vp(lane)*(xppp(lane)*vp(lane) - yppp(lane)*up(lane))
-         hqq(lane) = hqq(lane) + c*(ypp(lane)*(xqqq(lane)*vp(lane) + yqqq(lane)*up(lane)) &
-                                    - 2*xpp(lane)*yqqq(lane)*vp(lane))
-         hqp(lane) = hqp(lane) + c*(2*(xqqq(lane)*ypp(lane)*vq(lane) - xppp(lane)*yqq(lane)*vp(lane)) &
-                                    - yqqq(lane)*(xpp(lane)*vq(lane) + ypp(lane)*uq(lane)) &
-                                    + yppp(lane)*(xqq(lane)*vp(lane) + yqq(lane)*up(lane)))
-         hpp(lane) = hpp(lane) + c*(2*xqq(lane)*yppp(lane)*vq(lane) &
-                                    - yqq(lane)*(xppp(lane)*vq(lane) + yppp(lane)*uq(lane)))
-      end do
-   end subroutine add_third_derivatives
 
 end module symsde_step_exact_bracket

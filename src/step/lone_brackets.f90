@@ -9,6 +9,7 @@ module symsde_step_lone_brackets
    use symsde_solve_stagnation, only: stopping_test, verdict_of
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_single_newton, only: correct
+   use symsde_step_kinetic_brackets, only: are_kinetic, find_lone_angle
    use symsde_step_modified_hamiltonian, only: modified_hamiltonian, new_modified_hamiltonian
    use symsde_step_single_brackets, only: single_brackets, new_single_brackets
    use symsde_step_two_stage_slopes, only: stage_point, add_stages, solve_lanes
@@ -28,7 +29,9 @@ module symsde_step_lone_brackets
       type(bracket_terms) :: wanted
       type(modified_hamiltonian), private :: parts   !! of one lane
       type(single_brackets), private :: brackets
-      type(angle_terms), allocatable, private :: terms(:, :, :)  !! of every H_j, see single_brackets; at times 0..2
+      type(angle_terms), allocatable, private :: terms(:, :)     !! of every H_j at times 0 .. 2 (0:m, 0:2)
+      type(angle_terms), allocatable, private :: ends(:, :)      !! at both ends of a step in which noises change (m, 2)
+      real(wp), private :: nested = 0                !! factor of the nested brackets
       real(wp), allocatable, private :: unit(:)      !! weights of one Hamiltonian alone (0:m)
    contains
       procedure :: lead
@@ -46,8 +49,11 @@ contains
       self%m = model%traits%nnoise
       call new_modified_hamiltonian(self%parts, model, self%wanted, 1)
       call new_single_brackets(self%brackets, self%parts)
-      if (.not. self%brackets%takes_terms) return
-      allocate (self%terms(0:self%m, 3, 0:2))
+      associate (parts => self%parts, traits => model%traits)
+         if (.not. (traits%has_angle_terms .and. are_kinetic(parts))) return
+         if (parts%time_dependent) allocate (self%ends(self%m, 2))
+      end associate
+      allocate (self%terms(0:self%m, 0:2))
       allocate (self%unit(0:self%m), source=0.0_wp)
    end subroutine lead
 
@@ -65,6 +71,7 @@ contains
       times(2) = t + self%c(2)*h
       self%step%t = t
       call self%brackets%begin(self%parts, self%step)
+      self%nested = merge(h*abs(h)/12, 0.0_wp, self%parts%active%nested)
       if (allocated(self%terms)) call find_terms_of_all(self, times, h)
       associate (a => self%a, abar => self%abar)
          x = 0
@@ -92,7 +99,7 @@ contains
       self%counters%solves = self%counters%solves + iteration
    end subroutine take
 
-   !> The terms of every H_j at the three times, and at both ends of the step where brackets ask for these.
+   !> The terms of every H_j at the three times, and at the ends of the step.
    subroutine find_terms_of_all(self, times, h)
       type(lone_brackets), intent(inout) :: self
       real(wp), intent(in) :: times(0:2), h
@@ -101,13 +108,11 @@ contains
       do j = 0, self%m
          self%unit(j) = 1
          do i = 0, 2
-            call self%model%angle(self%m, times(i), self%unit, self%terms(j, 1, i))
+            call self%model%angle(self%m, times(i), self%unit, self%terms(j, i))
          end do
-         if (self%parts%time_dependent) then
-            call self%model%angle(self%m, self%step%t, self%unit, self%terms(j, 2, 0))
-            call self%model%angle(self%m, self%step%t + h, self%unit, self%terms(j, 3, 0))
-            self%terms(j, 2:, 1) = self%terms(j, 2:, 0)
-            self%terms(j, 2:, 2) = self%terms(j, 2:, 0)
+         if (allocated(self%ends) .and. j > 0) then
+            call self%model%angle(self%m, self%step%t, self%unit, self%ends(j, 1))
+            call self%model%angle(self%m, self%step%t + h, self%unit, self%ends(j, 2))
          end if
          self%unit(j) = 0
       end do
@@ -120,12 +125,16 @@ contains
       real(wp), intent(in) :: t, q(1), p(1)
       type(derivatives), intent(inout) :: d
 
-      if (allocated(self%terms)) then
-         call self%brackets%evaluate(self%parts, t, self%step, q, p, d%q, d%p, d%qq, d%qp, d%pp, self%counters, 1, &
-                                     self%terms(:, :, i))
-      else
-         call self%brackets%evaluate(self%parts, t, self%step, q, p, d%q, d%p, d%qq, d%qp, d%pp, self%counters, 1)
-      end if
+      associate (parts => self%parts, b => self%brackets, step => self%step, asked => self%brackets%asked)
+         if (.not. allocated(self%terms)) then
+            call b%evaluate(parts, t, step, q, p, d%q, d%p, d%qq, d%qp, d%pp, self%counters, 1)
+            return
+         end if
+         call find_lone_angle(self%m, parts%noisy, self%nested, step%w, b%c, b%rate, &
+                              self%terms(:, i), self%ends, q(1), p(1), d%q(1), d%p(1), d%qq(1), d%qp(1), d%pp(1))
+         self%counters%gradients = self%counters%gradients + asked
+         self%counters%hessians = self%counters%hessians + asked
+      end associate
    end subroutine evaluate
 
 end module symsde_step_lone_brackets

@@ -61,7 +61,7 @@ module symsde_step_modified_hamiltonian
       type(exact_bracket), private :: exact
    contains
       procedure :: add_gradient
-      procedure :: add_motion_to
+      procedure :: add_rest
    end type modified_hamiltonian
 
 contains
@@ -126,18 +126,17 @@ contains
       self%sp = 0
       if (self%active%single) call add_single(self, t, step, q, p, counters, nreal)
       if (self%active%areas) call add_areas(self, t, step, q, p, counters, nreal)
-      if (self%active%crossed) self%nested(:, 1:) = step%w(:, 1:)/step%h
-      if (self%active%nested) call add_nested(self, t, step%h, q, p, counters, nreal)
+      if (self%active%nested) call add_nested(self, t, step, q, p, counters, nreal)
       if (self%time_dependent) call add_motion(self, step, q, p, counters, nreal)
       if (present(hq)) hq = hq + self%sq
       if (present(hp)) hp = hp + self%sp
    end subroutine add_gradient
 
-   !> Add what noises that change in time add, with c_k as given.
-   subroutine add_motion_to(self, step, c, q, p, hq, hp, counters, nreal)
+   !> Add what derivatives at one point do not give: nested brackets by differences, and noises that change in time.
+   subroutine add_rest(self, t, step, q, p, hq, hp, counters, nreal)
       class(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t
       type(step_record), intent(in) :: step
-      real(wp), intent(in) :: c(self%nlane, 0:self%nnoise)
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       real(wp), intent(inout) :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
@@ -145,28 +144,32 @@ contains
 
       self%sq = 0
       self%sp = 0
-      self%c = c
-      call add_motion(self, step, q, p, counters, nreal)
+      if (self%active%nested .and. .not. has_exact_bracket(self%model%traits)) &
+         call add_nested(self, t, step, q, p, counters, nreal)
+      call find_single_weights(self, step)
+      if (self%time_dependent) call add_motion(self, step, q, p, counters, nreal)
       hq = hq + self%sq
       hp = hp + self%sp
-   end subroutine add_motion_to
+   end subroutine add_rest
 
    !> The nested brackets, in the cheapest form that the traits allow.
-   subroutine add_nested(self, t, h, q, p, counters, nreal)
+   subroutine add_nested(self, t, step, q, p, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, h
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
 
+      if (self%active%crossed) self%nested(:, 1:) = step%w(:, 1:)/step%h
       if (self%simple) then
-         call add_squares(self, t, h, q, p, counters, nreal)
+         call add_squares(self, t, step%h, q, p, counters, nreal)
       else if (has_exact_bracket(self%model%traits)) then
-         call self%exact%add(self%model, self%noisy, self%nested, t, h, q, p, self%sq, self%sp, counters, nreal)
+         call self%exact%add(self%model, self%noisy, self%nested, t, step%h, q, p, self%sq, self%sp, counters, nreal)
       else if (self%model%traits%additive) then
-         call add_shifts(self, t, h, q, p, counters, nreal)
+         call add_shifts(self, t, step%h, q, p, counters, nreal)
       else
-         call add_differences(self, t, h, q, p, counters, nreal)
+         call add_differences(self, t, step%h, q, p, counters, nreal)
       end if
    end subroutine add_nested
 

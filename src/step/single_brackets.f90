@@ -1,51 +1,53 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The random Hamiltonian of one step with its brackets (step/modified_hamiltonian), for one degree of freedom.
 !>
-!> With the gradients and Hessians of H and of every H_k at a point, all brackets there are a few products; what is
-!> left to ask the model for is what differences need at other points, and noises at the ends of the step. So one
-!> evaluation costs 1 + m of the model where noise is in position and H = p^2/2 + U(q), and otherwise six more for each
-!> noise, two of them where it is additive; with third derivatives one for each H_j at the point itself, and with those
-!> that vanish none.
+!> With all derivatives of every H_j at a point, brackets there are sums of products: those of order r of {F,G} are made
+!> of those of order r + 1 of F and G. So one evaluation asks the model for the derivatives of each H_j once, up to the
+!> third where it has them, and nested brackets are brackets of brackets. Where every H_j = e_j p^2/2 + U_j(q), few of
+!> these are left (step/kinetic_brackets). Models that have no third derivatives are asked for nested brackets by
+!> differences (step/modified_hamiltonian).
 !>
-!> The gradient is exact. The Hessian is without third derivatives, and by differences without most of the nested
-!> bracket: Newton's iteration finds the same root, and more slowly by the factor that these have in the equations.
+!> The gradient is exact. The Hessian is without what the model does not have, and without fourth derivatives but of an
+!> angle: Newton's iteration finds the same root, and more slowly by the factor that these have in the equations.
 module symsde_step_single_brackets
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: area_index, path_areas, path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
-   use symsde_base_sincos, only: sincos_one
-   use symsde_model_abstract, only: model_type, angle_terms
-   use symsde_step_angle_derivatives, only: angle_derivatives
-   use symsde_step_bracket_differences, only: add_second_difference, add_differences, add_transposed
-   use symsde_step_exact_bracket, only: add_second_derivatives, add_third_derivatives, has_exact_bracket
-   use symsde_step_modified_hamiltonian, only: modified_hamiltonian, reach
-   use symsde_step_position_brackets, only: position_brackets, new_position_brackets
+   use symsde_base_vectors, only: add_times
+   use symsde_model_abstract, only: model_type
+   use symsde_step_exact_bracket, only: has_exact_bracket
+   use symsde_step_kinetic_brackets, only: kinetic_brackets, new_kinetic_brackets, are_kinetic
+   use symsde_step_modified_hamiltonian, only: modified_hamiltonian
    implicit none
    private
    public :: single_brackets, new_single_brackets
 
-   !> Gradient and Hessian of a Hamiltonian in every lane.
-   type :: derivatives
-      real(wp), allocatable, dimension(:) :: q, p, qq, qp, pp
-      real(wp), allocatable, dimension(:) :: qqq, ppp  !! of separable Hamiltonians, where they are known
-   end type derivatives
+   !> Places of derivatives. A separable Hamiltonian has two third ones, and brackets of two have the other two, but for
+   !> fourth derivatives.
+   integer, parameter :: q_ = 1, p_ = 2, qq = 3, qp = 4, pp = 5, qqq = 6, ppp = 7, qqp = 6, qpp = 7
+   integer, parameter :: wanted = pp, all = ppp  !! gradient and Hessian; third derivatives, too
 
    type :: single_brackets
       private
       integer :: nlane = 0, nnoise = 0
-      logical, public :: takes_terms = .false.      !! terms of an angle are all that one lane asks for
-      logical :: thirds = .false.                   !! all third derivatives that there are: qqq and ppp
-      !> Weights of H_j alone, and at -1 of F/h, of which the nested brackets are (nlane, 0:nnoise, -1:nnoise).
-      real(wp), allocatable :: unit(:, :, :)
-      real(wp), allocatable :: c(:, :)              !! h dW_k/2 - dZ_k; c_0 = 0 (nlane, 0:nnoise)
-      real(wp), allocatable :: rate(:, :)           !! c/h (nlane, 0:nnoise)
-      type(position_brackets) :: position           !! noise in position
-      type(derivatives), allocatable :: of(:)       !! H_j (0:nnoise)
-      type(derivatives) :: f                        !! of a sum
-      real(wp), allocatable, dimension(:) :: uq, up, vq, vp, yq, yp, xq, xp  !! (nlane)
-      real(wp), allocatable :: one(:)
-      real(wp), allocatable, dimension(:, :) :: gq, gp  !! gradients at six points (nlane, 6)
+      logical, public :: exact = .false.            !! the Hessian is the derivative of the gradient
+      logical :: thirds = .false.                   !! third derivatives are asked for, of separable Hamiltonians
+      logical :: along = .false.                    !! .. and of others along their fields
+      integer :: top = wanted                       !! derivatives that do not vanish
+      logical :: nested = .false.                   !! nested brackets are brackets of brackets
+      logical :: partly = .false.                   !! something is left to step/modified_hamiltonian
+      integer, public :: asked = 0                  !! gradients and Hessians of the model in one evaluation
+      real(wp), allocatable, public :: c(:, :)      !! h dW_k/2 - dZ_k; c_0 = 0 (nlane, 0:nnoise)
+      real(wp), allocatable, public :: rate(:, :)   !! c/h (nlane, 0:nnoise)
+      type(kinetic_brackets), allocatable :: kinetic
+      real(wp), allocatable :: unit(:, :, :)        !! weights of H_j alone (nlane, 0:nnoise, 0:nnoise)
+      real(wp), allocatable :: d(:, :, :)           !! derivatives of H_j (nlane, all, 0:nnoise)
+      real(wp), allocatable, dimension(:, :) :: b, bb, h  !! of a bracket, of one of it, of the sum
+      real(wp), allocatable :: whole(:, :)          !! weights of F (nlane, 0:nnoise)
+      real(wp), allocatable :: factor(:), v(:, :), g(:, :)  !! (nlane), (nlane, 2)
+      real(wp), allocatable :: one(:)               !! (max(nlane, nnoise + 1))
+      real(wp), allocatable :: x(:), y(:), beside(:, :)  !! one lane, H_j beside each other (0:nnoise), (0:nnoise, all)
    contains
       procedure :: begin
       procedure :: evaluate
@@ -61,31 +63,32 @@ contains
 
       self%nlane = parts%nlane
       self%nnoise = parts%nnoise
-      if (parts%simple) call new_position_brackets(self%position, parts)
       associate (n => parts%nlane, m => parts%nnoise, traits => parts%model%traits)
-         self%thirds = traits%separable .and. traits%has_third_derivative .and. .not. traits%quadratic .and. &
-                       .not. parts%active%crossed
-         self%takes_terms = traits%has_angle_terms .and. (self%thirds .or. self%position%at_once())
-         allocate (self%one(n), source=1.0_wp)
-         allocate (self%unit(n, 0:m, -1:m), self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
-         allocate (self%of(0:m))
-         self%unit(:, 0, -1) = 1
+         allocate (self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
+         self%nested = parts%active%nested .and. has_exact_bracket(traits)
+         self%partly = parts%time_dependent .or. (parts%active%nested .and. .not. self%nested)
+         self%exact = traits%quadratic .and. .not. self%partly
+         self%asked = 1 + count(parts%noisy)
+         if (are_kinetic(parts)) then
+            if (parts%time_dependent) self%asked = 1 + 3*count(parts%noisy)
+            self%exact = self%exact .or. traits%has_angle_terms
+            allocate (self%kinetic)
+            call new_kinetic_brackets(self%kinetic, parts)
+            return
+         end if
+         self%thirds = self%nested .and. .not. traits%quadratic .and. traits%separable
+         self%along = self%nested .and. .not. traits%quadratic .and. .not. traits%separable
+         if (self%thirds) self%top = all
+         allocate (self%unit(n, 0:m, 0:m), self%d(n, all, 0:m), self%b(n, all), self%bb(n, all), self%h(n, wanted), &
+                   self%factor(n), self%v(n, 2), self%g(n, 2), self%whole(n, 0:m), self%beside(0:m, all), source=0.0_wp)
+         allocate (self%one(max(n, m + 1)), source=1.0_wp)
+         allocate (self%x(0:m), self%y(0:m))
+         self%whole(:, 0) = 1
          do j = 0, m
             self%unit(:, j, j) = 1
-            call new_derivatives(n, self%of(j))
          end do
-         call new_derivatives(n, self%f)
-         allocate (self%uq(n), self%up(n), self%vq(n), self%vp(n), self%yq(n), self%yp(n))
-         allocate (self%gq(n, 6), self%gp(n, 6), self%xq(n), self%xp(n))
       end associate
    end subroutine new_single_brackets
-
-   pure subroutine new_derivatives(n, d)
-      integer, intent(in) :: n
-      type(derivatives), intent(out) :: d
-
-      allocate (d%q(n), d%p(n), d%qq(n), d%qp(n), d%pp(n), d%qqq(n), d%ppp(n), source=0.0_wp)
-   end subroutine new_derivatives
 
    !> Begin a step: what stays the same in it.
    subroutine begin(self, parts, step)
@@ -94,7 +97,7 @@ contains
       type(step_record), intent(in) :: step
       integer :: k
 
-      if (parts%active%crossed) self%unit(:, 1:, -1) = step%w(:, 1:)/step%h
+      if (allocated(self%kinetic)) call self%kinetic%begin(parts%model, step)
       if (.not. parts%active%single) return
       do k = 1, self%nnoise
          self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)
@@ -103,7 +106,7 @@ contains
    end subroutine begin
 
    !> Gradient and Hessian of all at (q, p).
-   subroutine evaluate(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, counters, nreal, terms)
+   subroutine evaluate(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, counters, nreal)
       class(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(inout) :: parts
       real(wp), intent(in) :: t
@@ -112,346 +115,254 @@ contains
       real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
-      !> Of one lane, where it takes them: those of every H_j at t, and at both ends of a step in which noises change
-      type(angle_terms), intent(in), optional :: terms(0:self%nnoise, 3)
-      integer :: asked, gradients
 
-      if (parts%simple) then
-         call self%position%evaluate(parts, t, step, self%c, self%rate, q, p, hq, hp, hqq, hqp, hpp, gradients, asked, &
-                                     terms)
-         counters%gradients = counters%gradients + nreal*(gradients - asked)
+      if (allocated(self%kinetic)) then
+         call self%kinetic%evaluate(parts, t, step, self%c, self%rate, q, p, hq, hp, hqq, hqp, hpp)
       else
-         if (present(terms)) then
-            call derive(self, terms, q(1), p(1))
-         else
-            call ask_for_all(self, parts, t, q, p)
-         end if
-         asked = 1 + count(parts%noisy)
-         call add_up(self, parts, step, hq, hp, hqq, hqp, hpp)
-         if (parts%active%crossed) call cross(self, parts)
-         if (parts%active%nested .and. has_exact_bracket(parts%model%traits)) then
-            call add_exact(self, parts, t, step%h, q, p, hq, hp, hqq, hqp, hpp, counters, nreal)
-         else if (parts%active%nested) then
-            call add_nested(self, parts, t, step%h, q, p, hq, hp, counters, nreal)
-         end if
-         if (parts%time_dependent) call parts%add_motion_to(step, self%c, q, p, hq, hp, counters, nreal)
+         call ask(self, parts, t, q, p)
+         if (self%thirds) counters%hessian_vectors = counters%hessian_vectors + nreal*self%asked
+         call add_up(self, parts, step)
+         if (self%nested) call add_nested(self, parts, t, step, q, p)
+         hq = self%h(:, q_)
+         hp = self%h(:, p_)
+         hqq = self%h(:, qq)
+         hqp = self%h(:, qp)
+         hpp = self%h(:, pp)
+         if (self%partly) call parts%add_rest(t, step, q, p, hq, hp, counters, nreal)
       end if
-      counters%gradients = counters%gradients + nreal*asked
-      counters%hessians = counters%hessians + nreal*asked
+      counters%gradients = counters%gradients + nreal*self%asked
+      counters%hessians = counters%hessians + nreal*self%asked
    end subroutine evaluate
 
-   !> All derivatives at (q, p) from the terms of an angle.
-   subroutine derive(self, terms, q, p)
-      type(single_brackets), intent(inout) :: self
-      type(angle_terms), intent(in) :: terms(0:self%nnoise)
-      real(wp), intent(in) :: q, p
-      real(wp) :: sine, cosine
-      integer :: j
-
-      sine = sincos_one(q, cosine)
-      do j = 0, self%nnoise
-         associate (d => self%of(j))
-            call angle_derivatives(terms(j), q, sine, cosine, d%q(1), d%qq(1), d%qqq(1))
-            d%p(1) = terms(j)%e*p
-            d%pp(1) = terms(j)%e
-         end associate
-      end do
-   end subroutine derive
-
-   !> All derivatives at (q, p) from the model.
-   subroutine ask_for_all(self, parts, t, q, p)
+   !> The derivatives of every H_j from the model, H_j by H_j; for one lane all at once, H_j as lane j.
+   subroutine ask(self, parts, t, q, p)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
       real(wp), intent(in) :: t
       real(wp), intent(in), dimension(self%nlane) :: q, p
       integer :: j
 
-      do j = 0, self%nnoise
-         if (j > 0) then
-            if (.not. parts%noisy(j)) cycle
+      associate (n => self%nlane, m => self%nnoise, model => parts%model)
+         if (n == 1) then
+            self%x = q(1)
+            self%y = p(1)
+            call ask_lanes(model, self%thirds, m + 1, m, t, self%unit, self%x, self%y, self%one, self%beside)
+               do j = 0, m
+               self%d(1, :, j) = self%beside(j, :)
+            end do
+            return
          end if
-         associate (n => self%nlane, m => self%nnoise, d => self%of(j))
-            call parts%model%gradient_hessian(n, 1, m, t, self%unit(:, :, j), q, p, d%q, d%p, d%qq, d%qp, d%pp)
-            if (self%thirds) call parts%model%third_derivative(n, 1, m, t, self%unit(:, :, j), q, p, self%one, &
-                                                               self%one, self%one, self%one, d%qqq, d%ppp)
-         end associate
-      end do
-   end subroutine ask_for_all
+         call ask_lanes(model, self%thirds, n, m, t, self%unit, q, p, self%one, self%d)
+         do j = 1, m
+            if (parts%noisy(j)) &
+               call ask_lanes(model, self%thirds .and. .not. model%traits%additive, n, m, t, self%unit(:, :, j), q, p, &
+                              self%one, self%d(:, :, j))
+         end do
+      end associate
+   end subroutine ask
 
-   !> Any model: sum_j w_j H_j, {sum_k c_k H_k, H} and sum_l {H_l, sum_{k<l} A_kl H_k}.
-   subroutine add_up(self, parts, step, hq, hp, hqq, hqp, hpp)
-      class(single_brackets), intent(inout) :: self
+   !> The derivatives of sums with weights w in n lanes.
+   subroutine ask_lanes(model, thirds, n, m, t, w, q, p, one, d)
+      class(model_type), intent(in) :: model
+      logical, intent(in) :: thirds
+      integer, intent(in) :: n, m
+      real(wp), intent(in) :: t, w(n, 0:m)
+      real(wp), intent(in), dimension(n) :: q, p, one
+      real(wp), intent(inout) :: d(n, all)
+
+      call model%gradient_hessian(n, 1, m, t, w, q, p, d(:, q_), d(:, p_), d(:, qq), d(:, qp), d(:, pp))
+      if (thirds) &
+         call model%third_derivative(n, 1, m, t, w, q, p, one, one, one, one, d(:, qqq), d(:, ppp))
+   end subroutine ask_lanes
+
+   !> sum_j w_j H_j, sum_k c_k {H_k,H} and sum_{k<l} A_kl {H_l,H_k}.
+   subroutine add_up(self, parts, step)
+      type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
       type(step_record), intent(in) :: step
-      real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
-      integer :: j, k, l
+      integer :: k, l
 
-      hq = 0
-      hp = 0
-      hqq = 0
-      hqp = 0
-      hpp = 0
-      associate (n => self%nlane, m => self%nnoise, noisy => parts%noisy, f => self%f)
-         do j = 0, m
-            if (j > 0) then
-               if (.not. noisy(j)) cycle
-            end if
-            call add_multiple(n, step%w(:, j), self%of(j)%q, self%of(j)%p, self%of(j)%qq, self%of(j)%qp, &
-                              self%of(j)%pp, hq, hp, hqq, hqp, hpp)
-         end do
-         if (parts%active%single) then
-            call clear(f)
-            do k = 1, m
-               if (.not. noisy(k)) cycle
-               call add_derivatives(n, self%c(:, k), self%of(k), f)
-               if (self%thirds) call add_thirds(n, self%c(:, k), self%of(k), self%of(0), hqq, hpp)
-            end do
-            call add_bracket(n, f, self%of(0), hq, hp, hqq, hqp, hpp)
-         end if
-         if (.not. parts%active%areas) return
-         do l = 2, m
+      associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b)
+         self%h = 0
+         call add_multiple(n, wanted, step%w(:, 0), d, self%h)
+         do l = 1, self%nnoise
             if (.not. noisy(l)) cycle
-            call clear(f)
+            call add_multiple(n, wanted, step%w(:, l), d(:, :, l), self%h)
+            if (parts%active%single) then
+               call find_bracket(n, self%thirds, d(:, :, l), d, b)
+               call add_multiple(n, wanted, self%c(:, l), b, self%h)
+            end if
+            if (.not. parts%active%areas) cycle
             do k = 1, l - 1
-               if (noisy(k)) call add_derivatives(n, step%of(path_areas)%x(:, area_index(k, l)), self%of(k), f)
+               if (.not. noisy(k)) cycle
+               call find_bracket(n, self%thirds, d(:, :, l), d(:, :, k), b)
+               call add_multiple(n, wanted, step%of(path_areas)%x(:, area_index(k, l)), b, self%h)
             end do
-            call add_bracket(n, self%of(l), f, hq, hp, hqq, hqp, hpp)
          end do
       end associate
    end subroutine add_up
 
-   pure subroutine clear(d)
-      type(derivatives), intent(inout) :: d
+   !> (h|h|/12) sum_k {{F,H_k},H_k}. From here on H_0 is F: H, or the whole of the step over h where they are crossed.
+   subroutine add_nested(self, parts, t, step, q, p)
+      type(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: t
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      integer :: k
 
-      d%q = 0
-      d%p = 0
-      d%qq = 0
-      d%qp = 0
-      d%pp = 0
-   end subroutine clear
+      associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b, bb => self%bb)
+         if (parts%active%crossed) then
+            do k = 1, self%nnoise
+               self%whole(:, k) = step%w(:, k)/step%h
+               if (noisy(k)) call add_multiple(n, self%top, self%whole(:, k), d(:, :, k), d)
+            end do
+         end if
+         self%factor = step%h*abs(step%h)/12
+         do k = 1, self%nnoise
+            if (.not. noisy(k)) cycle
+            if (parts%model%traits%additive) then
+               bb = 0
+               if (self%thirds) call find_along_constant(n, d, d(:, :, k), bb)
+            else
+               call find_bracket(n, self%thirds, d, d(:, :, k), b)
+               call find_seconds(n, b, d(:, :, k), bb)
+               if (self%thirds) call add_mixed_thirds(n, b, d(:, :, k), bb)
+            end if
+            if (self%along) call add_along(self, parts, t, k, q, p, bb)
+            call add_multiple(n, wanted, self%factor, bb, self%h)
+         end do
+      end associate
+   end subroutine add_nested
 
-   pure subroutine add_derivatives(n, w, d, total)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: w(n)
-      type(derivatives), intent(in) :: d
-      type(derivatives), intent(inout) :: total
+   !> The gradient of {{F,H_k},H_k} by third derivatives: F'''[v,v] - H_k'''[u,v], u the field of F, v that of H_k.
+   subroutine add_along(self, parts, t, k, q, p, bb)
+      type(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      real(wp), intent(in) :: t
+      integer, intent(in) :: k
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(inout) :: bb(self%nlane, all)
 
-      call add_multiple(n, w, d%q, d%p, d%qq, d%qp, d%pp, total%q, total%p, total%qq, total%qp, total%pp)
-   end subroutine add_derivatives
+      associate (n => self%nlane, m => self%nnoise, d => self%d, model => parts%model, v => self%v, g => self%g)
+         v(:, 1) = d(:, p_, k)
+         v(:, 2) = -d(:, q_, k)
+         call model%third_derivative(n, 1, m, t, self%whole, q, p, v(:, 1), v(:, 2), v(:, 1), v(:, 2), g(:, 1), g(:, 2))
+         bb(:, :p_) = bb(:, :p_) + g
+         if (model%traits%additive) return
+         call model%third_derivative(n, 1, m, t, self%unit(:, :, k), q, p, d(:, p_, 0), -d(:, q_, 0), v(:, 1), &
+                                     v(:, 2), g(:, 1), g(:, 2))
+         bb(:, :p_) = bb(:, :p_) - g
+      end associate
+   end subroutine add_along
 
-   !> To the Hessian of w {F,G} what third derivatives add.
-   pure subroutine add_thirds(n, w, f, g, hqq, hpp)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: w(n)
-      type(derivatives), intent(in) :: f, g
-      real(wp), intent(inout), dimension(n) :: hqq, hpp
+   ! ---- kernels: products are added one after another, since of a sum of two either may be fused -------------------
 
-      hqq = hqq + w*(f%qqq*g%p - f%p*g%qqq)
-      hpp = hpp + w*(f%q*g%ppp - f%ppp*g%q)
-   end subroutine add_thirds
+   !> VEC The first n derivatives of w F, F with d, to those of a sum.
+   pure subroutine add_multiple(nlane, n, w, d, total)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: w(nlane), d(nlane, n)
+      real(wp), intent(inout) :: total(nlane, n)
+      integer :: i, lane
 
-   pure subroutine add_bracket(n, f, g, hq, hp, hqq, hqp, hpp)
-      integer, intent(in) :: n
-      type(derivatives), intent(in) :: f, g
-      real(wp), intent(inout), dimension(n) :: hq, hp, hqq, hqp, hpp
-
-      call add_products(n, f%q, f%p, f%qq, f%qp, f%pp, g%q, g%p, g%qq, g%qp, g%pp, hq, hp, hqq, hqp, hpp)
-   end subroutine add_bracket
-
-   !> VEC
-   pure subroutine add_multiple(nlane, w, q, p, qq, qp, pp, hq, hp, hqq, hqp, hpp)
-      integer, intent(in) :: nlane
-      real(wp), intent(in), dimension(nlane) :: w, q, p, qq, qp, pp
-      real(wp), intent(inout), dimension(nlane) :: hq, hp, hqq, hqp, hpp
-      integer :: lane
-
-      do lane = 1, nlane
-         hq(lane) = hq(lane) + w(lane)*q(lane)
-         hp(lane) = hp(lane) + w(lane)*p(lane)
-         hqq(lane) = hqq(lane) + w(lane)*qq(lane)
-         hqp(lane) = hqp(lane) + w(lane)*qp(lane)
-         hpp(lane) = hpp(lane) + w(lane)*pp(lane)
+      if (nlane == 1) then  ! one loop instead of n
+         call add_times(n, w(1), d, total)
+         return
+      end if
+      do i = 1, n
+         do lane = 1, nlane
+            total(lane, i) = total(lane, i) + w(lane)*d(lane, i)
+         end do
       end do
    end subroutine add_multiple
 
-   !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and its Hessian without third derivatives.
-   pure subroutine add_products(nlane, fq, fp, fqq, fqp, fpp, gq, gp, gqq, gqp, gpp, hq, hp, hqq, hqp, hpp)
+   !> The derivatives of {F,G} of two of the model's own.
+   pure subroutine find_bracket(nlane, thirds, f, g, b)
       integer, intent(in) :: nlane
-      real(wp), intent(in), dimension(nlane) :: fq, fp, fqq, fqp, fpp, gq, gp, gqq, gqp, gpp
-      real(wp), intent(inout), dimension(nlane) :: hq, hp, hqq, hqp, hpp
-      integer :: lane
+      logical, intent(in) :: thirds
+      real(wp), intent(in), dimension(nlane, all) :: f, g
+      real(wp), intent(inout) :: b(nlane, all)
 
-      do lane = 1, nlane
-         hq(lane) = hq(lane) + ((fqq(lane)*gp(lane) - fqp(lane)*gq(lane)) + (fq(lane)*gqp(lane) - fp(lane)*gqq(lane)))
-         hp(lane) = hp(lane) + ((fqp(lane)*gp(lane) - fpp(lane)*gq(lane)) + (fq(lane)*gpp(lane) - fp(lane)*gqp(lane)))
-         hqq(lane) = hqq(lane) + 2*(fqq(lane)*gqp(lane) - fqp(lane)*gqq(lane))
-         hqp(lane) = hqp(lane) + (fqq(lane)*gpp(lane) - fpp(lane)*gqq(lane))
-         hpp(lane) = hpp(lane) + 2*(fqp(lane)*gpp(lane) - fpp(lane)*gqp(lane))
-      end do
-   end subroutine add_products
+      call find_seconds(nlane, f, g, b)
+      if (thirds) call add_thirds(nlane, f, g, b)
+   end subroutine find_bracket
 
-   !> From here on H_0 is F/h, of which the nested brackets are.
-   subroutine cross(self, parts)
-      class(single_brackets), intent(inout) :: self
-      type(modified_hamiltonian), intent(in) :: parts
-      integer :: k, lane
-      real(wp) :: w
-
-      do k = 1, self%nnoise
-         if (.not. parts%noisy(k)) cycle
-         associate (e => self%of(0), d => self%of(k))
-            do lane = 1, self%nlane
-               w = self%unit(lane, k, -1)
-               e%q(lane) = e%q(lane) + w*d%q(lane)
-               e%p(lane) = e%p(lane) + w*d%p(lane)
-               e%qq(lane) = e%qq(lane) + w*d%qq(lane)
-               e%qp(lane) = e%qp(lane) + w*d%qp(lane)
-               e%pp(lane) = e%pp(lane) + w*d%pp(lane)
-            end do
-         end associate
-      end do
-   end subroutine cross
-
-   !> (|h|/12) sum_k {{F,H_k},H_k} by third derivatives (step/exact_bracket). All else that it takes is there.
-   subroutine add_exact(self, parts, t, h, q, p, hq, hp, hqq, hqp, hpp, counters, nreal)
-      type(single_brackets), intent(inout) :: self
-      type(modified_hamiltonian), intent(in) :: parts
-      real(wp), intent(in) :: t, h
-      real(wp), intent(in), dimension(self%nlane) :: q, p
-      real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
-      real(wp) :: c
-      integer :: k, asked
-
-      c = h*abs(h)/12
-      asked = merge(1 + count(parts%noisy), 0, self%thirds)
-      associate (n => self%nlane, e => self%of(0), traits => parts%model%traits)
-         call field(n, e%q, e%p, self%uq, self%up)
-         do k = 1, self%nnoise
-            if (.not. parts%noisy(k)) cycle
-            associate (d => self%of(k))
-               call field(n, d%q, d%p, self%vq, self%vp)
-               if (self%thirds) then
-                  call add_third_derivatives(n, c, e%qqq, e%ppp, d%qqq, d%ppp, e%qq, e%pp, d%qq, d%pp, self%uq, &
-                                             self%up, self%vq, self%vp, hq, hp, hqq, hqp, hpp)
-               else if (.not. traits%quadratic) then
-                  call add_third(self, parts%model, -1, c, t, q, p, self%vq, self%vp, hq, hp)
-                  asked = asked + 1
-               end if
-               if (traits%additive) cycle
-               if (.not. (traits%quadratic .or. self%thirds)) then
-                  call add_third(self, parts%model, k, -c, t, q, p, self%uq, self%up, hq, hp)
-                  asked = asked + 1
-               end if
-               call add_second_derivatives(n, c, e%qq, e%qp, e%pp, d%qq, d%qp, d%pp, self%uq, self%up, &
-                                           self%vq, self%vp, hq, hp, hqq, hqp, hpp)
-            end associate
-         end do
-      end associate
-      counters%hessian_vectors = counters%hessian_vectors + nreal*asked
-   end subroutine add_exact
-
-   !> c times the third derivative of H_j, of F/h for j = -1, along a and v.
-   subroutine add_third(self, model, j, c, t, q, p, aq, ap, hq, hp)
-      type(single_brackets), intent(inout) :: self
-      class(model_type), intent(in) :: model
-      integer, intent(in) :: j
-      real(wp), intent(in) :: c, t
-      real(wp), intent(in), dimension(self%nlane) :: q, p, aq, ap
-      real(wp), intent(inout), dimension(self%nlane) :: hq, hp
-
-      call model%third_derivative(self%nlane, 1, self%nnoise, t, self%unit(:, :, j), q, p, aq, ap, self%vq, self%vp, &
-                                  self%gq(:, 1), self%gp(:, 1))
-      hq = hq + c*self%gq(:, 1)
-      hp = hp + c*self%gp(:, 1)
-   end subroutine add_third
-
-   !> (|h|/12) sum_k {{F,H_k},H_k} by the differences of step/modified_hamiltonian: additive noise needs those of H
-   !> alone.
-   subroutine add_nested(self, parts, t, h, q, p, hq, hp, counters, nreal)
-      class(single_brackets), intent(inout) :: self
-      type(modified_hamiltonian), intent(in) :: parts
-      real(wp), intent(in) :: t, h
-      real(wp), intent(in), dimension(self%nlane) :: q, p
-      real(wp), intent(inout), dimension(self%nlane) :: hq, hp
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
-      real(wp) :: a, b, c, c2
-      logical :: additive
-      integer :: k, asked
-
-      a = reach*abs(h)
-      b = reach*sqrt(abs(h))
-      c = h/(12*reach**2)
-      c2 = h*abs(h)/(48*a*b)
-      additive = parts%model%traits%additive
-      self%yq = 0
-      self%yp = 0
-      asked = 0
-      associate (n => self%nlane, e => self%of(0), yq => self%yq, yp => self%yp)
-         call field(n, e%q, e%p, self%uq, self%up)
-         do k = 1, self%nnoise
-            if (.not. parts%noisy(k)) cycle
-            associate (d => self%of(k))
-               call field(n, d%q, d%p, self%vq, self%vp)
-               call ask(self, parts%model, -1, t, q, p, 0.0_wp, -b, 1)
-               call ask(self, parts%model, -1, t, q, p, 0.0_wp, b, 2)
-               asked = asked + 2
-               if (additive) then
-                  call add_second_difference(n, c, e%q, e%p, self%gq, self%gp, hq, hp)
-                  cycle
-               end if
-               call ask(self, parts%model, k, t, q, p, -a, -b, 3)
-               call ask(self, parts%model, k, t, q, p, a, -b, 4)
-               call ask(self, parts%model, k, t, q, p, -a, b, 5)
-               call ask(self, parts%model, k, t, q, p, a, b, 6)
-               asked = asked + 4
-               call add_differences(n, a, b, c, c2, e%q, e%p, self%gq, self%gp, d%qq, d%qp, d%pp, hq, hp, yq, yp)
-            end associate
-         end do
-         if (.not. additive) call add_transposed(n, e%qq, e%qp, e%pp, yq, yp, hq, hp)
-      end associate
-      counters%gradients = counters%gradients + nreal*asked
-   end subroutine add_nested
-
-   !> Column `at` of (gq, gp) = gradient of H_j at x + e u + f v.
-   subroutine ask(self, model, j, t, q, p, e, f, at)
-      type(single_brackets), intent(inout) :: self
-      class(model_type), intent(in) :: model
-      integer, intent(in) :: j, at
-      real(wp), intent(in) :: t, e, f
-      real(wp), intent(in), dimension(self%nlane) :: q, p
-
-      call move(self%nlane, e, f, q, self%uq, self%vq, self%xq)
-      call move(self%nlane, e, f, p, self%up, self%vp, self%xp)
-      call model%gradient(self%nlane, 1, self%nnoise, t, self%unit(:, :, j), self%xq, self%xp, &
-                          self%gq(:, at), self%gp(:, at))
-   end subroutine ask
-
-   !> VEC
-   pure subroutine move(nlane, e, f, x, u, v, moved)
+   !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and what second derivatives have of its Hessian.
+   pure subroutine find_seconds(nlane, f, g, b)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: e, f, x(nlane), u(nlane), v(nlane)
-      real(wp), intent(out) :: moved(nlane)
-      integer :: lane
+      real(wp), intent(in), dimension(nlane, pp) :: f, g
+      real(wp), intent(inout) :: b(nlane, pp)
+      integer :: l
 
-      do lane = 1, nlane
-         moved(lane) = x(lane) + (e*u(lane) + f*v(lane))
+      do l = 1, nlane
+         b(l, q_) = difference(f(l, qq), g(l, p_), f(l, q_), g(l, qp), f(l, qp), g(l, q_), f(l, p_), g(l, qq))
+         b(l, p_) = difference(f(l, qp), g(l, p_), f(l, q_), g(l, pp), f(l, pp), g(l, q_), f(l, p_), g(l, qp))
+         b(l, qq) = 2*difference_of_two(f(l, qq), g(l, qp), f(l, qp), g(l, qq))
+         b(l, qp) = difference_of_two(f(l, qq), g(l, pp), f(l, pp), g(l, qq))
+         b(l, pp) = 2*difference_of_two(f(l, qp), g(l, pp), f(l, pp), g(l, qp))
       end do
-   end subroutine move
+   end subroutine find_seconds
 
-   !> VEC The Hamiltonian field (H_p, -H_q).
-   pure subroutine field(nlane, hq, hp, vq, vp)
+   !> VEC What third derivatives of two separable ones have of the Hessian, and their bracket's third ones.
+   pure subroutine add_thirds(nlane, f, g, b)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: hq(nlane), hp(nlane)
-      real(wp), intent(out) :: vq(nlane), vp(nlane)
-      integer :: lane
+      real(wp), intent(in), dimension(nlane, all) :: f, g
+      real(wp), intent(inout) :: b(nlane, all)
+      integer :: l
 
-      do lane = 1, nlane
-         vq(lane) = hp(lane)
-         vp(lane) = -hq(lane)
+      do l = 1, nlane
+         b(l, qq) = b(l, qq) + difference_of_two(f(l, qqq), g(l, p_), f(l, p_), g(l, qqq))
+         b(l, pp) = b(l, pp) + difference_of_two(f(l, q_), g(l, ppp), f(l, ppp), g(l, q_))
+         b(l, qqp) = difference_of_two(f(l, qqq), g(l, pp), f(l, pp), g(l, qqq))
+         b(l, qpp) = difference_of_two(f(l, qq), g(l, ppp), f(l, ppp), g(l, qq))
       end do
-   end subroutine field
+   end subroutine add_thirds
+
+   !> VEC What third derivatives have of the Hessian of {B,G}, B a bracket of separable ones.
+   pure subroutine add_mixed_thirds(nlane, b, g, bb)
+      integer, intent(in) :: nlane
+      real(wp), intent(in), dimension(nlane, all) :: b, g
+      real(wp), intent(inout) :: bb(nlane, all)
+      integer :: l
+
+      do l = 1, nlane
+         bb(l, qq) = bb(l, qq) - b(l, qqp)*g(l, q_)
+         bb(l, qq) = bb(l, qq) - b(l, p_)*g(l, qqq)
+         bb(l, qp) = bb(l, qp) + difference_of_two(b(l, qqp), g(l, p_), b(l, qpp), g(l, q_))
+         bb(l, pp) = bb(l, pp) + b(l, qpp)*g(l, p_)
+         bb(l, pp) = bb(l, pp) + b(l, q_)*g(l, ppp)
+      end do
+   end subroutine add_mixed_thirds
+
+   !> VEC The gradient of {{F,G},G} where F is separable and the field of G constant.
+   pure subroutine find_along_constant(nlane, f, g, bb)
+      integer, intent(in) :: nlane
+      real(wp), intent(in), dimension(nlane, all) :: f, g
+      real(wp), intent(inout) :: bb(nlane, all)
+      integer :: l
+
+      do l = 1, nlane
+         bb(l, q_) = f(l, qqq)*g(l, p_)*g(l, p_)
+         bb(l, p_) = f(l, ppp)*g(l, q_)*g(l, q_)
+      end do
+   end subroutine find_along_constant
+
+   !> a b + c d - e f - g h
+   pure real(wp) function difference(a, b, c, d, e, f, g, h) result(r)
+      real(wp), intent(in) :: a, b, c, d, e, f, g, h
+
+      r = 0 + a*b
+      r = r + c*d
+      r = r - e*f
+      r = r - g*h
+   end function difference
+
+   !> a b - c d
+   pure real(wp) function difference_of_two(a, b, c, d) result(r)
+      real(wp), intent(in) :: a, b, c, d
+
+      r = 0 + a*b
+      r = r - c*d
+   end function difference_of_two
 
 end module symsde_step_single_brackets

@@ -62,7 +62,11 @@ contains
 
       bare = .not. allocated(ham%modified)
       whole = bare  ! Newton's matrix
-      if (.not. bare) whole = ham%modified%simple .and. ham%model%traits%has_position_derivatives
+      if (.not. bare) then
+         allocate (self%brackets)
+         call new_single_brackets(self%brackets, ham%modified)
+         whole = self%brackets%exact
+      end if
       self%nlane = ham%nlane
       self%s = scheme%nstage
       self%a = scheme%a
@@ -76,10 +80,6 @@ contains
          allocate (self%x(nlane, 2*s), self%d(nlane, 2*s), self%qs(nlane), self%ps(nlane), self%first(nlane))
          allocate (self%hq(nlane, s), self%hp(nlane, s), self%hqq(nlane, s), self%hpp(nlane, s))
          if (.not. self%separable) allocate (self%hqp(nlane, s))
-         if (.not. bare) then
-            allocate (self%brackets)
-            call new_single_brackets(self%brackets, ham%modified)
-         end if
          if (s == 2) return
          n = merge(s, 2*s, self%separable)
          allocate (self%matrix(nlane, n, n), self%active(nlane), self%verdict(nlane))

@@ -52,6 +52,23 @@ def test_brackets_of_cubic_hamiltonians_are_the_differences(H, noise, names, sch
     assert (one.q[:, :, 0] == exact.q[:, :, 5]).all()  # real lanes alone
 
 
+@pytest.mark.parametrize(
+    ("H", "noise"),
+    [
+        ("sqrt(1 + p**2) + q**4/4", ["s*q**3 + b*p**3"]),
+        ("sqrt(1 + p**2) - cos(q)", ["s*q", "b*p"]),
+        ("p**2/2 - cos(q)", ["s*q**3", "b*p**2 + cos(q)"]),
+    ],
+)
+@pytest.mark.parametrize("paths", [1, 30])
+def test_separable_hamiltonians_have_the_brackets_of_the_oracle(H, noise, paths):
+    model = ss.model_from_sympy(H, noise, params=PARAMS)
+    given = {"q0": 0.3, "p0": 0.7, "step": 0.1, "steps": 10, "paths": paths, "seed": 3, "scheme": SCHEME}
+    special, oracle = (ss.simulate(model, general=general, **given) for general in (False, True))
+    np.testing.assert_allclose(special.q, oracle.q, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(special.p, oracle.p, rtol=0, atol=1e-14)
+
+
 BENT = ("(p**2 + q**2)**2/8 + a*cos(q)*p", ["s*sin(q)*p + b*p**3/3"])
 
 
