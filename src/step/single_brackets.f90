@@ -147,7 +147,7 @@ contains
             self%x = q(1)
             self%y = p(1)
             call ask_lanes(model, self%thirds, m + 1, m, t, self%unit, self%x, self%y, self%one, self%beside)
-               do j = 0, m
+            do j = 0, m
                self%d(1, :, j) = self%beside(j, :)
             end do
             return
