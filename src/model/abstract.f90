@@ -51,7 +51,7 @@ module symsde_model_abstract
       procedure :: force_stiffness => force_stiffness_composed
       procedure :: chain_rows => chain_rows_missing
       procedure :: third_derivative => third_derivative_missing
-      procedure :: sweeps => sweeps_composed
+      procedure :: sweeps => sweeps_missing
       procedure :: pair => pair_composed
       procedure :: angle => angle_missing
       procedure :: has_flow => has_no_flow
@@ -242,44 +242,22 @@ contains
       up = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine third_derivative_missing
 
-   !> Sweeps first .. last over two stages of one path that wait for each other, where H = p.p/2 + U(q), with noise in
-   !> position or additive, and two degrees of freedom. With slopes g_i = -Hhat_q(x_i) of the stages
+   !> Sweeps over stages i1 .. i2 of one path of two degrees of freedom, where noise is in position: its positions are
    !>
-   !>    x_1 = (q + r_1 p) + (c_11 g_1 + c_21 g_2),  then  x_2 = (q + r_2 p) + (c_12 g_1 + c_22 g_2)
+   !>    base_i + sum_j b_ji f_j      from j = i on and around, with b of the first sweep, or of the others,
    !>
-   !> from the last slopes that are known; in sweep 1 x_1 = q + r_1 p, x_2 = (q + r_2 p) + c_first g_1. The bits are
-   !> those of gradient: a path by itself waits for one slope after the other, and here no call comes between them.
-   !> This default asks for every gradient.
-   subroutine sweeps_composed(self, nnoise, first, last, t, w, q, p, r, c_first, c, most, slope)
+   !> and each new f_i = Hhat_q is used at once. This default serves models without it:
+   !> traits%has_lone_pair is false.
+   subroutine sweeps_missing(self, nnoise, nstage, i1, i2, first, last, t, w, base, b, most, f, change, extent)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       class(model_type), intent(in) :: self
-      integer, intent(in) :: nnoise, first, last, most
-      real(wp), intent(in) :: t(2), w(0:nnoise)
-      real(wp), intent(in) :: q(2), p(2), r(2), c_first, c(2, 2)
-      real(wp), intent(inout) :: slope(most, 2, 2)  !! of each stage, after each sweep; those before the first are given
-      real(wp) :: x(2), f(2), g(2, 2)  ! g: slopes of each stage
-      integer :: k, i
+      integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
+      real(wp), intent(in) :: t(nstage), w(0:nnoise), base(nstage, 2), b(nstage, nstage, 2)
+      real(wp), intent(inout) :: f(nstage, 2, 0:most)  !! of all stages, after sweeps; those before are given
+      real(wp), intent(inout), dimension(most) :: change, extent  !! of each sweep; the change is NaN where a number is
 
-      g = 0
-      if (first > 1) g = slope(first - 1, :, :)
-      do k = first, last
-         do i = 1, 2
-            x(1) = q(1) + r(i)*p(1)
-            x(2) = q(2) + r(i)*p(2)
-            if (k > 1) then
-               x(1) = x(1) + (c(1, i)*g(1, 1) + c(2, i)*g(1, 2))
-               x(2) = x(2) + (c(1, i)*g(2, 1) + c(2, i)*g(2, 2))
-            else if (i > 1) then
-               x(1) = x(1) + c_first*g(1, 1)
-               x(2) = x(2) + c_first*g(2, 1)
-            end if
-            call self%gradient(1, 2, nnoise, t(i), w, x, p, hq=f)
-            g(1, i) = -f(1)
-            g(2, i) = -f(2)
-            slope(k, 1, i) = g(1, i)
-            slope(k, 2, i) = g(2, i)
-         end do
-      end do
-   end subroutine sweeps_composed
+      change(first:last) = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine sweeps_missing
 
    !> Hhat_q and Hhat_qq of one path of two degrees of freedom, where noise is in position or additive: numbers without
    !> arrays, whose bits are those of gradient_hessian. This default asks for that.

@@ -22,6 +22,8 @@ module symsde_model_fpu_chain
                               [character(len=name_length) :: 'n', 'beta', 'sigma']
    real(wp), parameter :: fpu_chain_defaults(3) = [32.0_wp, 1.0_wp, 0.1_wp]
 
+   integer, parameter :: few_sites = 12  !! of a chain by itself that is taken spring by spring
+
    type, extends(model_type) :: fpu_chain_model
       private
       real(wp) :: beta = 0   !! strength of the quartic term
@@ -98,7 +100,9 @@ contains
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       integer :: i
 
-      if (present(hq) .and. nlane == 1) then
+      if (present(hq) .and. nlane == 1 .and. ndof <= few_sites) then
+         call gradient_few(ndof, self%beta, self%sigma, w, q, hq)
+      else if (present(hq) .and. nlane == 1) then
          call gradient_alone(ndof, self%beta, self%sigma, w, q, hq)
       else if (present(hq)) then
          call gradient_lanes(nlane, ndof, self%beta, self%sigma, w, q, hq)
@@ -139,6 +143,27 @@ contains
          hp(i) = weight*p(i)
       end do
    end subroutine velocity_alone
+
+   !> A short chain by itself, spring after spring: vectors would wait for each other's parts in memory.
+   pure subroutine gradient_few(n, beta, sigma, w, q, hq)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
+      real(wp), intent(out) :: hq(n)
+      real(wp) :: r, force, next_force
+      integer :: i
+
+      force = q(1)*(1 + beta*q(1)**2)
+      !GCC$ novector
+      do i = 1, n - 1
+         r = q(i + 1) - q(i)
+         next_force = (r*(1 + beta*r**2))
+         hq(i) = w(0)*(force - next_force) - (sigma*w(i))
+         force = next_force
+      end do
+      r = 0 - q(n)
+      next_force = (r*(1 + beta*r**2))
+      hq(n) = w(0)*(force - next_force) - (sigma*w(n))
+   end subroutine gradient_few
 
    !> VEC All rows of one lane: springs side by side.
    pure subroutine gradient_alone(n, beta, sigma, w, q, hq)

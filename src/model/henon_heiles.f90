@@ -161,56 +161,74 @@ contains
       hq2 = (w*q2 + sigma2*w2) + (alpha*w)*(q1**2 - q2**2)
    end subroutine force_of_one
 
-   !> Sweeps over two stages of one path, see model_type. The numbers of a sweep do not lie side by side in memory: gcc
-   !> would put them into vectors, and take these apart again.
-   subroutine sweeps(self, nnoise, first, last, t, w, q, p, r, c_first, c, most, slope)
+   !> Sweeps over stages of one path, see model_type. Every number of stages has loops of its own length.
+   subroutine sweeps(self, nnoise, nstage, i1, i2, first, last, t, w, base, b, most, f, change, extent)
       class(henon_heiles_model), intent(in) :: self
-      integer, intent(in) :: nnoise, first, last, most
-      real(wp), intent(in) :: t(2), w(0:nnoise)
-      real(wp), intent(in) :: q(2), p(2), r(2), c_first, c(2, 2)
-      real(wp), intent(inout) :: slope(most, 2, 2)
-      real(wp) :: a1, a2, b1, b2, x1, x2
-      real(wp) :: f1, f2, g1, g2  ! slopes of the first and of the second stage
-      integer :: k
+      integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
+      real(wp), intent(in) :: t(nstage), w(0:nnoise), base(nstage, 2), b(nstage, nstage, 2)
+      real(wp), intent(inout) :: f(nstage, 2, 0:most)
+      real(wp), intent(inout), dimension(most) :: change, extent
 
-      a1 = q(1) + r(1)*p(1)
-      a2 = q(2) + r(1)*p(2)
-      b1 = q(1) + r(2)*p(1)
-      b2 = q(2) + r(2)*p(2)
-      if (first == 1) then
-         call slope_of_one(self%alpha, self%sigma1, self%sigma2, w, a1, a2, f1, f2)
-         x1 = b1 + c_first*f1
-         x2 = b2 + c_first*f2
-         call slope_of_one(self%alpha, self%sigma1, self%sigma2, w, x1, x2, g1, g2)
-         call keep(1)
-      else
-         f1 = slope(first - 1, 1, 1)
-         f2 = slope(first - 1, 2, 1)
-         g1 = slope(first - 1, 1, 2)
-         g2 = slope(first - 1, 2, 2)
-      end if
-      do k = max(first, 2), last
-         x1 = a1 + (c(1, 1)*f1 + c(2, 1)*g1)
-         x2 = a2 + (c(1, 1)*f2 + c(2, 1)*g2)
-         call slope_of_one(self%alpha, self%sigma1, self%sigma2, w, x1, x2, f1, f2)
-         x1 = b1 + (c(1, 2)*f1 + c(2, 2)*g1)
-         x2 = b2 + (c(1, 2)*f2 + c(2, 2)*g2)
-         call slope_of_one(self%alpha, self%sigma1, self%sigma2, w, x1, x2, g1, g2)
-         call keep(k)
-      end do
-
-   contains
-
-      subroutine keep(sweep)
-         integer, intent(in) :: sweep
-
-         slope(sweep, 1, 1) = f1
-         slope(sweep, 2, 1) = f2
-         slope(sweep, 1, 2) = g1
-         slope(sweep, 2, 2) = g2
-      end subroutine keep
-
+      associate (alpha => self%alpha, s1 => self%sigma1, s2 => self%sigma2)
+         select case (nstage)
+         case (2)
+            call sweep_stages(2, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
+         case (3)
+            call sweep_stages(3, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
+         case (4)
+            call sweep_stages(4, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
+         end select
+      end associate
    end subroutine sweeps
+
+   !> The same. The numbers of a stage do not lie side by side in memory: gcc would put them into vectors, and take
+   !> these apart again.
+   pure subroutine sweep_stages(s, alpha, sigma1, sigma2, h, w1, w2, i1, i2, first, last, base, b, most, f, change, &
+                                extent)
+      integer, value :: s
+      real(wp), value :: alpha, sigma1, sigma2, h, w1, w2
+      integer, intent(in) :: i1, i2, first, last, most
+      real(wp), intent(in) :: base(s, 2), b(s, s, 2)
+      real(wp), intent(inout) :: f(s, 2, 0:most)
+      real(wp), intent(inout), dimension(most) :: change, extent
+      real(wp) :: f1(4), f2(4), x1, x2, new1, new2, moved, size, zero
+      integer :: i, j, k, m
+
+      do i = 1, s
+         f1(i) = f(i, 1, first - 1)
+         f2(i) = f(i, 2, first - 1)
+      end do
+      do k = first, last
+         moved = 0
+         size = 0
+         zero = 0
+         !GCC$ unroll 4
+         !GCC$ novector
+         do i = 1, s
+            if (i >= i1 .and. i <= i2) then
+               x1 = base(i, 1)
+               x2 = base(i, 2)
+               !GCC$ unroll 4
+               !GCC$ novector
+               do m = i, i + s - 1
+                  j = merge(m - s, m, m > s)
+                  x1 = x1 + b(j, i, min(k, 2))*f1(j)
+                  x2 = x2 + b(j, i, min(k, 2))*f2(j)
+               end do
+               call force_of_one(alpha, sigma1, sigma2, h, w1, w2, x1, x2, new1, new2)
+               moved = max(moved, max(abs(new1 - f1(i)), abs(new2 - f2(i))))
+               size = max(size, max(abs(new1), abs(new2)))
+               zero = zero + 0*(new1 + new2)
+               f1(i) = new1
+               f2(i) = new2
+            end if
+            f(i, 1, k) = f1(i)
+            f(i, 2, k) = f2(i)
+         end do
+         change(k) = moved + zero  ! NaN stays
+         extent(k) = size
+      end do
+   end subroutine sweep_stages
 
    !> Force and stiffness of one path, see model_type.
    subroutine pair(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
@@ -224,16 +242,6 @@ contains
       call stiffness_of_one(self%alpha, w(0), q1, q2, k11, k21, k22)
       k12 = k21
    end subroutine pair
-
-   !> The slope of a momentum.
-   pure subroutine slope_of_one(alpha, sigma1, sigma2, w, q1, q2, g1, g2)
-      real(wp), intent(in) :: alpha, sigma1, sigma2, w(0:2), q1, q2
-      real(wp), intent(out) :: g1, g2
-
-      call force_of_one(alpha, sigma1, sigma2, w(0), w(1), w(2), q1, q2, g1, g2)
-      g1 = -g1
-      g2 = -g2
-   end subroutine slope_of_one
 
    !> Whether flow takes steps of this scheme.
    pure logical function has_flow(self, scheme)

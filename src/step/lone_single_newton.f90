@@ -11,27 +11,14 @@ module symsde_step_lone_single_newton
    use symsde_step_two_stage_slopes, only: find_points, add_stages, correct_alone, solve_lanes
    implicit none
    private
-   public :: lone_single_newton, has_lone_stages, correct
+   public :: lone_single_newton, most_stages, correct
 
    integer, parameter :: most_stages = 4
 
-   !> The coefficients of a sum of slopes, of which the first m do not vanish.
-   type :: first_slopes
-      integer :: m = 0
-      real(wp) :: c(most_stages) = 0
-   end type first_slopes
-
-   !> Three or four stages.
-   type :: several_stages
-      real(wp) :: a(most_stages, most_stages) = 0, abar(most_stages, most_stages) = 0
-      type(first_slopes) :: q(most_stages), p(most_stages), sum  !! of Q_i, of P_i and of both increments
-   end type several_stages
-
    type, extends(lone_stepper) :: lone_single_newton
       integer :: s = 2
-      real(wp) :: a(2, 2) = 0, abar(2, 2) = 0, alpha(2) = 0  !! of two stages
-      real(wp) :: c(most_stages) = 0
-      type(several_stages) :: several  !! of more
+      real(wp), dimension(most_stages) :: c = 0, alpha = 0
+      real(wp), dimension(most_stages, most_stages) :: a = 0, abar = 0
       integer :: max_iter = 0
       logical :: affine = .false.  !! one solve is all
    contains
@@ -41,52 +28,16 @@ module symsde_step_lone_single_newton
 
 contains
 
-   !> Whether these coefficients are served.
-   pure logical function has_lone_stages(a, abar, alpha)
-      real(wp), intent(in) :: a(:, :), abar(:, :), alpha(:)
-      integer :: i
-
-      has_lone_stages = size(alpha) <= most_stages
-      if (size(alpha) == 2) return
-      has_lone_stages = has_lone_stages .and. are_first(alpha)
-      do i = 1, size(alpha)
-         has_lone_stages = has_lone_stages .and. are_first(a(i, :)) .and. are_first(abar(i, :))
-      end do
-   end function has_lone_stages
-
-   !> Whether no coefficient stands behind one that vanishes.
-   pure logical function are_first(c)
-      real(wp), intent(in) :: c(:)
-
-      are_first = all(abs(c(:count(abs(c) > 0))) > 0)
-   end function are_first
-
-   !> Coefficients that are served.
+   !> Coefficients of up to most_stages.
    subroutine set(self, a, abar, alpha, c)
       class(lone_single_newton), intent(inout) :: self
       real(wp), intent(in) :: a(:, :), abar(:, :), alpha(:), c(:)
-      integer :: i
 
       self%s = size(alpha)
       self%c(:self%s) = c
-      if (self%s == 2) then
-         self%a = a
-         self%abar = abar
-         self%alpha = alpha
-         return
-      end if
-      associate (all => self%several, s => self%s)
-         all%a(:s, :s) = a
-         all%abar(:s, :s) = abar
-         all%sum%c(:s) = alpha
-         do i = 1, s
-            all%q(i)%m = count(abs(a(i, :)) > 0)
-            all%q(i)%c(:s) = a(i, :)
-            all%p(i)%m = count(abs(abar(i, :)) > 0)
-            all%p(i)%c(:s) = abar(i, :)
-         end do
-         all%sum%m = count(abs(alpha) > 0)
-      end associate
+      self%alpha(:self%s) = alpha
+      self%a(:self%s, :self%s) = a
+      self%abar(:self%s, :self%s) = abar
    end subroutine set
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
@@ -95,7 +46,7 @@ contains
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
       type(angle_terms) :: terms, terms2
-      real(wp) :: x(4), last, before, step, size, qs(2), ps(2), t1, t2
+      real(wp) :: a(2, 2), abar(2, 2), x(4), last, before, step, size, qs(2), ps(2), t1, t2
       real(wp) :: hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2
       integer :: iteration
       logical :: flies
@@ -110,33 +61,33 @@ contains
          call iterate(self, 4, t, h, w, q(1), p(1), dq(1), dp(1), taken)
          return
       end if
-      associate (a => self%a, abar => self%abar)
-         t1 = t + self%c(1)*h
-         t2 = t + self%c(2)*h
-         call self%find_terms(t1, w, terms)
-         call self%find_terms(t2, w, terms2)
-         call begin(self, 2, t1, h, w, terms, q(1), p(1), x, flies)
-         call find_points(a, abar, q(1), p(1), x, qs, ps)
-         last = 0
-         iteration = 0
-         do while (last >= 0)
-            taken = iteration < self%max_iter
-            if (.not. taken) return
-            iteration = iteration + 1
-            hq1 = self%force_at(terms, t1, w, qs(1), ps(1), hqq1, hp1, hpp1)
-            hq2 = self%force_at(terms2, t2, w, qs(2), ps(2), hqq2, hp2, hpp2)
-            call correct_alone(a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, q(1), p(1), x, qs, ps, step, size, &
-                               taken)
-            if (.not. taken) return
-            before = last
-            last = verdict_of(quadratic, step, size, before)
-            if (flies .and. iteration == 2) then
-               call land(2, before, size, hqq1, hpp1, last, x)
-               call find_points(a, abar, q(1), p(1), x, qs, ps)
-            end if
-         end do
-         call add_stages(1, self%alpha, x, dq, dp)
-      end associate
+      a = self%a(:2, :2)
+      abar = self%abar(:2, :2)
+      t1 = t + self%c(1)*h
+      t2 = t + self%c(2)*h
+      call self%find_terms(t1, w, terms)
+      call self%find_terms(t2, w, terms2)
+      call begin(self, 2, t1, h, w, terms, q(1), p(1), x, flies)
+      call find_points(a, abar, q(1), p(1), x, qs, ps)
+      last = 0
+      iteration = 0
+      do while (last >= 0)
+         taken = iteration < self%max_iter
+         if (.not. taken) return
+         iteration = iteration + 1
+         hq1 = self%force_at(terms, t1, w, qs(1), ps(1), hqq1, hp1, hpp1)
+         hq2 = self%force_at(terms2, t2, w, qs(2), ps(2), hqq2, hp2, hpp2)
+         call correct_alone(a, abar, hq1, hq2, hp1, hp2, hqq1, hqq2, hpp1, hpp2, q(1), p(1), x, qs, ps, step, size, &
+                            taken)
+         if (.not. taken) return
+         before = last
+         last = verdict_of(quadratic, step, size, before)
+         if (flies .and. iteration == 2) then
+            call land(2, before, size, hqq1, hpp1, last, x)
+            call find_points(a, abar, q(1), p(1), x, qs, ps)
+         end if
+      end do
+      call add_stages(1, self%alpha(:2), x, dq, dp)
       associate (c => self%counters)
          c%gradients = c%gradients + merge(1, 0, flies) + 2*iteration
          c%hessians = c%hessians + 2*iteration
@@ -146,7 +97,7 @@ contains
    end subroutine take
 
    !> Three or four stages, with the operations of step/single_newton on a lane. What does not count is added as
-   !> zero, but for sums of slopes: every number of stages has loops of its own length.
+   !> zero: every number of stages has loops of its own length.
    subroutine iterate(self, s, t, h, w, q, p, dq, dp, taken)
       type(lone_single_newton), intent(inout) :: self
       integer, value :: s
@@ -170,10 +121,10 @@ contains
          if (.not. taken) return
          iteration = iteration + 1
          do i = 1, s
-            hq(i) = self%force_at(terms(i), t + self%c(i)*h, w, weighed(self%several%q(i), x, q), &
-                                  weighed(self%several%p(i), x(s + 1:), p), hqq(i), hp(i), hpp(i))
+            hq(i) = self%force_at(terms(i), t + self%c(i)*h, w, weighed(s, self%a(i, :), x, q), &
+                                  weighed(s, self%abar(i, :), x(s + 1:), p), hqq(i), hp(i), hpp(i))
          end do
-         call find_correction(s, self%several%a, self%several%abar, hq, hp, hqq, hpp, x, d, taken)
+         call find_correction(s, self%a, self%abar, hq, hp, hqq, hpp, x, d, taken)
          if (.not. taken) return
          call correct(2*s, d, x, step, size, taken)
          if (.not. taken) return
@@ -181,8 +132,8 @@ contains
          last = verdict_of(quadratic, step, size, before)
          if (flies .and. iteration == 2) call land(s, before, size, hqq(1), hpp(1), last, x)
       end do
-      dq = weighed(self%several%sum, x, 0.0_wp)
-      dp = weighed(self%several%sum, x(s + 1:), 0.0_wp)
+      dq = weighed(s, self%alpha, x, 0.0_wp)
+      dp = weighed(s, self%alpha, x(s + 1:), 0.0_wp)
       associate (c => self%counters)
          c%gradients = c%gradients + merge(1, 0, flies) + s*iteration
          c%hessians = c%hessians + s*iteration
@@ -217,25 +168,16 @@ contains
    end subroutine land
 
    !> add_slopes of one number.
-   pure real(wp) function weighed(by, x, start)
-      type(first_slopes), intent(in) :: by
-      real(wp), intent(in) :: x(most_stages), start
+   pure real(wp) function weighed(s, c, x, start)
+      integer, value :: s
+      real(wp), intent(in) :: c(s), x(s), start
+      integer :: i
 
-      associate (c => by%c)
-         select case (by%m)
-         case (0)
-            weighed = start
-         case (1)
-            weighed = start + c(1)*x(1)
-         case (2)
-            weighed = start + (c(1)*x(1) + c(2)*x(2))
-         case (3)
-            weighed = start + (c(1)*x(1) + c(2)*x(2) + c(3)*x(3))
-         case default
-            weighed = start + (c(1)*x(1) + c(2)*x(2) + c(3)*x(3))
-            weighed = weighed + c(4)*x(4)
-         end select
-      end associate
+      weighed = start
+      !GCC$ novector  ! sums in order
+      do i = 1, s
+         weighed = weighed + c(i)*x(i)
+      end do
    end function weighed
 
    !> Newton's correction of the slopes; not where pivots are not trusted.
@@ -310,7 +252,7 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q(1), p(1)
       real(wp), intent(out) :: dq(1), dp(1)
       logical, intent(out) :: taken
-      real(wp) :: x(2*most_stages), d(2*most_stages), step, size
+      real(wp) :: a(2, 2), abar(2, 2), x(2*most_stages), d(2*most_stages), step, size
       real(wp), dimension(1, most_stages) :: hq, hp, hqq, hqp, hpp
       integer :: i
 
@@ -321,18 +263,20 @@ contains
       x = 0
       taken = .true.
       if (self%s == 2) then
-         call solve_lanes(1, self%a, self%abar, hq(:, 1), hq(:, 2), hp(:, 1), hp(:, 2), hqq(:, 1), hqq(:, 2), &
+         a = self%a(:2, :2)
+         abar = self%abar(:2, :2)
+         call solve_lanes(1, a, abar, hq(:, 1), hq(:, 2), hp(:, 1), hp(:, 2), hqq(:, 1), hqq(:, 2), &
                           hqp(:, 1), hqp(:, 2), hpp(:, 1), hpp(:, 2), x, d)
       else
-         call solve_whole(self%s, self%several%a, self%several%abar, hq, hp, hqq, hqp, hpp, d, taken)
+         call solve_whole(self%s, self%a, self%abar, hq, hp, hqq, hqp, hpp, d, taken)
       end if
       if (taken) call correct(2*self%s, d, x, step, size, taken)
       if (.not. taken) return
       if (self%s == 2) then
-         call add_stages(1, self%alpha, x, dq, dp)
+         call add_stages(1, self%alpha(:2), x, dq, dp)
       else
-         dq = weighed(self%several%sum, x, 0.0_wp)
-         dp = weighed(self%several%sum, x(self%s + 1:), 0.0_wp)
+         dq = weighed(self%s, self%alpha, x, 0.0_wp)
+         dp = weighed(self%s, self%alpha, x(self%s + 1:), 0.0_wp)
       end if
       associate (c => self%counters)
          c%gradients = c%gradients + self%s

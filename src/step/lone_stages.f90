@@ -1,14 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Implicit stages for a path by itself, where the momenta are eliminated and the step is mild: the fixed-point
-!> iteration of step/stage_iteration, with the sums of step/stage_equations. A group that does not converge by it
-!> is left to step/stages.
+!> Implicit stages for a path by itself where the step is mild: the fixed-point iteration of step/stage_iteration, with
+!> the equations of step/stage_equations. A group that does not converge by it is left to step/stages.
+!>
+!> Slopes stand here as Hhat_q, which is -G, and C. Sums hold all of them: what is not known yet is zero, and what does
+!> not count has the coefficient zero.
 module symsde_step_lone_stages
    use symsde_base_kinds, only: wp
-   use symsde_model_abstract, only: angle_terms
+   use symsde_base_sincos, only: sincos_one
+   use symsde_model_abstract, only: model_type, angle_terms
    use symsde_step_constant_mass, only: constant_mass
    use symsde_step_lone, only: lone_stepper
    use symsde_step_noise_shift, only: noise_shift
-   use symsde_step_slopes, only: add_slopes, slope_sum, find_sum, add_sum, add_pair, take_slopes
+   use symsde_step_slopes, only: weigh_slopes, take_slopes
    use symsde_step_stage_iteration, only: sweep_verdict, judge_ahead, most_sweeps, stiff_rate, done
    use symsde_step_stage_plan, only: stage_plan, stage_group
    implicit none
@@ -16,39 +19,35 @@ module symsde_step_lone_stages
    public :: lone_stages
 
    integer, parameter :: most_ahead = 12  !! sweeps of a step that are asked of the model
-   integer, parameter :: most_swung = 4   !! stages of an angle, in numbers alone
+   integer, parameter :: most_few = 4     !! stages that are taken in numbers alone
 
-   !> Two stages and two degrees of freedom: the model takes the sweeps.
-   type :: stage_pair
-      integer :: nsweep = 3                   !! how many the last step took: asked for at once
-      real(wp) :: r(2) = 0, c_first = 0, c(2, 2) = 0  !! what its stages are put together from
-      real(wp) :: all = 0, v(2) = 0           !! and its increments: weights of p and of slopes in dq
-      real(wp) :: slope(most_ahead, 2, 2) = 0
-   end type stage_pair
-
-   !> Stages of an angle: what they and the increments are put together from.
-   type :: angle_stages
-      real(wp) :: r(most_swung) = 0, all = 0  !! weights of p in the stages and in dq
-      type(slope_sum) :: dq, dp
-   end type angle_stages
+   !> A group that is iterated.
+   type :: group_slot
+      real(wp) :: too_slow = stiff_rate  !! contraction from which it is left
+      integer :: nsweep = 1              !! how many the last step took: asked of the model at once
+   end type group_slot
 
    type, extends(lone_stepper) :: lone_stages
       type(stage_plan) :: plan
-      real(wp), allocatable :: too_slow(:)    !! contraction from which a group is left (ngroup)
-      real(wp) :: too_stiff = stiff_rate      !! contraction from which the step is
+      logical :: eliminated = .true.          !! the momenta are
+      logical :: moves_with_p = .true.        !! kappa is h, not zero
+      type(group_slot), allocatable :: slot(:)
+      real(wp) :: too_stiff = stiff_rate      !! contraction from which the step is left
       type(constant_mass), allocatable :: mass  !! where it is not the identity
-      real(wp), allocatable, dimension(:), private :: velocity, moved, nothing  !! M^-1 p; weighed slopes; zero (n)
       type(noise_shift), allocatable :: shift   !! of p_n, where brackets are added; of one lane
-      real(wp), allocatable, private :: shifted(:)           !! p_n (n)
-      type(slope_sum), allocatable, private :: sums(:, :)    !! of the first sweep, and of the others (nstage, 2)
-      real(wp), private :: h = 0                             !! for which the sums are
-      real(wp), allocatable, private :: base(:, :), g(:, :)  !! what Q_i has without slopes; slopes (n, nstage)
-      real(wp), allocatable, dimension(:), private :: x, f, start  !! (n)
-      type(stage_pair), allocatable, private :: pair               !! where the step is one of these
-      type(angle_stages), allocatable, private :: angle            !! where the step is one of these
+      real(wp), private :: h = 0, kappa = 0     !! of the coefficients
+      !> Coefficients of p and of Hhat_q in dq and dp; of p in stages; of Hhat_q and C in stages, in the first sweep and
+      !> in others (nstage, nstage, 2).
+      real(wp), private :: all = 0
+      real(wp), allocatable, private :: v(:), alpha(:), r(:), b(:, :, :), a(:, :, :), abar(:, :, :)
+      real(wp), allocatable, private :: base(:, :), times(:)  !! what Q_i has without slopes (n, nstage); when it is
+      real(wp), allocatable, private :: f(:, :), c(:, :)      !! Hhat_q and C of the stages (n, nstage)
+      real(wp), allocatable, private :: was(:, :, :)          !! -1 times these before a sweep (n, nstage, 2)
+      real(wp), allocatable, private :: ahead(:, :, :)        !! Hhat_q after sweeps of the model (nstage, n, ..)
+      real(wp), allocatable, dimension(:), private :: x, y, start, velocity, zero, shifted  !! (n)
    contains
       procedure :: take
-      procedure :: is_pair
+      procedure :: asks
    end type lone_stages
 
 contains
@@ -59,8 +58,8 @@ contains
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
 
-      if (.not. allocated(self%g)) call make_room(self)
-      if (abs(h - self%h) > 0) call find_sums(self, h)
+      if (.not. allocated(self%f)) call make_room(self)
+      if (abs(h - self%h) > 0) call find_coefficients(self, h)
       if (.not. allocated(self%shift)) then
          call take_plain(self, t, h, w, q, p, dq, dp, taken)
          return
@@ -77,13 +76,44 @@ contains
    subroutine make_room(self)
       type(lone_stages), intent(inout) :: self
 
-      allocate (self%g(self%n, self%plan%nstage), self%base(self%n, self%plan%nstage))
-      allocate (self%x(self%n), self%f(self%n), self%start(self%n), self%shifted(self%n))
-      allocate (self%sums(self%plan%nstage, 2))
-      if (.not. allocated(self%mass)) return
-      allocate (self%velocity(self%n), self%moved(self%n))
-      allocate (self%nothing(self%n), source=0.0_wp)
+      associate (n => self%n, s => self%plan%nstage)
+         allocate (self%r(s), self%v(s), self%alpha(s), self%times(s))
+         allocate (self%b(s, s, 2), self%a(s, s, 2), self%abar(s, s, 2))
+         allocate (self%f(n, s), self%c(n, s), self%was(n, s, 2), self%base(n, s))
+         allocate (self%x(n), self%y(n), self%start(n), self%velocity(n), self%shifted(n))
+         allocate (self%zero(n), source=0.0_wp)
+         if (self%asks(self%model)) allocate (self%ahead(s, n, 0:most_ahead*s))
+      end associate
    end subroutine make_room
+
+   subroutine find_coefficients(self, h)
+      type(lone_stages), intent(inout) :: self
+      real(wp), intent(in) :: h
+
+      self%h = h
+      self%kappa = merge(h, 0.0_wp, self%moves_with_p)
+      associate (plan => self%plan, kappa => self%kappa)
+         self%all = kappa*sum(plan%alpha)
+         self%r = kappa*plan%r
+         self%v = -kappa*plan%v
+         self%alpha = -plan%alpha
+         self%b(:, :, 1) = -kappa*plan%first_b
+         self%b(:, :, 2) = -kappa*plan%b
+         self%a(:, :, 1) = plan%first_a
+         self%a(:, :, 2) = plan%a
+         self%abar(:, :, 1) = -plan%first_abar
+         self%abar(:, :, 2) = -plan%abar
+      end associate
+   end subroutine find_coefficients
+
+   !> Whether the model takes the sweeps of two degrees of freedom.
+   pure logical function asks(self, model)
+      class(lone_stages), intent(in) :: self
+      class(model_type), intent(in) :: model
+
+      asks = model%traits%has_lone_pair .and. self%eliminated .and. .not. allocated(self%mass) .and. &
+             self%plan%nstage >= 2 .and. self%plan%nstage <= most_few
+   end function asks
 
    !> The step where positions move with these momenta.
    subroutine take_plain(self, t, h, w, q, p, dq, dp, taken)
@@ -91,203 +121,173 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
-      integer :: k, sweeps, evaluations
+      integer :: k, sweeps, total, evaluations
 
-      if (allocated(self%pair)) then
-         call take_pair(self, self%pair, t, h, w, q, p, dq, dp, taken)
-         return
-      else if (allocated(self%angle)) then
-         call swing(self, self%angle, t, h, w, q(1), p(1), dq(1), dp(1), taken)
+      if (allocated(self%ahead)) then
+         call take_pair(self, self%plan%nstage, t, h, w, q, p, self%r, self%b, self%v, self%alpha, self%base, &
+                        self%ahead, dq, dp, taken)
          return
       end if
-      sweeps = 0
+      total = 0
       evaluations = 0
-      taken = .true.
-      associate (plan => self%plan, n => self%n, s => self%plan%nstage, start => self%start)
+      associate (plan => self%plan, n => self%n, s => self%plan%nstage)
          if (allocated(self%mass)) then
             call self%mass%look(self%model, 1, t, q)
             call self%mass%velocity(self%model, 1, t, q, p, self%velocity)
-            call find_bases(self, h, q, self%velocity)
+            call begin(n, s, self%r, self%all, q, self%velocity, t, h, plan%c, self%base, self%start, self%f, &
+                       self%times)
          else
-            call find_bases(self, h, q, p)
+            call begin(n, s, self%r, self%all, q, p, t, h, plan%c, self%base, self%start, self%f, self%times)
          end if
+         if (.not. self%eliminated) self%c = 0
          do k = 1, plan%ngroup
-            call iterate(self, plan%group(k), self%too_slow(k), t, h, w, q, p, sweeps, evaluations, taken)
+            call find_slopes(self, plan%group(k), self%slot(k), t, w, q, p, sweeps, taken)
             if (.not. taken) return
+            evaluations = evaluations + sweeps*plan%group(k)%nmember
+            total = total + sweeps
          end do
          if (allocated(self%mass)) then
-            start = h*sum(plan%alpha)*self%velocity
-            call add_slopes(n, s, h, plan%v, self%g, self%nothing, self%moved)
-            call self%mass%add(self%model, 1, t, q, self%moved, start, dq)
-            evaluations = evaluations + 2*self%mass%asked
+            call weigh_slopes(n, s, 1, self%v, self%f, self%zero, self%y)
+            call self%mass%add(self%model, 1, t, q, self%y, self%start, dq)
+            evaluations = evaluations*(1 + self%mass%asked) + 2*self%mass%asked
+         else if (self%eliminated) then
+            call weigh_slopes(n, s, 1, self%v, self%f, self%start, dq)
          else
-            start = h*sum(plan%alpha)*p
-            call add_slopes(n, s, h, plan%v, self%g, start, dq)
+            call weigh_slopes(n, s, 1, self%v, self%f, self%start, self%y)
+            call weigh_slopes(n, s, 1, plan%alpha, self%c, self%y, dq)
          end if
-         start = 0
-         call add_slopes(n, s, 1.0_wp, plan%alpha, self%g, start, dp)
+         call weigh_slopes(n, s, 1, self%alpha, self%f, self%zero, dp)
       end associate
       self%counters%gradients = self%counters%gradients + evaluations
-      self%counters%iterations = self%counters%iterations + sweeps
+      self%counters%iterations = self%counters%iterations + total
    end subroutine take_plain
 
-   !> What the stages have without slopes.
-   subroutine find_bases(self, h, q, velocity)
-      type(lone_stages), intent(inout) :: self
-      real(wp), intent(in) :: h, q(self%n), velocity(self%n)
+   !> What stages and increments begin with, no slope, and when the stages are.
+   pure subroutine begin(n, s, r, all, q, velocity, t, h, c, base, start, f, times)
+      integer, intent(in) :: n, s
+      real(wp), intent(in) :: r(s), all, q(n), velocity(n), t, h, c(s)
+      real(wp), intent(out) :: base(n, s), start(n), f(n, s), times(s)
       integer :: i
 
-      do i = 1, self%plan%nstage
-         call add_slopes(self%n, 1, h, self%plan%r(i:i), velocity, q, self%base(:, i))
+      do i = 1, s
+         base(:, i) = q + r(i)*velocity
+         times(i) = t + c(i)*h
       end do
-   end subroutine find_bases
+      start = all*velocity
+      f = 0
+   end subroutine begin
 
-   !> What the places of the stages are put together from.
-   subroutine find_sums(self, h)
+   !> The slopes of a group.
+   subroutine find_slopes(self, group, slot, t, w, q, p, sweeps, found)
       type(lone_stages), intent(inout) :: self
-      real(wp), intent(in) :: h
-      integer :: i
+      type(stage_group), intent(in) :: group
+      type(group_slot), intent(inout) :: slot
+      real(wp), intent(in) :: t, w(0:self%m), q(self%n), p(self%n)
+      integer, intent(out) :: sweeps
+      logical, intent(out) :: found
+      real(wp) :: last
 
-      self%h = h
-      associate (plan => self%plan, s => self%plan%nstage)
-         do i = 1, s
-            call find_sum(s, h, plan%first_b(:, i), self%sums(i, 1))
-            call find_sum(s, h, plan%b(:, i), self%sums(i, 2))
-         end do
-         if (self%model%traits%has_angle_terms .and. s <= most_swung) then
-            self%angle = angle_stages(all=h*sum(plan%alpha))
-            self%angle%r(:s) = h*plan%r
-            call find_sum(s, h, plan%v, self%angle%dq)
-            call find_sum(s, 1.0_wp, plan%alpha, self%angle%dp)
+      associate (s => self%plan%nstage)
+         if (self%model%traits%has_angle_terms .and. s <= most_few) then
+            call swing(self, s, group, slot%too_slow, self%times, w, self%base, self%b, self%f, sweeps, last)
+         else
+            call iterate(self, group, slot%too_slow, t, w, q, p, sweeps, last)
          end if
-         if (.not. self%is_pair(self%n)) return
-         self%pair = stage_pair(r=h*plan%r, c_first=self%sums(2, 1)%c(1), all=h*sum(plan%alpha), v=h*plan%v)
-         self%pair%c(:, 1) = self%sums(1, 2)%c(:2)
-         self%pair%c(:, 2) = self%sums(2, 2)%c(:2)
       end associate
-   end subroutine find_sums
+      found = abs(last - done) <= 0
+   end subroutine find_slopes
 
-   !> Whether the model takes the sweeps: two stages that wait for each other, each for both, the second one at once.
-   pure logical function is_pair(self, n)
-      class(lone_stages), intent(in) :: self
-      integer, intent(in) :: n  !! degrees of freedom
-
-      is_pair = n == 2 .and. self%plan%nstage == 2 .and. self%plan%ngroup == 1 .and. .not. allocated(self%mass)
-      if (.not. is_pair) return
-      associate (plan => self%plan)
-         is_pair = all(count(abs(plan%first_b) > 0, 1) == [0, 1]) .and. all(count(abs(plan%b) > 0, 1) == 2)
-      end associate
-   end function is_pair
-
-   !> A step of two stages by sweeps of the model: as many as the step before took, which mostly is enough, then one by
-   !> one.
-   subroutine take_pair(self, pair, t, h, w, q, p, dq, dp, taken)
-      class(lone_stages), intent(inout) :: self
-      type(stage_pair), intent(inout) :: pair
+   !> Two degrees of freedom by sweeps of the model.
+   subroutine take_pair(self, s, t, h, w, q, p, r, b, v, alpha, base, f, dq, dp, taken)
+      type(lone_stages), intent(inout) :: self
+      integer, intent(in) :: s
       real(wp), intent(in) :: t, h, w(0:self%m), q(2), p(2)
+      real(wp), intent(in) :: r(s), b(s, s, 2), v(s), alpha(s)
+      real(wp), intent(inout) :: base(s, 2), f(s, 2, 0:most_ahead*s)  !! f: after sweep by sweep, of all groups
       real(wp), intent(out) :: dq(2), dp(2)
       logical, intent(out) :: taken
-      real(wp) :: last, times(2), start(2)
-      integer :: first, sweep
+      real(wp) :: times(most_few)
+      integer :: i, k, sweep, sweeps, evaluations
 
-      times(1) = t + self%plan%c(1)*h
-      times(2) = t + self%plan%c(2)*h
-      start(1) = pair%all*p(1)
-      start(2) = pair%all*p(2)
-      last = 0
-      first = 1
-      do while (last >= 0 .and. pair%nsweep <= most_ahead)
-         call self%model%sweeps(self%m, first, pair%nsweep, times, w, q, p, pair%r, pair%c_first, pair%c, most_ahead, &
-                                pair%slope)
-         call judge_ahead(first, pair%nsweep, self%too_slow(1), stiff_rate, most_ahead, pair%slope, last, sweep)
-         first = pair%nsweep + 1
-         if (last >= 0) pair%nsweep = first
+      do i = 1, s
+         base(i, 1) = q(1) + r(i)*p(1)
+         base(i, 2) = q(2) + r(i)*p(2)
+         f(i, 1, 0) = 0
+         f(i, 2, 0) = 0
+         times(i) = t + self%plan%c(i)*h
       end do
-      pair%nsweep = min(sweep, most_ahead)
-      taken = abs(last - done) <= 0
-      if (.not. taken) return
-      call add_pair(pair%v, self%plan%alpha, most_ahead, sweep, pair%slope, start, dq, dp)
-      self%counters%gradients = self%counters%gradients + 2*sweep
-      self%counters%iterations = self%counters%iterations + sweep
-   end subroutine take_pair
-
-   !> A step of an angle, without passes over one number.
-   subroutine swing(self, angle, t, h, w, q, p, dq, dp, taken)
-      type(lone_stages), intent(inout) :: self
-      type(angle_stages), intent(in) :: angle
-      real(wp), intent(in) :: t, h, w(0:self%m), q, p
-      real(wp), intent(out) :: dq, dp
-      logical, intent(out) :: taken
-      type(angle_terms) :: terms(most_swung)
-      real(wp) :: g(most_swung), f, slope, change, extent, last
-      integer :: i, j, k, sweep, sweeps, evaluations
-
-      do i = 1, self%plan%nstage
-         call self%find_terms(t + self%plan%c(i)*h, w, terms(i))
-      end do
-      g = 0  ! the first sweep of a group finds all of a slope as its change
       sweeps = 0
       evaluations = 0
       do k = 1, self%plan%ngroup
          associate (group => self%plan%group(k))
-            last = 0
-            sweep = 0
-            do while (last >= 0 .and. sweep < most_sweeps)
-               sweep = sweep + 1
-               change = 0
-               extent = 0
-               do j = 1, group%nmember
-                  i = group%stage(j)
-                  f = self%force_at(terms(i), t, w, weighed(self%sums(i, min(sweep, 2)), g, q + angle%r(i)*p), p, slope)
-                  change = max(change, abs(f + g(i))) + 0*(change + f)  ! NaN stays
-                  extent = max(extent, abs(f))
-                  g(i) = -f
-               end do
-               if (group%explicit) exit
-               last = sweep_verdict(sweep, self%too_slow(k), self%too_stiff, change, extent, last)
-            end do
+            call ask_model(self, s, group, self%slot(k), w, times, base, b, f(1, 1, sweeps), sweep, taken)
+            if (.not. taken) return
             sweeps = sweeps + sweep
             evaluations = evaluations + sweep*group%nmember
-            taken = abs(last - done) <= 0 .or. group%explicit
          end associate
-         if (.not. taken) return
       end do
-      dq = weighed(angle%dq, g, angle%all*p)
-      dp = weighed(angle%dp, g, 0.0_wp)
+      dq(1) = (self%all*p(1))  ! in parentheses: not contracted with what follows
+      dq(2) = (self%all*p(2))
+      dp = 0
+      !GCC$ novector  ! sums in order, contracted as in lanes
+      do i = 1, s
+         dq(1) = dq(1) + v(i)*f(i, 1, sweeps)
+         dq(2) = dq(2) + v(i)*f(i, 2, sweeps)
+         dp(1) = dp(1) + alpha(i)*f(i, 1, sweeps)
+         dp(2) = dp(2) + alpha(i)*f(i, 2, sweeps)
+      end do
       self%counters%gradients = self%counters%gradients + evaluations
       self%counters%iterations = self%counters%iterations + sweeps
-   end subroutine swing
+   end subroutine take_pair
 
-   !> add_sum of one number.
-   pure real(wp) function weighed(sum, g, start)
-      type(slope_sum), intent(in) :: sum
-      real(wp), intent(in) :: g(most_swung), start
-
-      associate (c => sum%c, i => sum%used)
-         select case (sum%m)
-         case (0)
-            weighed = start
-         case (1)
-            weighed = start + c(1)*g(i(1))
-         case (2)
-            weighed = start + (c(1)*g(i(1)) + c(2)*g(i(2)))
-         case default
-            weighed = start + (c(1)*g(i(1)) + c(2)*g(i(2)) + c(3)*g(i(3)))
-            if (sum%m > 3) weighed = weighed + c(4)*g(i(4))
-         end select
-      end associate
-   end function weighed
-
-   !> The slopes of a group.
-   subroutine iterate(self, group, too_slow, t, h, w, q, p, sweeps, evaluations, taken)
-      type(lone_stages), intent(inout) :: self
+   !> The slopes of a group: as many sweeps as the step before took, which mostly is enough, then one by one.
+   subroutine ask_model(self, s, group, slot, w, times, base, b, f, sweep, found)
+      type(lone_stages), intent(in) :: self
+      integer, intent(in) :: s
       type(stage_group), intent(in) :: group
-      real(wp), intent(in) :: too_slow, t, h, w(0:self%m), q(self%n), p(self%n)
-      integer, intent(inout) :: sweeps, evaluations
-      logical, intent(out) :: taken
-      real(wp) :: change, extent, last
-      integer :: sweep, k, i
+      type(group_slot), intent(inout) :: slot
+      real(wp), intent(in) :: w(0:self%m), times(s), base(s, 2), b(s, s, 2)
+      real(wp), intent(inout) :: f(s, 2, 0:most_ahead)
+      integer, intent(out) :: sweep  !! that ended it
+      logical, intent(out) :: found
+      real(wp) :: last, change(most_ahead), extent(most_ahead)
+      integer :: first
 
+      last = 0
+      first = 1
+      do while (last >= 0 .and. slot%nsweep <= most_ahead)
+         call self%model%sweeps(self%m, s, group%stage(1), group%stage(group%nmember), first, slot%nsweep, times, w, &
+                                base, b, most_ahead, f, change, extent)
+         call judge_ahead(first, slot%nsweep, slot%too_slow, self%too_stiff, most_ahead, change, extent, last, sweep)
+         first = slot%nsweep + 1
+         if (last >= 0 .and. group%explicit) then
+            sweep = 1
+            last = done
+         else if (last >= 0) then
+            slot%nsweep = first
+         end if
+      end do
+      slot%nsweep = min(sweep, most_ahead)
+      found = abs(last - done) <= 0
+   end subroutine ask_model
+
+   !> Where all is an angle, in numbers.
+   subroutine swing(self, s, group, too_slow, t, w, base, b, f, sweep, last)
+      type(lone_stages), intent(in) :: self
+      integer, intent(in) :: s
+      type(stage_group), intent(in) :: group
+      real(wp), intent(in) :: too_slow, t(s), w(0:self%m), base(s), b(s, s, 2)
+      real(wp), intent(inout) :: f(s)
+      integer, intent(out) :: sweep
+      real(wp), intent(out) :: last
+      type(angle_terms) :: terms(most_few)
+      real(wp) :: x, sine, cosine, force, change, extent
+      integer :: i, j, k
+
+      do k = 1, group%nmember
+         i = group%stage(k)
+         call self%find_terms(t(i), w, terms(i))
+      end do
       last = 0
       sweep = 0
       do while (last >= 0 .and. sweep < most_sweeps)
@@ -296,42 +296,108 @@ contains
          extent = 0
          do k = 1, group%nmember
             i = group%stage(k)
-            associate (plan => self%plan, n => self%n, x => self%x, f => self%f)
-               if (allocated(self%mass)) then
-                  call weigh(self, i, sweep, h, self%nothing, self%moved)
-                  call self%mass%add(self%model, 1, t, q, self%moved, self%base(1, i), x)
-               else
-                  call weigh(self, i, sweep, h, self%base(1, i), x)
-               end if
-               call self%model%gradient(1, n, self%m, t + plan%c(i)*h, w, x, p, hq=f)
-               call take_slopes(n, sweep == 1, f, self%g(:, i), change, extent)
-            end associate
+            x = base(i)
+            !GCC$ novector  ! sums in order, contracted as in lanes
+            do j = i, s
+               x = x + b(j, i, min(sweep, 2))*f(j)
+            end do
+            !GCC$ novector
+            do j = 1, i - 1
+               x = x + b(j, i, min(sweep, 2))*f(j)
+            end do
+            sine = sincos_one(x, cosine)
+            force = terms(i)%a*sine + (terms(i)%b*cosine + (terms(i)%c*x + terms(i)%d))  ! as force_at of step/lone
+            change = max(change, abs(force - f(i))) + 0*(change + force)  ! NaN stays
+            extent = max(extent, abs(force))
+            f(i) = force
          end do
-         if (group%explicit) exit
          last = sweep_verdict(sweep, too_slow, self%too_stiff, change, extent, last)
+         if (group%explicit) last = done
       end do
-      sweeps = sweeps + sweep
-      evaluations = evaluations + sweep*group%nmember
-      if (allocated(self%mass)) evaluations = evaluations + sweep*group%nmember*self%mass%asked
-      taken = abs(last - done) <= 0 .or. group%explicit
+   end subroutine swing
+
+   !> By gradients of the model.
+   subroutine iterate(self, group, too_slow, t, w, q, p, sweep, last)
+      type(lone_stages), intent(inout) :: self
+      type(stage_group), intent(in) :: group
+      real(wp), intent(in) :: too_slow, t, w(0:self%m), q(self%n), p(self%n)
+      integer, intent(out) :: sweep
+      real(wp), intent(out) :: last
+      real(wp) :: change, extent
+      integer :: i
+
+      last = 0
+      sweep = 0
+      associate (n => self%n, s => self%plan%nstage, f => self%f, c => self%c, first => group%stage(1), &
+                 final => group%stage(group%nmember))
+         do while (last >= 0 .and. sweep < most_sweeps)
+            sweep = sweep + 1
+            if (self%eliminated .and. .not. allocated(self%mass)) then
+               call sweep_positions(self%model, n, s, self%m, first, final, self%times, w, p, &
+                                    self%b(1, 1, min(sweep, 2)), self%base, self%x, f)
+            else
+               do i = first, final
+                  call place(self, i, min(sweep, 2), t, q, p)
+                  call evaluate(self, i, w, p)
+               end do
+            end if
+            change = 0
+            extent = 0
+            call take_slopes(n*group%nmember, sweep == 1, f(1, first), self%was(1, first, 1), change, extent)
+            if (.not. self%eliminated) &
+               call take_slopes(n*group%nmember, sweep == 1, c(1, first), self%was(1, first, 2), change, extent)
+            last = sweep_verdict(sweep, too_slow, self%too_stiff, change, extent, last)
+            if (group%explicit) last = done
+         end do
+      end associate
    end subroutine iterate
 
-   !> start + h sum_k b_k G_k of stage i in this sweep.
-   subroutine weigh(self, i, sweep, h, start, total)
-      type(lone_stages), intent(in) :: self
-      integer, intent(in) :: i, sweep
-      real(wp), intent(in) :: h, start(self%n)
-      real(wp), intent(out) :: total(self%n)
+   !> A sweep where momenta are eliminated by an identity mass.
+   subroutine sweep_positions(model, n, s, m, first, final, times, w, p, b, base, x, f)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: n, s, m, first, final
+      real(wp), intent(in) :: times(s), w(0:m), p(n), b(s, s), base(n, s)
+      real(wp), intent(inout) :: x(n), f(n, s)
+      integer :: i
 
-      associate (plan => self%plan, n => self%n, sum => self%sums(i, min(sweep, 2)))
-         if (sum%m <= 3) then
-            call add_sum(n, plan%nstage, sum, self%g, start, total)
-         else if (sweep == 1) then
-            call add_slopes(n, plan%nstage, h, plan%first_b(1, i), self%g, start, total)
+      do i = first, final
+         call weigh_slopes(n, s, i, b(1, i), f, base(1, i), x)
+         call model%gradient(1, n, m, times(i), w, x, p, hq=f(1, i))
+      end do
+   end subroutine sweep_positions
+
+   !> Hhat_q, and C, at the point of stage i.
+   subroutine evaluate(self, i, w, p)
+      type(lone_stages), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: w(0:self%m), p(self%n)
+
+      associate (n => self%n, t => self%times(i), f => self%f(:, i), c => self%c(:, i))
+         if (self%eliminated) then
+            call self%model%gradient(1, n, self%m, t, w, self%x, p, hq=f)
          else
-            call add_slopes(n, plan%nstage, h, plan%b(1, i), self%g, start, total)
+            call self%model%gradient(1, n, self%m, t, w, self%x, self%y, hq=f, hp=c)
+            c = c - self%kappa*self%y
          end if
       end associate
-   end subroutine weigh
+   end subroutine evaluate
+
+   !> (Q_i, P_i) in x and y; where momenta are eliminated by a mass, Q_i in x.
+   subroutine place(self, i, sweep, t, q, p)
+      type(lone_stages), intent(inout) :: self
+      integer, intent(in) :: i, sweep  !! the stage; 1: the first sweep, 2: another one
+      real(wp), intent(in) :: t, q(self%n), p(self%n)
+
+      associate (n => self%n, s => self%plan%nstage, x => self%x, y => self%y)
+         if (allocated(self%mass)) then
+            call weigh_slopes(n, s, i, self%b(:, i, sweep), self%f, self%zero, y)
+            call self%mass%add(self%model, 1, t, q, y, self%base(:, i), x)
+         else
+            call weigh_slopes(n, s, i, self%b(:, i, sweep), self%f, self%base(:, i), y)
+            call weigh_slopes(n, s, i, self%a(:, i, sweep), self%c, y, x)
+            call weigh_slopes(n, s, i, self%abar(:, i, sweep), self%f, p, y)
+         end if
+      end associate
+   end subroutine place
 
 end module symsde_step_lone_stages

@@ -1,88 +1,87 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Sums of the slopes of stages. A slope whose coefficient is zero is never read: it may not be known yet.
+!>
+!> Products are added one after the other to what the sum starts with. So nothing is left to choose for a compiler that
+!> contracts, and a coefficient of zero changes nothing: a path by itself adds them all, and has the same bits.
 module symsde_step_slopes
    use symsde_base_kinds, only: wp
    use symsde_base_vectors, only: add_times
    implicit none
    private
-   public :: add_slopes, slope_sum, find_sum, add_sum, add_pair, take_slopes
+   public :: add_slopes, weigh_slopes, take_slopes
 
-   integer, parameter :: nbeside = 16  !! numbers of a path by itself that are compared side by side
-
-   !> The coefficients that count, times a factor.
-   type :: slope_sum
-      integer :: m = 0          !! how many there are
-      integer :: used(4) = 0    !! slopes of the first four
-      real(wp) :: c(4) = 0      !! and their coefficients
-   end type slope_sum
+   integer, parameter :: nbeside = 8  !! numbers of a path by itself that are compared side by side
+   integer, parameter :: few = 4      !! numbers of a path from which vectors pay
+   integer, parameter :: at_once = 3  !! slopes that are added in one pass
 
 contains
 
-   !> What add_slopes adds, found once; of more than four the first four.
-   pure subroutine find_sum(nstage, factor, coefficient, sum)
-      integer, intent(in) :: nstage
-      real(wp), intent(in) :: factor, coefficient(nstage)
-      type(slope_sum), intent(out) :: sum
-      integer :: j
-
-      do j = 1, nstage
-         if (abs(coefficient(j)) <= 0) cycle
-         sum%m = sum%m + 1
-         if (sum%m > size(sum%c)) cycle
-         sum%used(sum%m) = j
-         sum%c(sum%m) = factor*coefficient(j)
-      end do
-   end subroutine find_sum
-
-   !> total = start + factor sum_j coefficient_j slope_j
-   pure subroutine add_slopes(n, nstage, factor, coefficient, slope, start, total)
-      integer, intent(in) :: n, nstage
+   !> total = start + factor sum_j coefficient_j slope_j, from slope `first` on and around: of a stage itself, so that
+   !> the newest slope, of the stage before it, is added last. A path by itself waits for that alone.
+   pure subroutine add_slopes(n, nstage, first, factor, coefficient, slope, start, total)
+      integer, intent(in) :: n, nstage, first
       real(wp), intent(in) :: factor, coefficient(nstage), slope(n, nstage), start(n)
       real(wp), intent(out) :: total(n)
-      type(slope_sum) :: sum
-      integer :: j
+      integer :: used(at_once), m, k, j
 
-      call find_sum(nstage, factor, coefficient, sum)
-      call add_sum(n, nstage, sum, slope, start, total)
-      if (sum%m <= 3) return
-      do j = sum%used(3) + 1, nstage
+      m = 0
+      used = first
+      do k = first, first + nstage - 1
+         j = merge(k - nstage, k, k > nstage)
+         if (abs(coefficient(j)) <= 0) cycle
+         m = m + 1
+         if (m > at_once) exit
+         used(m) = j
+      end do
+      associate (i => used(1), j => used(2), l => used(3), c => coefficient)
+         select case (m)
+         case (0)
+            total = start
+         case (1)
+            call add_one(n, factor*c(i), slope(1, i), start, total)
+         case (2)
+            call add_two(n, factor*c(i), slope(1, i), factor*c(j), slope(1, j), start, total)
+         case default
+            call add_three(n, factor*c(i), slope(1, i), factor*c(j), slope(1, j), factor*c(l), slope(1, l), start, &
+                           total)
+         end select
+      end associate
+      if (m <= at_once) return
+      do k = k, first + nstage - 1
+         j = merge(k - nstage, k, k > nstage)
          if (abs(coefficient(j)) > 0) call add_times(n, factor*coefficient(j), slope(1, j), total)
       end do
    end subroutine add_slopes
 
-   !> The same of up to three slopes that were found before.
-   pure subroutine add_sum(n, nstage, sum, slope, start, total)
-      integer, intent(in) :: n, nstage
-      type(slope_sum), intent(in) :: sum
-      real(wp), intent(in) :: slope(n, nstage), start(n)
+   !> The same of slopes that are all known, with coefficients that hold the factor, for a path by itself.
+   pure subroutine weigh_slopes(n, nstage, first, c, slope, start, total)
+      integer, intent(in) :: n, nstage, first
+      real(wp), intent(in) :: c(nstage), slope(n, nstage), start(n)
       real(wp), intent(out) :: total(n)
+      integer :: i, j, k, m
 
-      associate (c => sum%c, used => sum%used)
-         select case (sum%m)
-         case (0)
-            total = start
-         case (1)
-            call add_one(n, c(1), slope(1, used(1)), start, total)
-         case (2)
-            call add_two(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), start, total)
-         case default
-            call add_three(n, c(1), slope(1, used(1)), c(2), slope(1, used(2)), c(3), slope(1, used(3)), start, total)
-         end select
-      end associate
-   end subroutine add_sum
-
-   !> The same for both increments of a path of two degrees of freedom, from the slopes of two stages: without a loop.
-   pure subroutine add_pair(v, alpha, nrow, row, slope, start, dq, dp)
-      integer, intent(in) :: nrow, row
-      real(wp), intent(in) :: v(2), alpha(2), start(2)
-      real(wp), intent(in) :: slope(nrow, 2, 2)   !! in this row: of each stage
-      real(wp), intent(out) :: dq(2), dp(2)
-
-      dq(1) = start(1) + (v(1)*slope(row, 1, 1) + v(2)*slope(row, 1, 2))
-      dq(2) = start(2) + (v(1)*slope(row, 2, 1) + v(2)*slope(row, 2, 2))
-      dp(1) = 0 + (alpha(1)*slope(row, 1, 1) + alpha(2)*slope(row, 1, 2))
-      dp(2) = 0 + (alpha(1)*slope(row, 2, 1) + alpha(2)*slope(row, 2, 2))
-   end subroutine add_pair
+      i = first
+      j = merge(1, i + 1, i == nstage)
+      k = merge(1, j + 1, j == nstage)
+      if (n < few) then
+         !GCC$ novector  ! few numbers
+         do m = 1, n
+            total(m) = start(m) + c(i)*slope(m, i)
+            if (nstage > 1) total(m) = total(m) + c(j)*slope(m, j)
+            if (nstage > 2) total(m) = total(m) + c(k)*slope(m, k)
+         end do
+      else if (nstage == 1) then
+         call add_one(n, c(i), slope(1, i), start, total)
+      else if (nstage == 2) then
+         call add_two(n, c(i), slope(1, i), c(j), slope(1, j), start, total)
+      else
+         call add_three(n, c(i), slope(1, i), c(j), slope(1, j), c(k), slope(1, k), start, total)
+      end if
+      do m = at_once + 1, nstage
+         k = merge(1, k + 1, k == nstage)
+         call add_times(n, c(k), slope(1, k), total)
+      end do
+   end subroutine weigh_slopes
 
    !> slope = -f of a path by itself, with the largest change and slope beside those so far; the change is no number
    !> where one of f is not finite.
@@ -123,6 +122,7 @@ contains
       nothing = 0
       !GCC$ novector
       do done = 0, n - nbeside, nbeside
+         !GCC$ unroll 1  ! vectors before all
          do i = 1, nbeside
             d = abs(f(done + i) + slope(done + i))
             slope(done + i) = -f(done + i)
@@ -159,7 +159,7 @@ contains
       integer :: i
 
       do i = 1, n
-         total(i) = start(i) + (a*x(i) + b*y(i))
+         total(i) = start(i) + a*x(i) + b*y(i)
       end do
    end subroutine add_two
 
@@ -171,7 +171,7 @@ contains
       integer :: i
 
       do i = 1, n
-         total(i) = start(i) + (a*x(i) + b*y(i) + c*z(i))
+         total(i) = start(i) + a*x(i) + b*y(i) + c*z(i)
       end do
    end subroutine add_three
 

@@ -60,6 +60,7 @@ module symsde_step_stage_equations
       procedure :: evaluate
       procedure :: add_up
       procedure :: time_of
+      procedure :: moves_with_p
    end type stage_equations
 
 contains
@@ -130,7 +131,7 @@ contains
       end associate
       self%store%h = step%h
       call self%store%show(0, step%t, self%step)
-      self%kappa = merge(step%h, 0.0_wp, self%identity_mass .or. allocated(self%mass))
+      self%kappa = merge(step%h, 0.0_wp, self%moves_with_p())
       if (allocated(self%mass)) call find_velocity(self)
       if (allocated(self%shift)) call shift_momenta(self)
       associate (s => self%plan%nstage, size => size(self%q), plan => self%plan)
@@ -143,12 +144,12 @@ contains
          end if
          do i = 1, s
             if (allocated(self%mass)) then
-               call add_slopes(size, 1, self%kappa, plan%r(i:i), self%velocity, self%q, self%base(:, :, i))
+               call add_slopes(size, 1, 1, self%kappa, plan%r(i:i), self%velocity, self%q, self%base(:, :, i))
                cycle
             end if
-            call add_slopes(size, 1, self%kappa, plan%r(i:i), self%p, self%q, self%base(:, :, i))
+            call add_slopes(size, 1, 1, self%kappa, plan%r(i:i), self%p, self%q, self%base(:, :, i))
             if (.not. (self%eliminated .and. self%has_c)) cycle
-            call add_slopes(size, s, 1.0_wp, plan%a(:, i), self%c, self%base(:, :, i), self%qs)
+            call add_slopes(size, s, 1, 1.0_wp, plan%a(:, i), self%c, self%base(:, :, i), self%qs)
             self%base(:, :, i) = self%qs
          end do
       end associate
@@ -178,13 +179,15 @@ contains
    end subroutine find_velocity
 
    !> start + kappa M^-1 sum_k coefficient_k G_k
-   subroutine add_by_mass(self, coefficient, start, total)
+   subroutine add_by_mass(self, first, coefficient, start, total)
       class(stage_equations), intent(inout) :: self
+      integer, intent(in) :: first  !! see add_slopes
       real(wp), intent(in) :: coefficient(self%plan%nstage), start(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: total(self%ham%nlane, self%ham%ndof)
 
       associate (nlane => self%ham%nlane, counters => self%ham%counters)
-         call add_slopes(size(start), self%plan%nstage, self%kappa, coefficient, self%g, self%nothing, self%moved)
+         call add_slopes(size(start), self%plan%nstage, first, self%kappa, coefficient, self%g, self%nothing, &
+                         self%moved)
          call self%mass%add(self%ham%model, nlane, self%step%t, self%q, self%moved, start, total)
          counters%gradients = counters%gradients + self%mass%asked*self%ham%nreal
       end associate
@@ -198,6 +201,13 @@ contains
       t = self%step%t + self%plan%c(i)*self%step%h
    end function time_of
 
+   !> Whether kappa is the step, not zero.
+   pure logical function moves_with_p(self)
+      class(stage_equations), intent(in) :: self
+
+      moves_with_p = self%identity_mass .or. allocated(self%mass)
+   end function moves_with_p
+
    !> Put (Q_i, P_i) where the slopes are weighed by these coefficients.
    subroutine place(self, i, b, a, abar)
       class(stage_equations), intent(inout) :: self
@@ -206,15 +216,15 @@ contains
 
       associate (s => self%plan%nstage, size => size(self%q))
          if (allocated(self%mass)) then
-            call add_by_mass(self, b, self%base(:, :, i), self%qs)
+            call add_by_mass(self, i, b, self%base(:, :, i), self%qs)
             return
          else if (self%eliminated) then
-            call add_slopes(size, s, self%kappa, b, self%g, self%base(:, :, i), self%qs)
+            call add_slopes(size, s, i, self%kappa, b, self%g, self%base(:, :, i), self%qs)
             return
          end if
-         call add_slopes(size, s, self%kappa, b, self%g, self%base(:, :, i), self%ps)
-         call add_slopes(size, s, 1.0_wp, a, self%c, self%ps, self%qs)
-         call add_slopes(size, s, 1.0_wp, abar, self%g, self%p, self%ps)
+         call add_slopes(size, s, i, self%kappa, b, self%g, self%base(:, :, i), self%ps)
+         call add_slopes(size, s, i, 1.0_wp, a, self%c, self%ps, self%qs)
+         call add_slopes(size, s, i, 1.0_wp, abar, self%g, self%p, self%ps)
       end associate
    end subroutine place
 
@@ -253,17 +263,17 @@ contains
       associate (s => self%plan%nstage, size => size(self%q), plan => self%plan)
          if (allocated(self%mass)) then
             self%qs = self%kappa*sum(plan%alpha)*self%velocity
-            call add_by_mass(self, plan%v, self%qs, dq)
+            call add_by_mass(self, 1, plan%v, self%qs, dq)
          else
             self%qs = self%kappa*sum(plan%alpha)*self%p
-            call add_slopes(size, s, self%kappa, plan%v, self%g, self%qs, dq)
+            call add_slopes(size, s, 1, self%kappa, plan%v, self%g, self%qs, dq)
          end if
          if (self%has_c) then
-            call add_slopes(size, s, 1.0_wp, plan%alpha, self%c, dq, self%qs)
+            call add_slopes(size, s, 1, 1.0_wp, plan%alpha, self%c, dq, self%qs)
             dq = self%qs
          end if
          self%qs = 0
-         call add_slopes(size, s, 1.0_wp, plan%alpha, self%g, self%qs, dp)
+         call add_slopes(size, s, 1, 1.0_wp, plan%alpha, self%g, self%qs, dp)
       end associate
    end subroutine add_up
 

@@ -169,30 +169,16 @@ contains
       next = merge(next, given_up, d <= huge(d))
    end function verdict
 
-   !> The same for sweeps first .. final that a path by itself took ahead, of two stages and two degrees of freedom:
-   !> which of them ends it, and how. What is behind that sweep is not looked at.
-   pure subroutine judge_ahead(first, final, too_slow, too_stiff, most, slope, last, sweep)
+   !> The same for sweeps first .. final that a path by itself took ahead: which of them ends it, and how. What is
+   !> behind that sweep is not looked at.
+   pure subroutine judge_ahead(first, final, too_slow, too_stiff, most, change, extent, last, sweep)
       integer, intent(in) :: first, final, most
-      real(wp), intent(in) :: too_slow, too_stiff
-      real(wp), intent(in) :: slope(most, 4)  !! after each sweep
+      real(wp), intent(in) :: too_slow, too_stiff, change(most), extent(most)
       real(wp), intent(inout) :: last         !! as of the sweep before the first one
       integer, intent(out) :: sweep           !! behind the final one where none ends it
-      real(wp) :: d1, d2, d3, d4, change, extent
 
       do sweep = first, final
-         d1 = slope(sweep, 1)
-         d2 = slope(sweep, 2)
-         d3 = slope(sweep, 3)
-         d4 = slope(sweep, 4)
-         extent = max(max(abs(d1), abs(d2)), max(abs(d3), abs(d4)))
-         if (sweep > 1) then
-            d1 = d1 - slope(sweep - 1, 1)
-            d2 = d2 - slope(sweep - 1, 2)
-            d3 = d3 - slope(sweep - 1, 3)
-            d4 = d4 - slope(sweep - 1, 4)
-         end if
-         change = max(max(abs(d1), abs(d2)), max(abs(d3), abs(d4))) + ((0*d1 + 0*d2) + (0*d3 + 0*d4))  ! NaN stays
-         last = verdict(sweep, too_slow, too_stiff, change, extent, last)
+         last = verdict(sweep, too_slow, too_stiff, change(sweep), extent(sweep), last)
          if (last < 0) return
       end do
    end subroutine judge_ahead

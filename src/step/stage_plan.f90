@@ -39,6 +39,8 @@ module symsde_step_stage_plan
       !> of the member before, or zero (nstage, nstage).
       real(wp), allocatable, dimension(:, :) :: first_b, first_a, first_abar
       type(stage_group), allocatable :: group(:)       !! (ngroup)
+   contains
+      procedure :: in_order
    end type stage_plan
 
 contains
@@ -133,6 +135,19 @@ contains
          coefficient(stage(k)) = 0
       end do
    end subroutine move_to_known
+
+   !> Whether the stages of every group follow each other.
+   pure logical function in_order(self)
+      class(stage_plan), intent(in) :: self
+      integer :: k
+
+      in_order = .true.
+      do k = 1, self%ngroup
+         associate (group => self%group(k))
+            in_order = in_order .and. maxval(group%stage) - minval(group%stage) == group%nmember - 1
+         end associate
+      end do
+   end function in_order
 
    !> The stages that stage i waits for and that wait for it, and itself.
    pure function mates(reaches, i) result(same)

@@ -21,7 +21,6 @@ module symsde_step_stages
    use symsde_step_constant_mass, only: new_constant_mass
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_lone, only: lone_stepper, few_of
-   use symsde_step_lone_full_stages, only: lone_full_stages
    use symsde_step_lone_stages, only: lone_stages
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, by_products
    use symsde_step_modified_hamiltonian, only: active_brackets
@@ -236,42 +235,37 @@ contains
       if (solver%has_rows) slowest = slow_rate(merge(1, group%nmember, allocated(group%e)))
    end function slowest
 
-   !> Paths one by one, where slopes are iterated and nothing is added to them.
+   !> Paths one by one, where slopes are iterated and brackets are no more than a shift of momenta.
    subroutine offer_lone(self, lone)
       class(stages_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
       type(lone_stages), allocatable :: made
-      type(lone_full_stages), allocatable :: full
       integer :: g
 
-      if (.not. (self%equations%eliminated .or. allocated(self%ham%modified))) then
-         allocate (full)
-         full%most = few_of(self%ham%ndof, 4)  ! five take 0.8 to 1.2 of the time
-         full%plan = self%equations%plan
-         full%too_stiff = too_stiff_for(self)
-         full%identity_mass = self%ham%model%traits%identity_mass
-         call move_alloc(full, lone)
-         return
-      end if
-      if (.not. self%equations%eliminated .or. self%equations%has_c .or. any(self%solver%at_once)) return
-      allocate (made)
-      made%most = few_of(self%ham%ndof, 3)  ! four take 0.9 to 1.5 of the time
-      made%plan = self%equations%plan
-      allocate (made%too_slow(size(self%solver)))
-      do g = 1, size(self%solver)
-         made%too_slow(g) = slowest(self%solver(g), made%plan%group(g), too_stiff_for(self))
-      end do
-      made%too_stiff = too_stiff_for(self)
-      if (allocated(self%equations%mass)) then
-         allocate (made%mass)
-         call new_constant_mass(made%mass, 1, self%ham%ndof, self%ham%nnoise)
-      end if
-      if (allocated(self%equations%shift)) then
-         made%wants_record = .true.
-         allocate (made%shift)
-         call new_noise_shift(made%shift, self%ham%model, 1)
-      end if
-      if (self%ham%model%traits%has_lone_pair .and. made%is_pair(self%ham%ndof)) made%most = 12  ! 14 take 1.05
+      associate (e => self%equations, n => self%ham%ndof)
+         if (any(self%solver%at_once) .or. (e%eliminated .and. e%has_c) .or. .not. e%plan%in_order()) return
+         if (allocated(self%ham%modified) .and. .not. allocated(e%shift)) return
+         allocate (made)
+         made%plan = e%plan
+         made%eliminated = e%eliminated
+         made%moves_with_p = e%moves_with_p()
+         made%too_stiff = too_stiff_for(self)
+         allocate (made%slot(size(self%solver)))
+         do g = 1, size(self%solver)
+            made%slot(g)%too_slow = slowest(self%solver(g), made%plan%group(g), made%too_stiff)
+         end do
+         if (allocated(e%mass)) then
+            allocate (made%mass)
+            call new_constant_mass(made%mass, 1, n, self%ham%nnoise)
+         end if
+         if (allocated(e%shift)) then
+            made%wants_record = .true.
+            allocate (made%shift)
+            call new_noise_shift(made%shift, self%ham%model, 1)
+         end if
+         made%most = few_of(n, merge(3, 4, e%eliminated))  ! one more takes 0.8 to 1.5 of the time
+         if (made%asks(self%ham%model)) made%most = 12  ! as many as go alone at all
+      end associate
       call move_alloc(made, lone)
    end subroutine offer_lone
 

@@ -16,7 +16,7 @@ module symsde_step_stages_single
    use symsde_solve_newton, only: newton_options
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_brackets, only: lone_brackets
-   use symsde_step_lone_single_newton, only: lone_single_newton, has_lone_stages
+   use symsde_step_lone_single_newton, only: lone_single_newton, most_stages
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_single_newton, only: single_newton, new_single_newton
    use symsde_step_slopes, only: add_slopes
@@ -123,8 +123,8 @@ contains
             end if
             call solver%iterate(self%ham, step, q, p, status)
          end do
-         call add_slopes(self%ham%nlane, s, 1.0_wp, self%alpha, solver%x, self%zero, dq)
-         call add_slopes(self%ham%nlane, s, 1.0_wp, self%alpha, solver%x(:, s + 1:), self%zero, dp)
+         call add_slopes(self%ham%nlane, s, 1, 1.0_wp, self%alpha, solver%x, self%zero, dq)
+         call add_slopes(self%ham%nlane, s, 1, 1.0_wp, self%alpha, solver%x(:, s + 1:), self%zero, dp)
       end associate
    end subroutine increment
 
@@ -188,8 +188,7 @@ contains
          call move_alloc(bracketed, lone)
          return
       end if
-      if (.not. (self%ham%model%traits%has_hessian .and. &
-                 has_lone_stages(self%solver%a, self%solver%abar, self%alpha))) return
+      if (.not. self%ham%model%traits%has_hessian .or. self%solver%s > most_stages) return
       if (.not. (self%solver%separable .or. self%solver%newton%affine)) return
       allocate (made)
       made%most = merge(3, 4, self%solver%s == 2)  ! one more takes up to 1.3 of the time

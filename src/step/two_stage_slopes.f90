@@ -25,7 +25,7 @@ contains
       end do
    end subroutine stage_point
 
-   !> VEC
+   !> VEC Increments, as add_slopes of step/slopes makes them.
    pure subroutine add_stages(nlane, alpha, x, dq, dp)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: alpha(2), x(nlane, 4)
@@ -33,8 +33,8 @@ contains
       integer :: lane
 
       do lane = 1, nlane
-         dq(lane) = alpha(1)*x(lane, 1) + alpha(2)*x(lane, 2)
-         dp(lane) = alpha(1)*x(lane, 3) + alpha(2)*x(lane, 4)
+         dq(lane) = 0 + alpha(1)*x(lane, 1) + alpha(2)*x(lane, 2)
+         dp(lane) = 0 + alpha(1)*x(lane, 3) + alpha(2)*x(lane, 4)
       end do
    end subroutine add_stages
 
