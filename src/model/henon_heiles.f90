@@ -175,7 +175,7 @@ contains
             call sweep_stages(2, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
          case (3)
             call sweep_stages(3, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
-         case (4)
+         case default
             call sweep_stages(4, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
          end select
       end associate
