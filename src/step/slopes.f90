@@ -108,7 +108,7 @@ contains
       change = change + zero  ! NaN stays
    end subroutine take_slopes
 
-   !> VEC The same of nbeside at a time, each of which has its own largest: one for all would wait for itself.
+   !> The same of nbeside at a time, each of which has its own largest: one for all would wait for itself.
    pure subroutine take_beside(n, f, slope, change, extent, zero)
       integer, intent(in) :: n   !! a multiple of nbeside
       real(wp), intent(in) :: f(n)
