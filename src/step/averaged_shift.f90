@@ -186,7 +186,7 @@ contains
       call self%inner%offer_lone(made%inner)
       if (.not. allocated(made%inner)) return
       made%wants_record = .true.
-      made%most = few_of(self%ham%ndof, 3)  ! four take 1.1 of the time
+      made%most = few_of(self%ham%ndof, 3, 6)  ! four take 1.1 of the time
       call new_mean_path(made%mean, self%ham%model, 1, self%mean%time_dependent)
       call move_alloc(made, lone)
    end subroutine offer_lone

@@ -147,7 +147,7 @@ contains
       associate (part => self%part, t => self%ham%model%traits)
          if (.not. (part%iterates .or. (part%pairs .and. t%has_hessian))) return
          allocate (made)
-         made%most = few_of(t%ndof, merge(3, 4, part%iterates))  ! one more takes 1.1 to 1.4 of the time
+         made%most = few_of(t%ndof, merge(3, 4, part%iterates), 6)  ! one more takes 1.1 to 1.4 of the time
          made%iterates = part%iterates
          made%too_stiff = part%too_stiff
          made%test = part%newton%test

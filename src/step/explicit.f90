@@ -91,7 +91,7 @@ contains
          return
       end if
       allocate (made)
-      made%most = few_of(self%ham%ndof, merge(3, 2, self%ham%ndof > 2))  ! one more takes 1.1 to 1.5
+      made%most = few_of(self%ham%ndof, merge(3, 2, self%ham%ndof > 2), 6)  ! one more takes 1.1 to 1.5
       made%c(:self%plan%nstage) = self%plan%c
       made%mass_alone = self%ham%mass_alone
       if (allocated(self%ham%mass)) then

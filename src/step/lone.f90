@@ -16,7 +16,7 @@ module symsde_step_lone
    public :: lone_stepper, most_lone, few_of
 
    integer, parameter :: most_lone = 12           !! paths that any lone stepper takes of a block
-   integer, parameter :: wide = 32, most_wide = 6 !! degrees of freedom of a wide system; paths of it
+   integer, parameter :: wide = 32 !! degrees of freedom of a wide system
 
    type, abstract :: lone_stepper
       class(model_type), pointer :: model => null()  !! whose lanes have the same bits whatever their number
@@ -62,11 +62,11 @@ contains
 
    !> Paths up to which those of a block are faster one by one: as many as were measured for narrow systems, and more
    !> of wide ones, where a block takes its passes through memory.
-   pure integer function few_of(n, narrow)
-      integer, intent(in) :: n       !! degrees of freedom
-      integer, intent(in) :: narrow
+   pure integer function few_of(n, narrow, broad)
+      integer, intent(in) :: n              !! degrees of freedom
+      integer, intent(in) :: narrow, broad  !! paths of a narrow system, of a wide one
 
-      few_of = merge(most_wide, narrow, n >= wide)
+      few_of = merge(broad, narrow, n >= wide)
    end function few_of
 
    !> The model of the paths to come.

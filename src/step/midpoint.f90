@@ -172,7 +172,7 @@ contains
       type is (midpoint_by_rows)
          if (self%ham%model%traits%has_chain_rows .and. .not. self%ham%model%traits%has_lone_rows) return
          allocate (rows)
-         rows%most = few_of(self%eq%n, 4)  ! five take 0.9 to 1.0
+         rows%most = few_of(self%eq%n, 4, 6)  ! five take 0.9 to 1.0
          rows%test = part%newton%test
          rows%max_iter = part%newton%options%max_iter
          call move_alloc(rows, lone)

@@ -124,7 +124,7 @@ contains
       associate (newton => self%newton, t => self%ham%model%traits)
          if (allocated(self%ham%modified) .or. .not. is_free(newton%options)) return
          allocate (made)
-         made%most = few_of(t%ndof, 4)  ! five take 0.9 to 1.2 of the time
+         made%most = few_of(t%ndof, 4, 6)  ! five take 0.9 to 1.2 of the time
          made%iterates = allocated(self%sweeps)
          made%solves = allocated(self%hqq) .and. self%band == dense .and. t%has_hessian .and. t%ndof > 1
          made%test = newton%test

@@ -263,7 +263,7 @@ contains
             allocate (made%shift)
             call new_noise_shift(made%shift, self%ham%model, 1)
          end if
-         made%most = few_of(n, merge(3, 4, e%eliminated))  ! one more takes 0.8 to 1.5 of the time
+         made%most = few_of(n, merge(3, 4, e%eliminated), 8)  ! one more takes 0.8 to 1.5 of the time
          if (made%asks(self%ham%model)) made%most = 12  ! as many as go alone at all
       end associate
       call move_alloc(made, lone)
