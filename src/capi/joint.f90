@@ -90,7 +90,7 @@ contains
       call find_callback_model(model, known, 'symsde_model_set_flow', refusal)
       call read_text(scheme, 'scheme', text, refusal)
       if (.not. allocated(refusal)) call get_scheme(meant, text, refusal)
-      if (.not. allocated(refusal)) call name_of_flow(meant, meant%brackets%are_added(), name)
+      if (.not. allocated(refusal)) call name_of_flow(meant, name)
       if (.not. allocated(refusal)) call known%set_flow(name, flow)
       status = finish(refusal, error)
    end function symsde_model_set_flow

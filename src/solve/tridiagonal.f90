@@ -6,7 +6,7 @@
 !> right-hand sides. Where the two fronts meet two unknowns are left; from there the solution is found pair by pair
 !> outwards and used at once. A lane is trusted while its pivots are positive, for elimination of a positive definite
 !> matrix is stable whatever their sizes, or else within pivot_floor of the entries they came from, either way; a NaN
-!> is not trusted.
+!> is not trusted, nor are entries whose products overflow.
 !>
 !> Pairs of one front wait for each other, those of the two do not: a lane alone takes them in turn, in half the time.
 !> A strip of lanes whose number the compiler knows goes through together: a row's lanes stay in registers
@@ -25,6 +25,8 @@ module symsde_solve_tridiagonal
    !> diagonal that ties the two, the inverse of the pivot, the right-hand side, and whether its lane is trusted (1 or
    !> 0); and the largest diagonal entry so far.
    integer, parameter :: nfront = 5
+   !> Entries up to which the product of three is a number.
+   real(wp), parameter :: largest_entry = 1e100_wp
    real(wp), parameter :: before_first_row(strip_lanes, nfront) = &
                           spread([0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp], 1, strip_lanes)
 
@@ -135,6 +137,7 @@ contains
          call meet(upper(lane, 1), upper(lane, 2), lower(lane, 2), upper(lane, 3), lower(lane, 3), meeting(lane, 1), &
                    meeting(lane, 2), found)
          trusted(lane) = min(found, min(upper(lane, 4), lower(lane, 4)))
+         trusted(lane) = merge(trusted(lane), 0.0_wp, max(upper(lane, 5), lower(lane, 5)) <= largest_entry)
       end do
    end subroutine meet_strip
 
@@ -227,6 +230,7 @@ contains
          call look_closer(1, n - h, c, -1, k(0, h), [0.0_wp], [0.0_wp], found)
          trusted = found(1)
       end if
+      if (.not. largest <= largest_entry) trusted = 0
       call correct_lane(n, h, d1, d2, factor, rhs, x, step, size)
    end subroutine solve_lane
 
@@ -288,6 +292,7 @@ contains
             pivot = entry - carried**2*inverse
             scale = 1/(pivot*next - (c*k(lane, 1, beside))**2)
             if (.not. is_trusted(pivot, scale, entry*next)) trusted(lane) = 0
+            if (max(abs(entry), abs(next), abs(c*k(lane, 1, beside))) > largest_entry) trusted(lane) = 0
             carried = c*k(lane, 1, beside + way)
             inverse = pivot*scale
          end do

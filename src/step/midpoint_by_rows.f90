@@ -90,8 +90,12 @@ contains
       integer :: first, last, before, h
 
       h = upper_rows(eq%n)
-      if (self%gives_rows) then
-         self%fronts = spread(before_first_row, 3, 2)
+      self%fronts = spread(before_first_row, 3, 2)
+      if (self%nrow == eq%n) call linearise(self, ham%model, eq, w, 1, eq%n, self%hq(1, 1), self%hqq(1, 0, 1))
+      if (self%gives_rows .and. self%nrow == eq%n) then
+         call eliminate_all(self, eq, eq%x, self%hq(1, 1), self%hqq)
+         call correct(self, ham, eq, w, 0, eq%x, status)
+      else if (self%gives_rows) then
          do first = 1, h, self%nrow
             last = min(first + self%nrow - 1, h)
             call linearise(self, ham%model, eq, w, first, last, self%hq(1, 1), self%hqq(1, 0, 1))
@@ -104,13 +108,11 @@ contains
          end do
          call correct(self, ham, eq, w, 0, eq%x, status)
       else
-         call linearise(self, ham%model, eq, w, 1, eq%n, self%hq(1, 1), self%hqq(1, 0, 1))
          do before = 0, eq%nlane - strip_lanes, strip_lanes
             call take_strip(eq%nlane, eq%n, before, eq%x, self%hq(1, 1), self%hqq(1, 0, 1), self%x, self%f, &
                             self%k(1, 0, 1))
             self%fronts = spread(before_first_row, 3, 2)
-            call eliminate(self, eq, 1, h, self%x, self%f, self%k)
-            call eliminate(self, eq, h + 1, eq%n, self%x, self%f(1, h + 1), self%k(1, 0, h))
+            call eliminate_all(self, eq, self%x, self%f, self%k)
             call correct(self, ham, eq, w, before, self%x, status)
             eq%x(before + 1:before + strip_lanes, :) = self%x
          end do
@@ -119,6 +121,18 @@ contains
       ham%counters%hessians = ham%counters%hessians + eq%nreal
       call self%newton%judge(status, ham%counters)
    end subroutine iterate
+
+   !> All rows of a strip.
+   subroutine eliminate_all(self, eq, x, f, k)
+      type(midpoint_by_rows), intent(inout) :: self
+      type(midpoint_equation), intent(in) :: eq
+      real(wp), intent(in) :: x(strip_lanes, eq%n), f(strip_lanes, eq%n), k(strip_lanes, 0:1, 0:eq%n)
+
+      associate (h => upper_rows(eq%n))
+         call eliminate(self, eq, 1, h, x, f, k)
+         call eliminate(self, eq, h + 1, eq%n, x, f(1, h + 1), k(1, 0, h))
+      end associate
+   end subroutine eliminate_all
 
    !> Rows first .. last of a strip, after those before them in their front.
    subroutine eliminate(self, eq, first, last, x, f, k)

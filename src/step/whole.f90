@@ -6,6 +6,7 @@
 !> rounding, and gives the bits of single steps (tests/verification/test_whole.pf).
 module symsde_step_whole
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_laws, only: law_gaussian
    use symsde_base_record, only: step_record, steps_record
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
@@ -41,10 +42,30 @@ contains
       if (fits .and. task%correction /= correction_none) &
          fits = task%correction == correction_increments .and. is_one_sided(task%scheme)
       if (.not. fits) return
-      call name_of_flow(task%scheme, task%has_brackets(), name)
-      fits = task%model%has_flow(name//suffix(task))
-      if (fits .and. usual_name(task%scheme, task%has_brackets()) == '') fits = is_of_catalogue(task%scheme, name)
+      call find_flow(task, name)
+      fits = name /= ''
    end function whole_fits
+
+   !> The name of the model's flow that serves a task; blank where there is none. One that is meant for the scheme comes
+   !> first. Where equations are linear, so that a step has one root, the steps of one of the four also serve discrete
+   !> increments, and brackets that vanish for the model.
+   subroutine find_flow(task, name)
+      type(stepper_task), intent(in) :: task
+      character(:), allocatable, intent(out) :: name
+      logical :: found
+
+      call name_of_flow(task%scheme, name)
+      found = task%model%has_flow(name//suffix(task))
+      if (usual_name(task%scheme, task%scheme%brackets%are_added()) == '') then
+         if (found) found = is_of_catalogue(task%scheme, name)
+      else
+         found = found .and. (task%scheme%law == law_gaussian .or. task%model%traits%quadratic)
+      end if
+      if (found) return
+      name = trim(merge(usual_name(task%scheme, task%has_brackets()), usual_name(task%scheme, .true.), &
+                        task%model%traits%quadratic))
+      if (name /= '' .and. .not. task%model%has_flow(name//suffix(task))) name = ''
+   end subroutine find_flow
 
    !> What stands behind the name of a scheme where it is corrected.
    pure function suffix(task)
@@ -60,7 +81,7 @@ contains
       logical :: plain
 
       plain = task%correction == correction_none
-      call name_of_flow(task%scheme, task%has_brackets(), self%scheme)
+      call find_flow(task, self%scheme)
       self%name = 'whole steps of '//self%scheme//' by the model'
       if (.not. plain) self%name = 'whole corrected steps of '//self%scheme//' by the model'
       self%scheme = self%scheme//suffix(task)
@@ -71,13 +92,12 @@ contains
                                     merge(0.0_wp, task%scheme%correction_coefficient(), plain))
    end subroutine make
 
-   !> The name by which a model is asked for a scheme: nothing depends on what a user calls one of the four.
-   subroutine name_of_flow(scheme, has_brackets, name)
+   !> The name by which a model has the flow of a scheme: nothing depends on what a user calls one of the four.
+   subroutine name_of_flow(scheme, name)
       type(scheme_type), intent(in) :: scheme
-      logical, intent(in) :: has_brackets  !! that count for the model
       character(:), allocatable, intent(out) :: name
 
-      name = trim(usual_name(scheme, has_brackets))
+      name = trim(usual_name(scheme, scheme%brackets%are_added()))
       if (name == '') name = scheme%name
    end subroutine name_of_flow
 

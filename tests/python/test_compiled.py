@@ -270,7 +270,7 @@ def test_low_level_callable_and_its_failure():
         ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=10, threads=1)
 
 
-def oscillator(numba, fault=1.0, stops=False, forgets=False):
+def oscillator(numba, fault=1.0, stops=False, forgets=False, scheme="midpoint", quadratic=True):
     """H = p^2/2 + q^2/2, H_1 = -q, with whole midpoint steps: dp = (dW - h (q + h p/2))/(1 + h^2/4)."""
 
     @numba.cfunc(ss.numba_signature("gradient"))
@@ -297,8 +297,8 @@ def oscillator(numba, fault=1.0, stops=False, forgets=False):
                     pn[step // every * nlane + i] = y
         return 0
 
-    traits = {"separable": True, "additive": True, "position_noise": True, "quadratic": True, "identity_mass": True}
-    return ss.Model(ndof=1, nnoise=1, gradient=gradient, flows={"midpoint": flow}, **traits)
+    traits = {"separable": True, "additive": True, "position_noise": True, "identity_mass": True}
+    return ss.Model(ndof=1, nnoise=1, gradient=gradient, flows={scheme: flow}, quadratic=quadratic, **traits)
 
 
 def test_whole_steps():
@@ -315,6 +315,18 @@ def test_whole_steps():
     other = ss.simulate(model, scheme="gauss2", paths=3, **how)
     assert "whole" not in other.report.stepper
     assert "whole" not in ss.simulate(model, paths=3, general=True, **how).report.stepper
+
+
+@pytest.mark.parametrize("of", ["midpoint", "midpoint_areas"])
+def test_whole_steps_serve_the_scheme_they_are_meant_for(of):
+    """And discrete increments and areas of one noise only where equations are linear, so that a step has one root."""
+    numba = pytest.importorskip("numba")
+    for scheme in ("midpoint", "midpoint_areas", "midpoint_weak1"):
+        for quadratic in (True, False):
+            model = oscillator(numba, scheme=of, quadratic=quadratic)
+            run = ss.simulate(model, q0=0.3, p0=0.1, step=0.05, steps=12, scheme=scheme)
+            whole = scheme == of or (of == "midpoint" and quadratic)
+            assert (f"whole steps of {of} " in run.report.stepper) == whole
 
 
 def test_whole_steps_are_compared_with_the_scheme():
