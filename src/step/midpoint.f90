@@ -48,7 +48,7 @@ module symsde_step_midpoint
       class(midpoint_part), allocatable :: part
       type(midpoint_equation) :: eq            !! of the lanes that take the step together
       logical :: has_shift = .false.           !! additive noise moves the positions: g /= 0
-      real(wp) :: largest = 0                  !! of q and p in the lanes that go together
+      real(wp), allocatable :: extent(:)       !! the largest of q and p in a lane (eq%nlane)
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
       real(wp), allocatable :: w(:, :)         !! where not all lanes go together: their w (eq%nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! where lanes are taken out (eq%nlane, ndof)
@@ -141,6 +141,7 @@ contains
 
       call self%eq%make_room()
       associate (nlane => self%ham%nlane, together => self%eq%nlane, n => self%eq%n)
+         if (self%moves) allocate (self%extent(together))
          if (self%has_shift) allocate (self%shift(together, n))
          if (self%moves .or. modulo(nlane, together) /= 0) &
             allocate (self%q(together, n), self%p(together, n), self%dq(together, n), self%dp(together, n))
@@ -301,7 +302,7 @@ contains
          eq%for_dq = .false.
          eq%stiff = .false.
          eq%c = 0.25_wp*eq%h
-         call half_drift(nlane, eq%n, before, eq%nlane, eq%h, q, p, eq%base(1, 1), self%largest)
+         call half_drift(nlane, eq%n, before, eq%nlane, eq%h, q, p, eq%base(1, 1), self%extent)
          if (self%has_shift) call add_shift(self, w)
          call self%part%solve(self%ham, eq, w, status)
       end associate
@@ -342,7 +343,7 @@ contains
             call find_bad(together, n, eq%base(1, 1), eq%x, status)
             call put_states(nlane, n, before, together, eq%base(1, 1), eq%x, status, q, p)
          else
-            if (.not. (self%largest + maxval(self%part%newton%size))*(1 + abs(eq%h)) <= 0.1_wp*huge(eq%h)) &
+            if (.not. maxval(self%extent + self%part%newton%size)*(1 + abs(eq%h)) <= 0.1_wp*huge(eq%h)) &
                call find_bad_sums(nlane, n, before, together, eq%h, q, p, eq%x, status)
             call add_in_place(nlane, n, before, together, eq%h, eq%x, status, q, p)
          end if
@@ -392,27 +393,25 @@ contains
    ! ---- kernels: lanes before+1 .. before+together of a block, a vector at a time
 
    !> VEC base = q + h p/2
-   pure subroutine half_drift(nlane, n, before, together, h, q, p, base, largest)
+   pure subroutine half_drift(nlane, n, before, together, h, q, p, base, extent)
       integer, intent(in) :: nlane, n, before, together
       real(wp), intent(in) :: h, q(nlane, n), p(nlane, n)
       real(wp), intent(out) :: base(together, n)
-      real(wp), intent(out) :: largest  !! of q and p
-      real(wp) :: extent(lane_unit)
+      real(wp), intent(out), optional :: extent(together)  !! the largest of q and p
       integer :: i, done, lane
 
-      largest = 0
-      do done = 0, together - lane_unit, lane_unit
-         extent = 0
-         do i = 1, n
+      if (present(extent)) extent = 0
+      do i = 1, n
+         do done = 0, together - lane_unit, lane_unit
             !GCC$ unroll 8
-            do lane = 1, lane_unit
-               associate (x => q(before + done + lane, i), y => p(before + done + lane, i))
-                  base(done + lane, i) = x + 0.5_wp*(h*y)
-                  extent(lane) = max(max(abs(x), abs(y)), extent(lane))
-               end associate
+            do lane = done + 1, done + lane_unit
+               base(lane, i) = q(before + lane, i) + 0.5_wp*(h*p(before + lane, i))
             end do
          end do
-         largest = max(largest, maxval(extent))
+         if (.not. present(extent)) cycle
+         do lane = 1, together
+            extent(lane) = max(max(abs(q(before + lane, i)), abs(p(before + lane, i))), extent(lane))
+         end do
       end do
    end subroutine half_drift
 
