@@ -267,7 +267,7 @@ contains
       step = step + 0*d1  ! NaN stays
    end subroutine correct_lane
 
-   !> Trust in pairs of rows of one front, where some lane has a pivot that is not positive, or no number.
+   !> Trust in pairs of rows of one front, where some lane has a pivot that is not positive.
    pure subroutine look_closer(nlane, m, c, way, k, carried_before, inverse_before, trusted)
       integer, intent(in) :: nlane, m, way
       real(wp), intent(in) :: c, k(nlane, 0:1, 0:m)
@@ -283,7 +283,6 @@ contains
          if (odd == 1) then
             inverse = 1/(1 + c*k(lane, 0, m))
             carried = c*k(lane, 1, m - 1)
-            if (.not. is_trusted(1.0_wp, inverse, 1/inverse)) trusted(lane) = 0
          end if
          do i = merge(1, m - odd, way > 0), merge(m - 1, 2, way > 0), 2*way
             beside = min(i, i + way)
@@ -317,11 +316,10 @@ contains
       y1 = res1 - carried*r
       carried = c*beside2
       inverse = pivot*scale
-      beside = beside*scale
-      rhs1 = (next*scale)*y1 - (beside*res2)
-      r = inverse*res2 - (beside*y1)
+      r = (pivot*res2 - (beside*y1))*scale
+      rhs1 = (next*y1 - (beside*res2))*scale
       rhs2 = r
-      factor1 = beside*carried
+      factor1 = beside*scale*carried
       factor2 = inverse*carried
    end subroutine eliminate_pair
 

@@ -90,12 +90,12 @@ contains
       integer :: first, last, before, h
 
       h = upper_rows(eq%n)
-      self%fronts = spread(before_first_row, 3, 2)
       if (self%nrow == eq%n) call linearise(self, ham%model, eq, w, 1, eq%n, self%hq(1, 1), self%hqq(1, 0, 1))
       if (self%gives_rows .and. self%nrow == eq%n) then
          call eliminate_all(self, eq, eq%x, self%hq(1, 1), self%hqq)
          call correct(self, ham, eq, w, 0, eq%x, status)
       else if (self%gives_rows) then
+         self%fronts = spread(before_first_row, 3, 2)
          do first = 1, h, self%nrow
             last = min(first + self%nrow - 1, h)
             call linearise(self, ham%model, eq, w, first, last, self%hq(1, 1), self%hqq(1, 0, 1))
@@ -111,7 +111,6 @@ contains
          do before = 0, eq%nlane - strip_lanes, strip_lanes
             call take_strip(eq%nlane, eq%n, before, eq%x, self%hq(1, 1), self%hqq(1, 0, 1), self%x, self%f, &
                             self%k(1, 0, 1))
-            self%fronts = spread(before_first_row, 3, 2)
             call eliminate_all(self, eq, self%x, self%f, self%k)
             call correct(self, ham, eq, w, before, self%x, status)
             eq%x(before + 1:before + strip_lanes, :) = self%x
@@ -129,6 +128,7 @@ contains
       real(wp), intent(in) :: x(strip_lanes, eq%n), f(strip_lanes, eq%n), k(strip_lanes, 0:1, 0:eq%n)
 
       associate (h => upper_rows(eq%n))
+         self%fronts = spread(before_first_row, 3, 2)
          call eliminate(self, eq, 1, h, x, f, k)
          call eliminate(self, eq, h + 1, eq%n, x, f(1, h + 1), k(1, 0, h))
       end associate
