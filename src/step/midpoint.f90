@@ -398,20 +398,19 @@ contains
       real(wp), intent(in) :: h, q(nlane, n), p(nlane, n)
       real(wp), intent(out) :: base(together, n)
       real(wp), intent(out), optional :: extent(together)  !! the largest of q and p
+      real(wp) :: largest(lane_unit)
       integer :: i, done, lane
 
-      if (present(extent)) extent = 0
-      do i = 1, n
-         do done = 0, together - lane_unit, lane_unit
+      do done = 0, together - lane_unit, lane_unit
+         largest = 0
+         do i = 1, n
             !GCC$ unroll 8
-            do lane = done + 1, done + lane_unit
-               base(lane, i) = q(before + lane, i) + 0.5_wp*(h*p(before + lane, i))
+            do lane = 1, lane_unit
+               base(done + lane, i) = q(before + done + lane, i) + 0.5_wp*(h*p(before + done + lane, i))
+               largest(lane) = max(max(abs(q(before + done + lane, i)), abs(p(before + done + lane, i))), largest(lane))
             end do
          end do
-         if (.not. present(extent)) cycle
-         do lane = 1, together
-            extent(lane) = max(max(abs(q(before + lane, i)), abs(p(before + lane, i))), extent(lane))
-         end do
+         if (present(extent)) extent(done + 1:done + lane_unit) = largest
       end do
    end subroutine half_drift
 
