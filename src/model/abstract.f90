@@ -32,9 +32,9 @@ module symsde_model_abstract
 
    !> One degree of freedom that feels the sine and the cosine of its angle:
    !>
-   !>    sum_j w_j H_j = e p^2/2 - a cos q + b sin q + c q^2/2 + d q
+   !>    sum_j w_j H_j = e p^2/2 + f p - a cos q + b sin q + c q^2/2 + d q        f = 0 of an angle
    type :: angle_terms
-      real(wp) :: a = 0, b = 0, c = 0, d = 0, e = 0
+      real(wp) :: a = 0, b = 0, c = 0, d = 0, e = 0, f = 0
    end type angle_terms
 
    !> A model is immutable once constructed: shared by all threads, intent(in) wherever it is used.
@@ -282,13 +282,14 @@ contains
       k22 = k(2, 2)
    end subroutine pair_composed
 
-   !> The terms of sum_j w_j H_j where it is one of an angle, for a path by itself: asked for once a time, and force and
-   !> slope at many angles follow without the model. The bits are those of gradient_hessian,
+   !> The terms of sum_j w_j H_j where it is one of an angle, or quadratic, for a path by itself: asked for once a time,
+   !> and force and slope at many angles follow without the model. Noises that move positions do not depend on time. The
+   !> bits are those of gradient_hessian,
    !>
-   !>    Hhat_q = a sin q + (b cos q + (c q + d)),  Hhat_qq = a cos q + (c - b sin q),  Hhat_p = e p,
+   !>    Hhat_q = a sin q + (b cos q + (c q + d)),  Hhat_qq = a cos q + (c - b sin q),  Hhat_p = e p + f,
    !>
    !> where terms that vanish change none, and of no sum two products could be contracted. This default serves models
-   !> without it: traits%has_angle_terms is false.
+   !> without it: traits%has_angle_terms and has_linear_terms are false.
    subroutine angle_missing(self, nnoise, t, w, terms)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       class(model_type), intent(in) :: self

@@ -9,6 +9,7 @@ module symsde_model_kubo
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: angle_terms
    use symsde_model_kubo_flow, only: kubo_flow
    use symsde_model_oscillator, only: oscillator_model
    use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow
@@ -27,6 +28,7 @@ module symsde_model_kubo
       procedure :: value => weighted_value
       procedure :: evaluate
       procedure :: flow
+      procedure :: angle
    end type kubo_model
 
 contains
@@ -50,7 +52,7 @@ contains
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., &
                     additive=is_zero(sigma), position_noise=is_zero(sigma), &
                     identity_mass=is_zero(a - 1), &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
                     max_frequency=abs(a), noise_lipschitz=abs(sigma))
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_kubo
@@ -81,6 +83,17 @@ contains
       if (present(hqq)) hqq(:, 1, 1) = a*w(:, 0) + sigma*w(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = a*w(:, 0) + sigma*w(:, 1)
    end subroutine evaluate
+
+   !> The terms for one path, see model_type.
+   subroutine angle(self, nnoise, t, w, terms)
+      class(kubo_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      type(angle_terms), intent(out) :: terms
+
+      terms%c = self%a*w(0) + self%sigma*w(1)
+      terms%e = terms%c
+   end subroutine angle
 
    !> Whole steps, see model_type.
    subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)

@@ -4,6 +4,7 @@ module symsde_model_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: steps_record
+   use symsde_model_abstract, only: angle_terms
    use symsde_model_oscillator_flow, only: oscillator_terms, oscillator_flow, oscillator_has_flow
    use symsde_model_separable, only: separable_model
    implicit none
@@ -15,6 +16,7 @@ module symsde_model_oscillator
    contains
       procedure :: has_flow
       procedure :: flow => oscillator_steps
+      procedure :: angle
    end type oscillator_model
 
 contains
@@ -41,5 +43,20 @@ contains
 
       call oscillator_flow(self%terms, scheme, steps, q, p, qn, pn, counters)
    end subroutine oscillator_steps
+
+   !> The terms for one path, see model_type; the rate is one.
+   subroutine angle(self, nnoise, t, w, terms)
+      class(oscillator_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      type(angle_terms), intent(out) :: terms
+
+      associate (s => self%terms)
+         terms%c = w(0) + s%a*w(s%noise_a)
+         terms%d = s%b*w(s%noise_b)
+         terms%e = w(0) + s%c*w(s%noise_c)
+         terms%f = s%e*w(s%noise_e)
+      end associate
+   end subroutine angle
 
 end module symsde_model_oscillator

@@ -9,6 +9,9 @@ module symsde_step_euler_maruyama
    use symsde_base_record, only: step_record
    use symsde_base_vectors, only: subtract, add_times
    use symsde_scheme_scheme, only: correction_none, ito_form
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_explicit, only: lone_explicit, one_slope
+   use symsde_step_lone_swing, only: new_lone_explicit
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -25,6 +28,7 @@ module symsde_step_euler_maruyama
       procedure :: make
       procedure :: is_oracle
       procedure :: increment
+      procedure :: offer_lone
    end type euler_maruyama_stepper
 
 contains
@@ -57,6 +61,20 @@ contains
 
       is_oracle = .true.
    end function is_oracle
+
+   !> What takes paths one by one, by one slope; the Ito drift of one degree of freedom whose model has terms.
+   subroutine offer_lone(self, lone)
+      class(euler_maruyama_stepper), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+      class(lone_explicit), allocatable :: made
+
+      associate (traits => self%ham%model%traits)
+         if (self%has_ito_drift .and. .not. (traits%has_angle_terms .or. traits%has_linear_terms)) return
+         call new_lone_explicit(made, one_slope, traits)
+      end associate
+      made%ngradient = 1
+      call move_alloc(made, lone)
+   end subroutine offer_lone
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(euler_maruyama_stepper), intent(inout) :: self

@@ -12,9 +12,10 @@ module symsde_step_explicit
    use symsde_step_constant_mass, only: new_constant_mass
    use symsde_step_explicit_plan, only: explicit_plan, evaluation, new_explicit_plan, add_slopes, sum_slopes
    use symsde_step_kicks, only: kick, kick_and_drift, kick_again, move
-   use symsde_step_lone, only: lone_stepper, few_of
-   use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick
-   use symsde_step_lone_planned, only: lone_planned, narrow, most_stages
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick, drift_kick_drift, &
+                                        two_slopes
+   use symsde_step_lone_swing, only: new_lone_explicit
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -55,7 +56,7 @@ contains
          call new_explicit_plan(self%plan, scheme, t%separable)
          self%is_euler = is_one_stage(self)
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
-         self%is_verlet = is_verlet(self) .and. (self%ham%mass_alone .or. allocated(self%ham%mass))
+         self%is_verlet = kind_of(self) == kick_drift_kick .and. (self%ham%mass_alone .or. allocated(self%ham%mass))
          allocate (self%hq(nlane, t%ndof, self%plan%nstage), self%hp(nlane, t%ndof, self%plan%nstage))
          allocate (self%qs(nlane, t%ndof), self%ps(nlane, t%ndof))
       end associate
@@ -75,45 +76,55 @@ contains
       end if
    end function is_one_stage
 
-   !> What takes paths one by one: Euler and Verlet in few passes, others with few degrees of freedom by the plan.
+   !> What takes paths one by one: Euler, Verlet and the like in few passes.
    subroutine offer_lone(self, lone)
       class(explicit_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
-      type(lone_explicit), allocatable :: made
-      type(lone_planned), allocatable :: planned
+      class(lone_explicit), allocatable :: made
 
-      if (.not. (self%is_euler .or. is_verlet(self)) .or. .not. self%ham%model%traits%separable) then
-         if (self%ham%ndof > narrow .or. self%plan%nstage > most_stages .or. allocated(self%ham%mass)) return
-         allocate (planned)
-         planned%plan = self%plan
-         planned%mass_alone = self%ham%mass_alone
-         call move_alloc(planned, lone)
-         return
-      end if
-      allocate (made)
-      made%most = few_of(self%ham%ndof, merge(3, 2, self%ham%ndof > 2), 6)  ! one more takes 1.1 to 1.5
+      if (kind_of(self) == 0) return
+      call new_lone_explicit(made, kind_of(self), self%ham%model%traits)
+      made%ngradient = size(self%plan%order) - merge(1, 0, self%is_verlet)  ! which asks for its velocity once
       made%c(:self%plan%nstage) = self%plan%c
       made%mass_alone = self%ham%mass_alone
       if (allocated(self%ham%mass)) then
          allocate (made%mass)
          call new_constant_mass(made%mass, 1, self%ham%ndof, self%ham%nnoise)
       end if
-      made%kind = kick_drift_kick
-      if (self%is_euler) made%kind = merge(kick_drift, drift_kick, self%plan%order(1)%force)
       call move_alloc(made, lone)
    end subroutine offer_lone
 
-   !> Whether half a kick, a drift of two halves and half a kick make the step.
-   pure logical function is_verlet(self)
+   !> Which kind of lone steps these are; 0 where there is none.
+   pure integer function kind_of(self) result(kind)
       type(explicit_stepper), intent(in) :: self
-      real(wp), parameter :: to_q(2, 2) = reshape([0.0_wp, 0.0_wp, 0.5_wp, 0.5_wp], [2, 2])
-      real(wp), parameter :: to_p(2, 2) = reshape([-0.5_wp, 0.0_wp, -0.5_wp, 0.0_wp], [2, 2])
+      real(wp), parameter :: rows(2, 2) = reshape([0.0_wp, 0.0_wp, 0.5_wp, 0.5_wp], [2, 2]), &
+                             columns(2, 2) = reshape([0.5_wp, 0.0_wp, 0.5_wp, 0.0_wp], [2, 2]), &
+                             heun(2, 2) = reshape([0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp], [2, 2])
 
-      is_verlet = .false.
-      if (self%plan%nstage /= 2) return
-      is_verlet = all(abs(self%plan%to_q - to_q) <= 0) .and. all(abs(self%plan%to_p - to_p) <= 0) .and. &
-                  all(abs(self%plan%alpha - 0.5_wp) <= 0)
-   end function is_verlet
+      kind = 0
+      associate (separable => self%ham%model%traits%separable, plan => self%plan)
+         if (self%is_euler) then
+            if (separable) kind = merge(kick_drift, drift_kick, plan%order(1)%force)
+         else if (has_halves(plan, heun, heun)) then
+            if (.not. allocated(self%ham%mass)) kind = two_slopes
+         else if (separable .and. has_halves(plan, rows, columns)) then
+            kind = kick_drift_kick
+         else if (separable .and. has_halves(plan, columns, rows)) then
+            if (.not. allocated(self%ham%mass)) kind = drift_kick_drift
+         end if
+      end associate
+   end function kind_of
+
+   !> Whether a plan of two equal weights has these coefficients of Hhat_p, and these of -Hhat_q.
+   pure logical function has_halves(plan, to_q, to_p)
+      type(explicit_plan), intent(in) :: plan
+      real(wp), intent(in) :: to_q(2, 2), to_p(2, 2)
+
+      has_halves = .false.
+      if (plan%nstage /= 2) return
+      has_halves = all(abs(plan%to_q - to_q) <= 0) .and. all(abs(plan%to_p + to_p) <= 0) .and. &
+                   all(abs(plan%alpha - 0.5_wp) <= 0)
+   end function has_halves
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(explicit_stepper), intent(inout) :: self

@@ -16,7 +16,7 @@ module symsde_step_lone
    public :: lone_stepper, most_lone, few_of
 
    integer, parameter :: most_lone = 12           !! paths that any lone stepper takes of a block
-   integer, parameter :: wide = 32 !! degrees of freedom of a wide system
+   integer, parameter :: narrow = 4, wide = 32    !! degrees of freedom of a narrow system, of a wide one
 
    type, abstract :: lone_stepper
       class(model_type), pointer :: model => null()  !! whose lanes have the same bits whatever their number
@@ -98,7 +98,7 @@ contains
       type(step_store), intent(in), target :: own
       integer, intent(in) :: i  !! where it stands
 
-      if (self%wants_record) call own%show(i, self%step%t, self%step)
+      call own%show(i, self%step%t, self%step)
    end subroutine show
 
    !> What a model with angle terms has at a time; of others nothing is asked.
@@ -239,7 +239,7 @@ contains
       call self%foresee(own, place, steps%nstep)
       do ntaken = 0, steps%nstep - 1
          ! increments come through memory, as those of blocks do: no operation of theirs is fused with the sum
-         call self%show(own, place + ntaken)
+         if (self%wants_record) call self%show(own, place + ntaken)
          call self%take(t0 + real(first + ntaken, wp)*steps%h, steps%h, own%w(1, 0, place + ntaken), x, y, &
                         dx, dy, sound)
          if (sound .and. allocated(self%low)) then
@@ -261,7 +261,8 @@ contains
       end do
    end subroutine walk
 
-   !> VEC Add the increments; sound says that all is finite.
+   !> VEC Add the increments; sound says that all is finite. Few numbers have just been written one by one: a vector of
+   !> them would wait until they are in memory.
    pure subroutine advance(n, dx, dy, x, y, sound)
       integer, intent(in) :: n
       real(wp), intent(in) :: dx(n), dy(n)
@@ -270,6 +271,16 @@ contains
       integer(i8) :: nbad
       integer :: i
 
+      if (n <= narrow) then
+         sound = .true.
+         !GCC$ novector
+         do i = 1, n
+            x(i) = x(i) + dx(i)
+            y(i) = y(i) + dy(i)
+            sound = sound .and. abs(x(i)) <= huge(x) .and. abs(y(i)) <= huge(y)
+         end do
+         return
+      end if
       nbad = 0
       do i = 1, n
          x(i) = x(i) + dx(i)

@@ -1,23 +1,26 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Symplectic Euler, its adjoint and Stormer-Verlet for a path by itself, where H_j = T_j(p) + U_j(q).
+!> Explicit steps of one or two stages for a path by itself: symplectic Euler, its adjoint, Stormer-Verlet and the other
+!> Lobatto pair of two stages, where H_j = T_j(p) + U_j(q); Heun and Euler-Maruyama for any H_j.
 !>
-!> The sums are those of step/explicit: of the coefficients one and one half, which multiply without rounding.
+!> The sums are those of step/explicit and step/euler_maruyama: of the coefficients one and one half, which multiply
+!> without rounding.
 module symsde_step_lone_explicit
    use symsde_base_kinds, only: wp
-   use symsde_model_abstract, only: angle_terms
    use symsde_step_constant_mass, only: constant_mass
    use symsde_step_kicks, only: kick, kick_and_drift, kick_and_drift_each, kick_again, move
    use symsde_step_lone, only: lone_stepper
    implicit none
    private
-   public :: lone_explicit, kick_drift, drift_kick, kick_drift_kick
+   public :: lone_explicit, kick_drift, drift_kick, kick_drift_kick, drift_kick_drift, one_slope, two_slopes
 
    enum, bind(c)
-      enumerator :: kick_drift = 1, drift_kick = 2, kick_drift_kick = 3
+      enumerator :: kick_drift = 1, drift_kick = 2, kick_drift_kick = 3, drift_kick_drift = 4
+      enumerator :: one_slope = 5, two_slopes = 6  !! Euler-Maruyama, Heun
    end enum
 
    type, extends(lone_stepper) :: lone_explicit
       integer :: kind = kick_drift
+      integer :: ngradient = 0       !! evaluations of a step
       real(wp) :: c(2) = 0           !! nodes of the stages
       type(constant_mass), allocatable :: mass  !! the velocity is h M^-1 p
       real(wp), allocatable, dimension(:), private :: x, first, second, force  !! (n)
@@ -33,13 +36,9 @@ contains
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
       logical :: by_numbers  ! which M^-1 is
-      integer :: i
 
       taken = .true.
-      if (self%model%traits%has_angle_terms) then
-         call swing(self, t, h, w, q(1), p(1), dq(1), dp(1))
-         return
-      end if
+      self%counters%gradients = self%counters%gradients + self%ngradient
       if (.not. allocated(self%x)) &
          allocate (self%x(self%n), self%first(self%n), self%second(self%n), self%force(self%n))
       by_numbers = .false.
@@ -47,75 +46,74 @@ contains
          call self%mass%look(self%model, 1, t, q)
          by_numbers = self%mass%diagonal
       end if
-      associate (n => self%n, c => self%counters, t1 => t + self%c(1)*h, x => self%x, force => self%force)
+      associate (n => self%n, t1 => t + self%c(1)*h, t2 => t + self%c(2)*h)
          select case (self%kind)
-         case (kick_drift)
-            call self%model%gradient(1, n, self%m, t1, w, q, p, hq=force)
-            if (self%mass_alone) then
-               call kick_and_drift(n, 1.0_wp, w(0), force, q, p, dp, dq, x)
-            else if (by_numbers) then
-               call kick_and_drift_each(n, 1.0_wp, w(0), self%mass%inverse, force, q, p, dp, dq, x)
-            else
-               call kick(n, 1.0_wp, force, p, dp, x)
-               call self%model%gradient(1, n, self%m, t1, w, q, x, hp=dq)
-            end if
-            c%gradients = c%gradients + 2
-         case (drift_kick)
-            if (by_numbers) then
-               call self%mass%drift(1, w(0:0), p, dq)
-            else if (.not. self%mass_alone) then
-               call self%model%gradient(1, n, self%m, t1, w, q, p, hp=dq)
-            end if
-            !GCC$ novector  ! few numbers, mostly
-            do i = 1, n
-               if (self%mass_alone) dq(i) = w(0)*p(i)
-               x(i) = q(i) + dq(i)
-            end do
-            call self%model%gradient(1, n, self%m, t1, w, x, p, hq=force)
-            do i = 1, n
-               dp(i) = -force(i)
-            end do
-            c%gradients = c%gradients + 2
-         case default
+         case (kick_drift, drift_kick)
+            call euler(self, n, t1, w, by_numbers, q, p, self%x, self%force, dq, dp)
+         case (kick_drift_kick)
             call verlet(self, t, h, w, by_numbers, q, p, dq, dp)
+         case (drift_kick_drift)
+            call swapped(self, n, t1, t2, w, q, p, self%x, self%first, self%second, self%force, dq, dp)
+         case default
+            call slopes(self, n, t1, t2, w, q, p, self%x, self%first, self%second, self%force, dq, dp)
          end select
       end associate
    end subroutine take
 
-   !> The same for an angle.
-   subroutine swing(self, t, h, w, q, p, dq, dp)
-      class(lone_explicit), intent(inout) :: self
-      real(wp), intent(in) :: t, h, w(0:self%m), q, p
-      real(wp), intent(out) :: dq, dp
-      type(angle_terms) :: terms
-      real(wp) :: t1, t2, f, slope, x, y, first, second
+   !> Symplectic Euler and its adjoint.
+   subroutine euler(self, n, t, w, by_numbers, q, p, x, force, dq, dp)
+      type(lone_explicit), intent(inout) :: self
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t, w(0:self%m), q(n), p(n)
+      logical, intent(in) :: by_numbers
+      real(wp), intent(inout) :: x(n), force(n)  !! room
+      real(wp), intent(out) :: dq(n), dp(n)
+      integer :: i
 
-      t1 = t + self%c(1)*h
-      call self%find_terms(t1, w, terms)
-      if (self%kind == drift_kick) then
-         dq = terms%e*p
-         dp = -self%force_at(terms, t1, w, q + dq, p, slope)
-      else
-         f = self%force_at(terms, t1, w, q, p, slope)
-         if (self%kind == kick_drift) then
-            dp = -f
-            dq = terms%e*(p - f)
+      if (self%kind == kick_drift) then
+         call self%model%gradient(1, n, self%m, t, w, q, p, hq=force)
+         if (self%mass_alone) then
+            call kick_and_drift(n, 1.0_wp, w(0), force, q, p, dp, dq, x)
+         else if (by_numbers) then
+            call kick_and_drift_each(n, 1.0_wp, w(0), self%mass%inverse, force, q, p, dp, dq, x)
          else
-            y = p - 0.5_wp*f
-            first = terms%e*y
-            t2 = t + self%c(2)*h
-            call self%find_terms(t2, w, terms)
-            second = terms%e*y
-            x = q + 0.5_wp*first
-            x = x + 0.5_wp*second
-            dq = 0.5_wp*first + 0.5_wp*second
-            dp = -0.5_wp*f
-            dp = dp - 0.5_wp*self%force_at(terms, t2, w, x, y, slope)
+            call kick(n, 1.0_wp, force, p, dp, x)
+            call self%model%gradient(1, n, self%m, t, w, q, x, hp=dq)
          end if
+         return
       end if
-      self%counters%gradients = self%counters%gradients + merge(merge(3, 4, self%mass_alone), 2, &
-                                                                self%kind == kick_drift_kick)
-   end subroutine swing
+      if (by_numbers) then
+         call self%mass%drift(1, w(0:0), p, dq)
+      else
+         call find_velocity(self, n, t, w, q, p, dq)
+      end if
+      !GCC$ novector  ! few numbers, mostly
+      do i = 1, n
+         x(i) = q(i) + dq(i)
+      end do
+      call self%model%gradient(1, n, self%m, t, w, x, p, hq=force)
+      do i = 1, n
+         dp(i) = -force(i)
+      end do
+   end subroutine euler
+
+   !> Hhat_p.
+   subroutine find_velocity(self, n, t, w, q, p, v)
+      type(lone_explicit), intent(inout) :: self
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t, w(0:self%m), q(n), p(n)
+      real(wp), intent(out) :: v(n)
+      integer :: i
+
+      if (self%mass_alone) then
+         !GCC$ novector
+         do i = 1, n
+            v(i) = w(0)*p(i)
+         end do
+      else
+         call self%model%gradient(1, n, self%m, t, w, q, p, hp=v)
+      end if
+   end subroutine find_velocity
 
    !> Both stages have the same momentum. Where time matters to the velocity, they differ in it; a constant mass says
    !> that it does not.
@@ -146,8 +144,61 @@ contains
          end if
          call self%model%gradient(1, n, m, t2, w, x, p, hq=force)
          call kick_again(n, force, dp)
-         self%counters%gradients = self%counters%gradients + merge(3, 4, self%mass_alone .or. allocated(self%mass))
       end associate
    end subroutine verlet
+
+   !> Both stages have the same position, between two drifts. Where time matters to the force, they differ in it.
+   subroutine swapped(self, n, t1, t2, w, q, p, x, first, second, force, dq, dp)
+      type(lone_explicit), intent(inout) :: self
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t1, t2, w(0:self%m), q(n), p(n)
+      real(wp), intent(inout), dimension(n) :: x, first, second, force  !! room
+      real(wp), intent(out) :: dq(n), dp(n)
+      integer :: i
+
+      call find_velocity(self, n, t1, w, q, p, first)
+      do i = 1, n
+         x(i) = q(i) + 0.5_wp*first(i)
+      end do
+      call self%model%gradient(1, n, self%m, t1, w, x, p, hq=force)
+      call self%model%gradient(1, n, self%m, t2, w, x, p, hq=second)
+      do i = 1, n
+         x(i) = p(i) - 0.5_wp*force(i)
+         x(i) = x(i) - 0.5_wp*second(i)
+         dp(i) = -0.5_wp*force(i) - 0.5_wp*second(i)
+      end do
+      call find_velocity(self, n, t2, w, q, x, second)
+      do i = 1, n
+         dq(i) = 0.5_wp*first(i) + 0.5_wp*second(i)
+      end do
+   end subroutine swapped
+
+   !> One slope, or the mean of two.
+   subroutine slopes(self, n, t1, t2, w, q, p, x, y, first, force, dq, dp)
+      type(lone_explicit), intent(inout) :: self
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t1, t2, w(0:self%m), q(n), p(n)
+      real(wp), intent(inout), dimension(n) :: x, y, first, force  !! room
+      real(wp), intent(out) :: dq(n), dp(n)
+      integer :: i
+
+      if (self%kind == one_slope) then
+         call self%model%gradient(1, n, self%m, t1, w, q, p, hq=force, hp=dq)
+         do i = 1, n
+            dp(i) = 0.0_wp - force(i)
+         end do
+         return
+      end if
+      call self%model%gradient(1, n, self%m, t1, w, q, p, hq=force, hp=first)
+      do i = 1, n
+         x(i) = q(i) + first(i)
+         y(i) = p(i) - force(i)
+      end do
+      call self%model%gradient(1, n, self%m, t2, w, x, y, hq=dp, hp=dq)
+      do i = 1, n
+         dq(i) = 0.5_wp*first(i) + 0.5_wp*dq(i)
+         dp(i) = -0.5_wp*force(i) - 0.5_wp*dp(i)
+      end do
+   end subroutine slopes
 
 end module symsde_step_lone_explicit
