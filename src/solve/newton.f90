@@ -30,7 +30,7 @@ module symsde_solve_newton
    use symsde_solve_damping, only: damping_type, new_damping, start_damping, reject, accept
    implicit none
    private
-   public :: newton_type, newton_options, new_newton, check_newton
+   public :: newton_type, newton_options, new_newton, check_newton, patience
 
    !> Iterations after which one unknown is tested for rounding that cycles, too, as several are from the start. Few
    !> lanes take as many, and the test of the others is shorter without.

@@ -2,12 +2,13 @@
 !> The midpoint rule for a path by itself, where H = p.p/2 + U(q) with noise in position.
 !>
 !> One degree of freedom by Newton's iteration, the first and the exact one of solve/stagnation; two by the corrections
-!> of step/midpoint_equation over one lane; more by the fixed-point iteration of step/midpoint_by_matrix. What is stiff
-!> or takes long is left to step/midpoint.
+!> of step/midpoint_equation over one lane; more by the fixed-point iteration of step/midpoint_by_matrix. What takes
+!> long is left to step/midpoint, and so are stiff steps of more than two.
 module symsde_step_lone_midpoint
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: angle_terms
-   use symsde_solve_stagnation, only: ends_exact
+   use symsde_solve_newton, only: patience
+   use symsde_solve_stagnation, only: quadratic, ends_exact, verdict_of
    use symsde_step_lone, only: lone_stepper
    use symsde_step_midpoint_equation, only: solve_pair
    use symsde_step_slopes, only: take_slopes
@@ -19,7 +20,7 @@ module symsde_step_lone_midpoint
    type, extends(lone_stepper) :: lone_midpoint
       logical :: affine = .false.     !! one solve is all
       logical :: iterates = .false.   !! without matrices
-      integer :: patience = 7         !! iterations of one unknown, or of two
+      integer :: max_iter = 0         !! of Newton's iterations
       real(wp), allocatable, dimension(:), private :: base, x, f, still  !! of several unknowns (n)
    contains
       procedure :: take
@@ -35,12 +36,13 @@ contains
       integer :: i
 
       if (self%n == 1) then
-         call solve_one(self, t + 0.5_wp*h, h, w, q(1), p(1), dp(1), taken)
+         call solve_one(self, t + 0.5_wp*h, h, w, q(1), p(1), dq(1), dp(1), taken)
+         return
       else if (.not. self%iterates) then
-         call solve_two(self, t + 0.5_wp*h, h, w, q, p, dp, taken)
-      else
-         call solve_several(self, t + 0.5_wp*h, h, w, q, p, dp, taken)
+         call solve_two(self, t + 0.5_wp*h, h, w, q, p, dq, dp, taken)
+         return
       end if
+      call solve_several(self, t + 0.5_wp*h, h, w, q, p, dp, taken)
       !GCC$ novector  ! few numbers
       do i = 1, self%n
          dq(i) = h*(p(i) + 0.5_wp*dp(i))
@@ -48,14 +50,14 @@ contains
    end subroutine take
 
    !> V + f(base + (h/4) V) = 0 by Newton's iteration from V = 0.
-   subroutine solve_one(self, t, h, w, q, p, v, taken)
+   subroutine solve_one(self, t, h, w, q, p, dq, v, taken)
       type(lone_midpoint), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q, p
-      real(wp), intent(out) :: v
+      real(wp), intent(out) :: dq, v
       logical, intent(out) :: taken
       type(angle_terms) :: terms
       real(wp) :: base, f, slope, g, d, last, bend
-      logical :: ends
+      logical :: ends, stiff
       integer :: iteration
 
       g = 0.25_wp*h
@@ -64,13 +66,14 @@ contains
       f = self%force_at(terms, t, w, base, 0.0_wp, slope)
       bend = g*slope
       v = -f/(1 + bend)
-      taken = 1 - bend >= 0 .and. abs(v) <= huge(v)
+      stiff = h*slope > 4  ! of bend nothing else is asked: it is contracted as in lanes
+      taken = abs(v) <= huge(v)
       if (.not. taken) return
       ends = self%affine .or. abs(v) <= 0
       last = abs(v)
       iteration = 1
       do while (.not. ends)
-         taken = iteration < self%patience
+         taken = iteration < self%max_iter
          if (.not. taken) return
          iteration = iteration + 1
          f = self%force_at(terms, t, w, base + g*v, 0.0_wp, slope)
@@ -78,40 +81,99 @@ contains
          v = v - d
          taken = abs(v) <= huge(v)
          if (.not. taken) return
-         ends = ends_exact(abs(d), abs(v), last)
+         ends = has_ended(iteration, abs(d), abs(v), last)
          last = abs(d)
       end do
-      associate (c => self%counters)
-         c%gradients = c%gradients + iteration
-         c%hessians = c%hessians + iteration
-         c%iterations = c%iterations + iteration
-         c%solves = c%solves + iteration
-      end associate
+      dq = h*(p + 0.5_wp*v)
+      if (stiff) call solve_one_stiff(self, terms, t, h, w, q, p, dq, v, iteration, taken)
+      if (taken) call count_up(self, iteration)
    end subroutine solve_one
 
+   !> From there with dq as the unknown, as step/midpoint says it.
+   subroutine solve_one_stiff(self, terms, t, h, w, q, p, dq, v, iteration, taken)
+      type(lone_midpoint), intent(in) :: self
+      type(angle_terms), intent(in) :: terms
+      real(wp), intent(in) :: t, h, w(0:self%m), q, p
+      real(wp), intent(inout) :: dq, v
+      integer, intent(inout) :: iteration  !! those before, and these
+      logical, intent(out) :: taken
+      real(wp) :: f, slope, d, last, drift
+      integer :: more
+      logical :: ends
+
+      drift = (h*p)
+      last = 0
+      do more = 1, self%max_iter
+         f = 0.5_wp*h*self%force_at(terms, t, w, q + 0.5_wp*dq, 0.0_wp, slope) - drift
+         d = (dq + f)/(1 + 0.25_wp*h*slope)
+         dq = dq - d
+         taken = abs(dq) <= huge(dq)
+         if (.not. taken) return
+         ends = self%affine .or. has_ended(more, abs(d), abs(dq), last)
+         if (ends) exit
+         last = abs(d)
+      end do
+      taken = ends
+      iteration = iteration + more
+      v = 2*(dq - drift)/h
+   end subroutine solve_one_stiff
+
+   !> Whether one unknown has converged, as solve/newton tests it.
+   pure logical function has_ended(iteration, d, size, last)
+      integer, intent(in) :: iteration
+      real(wp), intent(in) :: d, size, last  !! sizes of this correction, of the unknown and of the correction before
+
+      if (iteration <= patience) then
+         has_ended = ends_exact(d, size, last)
+      else
+         has_ended = verdict_of(quadratic, d, size, last) < 0
+      end if
+   end function has_ended
+
+   !> Newton's iterations, each with a gradient, a Hessian and a solve.
+   subroutine count_up(self, iterations)
+      type(lone_midpoint), intent(inout) :: self
+      integer, intent(in) :: iterations
+
+      associate (c => self%counters)
+         c%gradients = c%gradients + iterations
+         c%hessians = c%hessians + iterations
+         c%iterations = c%iterations + iterations
+         c%solves = c%solves + iterations
+      end associate
+   end subroutine count_up
+
    !> The same for two unknowns.
-   subroutine solve_two(self, t, h, w, q, p, v, taken)
+   subroutine solve_two(self, t, h, w, q, p, dq, v, taken)
       type(lone_midpoint), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(2), p(2)
-      real(wp), intent(out) :: v(2)
+      real(wp), intent(out) :: dq(2), v(2)
       logical, intent(out) :: taken
-      real(wp) :: base(2), slope(2), g
-      integer :: iteration, i
+      real(wp) :: base(2), drift(2), slope(2), unused(2), g
+      integer :: iteration, more, i
 
       !GCC$ novector  ! few numbers
       do i = 1, 2
          base(i) = q(i) + 0.5_wp*(h*p(i))
       end do
       g = 0.25_wp*h
-      call solve_pair(self%model, self%m, self%patience, self%affine, t, g, w, base, v, slope, iteration)
-      taken = iteration > 0 .and. g*slope(1) <= 1 .and. g*slope(2) <= 1  ! mild
+      v = 0
+      call solve_pair(self%model, self%m, self%max_iter, self%affine, .false., t, h, w, base, base, v, slope, iteration)
+      taken = iteration > 0
       if (.not. taken) return
-      associate (c => self%counters)
-         c%gradients = c%gradients + iteration
-         c%hessians = c%hessians + iteration
-         c%iterations = c%iterations + iteration
-         c%solves = c%solves + iteration
-      end associate
+      !GCC$ novector
+      do i = 1, 2
+         dq(i) = h*(p(i) + 0.5_wp*v(i))
+      end do
+      if (g*slope(1) > 1 .or. g*slope(2) > 1) then
+         drift = h*p
+         call solve_pair(self%model, self%m, self%max_iter, self%affine, .true., t, h, w, q, drift, dq, unused, more)
+         taken = more > 0
+         if (.not. taken) return
+         iteration = iteration + more
+         v = 2*(dq - drift)/h
+      end if
+      call count_up(self, iteration)
    end subroutine solve_two
 
    !> V = -f(base + (h/4) V), again and again.

@@ -168,7 +168,7 @@ contains
          if (self%eq%n > 2) made%most = 6  ! seven take 0.8 to 1.0, eight 1.4 to 1.9
          made%affine = part%newton%affine
          made%iterates = part%iterates
-         made%patience = min(made%patience, part%newton%options%max_iter)
+         made%max_iter = part%newton%options%max_iter
          call move_alloc(made, lone)
       type is (midpoint_by_rows)
          if (self%ham%model%traits%has_chain_rows .and. .not. self%ham%model%traits%has_lone_rows) return

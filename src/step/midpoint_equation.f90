@@ -125,43 +125,51 @@ contains
       call take_larger(self%nlane, slope, self%stiff_ratio)
    end subroutine note_stiff_ratio
 
-   !> Two unknowns of a path by itself, from V = 0: the iterations that were taken, none where it does not converge
-   !> soon, or where something is not finite. Whether the step is mild is for the caller to say: products with c
-   !> are contracted here as in lanes, since nothing else asks for them.
-   subroutine solve_pair(model, m, patience, affine, t, c, w, base, v, slope, iteration)
+   !> Two unknowns of a path by itself, from V = 0, or from dq: the iterations that were taken, none where it does not
+   !> converge, or where something is not finite. Whether the step is mild is for the caller to say: products with
+   !> h/4 are contracted here as in lanes, since nothing else asks for them.
+   subroutine solve_pair(model, m, max_iter, affine, for_dq, t, h, w, base, drift, x, slope, iteration)
       class(model_type), intent(in) :: model
-      integer, intent(in) :: m, patience   !! noises, iterations
+      integer, intent(in) :: m, max_iter   !! noises, iterations
       logical, intent(in) :: affine        !! one is all
-      real(wp), intent(in) :: t, c, w(0:m), base(2)
-      real(wp), intent(out) :: v(2), slope(2)   !! and the first Hhat_ii
+      logical, intent(in) :: for_dq
+      real(wp), intent(in) :: t, h, w(0:m), base(2)
+      real(wp), intent(in) :: drift(2)     !! of dq
+      real(wp), intent(inout) :: x(2)      !! V or dq
+      real(wp), intent(out) :: slope(2)    !! the first Hhat_ii
       integer, intent(out) :: iteration
-      real(wp) :: f1, f2, k11, k21, k12, k22, x1, x2, v1, v2, d1, d2, last, step, size
+      real(wp) :: f1, f2, k11, k21, k12, k22, q1, q2, x1, x2, d1, d2, c, last, step, size
 
-      x1 = base(1)
-      x2 = base(2)
-      v1 = 0
-      v2 = 0
+      c = merge(0.5_wp, 0.25_wp*h, for_dq)
+      x1 = x(1)
+      x2 = x(2)
+      q1 = base(1)
+      q2 = base(2)
+      if (for_dq) q1 = q1 + c*x1
+      if (for_dq) q2 = q2 + c*x2
       last = 0
-      do iteration = 1, patience
-         call model%pair(m, t, w, x1, x2, f1, f2, k11, k21, k12, k22)
+      do iteration = 1, max_iter
+         call model%pair(m, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
          if (iteration == 1) then
             slope(1) = k11
             slope(2) = k22
          end if
-         call correction(c, f1, f2, k11, k21, k12, k22, v1, v2, d1, d2)
-         v1 = v1 - d1
-         v2 = v2 - d2
+         if (for_dq) f1 = 0.5_wp*h*f1 - drift(1)
+         if (for_dq) f2 = 0.5_wp*h*f2 - drift(2)
+         call correction(0.25_wp*h, f1, f2, k11, k21, k12, k22, x1, x2, d1, d2)
+         x1 = x1 - d1
+         x2 = x2 - d2
          step = max(abs(d1), abs(d2)) + 0*(d1 + d2)  ! NaN stays
-         size = max(abs(v1), abs(v2))
+         size = max(abs(x1), abs(x2))
          if (.not. step + size <= huge(c)) exit
          last = verdict_of(quadratic, step, size, last)
          if (affine .or. last < 0) then
-            v(1) = v1
-            v(2) = v2
+            x(1) = x1
+            x(2) = x2
             return
          end if
-         x1 = base(1) + c*v1
-         x2 = base(2) + c*v2
+         q1 = base(1) + c*x1
+         q2 = base(2) + c*x2
       end do
       iteration = 0
    end subroutine solve_pair
