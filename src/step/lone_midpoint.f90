@@ -36,28 +36,32 @@ contains
       integer :: i
 
       if (self%n == 1) then
-         call solve_one(self, t + 0.5_wp*h, h, w, q(1), p(1), dq(1), dp(1), taken)
-         return
+         call solve_one(self, t + 0.5_wp*h, h, w, q(1), p(1), dp(1), taken)
+         if (.not. taken) then
+            call solve_one_slowly(self, t + 0.5_wp*h, h, w, q(1), p(1), dq(1), dp(1), taken)
+            return
+         end if
       else if (.not. self%iterates) then
          call solve_two(self, t + 0.5_wp*h, h, w, q, p, dq, dp, taken)
          return
+      else
+         call solve_several(self, t + 0.5_wp*h, h, w, q, p, dp, taken)
       end if
-      call solve_several(self, t + 0.5_wp*h, h, w, q, p, dp, taken)
       !GCC$ novector  ! few numbers
       do i = 1, self%n
          dq(i) = h*(p(i) + 0.5_wp*dp(i))
       end do
    end subroutine take
 
-   !> V + f(base + (h/4) V) = 0 by Newton's iteration from V = 0.
-   subroutine solve_one(self, t, h, w, q, p, dq, v, taken)
+   !> V + f(base + (h/4) V) = 0 by Newton's iteration from V = 0, where it is mild and short.
+   subroutine solve_one(self, t, h, w, q, p, v, taken)
       type(lone_midpoint), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q, p
-      real(wp), intent(out) :: dq, v
+      real(wp), intent(out) :: v
       logical, intent(out) :: taken
       type(angle_terms) :: terms
       real(wp) :: base, f, slope, g, d, last, bend
-      logical :: ends, stiff
+      logical :: ends
       integer :: iteration
 
       g = 0.25_wp*h
@@ -66,14 +70,13 @@ contains
       f = self%force_at(terms, t, w, base, 0.0_wp, slope)
       bend = g*slope
       v = -f/(1 + bend)
-      stiff = h*slope > 4  ! of bend nothing else is asked: it is contracted as in lanes
-      taken = abs(v) <= huge(v)
+      taken = 1 - bend >= 0 .and. abs(v) <= huge(v)
       if (.not. taken) return
       ends = self%affine .or. abs(v) <= 0
       last = abs(v)
       iteration = 1
       do while (.not. ends)
-         taken = iteration < self%max_iter
+         taken = iteration < min(self%max_iter, patience - 1)
          if (.not. taken) return
          iteration = iteration + 1
          f = self%force_at(terms, t, w, base + g*v, 0.0_wp, slope)
@@ -81,42 +84,60 @@ contains
          v = v - d
          taken = abs(v) <= huge(v)
          if (.not. taken) return
-         ends = has_ended(iteration, abs(d), abs(v), last)
+         ends = ends_exact(abs(d), abs(v), last)
          last = abs(d)
       end do
-      dq = h*(p + 0.5_wp*v)
-      if (stiff) call solve_one_stiff(self, terms, t, h, w, q, p, dq, v, iteration, taken)
-      if (taken) call count_up(self, iteration)
+      call count_up(self, iteration)
    end subroutine solve_one
 
-   !> From there with dq as the unknown, as step/midpoint says it.
-   subroutine solve_one_stiff(self, terms, t, h, w, q, p, dq, v, iteration, taken)
-      type(lone_midpoint), intent(in) :: self
-      type(angle_terms), intent(in) :: terms
+   !> However long it takes, and where it is stiff from there with dq as the unknown, as step/midpoint says it.
+   subroutine solve_one_slowly(self, t, h, w, q, p, dq, v, taken)
+      type(lone_midpoint), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q, p
-      real(wp), intent(inout) :: dq, v
-      integer, intent(inout) :: iteration  !! those before, and these
+      real(wp), intent(out) :: dq, v
       logical, intent(out) :: taken
-      real(wp) :: f, slope, d, last, drift
-      integer :: more
-      logical :: ends
+      real(wp) :: slope, unused, drift
+      integer :: iterations, more
 
-      drift = (h*p)
-      last = 0
-      do more = 1, self%max_iter
-         f = 0.5_wp*h*self%force_at(terms, t, w, q + 0.5_wp*dq, 0.0_wp, slope) - drift
-         d = (dq + f)/(1 + 0.25_wp*h*slope)
-         dq = dq - d
-         taken = abs(dq) <= huge(dq)
+      v = 0
+      call iterate_one(self, t, h, w, 0.25_wp*h, q + 0.5_wp*(h*p), 1.0_wp, 0.0_wp, v, slope, iterations, taken)
+      if (.not. taken) return
+      dq = h*(p + 0.5_wp*v)
+      if (h*slope > 4) then
+         drift = h*p
+         call iterate_one(self, t, h, w, 0.5_wp, q, 0.5_wp*h, drift, dq, unused, more, taken)
          if (.not. taken) return
-         ends = self%affine .or. has_ended(more, abs(d), abs(dq), last)
-         if (ends) exit
+         iterations = iterations + more
+         v = 2*(dq - drift)/h
+      end if
+      call count_up(self, iterations)
+   end subroutine solve_one_slowly
+
+   !> x + f(base + c x) = 0, f = weight Hhat_q - drift, by Newton's iteration.
+   subroutine iterate_one(self, t, h, w, c, base, weight, drift, x, first_slope, iterations, taken)
+      type(lone_midpoint), intent(in) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), c, base, weight, drift
+      real(wp), intent(inout) :: x
+      real(wp), intent(out) :: first_slope  !! Hhat_qq
+      integer, intent(out) :: iterations
+      logical, intent(out) :: taken
+      type(angle_terms) :: terms
+      real(wp) :: f, slope, d, last
+
+      call self%find_terms(t, w, terms)
+      last = 0
+      do iterations = 1, self%max_iter
+         f = weight*self%force_at(terms, t, w, base + c*x, 0.0_wp, slope) - drift
+         if (iterations == 1) first_slope = slope
+         d = (x + f)/(1 + 0.25_wp*h*slope)
+         x = x - d
+         taken = abs(x) <= huge(x)
+         if (.not. taken) return
+         if (self%affine .or. has_ended(iterations, abs(d), abs(x), last)) return
          last = abs(d)
       end do
-      taken = ends
-      iteration = iteration + more
-      v = 2*(dq - drift)/h
-   end subroutine solve_one_stiff
+      taken = .false.
+   end subroutine iterate_one
 
    !> Whether one unknown has converged, as solve/newton tests it.
    pure logical function has_ended(iteration, d, size, last)
@@ -152,22 +173,22 @@ contains
       real(wp) :: base(2), drift(2), slope(2), unused(2), g
       integer :: iteration, more, i
 
-      !GCC$ novector  ! few numbers
-      do i = 1, 2
+      !GCC$ novector
+      do i = 1, self%n  ! not 2: that would be vectors, which wait for both of their parts
          base(i) = q(i) + 0.5_wp*(h*p(i))
       end do
       g = 0.25_wp*h
       v = 0
-      call solve_pair(self%model, self%m, self%max_iter, self%affine, .false., t, h, w, base, base, v, slope, iteration)
+      call solve_pair(self%model, self%m, self%max_iter, self%affine, t, h, w, base, v, slope, iteration)
       taken = iteration > 0
       if (.not. taken) return
       !GCC$ novector
-      do i = 1, 2
+      do i = 1, self%n
          dq(i) = h*(p(i) + 0.5_wp*v(i))
       end do
       if (g*slope(1) > 1 .or. g*slope(2) > 1) then
          drift = h*p
-         call solve_pair(self%model, self%m, self%max_iter, self%affine, .true., t, h, w, q, drift, dq, unused, more)
+         call solve_pair(self%model, self%m, self%max_iter, self%affine, t, h, w, q, dq, unused, more, drift)
          taken = more > 0
          if (.not. taken) return
          iteration = iteration + more

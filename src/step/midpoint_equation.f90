@@ -128,25 +128,26 @@ contains
    !> Two unknowns of a path by itself, from V = 0, or from dq: the iterations that were taken, none where it does not
    !> converge, or where something is not finite. Whether the step is mild is for the caller to say: products with
    !> h/4 are contracted here as in lanes, since nothing else asks for them.
-   subroutine solve_pair(model, m, max_iter, affine, for_dq, t, h, w, base, drift, x, slope, iteration)
+   subroutine solve_pair(model, m, max_iter, affine, t, h, w, base, x, slope, iteration, drift)
       class(model_type), intent(in) :: model
       integer, intent(in) :: m, max_iter   !! noises, iterations
       logical, intent(in) :: affine        !! one is all
-      logical, intent(in) :: for_dq
       real(wp), intent(in) :: t, h, w(0:m), base(2)
-      real(wp), intent(in) :: drift(2)     !! of dq
       real(wp), intent(inout) :: x(2)      !! V or dq
       real(wp), intent(out) :: slope(2)    !! the first Hhat_ii
       integer, intent(out) :: iteration
+      real(wp), intent(in), optional :: drift(2)  !! the unknown is dq
       real(wp) :: f1, f2, k11, k21, k12, k22, q1, q2, x1, x2, d1, d2, c, last, step, size
 
-      c = merge(0.5_wp, 0.25_wp*h, for_dq)
+      c = merge(0.5_wp, 0.25_wp*h, present(drift))
       x1 = x(1)
       x2 = x(2)
       q1 = base(1)
       q2 = base(2)
-      if (for_dq) q1 = q1 + c*x1
-      if (for_dq) q2 = q2 + c*x2
+      if (present(drift)) then
+         q1 = q1 + c*x1
+         q2 = q2 + c*x2
+      end if
       last = 0
       do iteration = 1, max_iter
          call model%pair(m, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
@@ -154,8 +155,10 @@ contains
             slope(1) = k11
             slope(2) = k22
          end if
-         if (for_dq) f1 = 0.5_wp*h*f1 - drift(1)
-         if (for_dq) f2 = 0.5_wp*h*f2 - drift(2)
+         if (present(drift)) then
+            f1 = 0.5_wp*h*f1 - drift(1)
+            f2 = 0.5_wp*h*f2 - drift(2)
+         end if
          call correction(0.25_wp*h, f1, f2, k11, k21, k12, k22, x1, x2, d1, d2)
          x1 = x1 - d1
          x2 = x2 - d2
