@@ -81,10 +81,11 @@ contains
       type(run_report), intent(in) :: report
       type(c_ptr), intent(in) :: given        !! symsde_report, checked by check_report; may be NULL
       type(c_report), target :: copy
-      type(error_type), allocatable :: none
+      type(c_report), pointer :: filled
 
       if (.not. c_associated(given)) return
-      call take_struct(given, 'report', c_loc(copy), c_sizeof(copy), none)
+      call c_f_pointer(given, filled)
+      copy%struct_size = filled%struct_size
       call fill_report(report, copy)
       call give_struct(c_loc(copy), given)
    end subroutine give_report
@@ -114,12 +115,23 @@ contains
       c%lost_variance = r%lost_variance
       c%seconds_setup = r%seconds_setup
       c%seconds_run = r%seconds_run
-      call put_chars('', c%stepper)
-      call put_chars('', c%left_out)
-      call put_chars('', c%warnings)
-      if (allocated(r%stepper)) call put_chars(r%stepper, c%stepper)
-      if (allocated(r%left_out)) call put_chars(r%left_out, c%left_out)
-      if (allocated(r%warnings)) call put_chars(r%warnings, c%warnings)
+      call put(r%stepper, c%stepper)
+      call put(r%left_out, c%left_out)
+      call put(r%warnings, c%warnings)
+
+   contains
+
+      pure subroutine put(text, chars)
+         character(:), allocatable, intent(in) :: text
+         character(kind=c_char), intent(out) :: chars(:)
+
+         if (allocated(text)) then
+            call put_chars(text, chars)
+         else
+            call put_chars('', chars)
+         end if
+      end subroutine put
+
    end subroutine fill_report
 
    !> What the outcome of a run means, and where to look.

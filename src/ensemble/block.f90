@@ -183,7 +183,7 @@ contains
          if (.not. taken) call one_step(self)
       end do
       took = max(seconds() - start, 1e-9_wp)
-      self%chunk = max(1_i8, int(min(4.0_wp, 0.5_wp*longest_chunk/took)*(self%step - before), i8))
+      self%chunk = max(1_i8, int(min(16.0_wp, 0.5_wp*longest_chunk/took)*(self%step - before), i8))
    end subroutine run_chunk
 
    !> Steps from here to the next saved point; save_every at a saved point.
@@ -307,8 +307,7 @@ contains
          call self%observer%observe_several((first - self%options%first_step)/self%options%save_every, nout, &
                                             times, nlane, qn, pn, self%state)
       else
-         self%state%q(:nlane, :) = qn(:, :, nout)
-         self%state%p(:nlane, :) = pn(:, :, nout)
+         call self%state%take_first(nlane, qn(1, 1, nout), pn(1, 1, nout))
       end if
    end subroutine show_states
 

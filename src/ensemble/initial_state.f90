@@ -83,7 +83,7 @@ contains
       real(wp), intent(in) :: x0(:, :)
       integer(i8), intent(in) :: offset
       integer, intent(in) :: nreal
-      real(wp), intent(out) :: x(:, :)
+      real(wp), intent(out), contiguous :: x(:, :)
       integer :: lane, i
 
       do i = 1, size(x, 2)

@@ -64,8 +64,7 @@ contains
       integer :: k
 
       do k = 1, nsave
-         state%q(:nlane, :) = q(:, :, k)
-         state%p(:nlane, :) = p(:, :, k)
+         call state%take_first(nlane, q(1, 1, k), p(1, 1, k))
          call self%observe(isave + k - 1, t(k), state)
       end do
    end subroutine observe_each

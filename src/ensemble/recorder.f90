@@ -90,8 +90,7 @@ contains
             end if
          end associate
       end if
-      state%q(:nlane, :) = q(:, :, nsave)
-      state%p(:nlane, :) = p(:, :, nsave)
+      call state%take_first(nlane, q(1, 1, nsave), p(1, 1, nsave))
    end subroutine observe_several
 
    !> States of all paths of a run that are all its lanes.

@@ -177,6 +177,7 @@ contains
       real(wp), parameter :: share = 2000  !! of a thread: ten microseconds and more
 
       usable_threads = max(1, min(nthread, int(min(work/share, 1024.0_wp))))
+      if (usable_threads == 1) return  ! the question is one to the system
       if (process_is_forked() /= 0) usable_threads = 1
    end function usable_threads
 
@@ -191,6 +192,7 @@ contains
       integer :: info
 
       nthread = options%nthread
+      if (nthread == 1) return
       if (process_is_forked() /= 0) nthread = 1
       if (nthread > 0) return
       call get_environment_variable('SYMSDE_NUM_THREADS', text, status=info)

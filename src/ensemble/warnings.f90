@@ -36,15 +36,17 @@ contains
       real(wp), intent(in) :: q0(:), p0(:)       !! initial state of the first path (ndof)
       real(wp), intent(in) :: lost_variance      !! of a normal, by truncation
       character(:), allocatable, intent(out) :: text
+      real(wp), dimension(nlane, size(q0)) :: q, p
       type(bounds_type) :: bounds
 
       text = ''
-      call find_bounds(model, nlane, options%t0, q0, p0, bounds)
+      call spread_state(nlane, size(q0), q0, p0, q, p)
+      call find_bounds(model, nlane, options%t0, q, p, bounds)
       call warn_of_frequency(text, scheme, model%traits%quadratic, abs(options%step), explicit, bounds)
       if (.not. explicit) call warn_of_noise(text, options, bounds)
       if (lost_variance > 1e-3_wp) call add(text, 'truncation loses '//to_text(100*lost_variance)// &
                                             ' % of the variance of every increment')
-      if (.not. options%compensated) call warn_of_rounding(text, model, nlane, options, q0, p0)
+      if (.not. options%compensated) call warn_of_rounding(text, model, nlane, options, q, p)
    end subroutine set_up_warnings
 
    !> Stability limit, resolution and uniqueness, by h omega.
@@ -95,20 +97,20 @@ contains
    end subroutine warn_of_noise
 
    !> Increments of the drift below the rounding of the state are lost.
-   subroutine warn_of_rounding(text, model, nlane, options, q0, p0)
+   subroutine warn_of_rounding(text, model, nlane, options, q, p)
       character(:), allocatable, intent(inout) :: text
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q0(:), p0(:)
+      real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
       real(wp) :: w(nlane, 0:model%traits%nnoise)
-      real(wp), dimension(nlane, size(q0)) :: q, p, hq, hp
+      real(wp), dimension(nlane, model%traits%ndof) :: hq, hp
       real(wp) :: largest, state
 
-      call look_at(nlane, size(q0), model%traits%nnoise, 0, q0, p0, w, q, p)
-      call model%gradient(nlane, size(q0), model%traits%nnoise, options%t0, w, q, p, hq, hp)
+      call look_at(0, w)
+      call model%gradient(nlane, model%traits%ndof, model%traits%nnoise, options%t0, w, q, p, hq, hp)
       largest = abs(options%step)*max(maxval(abs(hq(1, :))), maxval(abs(hp(1, :))))
-      state = max(maxval(abs(q0)), maxval(abs(p0)))
+      state = max(maxval(abs(q(1, :))), maxval(abs(p(1, :))))
       if (largest > 0 .and. largest < epsilon(1.0_wp)*state) &
          call add(text, 'increments of the drift, '//to_text(largest)//', are below the rounding of the state, '// &
                   to_text(epsilon(1.0_wp)*state)//': ask for compensated summation')
@@ -116,12 +118,13 @@ contains
 
    !> Declared bounds, else row sums of Hessians at the initial state: of the noises, sums over all of them in one
    !> row, since noises on different sites of a lattice do not add up. Nothing is estimated of more noises than that.
-   subroutine find_bounds(model, nlane, t, q0, p0, bounds)
+   subroutine find_bounds(model, nlane, t, q, p, bounds)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: t, q0(:), p0(:)
+      real(wp), intent(in) :: t
+      real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
       type(bounds_type), intent(out) :: bounds
-      real(wp), dimension(size(q0)) :: hqq, hqp, hpp, row_of_q, row_of_p
+      real(wp), dimension(model%traits%ndof) :: hqq, hqp, hpp, row_of_q, row_of_p
       integer :: k
       logical :: looked
 
@@ -132,7 +135,7 @@ contains
       bounds%nnoise = model%traits%nnoise
       if (.not. bounds%frequency > 0) then
          bounds%frequency_source = 'estimated at the initial state'
-         call row_sums(model, nlane, t, 0, q0, p0, hqq, hqp, hpp, looked)
+         call row_sums(model, nlane, size(hqq), t, 0, q, p, hqq, hqp, hpp, looked)
          if (looked) bounds%frequency = maxval(hqp) + sqrt(maxval(hqq))*sqrt(maxval(hpp))
       end if
       if (bounds%lipschitz > 0 .or. model%traits%additive .or. model%traits%nnoise > most_noises) return
@@ -141,7 +144,7 @@ contains
       row_of_q = 0
       row_of_p = 0
       do k = 1, model%traits%nnoise
-         call row_sums(model, nlane, t, k, q0, p0, hqq, hqp, hpp, looked)
+         call row_sums(model, nlane, size(hqq), t, k, q, p, hqq, hqp, hpp, looked)
          if (.not. looked) return
          if (max(maxval(hqq), maxval(hqp), maxval(hpp)) > 0) bounds%nnoise = bounds%nnoise + 1
          row_of_q = row_of_q + hqq + hqp
@@ -152,31 +155,29 @@ contains
 
    !> Row sums of the Hessian blocks of H_k; of the mixed one, which separable models do not have, the larger of row and
    !> column.
-   subroutine row_sums(model, nlane, t, k, q0, p0, hqq, hqp, hpp, looked)
+   subroutine row_sums(model, nlane, n, t, k, q, p, hqq, hqp, hpp, looked)
       class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: t, q0(:), p0(:)
-      integer, intent(in) :: k
-      real(wp), intent(out), dimension(:) :: hqq, hqp, hpp   !! (ndof)
+      integer, intent(in) :: nlane, n, k
+      real(wp), intent(in) :: t, q(nlane, n), p(nlane, n)
+      real(wp), intent(out), dimension(n) :: hqq, hqp, hpp
       logical, intent(out) :: looked   !! false where the Hessian is too large to look at
-      real(wp), allocatable :: w(:, :), q(:, :), p(:, :), aqq(:, :, :), aqp(:, :, :), app(:, :, :), column(:)
-      integer :: n, m, b, i
+      real(wp) :: w(nlane, 0:model%traits%nnoise)
+      real(wp), allocatable :: aqq(:, :, :), aqp(:, :, :), app(:, :, :), column(:)
+      integer :: m, b, i
 
       hqq = 0
       hqp = 0
       hpp = 0
-      n = size(q0)
       m = model%traits%nnoise
       b = model%traits%bandwidth
       looked = b /= dense .or. n <= largest_dense
       if (.not. looked) return
+      call look_at(k, w)
       if (model%traits%has_lone_rows) then  ! H = p.p/2 + U(q)
-         call sum_rows(model, nlane, n, m, t, k, q0, p0, hqq)
+         call sum_rows(model, nlane, n, m, t, w, q, p, hqq)
          if (k == 0) hpp = 1
          return
       end if
-      allocate (w(nlane, 0:m), q(nlane, n), p(nlane, n))
-      call look_at(nlane, n, m, k, q0, p0, w, q, p)
       if (b == dense) then
          allocate (aqq(nlane, n, n), app(nlane, n, n))
          if (.not. model%traits%separable) allocate (aqp(nlane, n, n))
@@ -201,16 +202,14 @@ contains
    end subroutine row_sums
 
    !> Row sums of the block in q of a chain that gives its rows in one pass: to have all bands takes longer than steps.
-   subroutine sum_rows(model, nlane, n, m, t, k, q0, p0, sums)
+   subroutine sum_rows(model, nlane, n, m, t, w, q, p, sums)
       class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane, n, m, k
-      real(wp), intent(in) :: t, q0(:), p0(:)  !! (n)
-      real(wp), intent(out) :: sums(:)         !! (n)
-      real(wp) :: w(nlane, 0:m), bands(nlane, 0:1, n)
-      real(wp), dimension(nlane, n) :: q, p, hq
+      integer, intent(in) :: nlane, n, m
+      real(wp), intent(in) :: t, w(nlane, 0:m), q(nlane, n), p(nlane, n)
+      real(wp), intent(out) :: sums(n)
+      real(wp) :: bands(nlane, 0:1, n), hq(nlane, n)
       integer :: i
 
-      call look_at(nlane, n, m, k, q0, p0, w, q, p)
       call model%force_stiffness(nlane, n, m, 1, t, w, q, p, hq, bands)
       do i = 1, n
          sums(i) = abs(bands(1, 0, i))
@@ -221,20 +220,30 @@ contains
       end do
    end subroutine sum_rows
 
-   !> The point in all lanes, where H_k is looked at; by explicit bounds, as below.
-   pure subroutine look_at(nlane, n, m, k, q0, p0, w, q, p)
-      integer, intent(in) :: nlane, n, m, k
-      real(wp), intent(in) :: q0(:), p0(:)     !! (n)
-      real(wp), intent(out) :: w(nlane*(m + 1)), q(nlane, n), p(nlane, n)
-      integer :: i
+   !> Weights with which H_k is looked at.
+   pure subroutine look_at(k, w)
+      integer, intent(in) :: k
+      real(wp), intent(out), contiguous :: w(:, 0:)
 
       w = 0
-      w(nlane*k + 1:nlane*(k + 1)) = 1
-      do i = 1, n
-         q(:, i) = q0(i)
-         p(:, i) = p0(i)
-      end do
+      w(:, k) = 1
    end subroutine look_at
+
+   !> A state in all lanes, by explicit bounds, as below.
+   pure subroutine spread_state(nlane, n, q0, p0, q, p)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: q0(:), p0(:)     !! (n)
+      real(wp), intent(out) :: q(nlane, n), p(nlane, n)
+      integer :: i, lane
+
+      do i = 1, n
+         !GCC$ novector  ! most have one lane
+         do lane = 1, nlane
+            q(lane, i) = q0(i)
+            p(lane, i) = p0(i)
+         end do
+      end do
+   end subroutine spread_state
 
    !> Sums over the bands of the first lane, by explicit bounds: of a small chain sections take as long as its steps.
    pure subroutine sum_bands(nlane, nband, n, a, sums)

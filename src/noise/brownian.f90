@@ -29,7 +29,8 @@ module symsde_noise_brownian
    public :: brownian_noise, new_brownian_noise
 
    integer, parameter, public :: max_refine = 30  !! largest |refine|
-   integer, parameter :: most_ahead = 64  !! lanes of the generator for few paths
+   integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise of few paths
+   integer, parameter :: most_at_once = 256  !! for several of their noises
    integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
    integer, parameter :: purpose_bridge = 1       !! counter word of the bridge's draws
 
@@ -180,18 +181,32 @@ contains
       integer, intent(in) :: nlane, nreal, npair
       integer(i8), intent(in) :: path(nlane), pair
       real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:2*npair - 1)
-      integer(i8) :: paths(most_ahead), draws(most_ahead)
-      integer :: noises(most_ahead)
-      real(wp) :: x(most_ahead*4)
-      integer :: n, m, used, k, i
+      integer(i8), dimension(most_at_once) :: paths, draws
+      integer(i8), dimension(most_ahead) :: path_of, draw_of
+      integer :: noises(most_at_once)
+      real(wp) :: x(most_at_once*4)
+      integer :: n, m, used, k, i, j
 
       n = nreal*((npair + 1)/2)
+      do j = 0, (npair - 1)/2
+         !GCC$ novector  ! paths are few, and often one
+         do i = 1, nreal
+            path_of(j*nreal + i) = path(i)
+            draw_of(j*nreal + i) = pair/2 + j
+         end do
+      end do
       k = 0
       do while (k < self%nnoise)
          used = 0
-         do while (k < self%nnoise .and. used + n <= most_ahead)
+         do while (k < self%nnoise .and. used + n <= most_at_once)
             k = k + 1
-            if (.not. self%silent(k)) call add_lanes(k, used)
+            if (self%silent(k)) cycle
+            do i = 1, n
+               paths(used + i) = merge(0_i8, path_of(i), self%common(k))
+               draws(used + i) = draw_of(i)
+               noises(used + i) = k
+            end do
+            used = used + n
          end do
          if (used == 0) cycle
          m = padded(used)  ! a full vector: the last one again and again
@@ -204,24 +219,6 @@ contains
             call spread_few(nlane, nreal, self%nnoise, noises(i + 1), npair, i, m, x, w)
          end do
       end do
-
-   contains
-
-      !> The lanes of noise k behind those that are used.
-      subroutine add_lanes(k, used)
-         integer, intent(in) :: k
-         integer, intent(inout) :: used
-         integer :: i, j
-
-         do i = 1, n
-            j = (i - 1)/nreal
-            paths(used + i) = merge(0_i8, path(i - j*nreal), self%common(k))
-            draws(used + i) = pair/2 + j
-            noises(used + i) = k
-         end do
-         used = used + n
-      end subroutine add_lanes
-
    end subroutine fill_few
 
    !> The increments of one noise to where steps have them: column i of x holds the steps 4j + i of draw j, behind the
@@ -252,11 +249,17 @@ contains
       integer, intent(in) :: nnoise, k, npair, before, m
       real(wp), intent(in) :: x(m, 0:3)
       real(wp), intent(inout) :: w(0:nnoise, 0:2*npair - 1)
-      integer :: step
+      integer :: draw, i
 
-      do step = 0, 2*npair - 1
-         w(k, step) = x(before + step/4 + 1, mod(step, 4))
+      do draw = 0, npair/2 - 1
+         !GCC$ unroll 4
+         do i = 0, 3
+            w(k, 4*draw + i) = x(before + 1 + draw, i)
+         end do
       end do
+      if (mod(npair, 2) == 0) return
+      w(k, 2*npair - 2) = x(before + 1 + npair/2, 0)
+      w(k, 2*npair - 1) = x(before + 1 + npair/2, 1)
    end subroutine spread_alone
 
    !> The same draws with the functionals of the path they belong to.

@@ -26,6 +26,7 @@ module symsde_step_state
       procedure :: settle
       procedure :: retire
       procedure :: repeat_last
+      procedure :: take_first
    end type lane_state
 
 contains
@@ -178,6 +179,19 @@ contains
          self%p(nreal + 1:, i) = self%p(nreal, i)
       end do
    end subroutine repeat_last
+
+   !> The states of the first lanes, from where these alone are.
+   pure subroutine take_first(self, nlane, q, p)
+      class(lane_state), intent(inout) :: self
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: q(nlane, self%ndof), p(nlane, self%ndof)
+      integer :: i
+
+      do i = 1, self%ndof
+         self%q(:nlane, i) = q(:, i)
+         self%p(:nlane, i) = p(:, i)
+      end do
+   end subroutine take_first
 
    !> Give the lanes that failed in this step their status and step.
    subroutine record(self, step, dq, dp)
