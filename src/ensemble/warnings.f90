@@ -124,7 +124,7 @@ contains
       real(wp), intent(in) :: t
       real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
       type(bounds_type), intent(out) :: bounds
-      real(wp), dimension(model%traits%ndof) :: hqq, hqp, hpp, row_of_q, row_of_p
+      real(wp) :: sums(model%traits%ndof, 3), rows(model%traits%ndof, 2)  ! of hqq, hqp, hpp; of q, p
       integer :: k
       logical :: looked
 
@@ -135,22 +135,20 @@ contains
       bounds%nnoise = model%traits%nnoise
       if (.not. bounds%frequency > 0) then
          bounds%frequency_source = 'estimated at the initial state'
-         call row_sums(model, nlane, size(hqq), t, 0, q, p, hqq, hqp, hpp, looked)
-         if (looked) bounds%frequency = maxval(hqp) + sqrt(maxval(hqq))*sqrt(maxval(hpp))
+         call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums(:, 1), sums(:, 2), sums(:, 3), looked)
+         if (looked) bounds%frequency = maxval(sums(:, 2)) + sqrt(maxval(sums(:, 1)))*sqrt(maxval(sums(:, 3)))
       end if
       if (bounds%lipschitz > 0 .or. model%traits%additive .or. model%traits%nnoise > most_noises) return
       bounds%lipschitz_source = 'estimated at the initial state'
       bounds%nnoise = 0
-      row_of_q = 0
-      row_of_p = 0
+      rows = 0
       do k = 1, model%traits%nnoise
-         call row_sums(model, nlane, size(hqq), t, k, q, p, hqq, hqp, hpp, looked)
+         call row_sums(model, nlane, size(sums, 1), t, k, q, p, sums(:, 1), sums(:, 2), sums(:, 3), looked)
          if (.not. looked) return
-         if (max(maxval(hqq), maxval(hqp), maxval(hpp)) > 0) bounds%nnoise = bounds%nnoise + 1
-         row_of_q = row_of_q + hqq + hqp
-         row_of_p = row_of_p + hqp + hpp
+         if (maxval(sums) > 0) bounds%nnoise = bounds%nnoise + 1
+         rows = rows + sums(:, 1:2) + sums(:, 2:3)
       end do
-      bounds%lipschitz = max(maxval(row_of_q), maxval(row_of_p))
+      bounds%lipschitz = maxval(rows)
    end subroutine find_bounds
 
    !> Row sums of the Hessian blocks of H_k; of the mixed one, which separable models do not have, the larger of row and

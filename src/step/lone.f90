@@ -228,25 +228,24 @@ contains
       real(wp), intent(inout) :: qn(steps%nreal, self%n, steps%nstep/steps%every)
       real(wp), intent(inout) :: pn(steps%nreal, self%n, steps%nstep/steps%every)
       integer, intent(out) :: ntaken  !! all, or those before the first that is not
-      real(wp), dimension(self%n) :: x, y, dx, dy
+      real(wp) :: x(self%n, 2), dx(self%n, 2)  ! q and p, and their increments: few allocations
       integer :: i, left, out
       logical :: sound
 
-      x = q(lane, :)
-      y = p(lane, :)
+      x(:, 1) = q(lane, :)
+      x(:, 2) = p(lane, :)
       out = 0
       left = steps%every
       call self%foresee(own, place, steps%nstep)
       do ntaken = 0, steps%nstep - 1
          ! increments come through memory, as those of blocks do: no operation of theirs is fused with the sum
          if (self%wants_record) call self%show(own, place + ntaken)
-         call self%take(t0 + real(first + ntaken, wp)*steps%h, steps%h, own%w(1, 0, place + ntaken), x, y, &
-                        dx, dy, sound)
+         call self%take(t0 + real(first + ntaken, wp)*steps%h, steps%h, own%w(1, 0, place + ntaken), &
+                        x(1, 1), x(1, 2), dx(1, 1), dx(1, 2), sound)
          if (sound .and. allocated(self%low)) then
-            call advance_compensated(self%n, dx, x, self%low(:, 1, lane), sound)
-            call advance_compensated(self%n, dy, y, self%low(:, 2, lane), sound)
+            call advance_compensated(2*self%n, dx, x, self%low(1, 1, lane), sound)
          else if (sound) then
-            call advance(self%n, dx, dy, x, y, sound)
+            call advance(2*self%n, dx, x, sound)
          end if
          if (.not. sound) return
          left = left - 1
@@ -255,37 +254,35 @@ contains
          out = out + 1
          !GCC$ novector  ! far from each other
          do i = 1, self%n
-            qn(lane, i, out) = x(i)
-            pn(lane, i, out) = y(i)
+            qn(lane, i, out) = x(i, 1)
+            pn(lane, i, out) = x(i, 2)
          end do
       end do
    end subroutine walk
 
    !> VEC Add the increments; sound says that all is finite. Few numbers have just been written one by one: a vector of
    !> them would wait until they are in memory.
-   pure subroutine advance(n, dx, dy, x, y, sound)
+   pure subroutine advance(n, dx, x, sound)
       integer, intent(in) :: n
-      real(wp), intent(in) :: dx(n), dy(n)
-      real(wp), intent(inout) :: x(n), y(n)
+      real(wp), intent(in) :: dx(n)
+      real(wp), intent(inout) :: x(n)
       logical, intent(out) :: sound
       integer(i8) :: nbad
       integer :: i
 
-      if (n <= narrow) then
+      if (n <= 2*narrow) then
          sound = .true.
          !GCC$ novector
          do i = 1, n
             x(i) = x(i) + dx(i)
-            y(i) = y(i) + dy(i)
-            sound = sound .and. abs(x(i)) <= huge(x) .and. abs(y(i)) <= huge(y)
+            sound = sound .and. abs(x(i)) <= huge(x)
          end do
          return
       end if
       nbad = 0
       do i = 1, n
          x(i) = x(i) + dx(i)
-         y(i) = y(i) + dy(i)
-         nbad = nbad + (merge(0_i8, 1_i8, abs(x(i)) <= huge(x)) + merge(0_i8, 1_i8, abs(y(i)) <= huge(y)))
+         nbad = nbad + merge(0_i8, 1_i8, abs(x(i)) <= huge(x))
       end do
       sound = nbad == 0
    end subroutine advance
