@@ -161,9 +161,7 @@ def full(array: np.ndarray, npath: int) -> np.ndarray:
 
 def room(shape: tuple[int, ...], what: str) -> None:
     """Refuse arrays of float64 that the machine cannot hold, before anything is allocated."""
-    size = 8
-    for extent in shape:
-        size *= max(0, extent)
+    size = 8 * math.prod(shape)
     if size > _memory():
         raise TooLargeError(
             f"{what} of shape {shape} need {size / 1e9:.3g} GB, more than the {_memory() / 1e9:.3g} GB "

@@ -102,8 +102,10 @@ class Monitor:
 
     def ask(self, done: int, total: int) -> int:
         """Tell of progress; nonzero stops."""
+        if self._tell is None:
+            return self._note is not None
         try:
-            wants_stop = bool(self._tell(done, total)) if self._tell else False
+            wants_stop = bool(self._tell(done, total))
         except BaseException as error:  # raised again at the end of the run
             self._error = error
             wants_stop = True

@@ -168,6 +168,8 @@ _READ = {
     "max_iter": (100, _integer(INT32)),
 }
 
+_DEFAULTS = {name: default for name, (default, _) in _READ.items()}
+
 _FIRST = ("step", "steps", "threads", "lanes")  # which are read one by one
 
 #: names of the options of a run
@@ -182,9 +184,7 @@ def make_options(model: Model, *, in_python: bool = False, **given: object) -> _
 def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> _abi.Options:
     """The same from a dictionary, which is used up; types and ranges are checked here, their meaning by the library."""
     step, steps, threads, lanes = (given.pop(key, None) for key in _FIRST)
-    if not given.keys() <= _READ.keys():
-        key = next(key for key in given if key not in _READ)
-        raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}")
+    changed = _changed(given)
     if not isinstance(model, Model):
         raise WrongTypeError(
             f"model = {_checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
@@ -195,10 +195,8 @@ def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> _abi.Op
     options = _handles.new(_abi.Options, "options")
     options.step = _checks.number("step", step)
     options.steps = _checks.integer("steps", steps, (0, _COUNT))
-    for key, value in given.items():
-        default, read = _READ[key]
-        if value is not default:  # most are not given: looking at each takes a share of a short run
-            read(options, key, value)
+    for key in changed:
+        _READ[key][1](options, key, given[key])
     options.lanes = _lanes_for(model, options.paths) if lanes is None else _checks.integer("lanes", lanes, INT32)
     options.threads = threads_of(threads, in_python or model.in_python)
     if options.steps % options.save_every:
@@ -207,6 +205,15 @@ def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> _abi.Op
             "the last saved point would be missed; change one of the two"
         )
     return options
+
+
+def _changed(given: dict[str, Any]) -> list[str]:
+    """Options that are not their default, as most are: to look at each any further takes a share of a short run."""
+    try:
+        return [key for key, value in given.items() if value is not _DEFAULTS[key]]
+    except KeyError as unknown:
+        key = unknown.args[0]
+        raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}") from None
 
 
 def _lanes_for(model: Model, paths: int) -> int:

@@ -76,7 +76,9 @@ class Run(Reported):
             setup.model.call(
                 "simulate",
                 *setup.handles(),
-                *(ctypes.byref(struct) for struct in (given, paths, report)),
+                ctypes.byref(given),
+                ctypes.byref(paths),
+                ctypes.byref(report),
                 allow=(_abi.STOPPED, _abi.PATHS_FAILED),
             )
             self._take_report(report)
