@@ -27,7 +27,7 @@ module symsde_ensemble_prepared
    integer(i8), parameter :: foreseen = 1000000  !! steps that the warnings of a prepared run are about
 
    !> q, p and low parts may be changed between calls, never reshaped. The low parts are there if the run is
-   !> compensated.
+   !> compensated. A run points to parts of itself, so it is not copied: what one is assigned to is not prepared.
    type :: prepared_run
       real(wp), allocatable :: q(:, :), p(:, :)          !! where the paths are (npath, ndof)
       real(wp), allocatable :: q_low(:, :), p_low(:, :)  !! its low parts (npath, ndof)
@@ -39,6 +39,7 @@ module symsde_ensemble_prepared
       logical, private :: was_stopped = .false.    !! the last call was stopped
       integer(i8), private :: goal = 0        !! absolute step that comes next, or is to come next where it was stopped
       integer, private :: at_work = 0         !! 1 during a call
+      logical, private :: was_assigned = .false.   !! and not prepared since
    contains
       procedure :: advance
       procedure :: resume
@@ -49,6 +50,8 @@ module symsde_ensemble_prepared
       procedure :: time
       procedure :: options
       procedure :: get_report
+      generic :: assignment(=) => leave_unprepared
+      procedure, private :: leave_unprepared
       procedure, private :: go
       procedure, private :: enter
       procedure, private :: leave
@@ -82,6 +85,14 @@ contains
       if (.not. allocated(error)) call new_state(self, options%npath, model%traits%ndof, options%compensated, error)
       if (.not. allocated(error)) call self%reset(q0, p0, error, q_low, p_low)
    end subroutine prepare
+
+   !> Pointers of a copy would point into the original: a call of what was assigned is refused instead.
+   impure elemental subroutine leave_unprepared(self, run)
+      class(prepared_run), intent(out) :: self
+      class(prepared_run), intent(in) :: run
+
+      self%was_assigned = .true.
+   end subroutine leave_unprepared
 
    subroutine new_state(self, npath, ndof, compensated, error)
       type(prepared_run), intent(inout) :: self
@@ -158,7 +169,7 @@ contains
       nullify (given)
       if (present(dw)) given => dw
       every = max(1_i8, nstep)
-      if (present(saved)) then
+      if (present(saved) .and. allocated(self%q)) then
          every = 1
          if (present(save_every)) every = save_every
          options = self%options()
@@ -355,6 +366,10 @@ contains
       if (before /= 0) then
          call raise(error, incompatible, place, 'the prepared run is at work in another call: it serves one at a '// &
                     'time; prepare one for each thread')
+      else if (self%was_assigned) then
+         call raise(error, incompatible, place, 'the run was assigned from another one, and a prepared run points '// &
+                    'to parts of itself: prepare it, or move the other one by a pointer or an allocatable')
+         call self%leave()
       else if (.not. allocated(self%q)) then
          call raise(error, incompatible, place, 'the run is not prepared: call prepare first')
          call self%leave()
