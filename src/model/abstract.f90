@@ -246,15 +246,15 @@ contains
    !>
    !>    base_i + sum_j b_ji f_j      from j = i on and around, with b of the first sweep, or of the others,
    !>
-   !> and each new f_i = Hhat_q is used at once. This default serves models without it:
+   !> and each new f_i = Hhat_q is used at once. There are up to four stages. This default serves models without it:
    !> traits%has_lone_pair is false.
    subroutine sweeps_missing(self, nnoise, nstage, i1, i2, first, last, t, w, base, b, most, f, change, extent)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       class(model_type), intent(in) :: self
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
-      real(wp), intent(in) :: t(nstage), w(0:nnoise), base(nstage, 2), b(nstage, nstage, 2)
-      real(wp), intent(inout) :: f(nstage, 2, 0:most)  !! of all stages, after sweeps; those before are given
-      real(wp), intent(inout), dimension(most) :: change, extent  !! of each sweep; the change is NaN where a number is
+      real(wp), intent(in) :: t(nstage), w(0:nnoise), base(4, 2), b(4, 4, 2)
+      real(wp), intent(inout) :: f(4, 2, 0:most)  !! of all stages, after sweeps; those before are given
+      real(wp), intent(inout), dimension(most) :: change, extent  !! of each sweep; NaN need not show
 
       change(first:last) = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine sweeps_missing

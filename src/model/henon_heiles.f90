@@ -165,8 +165,8 @@ contains
    subroutine sweeps(self, nnoise, nstage, i1, i2, first, last, t, w, base, b, most, f, change, extent)
       class(henon_heiles_model), intent(in) :: self
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
-      real(wp), intent(in) :: t(nstage), w(0:nnoise), base(nstage, 2), b(nstage, nstage, 2)
-      real(wp), intent(inout) :: f(nstage, 2, 0:most)
+      real(wp), intent(in) :: t(nstage), w(0:nnoise), base(4, 2), b(4, 4, 2)
+      real(wp), intent(inout) :: f(4, 2, 0:most)
       real(wp), intent(inout), dimension(most) :: change, extent
 
       associate (alpha => self%alpha, s1 => self%sigma1, s2 => self%sigma2)
@@ -185,23 +185,23 @@ contains
    !> these apart again.
    pure subroutine sweep_stages(s, alpha, sigma1, sigma2, h, w1, w2, i1, i2, first, last, base, b, most, f, change, &
                                 extent)
-      integer, value :: s
+      integer, value :: s, i1, i2, first, last
       real(wp), value :: alpha, sigma1, sigma2, h, w1, w2
-      integer, intent(in) :: i1, i2, first, last, most
-      real(wp), intent(in) :: base(s, 2), b(s, s, 2)
-      real(wp), intent(inout) :: f(s, 2, 0:most)
+      integer, intent(in) :: most
+      real(wp), intent(in) :: base(4, 2), b(4, 4, 2)
+      real(wp), intent(inout) :: f(4, 2, 0:most)
       real(wp), intent(inout), dimension(most) :: change, extent
-      real(wp) :: f1(4), f2(4), x1, x2, new1, new2, moved, size, zero
-      integer :: i, j, k, m
+      real(wp) :: f1(4), f2(4), x1, x2, new1, new2, moved, size
+      integer :: i, j, k, m, at
 
       do i = 1, s
          f1(i) = f(i, 1, first - 1)
          f2(i) = f(i, 2, first - 1)
       end do
       do k = first, last
+         at = min(k, 2)
          moved = 0
          size = 0
-         zero = 0
          !GCC$ unroll 4
          !GCC$ novector
          do i = 1, s
@@ -212,20 +212,19 @@ contains
                !GCC$ novector
                do m = i, i + s - 1
                   j = merge(m - s, m, m > s)
-                  x1 = x1 + b(j, i, min(k, 2))*f1(j)
-                  x2 = x2 + b(j, i, min(k, 2))*f2(j)
+                  x1 = x1 + b(j, i, at)*f1(j)
+                  x2 = x2 + b(j, i, at)*f2(j)
                end do
                call force_of_one(alpha, sigma1, sigma2, h, w1, w2, x1, x2, new1, new2)
                moved = max(moved, max(abs(new1 - f1(i)), abs(new2 - f2(i))))
                size = max(size, max(abs(new1), abs(new2)))
-               zero = zero + 0*(new1 + new2)
                f1(i) = new1
                f2(i) = new2
             end if
             f(i, 1, k) = f1(i)
             f(i, 2, k) = f2(i)
          end do
-         change(k) = moved + zero  ! NaN stays
+         change(k) = moved
          extent(k) = size
       end do
    end subroutine sweep_stages

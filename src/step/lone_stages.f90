@@ -18,14 +18,23 @@ module symsde_step_lone_stages
    private
    public :: lone_stages
 
-   integer, parameter :: most_ahead = 12  !! sweeps of a step that are asked of the model
-   integer, parameter :: most_few = 4     !! stages that are taken in numbers alone
+   integer, parameter :: most_ahead = 24  !! sweeps of a group: enough for stiff_rate
+   integer, parameter :: most_few = 4     !! stages that are taken in numbers alone, as sweeps of a model want them
 
    !> A group that is iterated.
    type :: group_slot
       real(wp) :: too_slow = stiff_rate  !! contraction from which it is left
-      integer :: nsweep = 1              !! how many the last step took: asked of the model at once
+      integer :: i1 = 1, i2 = 1          !! its stages
+      logical :: explicit = .false.
+      integer :: nsweep = 1              !! how many the last step took: asked for at once
    end type group_slot
+
+   !> What one or two degrees of freedom have in numbers: the coefficients below, base and times, and Hhat_q of all
+   !> stages after sweep by sweep of one group after the other.
+   type :: few_numbers
+      real(wp), dimension(most_few) :: c = 0, r = 0, v = 0, alpha = 0, times = 0
+      real(wp) :: b(most_few, most_few, 2) = 0, base(most_few, 2) = 0, f(most_few, 2, 0:most_ahead*most_few) = 0
+   end type few_numbers
 
    type, extends(lone_stepper) :: lone_stages
       type(stage_plan) :: plan
@@ -43,11 +52,11 @@ module symsde_step_lone_stages
       real(wp), allocatable, private :: base(:, :), times(:)  !! what Q_i has without slopes (n, nstage); when it is
       real(wp), allocatable, private :: f(:, :), c(:, :)      !! Hhat_q and C of the stages (n, nstage)
       real(wp), allocatable, private :: was(:, :, :)          !! -1 times these before a sweep (n, nstage, 2)
-      real(wp), allocatable, private :: ahead(:, :, :)        !! Hhat_q after sweeps of the model (nstage, n, ..)
+      type(few_numbers), allocatable, private :: few
       real(wp), allocatable, dimension(:), private :: x, y, start, velocity, zero, shifted  !! (n)
    contains
       procedure :: take
-      procedure :: asks
+      procedure :: in_numbers
    end type lone_stages
 
 contains
@@ -82,7 +91,7 @@ contains
          allocate (self%f(n, s), self%c(n, s), self%was(n, s, 2), self%base(n, s))
          allocate (self%x(n), self%y(n), self%start(n), self%velocity(n), self%shifted(n))
          allocate (self%zero(n), source=0.0_wp)
-         if (self%asks(self%model)) allocate (self%ahead(s, n, 0:most_ahead*s))
+         if (self%in_numbers(self%model)) allocate (self%few)
       end associate
    end subroutine make_room
 
@@ -103,17 +112,27 @@ contains
          self%a(:, :, 2) = plan%a
          self%abar(:, :, 1) = -plan%first_abar
          self%abar(:, :, 2) = -plan%abar
+         if (.not. allocated(self%few)) return
+         associate (few => self%few, s => plan%nstage)
+            few%c(:s) = plan%c
+            few%r(:s) = self%r
+            few%v(:s) = self%v
+            few%alpha(:s) = self%alpha
+            few%b(:s, :s, :) = self%b
+         end associate
       end associate
    end subroutine find_coefficients
 
-   !> Whether the model takes the sweeps of two degrees of freedom.
-   pure logical function asks(self, model)
+   !> Whether a path is taken in numbers: of one angle, or of two degrees of freedom by the model.
+   pure logical function in_numbers(self, model)
       class(lone_stages), intent(in) :: self
       class(model_type), intent(in) :: model
 
-      asks = model%traits%has_lone_pair .and. self%eliminated .and. .not. allocated(self%mass) .and. &
-             self%plan%nstage >= 2 .and. self%plan%nstage <= most_few
-   end function asks
+      associate (s => self%plan%nstage, t => model%traits)
+         in_numbers = (t%has_angle_terms .or. (t%has_lone_pair .and. s >= 2)) .and. s <= most_few .and. &
+                      self%eliminated .and. .not. allocated(self%mass)
+      end associate
+   end function in_numbers
 
    !> The step where positions move with these momenta.
    subroutine take_plain(self, t, h, w, q, p, dq, dp, taken)
@@ -123,9 +142,8 @@ contains
       logical, intent(out) :: taken
       integer :: k, sweeps, total, evaluations
 
-      if (allocated(self%ahead)) then
-         call take_pair(self, self%plan%nstage, t, h, w, q, p, self%r, self%b, self%v, self%alpha, self%base, &
-                        self%ahead, dq, dp, taken)
+      if (allocated(self%few)) then
+         call take_few(self, self%few, self%plan%nstage, self%n, t, h, w, q, p, dq, dp, taken)
          return
       end if
       total = 0
@@ -141,7 +159,7 @@ contains
          end if
          if (.not. self%eliminated) self%c = 0
          do k = 1, plan%ngroup
-            call find_slopes(self, plan%group(k), self%slot(k), t, w, q, p, sweeps, taken)
+            call iterate(self, plan%group(k), self%slot(k)%too_slow, t, w, q, p, sweeps, taken)
             if (.not. taken) return
             evaluations = evaluations + sweeps*plan%group(k)%nmember
             total = total + sweeps
@@ -177,90 +195,83 @@ contains
       f = 0
    end subroutine begin
 
-   !> The slopes of a group.
-   subroutine find_slopes(self, group, slot, t, w, q, p, sweeps, found)
+   !> One or two degrees of freedom in numbers.
+   subroutine take_few(self, few, s, n, t, h, w, q, p, dq, dp, taken)
       type(lone_stages), intent(inout) :: self
-      type(stage_group), intent(in) :: group
-      type(group_slot), intent(inout) :: slot
-      real(wp), intent(in) :: t, w(0:self%m), q(self%n), p(self%n)
-      integer, intent(out) :: sweeps
-      logical, intent(out) :: found
-      real(wp) :: last
-
-      associate (s => self%plan%nstage)
-         if (self%model%traits%has_angle_terms .and. s <= most_few) then
-            call swing(self, s, group, slot%too_slow, self%times, w, self%base, self%b, self%f, sweeps, last)
-         else
-            call iterate(self, group, slot%too_slow, t, w, q, p, sweeps, last)
-         end if
-      end associate
-      found = abs(last - done) <= 0
-   end subroutine find_slopes
-
-   !> Two degrees of freedom by sweeps of the model.
-   subroutine take_pair(self, s, t, h, w, q, p, r, b, v, alpha, base, f, dq, dp, taken)
-      type(lone_stages), intent(inout) :: self
-      integer, intent(in) :: s
-      real(wp), intent(in) :: t, h, w(0:self%m), q(2), p(2)
-      real(wp), intent(in) :: r(s), b(s, s, 2), v(s), alpha(s)
-      real(wp), intent(inout) :: base(s, 2), f(s, 2, 0:most_ahead*s)  !! f: after sweep by sweep, of all groups
-      real(wp), intent(out) :: dq(2), dp(2)
+      type(few_numbers), intent(inout) :: few
+      integer, intent(in) :: s, n
+      real(wp), intent(in) :: t, h, w(0:self%m), q(n), p(n)
+      real(wp), intent(out) :: dq(n), dp(n)
       logical, intent(out) :: taken
-      real(wp) :: times(most_few)
-      integer :: i, k, sweep, sweeps, evaluations
+      real(wp) :: moved, kicked
+      integer :: i, k, g, sweep, sweeps, evaluations
 
       do i = 1, s
-         base(i, 1) = q(1) + r(i)*p(1)
-         base(i, 2) = q(2) + r(i)*p(2)
-         f(i, 1, 0) = 0
-         f(i, 2, 0) = 0
-         times(i) = t + self%plan%c(i)*h
+         few%times(i) = t + few%c(i)*h
+      end do
+      do k = 1, n
+         !GCC$ novector  ! few numbers
+         do i = 1, s
+            few%base(i, k) = q(k) + few%r(i)*p(k)
+         end do
       end do
       sweeps = 0
       evaluations = 0
-      do k = 1, self%plan%ngroup
-         associate (group => self%plan%group(k))
-            call ask_model(self, s, group, self%slot(k), w, times, base, b, f(1, 1, sweeps), sweep, taken)
+      do g = 1, size(self%slot)
+         associate (slot => self%slot(g))
+            call ask(self, few, s, n, slot, w, few%f(1, 1, sweeps), sweep, taken)
             if (.not. taken) return
             sweeps = sweeps + sweep
-            evaluations = evaluations + sweep*group%nmember
+            evaluations = evaluations + sweep*(slot%i2 - slot%i1 + 1)
          end associate
       end do
-      dq(1) = (self%all*p(1))  ! in parentheses: not contracted with what follows
-      dq(2) = (self%all*p(2))
-      dp = 0
-      !GCC$ novector  ! sums in order, contracted as in lanes
-      do i = 1, s
-         dq(1) = dq(1) + v(i)*f(i, 1, sweeps)
-         dq(2) = dq(2) + v(i)*f(i, 2, sweeps)
-         dp(1) = dp(1) + alpha(i)*f(i, 1, sweeps)
-         dp(2) = dp(2) + alpha(i)*f(i, 2, sweeps)
+      do k = 1, n
+         moved = (self%all*p(k))  ! in parentheses: not contracted with what follows
+         kicked = 0
+         !GCC$ novector  ! sums in order, contracted as in lanes
+         do i = 1, s
+            moved = moved + few%v(i)*few%f(i, k, sweeps)
+            kicked = kicked + few%alpha(i)*few%f(i, k, sweeps)
+         end do
+         dq(k) = moved
+         dp(k) = kicked
       end do
       self%counters%gradients = self%counters%gradients + evaluations
       self%counters%iterations = self%counters%iterations + sweeps
-   end subroutine take_pair
+   end subroutine take_few
 
-   !> The slopes of a group: as many sweeps as the step before took, which mostly is enough, then one by one.
-   subroutine ask_model(self, s, group, slot, w, times, base, b, f, sweep, found)
+   !> The slopes of a group: as many sweeps as the step before took, which mostly is enough, then one by one. That
+   !> something is not a number is seen where the step ends.
+   subroutine ask(self, few, s, n, slot, w, f, sweep, found)
       type(lone_stages), intent(in) :: self
-      integer, intent(in) :: s
-      type(stage_group), intent(in) :: group
+      type(few_numbers), intent(in) :: few
+      integer, intent(in) :: s, n
       type(group_slot), intent(inout) :: slot
-      real(wp), intent(in) :: w(0:self%m), times(s), base(s, 2), b(s, s, 2)
-      real(wp), intent(inout) :: f(s, 2, 0:most_ahead)
+      real(wp), intent(in) :: w(0:self%m)
+      real(wp), intent(inout) :: f(most_few, 2, 0:most_ahead)  !! of few, from the group's beginning on
       integer, intent(out) :: sweep  !! that ended it
       logical, intent(out) :: found
+      type(angle_terms) :: terms(most_few)
       real(wp) :: last, change(most_ahead), extent(most_ahead)
-      integer :: first
+      integer :: first, i
 
+      if (n == 1) then
+         do i = slot%i1, slot%i2
+            call self%find_terms(few%times(i), w, terms(i))
+         end do
+      end if
       last = 0
       first = 1
       do while (last >= 0 .and. slot%nsweep <= most_ahead)
-         call self%model%sweeps(self%m, s, group%stage(1), group%stage(group%nmember), first, slot%nsweep, times, w, &
-                                base, b, most_ahead, f, change, extent)
+         if (n == 2) then
+            call self%model%sweeps(self%m, s, slot%i1, slot%i2, first, slot%nsweep, few%times, w, few%base, few%b, &
+                                   most_ahead, f, change, extent)
+         else
+            call swing(slot%i1, slot%i2, first, slot%nsweep, terms, few%base, few%b, f, change, extent)
+         end if
          call judge_ahead(first, slot%nsweep, slot%too_slow, self%too_stiff, most_ahead, change, extent, last, sweep)
          first = slot%nsweep + 1
-         if (last >= 0 .and. group%explicit) then
+         if (last >= 0 .and. slot%explicit) then
             sweep = 1
             last = done
          else if (last >= 0) then
@@ -269,61 +280,54 @@ contains
       end do
       slot%nsweep = min(sweep, most_ahead)
       found = abs(last - done) <= 0
-   end subroutine ask_model
+   end subroutine ask
 
-   !> Where all is an angle, in numbers.
-   subroutine swing(self, s, group, too_slow, t, w, base, b, f, sweep, last)
-      type(lone_stages), intent(in) :: self
-      integer, intent(in) :: s
-      type(stage_group), intent(in) :: group
-      real(wp), intent(in) :: too_slow, t(s), w(0:self%m), base(s), b(s, s, 2)
-      real(wp), intent(inout) :: f(s)
-      integer, intent(out) :: sweep
-      real(wp), intent(out) :: last
-      type(angle_terms) :: terms(most_few)
-      real(wp) :: x, sine, cosine, force, change, extent
-      integer :: i, j, k
+   !> Sweeps where all is an angle, as those of a model. Sums are those of most_few stages, where what is not there is
+   !> zero: how gcc contracts a loop must not depend on their number.
+   subroutine swing(i1, i2, first, last, terms, base, b, f, change, extent)
+      integer, value :: i1, i2, first, last
+      type(angle_terms), intent(in) :: terms(most_few)
+      real(wp), intent(in) :: base(most_few), b(most_few, most_few, 2)
+      real(wp), intent(inout) :: f(most_few, 2, 0:most_ahead)
+      real(wp), intent(inout), dimension(most_ahead) :: change, extent
+      real(wp) :: x, sine, cosine, force, moved, size, now(most_few)
+      integer :: i, k, m, at
 
-      do k = 1, group%nmember
-         i = group%stage(k)
-         call self%find_terms(t(i), w, terms(i))
-      end do
-      last = 0
-      sweep = 0
-      do while (last >= 0 .and. sweep < most_sweeps)
-         sweep = sweep + 1
-         change = 0
-         extent = 0
-         do k = 1, group%nmember
-            i = group%stage(k)
-            x = base(i)
-            !GCC$ novector  ! sums in order, contracted as in lanes
-            do j = i, s
-               x = x + b(j, i, min(sweep, 2))*f(j)
-            end do
-            !GCC$ novector
-            do j = 1, i - 1
-               x = x + b(j, i, min(sweep, 2))*f(j)
-            end do
-            sine = sincos_one(x, cosine)
-            force = terms(i)%a*sine + (terms(i)%b*cosine + (terms(i)%c*x + terms(i)%d))  ! as force_at of step/lone
-            change = max(change, abs(force - f(i))) + 0*(change + force)  ! NaN stays
-            extent = max(extent, abs(force))
-            f(i) = force
+      now = f(:, 1, first - 1)
+      do k = first, last
+         at = min(k, 2)
+         moved = 0
+         size = 0
+         !GCC$ unroll 4
+         do i = 1, most_few
+            if (i >= i1 .and. i <= i2) then
+               x = base(i)
+               !GCC$ unroll 4
+               !GCC$ novector  ! sums in order, contracted as in lanes
+               do m = i - 1, i + most_few - 2
+                  x = x + b(modulo(m, most_few) + 1, i, at)*now(modulo(m, most_few) + 1)
+               end do
+               sine = sincos_one(x, cosine)
+               force = terms(i)%a*sine + (terms(i)%b*cosine + (terms(i)%c*x + terms(i)%d))  ! as force_at of step/lone
+               moved = max(moved, abs(force - now(i)))
+               size = max(size, abs(force))
+               now(i) = force
+            end if
+            f(i, 1, k) = now(i)
          end do
-         last = sweep_verdict(sweep, too_slow, self%too_stiff, change, extent, last)
-         if (group%explicit) last = done
+         change(k) = moved
+         extent(k) = size
       end do
    end subroutine swing
 
-   !> By gradients of the model.
-   subroutine iterate(self, group, too_slow, t, w, q, p, sweep, last)
+   !> The slopes of a group by gradients of the model.
+   subroutine iterate(self, group, too_slow, t, w, q, p, sweep, found)
       type(lone_stages), intent(inout) :: self
       type(stage_group), intent(in) :: group
       real(wp), intent(in) :: too_slow, t, w(0:self%m), q(self%n), p(self%n)
       integer, intent(out) :: sweep
-      real(wp), intent(out) :: last
-      real(wp) :: change, extent
+      logical, intent(out) :: found
+      real(wp) :: last, change, extent
       integer :: i
 
       last = 0
@@ -350,6 +354,7 @@ contains
             if (group%explicit) last = done
          end do
       end associate
+      found = abs(last - done) <= 0
    end subroutine iterate
 
    !> A sweep where momenta are eliminated by an identity mass.

@@ -26,6 +26,7 @@ module symsde_step_stage_iteration
 
    real(wp), parameter :: stiff_rate = 0.2_wp  !! contraction from which Newton's iteration by matrices is cheaper
    integer, parameter :: most_sweeps = 160   !! enough for a contraction of 0.8 and rounding
+   real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)  !! of the next change, in units of the largest slope
    real(wp), parameter :: done = -1, left = -2, given_up = -3  !! values of `last` beside the size of the last change
 
    integer(i8), parameter :: solved = 0, slow = 1, stiff = 2  !! what becomes of a lane
@@ -153,7 +154,7 @@ contains
       real(wp), intent(in) :: too_slow, too_stiff
       real(wp), intent(in) :: d, extent   !! largest change and slope of this sweep
       real(wp), intent(in) :: last        !! change of the sweep before
-      real(wp), parameter :: slow = 2.0_wp**(-13), rounding = 0.25_wp*epsilon(1.0_wp), near = 2.0_wp**(-33)
+      real(wp), parameter :: slow = 2.0_wp**(-13), near = 2.0_wp**(-33)
       real(wp), parameter :: far = 2.0_wp**(-20)
       logical :: ends
 
@@ -178,6 +179,12 @@ contains
       integer, intent(out) :: sweep           !! behind the final one where none ends it
 
       do sweep = first, final
+         associate (d => change(sweep))
+            if (d < last .and. d <= too_slow*last .and. d*d > rounding*extent(sweep)*last) then  ! most go on so
+               last = d
+               cycle
+            end if
+         end associate
          last = verdict(sweep, too_slow, too_stiff, change(sweep), extent(sweep), last)
          if (last < 0) return
       end do

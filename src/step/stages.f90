@@ -252,7 +252,12 @@ contains
          made%too_stiff = too_stiff_for(self)
          allocate (made%slot(size(self%solver)))
          do g = 1, size(self%solver)
-            made%slot(g)%too_slow = slowest(self%solver(g), made%plan%group(g), made%too_stiff)
+            associate (slot => made%slot(g), group => made%plan%group(g))
+               slot%too_slow = slowest(self%solver(g), group, made%too_stiff)
+               slot%i1 = group%stage(1)
+               slot%i2 = group%stage(group%nmember)
+               slot%explicit = group%explicit
+            end associate
          end do
          if (allocated(e%mass)) then
             allocate (made%mass)
@@ -264,7 +269,7 @@ contains
             call new_noise_shift(made%shift, self%ham%model, 1)
          end if
          made%most = few_of(n, merge(3, 4, e%eliminated), 8)  ! one more takes 0.8 to 1.5 of the time
-         if (made%asks(self%ham%model)) made%most = 12  ! as many as go alone at all
+         if (n == 2 .and. made%in_numbers(self%ham%model)) made%most = 12  ! as many as go alone at all
       end associate
       call move_alloc(made, lone)
    end subroutine offer_lone
