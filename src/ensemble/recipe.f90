@@ -89,7 +89,6 @@ contains
       if (.not. stepper%takes_one_lane) return
       call make_stepper(single, self%task, self%task%model, 1, error)
       if (allocated(error)) return
-      if (.not. single%takes_one_lane) return
       allocate (made)
       call new_lone_lane(made, single)
       call move_alloc(made, lone)

@@ -16,14 +16,13 @@ module symsde_step_stages
    use symsde_base_status, only: not_converged
    use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, correction_none
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_constant_mass, only: new_constant_mass
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_lone_stages, only: lone_stages
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, by_products
-   use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_newton_by_products, only: does_without_matrices
    use symsde_step_noise_shift, only: new_noise_shift
@@ -127,7 +126,6 @@ contains
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
-      type(bracket_terms) :: brackets
       integer :: g, least
 
       self%options = options
@@ -142,8 +140,7 @@ contains
       call new_stage_equations(self%equations, model, scheme, self%width)
       self%name = 'stages'
       if (self%equations%eliminated) self%name = 'stages, momenta eliminated'
-      brackets = active_brackets(scheme%brackets, model%traits)
-      self%midpoint_left = scheme%is_midpoint() .and. .not. brackets%are_added() .and. self%equations%eliminated .and. &
+      self%midpoint_left = scheme%is_midpoint() .and. self%equations%eliminated .and. &  ! no bracket, or a shift of p_n
                            (allocated(self%equations%mass) .or. &
                             does_without_matrices(model%traits, model%traits%ndof, options))
       self%leaves = self%midpoint_left .or. .not. self%equations%eliminated .or. allocated(self%equations%mass)
