@@ -219,7 +219,7 @@ contains
       evaluations = 0
       do g = 1, size(self%slot)
          associate (slot => self%slot(g))
-            call ask(self, few, s, n, slot, w, few%f(1, 1, sweeps), sweep, taken)
+            call ask(self, few, s, n, slot, w, sweeps, sweep, taken)
             if (.not. taken) return
             sweeps = sweeps + sweep
             evaluations = evaluations + sweep*(slot%i2 - slot%i1 + 1)
@@ -242,13 +242,13 @@ contains
 
    !> The slopes of a group: as many sweeps as the step before took, which mostly is enough, then one by one. That
    !> something is not a number is seen where the step ends.
-   subroutine ask(self, few, s, n, slot, w, f, sweep, found)
+   subroutine ask(self, few, s, n, slot, w, before, sweep, found)
       type(lone_stages), intent(in) :: self
-      type(few_numbers), intent(in) :: few
+      type(few_numbers), intent(inout) :: few
       integer, intent(in) :: s, n
       type(group_slot), intent(inout) :: slot
       real(wp), intent(in) :: w(0:self%m)
-      real(wp), intent(inout) :: f(most_few, 2, 0:most_ahead)  !! of few, from the group's beginning on
+      integer, intent(in) :: before  !! sweeps of other groups
       integer, intent(out) :: sweep  !! that ended it
       logical, intent(out) :: found
       type(angle_terms) :: terms(most_few)
@@ -265,9 +265,10 @@ contains
       do while (last >= 0 .and. slot%nsweep <= most_ahead)
          if (n == 2) then
             call self%model%sweeps(self%m, s, slot%i1, slot%i2, first, slot%nsweep, few%times, w, few%base, few%b, &
-                                   most_ahead, f, change, extent)
+                                   most_ahead, few%f(1, 1, before), change, extent)
          else
-            call swing(slot%i1, slot%i2, first, slot%nsweep, terms, few%base, few%b, f, change, extent)
+            call swing(slot%i1, slot%i2, first, slot%nsweep, terms, few%base, few%b, few%f(1, 1, before), change, &
+                       extent)
          end if
          call judge_ahead(first, slot%nsweep, slot%too_slow, self%too_stiff, most_ahead, change, extent, last, sweep)
          first = slot%nsweep + 1
