@@ -36,6 +36,7 @@ module symsde_base_traits
       logical :: has_lone_pair = .false.   !! two degrees of freedom of a path in numbers: sweeps and pair of the model
       logical :: has_angle_terms = .false. !! of an angle: all derivatives from its terms, see angle of the model
       logical :: has_linear_terms = .false. !! one degree of freedom, quadratic: gradients from its terms, without sine
+      logical :: autonomous = .false.      !! no H_j depends on time
       real(wp) :: max_frequency = 0        !! declared bound of the frequencies of H; 0 = not declared
       real(wp) :: noise_lipschitz = 0      !! declared Lipschitz constant of sum_k |grad H_k|; 0 = not declared
       !> omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q) (ndof). A choice, not a

@@ -49,7 +49,8 @@ contains
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=is_zero(sigma), identity_mass=.true., max_frequency=1.0_wp, &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true.)
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
+                    autonomous=.true.)
       if (is_zero(sigma)) self%traits%rotation = [1.0_wp]
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma)

@@ -1,45 +1,73 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Whole steps on the Henon-Heiles system: of Stormer-Verlet, half a kick, a drift and half a kick, and of the Euler
-!> pair, a kick and a drift in one order or the other.
+!> Whole steps on the Henon-Heiles system: drifts, and kicks at nodes c_i of the step, each by a part b_i of the
+!> potential and of the noises. Stormer-Verlet, the Euler pair, the other Lobatto pair of two stages, and the kicks of
+!> scheme/splitting, which for additive noise have no other parts:
 !>
-!>    dp_1 = -(h (q_1 + 2 alpha q_1 q_2) + sigma1 dW_1),  dp_2 = -(h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 dW_2),
-!>    dq = h p
+!>    dp_1 = -b (h (q_1 + 2 alpha q_1 q_2) + sigma1 W_1),  dp_2 = -b (h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 W_2),
+!>    W_k = dW_k + (gamma_i/b_i) a_k,  a_k = dZ_k/h - dW_k/2,   dq = tau p
 !>
-!> Every scheme is taken as a kick, a drift and a kick, of which the Euler pair leave out one: its part is zero.
-!> A group of steps keeps the states of the lanes in registers; a path that is alone goes through all of its steps.
+!> Few lanes at a time go through all of their steps; a path that is alone does so in registers.
 module symsde_model_henon_heiles_flow
    use symsde_base_counters, only: counters_type
+   use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: steps_record
    implicit none
    private
    public :: henon_heiles_flow, henon_heiles_has_flow
 
-   integer, parameter :: group = 4  !! steps of one pass over the lanes
+   integer, parameter :: tile = 64  !! lanes that go through all of their steps together
+
+   !> Two kicks, of which some schemes leave out one: its part is zero.
+   type :: kick_plan
+      real(wp) :: drift(3) = 0    !! before, between and after them
+      real(wp) :: part(2) = 0
+      real(wp) :: shape(2) = 0    !! gamma_i/b_i
+      real(wp) :: linear = 1      !! factor of the linear force
+      logical :: rotates = .false.  !! drifts have that
+      ! for steps of one length
+      real(wp) :: tau(3) = 0      !! drifts
+      real(wp) :: cosine_less_one(3) = 0, sine(3) = 0
+   end type kick_plan
 
 contains
 
    !> Whether these steps are offered here.
    pure logical function henon_heiles_has_flow(scheme) result(has_flow)
       character(*), intent(in) :: scheme
-      real(wp) :: before, after
+      type(kick_plan) :: plan
+      integer :: first
 
-      call find_parts(scheme, before, after)
-      has_flow = before + after > 0
+      call find_plan(scheme, plan)
+      has_flow = any(plan%part > 0)
    end function henon_heiles_has_flow
 
-   !> The parts of the kick before and after the drift; zeros for schemes that are not known.
-   pure subroutine find_parts(scheme, before, after)
+   !> Nothing for schemes that are not known.
+   pure subroutine find_plan(scheme, plan)
       character(*), intent(in) :: scheme
-      real(wp), intent(out) :: before, after
+      type(kick_plan), intent(out) :: plan
+      real(wp), parameter :: gauss = 0.5_wp*(1 - sqrt(1/3.0_wp))
 
-      before = 0
-      if (scheme == 'symplectic_euler') before = 1
-      if (scheme == 'stormer_verlet') before = 0.5_wp
-      after = 0
-      if (scheme == 'symplectic_euler_adjoint') after = 1
-      if (scheme == 'stormer_verlet') after = 0.5_wp
-   end subroutine find_parts
+      select case (scheme)
+      case ('symplectic_euler')
+         plan = kick_plan(drift=[0, 1, 0], part=[1, 0])
+      case ('symplectic_euler_adjoint')
+         plan = kick_plan(drift=[0, 1, 0], part=[0, 1])
+      case ('stormer_verlet')
+         plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp])
+      case ('lobatto2_swapped', 'verlet_dkd_weak2')
+         plan = kick_plan(drift=[0.5_wp, 0.5_wp, 0.0_wp], part=[1, 0])
+      case ('verlet_kdk', 'verlet_kdk_strong2')
+         plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp], shape=[2, -2])
+      case ('gauss_dkdkd', 'gauss_dkdkd_strong2', 'gauss_dkdkd_rotation')
+         plan = kick_plan(drift=[gauss, 1 - 2*gauss, gauss], part=[0.5_wp, 0.5_wp], &
+                          shape=sqrt(12.0_wp)*[1, -1], &
+                          rotates=scheme == 'gauss_dkdkd_rotation')
+         if (plan%rotates) plan%linear = 0
+      case default
+         plan = kick_plan()
+      end select
+   end subroutine find_plan
 
    !> The contract of model_type%flow.
    subroutine henon_heiles_flow(scheme, alpha, sigma1, sigma2, steps, q, p, qn, pn, counters)
@@ -49,52 +77,61 @@ contains
       real(wp), intent(in) :: q(steps%nlane, 2), p(steps%nlane, 2)
       real(wp), intent(out) :: qn(steps%nlane, 2, steps%nstep/steps%every), pn(steps%nlane, 2, steps%nstep/steps%every)
       type(counters_type), intent(inout) :: counters
-      real(wp), contiguous, pointer :: w(:, :, :)
-      real(wp) :: before, after
-      integer :: out, first, n
+      real(wp), contiguous, pointer :: w(:, :, :), dz(:, :, :)
+      type(kick_plan) :: plan
+      integer :: first
 
-      call find_parts(scheme, before, after)
+      call find_plan(scheme, plan)
+      plan%tau = plan%drift*steps%h
+      plan%cosine_less_one = -2*sin(0.5_wp*plan%tau)**2
+      plan%sine = sin(plan%tau)
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      dz => w  ! without weight
+      if (any(abs(plan%shape) > 0)) dz => steps%of(path_dz)%x
       if (steps%nreal == 1) then
-         call pass_alone(steps%nlane, steps%nstep, steps%every, steps%h, before, after, alpha, sigma1, sigma2, w, q, &
-                         p, qn, pn)
+         call pass_alone(steps%nlane, steps%nstep, steps%every, steps%h, plan, alpha, sigma1, sigma2, w, dz, q, p, &
+                         qn, pn)
       else
-         do out = 1, steps%nstep/steps%every
-            if (out == 1) then
-               qn(:, :, out) = q
-               pn(:, :, out) = p
-            else
-               qn(:, :, out) = qn(:, :, out - 1)
-               pn(:, :, out) = pn(:, :, out - 1)
-            end if
-            first = (out - 1)*steps%every + 1
-            do while (first <= out*steps%every)
-               n = merge(group, 1, out*steps%every - first + 1 >= group)
-               call pass(steps%nlane, n, steps%h, before, after, alpha, sigma1, sigma2, &
-                         w(:, :, first:first + n - 1), qn(:, 1, out), qn(:, 2, out), pn(:, 1, out), pn(:, 2, out))
-               first = first + n
-            end do
+         do first = 1, steps%nlane, tile
+            call pass(steps%nlane, first, min(tile, steps%nlane - first + 1), steps%nstep, steps%every, steps%h, plan, &
+                      alpha, sigma1, sigma2, w, dz, q, p, qn, pn)
          end do
       end if
-      counters%gradients = counters%gradients + merge(2, 3, before*after <= 0)*steps%nstep*steps%nreal
+      counters%gradients = counters%gradients + (1 + count(plan%part > 0))*steps%nstep*steps%nreal
    end subroutine henon_heiles_flow
 
    !> Steps of lane 1 alone: each waits for the one before it.
-   pure subroutine pass_alone(nlane, nstep, every, h, before, after, alpha, sigma1, sigma2, w, q, p, qn, pn)
+   pure subroutine pass_alone(nlane, nstep, every, h, plan, alpha, sigma1, sigma2, w, dz, q, p, qn, pn)
       integer, intent(in) :: nlane, nstep, every
-      real(wp), intent(in) :: h, before, after, alpha, sigma1, sigma2, w(nlane, 0:2, nstep), q(nlane, 2), p(nlane, 2)
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(in) :: h, alpha, sigma1, sigma2, w(nlane, 0:2, nstep), dz(nlane, 2, nstep)
+      real(wp), intent(in) :: q(nlane, 2), p(nlane, 2)
       real(wp), intent(inout) :: qn(nlane, 2, nstep/every), pn(nlane, 2, nstep/every)
-      real(wp) :: x1, x2, y1, y2
-      integer :: step, out
+      real(wp) :: x1, x2, y1, y2, u1, u2, rate
+      integer :: i, step, out
 
+      rate = 1/h
       x1 = q(1, 1)
       x2 = q(1, 2)
       y1 = p(1, 1)
       y2 = p(1, 2)
       do out = 1, nstep/every
-         !GCC$ novector
          do step = (out - 1)*every + 1, out*every
-            call take(h, before, after, alpha, sigma1*w(1, 1, step), sigma2*w(1, 2, step), x1, x2, y1, y2)
+            !GCC$ unroll 3
+            do i = 1, 3
+               if (plan%rotates) then
+                  call rotate(plan%cosine_less_one(i), plan%sine(i), x1, y1)
+                  call rotate(plan%cosine_less_one(i), plan%sine(i), x2, y2)
+               else if (plan%drift(i) > 0) then
+                  x1 = x1 + plan%tau(i)*y1
+                  x2 = x2 + plan%tau(i)*y2
+               end if
+               if (i == 3) cycle
+               if (.not. plan%part(i) > 0) cycle
+               u1 = weight(plan%shape(i), rate, w(1, 1, step), dz(1, 1, step))
+               u2 = weight(plan%shape(i), rate, w(1, 2, step), dz(1, 2, step))
+               call kick(plan%part(i), plan%linear, h, alpha, sigma1, sigma2, u1, u2, x1, x2, y1, y2)
+            end do
          end do
          qn(1, 1, out) = x1
          qn(1, 2, out) = x2
@@ -103,60 +140,105 @@ contains
       end do
    end subroutine pass_alone
 
-   !> VEC Steps in place: one or a group.
-   pure subroutine pass(nlane, nstep, h, before, after, alpha, sigma1, sigma2, w, q1, q2, p1, p2)
-      integer, intent(in) :: nlane, nstep
-      real(wp), intent(in) :: h, before, after, alpha, sigma1, sigma2, w(nlane, 0:2, nstep)
-      real(wp), intent(inout), dimension(nlane) :: q1, q2, p1, p2
-      real(wp) :: x1, x2, y1, y2
-      integer :: lane, step
+   !> All steps of n lanes from `first` on.
+   pure subroutine pass(nlane, first, n, nstep, every, h, plan, alpha, sigma1, sigma2, w, dz, q, p, qn, pn)
+      integer, intent(in) :: nlane, first, n, nstep, every
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(in) :: h, alpha, sigma1, sigma2, w(nlane, 0:2, nstep), dz(nlane, 2, nstep)
+      real(wp), intent(in) :: q(nlane, 2), p(nlane, 2)
+      real(wp), intent(inout) :: qn(nlane, 2, nstep/every), pn(nlane, 2, nstep/every)
+      real(wp), dimension(tile) :: x1, x2, y1, y2
+      integer :: i, step, out
 
-      if (nstep == group) then
-         do lane = 1, nlane
-            x1 = q1(lane)
-            x2 = q2(lane)
-            y1 = p1(lane)
-            y2 = p2(lane)
-            !GCC$ unroll 4
-            do step = 1, group
-               call take(h, before, after, alpha, sigma1*w(lane, 1, step), sigma2*w(lane, 2, step), x1, x2, y1, y2)
+      associate (last => first + n - 1)
+         x1(:n) = q(first:last, 1)
+         x2(:n) = q(first:last, 2)
+         y1(:n) = p(first:last, 1)
+         y2(:n) = p(first:last, 2)
+         do out = 1, nstep/every
+            do step = (out - 1)*every + 1, out*every
+               do i = 1, 3
+                  if (plan%drift(i) > 0) call drift_lanes(i, plan, n, x1, x2, y1, y2)
+                  if (i == 3) cycle
+                  if (plan%part(i) > 0) &
+                     call kick_lanes(i, plan, n, h, alpha, sigma1, sigma2, w(first, 1, step), w(first, 2, step), &
+                                     dz(first, 1, step), dz(first, 2, step), x1, x2, y1, y2)
+               end do
             end do
-            q1(lane) = x1
-            q2(lane) = x2
-            p1(lane) = y1
-            p2(lane) = y2
+            qn(first:last, 1, out) = x1(:n)
+            qn(first:last, 2, out) = x2(:n)
+            pn(first:last, 1, out) = y1(:n)
+            pn(first:last, 2, out) = y2(:n)
          end do
-      else
-         do lane = 1, nlane
-            x1 = q1(lane)
-            x2 = q2(lane)
-            y1 = p1(lane)
-            y2 = p2(lane)
-            call take(h, before, after, alpha, sigma1*w(lane, 1, 1), sigma2*w(lane, 2, 1), x1, x2, y1, y2)
-            q1(lane) = x1
-            q2(lane) = x2
-            p1(lane) = y1
-            p2(lane) = y2
-         end do
-      end if
+      end associate
    end subroutine pass
 
-   pure subroutine take(h, before, after, alpha, force1, force2, x1, x2, y1, y2)
-      real(wp), intent(in) :: h, before, after, alpha, force1, force2
-      real(wp), intent(inout) :: x1, x2, y1, y2
+   ! ---- kernels ----------------------------------------------------------------------------------
 
-      call kick(h, before, alpha, force1, force2, x1, x2, y1, y2)
-      x1 = x1 + h*y1
-      x2 = x2 + h*y2
-      call kick(h, after, alpha, force1, force2, x1, x2, y1, y2)
-   end subroutine take
+   !> VEC The i-th drift of n lanes.
+   pure subroutine drift_lanes(i, plan, n, x1, x2, y1, y2)
+      integer, intent(in) :: i, n
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(inout), dimension(n) :: x1, x2, y1, y2
+      integer :: lane
 
-   pure subroutine kick(h, part, alpha, force1, force2, x1, x2, y1, y2)
-      real(wp), intent(in) :: h, part, alpha, force1, force2, x1, x2
+      if (plan%rotates) then
+         do lane = 1, n
+            call rotate(plan%cosine_less_one(i), plan%sine(i), x1(lane), y1(lane))
+            call rotate(plan%cosine_less_one(i), plan%sine(i), x2(lane), y2(lane))
+         end do
+      else
+         do lane = 1, n
+            x1(lane) = x1(lane) + plan%tau(i)*y1(lane)
+            x2(lane) = x2(lane) + plan%tau(i)*y2(lane)
+         end do
+      end if
+   end subroutine drift_lanes
+
+   !> VEC The i-th kick of n lanes.
+   pure subroutine kick_lanes(i, plan, n, h, alpha, sigma1, sigma2, w1, w2, z1, z2, x1, x2, y1, y2)
+      integer, intent(in) :: i, n
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(in) :: h, alpha, sigma1, sigma2
+      real(wp), intent(in), dimension(n) :: w1, w2, z1, z2, x1, x2
+      real(wp), intent(inout), dimension(n) :: y1, y2
+      real(wp) :: part, shape, rate, linear
+      integer :: lane
+
+      part = plan%part(i)
+      shape = plan%shape(i)
+      rate = 1/h
+      linear = plan%linear
+      do lane = 1, n
+         call kick(part, linear, h, alpha, sigma1, sigma2, weight(shape, rate, w1(lane), z1(lane)), &
+                   weight(shape, rate, w2(lane), z2(lane)), x1(lane), x2(lane), y1(lane), y2(lane))
+      end do
+   end subroutine kick_lanes
+
+   !> W of a kick over its part. Here and below, of a sum of two products the first is contracted: parentheses around
+   !> the other say so, or a path by itself would have other bits.
+   pure real(wp) function weight(shape, rate, w, dz)
+      real(wp), intent(in) :: shape, rate, w, dz
+
+      weight = w + shape*(rate*dz - (0.5_wp*w))
+   end function weight
+
+   pure subroutine rotate(cosine_less_one, sine, x, y)
+      real(wp), intent(in) :: cosine_less_one, sine
+      real(wp), intent(inout) :: x, y
+      real(wp) :: moved
+
+      moved = x + (cosine_less_one*x + (sine*y))
+      y = y + (cosine_less_one*y - (sine*x))
+      x = moved
+   end subroutine rotate
+
+   pure subroutine kick(part, linear, h, alpha, sigma1, sigma2, u1, u2, x1, x2, y1, y2)
+      real(wp), intent(in) :: part, linear, h, alpha, sigma1, sigma2, u1, u2, x1, x2
       real(wp), intent(inout) :: y1, y2
 
-      y1 = y1 - part*(h*(x1 + 2*alpha*x1*x2) + force1)
-      y2 = y2 - part*(h*(x2 + alpha*(x1*x1 - x2*x2)) + force2)
+      y1 = y1 - part*(h*(x1*(linear + 2*alpha*x2)) + (sigma1*u1))
+      y2 = y2 - part*(h*(merge(x2, 0.0_wp, linear > 0) + alpha*(x1*x1 - (x2*x2))) + (sigma2*u2))
    end subroutine kick
 
 end module symsde_model_henon_heiles_flow

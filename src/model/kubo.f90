@@ -53,6 +53,7 @@ contains
                     additive=is_zero(sigma), position_noise=is_zero(sigma), &
                     identity_mass=is_zero(a - 1), &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
+                    autonomous=.true., &
                     max_frequency=abs(a), noise_lipschitz=abs(sigma))
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_kubo

@@ -43,6 +43,7 @@ contains
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=.true., identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
+                    autonomous=.true., &
                     max_frequency=1.0_wp, rotation=[1.0_wp])
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_linear_oscillator

@@ -52,6 +52,7 @@ contains
                     additive=is_zero(s1) .and. is_zero(s2), position_noise=is_zero(s1), &
                     identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
+                    autonomous=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(s1) + abs(s2))
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(s1)

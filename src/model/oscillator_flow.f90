@@ -7,7 +7,7 @@
 !>    its adjoint        q' = q + (c p + e),  p' = p - (a q' + b)                           [WHSB] (91)-(92)
 !>    corrected          with d q p added to Hhat: p' = (p - (a q + b))/(1 + d),  q' = q + (c p' + e) + d q, where
 !>                       d = A dW_i C dW_k/2; its adjoint takes (q, p) -> (p, -q), and -d becomes d
-!>    Stormer-Verlet     half a kick, a drift, half a kick
+!>    Stormer-Verlet     half a kick, a drift, half a kick; the other Lobatto pair takes (q, p) -> (p, -q)
 !>    midpoint           dq = (v - c f/2)/(1 + a c/4), dp = -(f + a v/2)/(1 + a c/4), f = a q + b, v = c p + e
 !>    Gauss              dq = 2 o (u v - o c f)/(u^2 + o^2 a c), dp = -2 o (u f + o a v)/(u^2 + o^2 a c)
 !>
@@ -34,9 +34,9 @@ module symsde_model_oscillator_flow
    end type oscillator_terms
 
    enum, bind(c)
-      enumerator :: euler = 1, adjoint = 2, verlet = 3, additive_euler = 4, additive_adjoint = 5
-      enumerator :: midpoint = 6, gauss2 = 7, gauss3 = 8, gauss4 = 9, quotients = 10  ! from midpoint on by one solve
-      enumerator :: corrected_euler = 11, corrected_adjoint = 12
+      enumerator :: euler = 1, adjoint = 2, verlet = 3, swapped_verlet = 4, additive_euler = 5, additive_adjoint = 6
+      enumerator :: midpoint = 7, gauss2 = 8, gauss3 = 9, gauss4 = 10, quotients = 11  ! from midpoint on by one solve
+      enumerator :: corrected_euler = 12, corrected_adjoint = 13
    end enum
 
    !> Coefficients of u from a c on, which begins with 1, and of o, which begins with 1/2.
@@ -82,6 +82,8 @@ contains
          index_of = adjoint
       case ('stormer_verlet')
          index_of = verlet
+      case ('lobatto2_swapped')
+         index_of = swapped_verlet
       case ('midpoint')
          index_of = midpoint
       case ('gauss2', 'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'gauss2_weak2_areas')
@@ -154,7 +156,7 @@ contains
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
       else
-         counters%gradients = counters%gradients + n*merge(3, 2, which == verlet)
+         counters%gradients = counters%gradients + n*merge(3, 2, which == verlet .or. which == swapped_verlet)
       end if
    end subroutine oscillator_flow
 
@@ -189,6 +191,10 @@ contains
                call corrected_pass(-h, -t%c, -t%a, t%noise_c, t%noise_a, nlane, nnoise, n, w(:, :, first:), p, q)
             case (verlet)
                call verlet_pass(t, nlane, nnoise, n, h, w(:, :, first:), q, p)
+            case (swapped_verlet)
+               call verlet_pass(oscillator_terms(a=-t%c, b=-t%e, c=-t%a, e=-t%b, noise_a=t%noise_c, noise_b=t%noise_e, &
+                                                 noise_c=t%noise_a, noise_e=t%noise_b), &
+                                nlane, nnoise, n, -h, w(:, :, first:), p, q)
             case (quotients)
                call quotient_pass(by, h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, nlane, &
                                   nnoise, n, w(:, :, first:), q, p)
@@ -225,6 +231,8 @@ contains
                   call kick_and_drift(-c, -e, we, -a, -b, wb, y, x)
                case (verlet)
                   call verlet_step(a, b, wb, c, e, we, x, y)
+               case (swapped_verlet)
+                  call verlet_step(-c, -e, we, -a, -b, wb, y, x)
                case default
                   call gauss_step(by, a, c, a*x + b*wb, c*y + e*we, x, y)
                end select

@@ -55,7 +55,7 @@ contains
                     ndof=1, nnoise=1, separable=.true., additive=is_zero(sigma), &
                     position_noise=is_zero(sigma), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_third_derivative=.true., has_angle_terms=.true., &
+                    has_third_derivative=.true., has_angle_terms=.true., autonomous=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(sigma))
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_pendulum

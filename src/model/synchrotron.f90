@@ -60,7 +60,7 @@ contains
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., &
                     additive=is_zero(sigma1) .and. is_zero(sigma2), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_angle_terms=.true., &
+                    has_angle_terms=.true., autonomous=.true., &
                     max_frequency=abs(omega), noise_lipschitz=abs(sigma1) + abs(sigma2))
       allocate (self%traits%silent(2))
       allocate (self%traits%rotation(1), source=abs(omega))

@@ -22,7 +22,7 @@ module symsde_step_kick_weights
       logical, allocatable :: multiplies(:)    !! of these, kicks with products of gradients of the noises (nkick)
       real(wp) :: c = 0                        !! of the mean form
       integer, allocatable :: noisy(:)         !! the noises that are not silent
-      integer, allocatable, private :: at(:, :)  !! pair_index in any order (nnoise, nnoise)
+      integer, allocatable :: at(:, :)           !! pair_index in any order (nnoise, nnoise)
       real(wp), allocatable :: w(:, :, :)      !! w_ik with b_i h in front (nlane, 0:nnoise, nkick)
       real(wp), allocatable :: v(:, :)         !! weights of V (nlane, 0:nnoise)
       real(wp), allocatable :: d(:, :)         !! D_kl at pair_index (nlane, nnoise(nnoise+1)/2)
@@ -36,7 +36,6 @@ module symsde_step_kick_weights
       procedure :: weigh
       procedure :: join
       procedure :: join_alone
-      procedure :: d_of
    end type kick_weights
 
 contains
@@ -210,10 +209,10 @@ contains
          if (kicks%samples) then
             do j = 1, size(noisy)
                k = noisy(j)
-               s = (self%d_of(lane, k, noisy(1))*slope(noisy(1)))
+               s = (self%d(lane, self%at(k, noisy(1)))*slope(noisy(1)))
                !GCC$ novector
                do l = 2, size(noisy)
-                  s = s + self%d_of(lane, k, noisy(l))*slope(noisy(l))
+                  s = s + self%d(lane, self%at(k, noisy(l)))*slope(noisy(l))
                end do
                f = f + kicks%share(i)*(s*curvature(k))
             end do
@@ -225,14 +224,6 @@ contains
          end if
       end associate
    end function join_alone
-
-   !> D_kl of a lane.
-   pure real(wp) function d_of(self, lane, k, l)
-      class(kick_weights), intent(in) :: self
-      integer, intent(in) :: lane, k, l
-
-      d_of = self%d(lane, self%at(k, l))
-   end function d_of
 
    ! ---- kernels ----------------------------------------------------------------------------------
 

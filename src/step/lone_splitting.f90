@@ -35,6 +35,8 @@ module symsde_step_lone_splitting
       real(wp), allocatable, private :: unit(:)            !! weights of one Hamiltonian alone (0:m)
       real(wp), allocatable, private :: still(:)           !! weights of a midpoint step: no noise (0:m)
       real(wp), allocatable, private :: slope(:), curvature(:)      !! H_j', H_j'' (0:m)
+      type(angle_terms), allocatable, private :: terms(:)           !! of each H_j by itself (0:m)
+      logical, private :: knows_terms = .false.                     !! they are found, once for all times
       real(wp), allocatable, dimension(:), private :: x, y, f, s, u, up, zero  !! (n)
       real(wp), allocatable, private :: v(:), g(:, :)      !! weights of V (0:m), H_k,q (n, m)
    contains
@@ -87,6 +89,7 @@ contains
          allocate (self%unit(0:m), self%still(0:m), self%zero(n), source=0.0_wp)
          allocate (self%v(0:m), self%x(n), self%y(n), self%f(n), self%s(n), self%u(n), self%up(n))
          if (n == 1) allocate (self%slope(0:m), self%curvature(0:m), source=0.0_wp)
+         if (n == 1) allocate (self%terms(0:m))
          if (self%weights%products) allocate (self%g(n, m))
       end associate
       if (allocated(self%midpoint)) call self%midpoint%lead(self%model)
@@ -170,8 +173,8 @@ contains
          call add(self%n, q, dq, self%x)
          call add(self%n, p, dp, self%y)
          call self%midpoint%take(t, tau, self%still, self%x, self%y, self%u, self%up, taken)
-         call subtract(self%n, -self%u, dq)
-         call subtract(self%n, -self%up, dp)
+         call add_times(self%n, 1.0_wp, self%u, dq)
+         call add_times(self%n, 1.0_wp, self%up, dp)
       else if (self%by_mass) then
          call add(self%n, p, dp, self%s)
          call divide_by_mass(self, t, q)
@@ -261,7 +264,6 @@ contains
       real(wp), intent(in) :: t, x(1), p(1)
       real(wp), intent(inout) :: unit(0:m), slope(0:m), curvature(0:m)  !! of self
       real(wp), parameter :: one(1) = 1
-      type(angle_terms) :: terms
       real(wp) :: sine, cosine
       integer :: j, k
 
@@ -274,14 +276,17 @@ contains
             if (j > 0) k = noisy(j)
             unit(k) = 1
             if (self%model%traits%has_angle_terms) then
-               call self%model%angle(m, t, unit, terms)
-               slope(k) = terms%a*sine + (terms%b*cosine + (terms%c*x(1) + terms%d))
-               curvature(k) = terms%a*cosine + (terms%c - terms%b*sine)
+               associate (terms => self%terms(k))
+                  if (.not. self%knows_terms) call self%model%angle(m, t, unit, terms)
+                  slope(k) = terms%a*sine + (terms%b*cosine + (terms%c*x(1) + terms%d))
+                  curvature(k) = terms%a*cosine + (terms%c - terms%b*sine)
+               end associate
             else
                call self%model%gradient_hessian(1, 1, m, t, unit, x, p, hq=slope(k:k), hqq=curvature(k:k))
             end if
             unit(k) = 0
          end do
+         self%knows_terms = self%model%traits%autonomous
          c%gradients = c%gradients + 1 + size(noisy)
          c%hessians = c%hessians + 1 + size(noisy)
          if (.not. self%between_kicks%rotates) return
@@ -333,7 +338,7 @@ contains
             self%s = 0
             if (weights%kicks%samples) then
                do l = 1, size(noisy)
-                  call add_times(n, weights%d_of(self%lane, noisy(k), noisy(l)), self%g(:, noisy(l)), self%s)
+                  call add_times(n, weights%d(self%lane, weights%at(noisy(k), noisy(l))), self%g(:, noisy(l)), self%s)
                end do
             else
                call add_times(n, weights%c*h*abs(h), self%g(:, noisy(k)), self%s)

@@ -13,7 +13,7 @@ module symsde_step_whole
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_model_abstract, only: corrected
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, correction_none, correction_increments, tableau_form, &
-                                   frame_none
+                                   splitting_form, frame_none
    use symsde_step_one_sided, only: is_one_sided
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -86,7 +86,7 @@ contains
       if (.not. plain) self%name = 'whole corrected steps of '//self%scheme//' by the model'
       self%scheme = self%scheme//suffix(task)
       self%max_iter = task%newton%max_iter
-      self%explicit = plain .and. task%follows
+      self%explicit = plain .and. (task%follows .or. task%scheme%form == splitting_form)
       self%one_solve = task%model%traits%one_solve(.false.) .and. .not. self%explicit
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, task%correction, &
                                     merge(0.0_wp, task%scheme%correction_coefficient(), plain))
