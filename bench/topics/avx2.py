@@ -7,7 +7,7 @@ from .machine import flags_of
 from .tools import ABSENT, Setting, at_most, lines_of, spread, summary, table
 
 # Largest time over that of AVX-512.
-TARGETS = {"Kubo midpoint, path-step": 3.0}
+TARGETS = {"Kubo midpoint, path-step": 2.2}
 BLOCKS = {"normal": "normal", "philox_word": "Philox word"}
 
 
