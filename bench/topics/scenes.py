@@ -3,7 +3,7 @@
 
 from .tools import Setting, at_least, lines_of, spread, table
 
-# Fraction of the limit program's speed that a scene should reach; what was reached once is kept as the target.
+# Fraction of the limit program's speed that a scene should reach.
 TARGETS = {
     "kubo_single_path": 1.0,
     "synchrotron_single_path": 1.0,
