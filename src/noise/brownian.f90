@@ -22,7 +22,8 @@ module symsde_noise_brownian
    use symsde_noise_functionals, only: path_interval, clip_increments, clip_interval
    use symsde_noise_integral_draws, only: integral_draws, fill_direct
    use symsde_noise_integrals, only: fill_pair
-   use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_steps, scaled_normals_at, pairs_of_steps
+   use symsde_noise_levels, only: normals_of, sum_finer, halve_coarser, carry
+   use symsde_noise_normal, only: scaled_normal_steps, scaled_normals_at, pairs_of_steps
    use symsde_noise_source, only: noise_type
    implicit none
    private
@@ -32,7 +33,6 @@ module symsde_noise_brownian
    integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise of few paths
    integer, parameter :: most_at_once = 256  !! for several of their noises
    integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
-   integer, parameter :: purpose_bridge = 1       !! counter word of the bridge's draws
 
    type, extends(noise_type) :: brownian_noise
       private
@@ -87,50 +87,50 @@ contains
       type(step_request), intent(in) :: request
       type(step_store), intent(inout) :: store
       integer(i8), intent(out) :: drawn
-      integer :: j
 
       drawn = 0
       if (.not. self%asked%is_empty() .or. &
-          (self%law /= law_gaussian .and. self%refine == 0 .and. looks_ahead(self, request))) then
+          (self%law /= law_gaussian .and. looks_ahead(self, request))) then
          call fill_functionals(self, request, store, drawn)
-      else if (self%refine /= 0 .or. self%law /= law_gaussian .or. mod(request%pair, 2_i8) == 1) then
-         do j = 0, request%npair - 1
-            call fill_one_pair(self, request%nlane, request%path, request%pair + j, store%w(:, :, 2*j:2*j + 1), drawn)
-         end do
-      else
+      else if (self%law == law_gaussian .and. self%refine == 0 .and. mod(request%pair, 2_i8) == 0) then
          call fill_ahead(self, request%nlane, request%nreal, request%path, request%pair, request%npair, store%w, drawn)
+      else
+         call fill_others(self, request, store%w, drawn)
       end if
    end subroutine fill_brownian
 
-   !> Increments of one pair of steps, whatever the law and the refinement.
-   subroutine fill_one_pair(self, nlane, path, pair, w, drawn)
+   !> Increments of several steps, whatever the law and the refinement.
+   subroutine fill_others(self, request, w, drawn)
       class(brownian_noise), intent(in) :: self
-      integer, intent(in) :: nlane
-      integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(inout) :: w(nlane, 0:self%nnoise, 0:1)
+      type(step_request), intent(in) :: request
+      real(wp), intent(inout) :: w(request%nlane, 0:self%nnoise, 0:2*request%npair - 1)
       integer(i8), intent(inout) :: drawn
-      integer :: k
+      real(wp), allocatable :: dw(:, :)
+      type(normals_of) :: normals
+      integer :: k, step
 
-      do k = 1, self%nnoise
-         if (self%silent(k)) then
-            w(:, k, :) = 0
-            cycle
-         end if
-         if (self%refine == 0) then
-            call draw(self, nlane, path, pair, k, 0, sqrt(self%h), w(:, k, 0), w(:, k, 1), drawn)
-         else if (self%refine > 0) then
-            call sum_tree(self, nlane, path, 2*pair, k, w(:, k, 0), drawn)
-            call sum_tree(self, nlane, path, 2*pair + 1, k, w(:, k, 1), drawn)
-         else
-            call bridge(self, nlane, path, 2*pair, k, w(:, k, 0), drawn)
-            call bridge(self, nlane, path, 2*pair + 1, k, w(:, k, 1), drawn)
-         end if
-         if (self%bound < huge(1.0_wp)) then
-            call clip_increments(nlane, self%bound, w(:, k, 0))
-            call clip_increments(nlane, self%bound, w(:, k, 1))
-         end if
-      end do
-   end subroutine fill_one_pair
+      allocate (dw(request%nlane, 0:2*request%npair - 1))
+      associate (nlane => request%nlane, first => 2*request%pair, nstep => 2*request%npair, levels => abs(self%refine))
+         do k = 1, self%nnoise
+            if (self%silent(k)) then
+               w(:, k, :) = 0
+               cycle
+            end if
+            normals = normals_of(self%seed, k, request%nreal, merge(0_i8, request%path, self%common(k)))
+            if (self%law /= law_gaussian) then
+               call sum_discrete(self, normals, nlane, first, nstep, dw, drawn)
+            else if (self%refine > 0) then
+               call sum_finer(normals, nlane, first, nstep, levels, self%h, dw, drawn)
+            else
+               call halve_coarser(normals, nlane, first, nstep, levels, self%h, dw, drawn)
+            end if
+            do step = 0, nstep - 1
+               if (self%bound < huge(1.0_wp)) call clip_increments(nlane, self%bound, dw(:, step))
+               w(:, k, step) = dw(:, step)
+            end do
+         end do
+      end associate
+   end subroutine fill_others
 
    !> Gaussian increments of several pairs from an even one on, one draw a step.
    subroutine fill_ahead(self, nlane, nreal, path, pair, npair, w, drawn)
@@ -351,89 +351,36 @@ contains
 
    end subroutine fill_alone
 
-   !> Two scaled normals a lane; level 0 are the increments at the finest step, level d the bridge's.
-   subroutine draw(self, nlane, path, pair, k, level, scale, even, odd, drawn)
+   !> Increments of a discrete law, the sums of 2^refine draws.
+   subroutine sum_discrete(self, of, nlane, first, nstep, dw, drawn)
       class(brownian_noise), intent(in) :: self
-      integer, intent(in) :: nlane, k, level
-      integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(in) :: scale
-      real(wp), intent(out) :: even(nlane), odd(nlane)
+      type(normals_of), intent(in) :: of       !! of which noise and paths
+      integer, intent(in) :: nlane, nstep
+      integer(i8), intent(in) :: first
+      real(wp), intent(inout) :: dw(nlane, 0:nstep - 1)
       integer(i8), intent(inout) :: drawn
-      integer(i8) :: from(nlane)
-      integer :: lane
-
-      from = merge(0_i8, path, self%common(k))
-      if (self%law == law_gaussian) then
-         call scaled_normal_pairs(nlane, self%seed, from, pair, k, level, &
-                                  merge(purpose_increment, purpose_bridge, level == 0), scale, even, odd)
-      else
-         call discrete_pairs(nlane, self%seed, from, pair, k, self%law, even, odd)
-         do lane = 1, nlane
-            even(lane) = scale*even(lane)
-            odd(lane) = scale*odd(lane)
-         end do
-      end if
-      drawn = drawn + 2
-   end subroutine draw
-
-   !> dW of one step as a balanced binary sum of 2^refine draws at step h/2^refine.
-   subroutine sum_tree(self, nlane, path, step, k, dw, drawn)
-      class(brownian_noise), intent(in) :: self
-      integer, intent(in) :: nlane, k
-      integer(i8), intent(in) :: path(nlane), step
-      real(wp), intent(out) :: dw(nlane)
-      integer(i8), intent(inout) :: drawn
-      real(wp), allocatable :: partial(:, :)
       real(wp) :: even(nlane), odd(nlane), scale
-      integer(i8) :: i, first, carry
-      integer :: level
+      real(wp), allocatable :: partial(:, :)
+      integer(i8) :: i, npair
+      integer :: step
 
-      allocate (partial(nlane, self%refine))
       scale = sqrt(self%h/2.0_wp**self%refine)
-      first = step*2_i8**(self%refine - 1)  ! pairs of fine steps
-      do i = 0, 2_i8**(self%refine - 1) - 1
-         call draw(self, nlane, path, first + i, k, 0, scale, even, odd, drawn)
-         dw = even + odd
-         ! like a carry in binary counting: two complete sums of one size make one of the next
-         carry = i
-         level = 1
-         do while (mod(carry, 2_i8) == 1)
-            dw = partial(:, level) + dw
-            carry = carry/2
-            level = level + 1
+      npair = 2_i8**max(self%refine - 1, 0)
+      allocate (partial(nlane, max(self%refine - 1, 0)))
+      do step = 0, nstep - 1, merge(2, 1, self%refine == 0)
+         do i = 0, npair - 1
+            call discrete_pairs(nlane, self%seed, of%path, (first + step)*2_i8**self%refine/2 + i, of%noise, self%law, &
+                                even, odd)
+            drawn = drawn + 2
+            even = scale*even
+            odd = scale*odd
+            if (self%refine == 0) exit
+            even = even + odd
+            call carry(nlane, i, partial, even)
          end do
-         if (level <= self%refine) partial(:, level) = dw
+         dw(:, step) = even
+         if (self%refine == 0) dw(:, step + 1) = odd
       end do
-   end subroutine sum_tree
-
-   !> dW of one step by halving the increment at step 2^l h, l = -refine, once for every level.
-   subroutine bridge(self, nlane, path, step, k, dw, drawn)
-      class(brownian_noise), intent(in) :: self
-      integer, intent(in) :: nlane, k
-      integer(i8), intent(in) :: path(nlane), step
-      real(wp), intent(out) :: dw(nlane)
-      integer(i8), intent(inout) :: drawn
-      real(wp) :: even(nlane), odd(nlane), coarse
-      integer(i8) :: parent
-      integer :: level, levels
-
-      levels = -self%refine
-      coarse = self%h*2.0_wp**levels
-      parent = step/2_i8**levels
-      call draw(self, nlane, path, parent/2, k, 0, sqrt(coarse), even, odd, drawn)
-      dw = merge(even, odd, mod(parent, 2_i8) == 0)
-      do level = 1, levels
-         parent = step/2_i8**(levels - level + 1)
-         call draw(self, nlane, path, parent/2, k, level, 0.5_wp*sqrt(coarse), even, odd, drawn)
-         if (mod(parent, 2_i8) == 1) even = odd
-         even = 0.5_wp*dw + even  ! the first half
-         if (mod(step/2_i8**(levels - level), 2_i8) == 0) then
-            dw = even
-         else
-            dw = dw - even
-         end if
-         coarse = coarse/2
-      end do
-   end subroutine bridge
+   end subroutine sum_discrete
 
 end module symsde_noise_brownian

@@ -1,0 +1,227 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Gaussian increments of one noise at other levels than that of one draw a step: sums of finer ones, or coarser ones
+!> halved by the Brownian bridge. Increments of several steps are made at once, so that words of a draw are not left
+!> over, and few paths fill the lanes of the generator with steps.
+module symsde_noise_levels
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: padded, lane_unit
+   use symsde_noise_normal, only: scaled_normal_column, scaled_normals_at, pairs_of_steps
+   implicit none
+   private
+   public :: normals_of, sum_finer, halve_coarser, carry
+
+   integer, parameter :: most_ahead = 64  !! lanes of the generator for few paths
+   integer, parameter :: purpose_increment = 0    !! counter word of the draws of increments
+   integer, parameter :: purpose_bridge = 1       !! counter word of the bridge's draws
+
+   !> The draws of one noise for the lanes of a block.
+   type :: normals_of
+      integer(i8) :: seed = 0
+      integer :: noise = 0
+      integer :: nreal = 0                   !! lanes that count: the others get what the last of them has
+      integer(i8), allocatable :: path(:)    !! (nlane)
+   end type normals_of
+
+contains
+
+   !> dW of nstep steps, an even number from an even one on: the sum of 2^refine draws at step h/2^refine each, added as
+   !> a balanced binary tree.
+   subroutine sum_finer(self, nlane, first, nstep, refine, h, dw, drawn)
+      type(normals_of), intent(in) :: self
+      integer, intent(in) :: nlane, nstep
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: refine            !! > 0
+      real(wp), intent(in) :: h                !! > 0
+      real(wp), intent(inout) :: dw(nlane, 0:nstep - 1)
+      integer(i8), intent(inout) :: drawn
+      real(wp), allocatable :: fine(:, :), partial(:, :)
+      real(wp) :: scale
+      integer(i8) :: i
+      integer :: levels, step, count, n, level
+
+      levels = min(refine, levels_at_once(self))
+      scale = sqrt(h/2.0_wp**refine)
+      allocate (fine(nlane, 0:2**levels_at_once(self) - 1), partial(nlane, refine - levels))
+      do step = 0, nstep - 1, 2**(levels_at_once(self) - levels)
+         count = min(2**(levels_at_once(self) - levels), nstep - step)
+         do i = 0, 2_i8**(refine - levels) - 1
+            n = count*2**levels
+            call draw_steps(self, nlane, (first + step)*2_i8**refine + i*n, n, 0, scale, fine)
+            drawn = drawn + n
+            do level = 1, levels
+               n = n/2
+               call add_pairs(nlane, n, fine)
+            end do
+            if (refine > levels) call carry(nlane, i, partial, fine)
+         end do
+         dw(:, step:step + count - 1) = fine(:, :count - 1)
+      end do
+   end subroutine sum_finer
+
+   !> Levels of fine increments that are summed at once: those of few paths fill the lanes of the generator, four a
+   !> lane, those of many what is drawn of them at once.
+   pure integer function levels_at_once(self) result(levels)
+      type(normals_of), intent(in) :: self
+
+      levels = 3
+      if (self%nreal > lane_unit) return
+      levels = 8
+      do while (self%nreal*2**(levels - 2) > most_ahead)
+         levels = levels - 1
+      end do
+   end function levels_at_once
+
+   !> Like a carry in binary counting: two complete sums of one size make one of the next. The i-th sum, and the one that
+   !> it completes, stand first in x.
+   pure subroutine carry(nlane, i, partial, x)
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: i
+      real(wp), intent(inout) :: partial(:, :), x(nlane)
+      integer(i8) :: left
+      integer :: level
+
+      left = i
+      level = 1
+      do while (mod(left, 2_i8) == 1)
+         x = partial(:, level) + x
+         left = left/2
+         level = level + 1
+      end do
+      if (level <= size(partial, 2)) partial(:, level) = x
+   end subroutine carry
+
+   !> dW of nstep steps from any one on: the increments at step 2^level h, halved once for every level.
+   subroutine halve_coarser(self, nlane, first, nstep, levels, h, dw, drawn)
+      type(normals_of), intent(in) :: self
+      integer, intent(in) :: nlane, nstep
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: levels            !! >= 0
+      real(wp), intent(in) :: h                !! > 0
+      real(wp), intent(inout) :: dw(nlane, 0:nstep - 1)
+      integer(i8), intent(inout) :: drawn
+      real(wp), allocatable, dimension(:, :) :: x, e, halves
+      real(wp) :: coarse
+      integer(i8) :: base, from, low, high  ! steps of a level: of x(:, 0), of e(:, 0), first and last wanted
+      integer :: level, n, i
+
+      allocate (x(nlane, 0:nstep + 7), e(nlane, 0:nstep + 7), halves(nlane, 0:nstep + 7))
+      coarse = h*2.0_wp**levels
+      low = first/2_i8**levels
+      high = (first + nstep - 1)/2_i8**levels
+      base = low - mod(low, 4_i8)
+      n = fours(high - base + 1)
+      call draw_steps(self, nlane, base, n, 0, sqrt(coarse), x)
+      drawn = drawn + n
+      do level = 1, levels
+         from = low - mod(low, 4_i8)
+         n = fours(high - from + 1)
+         call draw_steps(self, nlane, from, n, level, 0.5_wp*sqrt(coarse), e)
+         drawn = drawn + n
+         do i = 0, int(high - low)
+            call halve(nlane, x(1, low + i - base), e(1, low + i - from), halves(1, 2*i), halves(1, 2*i + 1))
+         end do
+         call move_alloc(halves, x)
+         allocate (halves(nlane, 0:nstep + 7))
+         base = 2*low
+         low = first/2_i8**(levels - level)
+         high = (first + nstep - 1)/2_i8**(levels - level)
+         coarse = coarse/2
+      end do
+      dw = x(:, low - base:high - base)
+   end subroutine halve_coarser
+
+   !> So many, in fours.
+   pure integer function fours(n)
+      integer(i8), intent(in) :: n
+
+      fours = 4*int((n + 3)/4)
+   end function fours
+
+   !> N(0, scale^2) of nstep steps from `first` on, both multiples of four: level 0 are increments, level l those of the
+   !> bridge.
+   subroutine draw_steps(self, nlane, first, nstep, level, scale, x)
+      type(normals_of), intent(in) :: self
+      integer, intent(in) :: nlane, nstep, level
+      integer(i8), intent(in) :: first
+      real(wp), intent(in) :: scale
+      real(wp), intent(inout) :: x(nlane, 0:nstep - 1)
+      integer :: purpose, i, n
+
+      purpose = merge(purpose_increment, purpose_bridge, level == 0)
+      if (self%nreal <= lane_unit) then
+         do i = 0, nstep - 1, 4*(most_ahead/self%nreal)
+            n = min(nstep - i, 4*(most_ahead/self%nreal))
+            call draw_few(self, nlane, first + i, n, level, purpose, scale, x(1, i))
+         end do
+      else
+         do i = 0, nstep - 1, 2*pairs_of_steps
+            call scaled_normal_column(nlane, self%seed, self%path, (first + i)/2, min(pairs_of_steps, (nstep - i)/2), &
+                                      self%noise, level, purpose, scale, 1, x(1, i))
+         end do
+      end if
+   end subroutine draw_steps
+
+   !> The same of few paths: every four steps of a path are a lane of the generator.
+   subroutine draw_few(self, nlane, first, nstep, level, purpose, scale, x)
+      type(normals_of), intent(in) :: self
+      integer, intent(in) :: nlane, nstep, level, purpose
+      integer(i8), intent(in) :: first
+      real(wp), intent(in) :: scale
+      real(wp), intent(inout) :: x(nlane, 0:nstep - 1)
+      integer(i8) :: paths(most_ahead), draws(most_ahead)
+      integer :: noises(most_ahead), n, i
+      real(wp) :: drawn(4*most_ahead)
+
+      n = padded(self%nreal*(nstep/4))
+      noises = self%noise
+      do i = 1, n  ! a full vector: the last ones are not used
+         paths(i) = self%path(1 + mod(i - 1, self%nreal))
+         draws(i) = first/4 + (i - 1)/self%nreal
+      end do
+      call scaled_normals_at(n, self%seed, paths, draws, noises, level, purpose, scale, drawn)
+      call spread(n, self%nreal, nlane, nstep, drawn, x)
+   end subroutine draw_few
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> From lanes of the generator to those of the block.
+   pure subroutine spread(n, nreal, nlane, nstep, drawn, x)
+      integer, intent(in) :: n, nreal, nlane, nstep
+      real(wp), intent(in) :: drawn(n, 0:3)
+      real(wp), intent(inout) :: x(nlane, 0:nstep - 1)
+      integer :: step, lane
+
+      do step = 0, nstep - 1
+         do lane = 1, nlane
+            x(lane, step) = drawn((step/4)*nreal + min(lane, nreal), mod(step, 4))
+         end do
+      end do
+   end subroutine spread
+
+   !> Sums of two neighbours in place of them, n of them.
+   pure subroutine add_pairs(nlane, n, x)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(inout) :: x(nlane, 0:2*n - 1)
+      integer :: i, lane
+
+      do i = 0, n - 1
+         do lane = 1, nlane
+            x(lane, i) = x(lane, 2*i) + x(lane, 2*i + 1)
+         end do
+      end do
+   end subroutine add_pairs
+
+   !> VEC W_1 = W/2 + e, W_2 = W - W_1
+   pure subroutine halve(nlane, w, e, one, two)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: w(nlane), e(nlane)
+      real(wp), intent(out) :: one(nlane), two(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         one(lane) = 0.5_wp*w(lane) + e(lane)
+         two(lane) = w(lane) - one(lane)
+      end do
+   end subroutine halve
+
+end module symsde_noise_levels
