@@ -351,7 +351,7 @@ contains
 
    end subroutine fill_alone
 
-   !> Increments of a discrete law, the sums of 2^refine draws.
+   !> Increments of a discrete law, sums of 2^refine draws.
    subroutine sum_discrete(self, of, nlane, first, nstep, dw, drawn)
       class(brownian_noise), intent(in) :: self
       type(normals_of), intent(in) :: of       !! of which noise and paths

@@ -111,12 +111,10 @@ contains
       base = low - mod(low, 4_i8)
       n = fours(high - base + 1)
       call draw_steps(self, nlane, base, n, 0, sqrt(coarse), x)
-      drawn = drawn + n
       do level = 1, levels
          from = low - mod(low, 4_i8)
          n = fours(high - from + 1)
          call draw_steps(self, nlane, from, n, level, 0.5_wp*sqrt(coarse), e)
-         drawn = drawn + n
          do i = 0, int(high - low)
             call halve(nlane, x(1, low + i - base), e(1, low + i - from), halves(1, 2*i), halves(1, 2*i + 1))
          end do
@@ -128,6 +126,7 @@ contains
          coarse = coarse/2
       end do
       dw = x(:, low - base:high - base)
+      drawn = drawn + nstep  ! one a step in the long run: 1 + 1 + 2 + 4 + .. for 2^levels of them
    end subroutine halve_coarser
 
    !> So many, in fours.
