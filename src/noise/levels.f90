@@ -71,8 +71,8 @@ contains
       end do
    end function levels_at_once
 
-   !> Like a carry in binary counting: two complete sums of one size make one of the next. The i-th sum, and the one that
-   !> it completes, stand first in x.
+   !> Like a carry in binary counting: two complete sums of one size make one of the next. The i-th sum stands in x,
+   !> then the one that it completes.
    pure subroutine carry(nlane, i, partial, x)
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: i
