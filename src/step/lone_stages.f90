@@ -34,6 +34,7 @@ module symsde_step_lone_stages
    type :: few_numbers
       real(wp), dimension(most_few) :: c = 0, r = 0, v = 0, alpha = 0, times = 0
       real(wp) :: b(most_few, most_few, 2) = 0, base(most_few, 2) = 0, f(most_few, 2, 0:most_ahead*most_few) = 0
+      type(angle_terms) :: terms(most_few)
    end type few_numbers
 
    type, extends(lone_stepper) :: lone_stages
@@ -251,13 +252,12 @@ contains
       integer, intent(in) :: before  !! sweeps of other groups
       integer, intent(out) :: sweep  !! that ended it
       logical, intent(out) :: found
-      type(angle_terms) :: terms(most_few)
       real(wp) :: last, change(most_ahead), extent(most_ahead)
       integer :: first, i
 
       if (n == 1) then
          do i = slot%i1, slot%i2
-            call self%find_terms(few%times(i), w, terms(i))
+            call self%find_terms(few%times(i), w, few%terms(i))
          end do
       end if
       last = 0
@@ -267,7 +267,7 @@ contains
             call self%model%sweeps(self%m, s, slot%i1, slot%i2, first, slot%nsweep, few%times, w, few%base, few%b, &
                                    most_ahead, few%f(1, 1, before), change, extent)
          else
-            call swing(slot%i1, slot%i2, first, slot%nsweep, terms, few%base, few%b, few%f(1, 1, before), change, &
+            call swing(slot%i1, slot%i2, first, slot%nsweep, few%terms, few%base, few%b, few%f(1, 1, before), change, &
                        extent)
          end if
          call judge_ahead(first, slot%nsweep, slot%too_slow, self%too_stiff, most_ahead, change, extent, last, sweep)
