@@ -43,22 +43,16 @@ module symsde_step_modified_hamiltonian
 
    real(wp), parameter :: reach = 0.5_wp  !! r
 
-   type :: modified_hamiltonian
-      class(model_type), pointer :: model => null()
-      integer :: nlane = 0, ndof = 0, nnoise = 0
+   type, extends(exact_bracket) :: modified_hamiltonian
       type(bracket_terms) :: active               !! parts that have an effect on this model
-      logical, allocatable :: noisy(:)   !! noises that are not silent (nnoise)
       logical :: simple = .false.        !! position noise, H = p.p/2 + U(q)
       logical :: time_dependent = .false.                 !! some noise changes in time, in a way that has an effect
       logical, private :: turning = .false.       !! {H_k(t_1),H_k(t_0)} has an effect
       real(wp), allocatable, private :: nested(:, :)       !! weights of F/h in the nested brackets (nlane, 0:nnoise)
-      real(wp), allocatable, private :: f(:, :), g(:, :)   !! weights of two sums (nlane, 0:nnoise)
+      real(wp), allocatable, private :: g(:, :)            !! weights of a sum (nlane, 0:nnoise)
       real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
-      real(wp), allocatable, private :: vq(:, :), vp(:, :), bq(:, :), bp(:, :)  !! (nlane, ndof)
-      real(wp), allocatable, private :: uq(:, :), up(:, :), yq(:, :), yp(:, :), sq(:, :), sp(:, :)
-      real(wp), allocatable, private :: xq(:, :), xp(:, :), gq(:, :), gp(:, :), rq(:, :), rp(:, :)
+      real(wp), allocatable, dimension(:, :), private :: bq, bp, sq, sp, xp  !! (nlane, ndof)
       type(algebra_work), private :: work
-      type(exact_bracket), private :: exact
    contains
       procedure :: add_gradient
       procedure :: add_rest
@@ -88,28 +82,18 @@ contains
       class(model_type), intent(in), target :: model
       type(bracket_terms), intent(in) :: brackets   !! of scheme_type
       integer, intent(in) :: nlane
-      integer :: n, m
 
-      n = model%traits%ndof
-      m = model%traits%nnoise
-      self%model => model
-      self%nlane = nlane
-      self%ndof = n
-      self%nnoise = m
+      call new_exact_bracket(self, model, nlane)
       self%active = active_brackets(brackets, model%traits)
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
       self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
       if (self%active%single .or. self%turning) self%time_dependent = noise_changes_in_time(model)
-      allocate (self%noisy(m), source=.true.)
-      if (allocated(model%traits%silent)) self%noisy = .not. model%traits%silent
-      allocate (self%f(nlane, 0:m), self%g(nlane, 0:m), self%c(nlane, 0:m), self%nested(nlane, 0:m), source=0.0_wp)
-      self%nested(:, 0) = 1
-      allocate (self%vq(nlane, n), self%vp(nlane, n), self%bq(nlane, n), self%bp(nlane, n))
-      allocate (self%uq(nlane, n), self%up(nlane, n), self%yq(nlane, n), self%yp(nlane, n))
-      allocate (self%xq(nlane, n), self%xp(nlane, n), self%gq(nlane, n), self%gp(nlane, n))
-      allocate (self%sq(nlane, n), self%sp(nlane, n), self%rq(nlane, n), self%rp(nlane, n))
-      call new_algebra_work(self%work, nlane, n)
-      if (self%active%nested .and. has_exact_bracket(model%traits)) call new_exact_bracket(self%exact, nlane, n, m)
+      associate (n => self%ndof, m => self%nnoise)
+         allocate (self%g(nlane, 0:m), self%c(nlane, 0:m), self%nested(nlane, 0:m), source=0.0_wp)
+         self%nested(:, 0) = 1
+         allocate (self%bq(nlane, n), self%bp(nlane, n), self%sq(nlane, n), self%sp(nlane, n), self%xp(nlane, n))
+         call new_algebra_work(self%work, nlane, n)
+      end associate
    end subroutine new_modified_hamiltonian
 
    !> Add the gradient of all active parts to the wanted outputs.
@@ -124,12 +108,13 @@ contains
 
       self%sq = 0
       self%sp = 0
-      if (self%active%single) call add_single(self, t, step, q, p, counters, nreal)
-      if (self%active%areas) call add_areas(self, t, step, q, p, counters, nreal)
-      if (self%active%nested) call add_nested(self, t, step, q, p, counters, nreal)
-      if (self%time_dependent) call add_motion(self, step, q, p, counters, nreal)
+      if (self%active%single) call add_single(self, t, step, q, p)
+      if (self%active%areas) call add_areas(self, t, step, q, p)
+      if (self%active%nested) call add_nested(self, t, step, q, p)
+      if (self%time_dependent) call add_motion(self, step, q, p)
       if (present(hq)) hq = hq + self%sq
       if (present(hp)) hp = hp + self%sp
+      call count_up(self, counters, nreal)
    end subroutine add_gradient
 
    !> Add what derivatives at one point do not give: nested brackets by differences, and noises that change in time.
@@ -145,31 +130,42 @@ contains
       self%sq = 0
       self%sp = 0
       if (self%active%nested .and. .not. has_exact_bracket(self%model%traits)) &
-         call add_nested(self, t, step, q, p, counters, nreal)
+         call add_nested(self, t, step, q, p)
       call find_single_weights(self, step)
-      if (self%time_dependent) call add_motion(self, step, q, p, counters, nreal)
+      if (self%time_dependent) call add_motion(self, step, q, p)
       hq = hq + self%sq
       hp = hp + self%sp
+      call count_up(self, counters, nreal)
    end subroutine add_rest
 
+   !> What was asked of the model, of so many paths.
+   subroutine count_up(self, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+
+      counters%gradients = counters%gradients + self%ngradient*nreal
+      counters%hessian_vectors = counters%hessian_vectors + self%nproduct*nreal
+      self%ngradient = 0
+      self%nproduct = 0
+   end subroutine count_up
+
    !> The nested brackets, in the cheapest form that the traits allow.
-   subroutine add_nested(self, t, step, q, p, counters, nreal)
+   subroutine add_nested(self, t, step, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
 
       if (self%active%crossed) self%nested(:, 1:) = step%w(:, 1:)/step%h
       if (self%simple) then
-         call add_squares(self, t, step%h, q, p, counters, nreal)
+         call add_squares(self, t, step%h, q, p)
       else if (has_exact_bracket(self%model%traits)) then
-         call self%exact%add(self%model, self%noisy, self%nested, t, step%h, q, p, self%sq, self%sp, counters, nreal)
+         call self%add_exact(self%nested, t, step%h, q, p, self%sq, self%sp)
       else if (self%model%traits%additive) then
-         call add_shifts(self, t, step%h, q, p, counters, nreal)
+         call add_shifts(self, t, step%h, q, p)
       else
-         call add_differences(self, t, step%h, q, p, counters, nreal)
+         call add_differences(self, t, step%h, q, p)
       end if
    end subroutine add_nested
 
@@ -186,40 +182,34 @@ contains
    end subroutine find_single_weights
 
    !> {F,H} with F = sum_k (h dW_k/2 - dZ_k) H_k. For F(q) and H = p.p/2 + U(q) it is F_q . p.
-   subroutine add_single(self, t, step, q, p, counters, nreal)
+   subroutine add_single(self, t, step, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
 
       call find_single_weights(self, step)
       associate (n => self%nlane, d => self%ndof, m => self%nnoise)
          if (self%simple) then
             call self%model%gradient(n, d, m, t, self%c, q, p, hq=self%bp)
+            self%ngradient = self%ngradient + 1
             self%sp = self%sp + self%bp
-            counters%gradients = counters%gradients + nreal
             if (self%model%traits%additive) return
             self%vp = 0
-            call self%model%hessian_vector(n, d, m, t, self%c, q, p, p, self%vp, self%bq, self%gp)
-            counters%hessian_vectors = counters%hessian_vectors + nreal
-            self%sq = self%sq + self%bq
+            call self%add_product(t, self%c, 1.0_wp, p, self%vp, q, p, self%sq, self%sp)
          else
             self%g = 0
             self%g(:, 0) = 1
-            call add_bracket(self, t, self%c, q, p, counters, nreal)
+            call add_bracket(self, t, self%c, q, p)
          end if
       end associate
    end subroutine add_single
 
    !> What noises that change in time add.
-   subroutine add_motion(self, step, q, p, counters, nreal)
+   subroutine add_motion(self, step, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
       real(wp) :: t1
       integer :: k
 
@@ -228,44 +218,31 @@ contains
          self%g = self%c/step%h
          call add_sum(self, t1, q, p, 0.0_wp, 0.0_wp, 1.0_wp)
          call add_sum(self, step%t, q, p, 0.0_wp, 0.0_wp, -1.0_wp)
-         counters%gradients = counters%gradients + 2*nreal
       end if
       if (.not. self%turning) return
       do k = 1, self%nnoise
-         if (self%noisy(k)) call add_change(self, step%t, t1, k, -abs(step%h)/12, q, p, counters, nreal)
+         if (self%noisy(k)) call add_change(self, step%t, t1, k, -abs(step%h)/12, q, p)
       end do
    end subroutine add_motion
 
    !> c grad {F,G} with F = H_k(t1), G = H_k(t0): Hess F (G_p, -G_q) - Hess G (F_p, -F_q).
-   subroutine add_change(self, t0, t1, k, c, q, p, counters, nreal)
+   subroutine add_change(self, t0, t1, k, c, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t0, t1, c
       integer, intent(in) :: k
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
 
-      associate (n => self%nlane, d => self%ndof, m => self%nnoise, model => self%model)
-         call field_of(self, t0, k, q, p)
-         call model%hessian_vector(n, d, m, t1, self%f, q, p, self%vq, self%vp, self%bq, self%bp)
-         self%sq = self%sq + c*self%bq
-         self%sp = self%sp + c*self%bp
-         call field_of(self, t1, k, q, p)
-         call model%hessian_vector(n, d, m, t0, self%f, q, p, self%vq, self%vp, self%bq, self%bp)
-         self%sq = self%sq - c*self%bq
-         self%sp = self%sp - c*self%bp
-      end associate
-      counters%gradients = counters%gradients + 2*nreal
-      counters%hessian_vectors = counters%hessian_vectors + 2*nreal
+      call self%field_of(t0, k, q, p)
+      call self%add_product(t1, self%f, c, self%vq, self%vp, q, p, self%sq, self%sp)
+      call self%field_of(t1, k, q, p)
+      call self%add_product(t0, self%f, -c, self%vq, self%vp, q, p, self%sq, self%sp)
    end subroutine add_change
 
    !> sum_l {H_l, sum_{k<l} A_kl H_k}
-   subroutine add_areas(self, t, step, q, p, counters, nreal)
+   subroutine add_areas(self, t, step, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
       integer :: k, l
 
       do l = 2, self%nnoise
@@ -276,33 +253,29 @@ contains
          do k = 1, l - 1
             if (self%noisy(k)) self%g(:, k) = step%of(path_areas)%x(:, area_index(k, l))
          end do
-         call add_bracket(self, t, self%f, q, p, counters, nreal)
+         call add_bracket(self, t, self%f, q, p)
       end do
    end subroutine add_areas
 
    !> {F,G} for the sums with the weights f and g.
-   subroutine add_bracket(self, t, f, q, p, counters, nreal)
+   subroutine add_bracket(self, t, f, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: f(self%nlane, 0:self%nnoise)
       real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
 
       call bracket_gradient(self%model, self%nlane, self%ndof, self%nnoise, t, f, self%g, q, p, &
                             self%bq, self%bp, self%work)
-      counters%gradients = counters%gradients + 2*nreal
-      counters%hessian_vectors = counters%hessian_vectors + 2*nreal
+      self%ngradient = self%ngradient + 2
+      self%nproduct = self%nproduct + 2
       self%sq = self%sq + self%bq
       self%sp = self%sp + self%bp
    end subroutine add_bracket
 
    !> Position noise, identity mass: (h|h|/12) sum_k H_k,q . H_k,q
-   subroutine add_squares(self, t, h, q, p, counters, nreal)
+   subroutine add_squares(self, t, h, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
       real(wp) :: c
       integer :: k
 
@@ -314,22 +287,18 @@ contains
          self%f(:, k) = 1
          associate (n => self%nlane, d => self%ndof, m => self%nnoise)
             call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%vq)
-            call self%model%hessian_vector(n, d, m, t, self%f, q, p, self%vq, self%vp, self%gq, self%gp)
+            self%ngradient = self%ngradient + 1
          end associate
-         counters%gradients = counters%gradients + nreal
-         counters%hessian_vectors = counters%hessian_vectors + nreal
+         call self%add_product(t, self%f, c, self%vq, self%vp, q, p, self%sq, self%sp)
          self%f(:, k) = 0
-         self%sq = self%sq + c*self%gq
       end do
    end subroutine add_squares
 
    !> Additive noise: the fields v are constant, the second difference of H along them is all.
-   subroutine add_shifts(self, t, h, q, p, counters, nreal)
+   subroutine add_shifts(self, t, h, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
       real(wp) :: b, c
       integer :: k
 
@@ -340,11 +309,10 @@ contains
       call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*count(self%noisy))
       do k = 1, self%nnoise
          if (.not. self%noisy(k)) cycle
-         call field_of(self, t, k, q, p)
+         call self%field_of(t, k, q, p)
          call add_sum(self, t, q, p, 0.0_wp, b, c)
          call add_sum(self, t, q, p, 0.0_wp, -b, c)
       end do
-      counters%gradients = counters%gradients + nreal*(1 + 3*count(self%noisy))
    end subroutine add_shifts
 
    !> The general case, H and u of F/h. With G(e,f) = grad H_k at x + e u + f v, and alike g(f) of H at x + f v,
@@ -353,12 +321,10 @@ contains
    !>    - c' sum_{s,r=+-1} s r [1 + s a (Du)^T + r b (Dv)^T] G(s a, r b)          c' = (h|h|/12)/(4ab)
    !>
    !> and (Dv)^T y = Hess H_k (-y_p, y_q).
-   subroutine add_differences(self, t, h, q, p, counters, nreal)
+   subroutine add_differences(self, t, h, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
       real(wp) :: a, b, c, c2
       integer :: k
 
@@ -366,28 +332,22 @@ contains
       b = reach*sqrt(abs(h))
       c = h/(12*reach**2)
       c2 = h*abs(h)/(48*a*b)
-      call field_of_sum(self, t, self%nested, q, p)
-      self%uq = self%vq
-      self%up = self%vp
+      call self%field_of_sum(t, self%nested, q, p, self%uq, self%up)
       self%yq = 0
       self%yp = 0
       do k = 1, self%nnoise
          if (.not. self%noisy(k)) cycle
-         call field_of(self, t, k, q, p)
+         call self%field_of(t, k, q, p)
          self%rq = 0
          self%rp = 0
          call second_difference(self, t, b, c, q, p)
          call mixed_difference(self, t, k, a, b, c2, q, p)
-         call add_transposed(self, t, self%f, q, p)
+         call self%add_transposed(t, self%f, self%rq, self%rp, q, p, self%sq, self%sp)
       end do
-      self%rq = self%yq
-      self%rp = self%yp
-      call add_transposed(self, t, self%nested, q, p)
+      call self%add_transposed(t, self%nested, self%yq, self%yp, q, p, self%sq, self%sp)
       ! -2c sum_k grad H, from the field of H
       self%sq = self%sq + (2*c*count(self%noisy))*self%up
       self%sp = self%sp - (2*c*count(self%noisy))*self%uq
-      counters%gradients = counters%gradients + nreal*(1 + 7*count(self%noisy))
-      counters%hessian_vectors = counters%hessian_vectors + nreal*(1 + count(self%noisy))
    end subroutine add_differences
 
    !> c [g(b) + g(-b)], and what the field of H_k adds, c b [g(b) - g(-b)], into r.
@@ -443,42 +403,9 @@ contains
          self%xp = self%xp + f*self%vp
       end if
       call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, self%g, self%xq, self%xp, self%gq, self%gp)
+      self%ngradient = self%ngradient + 1
       self%sq = self%sq + c*self%gq
       self%sp = self%sp + c*self%gp
    end subroutine add_sum
-
-   !> v = the Hamiltonian field (H_k,p, -H_k,q) at x.
-   subroutine field_of(self, t, k, q, p)
-      type(modified_hamiltonian), intent(inout) :: self
-      integer, intent(in) :: k
-      real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-
-      self%f = 0
-      self%f(:, k) = 1
-      call field_of_sum(self, t, self%f, q, p)
-   end subroutine field_of
-
-   !> The same of the sum with these weights.
-   subroutine field_of_sum(self, t, weights, q, p)
-      type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, weights(self%nlane, 0:self%nnoise)
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-
-      call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, weights, q, p, self%vp, self%vq)
-      self%vp = -self%vp
-   end subroutine field_of_sum
-
-   !> Add (D field of G)^T r = Hess G (-r_p, r_q) to the result, G the sum with these weights.
-   subroutine add_transposed(self, t, weights, q, p)
-      type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, weights(self%nlane, 0:self%nnoise)
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-
-      self%xq = -self%rp
-      call self%model%hessian_vector(self%nlane, self%ndof, self%nnoise, t, weights, q, p, self%xq, self%rq, &
-                                     self%bq, self%bp)
-      self%sq = self%sq + self%bq
-      self%sp = self%sp + self%bp
-   end subroutine add_transposed
 
 end module symsde_step_modified_hamiltonian
