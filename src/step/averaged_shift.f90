@@ -17,7 +17,7 @@ module symsde_step_averaged_shift
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_model_noise_time, only: noise_changes_in_time
-   use symsde_scheme_scheme, only: bracket_terms, correction_none, frame_mean_path
+   use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, midpoint_serves
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
@@ -27,7 +27,7 @@ module symsde_step_averaged_shift
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: averaged_shift_stepper, averaged_shift_fits
+   public :: averaged_shift_stepper
 
    !> What is around the midpoint, for a block of paths or for one.
    type :: mean_path
@@ -62,13 +62,6 @@ module symsde_step_averaged_shift
    end type lone_averaged_shift
 
 contains
-
-   !> Whether this stepper executes the task.
-   logical function averaged_shift_fits(task) result(fits)
-      type(stepper_task), intent(in) :: task
-
-      fits = task%scheme%frame == frame_mean_path
-   end function averaged_shift_fits
 
    subroutine make(self, task)
       class(averaged_shift_stepper), intent(inout) :: self

@@ -8,7 +8,7 @@ module symsde_step_euler_maruyama
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_vectors, only: subtract, add_times
-   use symsde_scheme_scheme, only: correction_none, ito_form
+   use symsde_scheme_scheme, only: correction_none
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_explicit, only: lone_explicit, one_slope
    use symsde_step_lone_swing, only: new_lone_explicit
@@ -16,7 +16,7 @@ module symsde_step_euler_maruyama
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: euler_maruyama_stepper, euler_maruyama_fits
+   public :: euler_maruyama_stepper
 
    type, extends(stepper_type) :: euler_maruyama_stepper
       private
@@ -26,25 +26,18 @@ module symsde_step_euler_maruyama
       real(wp), allocatable, dimension(:, :, :) :: hqq, hqp, hpp  !! with one degree of freedom (nlane, 1, 1)
    contains
       procedure :: make
-      procedure :: is_oracle
       procedure :: increment
       procedure :: offer_lone
    end type euler_maruyama_stepper
 
 contains
 
-   !> Whether this stepper executes the task.
-   logical function euler_maruyama_fits(task) result(fits)
-      type(stepper_task), intent(in) :: task
-
-      fits = task%scheme%form == ito_form
-   end function euler_maruyama_fits
-
    subroutine make(self, task)
       class(euler_maruyama_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
       self%name = 'Euler-Maruyama (not symplectic)'
+      self%is_oracle = .true.
       self%takes_one_lane = .true.
       self%explicit = .true.
       self%has_ito_drift = .not. task%model%traits%correction_vanishes()
@@ -55,12 +48,6 @@ contains
          if (n == 1) allocate (self%hqq(nlane, 1, 1), self%hqp(nlane, 1, 1), self%hpp(nlane, 1, 1))
       end associate
    end subroutine make
-
-   pure logical function is_oracle(self)
-      class(euler_maruyama_stepper), intent(in) :: self
-
-      is_oracle = .true.
-   end function is_oracle
 
    !> What takes paths one by one, by one slope; the Ito drift of one degree of freedom whose model has terms.
    subroutine offer_lone(self, lone)

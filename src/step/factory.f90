@@ -8,23 +8,24 @@ module symsde_step_factory
    use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_needs, only: find_missing
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_auto, correction_none, correction_mean, &
-                                   correction_increments
+                                   correction_increments, frame_shift, frame_mean_path, frame_rotation, &
+                                   ito_form, galerkin_form, splitting_form
    use symsde_solve_newton, only: newton_options, check_newton
-   use symsde_step_averaged_shift, only: averaged_shift_stepper, averaged_shift_fits
+   use symsde_step_averaged_shift, only: averaged_shift_stepper
    use symsde_step_drift_preserving, only: drift_preserving_stepper, drift_preserving_fits
-   use symsde_step_euler_maruyama, only: euler_maruyama_stepper, euler_maruyama_fits
+   use symsde_step_euler_maruyama, only: euler_maruyama_stepper
    use symsde_step_explicit, only: explicit_stepper, explicit_fits
-   use symsde_step_galerkin, only: galerkin_stepper, galerkin_fits
-   use symsde_step_general, only: general_stepper, general_fits
+   use symsde_step_galerkin, only: galerkin_stepper
+   use symsde_step_general, only: general_stepper
    use symsde_step_midpoint, only: midpoint_stepper, midpoint_fits
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
    use symsde_step_midpoint_single, only: midpoint_single_stepper, midpoint_single_fits
    use symsde_step_one_sided, only: one_sided_stepper, one_sided_fits
-   use symsde_step_splitting, only: splitting_stepper, splitting_fits
+   use symsde_step_splitting, only: splitting_stepper
    use symsde_step_stages, only: stages_stepper, stages_fits
    use symsde_step_stages_single, only: stages_single_stepper, stages_single_fits
    use symsde_step_stepper, only: stepper_type, stepper_task
-   use symsde_step_verlet_dz, only: verlet_dz_stepper, verlet_dz_fits
+   use symsde_step_verlet_dz, only: verlet_dz_stepper
    use symsde_step_whole, only: whole_stepper, whole_fits
    implicit none
    private
@@ -37,12 +38,12 @@ module symsde_step_factory
       logical :: as_increments = .false.  !! for compensated sums: no states, whose last place is coarser
    end type stepper_options
 
-   integer, parameter :: nstepper = 15
+   integer, parameter :: nstepper = 15, first_oracle = 12
 
 contains
 
-   !> All steppers, the most special ones first: the first one that fits is taken. Only such a one is allocated, since a
-   !> run of few steps would notice the time of allocating all.
+   !> All steppers, the most special ones first and the oracles last: the first one that fits is taken. Only such a one
+   !> is allocated, since a run of few steps would notice the time of allocating all.
    subroutine offer(i, task, stepper)
       integer, intent(in) :: i   !! 1 .. nstepper
       type(stepper_task), intent(in) :: task
@@ -50,20 +51,22 @@ contains
 
       select case (i)
       case (1); if (whole_fits(task)) allocate (whole_stepper :: stepper)
-      case (2); if (verlet_dz_fits(task)) allocate (verlet_dz_stepper :: stepper)
-      case (3); if (averaged_shift_fits(task)) allocate (averaged_shift_stepper :: stepper)
-      case (4); if (euler_maruyama_fits(task)) allocate (euler_maruyama_stepper :: stepper)
-      case (5); if (galerkin_fits(task)) allocate (galerkin_stepper :: stepper)
-      case (6); if (explicit_fits(task)) allocate (explicit_stepper :: stepper)
-      case (7); if (drift_preserving_fits(task)) allocate (drift_preserving_stepper :: stepper)
-      case (8); if (midpoint_fits(task)) allocate (midpoint_stepper :: stepper)
-      case (9); if (midpoint_single_fits(task)) allocate (midpoint_single_stepper :: stepper)
-      case (10); if (midpoint_full_fits(task)) allocate (midpoint_full_stepper :: stepper)
-      case (11); if (one_sided_fits(task)) allocate (one_sided_stepper :: stepper)
-      case (12); if (stages_single_fits(task)) allocate (stages_single_stepper :: stepper)
-      case (13); if (stages_fits(task)) allocate (stages_stepper :: stepper)
-      case (14); if (general_fits(task)) allocate (general_stepper :: stepper)
-      case default; if (splitting_fits(task)) allocate (splitting_stepper :: stepper)
+      case (2); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
+      case (3); if (task%scheme%frame == frame_mean_path) allocate (averaged_shift_stepper :: stepper)
+      case (4); if (explicit_fits(task)) allocate (explicit_stepper :: stepper)
+      case (5); if (drift_preserving_fits(task)) allocate (drift_preserving_stepper :: stepper)
+      case (6); if (midpoint_fits(task)) allocate (midpoint_stepper :: stepper)
+      case (7); if (midpoint_single_fits(task)) allocate (midpoint_single_stepper :: stepper)
+      case (8); if (midpoint_full_fits(task)) allocate (midpoint_full_stepper :: stepper)
+      case (9); if (one_sided_fits(task)) allocate (one_sided_stepper :: stepper)
+      case (10); if (stages_single_fits(task)) allocate (stages_single_stepper :: stepper)
+      case (11); if (stages_fits(task)) allocate (stages_stepper :: stepper)
+      case (first_oracle); if (task%is_tableau()) allocate (general_stepper :: stepper)
+      case (13); if (task%scheme%form == ito_form) allocate (euler_maruyama_stepper :: stepper)
+      case (14); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)
+      case default
+         if (task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation) &
+            allocate (splitting_stepper :: stepper)
       end select
    end subroutine offer
 
@@ -119,14 +122,11 @@ contains
       task = wanted
       task%model => model
       task%nlane = nlane
-      do i = 1, nstepper
+      do i = merge(first_oracle, 1, task%general), nstepper
          call offer(i, task, stepper)
          if (.not. allocated(stepper)) cycle
-         if (stepper%is_oracle() .or. .not. task%general) then
-            call stepper%make(task)
-            return
-         end if
-         deallocate (stepper)
+         call stepper%make(task)
+         return
       end do
       call raise(error, incompatible, 'new_stepper', 'the option general does not go with scheme '//task%scheme%name// &
                  ': its only stepper is made for the models that it allows, and there is no general one to '// &

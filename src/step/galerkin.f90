@@ -15,13 +15,13 @@
 module symsde_step_galerkin
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_scheme_scheme, only: correction_none, galerkin_form
+   use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_type, new_newton
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: galerkin_stepper, galerkin_fits
+   public :: galerkin_stepper
 
    !> Unknowns are ordered D^1 .. D^s, E_1 .. E_r, ndof columns each.
    type, extends(stepper_type) :: galerkin_stepper
@@ -37,18 +37,10 @@ module symsde_step_galerkin
       real(wp), allocatable :: sqq(:, :, :), sqp(:, :, :), spp(:, :, :)
    contains
       procedure :: make
-      procedure :: is_oracle
       procedure :: increment
    end type galerkin_stepper
 
 contains
-
-   !> Whether this stepper executes the task.
-   logical function galerkin_fits(task) result(fits)
-      type(stepper_task), intent(in) :: task
-
-      fits = task%scheme%form == galerkin_form
-   end function galerkin_fits
 
    subroutine make(self, task)
       class(galerkin_stepper), intent(inout) :: self
@@ -56,6 +48,7 @@ contains
       integer :: mu
 
       self%name = 'Galerkin'
+      self%is_oracle = .true.
       self%takes_one_lane = .true.
       associate (scheme => task%scheme)
          self%s = scheme%degree
@@ -80,12 +73,6 @@ contains
       end associate
       self%one_solve = self%newton%affine
    end subroutine make
-
-   pure logical function is_oracle(self)
-      class(galerkin_stepper), intent(in) :: self
-
-      is_oracle = .true.
-   end function is_oracle
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(galerkin_stepper), intent(inout) :: self

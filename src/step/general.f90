@@ -18,7 +18,7 @@ module symsde_step_general
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: general_stepper, general_fits, new_general_stepper
+   public :: general_stepper, new_general_stepper
 
    !> Slopes are ordered x(:, 1:n) = F of stage 1 and part 1, x(:, n+1:2n) = G of the same, and so on.
    type, extends(stepper_type) :: general_stepper
@@ -33,20 +33,12 @@ module symsde_step_general
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
    contains
       procedure :: make
-      procedure :: is_oracle
       procedure :: increment
       procedure :: solve_stages
       procedure :: add_up
    end type general_stepper
 
 contains
-
-   !> Whether this stepper executes the task.
-   logical function general_fits(task) result(fits)
-      type(stepper_task), intent(in) :: task
-
-      fits = task%is_tableau()
-   end function general_fits
 
    subroutine make(self, task)
       class(general_stepper), intent(inout) :: self
@@ -55,12 +47,6 @@ contains
       call new_general_stepper(self, task%model, task%scheme, task%correction, task%nlane, task%newton)
       self%one_solve = self%newton%affine
    end subroutine make
-
-   pure logical function is_oracle(self)
-      class(general_stepper), intent(in) :: self
-
-      is_oracle = .true.
-   end function is_oracle
 
    !> A general stepper for blocks of nlane lanes.
    subroutine new_general_stepper(self, model, scheme, correction, nlane, options)
@@ -75,6 +61,7 @@ contains
       n = model%traits%ndof
       nstage = scheme%nstage
       self%name = 'general'
+      self%is_oracle = .true.
       self%takes_one_lane = .true.
       self%nstage = nstage
       self%npart = merge(1, 2, scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)

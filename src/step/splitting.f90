@@ -19,7 +19,7 @@ module symsde_step_splitting
    use symsde_base_record, only: step_record
    use symsde_base_vectors, only: add, subtract, add_times
    use symsde_scheme_kicks, only: flow_rotation, flow_midpoint
-   use symsde_scheme_scheme, only: correction_none, splitting_form, frame_rotation
+   use symsde_scheme_scheme, only: correction_none
    use symsde_step_constant_mass, only: new_constant_mass
    use symsde_step_drift_flow, only: drift_flow, new_drift_flow
    use symsde_step_kick_weights, only: kick_weights, new_kick_weights
@@ -30,7 +30,7 @@ module symsde_step_splitting
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: splitting_stepper, splitting_fits
+   public :: splitting_stepper
 
    type, extends(stepper_type) :: splitting_stepper
       private
@@ -47,7 +47,6 @@ module symsde_step_splitting
       real(wp), allocatable :: s(:, :), zero(:, :), u(:, :), up(:, :)  !! a product (nlane, ndof)
    contains
       procedure :: make
-      procedure :: is_oracle
       procedure :: increment
       procedure :: offer_lone
       procedure :: tally
@@ -55,18 +54,12 @@ module symsde_step_splitting
 
 contains
 
-   !> Whether this stepper executes the task.
-   logical function splitting_fits(task) result(fits)
-      type(stepper_task), intent(in) :: task
-
-      fits = task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation
-   end function splitting_fits
-
    subroutine make(self, task)
       class(splitting_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
       self%name = 'drifts and kicks'
+      self%is_oracle = .true.
       self%explicit = .true.
       call new_kick_weights(self%weights, task%scheme%kicks, task%model%traits, task%nlane)
       associate (t => task%model%traits, n => task%model%traits%ndof, m => task%model%traits%nnoise, &
@@ -115,12 +108,6 @@ contains
       if (self%weights%products .and. self%weights%kicks%samples) made%most = 12
       call move_alloc(made, lone)
    end subroutine offer_lone
-
-   pure logical function is_oracle(self)
-      class(splitting_stepper), intent(in) :: self
-
-      is_oracle = .true.
-   end function is_oracle
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(splitting_stepper), intent(inout) :: self

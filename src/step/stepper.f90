@@ -5,8 +5,9 @@
 !> they are finite and freezes failed paths. A stepper that takes lanes in small groups may add theirs itself
 !> while they are near (`moves`). A stepper owns its workspace: every thread has its own.
 !>
-!> A stepper describes itself: which tasks it fits (a function beside its type, asked before there is one), how it is
-!> made for one, what it leaves out, and whether it is the oracle of its schemes. The factory only keeps them in order.
+!> A stepper describes itself: which tasks it fits (a function beside its type, asked before there is one, where a form
+!> or frame of its own does not say it), how it is made for one, and what it leaves out. The factory keeps them in
+!> order.
 module symsde_step_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -43,6 +44,9 @@ module symsde_step_stepper
       logical :: explicit = .false.          !! no solver is called
       logical :: one_solve = .false.         !! its equations are linear for this model: no iteration
       logical :: moves = .false.             !! move is there
+      !> It executes its schemes for every model that they allow, by their equations as they stand: what the others are
+      !> tested against, and what the option `general` asks for.
+      logical :: is_oracle = .false.
       logical :: takes_one_lane = .false.    !! a block may be of one lane, with the bits of a lane of many
       character(:), allocatable :: left_out    !! what else it does without, for the run report
       type(one_step_hamiltonian) :: ham
@@ -50,7 +54,6 @@ module symsde_step_stepper
       procedure(make_interface), deferred :: make
       procedure(increment_interface), deferred :: increment
       procedure :: move
-      procedure :: is_oracle
       procedure :: offer_lone
       procedure :: tally
    end type stepper_type
@@ -86,14 +89,6 @@ contains
       real(wp), intent(inout) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
    end subroutine move
-
-   !> Whether it executes its schemes for every model that they allow, by their equations as they stand: what the
-   !> others are tested against, and what the option `general` asks for.
-   pure logical function is_oracle(self)
-      class(stepper_type), intent(in) :: self
-
-      is_oracle = .false.
-   end function is_oracle
 
    !> What takes the same steps of paths one by one; its model is not set. Not allocated where there is none.
    subroutine offer_lone(self, lone)

@@ -10,13 +10,13 @@ module symsde_step_verlet_dz
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_scheme_scheme, only: correction_none, frame_shift
+   use symsde_scheme_scheme, only: correction_none
    use symsde_model_noise_time, only: noise_changes_in_time
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: verlet_dz_stepper, verlet_dz_fits
+   public :: verlet_dz_stepper
 
    type, extends(stepper_type) :: verlet_dz_stepper
       private
@@ -29,13 +29,6 @@ module symsde_step_verlet_dz
    end type verlet_dz_stepper
 
 contains
-
-   !> Whether this stepper executes the task.
-   logical function verlet_dz_fits(task) result(fits)
-      type(stepper_task), intent(in) :: task
-
-      fits = task%scheme%frame == frame_shift
-   end function verlet_dz_fits
 
    subroutine make(self, task)
       class(verlet_dz_stepper), intent(inout) :: self
