@@ -45,6 +45,7 @@ module symsde_base_traits
    contains
       procedure :: correction_vanishes
       procedure :: has_constant_mass
+      procedure :: eliminates_momenta
       procedure :: divides_by_mass
       procedure :: one_solve
       procedure :: differences_alone
@@ -75,6 +76,13 @@ contains
 
       has_constant_mass = self%identity_mass .or. self%constant_mass
    end function has_constant_mass
+
+   !> Whether H = p.p/2 + U(q) with noise in position or additive: momenta can be eliminated from implicit equations.
+   pure logical function eliminates_momenta(self)
+      class(model_traits), intent(in) :: self
+
+      eliminates_momenta = self%identity_mass .and. self%correction_vanishes()
+   end function eliminates_momenta
 
    !> Whether Hhat_p = h M^-1 p with a constant M that is not declared to be the identity: no noise moves positions.
    pure logical function divides_by_mass(self)

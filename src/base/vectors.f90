@@ -4,7 +4,7 @@ module symsde_base_vectors
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: add, subtract, add_times
+   public :: add, subtract, add_times, scale
 
 contains
 
@@ -43,5 +43,17 @@ contains
          total(i) = total(i) + factor*x(i)
       end do
    end subroutine add_times
+
+   !> VEC total = factor x
+   pure subroutine scale(n, factor, x, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: factor, x(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = factor*x(i)
+      end do
+   end subroutine scale
 
 end module symsde_base_vectors

@@ -5,6 +5,7 @@
 !> force, is not computed again for every velocity. Otherwise the model is asked, by H_p with the weight of H alone.
 module symsde_step_constant_mass
    use symsde_base_kinds, only: wp
+   use symsde_base_vectors, only: add_vectors => add
    use symsde_model_abstract, only: model_type
    implicit none
    private
@@ -115,7 +116,7 @@ contains
       if (.not. self%diagonal) then
          if (.not. allocated(self%hp)) allocate (self%hp, mold=start)
          call self%velocity(model, nlane, t, q, p, self%hp)
-         call add_once(size(start), self%hp, start, total)
+         call add_vectors(size(start), self%hp, start, total)
       else if (nlane == 1) then
          call add_lone(size(start), self%inverse, p, start, total)
       else
@@ -124,18 +125,6 @@ contains
    end subroutine add
 
    ! ---- kernels ----------------------------------------------------------------------------------
-
-   !> VEC
-   pure subroutine add_once(n, x, start, total)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: x(n), start(n)
-      real(wp), intent(out) :: total(n)
-      integer :: i
-
-      do i = 1, n
-         total(i) = start(i) + x(i)
-      end do
-   end subroutine add_once
 
    !> VEC Of one path.
    pure subroutine add_lone(n, c, x, start, total)

@@ -16,6 +16,7 @@ module symsde_step_explicit
    use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick, drift_kick_drift, &
                                         two_slopes
    use symsde_step_lone_swing, only: new_lone_explicit
+   use symsde_step_one_sided, only: is_one_sided
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -54,27 +55,13 @@ contains
       self%explicit = .true.
       associate (scheme => task%scheme, t => task%model%traits, nlane => task%nlane)
          call new_explicit_plan(self%plan, scheme, t%separable)
-         self%is_euler = is_one_stage(self)
+         self%is_euler = is_one_sided(scheme)
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
          self%is_verlet = kind_of(self) == kick_drift_kick .and. (self%ham%mass_alone .or. allocated(self%ham%mass))
          allocate (self%hq(nlane, t%ndof, self%plan%nstage), self%hp(nlane, t%ndof, self%plan%nstage))
          allocate (self%qs(nlane, t%ndof), self%ps(nlane, t%ndof))
       end associate
    end subroutine make
-
-   !> Whether there is one stage of weight one that moves one of q and p before the other is evaluated.
-   pure logical function is_one_stage(self)
-      type(explicit_stepper), intent(in) :: self
-
-      is_one_stage = .false.
-      if (self%plan%nstage /= 1 .or. size(self%plan%order) /= 2) return
-      if (abs(self%plan%alpha(1) - 1) > 0) return
-      if (self%plan%order(1)%force) then
-         is_one_stage = abs(self%plan%to_p(1, 1) + 1) <= 0 .and. abs(self%plan%to_q(1, 1)) <= 0
-      else
-         is_one_stage = abs(self%plan%to_q(1, 1) - 1) <= 0 .and. abs(self%plan%to_p(1, 1)) <= 0
-      end if
-   end function is_one_stage
 
    !> What takes paths one by one: Euler, Verlet and the like in few passes.
    subroutine offer_lone(self, lone)

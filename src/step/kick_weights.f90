@@ -9,7 +9,7 @@ module symsde_step_kick_weights
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
-   use symsde_base_vectors, only: add_times
+   use symsde_base_vectors, only: add_times, scale
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient
    implicit none
    private
@@ -250,18 +250,6 @@ contains
          total(lane) = b*x(lane) + (c*y(lane))
       end do
    end subroutine sum_of_two
-
-   !> VEC total = (b x), which nothing is contracted with
-   pure subroutine scale(nlane, b, x, total)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: b, x(nlane)
-      real(wp), intent(out) :: total(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         total(lane) = (b*x(lane))
-      end do
-   end subroutine scale
 
    !> VEC total = sum_j weight_j x_j
    pure subroutine weighted_sum(nlane, m, weight, x, total)

@@ -2,8 +2,8 @@
 !> The midpoint rule for a path by itself, for any model: q and p are both unknown.
 !>
 !> Newton's iteration of step/midpoint_full over one lane, where its matrix is dense and its pivots are trusted; before
-!> it, where step/stages begins so, the fixed-point iteration of step/stage_iteration. What neither solves is left to
-!> them.
+!> it, where step/midpoint_full begins so, the fixed-point iteration of step/stage_iteration. What neither solves is
+!> left to the stepper of blocks.
 module symsde_step_lone_midpoint_full
    use symsde_base_kinds, only: wp
    use symsde_solve_blocks, only: pivot_floor

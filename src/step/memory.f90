@@ -10,8 +10,8 @@ module symsde_step_memory
    use symsde_base_status, only: error_type
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_kicks, only: flow_midpoint
-   use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
-                                   splitting_form, frame_none
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms, galerkin_form, ito_form, splitting_form, &
+                                   frame_none
    use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_newton_by_products, only: pays_by_products
    use symsde_step_stages, only: fits_stages
@@ -98,7 +98,7 @@ contains
          unknowns = 2*n*stages
          by_parts = fits_stages(task%model, scheme, task%newton) .and. &
                     (brackets .or. .not. abs(scheme%correction_coefficient()) > 0 .or. t%correction_vanishes())
-         by_parts = .not. task%general .and. (by_parts .or. is_midpoint(scheme) .and. .not. brackets .or. &
+         by_parts = .not. task%general .and. (by_parts .or. scheme%is_midpoint() .and. .not. brackets .or. &
                                               scheme%needs%additive .or. scheme%frame /= frame_none)
          if (scheme%form == galerkin_form) then
             unknowns = (scheme%nstage + scheme%degree)*n
@@ -116,14 +116,5 @@ contains
          once = once + 2*unknowns**2
       end associate
    end subroutine add_matrices
-
-   !> One stage at the middle of q and p, whose equations have steppers without large matrices.
-   pure logical function is_midpoint(scheme)
-      type(scheme_type), intent(in) :: scheme
-
-      is_midpoint = .false.
-      if (scheme%form /= tableau_form .or. scheme%nstage /= 1) return
-      is_midpoint = abs(scheme%a(1, 1) - 0.5_wp) <= 0 .and. abs(scheme%abar(1, 1) - 0.5_wp) <= 0
-   end function is_midpoint
 
 end module symsde_step_memory

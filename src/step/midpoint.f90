@@ -37,7 +37,7 @@ module symsde_step_midpoint
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: midpoint_stepper, midpoint_fits, new_midpoint_stepper, fits_midpoint_stepper, midpoint_serves
+   public :: midpoint_stepper, midpoint_fits, new_midpoint_stepper, midpoint_serves
    public :: by_matrix, by_rows, by_products
 
    integer, parameter :: by_matrix = 1, by_rows = 2, by_products = 3  !! what solves
@@ -73,7 +73,7 @@ contains
       class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options
 
-      midpoint_serves = fits_midpoint_stepper(model) .and. choose_way(model, options) /= by_products
+      midpoint_serves = model%traits%eliminates_momenta() .and. choose_way(model, options) /= by_products
    end function midpoint_serves
 
    subroutine make(self, task)
@@ -84,15 +84,6 @@ contains
       self%one_solve = self%part%newton%affine
       self%left_out = 'half of the unknowns: identity mass'
    end subroutine make
-
-   !> Whether the elimination of the momenta is valid for this model.
-   pure logical function fits_midpoint_stepper(model)
-      class(model_type), intent(in) :: model
-
-      associate (t => model%traits)
-         fits_midpoint_stepper = t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0)
-      end associate
-   end function fits_midpoint_stepper
 
    !> A midpoint stepper for blocks of nlane lanes.
    subroutine new_midpoint_stepper(self, model, nlane, options, way)

@@ -8,10 +8,11 @@
 module symsde_step_midpoint_by_matrix
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
+   use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position, &
-                                            add_unknown, correct_pair
+                                            correct_pair
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    use symsde_step_stage_iteration, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, done
    implicit none
@@ -162,7 +163,7 @@ contains
          else if (n == 1) then
             call newton%update_scalar(1.0_wp, 0.25_wp*eq%h, eq%x, status, ham%counters)
          else
-            call add_unknown(nlane*n, eq%x, newton%r)
+            call add_times(nlane*n, 1.0_wp, eq%x, newton%r)
             if (allocated(newton%a)) call matrix_dense(nlane, n, 0.25_wp*eq%h, newton%a)
             if (allocated(newton%bands)) call matrix_banded(nlane, n, self%band, 0.25_wp*eq%h, newton%bands)
             call newton%update(eq%x, status, ham%counters)

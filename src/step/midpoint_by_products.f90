@@ -3,9 +3,10 @@
 module symsde_step_midpoint_by_products
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
+   use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_solve_newton, only: newton_options, new_newton
-   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position, add_unknown
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position
    use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
@@ -49,7 +50,7 @@ contains
       call ham%model%gradient(eq%nlane, eq%n, eq%m, eq%t, w, self%q, eq%still, hq=self%r)
       ham%counters%gradients = ham%counters%gradients + eq%nreal
       call eq%weigh(1, eq%n, self%r)
-      call add_unknown(eq%nlane*eq%n, eq%x, self%r)
+      call add_times(eq%nlane*eq%n, 1.0_wp, eq%x, self%r)
       call self%corrector%correct(ham, 0.25_wp*eq%h, eq%t, w, self%q, eq%still, self%r, self%newton, eq%x, status)
       if (.not. first) return
       eq%stiff_ratio = self%corrector%krylov%largest - 1  ! the largest |A v| of vectors of size one

@@ -10,12 +10,13 @@ module symsde_step_midpoint_by_rows
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok
    use symsde_base_traits, only: strip_lanes
+   use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_solve_lapack, only: solve_banded_lane_lapack
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_solve_tridiagonal, only: upper_rows, eliminate_down_strip, eliminate_up_strip, meet_strip, &
                                        correct_strip, before_first_row, nfront
-   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position, add_unknown
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
    private
@@ -245,7 +246,7 @@ contains
          end if
          call evaluate(ham%model, self%gives_rows, eq, w, 1, n, q, r, hqq)
          call eq%weigh(1, n, r)
-         if (.not. eq%starts(newton)) call add_unknown(nlane*n, eq%x, r)
+         if (.not. eq%starts(newton)) call add_times(nlane*n, 1.0_wp, eq%x, r)
          bands(:, 0, :) = 1 + c*hqq(:, 0, :)
          bands(:, 1, :) = c*hqq(:, 1, :)
          bands(:, -1, 2:) = bands(:, 1, :n - 1)

@@ -19,7 +19,7 @@ module symsde_step_midpoint_equation
    implicit none
    private
    public :: midpoint_equation, new_midpoint_equation, midpoint_part, solve_by_iterations
-   public :: position, add_unknown, correct_pair, correction_of, solve_pair
+   public :: position, correct_pair, correction_of, solve_pair
 
    !> The equations of the lanes that are taken through a step together.
    type :: midpoint_equation
@@ -190,18 +190,6 @@ contains
          q(i) = base(i) + c*x(i)
       end do
    end subroutine position
-
-   !> VEC The residual x + f in place of f.
-   pure subroutine add_unknown(n, x, f)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: x(n)
-      real(wp), intent(inout) :: f(n)
-      integer :: i
-
-      do i = 1, n
-         f(i) = x(i) + f(i)
-      end do
-   end subroutine add_unknown
 
    !> VEC Two unknowns: x = x - (I + c K)^{-1} (x + f) in running lanes, with the size of correction and unknowns in
    !> each.

@@ -10,7 +10,7 @@
 module symsde_step_midpoint_full
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_base_traits, only: model_traits, dense
+   use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
@@ -45,12 +45,15 @@ module symsde_step_midpoint_full
 
 contains
 
-   !> Whether this stepper executes the task.
+   !> Whether this stepper executes the task: where step/midpoint and step/stages do not eliminate momenta.
    logical function midpoint_full_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
-      fits = task%is_plain() .and. task%scheme%is_midpoint() .and. &
-             .not. (is_free(task%newton) .and. has_fewer_unknowns(task%model%traits))
+      fits = task%is_plain() .and. task%scheme%is_midpoint()
+      associate (t => task%model%traits)
+         if (is_free(task%newton)) &
+            fits = fits .and. .not. (t%eliminates_momenta() .or. (t%ndof > 1 .and. t%divides_by_mass()))
+      end associate
    end function midpoint_full_fits
 
    subroutine make(self, task)
@@ -67,15 +70,6 @@ contains
       end associate
    end subroutine make
 
-   !> Whether momenta are eliminated by step/midpoint or step/stages.
-   pure logical function has_fewer_unknowns(traits)
-      type(model_traits), intent(in) :: traits
-
-      has_fewer_unknowns = traits%identity_mass .and. &
-                           (traits%position_noise .or. traits%additive .or. traits%nnoise == 0)
-      has_fewer_unknowns = has_fewer_unknowns .or. (traits%ndof > 1 .and. traits%divides_by_mass())
-   end function has_fewer_unknowns
-
    !> A midpoint stepper for blocks of nlane lanes.
    subroutine new_midpoint_full_stepper(self, model, nlane, options, without_matrices, brackets)
       type(midpoint_full_stepper), intent(out) :: self
@@ -88,7 +82,8 @@ contains
       logical :: matrices
 
       n = model%traits%ndof
-      b = band_of(model%traits)
+      b = model%traits%bandwidth
+      if (4*b + 3 >= 2*n) b = dense
       self%name = 'midpoint'
       self%takes_one_lane = .true.
       self%band = b
@@ -132,14 +127,6 @@ contains
          if (made%iterates .or. made%solves) call move_alloc(made, lone)
       end associate
    end subroutine offer_lone
-
-   !> Bandwidth of the Hessian as it is used.
-   pure integer function band_of(traits) result(b)
-      type(model_traits), intent(in) :: traits
-
-      b = traits%bandwidth
-      if (4*b + 3 >= 2*traits%ndof) b = dense
-   end function band_of
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_full_stepper), intent(inout) :: self
@@ -229,8 +216,10 @@ contains
                                            self%hqq, self%hqp, self%hpp, step)
             call matrix_dense(nlane, n, self%hqq, self%hqp, self%hpp, newton%a)
          else
-            call self%ham%gradient_hessian_banded(self%band, tm, step%w, self%qs, self%ps, self%hq, &
-                                                  self%hp, self%hqq, self%hqp, self%hpp, step)
+            call self%ham%gradient(tm, step%w, self%qs, self%ps, self%hq, self%hp, step)
+            call self%ham%model%hessian_banded(nlane, n, self%ham%nnoise, self%band, tm, step%w, self%qs, self%ps, &
+                                               self%hqq, self%hqp, self%hpp)
+            self%ham%counters%hessians = self%ham%counters%hessians + self%ham%nreal
             call matrix_banded(nlane, n, self%band, self%hqq, self%hqp, self%hpp, newton%bands)
          end if
          call residual(nlane, n, self%x, self%hq, self%hp, newton%r)

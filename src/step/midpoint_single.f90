@@ -11,16 +11,16 @@
 module symsde_step_midpoint_single
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type, angle_terms
+   use symsde_model_abstract, only: angle_terms
    use symsde_scheme_scheme, only: correction_none
-   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_solve_newton, only: newton_type, new_newton
    use symsde_solve_stagnation, only: seen, verdict_of, restart_lanes, gives_up
    use symsde_step_lone, only: lone_stepper
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: midpoint_single_stepper, midpoint_single_fits, new_midpoint_single_stepper
+   public :: midpoint_single_stepper, midpoint_single_fits
 
    type, extends(stepper_type) :: midpoint_single_stepper
       private
@@ -59,29 +59,21 @@ contains
       class(midpoint_single_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
-      call new_midpoint_single_stepper(self, task%model, task%nlane, task%newton)
-      self%one_solve = self%newton%affine
-   end subroutine make
-
-   !> A midpoint stepper for blocks of nlane lanes; requires one degree of freedom.
-   subroutine new_midpoint_single_stepper(self, model, nlane, options)
-      type(midpoint_single_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      integer, intent(in) :: nlane
-      type(newton_options), intent(in) :: options
-
       self%name = 'midpoint, one degree of freedom'
       self%takes_one_lane = .true.
-      self%separable = model%traits%separable
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      call new_newton(self%newton, nlane, 2, options, model%traits%one_solve(.false.), -1, -1)
-      if (model%traits%has_hessian .and. .not. (self%newton%affine .or. options%fixed_point > 0 .or. options%damped)) &
-         self%newton%test = seen
-      self%flies = self%separable .and. .not. (self%newton%affine .or. options%fixed_point > 0 .or. options%damped)
-      allocate (self%first(nlane), self%qs(nlane, 1), self%ps(nlane, 1), self%hq(nlane, 1), self%hp(nlane, 1))
-      allocate (self%hqq(nlane, 1, 1), self%hpp(nlane, 1, 1))
-      allocate (self%hqp(nlane, 1, 1), source=0.0_wp)
-   end subroutine new_midpoint_single_stepper
+      associate (t => task%model%traits, options => task%newton, nlane => task%nlane)
+         self%separable = t%separable
+         call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
+         call new_newton(self%newton, nlane, 2, options, t%one_solve(.false.), -1, -1)
+         self%one_solve = self%newton%affine
+         self%flies = self%separable .and. .not. (self%one_solve .or. options%fixed_point > 0 .or. options%damped)
+         if (t%has_hessian .and. .not. (self%one_solve .or. options%fixed_point > 0 .or. options%damped)) &
+            self%newton%test = seen
+         allocate (self%first(nlane), self%qs(nlane, 1), self%ps(nlane, 1), self%hq(nlane, 1), self%hp(nlane, 1))
+         allocate (self%hqq(nlane, 1, 1), self%hpp(nlane, 1, 1))
+         allocate (self%hqp(nlane, 1, 1), source=0.0_wp)
+      end associate
+   end subroutine make
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_single_stepper), intent(inout) :: self
@@ -110,7 +102,8 @@ contains
       do while (self%newton%running)
          call middle(self%ham%nlane, q, p, dq, dp, self%qs, self%ps)
          call evaluate(self, tm, step%w, self%qs, self%ps)
-         call correct(self, dq, dp)
+         call correct_pair(self%ham%nlane, self%hq, self%hp, self%hqq, self%hqp, self%hpp, self%newton%last, dq, dp, &
+                           self%newton%step, self%newton%size)
          if (flies .and. self%newton%iteration == 1) self%first = self%newton%last
          call self%newton%judge(status, self%ham%counters)
          if (flies .and. self%newton%running .and. self%newton%iteration == 2) &
@@ -202,33 +195,21 @@ contains
       end associate
    end subroutine take
 
-   !> Gradient and Hessian at (q, p); the mixed derivative of a separable model stays zero.
+   !> Gradient and Hessian at (q, p): zero for a fixed-point iteration, as the mixed derivative of a separable model is.
    subroutine evaluate(self, tm, w, q, p)
       type(midpoint_single_stepper), intent(inout) :: self
       real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, 1), p(self%ham%nlane, 1)
 
       if (self%newton%options%fixed_point > 0) then
          call self%ham%gradient(tm, w, q, p, self%hq, self%hp)
+         self%hqq = 0
+         self%hpp = 0
       else if (self%separable) then
          call self%ham%gradient_hessian(tm, w, q, p, self%hq, self%hp, hqq=self%hqq, hpp=self%hpp)
       else
          call self%ham%gradient_hessian(tm, w, q, p, self%hq, self%hp, self%hqq, self%hqp, self%hpp)
       end if
    end subroutine evaluate
-
-   !> One correction of (dq, dp); a fixed-point iteration is one with Hessian zero.
-   subroutine correct(self, dq, dp)
-      type(midpoint_single_stepper), intent(inout) :: self
-      real(wp), intent(inout) :: dq(self%ham%nlane, 1), dp(self%ham%nlane, 1)
-
-      if (self%newton%options%fixed_point > 0) then
-         self%hqq = 0
-         self%hqp = 0
-         self%hpp = 0
-      end if
-      call correct_pair(self%ham%nlane, self%hq, self%hp, self%hqq, self%hqp, self%hpp, self%newton%last, &
-                        dq, dp, self%newton%step, self%newton%size)
-   end subroutine correct
 
    ! ---- kernels ----------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@
 module symsde_step_midpoint_sweeps
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
+   use symsde_step_midpoint_equation, only: position
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    use symsde_step_stage_iteration, only: take, judge_sweep, most_sweeps, stiff_rate, done
    implicit none
@@ -86,7 +87,8 @@ contains
       associate (nlane => self%width, n => self%n, counters => ham%counters, last => self%last)
          do sweep = 1, most_sweeps
             if (nrunning == 0) exit
-            call find_middle(nlane*n, self%q, self%p, self%dq, self%dp, self%x, self%y)
+            call position(nlane*n, 0.5_wp, self%q, self%dq, self%x)
+            call position(nlane*n, 0.5_wp, self%p, self%dp, self%y)
             call ham%model%gradient(nlane, n, self%m, t, self%w, self%x, self%y, hq=self%f, hp=self%v)
             self%change = 0
             self%extent = 0
@@ -98,20 +100,5 @@ contains
          end do
       end associate
    end subroutine sweep_part
-
-   ! ---- kernels ----------------------------------------------------------------------------------
-
-   !> VEC
-   pure subroutine find_middle(n, q, p, dq, dp, x, y)
-      integer, intent(in) :: n
-      real(wp), intent(in), dimension(n) :: q, p, dq, dp
-      real(wp), intent(out), dimension(n) :: x, y
-      integer :: i
-
-      do i = 1, n
-         x(i) = q(i) + 0.5_wp*dq(i)
-         y(i) = p(i) + 0.5_wp*dp(i)
-      end do
-   end subroutine find_middle
 
 end module symsde_step_midpoint_sweeps

@@ -48,7 +48,6 @@ module symsde_step_one_step_hamiltonian
       procedure :: velocity
       procedure :: hessian_vector
       procedure :: gradient_hessian
-      procedure :: gradient_hessian_banded
    end type one_step_hamiltonian
 
 contains
@@ -180,23 +179,6 @@ contains
       if (allocated(self%modified)) &
          call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient_hessian
-
-   !> The same with the bands of the Hessian blocks, for schemes without correction.
-   subroutine gradient_hessian_banded(self, b, t, w, q, p, hq, hp, hqq, hqp, hpp, step)
-      class(one_step_hamiltonian), intent(inout) :: self
-      integer, intent(in) :: b
-      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
-      real(wp), intent(out), optional :: hqq(self%nlane, -b:b, self%ndof)
-      real(wp), intent(out), optional :: hqp(self%nlane, -b:b, self%ndof)
-      real(wp), intent(out), optional :: hpp(self%nlane, -b:b, self%ndof)
-      type(step_record), intent(in), optional :: step
-
-      call self%gradient(t, w, q, p, hq, hp, step)
-      call self%model%hessian_banded(self%nlane, self%ndof, self%nnoise, b, t, w, q, p, hqq, hqp, hpp)
-      self%counters%hessians = self%counters%hessians + self%nreal
-   end subroutine gradient_hessian_banded
 
    !> Add the gradient of the correction to the wanted outputs.
    subroutine add_correction(self, t, w, q, p, hq, hp)

@@ -79,7 +79,7 @@ contains
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
       associate (t => model%traits)
          self%identity_mass = t%identity_mass
-         self%eliminated = t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0)
+         self%eliminated = t%eliminates_momenta()
          if (allocated(self%ham%modified)) &
             self%eliminated = self%eliminated .and. t%additive .and. t%position_noise .and. &
                               .not. self%ham%modified%time_dependent

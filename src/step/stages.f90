@@ -115,7 +115,7 @@ contains
       if (scheme%form /= tableau_form .or. options%fixed_point > 0 .or. options%damped) return
       if (.not. (scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)) return
       associate (t => model%traits)
-         fits_stages = t%ndof > 1 .or. (t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0))
+         fits_stages = t%ndof > 1 .or. t%eliminates_momenta()
       end associate
    end function fits_stages
 

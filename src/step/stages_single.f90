@@ -49,13 +49,19 @@ module symsde_step_stages_single
 
 contains
 
-   !> Whether this stepper executes the task.
+   !> Whether this stepper executes the task: drift and noise alike, one degree of freedom, solved by Newton; two
+   !> stages, or more of a separable or quadratic model whose momenta step/stages does not eliminate.
    logical function stages_single_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
-      fits = task%is_tableau() .and. task%correction == correction_none
-      if (fits) fits = fits_stages_single(task%model, task%scheme, task%newton)
-      if (fits .and. task%scheme%nstage > 2) fits = .not. task%has_brackets()
+      fits = .false.
+      if (.not. task%is_tableau() .or. task%correction /= correction_none .or. task%scheme%nstage < 2) return
+      associate (t => task%model%traits)
+         fits = t%ndof == 1 .and. task%newton%fixed_point == 0 .and. .not. task%newton%damped
+         if (fits) fits = task%scheme%noise_coefficients_equal()
+         if (fits .and. task%scheme%nstage > 2) &
+            fits = (t%separable .or. t%one_solve(.false.)) .and. .not. (t%eliminates_momenta() .or. task%has_brackets())
+      end associate
    end function stages_single_fits
 
    subroutine make(self, task)
@@ -73,23 +79,6 @@ contains
       allocate (self%few)
       call new_last_lanes(self%few, task%model, task%scheme, task%newton)
    end subroutine make
-
-   !> Drift and noise alike, one degree of freedom, solved by Newton: two stages, or more of a separable or quadratic
-   !> model whose momenta step/stages does not eliminate.
-   pure logical function fits_stages_single(model, scheme, options)
-      class(model_type), intent(in) :: model
-      type(scheme_type), intent(in) :: scheme
-      type(newton_options), intent(in) :: options
-
-      fits_stages_single = scheme%nstage >= 2 .and. model%traits%ndof == 1 .and. options%fixed_point == 0 .and. &
-                           .not. options%damped
-      if (fits_stages_single) fits_stages_single = scheme%noise_coefficients_equal()
-      if (.not. fits_stages_single .or. scheme%nstage == 2) return
-      associate (t => model%traits)
-         fits_stages_single = (t%separable .or. t%one_solve(.false.)) .and. &
-                              .not. (t%identity_mass .and. (t%position_noise .or. t%additive .or. t%nnoise == 0))
-      end associate
-   end function fits_stages_single
 
    subroutine new_last_lanes(self, model, scheme, options)
       type(last_lanes), intent(inout) :: self

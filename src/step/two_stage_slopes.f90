@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The passes of two implicit stages with one degree of freedom: points, Newton's corrections of the slopes F_1, F_2,
-!> G_1, G_2 of step/two_stage_single, and increments.
+!> G_1, G_2 of step/single_newton, and increments.
 !>
 !> Newton's matrix of four rows is inverted by its minors of two, which needs no pivots; for separable
 !> Hamiltonians the F are eliminated first, and two rows remain.
