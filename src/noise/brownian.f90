@@ -32,6 +32,7 @@ module symsde_noise_brownian
    integer, parameter, public :: max_refine = 30  !! largest |refine|
    integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise of few paths
    integer, parameter :: most_at_once = 256  !! for several of their noises
+   integer, parameter :: few_lanes = 16   !! of blocks whose paths fill the generator's lanes with steps
    integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
 
    type, extends(noise_type) :: brownian_noise
@@ -270,12 +271,17 @@ contains
       integer(i8), intent(inout) :: drawn
       type(integral_draws) :: draws
       type(path_interval) :: steps(0:1)
+      integer(i8) :: of_path
       integer :: i, f
 
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%common, &
                              self%asked, self%areas, self%law)
       if (looks_ahead(self, request)) then
-         call fill_alone(self, draws, request, store, drawn)
+         call draws%look_ahead(request%npair)
+         do i = 1, request%nlane
+            call fill_alone(self, draws, request, i, store, of_path)
+         end do
+         drawn = drawn + of_path
          return
       end if
       if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
@@ -295,56 +301,57 @@ contains
       end do
    end subroutine fill_functionals
 
-   !> Whether lanes are pairs of steps, not paths.
+   !> Whether lanes are pairs of steps, not paths: of one path, and of few where a step is a sum of many draws.
    pure logical function looks_ahead(self, request)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
 
-      looks_ahead = request%nlane == 1 .and. request%npair > 1 .and. mod(request%pair, 2_i8) == 0 .and. self%refine >= 0
+      looks_ahead = request%npair > 1 .and. mod(request%pair, 2_i8) == 0 .and. self%refine >= 0 .and. &
+                    request%nlane <= merge(few_lanes, 1, self%refine > 0)
    end function looks_ahead
 
    !> A path by itself: the lanes of the generator, and of all that is made of its draws, are pairs of steps from an
    !> even one on.
-   subroutine fill_alone(self, draws, request, store, drawn)
+   subroutine fill_alone(self, draws, request, lane, store, drawn)
       class(brownian_noise), intent(in) :: self
-      type(integral_draws), intent(inout) :: draws
+      type(integral_draws), intent(in) :: draws  !! that look ahead
       type(step_request), intent(in) :: request
+      integer, intent(in) :: lane                !! of the path; those that fill up the block get the last path's
       type(step_store), intent(inout) :: store
-      integer(i8), intent(inout) :: drawn
+      integer(i8), intent(out) :: drawn
       integer(i8), allocatable :: path(:)
       type(path_interval) :: steps(0:1)
       integer(i8) :: of_pair
       integer :: i, f, n
 
-      call draws%look_ahead(request%npair)
       n = size(draws%ahead)
-      allocate (path(n), source=request%path(1))
+      allocate (path(n), source=request%path(lane))
       of_pair = 0
       call fill_pair(draws, n, path, request%pair, steps(0), steps(1), of_pair)
-      drawn = drawn + request%npair*of_pair
+      drawn = request%npair*of_pair
       do i = 0, 1
          if (self%bound < huge(1.0_wp)) call clip_interval(n, self%nnoise, self%bound, steps(i))
-         call spread_lanes(self%nnoise, self%nnoise + 1, steps(i)%w, store%w(1, 1, i))
+         call spread_lanes(self%nnoise, self%nnoise + 1, steps(i)%w, store%w(lane, 1, i))
          do f = 1, nfunctional
             if (.not. self%asked%has(f)) cycle
             associate (x => steps(i)%of(f)%x)
-               call spread_lanes(size(x, 2), size(x, 2), x, store%of(f)%x(1, 1, i))
+               call spread_lanes(size(x, 2), size(x, 2), x, store%of(f)%x(lane, 1, i))
             end associate
          end do
       end do
 
    contains
 
-      !> To every other step, of so many numbers.
+      !> To every other step, of so many columns.
       pure subroutine spread_lanes(ncolumn, nstep, x, w)
          integer, intent(in) :: ncolumn, nstep
          real(wp), intent(in) :: x(n, ncolumn)
-         real(wp), intent(inout) :: w(2*(request%npair - 1)*nstep + ncolumn)
+         real(wp), intent(inout) :: w(*)  !! from the lane's number in the first column on
          integer :: j, k
 
          do k = 1, ncolumn
-            do j = 0, request%npair - 1
-               w(2*j*nstep + k) = x(1 + j/2 + mod(j, 2)*(n/2), k)  ! the odd pairs stand behind the even ones
+            do j = 0, request%npair - 1  ! the odd pairs stand behind the even ones
+               w(1 + request%nlane*(2*j*nstep + k - 1)) = x(1 + j/2 + mod(j, 2)*(n/2), k)
             end do
          end do
       end subroutine spread_lanes
