@@ -36,7 +36,6 @@ contains
    pure logical function henon_heiles_has_flow(scheme) result(has_flow)
       character(*), intent(in) :: scheme
       type(kick_plan) :: plan
-      integer :: first
 
       call find_plan(scheme, plan)
       has_flow = any(plan%part > 0)

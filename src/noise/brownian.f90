@@ -111,13 +111,16 @@ contains
       integer :: k, step
 
       allocate (dw(request%nlane, 0:2*request%npair - 1))
+      normals%seed = self%seed
+      normals%nreal = request%nreal
       associate (nlane => request%nlane, first => 2*request%pair, nstep => 2*request%npair, levels => abs(self%refine))
          do k = 1, self%nnoise
             if (self%silent(k)) then
                w(:, k, :) = 0
                cycle
             end if
-            normals = normals_of(self%seed, k, request%nreal, merge(0_i8, request%path, self%common(k)))
+            normals%noise = k
+            normals%path = merge(0_i8, request%path, self%common(k))
             if (self%law /= law_gaussian) then
                call sum_discrete(self, normals, nlane, first, nstep, dw, drawn)
             else if (self%refine > 0) then
