@@ -15,6 +15,7 @@ module masses
 
    type, extends(model_type) :: masses_type
       real(wp) :: kappa = 0.9_wp, tie = 0
+      real(wp) :: rate = 0            !! R grows with time, by the factor 1 + rate t: then the mass is not constant
       real(wp), allocatable :: r(:)   !! the diagonal of R (ndof)
    contains
       procedure :: gradient
@@ -50,7 +51,7 @@ contains
       if (present(hp)) then
          call self%divide(nlane, p, hp)
          do i = 1, ndof
-            hp(:, i) = w(:, 0)*hp(:, i)
+            hp(:, i) = w(:, 0)*(1 + self%rate*t)*hp(:, i)
          end do
       end if
       if (.not. present(hq)) return
