@@ -247,7 +247,7 @@ contains
    !>    base_i + sum_j b_ji f_j      from j = i on and around, with b of the first sweep, or of the others,
    !>
    !> and each new f_i = Hhat_q is used at once. There are up to four stages. This default serves models without it:
-   !> traits%has_lone_pair is false.
+   !> traits%has_lone_sweeps is false.
    subroutine sweeps_missing(self, nnoise, nstage, i1, i2, first, last, t, w, base, b, most, f, change, extent)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       class(model_type), intent(in) :: self

@@ -36,6 +36,7 @@ module symsde_model_fpu_chain
       procedure :: chain_rows
       procedure :: force_stiffness
       procedure :: hessian_vector
+      procedure :: pair
    end type fpu_chain_model
 
 contains
@@ -63,7 +64,7 @@ contains
                     ndof=n, nnoise=n, separable=.true., additive=.true., position_noise=.true., &
                     quadratic=is_zero(beta), identity_mass=.true., bandwidth=min(1, n - 1), &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_chain_rows=.true., &
-                    has_lone_rows=.true., max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
+                    has_lone_rows=.true., has_lone_pair=n == 2, max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
       allocate (self%traits%silent(n), source=is_zero(sigma))
    end subroutine new_fpu_chain
 
@@ -210,6 +211,31 @@ contains
          force(lane) = next_force
       end do
    end subroutine gradient_row
+
+   !> Force and stiffness of one path of two masses, see model_type.
+   subroutine pair(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
+      class(fpu_chain_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      real(wp), value :: q1, q2
+      real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
+      real(wp) :: r, force(3), k(3)
+      integer :: i
+
+      !GCC$ unroll 3
+      !GCC$ novector
+      do i = 1, 3
+         r = merge(q1, merge(q2 - q1, 0 - q2, i == 2), i == 1)
+         force(i) = (r*(1 + self%beta*r**2))
+         k(i) = (w(0)*(1 + 3*self%beta*r**2))
+      end do
+      f1 = w(0)*(force(1) - force(2)) - (self%sigma*w(1))
+      f2 = w(0)*(force(2) - force(3)) - (self%sigma*w(2))
+      k11 = k(1) + k(2)
+      k21 = -k(2)
+      k12 = -k(2)
+      k22 = k(2) + k(3)
+   end subroutine pair
 
    !> Dense blocks of the Hessian of sum_j w_j H_j, for callers that do not use the bands.
    subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)

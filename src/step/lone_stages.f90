@@ -130,7 +130,7 @@ contains
       class(model_type), intent(in) :: model
 
       associate (s => self%plan%nstage, t => model%traits)
-         in_numbers = (t%has_angle_terms .or. (t%has_lone_pair .and. s >= 2)) .and. s <= most_few .and. &
+         in_numbers = (t%has_angle_terms .or. (t%has_lone_sweeps .and. s >= 2)) .and. s <= most_few .and. &
                       self%eliminated .and. .not. allocated(self%mass)
       end associate
    end function in_numbers
