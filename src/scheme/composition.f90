@@ -11,7 +11,7 @@ module symsde_scheme_composition
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
    use symsde_base_text, only: to_text
-   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, frame_none
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, splitting_form, frame_none
    use symsde_scheme_properties, only: declare_properties, tableau_order
    implicit none
    private
@@ -171,10 +171,10 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       if (base%brackets%are_added() .or. .not. base%asks%is_empty() .or. &
-          base%frame /= frame_none .or. base%needs%additive) &
+          base%frame /= frame_none .or. base%needs%additive .or. base%form == splitting_form) &
          call raise(error, incompatible, place, "'"//base%name//"' uses more of the path than its "// &
-                    'increments, or is made for some noise alone, and has no composition; take a plain scheme '// &
-                    'such as midpoint or gauss2')
+                    'increments, is made for some noise alone or is not a tableau, and has no composition; '// &
+                    'take a plain scheme such as midpoint or gauss2')
    end subroutine check_plain
 
    !> A half step of the scheme followed by a half step of its adjoint: symmetric, of even order.
