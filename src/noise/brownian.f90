@@ -11,9 +11,9 @@
 !>
 !> A noise that is common to all paths is drawn with the counters of path 0 for each of them.
 module symsde_noise_brownian
-   use symsde_base_functionals, only: nfunctional
+   use symsde_base_functionals, only: nfunctional, path_areas
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: padded
+   use symsde_base_lanes, only: padded, lane_unit
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_record, only: step_request, step_store
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible
@@ -32,7 +32,6 @@ module symsde_noise_brownian
    integer, parameter, public :: max_refine = 30  !! largest |refine|
    integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise of few paths
    integer, parameter :: most_at_once = 256  !! for several of their noises
-   integer, parameter :: few_lanes = 16   !! of blocks whose paths fill the generator's lanes with steps
    integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
 
    type, extends(noise_type) :: brownian_noise
@@ -281,10 +280,11 @@ contains
                              self%asked, self%areas, self%law)
       if (looks_ahead(self, request)) then
          call draws%look_ahead(request%npair)
-         do i = 1, request%nlane
+         do i = 1, request%nreal
             call fill_alone(self, draws, request, i, store, of_path)
          end do
          drawn = drawn + of_path
+         call repeat_last(self, request, store)
          return
       end if
       if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
@@ -304,14 +304,32 @@ contains
       end do
    end subroutine fill_functionals
 
-   !> Whether lanes are pairs of steps, not paths: of one path, and of few where a step is a sum of many draws.
+   !> Whether lanes are pairs of steps, not paths: of one path, and of few where a step is a sum of many draws, but for
+   !> areas, whose sub-increments fill the lanes.
    pure logical function looks_ahead(self, request)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
 
       looks_ahead = request%npair > 1 .and. mod(request%pair, 2_i8) == 0 .and. self%refine >= 0 .and. &
-                    request%nlane <= merge(few_lanes, 1, self%refine > 0)
+                    request%nlane <= merge(lane_unit, 1, self%refine > 0 .and. .not. self%asked%has(path_areas))
    end function looks_ahead
+
+   !> The lanes that fill up a block get what the last path has.
+   subroutine repeat_last(self, request, store)
+      class(brownian_noise), intent(in) :: self
+      type(step_request), intent(in) :: request
+      type(step_store), intent(inout) :: store
+      integer :: lane, f
+
+      associate (n => request%nreal, last => 2*request%npair - 1)
+         do lane = n + 1, request%nlane
+            store%w(lane, 1:, :last) = store%w(n, 1:, :last)
+            do f = 1, nfunctional
+               if (self%asked%has(f)) store%of(f)%x(lane, :, :last) = store%of(f)%x(n, :, :last)
+            end do
+         end do
+      end associate
+   end subroutine repeat_last
 
    !> A path by itself: the lanes of the generator, and of all that is made of its draws, are pairs of steps from an
    !> even one on.
@@ -319,7 +337,7 @@ contains
       class(brownian_noise), intent(in) :: self
       type(integral_draws), intent(in) :: draws  !! that look ahead
       type(step_request), intent(in) :: request
-      integer, intent(in) :: lane                !! of the path; those that fill up the block get the last path's
+      integer, intent(in) :: lane                !! of the path
       type(step_store), intent(inout) :: store
       integer(i8), intent(out) :: drawn
       integer(i8), allocatable :: path(:)
@@ -349,7 +367,8 @@ contains
       pure subroutine spread_lanes(ncolumn, nstep, x, w)
          integer, intent(in) :: ncolumn, nstep
          real(wp), intent(in) :: x(n, ncolumn)
-         real(wp), intent(inout) :: w(*)  !! from the lane's number in the first column on
+         !> From the lane's number in the first column on.
+         real(wp), intent(inout) :: w(1 + request%nlane*(2*(request%npair - 1)*nstep + ncolumn - 1))
          integer :: j, k
 
          do k = 1, ncolumn
