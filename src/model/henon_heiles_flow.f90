@@ -17,6 +17,7 @@ module symsde_model_henon_heiles_flow
    public :: henon_heiles_flow, henon_heiles_has_flow
 
    integer, parameter :: tile = 64  !! lanes that go through all of their steps together
+   integer, parameter :: group = 4  !! steps in registers
 
    !> Two kicks, of which some schemes leave out one: its part is zero.
    type :: kick_plan
@@ -85,8 +86,8 @@ contains
       plan%cosine_less_one = -2*sin(0.5_wp*plan%tau)**2
       plan%sine = sin(plan%tau)
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
-      dz => w  ! without weight
-      if (any(abs(plan%shape) > 0)) dz => steps%of(path_dz)%x
+      dz => w  ! without weight, or of noises that are all silent
+      if (any(abs(plan%shape) > 0) .and. associated(steps%of(path_dz)%x)) dz => steps%of(path_dz)%x
       if (steps%nreal == 1) then
          call pass_alone(steps%nlane, steps%nstep, steps%every, steps%h, plan, alpha, sigma1, sigma2, w, dz, q, p, &
                          qn, pn)
@@ -147,15 +148,24 @@ contains
       real(wp), intent(in) :: q(nlane, 2), p(nlane, 2)
       real(wp), intent(inout) :: qn(nlane, 2, nstep/every), pn(nlane, 2, nstep/every)
       real(wp), dimension(tile) :: x1, x2, y1, y2
-      integer :: i, step, out
+      integer :: i, step, out, several
+      logical :: plain  ! two kicks by dW, and a drift between them
 
+      plain = all(plan%part > 0) .and. .not. (any(plan%drift([1, 3]) > 0) .or. any(abs(plan%shape) > 0))
       associate (last => first + n - 1)
          x1(:n) = q(first:last, 1)
          x2(:n) = q(first:last, 2)
          y1(:n) = p(first:last, 1)
          y2(:n) = p(first:last, 2)
          do out = 1, nstep/every
-            do step = (out - 1)*every + 1, out*every
+            step = (out - 1)*every
+            do while (plain .and. step < out*every)
+               several = merge(group, 1, out*every - step >= group)
+               call swing(several, plan, nlane, first - 1, n, h, alpha, sigma1, sigma2, w(1, 0, step + 1), x1, x2, &
+                          y1, y2)
+               step = step + several
+            end do
+            do step = step + 1, out*every
                do i = 1, 3
                   if (plan%drift(i) > 0) call drift_lanes(i, plan, n, x1, x2, y1, y2)
                   if (i == 3) cycle
@@ -173,6 +183,35 @@ contains
    end subroutine pass
 
    ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC Kicks and a drift between them of n lanes: one step, or a group that goes on in registers.
+   pure subroutine swing(nstep, plan, nlane, before_first, n, h, alpha, sigma1, sigma2, w, x1, x2, y1, y2)
+      integer, intent(in) :: nstep, nlane, before_first, n  !! lanes before these
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(in) :: h, alpha, sigma1, sigma2
+      real(wp), intent(in) :: w(nlane, 0:2, nstep)
+      real(wp), intent(inout), dimension(n) :: x1, x2, y1, y2
+      real(wp) :: before, after, tau
+      integer :: lane, step
+
+      before = plan%part(1)
+      after = plan%part(2)
+      tau = plan%tau(2)
+      if (nstep == group) then
+         do lane = 1, n
+            !GCC$ unroll 4
+            do step = 1, group
+               call kick_drift_kick(before, tau, after, h, alpha, sigma1, sigma2, w(before_first + lane, 1, step), &
+                                    w(before_first + lane, 2, step), x1(lane), x2(lane), y1(lane), y2(lane))
+            end do
+         end do
+      else
+         do lane = 1, n
+            call kick_drift_kick(before, tau, after, h, alpha, sigma1, sigma2, w(before_first + lane, 1, 1), &
+                                 w(before_first + lane, 2, 1), x1(lane), x2(lane), y1(lane), y2(lane))
+         end do
+      end if
+   end subroutine swing
 
    !> VEC The i-th drift of n lanes.
    pure subroutine drift_lanes(i, plan, n, x1, x2, y1, y2)
@@ -221,6 +260,16 @@ contains
 
       weight = w + shape*(rate*dz - (0.5_wp*w))
    end function weight
+
+   pure subroutine kick_drift_kick(before, tau, after, h, alpha, sigma1, sigma2, w1, w2, x1, x2, y1, y2)
+      real(wp), intent(in) :: before, tau, after, h, alpha, sigma1, sigma2, w1, w2
+      real(wp), intent(inout) :: x1, x2, y1, y2
+
+      call kick(before, 1.0_wp, h, alpha, sigma1, sigma2, w1, w2, x1, x2, y1, y2)
+      x1 = x1 + tau*y1
+      x2 = x2 + tau*y2
+      call kick(after, 1.0_wp, h, alpha, sigma1, sigma2, w1, w2, x1, x2, y1, y2)
+   end subroutine kick_drift_kick
 
    pure subroutine rotate(cosine_less_one, sine, x, y)
       real(wp), intent(in) :: cosine_less_one, sine

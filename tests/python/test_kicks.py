@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What explicit flows of kicks and drifts spare: work for one error, counted and not timed."""
+"""Explicit flows of kicks and drifts: what they spare, counted and not timed, and that they need no noise."""
 
 import numpy as np
 import pytest
@@ -40,3 +40,19 @@ def test_kicks_take_a_fifth_of_the_work_of_order_one(model: ss.Model, state: dic
     for plain in ORDER_ONE:
         y, more = end(plain, LONG)
         assert error(x) < error(y) and work < more / 5, (plain, error(x), error(y), work, more)
+
+
+KICKS = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "lobatto2_swapped", "verlet_dkd_weak2")
+KICKS += ("verlet_kdk", "verlet_kdk_strong2", "gauss_dkdkd", "gauss_dkdkd_strong2", "gauss_dkdkd_rotation")
+
+
+@pytest.mark.parametrize("scheme", KICKS)
+@pytest.mark.parametrize("paths", [1, 3, 40])
+def test_noises_that_are_silent(scheme: str, paths: int):
+    """Neither dZ nor dW is drawn for them: whole steps of the model are those of the general stepper."""
+    model = ss.models.henon_heiles(sigma1=0.0, sigma2=0.0)
+    given = {"q0": [0.2, -0.1], "p0": [0.05, 0.3], "step": 0.1, "steps": 40, "scheme": scheme, "paths": paths}
+    run, oracle = ss.simulate(model, **given), ss.simulate(model, general=True, **given)
+    assert not run.status.any()
+    assert np.abs(run.q - oracle.q).max() < 1e-13
+    assert np.abs(run.p - oracle.p).max() < 1e-13
