@@ -273,15 +273,16 @@ contains
       integer(i8), intent(inout) :: drawn
       type(integral_draws) :: draws
       type(path_interval) :: steps(0:1)
-      integer(i8) :: of_path
+      integer(i8) :: of_path, behind
       integer :: i, f
 
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%common, &
                              self%asked, self%areas, self%law)
       if (looks_ahead(self, request)) then
-         call draws%look_ahead(request%npair)
+         behind = mod(request%pair, 2_i8**max(-self%refine, 0))
+         call draws%look_ahead(request%npair, behind)
          do i = 1, request%nreal
-            call fill_alone(self, draws, request, i, store, of_path)
+            call fill_alone(self, draws, request, request%pair - behind, i, store, of_path)
          end do
          drawn = drawn + of_path
          call repeat_last(self, request, store)
@@ -310,8 +311,8 @@ contains
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
 
-      looks_ahead = request%npair > 1 .and. mod(request%pair, 2_i8) == 0 .and. self%refine >= 0 .and. &
-                    request%nlane <= merge(lane_unit, 1, self%refine > 0 .and. .not. self%asked%has(path_areas))
+      looks_ahead = request%npair > 1 .and. mod(request%pair, 2_i8) == 0 .and. &
+                    request%nlane <= merge(lane_unit, 1, self%refine /= 0 .and. .not. self%asked%has(path_areas))
    end function looks_ahead
 
    !> The lanes that fill up a block get what the last path has.
@@ -333,10 +334,11 @@ contains
 
    !> A path by itself: the lanes of the generator, and of all that is made of its draws, are pairs of steps from an
    !> even one on.
-   subroutine fill_alone(self, draws, request, lane, store, drawn)
+   subroutine fill_alone(self, draws, request, pair, lane, store, drawn)
       class(brownian_noise), intent(in) :: self
       type(integral_draws), intent(in) :: draws  !! that look ahead
       type(step_request), intent(in) :: request
+      integer(i8), intent(in) :: pair            !! that the lanes are ahead of
       integer, intent(in) :: lane                !! of the path
       type(step_store), intent(inout) :: store
       integer(i8), intent(out) :: drawn
@@ -348,7 +350,7 @@ contains
       n = size(draws%ahead)
       allocate (path(n), source=request%path(lane))
       of_pair = 0
-      call fill_pair(draws, n, path, request%pair, steps(0), steps(1), of_pair)
+      call fill_pair(draws, n, path, pair, steps(0), steps(1), of_pair)
       drawn = request%npair*of_pair
       do i = 0, 1
          if (self%bound < huge(1.0_wp)) call clip_interval(n, self%nnoise, self%bound, steps(i))

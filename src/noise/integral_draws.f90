@@ -58,17 +58,18 @@ contains
    end function are_direct
 
    !> The lanes are so many pairs of steps of a path, an even one first: even ones in the first half, which share their
-   !> draws with the odd ones in the other.
-   pure subroutine look_ahead(self, npair)
+   !> draws with the odd ones in the other. They stand behind the first pair of the coarsest interval.
+   pure subroutine look_ahead(self, npair, behind)
       class(integral_draws), intent(inout) :: self
       integer, intent(in) :: npair
+      integer(i8), intent(in) :: behind  !! so far, even
       integer :: half, i
 
       half = padded((npair + 1)/2)
       allocate (self%ahead(2*half))
       do i = 1, half
-         self%ahead(i) = 2*(i - 1)
-         self%ahead(half + i) = 2*i - 1
+         self%ahead(i) = behind + 2*(i - 1)
+         self%ahead(half + i) = behind + 2*i - 1
       end do
    end subroutine look_ahead
 
@@ -216,29 +217,42 @@ contains
       integer(i8), intent(in) :: path(nlane), pair
       real(wp), intent(in) :: scale
       real(wp), intent(out) :: even(nlane), odd(nlane)
-      integer(i8) :: finer  ! pairs of intervals of this length in a pair of steps
-      integer(i8) :: at(nlane)
-      integer :: noises(nlane), half
-      real(wp) :: x(nlane/2, 0:3)
+      integer(i8) :: at(nlane)  ! pairs of intervals of this length
+      integer :: noises(nlane), finer
 
       if (.not. allocated(d%ahead)) then
          call scaled_normal_pairs(nlane, d%seed, path, pair, noise, level, purpose, scale, even, odd)
          return
       end if
-      finer = 2_i8**(d%refine + max(level - 1, 0))
-      if (finer == 1) then
-         half = nlane/2
-         at = (pair + d%ahead)/2
-         noises = noise
-         call scaled_normals_at(half, d%seed, path, at, noises, level, purpose, scale, x)
-         even(:half) = x(:, 0)
-         odd(:half) = x(:, 1)
-         even(half + 1:) = x(:, 2)
-         odd(half + 1:) = x(:, 3)
-      else
-         at = pair + finer*d%ahead
+      finer = d%refine + max(level - 1, 0)
+      at = pair + ishft(d%ahead, finer)
+      if (finer > 0) then
          call scaled_pairs_at(nlane, d%seed, path, at, noise, level, purpose, scale, even, odd)
+      else
+         noises = noise
+         call share_draws(nlane, padded(int(at(nlane)/2 - at(1)/2) + 1))
       end if
+
+   contains
+
+      !> Neighbouring pairs have their numbers from one draw, those of longer intervals have one for several lanes.
+      subroutine share_draws(nlane, ndraw)
+         integer, intent(in) :: nlane, ndraw
+         integer(i8) :: draws(ndraw)
+         real(wp) :: x(ndraw, 0:3)
+         integer :: i, lane
+
+         do i = 1, ndraw
+            draws(i) = at(1)/2 + i - 1
+         end do
+         call scaled_normals_at(ndraw, d%seed, path(:ndraw), draws, noises(:ndraw), level, purpose, scale, x)
+         do lane = 1, nlane
+            i = int(at(lane)/2 - at(1)/2) + 1
+            even(lane) = x(i, 2*mod(at(lane), 2_i8))
+            odd(lane) = x(i, 2*mod(at(lane), 2_i8) + 1)
+         end do
+      end subroutine share_draws
+
    end subroutine draw_one
 
 end module symsde_noise_integral_draws

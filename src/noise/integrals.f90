@@ -60,14 +60,11 @@ contains
       type(path_interval), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
 
-      if (d%refine == 0) then
-         call finest_pair(d, nlane, path, pair, d%h, even, odd, drawn)
-      else if (d%refine > 0) then
+      if (d%refine > 0) then
          call sum_tree(d, nlane, path, 2*pair, even, drawn)
          call sum_tree(d, nlane, path, 2*pair + 1, odd, drawn)
       else
-         call descend(d, nlane, path, 2*pair, even, drawn)
-         call descend(d, nlane, path, 2*pair + 1, odd, drawn)
+         call finest_pair(d, nlane, path, pair, d%h, even, odd, drawn)
       end if
    end subroutine fill_pair
 
@@ -111,15 +108,18 @@ contains
       integer(i8), intent(inout) :: drawn
       type(path_shape) :: first, second
       type(halving_draws) :: u1, u2
+      integer :: level
 
       if (d%law /= law_gaussian) then
          call discrete_pair(d, nlane, path, pair, length, even, odd, drawn)
          return
       end if
-      call draw_shapes(d, nlane, path, pair, length, first, second, drawn)
-      if (levels_below(d, length) > 0) call draw_halving(d, nlane, path, pair, 1, length, u1, u2, drawn)
-      call complete(d, nlane, path, 0, 2*pair, length, first, u1, even, drawn)
-      call complete(d, nlane, path, 0, 2*pair + 1, length, second, u2, odd, drawn)
+      level = max(-d%refine, 0)
+      call draw_shapes(d, nlane, path, pair/2_i8**level, length*2.0_wp**level, first, second, drawn)
+      if (level > 0) call descend(d, nlane, path, pair, first, second, drawn)
+      if (levels_below(d, length) > 0) call draw_halving(d, nlane, path, pair, level + 1, length, u1, u2, drawn)
+      call complete(d, nlane, path, level, 2*pair, length, first, u1, even, drawn)
+      call complete(d, nlane, path, level, 2*pair + 1, length, second, u2, odd, drawn)
    end subroutine finest_pair
 
    !> dW and areas of a discrete law on the finest intervals 2*pair and 2*pair+1.
@@ -178,40 +178,48 @@ contains
       if (d%in_law()) call draw_rests(d, nlane, path, pair, abs(length)/sqrt(20.0_wp), even%rest, odd%rest, drawn)
    end subroutine draw_shapes
 
-   !> One step of a run at refine < 0: the coarse step that holds it, halved.
-   subroutine descend(d, nlane, path, step, interval, drawn)
+   !> The steps 2*pair and 2*pair+1 of a run at refine < 0, from the pair of coarse ones that holds them: halved.
+   subroutine descend(d, nlane, path, pair, left, right, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
-      integer(i8), intent(in) :: path(nlane), step
-      type(path_interval), intent(out) :: interval
+      integer(i8), intent(in) :: path(nlane), pair
+      type(path_shape), intent(inout) :: left, right
       integer(i8), intent(inout) :: drawn
-      type(path_shape) :: shape, left, right
+      type(path_shape) :: whole
       type(halving_draws) :: u1, u2
-      integer(i8) :: parent
-      integer :: level, levels
-      real(wp) :: length
+      integer(i8) :: at(nlane)
+      logical :: odd(nlane)  ! the interval that holds the step is the second of its pair
+      integer :: level, longer
 
-      levels = -d%refine
-      length = d%h*2.0_wp**levels
-      parent = step/2_i8**levels
-      call draw_shapes(d, nlane, path, parent/2, length, left, right, drawn)
-      shape = left
-      if (mod(parent, 2_i8) == 1) shape = right
-      do level = 1, levels
-         parent = step/2_i8**(levels - level + 1)
-         call draw_halving(d, nlane, path, parent/2, level, length, u1, u2, drawn)
-         if (mod(parent, 2_i8) == 1) u1 = u2
-         call halve(shape, u1, left, right)
-         shape = left
-         if (mod(step/2_i8**(levels - level), 2_i8) == 1) shape = right
-         length = length/2
+      at = pair
+      if (allocated(d%ahead)) at = at + d%ahead
+      do level = 1, -d%refine
+         longer = -d%refine - level
+         odd = mod(at/2_i8**longer, 2_i8) == 1
+         call draw_halving(d, nlane, path, pair/2_i8**(longer + 1), level, d%h*2.0_wp**(longer + 1), u1, u2, drawn)
+         call choose(odd, right%w, left%w)
+         call choose(odd, right%hh, left%hh)
+         call choose(odd, right%kk, left%kk)
+         call choose(odd, u2%z, u1%z)
+         call choose(odd, u2%n, u1%n)
+         call choose(odd, u2%d, u1%d)
+         whole = left
+         call halve(whole, u1, left, right)
       end do
-      if (levels_below(d, length) > 0) then
-         call draw_halving(d, nlane, path, step/2, levels + 1, length, u1, u2, drawn)
-         if (mod(step, 2_i8) == 1) u1 = u2
-      end if
-      call complete(d, nlane, path, levels, step, length, shape, u1, interval, drawn)
    end subroutine descend
+
+   !> The second of two in the lanes that are in it; of what is not known there is nothing to choose.
+   pure subroutine choose(in_second, second, chosen)
+      logical, intent(in) :: in_second(:)                         !! (nlane)
+      real(wp), allocatable, intent(in) :: second(:, :)           !! (nlane, nnoise)
+      real(wp), allocatable, intent(inout) :: chosen(:, :)        !! in: the first
+      integer :: k
+
+      if (.not. allocated(second)) return
+      do k = 1, size(second, 2)
+         chosen(:, k) = merge(second(:, k), chosen(:, k), in_second)
+      end do
+   end subroutine choose
 
    !> Halvings below an interval of this length: as many as the most demanding functional wants.
    pure integer function levels_below(d, length)
