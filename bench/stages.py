@@ -21,6 +21,7 @@ SCHEMES = ("midpoint", "gauss2", "gauss3", "lobatto3", "gauss2_strong32")
 STIFF = ("midpoint", "gauss2", "gauss3", "gauss2_strong32")  # lobatto3 is unstable there
 SITES = (2, 4, 8, 16, 64)
 LONG = (64, 256, 1024, 4096)
+LASTING = 200.0  # the longest time: noise heats, and steps that are mild in the beginning are not for ever
 
 
 def chain(n):
@@ -51,7 +52,7 @@ def least(scene, schemes, h, paths, repeats):
     """The least time of every scheme, all in turn, and their reports."""
     times, reports = dict.fromkeys(schemes, float("inf")), {}
     slowest = max(run(scene, scheme, h, 10, paths)[0] for scheme in schemes)
-    steps = int(min(2000, max(10, 3e7 / (slowest * paths))))
+    steps = int(min(2000, LASTING / h, max(10, 3e7 / (slowest * paths))))
     for _ in range(repeats):
         for scheme in schemes:
             ns, reports[scheme] = run(scene, scheme, h, steps, paths)
