@@ -7,7 +7,7 @@ module symsde_step_midpoint_by_products
    use symsde_model_abstract, only: model_type
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position
-   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products
+   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, hessian_product
    use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
    implicit none
    private
@@ -15,7 +15,7 @@ module symsde_step_midpoint_by_products
 
    type, extends(midpoint_part) :: midpoint_by_products
       private
-      type(newton_by_products) :: corrector
+      type(newton_by_products) :: products
       real(wp), allocatable :: q(:, :), r(:, :)  !! Q and residual (nlane, ndof)
    contains
       procedure :: iterate
@@ -32,7 +32,7 @@ contains
 
       associate (n => model%traits%ndof)
          call new_newton(self%newton, nlane, n, options, .false., dense, dense, judge_only=.true.)
-         call new_newton_by_products(self%corrector, nlane, model%traits, eliminated=.true.)
+         call new_newton_by_products(self%products, nlane, n, n)
          allocate (self%q(nlane, n), self%r(nlane, n))
       end associate
    end subroutine new_midpoint_by_products
@@ -51,9 +51,19 @@ contains
       ham%counters%gradients = ham%counters%gradients + eq%nreal
       call eq%weigh(1, eq%n, self%r)
       call add_times(eq%nlane*eq%n, 1.0_wp, eq%x, self%r)
-      call self%corrector%correct(ham, 0.25_wp*eq%h, eq%t, w, self%q, eq%still, self%r, self%newton, eq%x, status)
+      associate (nlane => eq%nlane, n => eq%n, c => 0.25_wp*eq%h, k => self%products%krylov%k, &
+                 v => self%products%krylov%v, u => self%products%uq)
+         call self%products%begin(self%newton, self%r)
+         do while (self%products%wanted > 0)  ! A = I + (h/4) Hhat_qq
+            call hessian_product(ham, nlane, n, self%products%wanted, eq%t, w, self%q, eq%still, v(:, :, k), eq%still, &
+                                 u, self%products%up)
+            v(:, :, k + 1) = v(:, :, k) + c*u
+            call self%products%take()
+         end do
+         call self%products%finish(self%newton, self%r, eq%x, status, ham%counters)
+      end associate
       if (.not. first) return
-      eq%stiff_ratio = self%corrector%krylov%largest - 1  ! the largest |A v| of vectors of size one
+      eq%stiff_ratio = self%products%krylov%largest - 1  ! the largest |A v| of vectors of size one
       eq%stiff = any(eq%stiff_ratio > 1)
    end subroutine iterate
 

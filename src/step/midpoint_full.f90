@@ -17,7 +17,7 @@ module symsde_step_midpoint_full
    use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_lone_midpoint_full, only: lone_midpoint_full
    use symsde_step_midpoint_sweeps, only: midpoint_sweeps, new_midpoint_sweeps
-   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, is_free, &
+   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, hessian_product, is_free, &
                                              does_without_matrices, iterates_first
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -95,7 +95,7 @@ contains
          self%name = 'midpoint, matrix-free'
          allocate (self%products)
          call new_newton(self%newton, nlane, 2*n, options, .false., dense, dense, judge_only=.true.)
-         call new_newton_by_products(self%products, nlane, model%traits, eliminated=.false.)
+         call new_newton_by_products(self%products, nlane, n, 2*n)
          allocate (self%r(nlane, 2*n))
          return
       end if
@@ -193,7 +193,12 @@ contains
             call self%ham%gradient(tm, step%w, self%qs, self%ps, self%hq, self%hp, step)
             r(:, :n) = x(:, :n) - self%hp
             r(:, n + 1:) = x(:, n + 1:) + self%hq
-            call self%products%correct(self%ham, 0.5_wp, tm, step%w, self%qs, self%ps, r, self%newton, x, status)
+            call self%products%begin(self%newton, r)
+            do while (self%products%wanted > 0)
+               call multiply(self, tm, step%w, self%products%krylov%k, self%products%krylov%v)
+               call self%products%take()
+            end do
+            call self%products%finish(self%newton, r, x, status, self%ham%counters)
          end do
          do i = 1, n
             dq(:, i) = merge(x(:, i), dq(:, i), status == 0)
@@ -201,6 +206,21 @@ contains
          end do
       end associate
    end subroutine solve_by_products
+
+   !> Vector k+1 = I + (-Hhat_pq, -Hhat_pp; Hhat_qq, Hhat_qp)/2 times vector k.
+   subroutine multiply(self, tm, w, k, v)
+      type(midpoint_full_stepper), intent(inout) :: self
+      real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise)
+      integer, intent(in) :: k
+      real(wp), intent(inout) :: v(:, :, :)  !! (nlane, 2 ndof, vectors)
+
+      associate (n => self%ham%ndof, products => self%products)
+         call hessian_product(self%ham, self%ham%nlane, n, products%wanted, tm, w, self%qs, self%ps, v(:, :n, k), &
+                              v(:, n + 1:, k), products%uq, products%up)
+         v(:, :n, k + 1) = v(:, :n, k) - 0.5_wp*products%up
+         v(:, n + 1:, k + 1) = v(:, n + 1:, k) + 0.5_wp*products%uq
+      end associate
+   end subroutine multiply
 
    !> Residuals F - Hhat_p, G + Hhat_q and their matrix.
    subroutine linearise(self, tm, step)

@@ -1,20 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's corrections for many degrees of freedom and dense Hessians: no matrix is ever formed.
 !>
-!> The matrices are those of an implicit midpoint step, with c = h/4 and c = 1/2,
+!> The caller multiplies, as it alone knows its matrices, and they are as many as the stages of its scheme:
 !>
-!>    momenta eliminated    I + c Hhat_qq
-!>    in general            I + c (-Hhat_pq, -Hhat_pp; Hhat_qq, Hhat_qp)      unknowns (dq, dp)
+!>    call products%begin(newton, r)      A x = r in the running lanes
+!>    do while (products%wanted > 0)      in so many of them
+!>       ... krylov%v(:, :, krylov%k + 1) = A krylov%v(:, :, krylov%k) ...
+!>       call products%take()
+!>    end do
+!>    call products%finish(newton, r, x, status, counters)
 !>
 !> Corrections come from GMRES with Hessian-vector products, of the model or, where it has none,
 !> differences of two gradients. The matrices are close to I unless h is large against the frequencies, so
 !> that a handful of products does. The first solve is a loose one; the later ones go as far as Newton's
 !> convergence does (Eisenstat & Walker, SIAM J. Sci. Comput. 17 (1996) 16), never below rounding. The
-!> iteration ends as everywhere. A lane that GMRES cannot solve gets its matrix after all, by products
-!> with the unit vectors, and is solved by LAPACK: counted as such.
+!> iteration ends as everywhere. Lanes that GMRES cannot solve get their matrices after all, by products
+!> with the unit vectors, and are solved by LAPACK: counted as such.
 module symsde_step_newton_by_products
+   use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_base_lanes, only: lane_unit
    use symsde_base_status, only: status_ok, nonfinite, not_converged
    use symsde_base_traits, only: model_traits, dense
    use symsde_model_abstract, only: difference_along, default_step
@@ -28,7 +32,7 @@ module symsde_step_newton_by_products
    private
    public :: newton_by_products, new_newton_by_products, pays_by_products, does_without_matrices
    public :: iterates_first, is_free
-   public :: hessian_product, set_goals  ! for matrices of other forms
+   public :: hessian_product
 
    !> Unknowns of a lane from which no matrix is the faster way. With analytic second derivatives: where
    !> elimination across lanes ends. Without them a matrix costs two gradients for each unknown.
@@ -42,13 +46,15 @@ module symsde_step_newton_by_products
 
    type :: newton_by_products
       type(krylov_type) :: krylov
-      integer, private :: nlane = 0, n = 0, m = 0          !! lanes, degrees of freedom, noises
-      logical, private :: eliminated = .false.
-      real(wp), allocatable, private :: uq(:, :), up(:, :) !! a product (nlane, ndof)
-      real(wp), allocatable, private :: zero(:, :)         !! no momentum (nlane, ndof)
-      real(wp), allocatable, private :: before(:), goal(:) !! sizes of the last residual, and to be reached (nlane)
+      integer :: wanted = 0                             !! lanes for which a product is asked for
+      real(wp), allocatable :: uq(:, :), up(:, :)       !! room for one of the Hessian (nlane, ndof)
+      real(wp), allocatable, private :: before(:), goal(:)  !! sizes of the last residual, and to be reached (nlane)
+      integer, private :: column = 0                    !! of the matrices that are formed
+      real(wp), allocatable, private :: matrices(:, :, :)  !! of lanes that need theirs (unknowns, unknowns, lanes)
    contains
-      procedure :: correct
+      procedure :: begin
+      procedure :: take
+      procedure :: finish
    end type newton_by_products
 
 contains
@@ -93,66 +99,137 @@ contains
       is_free = options%fixed_point <= 0 .and. .not. options%damped
    end function is_free
 
-   !> Room for nlane lanes.
-   subroutine new_newton_by_products(self, nlane, traits, eliminated)
+   !> Room for nlane lanes of so many unknowns.
+   subroutine new_newton_by_products(self, nlane, ndof, unknowns)
       type(newton_by_products), intent(out) :: self
-      integer, intent(in) :: nlane
-      type(model_traits), intent(in) :: traits
-      logical, intent(in) :: eliminated  !! the momenta are: ndof unknowns instead of 2 ndof
+      integer, intent(in) :: nlane, ndof, unknowns
 
-      associate (n => traits%ndof)
-         self%nlane = nlane
-         self%n = n
-         self%m = traits%nnoise
-         self%eliminated = eliminated
-         call new_krylov(self%krylov, nlane, merge(n, 2*n, eliminated))
-         allocate (self%uq(nlane, n), self%up(nlane, n), self%before(nlane), self%goal(nlane))
-         allocate (self%zero(nlane, n), source=0.0_wp)
-      end associate
+      call new_krylov(self%krylov, nlane, unknowns)
+      allocate (self%uq(nlane, ndof), self%up(nlane, ndof), self%before(nlane), self%goal(nlane))
    end subroutine new_newton_by_products
 
-   !> Correct the unknowns x of the running lanes for the residual r, with the matrix at (q, p), and judge them.
-   subroutine correct(self, ham, c, t, w, q, p, r, newton, x, status)
+   !> Seek corrections of the running lanes for the residual r.
+   subroutine begin(self, newton, r)
       class(newton_by_products), intent(inout) :: self
-      type(one_step_hamiltonian), intent(inout) :: ham  !! model and counters
-      real(wp), intent(in) :: c, t, w(self%nlane, 0:self%m), q(self%nlane, self%n), p(self%nlane, self%n)
-      real(wp), intent(in) :: r(self%nlane, self%krylov%n)
-      type(newton_type), intent(inout) :: newton
-      real(wp), intent(inout) :: x(self%nlane, self%krylov%n)
-      integer(i8), intent(inout) :: status(self%nlane)
+      type(newton_type), intent(in) :: newton
+      real(wp), intent(in) :: r(self%krylov%nlane, self%krylov%n)
 
       associate (krylov => self%krylov)
          call krylov%start(r, newton%last)
-         call set_goals(self%nlane, newton%iteration, krylov%norm, newton%size, self%before, self%goal)
+         call set_goals(krylov%nlane, newton%iteration, krylov%norm, newton%size, self%before, self%goal)
          call krylov%seek(self%goal)
-         do while (krylov%running)
-            call multiply(self, ham, c, t, w, q, p)
-            call krylov%advance()
-         end do
-         if (any(krylov%unsolved)) call solve_unsolved(self, ham, c, t, w, q, p, r, newton, status)
-         call correct_lanes(self%nlane, krylov%n, krylov%x, newton%last, x, newton%step, newton%size)
+         self%wanted = krylov%nrunning
+         if (.not. krylov%running) call begin_matrices(self)
       end associate
-      call newton%judge(status, ham%counters)
-   end subroutine correct
+   end subroutine begin
 
-   !> The next vector times the matrix.
-   subroutine multiply(self, ham, c, t, w, q, p)
+   !> Take in a product, and say which is wanted next.
+   subroutine take(self)
+      class(newton_by_products), intent(inout) :: self
+
+      if (allocated(self%matrices)) then
+         call take_column(self)
+         return
+      end if
+      call self%krylov%advance()
+      self%wanted = self%krylov%nrunning
+      if (.not. self%krylov%running) call begin_matrices(self)
+   end subroutine take
+
+   !> Correct the unknowns x of the running lanes, and judge them.
+   subroutine finish(self, newton, r, x, status, counters)
+      class(newton_by_products), intent(inout) :: self
+      type(newton_type), intent(inout) :: newton
+      real(wp), intent(in) :: r(self%krylov%nlane, self%krylov%n)
+      real(wp), intent(inout) :: x(self%krylov%nlane, self%krylov%n)
+      integer(i8), intent(inout) :: status(self%krylov%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      associate (krylov => self%krylov)
+         if (any(krylov%unsolved)) call solve_unsolved(self, newton, r, status, counters)
+         call correct_lanes(krylov%nlane, krylov%n, krylov%x, newton%last, x, newton%step, newton%size)
+         call newton%judge(status, counters)
+      end associate
+   end subroutine finish
+
+   !> The lanes that GMRES has not solved: the columns of their matrices are asked for, if there is memory.
+   subroutine begin_matrices(self)
       type(newton_by_products), intent(inout) :: self
-      type(one_step_hamiltonian), intent(inout) :: ham
-      real(wp), intent(in) :: c, t, w(self%nlane, 0:self%m), q(self%nlane, self%n), p(self%nlane, self%n)
+      integer :: memory
 
-      associate (krylov => self%krylov, v => self%krylov%v, k => self%krylov%k, n => self%n, nlane => self%nlane)
-         if (self%eliminated) then
-            call hessian_product(ham, nlane, n, krylov%nrunning, t, w, q, p, v(:, :, k), self%zero, self%uq, self%up)
-            v(:, :, k + 1) = v(:, :, k) + c*self%uq
+      associate (krylov => self%krylov)
+         self%wanted = count(krylov%unsolved .and. krylov%norm <= huge(1.0_wp))
+         if (self%wanted == 0) return
+         allocate (self%matrices(krylov%n, krylov%n, self%wanted), stat=memory)
+         if (memory /= 0) self%wanted = 0
+      end associate
+      self%column = 0
+      if (self%wanted > 0) call ask_column(self)
+   end subroutine begin_matrices
+
+   !> The next one: the product with a unit vector.
+   subroutine ask_column(self)
+      type(newton_by_products), intent(inout) :: self
+
+      self%column = self%column + 1
+      self%krylov%k = 1
+      self%krylov%v(:, :, 1) = 0
+      self%krylov%v(:, self%column, 1) = 1
+   end subroutine ask_column
+
+   subroutine take_column(self)
+      type(newton_by_products), intent(inout) :: self
+      integer :: lane, i
+
+      associate (krylov => self%krylov)
+         i = 0
+         do lane = 1, krylov%nlane
+            if (.not. (krylov%unsolved(lane) .and. krylov%norm(lane) <= huge(1.0_wp))) cycle
+            i = i + 1
+            self%matrices(:, self%column, i) = krylov%v(lane, :, 2)
+         end do
+         if (self%column < krylov%n) then
+            call ask_column(self)
          else
-            call hessian_product(ham, nlane, n, krylov%nrunning, t, w, q, p, v(:, :n, k), v(:, n + 1:, k), &
-                                 self%uq, self%up)
-            v(:, :n, k + 1) = v(:, :n, k) - c*self%up
-            v(:, n + 1:, k + 1) = v(:, n + 1:, k) + c*self%uq
+            self%wanted = 0
          end if
       end associate
-   end subroutine multiply
+   end subroutine take_column
+
+   !> By their matrices, one by one; those that cannot be solved fail.
+   subroutine solve_unsolved(self, newton, r, status, counters)
+      type(newton_by_products), intent(inout) :: self
+      type(newton_type), intent(inout) :: newton
+      real(wp), intent(in) :: r(self%krylov%nlane, self%krylov%n)
+      integer(i8), intent(inout) :: status(self%krylov%nlane)
+      type(counters_type), intent(inout) :: counters
+      real(wp), allocatable :: x(:)
+      integer(i4) :: info
+      integer :: lane, i
+
+      i = 0
+      associate (krylov => self%krylov)
+         do lane = 1, krylov%nlane
+            if (.not. krylov%unsolved(lane)) cycle
+            info = nonfinite
+            if (krylov%norm(lane) <= huge(1.0_wp)) then
+               info = not_converged  ! the matrices find no memory
+               if (allocated(self%matrices)) then
+                  i = i + 1
+                  x = r(lane, :)
+                  call solve_dense_lapack(krylov%n, self%matrices(:, :, i), x, info)
+                  counters%lapack_solves = counters%lapack_solves + 1
+               end if
+            end if
+            if (info == status_ok) then
+               krylov%x(lane, :) = x
+            else
+               call newton%fail(lane, int(info, i8), status, counters)
+            end if
+         end do
+      end associate
+      if (allocated(self%matrices)) deallocate (self%matrices)
+   end subroutine solve_unsolved
 
    !> Hessian of Hhat at (q, p) times (vq, vp). A model with a Hessian and no product would form the one for
    !> the other: then too a difference of gradients is cheaper.
@@ -179,77 +256,6 @@ contains
          end if
       end associate
    end subroutine hessian_product
-
-   !> The lanes that GMRES has not solved, by matrix, one by one; those that cannot be solved fail.
-   subroutine solve_unsolved(self, ham, c, t, w, q, p, r, newton, status)
-      type(newton_by_products), intent(inout) :: self
-      type(one_step_hamiltonian), intent(inout) :: ham
-      real(wp), intent(in) :: c, t, w(self%nlane, 0:self%m), q(self%nlane, self%n), p(self%nlane, self%n)
-      real(wp), intent(in) :: r(self%nlane, self%krylov%n)
-      type(newton_type), intent(inout) :: newton
-      integer(i8), intent(inout) :: status(self%nlane)
-      real(wp), allocatable :: matrix(:, :), x(:)
-      integer(i4) :: info
-      integer :: lane, memory
-
-      associate (krylov => self%krylov, counters => ham%counters)
-         do lane = 1, self%nlane
-            if (.not. krylov%unsolved(lane)) cycle
-            info = nonfinite
-            memory = 0
-            if (.not. allocated(matrix)) allocate (matrix(krylov%n, krylov%n), stat=memory)
-            if (memory /= 0) then
-               info = not_converged  ! the matrix finds no memory
-            else if (krylov%norm(lane) <= huge(1.0_wp)) then
-               call form_matrix(self, ham, c, t, w(lane, :), q(lane, :), p(lane, :), matrix)
-               x = r(lane, :)
-               call solve_dense_lapack(krylov%n, matrix, x, info)
-               counters%lapack_solves = counters%lapack_solves + 1
-            end if
-            if (info == status_ok) then
-               krylov%x(lane, :) = x
-            else
-               call newton%fail(lane, int(info, i8), status, counters)
-            end if
-         end do
-      end associate
-   end subroutine solve_unsolved
-
-   !> The matrix of one lane, eight columns at a time: the lanes of the model are used for its columns.
-   subroutine form_matrix(self, ham, c, t, w, q, p, matrix)
-      type(newton_by_products), intent(in) :: self
-      type(one_step_hamiltonian), intent(inout) :: ham
-      real(wp), intent(in) :: c, t, w(0:self%m), q(self%n), p(self%n)
-      real(wp), intent(out) :: matrix(self%krylov%n, self%krylov%n)
-      real(wp), allocatable, dimension(:, :) :: w8, q8, p8, vq, vp, uq, up
-      integer :: first, last, l, n
-
-      n = self%n
-      w8 = spread(w, 1, lane_unit)
-      q8 = spread(q, 1, lane_unit)
-      p8 = spread(p, 1, lane_unit)
-      allocate (vq, vp, uq, up, mold=q8)
-      do first = 1, self%krylov%n, lane_unit
-         last = min(first + lane_unit - 1, self%krylov%n)
-         vq = 0
-         vp = 0
-         do l = first, last
-            if (l <= n) vq(l - first + 1, l) = 1
-            if (l > n) vp(l - first + 1, l - n) = 1
-         end do
-         call hessian_product(ham, lane_unit, n, last - first + 1, t, w8, q8, p8, vq, vp, uq, up)
-         do l = first, last
-            associate (i => l - first + 1)
-               if (self%eliminated) then
-                  matrix(:, l) = vq(i, :) + c*uq(i, :)
-               else
-                  matrix(:n, l) = vq(i, :) - c*up(i, :)
-                  matrix(n + 1:, l) = vp(i, :) + c*uq(i, :)
-               end if
-            end associate
-         end do
-      end do
-   end subroutine form_matrix
 
    ! ---- kernels ----------------------------------------------------------------------------------
 

@@ -8,15 +8,16 @@
 !> with the matrix delta_ik I + h B_ik Hhat_qq(q_n + Z_k). From Z = 0 on, its iterates are those of the
 !> general stepper from slopes zero, to rounding, so that both find the same root; the general one's test for
 !> the end takes an iteration or some more. Unknowns are ordered by degree of freedom, then stage: a Hessian with
-!> b bands beside the diagonal gives a matrix with (b + 1) s - 1, for s stages. The slopes follow from h B G = Z - d.
+!> b bands beside the diagonal gives a matrix with (b + 1) s - 1, for s stages; many in a dense one are found by products,
+!> without matrices. The slopes follow from h B G = Z - d.
 module symsde_step_stage_newton
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_step_newton_by_products, only: pays_by_products
+   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, hessian_product, &
+                                               pays_by_products
    use symsde_step_stage_equations, only: stage_equations
    use symsde_step_stage_plan, only: stage_group
-   use symsde_step_stage_products, only: stage_products, new_stage_products
    implicit none
    private
    public :: stage_newton, new_stage_newton
@@ -24,12 +25,13 @@ module symsde_step_stage_newton
    type :: stage_newton
       private
       type(newton_type) :: newton
-      type(stage_products), allocatable :: products  !! where no matrix is formed
+      type(newton_by_products), allocatable :: products  !! where no matrix is formed
       integer :: nmember = 0, band = dense      !! stages, bands of the Hessian
       real(wp), allocatable :: z(:, :, :)       !! displacements (nlane, nmember, ndof)
       real(wp), allocatable :: d(:, :, :)       !! what they have of known slopes (nlane, ndof, nmember)
       real(wp), allocatable :: k(:, :, :)       !! Hessian of a stage, dense or its upper bands
       real(wp), allocatable :: r(:, :)          !! residual (nlane, nmember ndof)
+      real(wp), allocatable :: still(:, :)      !! zero (nlane, ndof)
    contains
       procedure :: solve
    end type stage_newton
@@ -55,7 +57,8 @@ contains
          allocate (self%z(nlane, self%nmember, n), self%d(nlane, n, self%nmember))
          if (pays_by_products(t, n*self%nmember)) then
             allocate (self%products, self%r(nlane, n*self%nmember))
-            call new_stage_products(self%products, nlane, n, self%nmember)
+            allocate (self%still(nlane, n), source=0.0_wp)
+            call new_newton_by_products(self%products, nlane, n, n*self%nmember)
             call new_newton(self%newton, nlane, n*self%nmember, options, .false., dense, dense, judge_only=.true.)
             return
          end if
@@ -82,7 +85,12 @@ contains
       do while (self%newton%running)
          if (allocated(self%products)) then
             call find_residual(self, equations, group)
-            call self%products%correct(equations, group, self%r, self%newton, self%z, outcome)
+            call self%products%begin(self%newton, self%r)
+            do while (self%products%wanted > 0)
+               call multiply(self, equations, group)
+               call self%products%take()
+            end do
+            call self%products%finish(self%newton, self%r, self%z, outcome, equations%ham%counters)
          else
             call linearise(self, equations, group)
             call correct(self, equations, outcome)
@@ -124,6 +132,27 @@ contains
          end do
       end associate
    end subroutine find_residual
+
+   !> Vector l+1 = delta_ik I + h B_ik Hhat_qq(Q_k) times vector l: one product with a Hessian for every stage.
+   subroutine multiply(self, equations, group)
+      type(stage_newton), intent(inout) :: self
+      type(stage_equations), intent(inout) :: equations
+      type(stage_group), intent(in) :: group
+      integer :: m, row
+
+      associate (e => equations, s => self%nmember, v => self%products%krylov%v, l => self%products%krylov%k, &
+                 u => self%products%uq)
+         v(:, :, l + 1) = v(:, :, l)
+         do m = 1, s
+            e%qs = e%q + self%z(:, m, :)
+            call hessian_product(e%ham, e%ham%nlane, e%ham%ndof, self%products%wanted, e%time_of(group%stage(m)), &
+                                 e%store%w(:, :, 0), e%qs, e%p, v(:, m::s, l), self%still, u, self%products%up)
+            do row = 1, s
+               v(:, row::s, l + 1) = v(:, row::s, l + 1) + e%step%h*group%b(row, m)*u
+            end do
+         end do
+      end associate
+   end subroutine multiply
 
    !> Residual and matrix.
    subroutine linearise(self, equations, group)
