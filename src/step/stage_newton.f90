@@ -8,14 +8,14 @@
 !> with the matrix delta_ik I + h B_ik Hhat_qq(q_n + Z_k). From Z = 0 on, its iterates are those of the
 !> general stepper from slopes zero, to rounding, so that both find the same root; the general one's test for
 !> the end takes an iteration or some more. Unknowns are ordered by degree of freedom, then stage: a Hessian with
-!> b bands beside the diagonal gives a matrix with (b + 1) s - 1, for s stages; many in a dense one are found by products,
-!> without matrices. The slopes follow from h B G = Z - d.
+!> b bands beside the diagonal gives a matrix with (b + 1) s - 1, for s stages; many in a dense one are found by
+!> products, without matrices. The slopes follow from h B G = Z - d.
 module symsde_step_stage_newton
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, hessian_product, &
-                                               pays_by_products
+                                             pays_by_products
    use symsde_step_stage_equations, only: stage_equations
    use symsde_step_stage_plan, only: stage_group
    implicit none
