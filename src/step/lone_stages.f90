@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Implicit stages for a path by itself where the step is mild: the fixed-point iteration of step/stage_iteration, with
-!> the equations of step/stage_equations. A group that does not converge by it is left to step/stages.
+!> Implicit stages for a path by itself: the fixed-point iteration of step/stage_iteration, with the equations of
+!> step/stage_equations. A group that does not converge by it goes to step/lone_stage_newton, or is left to step/stages.
 !>
 !> Slopes stand here as Hhat_q, which is -G, and C. Sums hold all of them: what is not known yet is zero, and what does
 !> not count has the coefficient zero.
@@ -10,6 +10,7 @@ module symsde_step_lone_stages
    use symsde_model_abstract, only: model_type, angle_terms
    use symsde_step_constant_mass, only: constant_mass
    use symsde_step_lone, only: lone_stepper
+   use symsde_step_lone_stage_newton, only: lone_stage_newton
    use symsde_step_noise_shift, only: noise_shift
    use symsde_step_slopes, only: weigh_slopes, take_slopes
    use symsde_step_stage_iteration, only: sweep_verdict, judge_ahead, most_sweeps, stiff_rate, done
@@ -27,6 +28,7 @@ module symsde_step_lone_stages
       integer :: i1 = 1, i2 = 1          !! its stages
       logical :: explicit = .false.
       integer :: nsweep = 1              !! how many the last step took: asked for at once
+      type(lone_stage_newton), allocatable :: newton  !! of stiff steps, if not left to others
    end type group_slot
 
    !> What one or two degrees of freedom have in numbers: the coefficients below, base and times, and Hhat_q of all
@@ -141,6 +143,7 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
+      real(wp) :: verdict
       integer :: k, sweeps, total, evaluations
 
       if (allocated(self%few)) then
@@ -160,10 +163,12 @@ contains
          end if
          if (.not. self%eliminated) self%c = 0
          do k = 1, plan%ngroup
-            call iterate(self, plan%group(k), self%slot(k)%too_slow, t, w, q, p, sweeps, taken)
-            if (.not. taken) return
+            call iterate(self, plan%group(k), self%slot(k)%too_slow, t, w, q, p, sweeps, verdict)
             evaluations = evaluations + sweeps*plan%group(k)%nmember
             total = total + sweeps
+            taken = abs(verdict - done) <= 0
+            if (.not. taken) call solve_group(self, plan%group(k), self%slot(k), h, w, q, p, taken)
+            if (.not. taken) return
          end do
          if (allocated(self%mass)) then
             call weigh_slopes(n, s, 1, self%v, self%f, self%zero, self%y)
@@ -180,6 +185,35 @@ contains
       self%counters%gradients = self%counters%gradients + evaluations
       self%counters%iterations = self%counters%iterations + total
    end subroutine take_plain
+
+   !> The slopes of a group that sweeps have not found.
+   subroutine solve_group(self, group, slot, h, w, q, p, found)
+      type(lone_stages), intent(inout) :: self
+      type(stage_group), intent(in) :: group
+      type(group_slot), intent(inout) :: slot
+      real(wp), intent(in) :: h, w(0:self%m), q(self%n), p(self%n)
+      logical, intent(out) :: found
+      integer :: i, iterations
+
+      found = allocated(slot%newton)
+      if (.not. found) return
+      associate (n => self%n, first => slot%i1, final => slot%i2)
+         self%f(:, first:final) = 0
+         do i = first, final
+            call weigh_slopes(n, self%plan%nstage, i, self%b(1, i, 2), self%f, self%base(1, i), self%was(1, i, 1))
+         end do
+         call slot%newton%solve(self%model, group, n, self%m, h, self%times(first), w, q, p, self%was(1, first, 1), &
+                                self%f(1, first), iterations)
+      end associate
+      found = iterations > 0
+      associate (c => self%counters, s => group%nmember)
+         c%gradients = c%gradients + iterations*s
+         if (.not. allocated(group%inverse)) c%gradients = c%gradients + s
+         c%hessians = c%hessians + iterations*s
+         c%iterations = c%iterations + iterations
+         c%solves = c%solves + iterations
+      end associate
+   end subroutine solve_group
 
    !> What stages and increments begin with, no slope, and when the stages are.
    pure subroutine begin(n, s, r, all, q, velocity, t, h, c, base, start, f, times)
@@ -204,8 +238,8 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q(n), p(n)
       real(wp), intent(out) :: dq(n), dp(n)
       logical, intent(out) :: taken
-      real(wp) :: moved, kicked
-      integer :: i, k, g, sweep, sweeps, evaluations
+      real(wp) :: moved, kicked, verdict
+      integer :: i, k, g, sweep, sweeps, evaluations, total
 
       do i = 1, s
          few%times(i) = t + few%c(i)*h
@@ -217,13 +251,21 @@ contains
          end do
       end do
       sweeps = 0
+      total = 0
       evaluations = 0
       do g = 1, size(self%slot)
          associate (slot => self%slot(g))
-            call ask(self, few, s, n, slot, w, sweeps, sweep, taken)
+            call ask(self, few, s, n, slot, w, sweeps, sweep, verdict)
+            evaluations = evaluations + sweep*(slot%i2 - slot%i1 + 1)
+            total = total + sweep
+            if (verdict < done) then
+               call solve_few(self, few, g, h, w, q, p, sweeps, taken)
+               sweep = 1
+            else
+               taken = verdict < 0
+            end if
             if (.not. taken) return
             sweeps = sweeps + sweep
-            evaluations = evaluations + sweep*(slot%i2 - slot%i1 + 1)
          end associate
       end do
       do k = 1, n
@@ -238,12 +280,30 @@ contains
          dp(k) = kicked
       end do
       self%counters%gradients = self%counters%gradients + evaluations
-      self%counters%iterations = self%counters%iterations + sweeps
+      self%counters%iterations = self%counters%iterations + total
    end subroutine take_few
+
+   !> The slopes of a group that sweeps have not found, in the place of its first sweep.
+   subroutine solve_few(self, few, g, h, w, q, p, before, found)
+      type(lone_stages), intent(inout) :: self
+      type(few_numbers), intent(inout) :: few
+      integer, intent(in) :: g       !! the group
+      real(wp), intent(in) :: h, w(0:self%m), q(self%n), p(self%n)
+      integer, intent(in) :: before  !! sweeps of other groups
+      logical, intent(out) :: found
+
+      associate (n => self%n, s => self%plan%nstage)
+         self%times = few%times(:s)
+         self%base = transpose(few%base(:s, :n))
+         self%f = transpose(few%f(:s, :n, before))
+         call solve_group(self, self%plan%group(g), self%slot(g), h, w, q, p, found)
+         few%f(:s, :n, before + 1) = transpose(self%f)
+      end associate
+   end subroutine solve_few
 
    !> The slopes of a group: as many sweeps as the step before took, which mostly is enough, then one by one. That
    !> something is not a number is seen where the step ends.
-   subroutine ask(self, few, s, n, slot, w, before, sweep, found)
+   subroutine ask(self, few, s, n, slot, w, before, sweep, last)
       type(lone_stages), intent(in) :: self
       type(few_numbers), intent(inout) :: few
       integer, intent(in) :: s, n
@@ -251,8 +311,8 @@ contains
       real(wp), intent(in) :: w(0:self%m)
       integer, intent(in) :: before  !! sweeps of other groups
       integer, intent(out) :: sweep  !! that ended it
-      logical, intent(out) :: found
-      real(wp) :: last, change(most_ahead), extent(most_ahead)
+      real(wp), intent(out) :: last  !! done, or given up; not negative where it took too long
+      real(wp) :: change(most_ahead), extent(most_ahead)
       integer :: first, i
 
       if (n == 1) then
@@ -280,7 +340,6 @@ contains
          end if
       end do
       slot%nsweep = min(sweep, most_ahead)
-      found = abs(last - done) <= 0
    end subroutine ask
 
    !> Sweeps where all is an angle, as those of a model. Sums are those of most_few stages, where what is not there is
@@ -322,13 +381,13 @@ contains
    end subroutine swing
 
    !> The slopes of a group by gradients of the model.
-   subroutine iterate(self, group, too_slow, t, w, q, p, sweep, found)
+   subroutine iterate(self, group, too_slow, t, w, q, p, sweep, last)
       type(lone_stages), intent(inout) :: self
       type(stage_group), intent(in) :: group
       real(wp), intent(in) :: too_slow, t, w(0:self%m), q(self%n), p(self%n)
       integer, intent(out) :: sweep
-      logical, intent(out) :: found
-      real(wp) :: last, change, extent
+      real(wp), intent(out) :: last  !! done, or else
+      real(wp) :: change, extent
       integer :: i
 
       last = 0
@@ -355,7 +414,6 @@ contains
             if (group%explicit) last = done
          end do
       end associate
-      found = abs(last - done) <= 0
    end subroutine iterate
 
    !> A sweep where momenta are eliminated by an identity mass.

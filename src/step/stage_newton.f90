@@ -12,7 +12,8 @@
 !> products, without matrices. The slopes follow from h B G = Z - d.
 module symsde_step_stage_newton
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_traits, only: dense
+   use symsde_base_traits, only: model_traits, dense
+   use symsde_solve_blocks, only: max_lane_unknowns
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, hessian_product, &
                                              pays_by_products
@@ -20,7 +21,7 @@ module symsde_step_stage_newton
    use symsde_step_stage_plan, only: stage_group
    implicit none
    private
-   public :: stage_newton, new_stage_newton
+   public :: stage_newton, new_stage_newton, is_eliminated
 
    type :: stage_newton
       private
@@ -48,12 +49,8 @@ contains
 
       associate (n => equations%ham%ndof, nlane => equations%ham%nlane, t => equations%ham%model%traits)
          self%nmember = group%nmember
-         self%band = t%bandwidth
+         self%band = bands_of(t, self%nmember)
          width = (self%band + 1)*self%nmember - 1
-         if (self%band < 0 .or. 2*width + 1 >= n*self%nmember) then
-            self%band = dense
-            width = dense
-         end if
          allocate (self%z(nlane, self%nmember, n), self%d(nlane, n, self%nmember))
          if (pays_by_products(t, n*self%nmember)) then
             allocate (self%products, self%r(nlane, n*self%nmember))
@@ -71,6 +68,24 @@ contains
          end if
       end associate
    end subroutine new_stage_newton
+
+   !> Bands of the Hessian; dense where those of the matrix would be all of it.
+   pure integer function bands_of(traits, nmember) result(band)
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: nmember
+
+      band = traits%bandwidth
+      if (2*(band + 1)*nmember - 1 >= traits%ndof*nmember) band = dense
+   end function bands_of
+
+   !> Whether matrices of a group are dense, and so small that they are eliminated.
+   pure logical function is_eliminated(traits, nmember)
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: nmember
+
+      is_eliminated = bands_of(traits, nmember) == dense .and. traits%ndof*nmember <= max_lane_unknowns .and. &
+                      .not. pays_by_products(traits, traits%ndof*nmember)
+   end function is_eliminated
 
    !> The slopes of the group's stages, in lanes whose outcome is 0; others rest. A lane that fails gets its code.
    subroutine solve(self, equations, group, outcome)

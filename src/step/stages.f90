@@ -21,6 +21,7 @@ module symsde_step_stages
    use symsde_step_constant_mass, only: new_constant_mass
    use symsde_step_general, only: general_stepper, new_general_stepper
    use symsde_step_lone, only: lone_stepper, few_of
+   use symsde_step_lone_stage_newton, only: new_lone_stage_newton, fits_lone_newton
    use symsde_step_lone_stages, only: lone_stages
    use symsde_step_midpoint, only: midpoint_stepper, new_midpoint_stepper, by_products
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
@@ -239,7 +240,7 @@ contains
       type(lone_stages), allocatable :: made
       integer :: g
 
-      associate (e => self%equations, n => self%ham%ndof)
+      associate (e => self%equations, n => self%ham%ndof, traits => self%ham%model%traits)
          if (any(self%solver%at_once) .or. (e%eliminated .and. e%has_c) .or. .not. e%plan%in_order()) return
          if (allocated(self%ham%modified) .and. .not. allocated(e%shift)) return
          allocate (made)
@@ -254,6 +255,9 @@ contains
                slot%i1 = group%stage(1)
                slot%i2 = group%stage(group%nmember)
                slot%explicit = group%explicit
+               if (self%leaves .or. self%solver(g)%has_rows .or. .not. fits_lone_newton(traits, group)) cycle
+               allocate (slot%newton)
+               call new_lone_stage_newton(slot%newton, traits, group, self%options%max_iter)
             end associate
          end do
          if (allocated(e%mass)) then
