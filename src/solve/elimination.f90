@@ -22,6 +22,7 @@ module symsde_solve_elimination
 
    integer, parameter :: cached = 2304      !! numbers of the matrices of a strip of small systems
    integer, parameter :: narrow_strip = 32  !! lanes of a strip of larger systems
+   integer, parameter :: few = 8            !! numbers of one system from which vectors pay
 
 contains
 
@@ -107,26 +108,41 @@ contains
          ratio = merge(reached, origin, reached <= origin)/(merge(origin, reached, reached <= origin) + tiny(ratio))
          smallest = merge(smallest, merge(ratio, 0.0_wp, ratio >= 0), smallest <= ratio)
          a(k, k) = 1/(a(k, k) + merge(1.0_wp, 0.0_wp, reached <= 0))
-         factor = x(k)
+         if (k == n) exit
+         !GCC$ novector
          do i = k + 1, n
             a(i, k) = a(i, k)*a(k, k)
-            x(i) = x(i) - a(i, k)*factor
          end do
+         call subtract_column(n - k, x(k), a(k + 1, k), x(k + 1))
          do j = k + 1, n
-            factor = a(k, j)
-            do i = k + 1, n
-               a(i, j) = a(i, j) - a(i, k)*factor
-            end do
+            call subtract_column(n - k, a(k, j), a(k + 1, k), a(k + 1, j))
          end do
       end do
-      do k = n, 1, -1
-         factor = x(k)*a(k, k)
-         x(k) = factor
-         do i = 1, k - 1
-            x(i) = x(i) - a(i, k)*factor
-         end do
+      do k = n, 2, -1
+         x(k) = x(k)*a(k, k)
+         call subtract_column(k - 1, x(k), a(1, k), x)
       end do
+      x(1) = x(1)*a(1, 1)
    end subroutine solve_lone
+
+   !> target = target - factor column. Few numbers are faster without vectors.
+   pure subroutine subtract_column(m, factor, column, target)
+      integer, intent(in) :: m
+      real(wp), intent(in) :: factor, column(m)
+      real(wp), intent(inout) :: target(m)
+      integer :: i
+
+      if (m < few) then
+         !GCC$ novector
+         do i = 1, m
+            target(i) = target(i) - column(i)*factor
+         end do
+      else
+         do i = 1, m
+            target(i) = target(i) - column(i)*factor
+         end do
+      end if
+   end subroutine subtract_column
 
    !> One unknown: x = b/a.
    subroutine solve_one_unknown(nlane, a, x, smallest)

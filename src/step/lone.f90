@@ -22,6 +22,7 @@ module symsde_step_lone
       class(model_type), pointer :: model => null()  !! whose lanes have the same bits whatever their number
       integer :: n = 0, m = 0                        !! degrees of freedom, noises
       integer :: most = 2                            !! paths up to which those of a block go one by one
+      integer :: npath = 1                           !! paths of this block
       logical :: mass_alone = .false.                !! Hhat_p = h p, for those that are told
       type(counters_type) :: counters                !! of the steps that were taken
       logical :: wants_record = .false.              !! more than weights drives a step: it stands in the record
@@ -181,6 +182,7 @@ contains
       integer :: lane, k, n
 
       counters = self%counters
+      self%npath = steps%nreal
       ntaken = steps%nstep
       do lane = 1, steps%nreal
          if (status(lane) == 0) then

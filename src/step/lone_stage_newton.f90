@@ -94,25 +94,50 @@ contains
       integer, intent(in) :: n, s, m
       real(wp), intent(in) :: h, b(s, s), times(s), w(0:m), q(n), p(n), z(s, n)
       real(wp), intent(out) :: r(s, n), a(s, n, s, n)
-      real(wp) :: hb
-      integer :: stage, row, i, j
+      integer :: stage, i
 
-      r = z - self%d
+      !GCC$ novector  ! what has just been written number by number
+      do i = 1, n
+         r(:, i) = z(:, i) - self%d(:, i)
+      end do
       do stage = 1, s
-         self%q = q + z(stage, :)
-         call model%gradient_hessian(1, n, m, times(stage), w, self%q, p, hq=self%f, hqq=self%k)
-         do row = 1, s
-            hb = h*b(row, stage)
-            do j = 1, n
-               r(row, j) = r(row, j) + hb*self%f(j)
-               do i = 1, n
-                  a(row, i, stage, j) = (hb*self%k(i, j))  ! in parentheses: not contracted with what follows
-               end do
-               if (row == stage) a(row, j, stage, j) = a(row, j, stage, j) + 1
+         !GCC$ novector
+         do i = 1, n
+            self%q(i) = q(i) + z(stage, i)
+         end do
+         associate (x => self%q, f => self%f, k => self%k, time => times(stage))
+            if (n == 2) then
+               call model%pair(m, time, w, x(1), x(2), f(1), f(2), k(1, 1), k(2, 1), k(1, 2), k(2, 2))
+            else
+               call model%gradient_hessian(1, n, m, time, w, x, p, hq=f, hqq=k)
+            end if
+         end associate
+         call add_stage(n, s, stage, h, b(1, stage), self%f, self%k, r, a)
+      end do
+   end subroutine linearise
+
+   !> What a stage adds to all rows.
+   pure subroutine add_stage(n, s, stage, h, b, f, k, r, a)
+      integer, intent(in) :: n, s, stage
+      real(wp), intent(in) :: h, b(s), f(n), k(n, n)
+      real(wp), intent(inout) :: r(s, n), a(s, n, s, n)
+      real(wp) :: hb
+      integer :: row, i, j
+
+      do row = 1, s
+         hb = h*b(row)
+         do j = 1, n
+            r(row, j) = r(row, j) + hb*f(j)
+            !GCC$ novector  ! few numbers
+            do i = 1, n
+               a(row, i, stage, j) = (hb*k(i, j))  ! in parentheses: not contracted with what follows
             end do
          end do
       end do
-   end subroutine linearise
+      do j = 1, n
+         a(stage, j, stage, j) = a(stage, j, stage, j) + 1
+      end do
+   end subroutine add_stage
 
    !> h B G = z - d, or by one more evaluation.
    subroutine find_slopes(self, model, group, n, m, h, times, w, q, p, f)

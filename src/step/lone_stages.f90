@@ -20,6 +20,7 @@ module symsde_step_lone_stages
    public :: lone_stages
 
    integer, parameter :: most_ahead = 24  !! sweeps of a group: enough for stiff_rate
+   integer, parameter :: most_stiff = 4   !! paths whose stiff steps are taken one by one: five take as long as a block
    integer, parameter :: most_few = 4     !! stages that are taken in numbers alone, as sweeps of a model want them
 
    !> A group that is iterated.
@@ -195,7 +196,7 @@ contains
       logical, intent(out) :: found
       integer :: i, iterations
 
-      found = allocated(slot%newton)
+      found = allocated(slot%newton) .and. self%npath <= most_stiff
       if (.not. found) return
       associate (n => self%n, first => slot%i1, final => slot%i2)
          self%f(:, first:final) = 0
@@ -292,12 +293,22 @@ contains
       integer, intent(in) :: before  !! sweeps of other groups
       logical, intent(out) :: found
 
+      integer :: i, k
+
       associate (n => self%n, s => self%plan%nstage)
-         self%times = few%times(:s)
-         self%base = transpose(few%base(:s, :n))
-         self%f = transpose(few%f(:s, :n, before))
+         do i = 1, s
+            self%times(i) = few%times(i)
+            do k = 1, n
+               self%base(k, i) = few%base(i, k)
+               self%f(k, i) = few%f(i, k, before)
+            end do
+         end do
          call solve_group(self, self%plan%group(g), self%slot(g), h, w, q, p, found)
-         few%f(:s, :n, before + 1) = transpose(self%f)
+         do i = 1, s
+            do k = 1, n
+               few%f(i, k, before + 1) = self%f(k, i)
+            end do
+         end do
       end associate
    end subroutine solve_few
 
