@@ -95,7 +95,7 @@ contains
       real(wp), intent(inout) :: a(n, n)    !! in: the matrix; out: factors
       real(wp), intent(inout) :: x(n)       !! in: right-hand side; out: solution
       real(wp), intent(out) :: smallest     !! pivot monitor
-      real(wp) :: diagonal(n), origin, reached, ratio, factor
+      real(wp) :: diagonal(n), origin, reached, ratio
       integer :: i, j, k
 
       do k = 1, n
