@@ -61,7 +61,7 @@ contains
       self%sigma = sigma
       self%name = 'fpu_chain'
       self%traits = model_traits( &
-                    ndof=n, nnoise=n, separable=.true., additive=.true., position_noise=.true., &
+                    ndof=n, nnoise=n, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
                     quadratic=is_zero(beta), identity_mass=.true., bandwidth=min(1, n - 1), &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_chain_rows=.true., &
                     has_lone_rows=.true., has_lone_pair=n == 2, max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))

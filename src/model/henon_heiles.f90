@@ -57,7 +57,7 @@ contains
       self%sigma2 = sigma2
       self%name = 'henon_heiles'
       self%traits = model_traits( &
-                    ndof=2, nnoise=2, separable=.true., additive=.true., position_noise=.true., &
+                    ndof=2, nnoise=2, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
                     quadratic=is_zero(alpha), identity_mass=.true., rotation=[1.0_wp, 1.0_wp], &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_lone_pair=.true., &
                     has_lone_sweeps=.true.)

@@ -59,7 +59,6 @@ contains
          if (self%has_ito_drift .and. .not. (traits%has_angle_terms .or. traits%has_linear_terms)) return
          call new_lone_explicit(made, one_slope, traits)
       end associate
-      made%ngradient = 1
       call move_alloc(made, lone)
    end subroutine offer_lone
 

@@ -8,13 +8,14 @@
 module symsde_step_explicit
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
+   use symsde_base_traits, only: model_traits
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_constant_mass, only: new_constant_mass
-   use symsde_step_explicit_plan, only: explicit_plan, evaluation, new_explicit_plan, add_slopes, sum_slopes
+   use symsde_step_explicit_plan, only: explicit_plan, evaluation, new_explicit_plan, add_slopes
    use symsde_step_kicks, only: kick, kick_and_drift, kick_again, move
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick, drift_kick_drift, &
-                                        two_slopes
+                                        two_slopes, by_plan
    use symsde_step_lone_swing, only: new_lone_explicit
    use symsde_step_one_sided, only: is_one_sided
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
@@ -25,6 +26,7 @@ module symsde_step_explicit
 
    type, extends(stepper_type) :: explicit_stepper
       private
+      integer :: kind = by_plan       !! of lone steps
       logical :: is_euler = .false.   !! symplectic Euler or its adjoint
       logical :: is_verlet = .false.  !! Stormer-Verlet, where the velocity is h p or h M^-1 p whenever it is asked for
       type(explicit_plan) :: plan
@@ -54,10 +56,14 @@ contains
       self%takes_one_lane = .true.
       self%explicit = .true.
       associate (scheme => task%scheme, t => task%model%traits, nlane => task%nlane)
-         call new_explicit_plan(self%plan, scheme, t%separable)
-         self%is_euler = is_one_sided(scheme)
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
-         self%is_verlet = kind_of(self) == kick_drift_kick .and. (self%ham%mass_alone .or. allocated(self%ham%mass))
+         self%is_euler = is_one_sided(scheme)
+         self%kind = kind_of(scheme, t, allocated(self%ham%mass))
+         associate (by_mass => self%ham%mass_alone .or. allocated(self%ham%mass), of_kind => self%kind == by_plan)
+            self%is_verlet = self%kind == kick_drift_kick .and. by_mass
+            call new_explicit_plan(self%plan, scheme, t%separable, of_kind .and. t%autonomous, &
+                                   of_kind .and. (t%autonomous .or. by_mass))
+         end associate
          allocate (self%hq(nlane, t%ndof, self%plan%nstage), self%hp(nlane, t%ndof, self%plan%nstage))
          allocate (self%qs(nlane, t%ndof), self%ps(nlane, t%ndof))
       end associate
@@ -69,10 +75,8 @@ contains
       class(lone_stepper), allocatable, intent(out) :: lone
       class(lone_explicit), allocatable :: made
 
-      if (kind_of(self) == 0) return
-      call new_lone_explicit(made, kind_of(self), self%ham%model%traits)
-      made%ngradient = size(self%plan%order) - merge(1, 0, self%is_verlet)  ! which asks for its velocity once
-      made%c(:self%plan%nstage) = self%plan%c
+      call new_lone_explicit(made, self%kind, self%ham%model%traits, self%plan)
+      if (self%is_verlet) made%ngradient = made%ngradient - 1  ! it asks for its velocity once
       made%mass_alone = self%ham%mass_alone
       if (allocated(self%ham%mass)) then
          allocate (made%mass)
@@ -81,36 +85,36 @@ contains
       call move_alloc(made, lone)
    end subroutine offer_lone
 
-   !> Which kind of lone steps these are; 0 where there is none.
-   pure integer function kind_of(self) result(kind)
-      type(explicit_stepper), intent(in) :: self
-      real(wp), parameter :: rows(2, 2) = reshape([0.0_wp, 0.0_wp, 0.5_wp, 0.5_wp], [2, 2]), &
-                             columns(2, 2) = reshape([0.5_wp, 0.0_wp, 0.5_wp, 0.0_wp], [2, 2]), &
-                             heun(2, 2) = reshape([0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp], [2, 2])
+   !> Which kind of lone steps these are.
+   pure integer function kind_of(scheme, traits, has_mass) result(kind)
+      type(scheme_type), intent(in) :: scheme
+      type(model_traits), intent(in) :: traits
+      logical, intent(in) :: has_mass  !! a constant one, not known to be the identity
+      real(wp), parameter :: rows(2, 2) = reshape([0.0_wp, 0.5_wp, 0.0_wp, 0.5_wp], [2, 2]), &
+                             columns(2, 2) = reshape([0.5_wp, 0.5_wp, 0.0_wp, 0.0_wp], [2, 2]), &
+                             heun(2, 2) = reshape([0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp], [2, 2])
 
-      kind = 0
-      associate (separable => self%ham%model%traits%separable, plan => self%plan)
-         if (self%is_euler) then
-            if (separable) kind = merge(kick_drift, drift_kick, plan%order(1)%force)
-         else if (has_halves(plan, heun, heun)) then
-            if (.not. allocated(self%ham%mass)) kind = two_slopes
-         else if (separable .and. has_halves(plan, rows, columns)) then
-            kind = kick_drift_kick
-         else if (separable .and. has_halves(plan, columns, rows)) then
-            if (.not. allocated(self%ham%mass)) kind = drift_kick_drift
-         end if
-      end associate
+      kind = by_plan
+      if (is_one_sided(scheme)) then
+         if (traits%separable) kind = merge(kick_drift, drift_kick, scheme%abar(1, 1) > 0.5_wp)
+      else if (has_halves(scheme, heun, heun)) then
+         if (.not. has_mass) kind = two_slopes
+      else if (traits%separable .and. has_halves(scheme, rows, columns)) then
+         kind = kick_drift_kick
+      else if (traits%separable .and. has_halves(scheme, columns, rows)) then
+         if (.not. has_mass) kind = drift_kick_drift
+      end if
    end function kind_of
 
-   !> Whether a plan of two equal weights has these coefficients of Hhat_p, and these of -Hhat_q.
-   pure logical function has_halves(plan, to_q, to_p)
-      type(explicit_plan), intent(in) :: plan
-      real(wp), intent(in) :: to_q(2, 2), to_p(2, 2)
+   !> Whether a tableau of two equal weights has these coefficients of Hhat_p, and these of Hhat_q.
+   pure logical function has_halves(scheme, a, abar)
+      type(scheme_type), intent(in) :: scheme
+      real(wp), intent(in) :: a(2, 2), abar(2, 2)
 
       has_halves = .false.
-      if (plan%nstage /= 2) return
-      has_halves = all(abs(plan%to_q - to_q) <= 0) .and. all(abs(plan%to_p + to_p) <= 0) .and. &
-                   all(abs(plan%alpha - 0.5_wp) <= 0)
+      if (scheme%nstage /= 2) return
+      has_halves = all(abs(scheme%a - a) <= 0) .and. all(abs(scheme%abar - abar) <= 0) .and. &
+                   all(abs(scheme%alpha - 0.5_wp) <= 0)
    end function has_halves
 
    subroutine increment(self, step, q, p, dq, dp, status)
@@ -135,8 +139,8 @@ contains
             i = plan%order(k)%stage
             ! a point that is where the step began is not copied
             associate (what => plan%order(k), ti => step%t + plan%c(i)*step%h)
-               if (what%q_moves) call add_slopes(n, plan%nstage, plan%to_q(:, i), self%hp, q, self%qs)
-               if (what%p_moves) call add_slopes(n, plan%nstage, plan%to_p(:, i), self%hq, p, self%ps)
+               if (what%q_moves) call add_slopes(n, plan%nstage, plan%to_q(i), self%hp, self%qs, q)
+               if (what%p_moves) call add_slopes(n, plan%nstage, plan%to_p(i), self%hq, self%ps, p)
                if (what%q_moves .and. what%p_moves) then
                   call evaluate(self, what, ti, step%w, self%qs, self%ps)
                else if (what%q_moves) then
@@ -148,8 +152,8 @@ contains
                end if
             end associate
          end do
-         call sum_slopes(n, plan%nstage, plan%alpha, self%hp, dq)
-         call sum_slopes(n, plan%nstage, plan%minus_alpha, self%hq, dp)
+         call add_slopes(n, plan%nstage, plan%dq, self%hp, dq)
+         call add_slopes(n, plan%nstage, plan%dp, self%hq, dp)
       end associate
    end subroutine increment
 

@@ -1,29 +1,33 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Explicit steps of one or two stages for a path by itself: symplectic Euler, its adjoint, Stormer-Verlet and the other
-!> Lobatto pair of two stages, where H_j = T_j(p) + U_j(q); Heun and Euler-Maruyama for any H_j.
+!> Explicit steps for a path by itself: symplectic Euler, its adjoint, Stormer-Verlet and the other Lobatto pair of two
+!> stages, where H_j = T_j(p) + U_j(q); Heun and Euler-Maruyama for any H_j; other tableaux by their plan.
 !>
 !> The sums are those of step/explicit and step/euler_maruyama: of the coefficients one and one half, which multiply
 !> without rounding.
 module symsde_step_lone_explicit
    use symsde_base_kinds, only: wp
    use symsde_step_constant_mass, only: constant_mass
+   use symsde_step_explicit_plan, only: explicit_plan, evaluation, add_slopes
    use symsde_step_kicks, only: kick, kick_and_drift, kick_and_drift_each, kick_again, move
    use symsde_step_lone, only: lone_stepper
    implicit none
    private
-   public :: lone_explicit, kick_drift, drift_kick, kick_drift_kick, drift_kick_drift, one_slope, two_slopes
+   public :: lone_explicit, kick_drift, drift_kick, kick_drift_kick, drift_kick_drift, one_slope, two_slopes, by_plan
 
    enum, bind(c)
       enumerator :: kick_drift = 1, drift_kick = 2, kick_drift_kick = 3, drift_kick_drift = 4
       enumerator :: one_slope = 5, two_slopes = 6  !! Euler-Maruyama, Heun
+      enumerator :: by_plan = 7                    !! any
    end enum
 
    type, extends(lone_stepper) :: lone_explicit
       integer :: kind = kick_drift
       integer :: ngradient = 0       !! evaluations of a step
-      real(wp) :: c(2) = 0           !! nodes of the stages
+      real(wp) :: c(2) = 0           !! nodes of one or two stages
+      type(explicit_plan) :: plan    !! of any number of them
       type(constant_mass), allocatable :: mass  !! the velocity is h M^-1 p
       real(wp), allocatable, dimension(:), private :: x, first, second, force  !! (n)
+      real(wp), allocatable, dimension(:, :) :: f, v  !! slopes of the plan, Hhat_q and Hhat_p (n, nstage)
    contains
       procedure :: take
    end type lone_explicit
@@ -40,7 +44,8 @@ contains
       taken = .true.
       self%counters%gradients = self%counters%gradients + self%ngradient
       if (.not. allocated(self%x)) &
-         allocate (self%x(self%n), self%first(self%n), self%second(self%n), self%force(self%n))
+         allocate (self%x(self%n), self%first(self%n), self%second(self%n), self%force(self%n), &
+                   self%f(self%n, self%plan%nstage), self%v(self%n, self%plan%nstage))
       by_numbers = .false.
       if (allocated(self%mass)) then
          call self%mass%look(self%model, 1, t, q)
@@ -54,6 +59,8 @@ contains
             call verlet(self, t, h, w, by_numbers, q, p, dq, dp)
          case (drift_kick_drift)
             call swapped(self, n, t1, t2, w, q, p, self%x, self%first, self%second, self%force, dq, dp)
+         case (by_plan)
+            call follow(self, self%plan, n, t, h, w, by_numbers, q, p, self%x, self%first, self%f, self%v, dq, dp)
          case default
             call slopes(self, n, t1, t2, w, q, p, self%x, self%first, self%second, self%force, dq, dp)
          end select
@@ -161,8 +168,9 @@ contains
          x(i) = q(i) + 0.5_wp*first(i)
       end do
       call self%model%gradient(1, n, self%m, t1, w, x, p, hq=force)
-      call self%model%gradient(1, n, self%m, t2, w, x, p, hq=second)
+      if (.not. self%model%traits%autonomous) call self%model%gradient(1, n, self%m, t2, w, x, p, hq=second)
       do i = 1, n
+         if (self%model%traits%autonomous) second(i) = force(i)
          x(i) = p(i) - 0.5_wp*force(i)
          x(i) = x(i) - 0.5_wp*second(i)
          dp(i) = -0.5_wp*force(i) - 0.5_wp*second(i)
@@ -200,5 +208,56 @@ contains
          dp(i) = -0.5_wp*force(i) - 0.5_wp*dp(i)
       end do
    end subroutine slopes
+
+   !> The evaluations of a plan, as step/explicit takes them.
+   subroutine follow(self, plan, n, t, h, w, by_numbers, q, p, x, y, f, v, dq, dp)
+      type(lone_explicit), intent(inout) :: self
+      type(explicit_plan), intent(in) :: plan
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t, h, w(0:self%m), q(n), p(n)
+      logical, intent(in) :: by_numbers
+      real(wp), intent(inout) :: x(n), y(n), f(n, plan%nstage), v(n, plan%nstage)  !! room
+      real(wp), intent(out) :: dq(n), dp(n)
+      integer :: i, k
+
+      do k = 1, size(plan%order)
+         i = plan%order(k)%stage
+         associate (what => plan%order(k), ti => t + plan%c(i)*h)
+            if (what%q_moves) call add_slopes(n, plan%nstage, plan%to_q(i), v, x, q)
+            if (what%p_moves) call add_slopes(n, plan%nstage, plan%to_p(i), f, y, p)
+            if (what%q_moves .and. what%p_moves) then
+               call evaluate(self, what, n, ti, w, by_numbers, x, y, f(1, i), v(1, i))
+            else if (what%q_moves) then
+               call evaluate(self, what, n, ti, w, by_numbers, x, p, f(1, i), v(1, i))
+            else if (what%p_moves) then
+               call evaluate(self, what, n, ti, w, by_numbers, q, y, f(1, i), v(1, i))
+            else
+               call evaluate(self, what, n, ti, w, by_numbers, q, p, f(1, i), v(1, i))
+            end if
+         end associate
+      end do
+      call add_slopes(n, plan%nstage, plan%dq, v, dq)
+      call add_slopes(n, plan%nstage, plan%dp, f, dp)
+   end subroutine follow
+
+   !> What is wanted of Hhat_q and Hhat_p.
+   subroutine evaluate(self, what, n, t, w, by_numbers, q, p, hq, hp)
+      type(lone_explicit), intent(inout) :: self
+      type(evaluation), intent(in) :: what
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t, w(0:self%m), q(n), p(n)
+      logical, intent(in) :: by_numbers
+      real(wp), intent(inout) :: hq(n), hp(n)
+
+      if (what%force .and. what%velocity) then
+         call self%model%gradient(1, n, self%m, t, w, q, p, hq, hp)
+      else if (what%force) then
+         call self%model%gradient(1, n, self%m, t, w, q, p, hq=hq)
+      else if (by_numbers) then
+         call self%mass%drift(1, w(0:0), p, hp)
+      else
+         call find_velocity(self, n, t, w, q, p, hp)
+      end if
+   end subroutine evaluate
 
 end module symsde_step_lone_explicit

@@ -6,9 +6,10 @@ module symsde_step_lone_swing
    use symsde_base_sincos, only: sincos_one
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: angle_terms
+   use symsde_step_explicit_plan, only: explicit_plan, slope_sum
    use symsde_step_lone, only: few_of
    use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick, drift_kick_drift, &
-                                        two_slopes
+                                        two_slopes, by_plan
    implicit none
    private
    public :: lone_swing, new_lone_explicit
@@ -23,10 +24,11 @@ module symsde_step_lone_swing
 contains
 
    !> Steps of a kind for models with such traits: by terms where there are any.
-   subroutine new_lone_explicit(self, kind, traits)
+   subroutine new_lone_explicit(self, kind, traits, plan)
       class(lone_explicit), allocatable, intent(out) :: self
       integer, intent(in) :: kind
       type(model_traits), intent(in) :: traits
+      type(explicit_plan), intent(in), optional :: plan  !! none: one slope
       type(lone_swing), allocatable :: swing
 
       if (traits%has_angle_terms .or. traits%has_linear_terms) then
@@ -39,6 +41,11 @@ contains
          self%most = few_of(traits%ndof, merge(3, 2, traits%ndof > 1), 6)
       end if
       self%kind = kind
+      self%ngradient = 1
+      if (.not. present(plan)) return
+      self%plan = plan
+      self%ngradient = size(plan%order)
+      self%c(:min(2, plan%nstage)) = plan%c(:min(2, plan%nstage))
    end subroutine new_lone_explicit
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
@@ -49,7 +56,12 @@ contains
 
       taken = .true.
       self%counters%gradients = self%counters%gradients + self%ngradient
-      call swing(self, t, h, w, q(1), p(1), dq(1), dp(1))
+      if (self%kind == by_plan) then
+         if (.not. allocated(self%f)) allocate (self%f(1, self%plan%nstage), self%v(1, self%plan%nstage))
+         call follow(self, self%plan, t, h, w, q(1), p(1), self%f, self%v, dq(1), dp(1))
+      else
+         call swing(self, t, h, w, q(1), p(1), dq(1), dp(1))
+      end if
    end subroutine take
 
    !> What one step adds to q and p.
@@ -60,7 +72,9 @@ contains
       real(wp), intent(out) :: dq, dp
       type(angle_terms) :: terms
       real(wp) :: f, second, v, x, y, sine, cosine
+      logical :: moves  ! the terms do, with time
 
+      moves = .not. self%model%traits%autonomous
       call self%model%angle(self%m, t + self%c(1)*h, w, terms)
       select case (self%kind)
       case (kick_drift)
@@ -75,7 +89,7 @@ contains
          call find_force(self, terms, q, sine, cosine, f)
          y = p - 0.5_wp*f
          v = terms%e*y + terms%f
-         call self%model%angle(self%m, t + self%c(2)*h, w, terms)
+         if (moves) call self%model%angle(self%m, t + self%c(2)*h, w, terms)
          second = terms%e*y + terms%f
          x = q + 0.5_wp*v
          x = x + 0.5_wp*second
@@ -87,7 +101,7 @@ contains
          v = terms%e*p + terms%f
          x = q + 0.5_wp*v
          call find_force(self, terms, x, sine, cosine, f)
-         call self%model%angle(self%m, t + self%c(2)*h, w, terms)
+         if (moves) call self%model%angle(self%m, t + self%c(2)*h, w, terms)
          second = terms%a*sine + (terms%b*cosine + (terms%c*x + terms%d))
          y = p - 0.5_wp*f
          y = y - 0.5_wp*second
@@ -98,7 +112,7 @@ contains
          v = terms%e*p + terms%f
          x = q + v
          y = p - f
-         call self%model%angle(self%m, t + self%c(2)*h, w, terms)
+         if (moves) call self%model%angle(self%m, t + self%c(2)*h, w, terms)
          call find_force(self, terms, x, sine, cosine, second)
          dq = 0.5_wp*v + 0.5_wp*(terms%e*y + terms%f)
          dp = -0.5_wp*f - 0.5_wp*second
@@ -109,6 +123,49 @@ contains
          if (self%ito) call add_ito_drift(self, t, 0.5_wp*abs(h), q, p, sine, cosine, dq, dp)
       end select
    end subroutine swing
+
+   !> The same by the plan.
+   subroutine follow(self, plan, t, h, w, q, p, f, v, dq, dp)
+      type(lone_swing), intent(inout) :: self
+      type(explicit_plan), intent(in) :: plan
+      real(wp), intent(in) :: t, h, w(0:self%m)
+      real(wp), value :: q, p
+      real(wp), intent(inout), dimension(plan%nstage) :: f, v  !! room
+      real(wp), intent(out) :: dq, dp
+      type(angle_terms) :: terms
+      real(wp) :: sine, cosine
+      integer :: i, k
+
+      do k = 1, size(plan%order)
+         i = plan%order(k)%stage
+         if (k == 1 .or. .not. self%model%traits%autonomous) call self%model%angle(self%m, t + plan%c(i)*h, w, terms)
+         if (plan%order(k)%force) &
+            call find_force(self, terms, sum_of(plan%nstage, plan%to_q(i), v, q), sine, cosine, f(i))
+         if (plan%order(k)%velocity) v(i) = terms%e*sum_of(plan%nstage, plan%to_p(i), f, p) + terms%f
+      end do
+      dq = sum_of(plan%nstage, plan%dq, v)
+      dp = sum_of(plan%nstage, plan%dp, f)
+   end subroutine follow
+
+   !> One number of add_slopes (step/explicit_plan).
+   pure real(wp) function sum_of(n, of, slope, start) result(total)
+      integer, intent(in) :: n
+      type(slope_sum), intent(in) :: of
+      real(wp), intent(in) :: slope(n)
+      real(wp), intent(in), optional :: start
+      integer :: j, first
+
+      first = merge(1, 2, present(start))
+      if (present(start)) then
+         total = start
+      else
+         total = (of%c(1)*slope(of%stage(1)))
+      end if
+      !GCC$ novector
+      do j = first, size(of%c)
+         total = total + of%c(j)*slope(of%stage(j))
+      end do
+   end function sum_of
 
    !> Hhat_q, and the sine and the cosine of an angle; of what is none they have no weight.
    subroutine find_force(self, terms, x, sine, cosine, f)
