@@ -117,7 +117,7 @@ def test_blocks_counters_generators_and_builds(topics):
     assert text.endswith("absent, skipped.")
     found = {"flags": "-mavx2", "rows": {"Kubo midpoint, path-step": ([1.0, 2.0, 4.0], [2.0, 8.0, 16.0])}}
     assert rows_of(topics("avx2").section(found)) == [
-        ["Kubo midpoint, path-step", "2 (1 .. 4)", "8 (2 .. 16)", "4 (2 .. 4)", "<= 3", "missed"]
+        ["Kubo midpoint, path-step", "2 (1 .. 4)", "8 (2 .. 16)", "4 (2 .. 4)", "<= 2.2", "missed"]
     ]
 
 
