@@ -96,9 +96,7 @@ def judged(name, tolerance):
     best = min(todo, key=costs.get)
     error = error_at(points.get(advice.scheme), advice.steps)
     return {
-        "scene": name,
-        "tolerance": tolerance,
-        "advised": f"{advice.scheme}, {advice.steps}",
+        "advice": advice,
         "error": error,
         "best": f"{best[0]}, {best[1]}",
         "ratio": costs[advice.scheme, advice.steps] / costs[best],
@@ -113,8 +111,9 @@ def main() -> None:
         for tolerance in CASES[name]:
             row = judged(name, tolerance)
             error = "-" if row["error"] is None else f"{row['error']:.1e}"
+            advised = f"{row['advice'].scheme}, {row['advice'].steps}"
             print(
-                f"| {name} | {tolerance:.0e} | {row['advised']} | {error} | {row['best']} | {row['ratio']:.2f} |",
+                f"| {name} | {tolerance:.0e} | {advised} | {error} | {row['best']} | {row['ratio']:.2f} |",
                 flush=True,
             )
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Advice beside the measured front of error against run time: what keeps the tolerance, and at what cost."""
 
-import json
+import importlib
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,33 +23,12 @@ DEARER = 2.5  #: times the cheapest of the front, on a busy machine
 ROOM = 1.25  #: of the error, beyond the tolerance: 192 paths know it to a tenth
 
 
-def along(x: float, xs, ys) -> float:
-    """On the broken line through points, in logarithms; NaN outside."""
-    order = np.argsort(xs)
-    xs, ys = np.log(np.asarray(xs)[order]), np.log(np.asarray(ys)[order])
-    return float(np.exp(np.interp(math.log(x), xs, ys, left=np.nan, right=np.nan)))
-
-
-def table(name: str) -> tuple[float, dict[str, list[dict]]]:
-    """Horizon of a scene, and its measured points by scheme, those that count."""
-    data = json.loads((ROOT / f"docs/figures/work-precision-{name}.json").read_text())
-    rows: dict[str, list[dict]] = {}
-    for row in data["rows"]:
-        if row["status"] in ("ok", "reference", "rounding"):
-            rows.setdefault(row["scheme"], []).append(row)
-    return data["horizon"], rows
-
-
-def cheapest(points: dict[str, list[dict]], tolerance: float) -> float:
-    """Seconds of a path of the best scheme of the front."""
-    best = math.inf
-    for rows in points.values():
-        error, cost = [r["err_strong"] for r in rows], [r["seconds"] for r in rows]
-        if error[0] <= tolerance:
-            best = min(best, cost[0])
-        elif min(error) <= tolerance:
-            best = min(best, along(tolerance, error, cost))
-    return best
+@pytest.fixture
+def bench(monkeypatch):
+    """The program that times what is advised beside the schemes of the measured pages."""
+    monkeypatch.syspath_prepend(str(ROOT / "bench"))
+    yield importlib.import_module("advice")
+    sys.modules.pop("advice", None)
 
 
 @pytest.mark.parametrize(
@@ -60,35 +40,27 @@ def cheapest(points: dict[str, list[dict]], tolerance: float) -> float:
         ("henon_heiles", 1e-3), ("driven_pendulum", 1e-1), ("driven_pendulum", 1e-3), ("fpu_chain", 1e-1),
     ],
 )  # fmt: skip
-def test_advice_is_near_the_measured_front(name, tolerance):
-    """Error and cost of what is advised are read off the table that was measured; nothing of the pilot judges itself.
+def test_advice_is_near_the_measured_front(bench, name, tolerance):
+    """Errors are those of a table that was measured, costs are timed here: nothing of the pilot judges itself.
 
     Seconds decide between schemes, and on a busy machine they are noisy: one advice of three is to be near in cost,
     each of them in error.
     """
-    horizon, points = table(name)
-    limit = DEARER * cheapest(points, tolerance)
-    assert any(measured_cost(name, horizon, points, tolerance) < limit for _ in range(3))
+    assert any(cost_over_best(bench, name, tolerance) < DEARER for _ in range(3))
 
 
-def measured_cost(name: str, horizon: float, points: dict[str, list[dict]], tolerance: float) -> float:
-    """Advice is asked for and its error judged; its cost by the table, 0 at a step that was not measured."""
-    chosen = scene.load(ROOT / f"examples/scenes/{name}.toml")
-    place = {"q0": chosen.run["q0"], "p0": chosen.run["p0"], "horizon": horizon}
-    advice = ss.advise(chosen.model, **place, tolerance=tolerance)
-    assert ss.schemes.get(advice.scheme).info.symplectic and advice.step * advice.steps == pytest.approx(horizon)
+def cost_over_best(bench, name: str, tolerance: float) -> float:
+    """Advice is asked for, its error and its run are judged; its cost over that of the best scheme of the front."""
+    row = bench.judged(name, tolerance)
+    advice, chosen = row["advice"], scene.load(ROOT / f"examples/scenes/{name}.toml")
+    assert ss.schemes.get(advice.scheme).info.symplectic
     run = ss.simulate(
-        chosen.model, q0=place["q0"], p0=place["p0"], step=advice.step, steps=advice.steps, save_every=advice.steps,
-        scheme=advice.scheme, paths=64, seed=99,
+        chosen.model, q0=chosen.run["q0"], p0=chosen.run["p0"], step=advice.step, steps=advice.steps,
+        save_every=advice.steps, scheme=advice.scheme, paths=64, seed=99,
     )  # fmt: skip
-    assert not run.status.any()
-    rows = points.get(advice.scheme, [])
-    steps = [r["steps"] for r in rows]
-    if len(rows) < 2 or not steps[0] <= advice.steps <= steps[-1]:
-        return 0.0
-    error = along(advice.steps, steps, [r["err_strong"] for r in rows])
-    assert error < ROOM * tolerance
-    return along(advice.steps, steps, [r["seconds"] for r in rows])
+    assert not run.status.any() and run.t[-1] == pytest.approx(bench.front(name)[0])
+    assert row["error"] is None or row["error"] < ROOM * tolerance
+    return row["ratio"]
 
 
 @pytest.mark.parametrize("aligned", [0.0, 1.0])
