@@ -11,7 +11,7 @@ module symsde_step_explicit
    use symsde_base_traits, only: model_traits
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_constant_mass, only: new_constant_mass
-   use symsde_step_explicit_plan, only: explicit_plan, evaluation, new_explicit_plan, add_slopes
+   use symsde_step_explicit_plan, only: explicit_plan, evaluation, new_explicit_plan, add_slopes, to_q, to_p
    use symsde_step_kicks, only: kick, kick_and_drift, kick_again, move
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick, drift_kick_drift, &
@@ -139,8 +139,8 @@ contains
             i = plan%order(k)%stage
             ! a point that is where the step began is not copied
             associate (what => plan%order(k), ti => step%t + plan%c(i)*step%h)
-               if (what%q_moves) call add_slopes(n, plan%nstage, plan%to_q(i), self%hp, self%qs, q)
-               if (what%p_moves) call add_slopes(n, plan%nstage, plan%to_p(i), self%hq, self%ps, p)
+               if (what%q_moves) call add_slopes(n, plan, to_q, i, self%hp, self%qs, q)
+               if (what%p_moves) call add_slopes(n, plan, to_p, i, self%hq, self%ps, p)
                if (what%q_moves .and. what%p_moves) then
                   call evaluate(self, what, ti, step%w, self%qs, self%ps)
                else if (what%q_moves) then
@@ -152,8 +152,8 @@ contains
                end if
             end associate
          end do
-         call add_slopes(n, plan%nstage, plan%dq, self%hp, dq)
-         call add_slopes(n, plan%nstage, plan%dp, self%hq, dp)
+         call add_slopes(n, plan, to_q, 0, self%hp, dq)
+         call add_slopes(n, plan, to_p, 0, self%hq, dp)
       end associate
    end subroutine increment
 

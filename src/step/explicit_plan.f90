@@ -8,7 +8,7 @@ module symsde_step_explicit_plan
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: explicit_plan, evaluation, slope_sum, new_explicit_plan, add_slopes
+   public :: explicit_plan, evaluation, new_explicit_plan, add_slopes, to_q, to_p
 
    integer, parameter :: narrow = 4  !! numbers that are summed one by one
 
@@ -21,18 +21,18 @@ module symsde_step_explicit_plan
       logical :: p_moves = .false.
    end type evaluation
 
-   !> Slopes times coefficients that are not zero; the slopes of others are never read.
-   type :: slope_sum
-      integer, allocatable :: stage(:)
-      real(wp), allocatable :: c(:)
-   end type slope_sum
+   !> Which sums: of Hhat_p, from q to Q_i; of Hhat_q, from p to P_i.
+   integer, parameter :: to_q = 1, to_p = 2
 
+   !> Sums are of slopes times coefficients that are not zero; the slopes of others are never read. Sum i leads to stage
+   !> i, sum 0 is the increment of the step. Both kinds stand in one array: a type for each, as two components, was not
+   !> freed as a whole by gfortran 12.
    type :: explicit_plan
       integer :: nstage = 0
-      real(wp), allocatable :: c(:)                !! nodes (nstage)
-      type(slope_sum), allocatable :: to_q(:)      !! of Hhat_p, from q to Q_i (nstage)
-      type(slope_sum), allocatable :: to_p(:)      !! of Hhat_q, from p to P_i (nstage)
-      type(slope_sum) :: dq, dp                    !! of Hhat_p, of Hhat_q
+      real(wp), allocatable :: c(:)               !! nodes (nstage)
+      integer, allocatable :: many(:, :)          !! slopes of a sum (0:nstage, 2)
+      integer, allocatable :: stage(:, :, :)      !! whose they are (nstage, 0:nstage, 2)
+      real(wp), allocatable :: weight(:, :, :)    !! their coefficients (nstage, 0:nstage, 2)
       type(evaluation), allocatable :: order(:)
    end type explicit_plan
 
@@ -65,13 +65,11 @@ contains
             end associate
          end do
       end do
-      allocate (self%to_q(scheme%nstage), self%to_p(scheme%nstage))
-      do i = 1, scheme%nstage
-         call find_sum(a(i, :), self%to_q(i))
-         call find_sum(abar(i, :), self%to_p(i))
-      end do
-      call find_sum(alpha, self%dq)
-      call find_sum(minus_alpha, self%dp)
+      associate (s => scheme%nstage)
+         allocate (self%many(0:s, 2), self%stage(s, 0:s, 2), self%weight(s, 0:s, 2))
+         call find_sums(s, a, alpha, self%many(:, to_q), self%stage(:, :, to_q), self%weight(:, :, to_q))
+         call find_sums(s, abar, minus_alpha, self%many(:, to_p), self%stage(:, :, to_p), self%weight(:, :, to_p))
+      end associate
       call find_order(scheme%nstage, a, abar, alpha, minus_alpha, separable, self%order)
    end subroutine new_explicit_plan
 
@@ -86,14 +84,28 @@ contains
       alpha(i) = 0
    end subroutine join
 
-   pure subroutine find_sum(c, found)
-      real(wp), intent(in) :: c(:)
-      type(slope_sum), intent(out) :: found
-      integer :: j
+   pure subroutine find_sums(nstage, a, alpha, many, stage, weight)
+      integer, intent(in) :: nstage
+      real(wp), intent(in) :: a(nstage, nstage), alpha(nstage)
+      integer, intent(out) :: many(0:nstage), stage(nstage, 0:nstage)
+      real(wp), intent(out) :: weight(nstage, 0:nstage)
+      real(wp) :: c(nstage)
+      integer :: i, j
 
-      found%stage = pack([(j, j=1, size(c))], abs(c) > 0)
-      found%c = c(found%stage)
-   end subroutine find_sum
+      many = 0
+      stage = 0
+      weight = 0
+      do i = 0, nstage
+         c = alpha
+         if (i > 0) c = a(i, :)
+         do j = 1, nstage
+            if (abs(c(j)) <= 0) cycle
+            many(i) = many(i) + 1
+            stage(many(i), i) = j
+            weight(many(i), i) = c(j)
+         end do
+      end do
+   end subroutine find_sums
 
    !> The order of the evaluations whose slopes are read; not allocated where there is none.
    pure subroutine find_order(nstage, a, abar, alpha, minus_alpha, separable, found)
@@ -131,34 +143,46 @@ contains
       if (all(has_force) .and. all(has_velocity)) found = order(:n)
    end subroutine find_order
 
-   !> VEC total = start + sum_j c_j slope_j, without start the sum alone, of at least one slope.
-   pure subroutine add_slopes(n, nstage, of, slope, total, start)
-      integer, intent(in) :: n, nstage
-      type(slope_sum), intent(in) :: of
-      real(wp), intent(in) :: slope(n, nstage)
+   !> total = start + sum k of a kind, without start sum k alone, of at least one slope.
+   pure subroutine add_slopes(n, plan, kind, k, slope, total, start)
+      integer, intent(in) :: n, kind, k
+      type(explicit_plan), intent(in) :: plan
+      real(wp), intent(in) :: slope(n, plan%nstage)
+      real(wp), intent(inout) :: total(n)
+      real(wp), intent(in), optional :: start(n)
+
+      associate (many => plan%many(k, kind))
+         if (n <= narrow) then
+            call add_few(n, plan%nstage, many, plan%stage(1, k, kind), plan%weight(1, k, kind), slope, total, start)
+         else
+            call add_many(n, plan%nstage, many, plan%stage(1, k, kind), plan%weight(1, k, kind), slope, total, start)
+         end if
+      end associate
+   end subroutine add_slopes
+
+   !> VEC total = start + sum_j c_j slope_j
+   pure subroutine add_many(n, nstage, many, stage, c, slope, total, start)
+      integer, intent(in) :: n, nstage, many, stage(many)
+      real(wp), intent(in) :: c(many), slope(n, nstage)
       real(wp), intent(inout) :: total(n)
       real(wp), intent(in), optional :: start(n)
       integer :: i, j
 
-      if (n <= narrow) then
-         call add_few(n, nstage, size(of%c), of%stage, of%c, slope, total, start)
-         return
-      end if
       if (present(start)) then
          do i = 1, n
-            total(i) = start(i) + of%c(1)*slope(i, of%stage(1))
+            total(i) = start(i) + c(1)*slope(i, stage(1))
          end do
       else
          do i = 1, n
-            total(i) = of%c(1)*slope(i, of%stage(1))
+            total(i) = c(1)*slope(i, stage(1))
          end do
       end if
-      do j = 2, size(of%c)
+      do j = 2, many
          do i = 1, n
-            total(i) = total(i) + of%c(j)*slope(i, of%stage(j))
+            total(i) = total(i) + c(j)*slope(i, stage(j))
          end do
       end do
-   end subroutine add_slopes
+   end subroutine add_many
 
    !> The same of few numbers, which have just been written one by one: a vector of them would wait until they are in
    !> memory. Parentheses keep the first product of a sum from being contracted with the next.

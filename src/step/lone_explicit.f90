@@ -7,7 +7,7 @@
 module symsde_step_lone_explicit
    use symsde_base_kinds, only: wp
    use symsde_step_constant_mass, only: constant_mass
-   use symsde_step_explicit_plan, only: explicit_plan, evaluation, add_slopes
+   use symsde_step_explicit_plan, only: explicit_plan, evaluation, add_slopes, to_q, to_p
    use symsde_step_kicks, only: kick, kick_and_drift, kick_and_drift_each, kick_again, move
    use symsde_step_lone, only: lone_stepper
    implicit none
@@ -223,8 +223,8 @@ contains
       do k = 1, size(plan%order)
          i = plan%order(k)%stage
          associate (what => plan%order(k), ti => t + plan%c(i)*h)
-            if (what%q_moves) call add_slopes(n, plan%nstage, plan%to_q(i), v, x, q)
-            if (what%p_moves) call add_slopes(n, plan%nstage, plan%to_p(i), f, y, p)
+            if (what%q_moves) call add_slopes(n, plan, to_q, i, v, x, q)
+            if (what%p_moves) call add_slopes(n, plan, to_p, i, f, y, p)
             if (what%q_moves .and. what%p_moves) then
                call evaluate(self, what, n, ti, w, by_numbers, x, y, f(1, i), v(1, i))
             else if (what%q_moves) then
@@ -236,8 +236,8 @@ contains
             end if
          end associate
       end do
-      call add_slopes(n, plan%nstage, plan%dq, v, dq)
-      call add_slopes(n, plan%nstage, plan%dp, f, dp)
+      call add_slopes(n, plan, to_q, 0, v, dq)
+      call add_slopes(n, plan, to_p, 0, f, dp)
    end subroutine follow
 
    !> What is wanted of Hhat_q and Hhat_p.

@@ -6,7 +6,7 @@ module symsde_step_lone_swing
    use symsde_base_sincos, only: sincos_one
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: angle_terms
-   use symsde_step_explicit_plan, only: explicit_plan, slope_sum
+   use symsde_step_explicit_plan, only: explicit_plan, to_q, to_p
    use symsde_step_lone, only: few_of
    use symsde_step_lone_explicit, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick, drift_kick_drift, &
                                         two_slopes, by_plan
@@ -139,32 +139,33 @@ contains
       do k = 1, size(plan%order)
          i = plan%order(k)%stage
          if (k == 1 .or. .not. self%model%traits%autonomous) call self%model%angle(self%m, t + plan%c(i)*h, w, terms)
-         if (plan%order(k)%force) &
-            call find_force(self, terms, sum_of(plan%nstage, plan%to_q(i), v, q), sine, cosine, f(i))
-         if (plan%order(k)%velocity) v(i) = terms%e*sum_of(plan%nstage, plan%to_p(i), f, p) + terms%f
+         if (plan%order(k)%force) call find_force(self, terms, sum_of(plan, to_q, i, v, q), sine, cosine, f(i))
+         if (plan%order(k)%velocity) v(i) = terms%e*sum_of(plan, to_p, i, f, p) + terms%f
       end do
-      dq = sum_of(plan%nstage, plan%dq, v)
-      dp = sum_of(plan%nstage, plan%dp, f)
+      dq = sum_of(plan, to_q, 0, v)
+      dp = sum_of(plan, to_p, 0, f)
    end subroutine follow
 
    !> One number of add_slopes (step/explicit_plan).
-   pure real(wp) function sum_of(n, of, slope, start) result(total)
-      integer, intent(in) :: n
-      type(slope_sum), intent(in) :: of
-      real(wp), intent(in) :: slope(n)
+   pure real(wp) function sum_of(plan, kind, k, slope, start) result(total)
+      type(explicit_plan), intent(in) :: plan
+      integer, intent(in) :: kind, k
+      real(wp), intent(in) :: slope(plan%nstage)
       real(wp), intent(in), optional :: start
       integer :: j, first
 
-      first = merge(1, 2, present(start))
-      if (present(start)) then
-         total = start
-      else
-         total = (of%c(1)*slope(of%stage(1)))
-      end if
-      !GCC$ novector
-      do j = first, size(of%c)
-         total = total + of%c(j)*slope(of%stage(j))
-      end do
+      associate (stage => plan%stage(:, k, kind), c => plan%weight(:, k, kind))
+         first = merge(1, 2, present(start))
+         if (present(start)) then
+            total = start
+         else
+            total = (c(1)*slope(stage(1)))
+         end if
+         !GCC$ novector
+         do j = first, plan%many(k, kind)
+            total = total + c(j)*slope(stage(j))
+         end do
+      end associate
    end function sum_of
 
    !> Hhat_q, and the sine and the cosine of an angle; of what is none they have no weight.
