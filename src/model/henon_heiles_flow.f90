@@ -22,6 +22,7 @@ module symsde_model_henon_heiles_flow
    !> Two kicks, of which some schemes leave out one: its part is zero.
    type :: kick_plan
       real(wp) :: drift(3) = 0    !! before, between and after them
+      integer :: nvelocity = 0    !! drifts that count as gradients: those of tableaux
       real(wp) :: part(2) = 0
       real(wp) :: shape(2) = 0    !! gamma_i/b_i
       real(wp) :: linear = 1      !! factor of the linear force
@@ -50,13 +51,14 @@ contains
 
       select case (scheme)
       case ('symplectic_euler')
-         plan = kick_plan(drift=[0, 1, 0], part=[1, 0])
+         plan = kick_plan(drift=[0, 1, 0], part=[1, 0], nvelocity=1)
       case ('symplectic_euler_adjoint')
-         plan = kick_plan(drift=[0, 1, 0], part=[0, 1])
+         plan = kick_plan(drift=[0, 1, 0], part=[0, 1], nvelocity=1)
       case ('stormer_verlet')
-         plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp])
+         plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp], nvelocity=1)
       case ('lobatto2_swapped', 'verlet_dkd_weak2')
          plan = kick_plan(drift=[0.5_wp, 0.5_wp, 0.0_wp], part=[1, 0])
+         if (scheme == 'lobatto2_swapped') plan%nvelocity = 2
       case ('verlet_kdk', 'verlet_kdk_strong2')
          plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp], shape=[2, -2])
       case ('gauss_dkdkd', 'gauss_dkdkd_strong2', 'gauss_dkdkd_rotation')
@@ -97,7 +99,7 @@ contains
                       alpha, sigma1, sigma2, w, dz, q, p, qn, pn)
          end do
       end if
-      counters%gradients = counters%gradients + (1 + count(plan%part > 0))*steps%nstep*steps%nreal
+      counters%gradients = counters%gradients + (plan%nvelocity + count(plan%part > 0))*steps%nstep*steps%nreal
    end subroutine henon_heiles_flow
 
    !> Steps of lane 1 alone: each waits for the one before it.

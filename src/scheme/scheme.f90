@@ -138,7 +138,7 @@ contains
       if (self%form /= tableau_form .or. self%frame /= frame_none .or. self%nstage /= 1) return
       if (.not. self%noise_coefficients_equal()) return
       is_midpoint = abs(self%a(1, 1) - 0.5_wp) <= 0 .and. abs(self%abar(1, 1) - 0.5_wp) <= 0 .and. &
-                    abs(self%alpha(1) - 1) <= 0
+                    abs(self%alpha(1) - 1) <= 0 .and. abs(self%c(1) - 0.5_wp) <= 0
    end function is_midpoint
 
    !> 1/2 - sum_ij beta_i b_ij: the factor of the correction that makes the scheme consistent with the

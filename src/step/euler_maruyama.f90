@@ -37,7 +37,6 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'Euler-Maruyama (not symplectic)'
-      self%is_oracle = .true.
       self%takes_one_lane = .true.
       self%explicit = .true.
       self%has_ito_drift = .not. task%model%traits%correction_vanishes()

@@ -59,10 +59,11 @@ contains
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
          self%is_euler = is_one_sided(scheme)
          self%kind = kind_of(scheme, t, allocated(self%ham%mass))
-         associate (by_mass => self%ham%mass_alone .or. allocated(self%ham%mass), of_kind => self%kind == by_plan)
+         associate (by_mass => self%ham%mass_alone .or. allocated(self%ham%mass), planned => self%kind == by_plan)
             self%is_verlet = self%kind == kick_drift_kick .and. by_mass
-            call new_explicit_plan(self%plan, scheme, t%separable, of_kind .and. t%autonomous, &
-                                   of_kind .and. (t%autonomous .or. by_mass))
+            call new_explicit_plan(self%plan, scheme, t%separable, &
+                                   (planned .or. self%kind == drift_kick_drift) .and. t%autonomous, &
+                                   planned .and. (t%autonomous .or. by_mass))
          end associate
          allocate (self%hq(nlane, t%ndof, self%plan%nstage), self%hp(nlane, t%ndof, self%plan%nstage))
          allocate (self%qs(nlane, t%ndof), self%ps(nlane, t%ndof))
@@ -100,7 +101,7 @@ contains
       else if (has_halves(scheme, heun, heun)) then
          if (.not. has_mass) kind = two_slopes
       else if (traits%separable .and. has_halves(scheme, rows, columns)) then
-         kind = kick_drift_kick
+         if (abs(scheme%c(1) - scheme%c(2)) > 0) kind = kick_drift_kick  ! else stages share the velocity
       else if (traits%separable .and. has_halves(scheme, columns, rows)) then
          if (.not. has_mass) kind = drift_kick_drift
       end if

@@ -42,8 +42,9 @@ module symsde_step_factory
 
 contains
 
-   !> All steppers, the most special ones first and the oracles last: the first one that fits is taken. Only such a one
-   !> is allocated, since a run of few steps would notice the time of allocating all.
+   !> All steppers, the most special ones first and the oracles last: the first one that fits is taken. An oracle
+   !> executes its schemes for every model that they allow, by their equations as they stand: what the others are tested
+   !> against. Only one that fits is allocated, since a run of few steps would notice the time of allocating all.
    subroutine offer(i, task, stepper)
       integer, intent(in) :: i   !! 1 .. nstepper
       type(stepper_task), intent(in) :: task

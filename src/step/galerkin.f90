@@ -48,7 +48,6 @@ contains
       integer :: mu
 
       self%name = 'Galerkin'
-      self%is_oracle = .true.
       self%takes_one_lane = .true.
       associate (scheme => task%scheme)
          self%s = scheme%degree

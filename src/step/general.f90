@@ -61,7 +61,6 @@ contains
       n = model%traits%ndof
       nstage = scheme%nstage
       self%name = 'general'
-      self%is_oracle = .true.
       self%takes_one_lane = .true.
       self%nstage = nstage
       self%npart = merge(1, 2, scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)

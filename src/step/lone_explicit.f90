@@ -23,6 +23,7 @@ module symsde_step_lone_explicit
    type, extends(lone_stepper) :: lone_explicit
       integer :: kind = kick_drift
       integer :: ngradient = 0       !! evaluations of a step
+      logical :: shares = .false.    !! both stages of drift_kick_drift have one force
       real(wp) :: c(2) = 0           !! nodes of one or two stages
       type(explicit_plan) :: plan    !! of any number of them
       type(constant_mass), allocatable :: mass  !! the velocity is h M^-1 p
@@ -154,7 +155,7 @@ contains
       end associate
    end subroutine verlet
 
-   !> Both stages have the same position, between two drifts. Where time matters to the force, they differ in it.
+   !> Both stages have the same position, between two drifts, and share the force unless time matters to it.
    subroutine swapped(self, n, t1, t2, w, q, p, x, first, second, force, dq, dp)
       type(lone_explicit), intent(inout) :: self
       integer, intent(in) :: n
@@ -168,13 +169,16 @@ contains
          x(i) = q(i) + 0.5_wp*first(i)
       end do
       call self%model%gradient(1, n, self%m, t1, w, x, p, hq=force)
-      if (.not. self%model%traits%autonomous) call self%model%gradient(1, n, self%m, t2, w, x, p, hq=second)
-      do i = 1, n
-         if (self%model%traits%autonomous) second(i) = force(i)
-         x(i) = p(i) - 0.5_wp*force(i)
-         x(i) = x(i) - 0.5_wp*second(i)
-         dp(i) = -0.5_wp*force(i) - 0.5_wp*second(i)
-      end do
+      if (self%shares) then
+         call kick(n, 1.0_wp, force, p, dp, x)
+      else
+         call self%model%gradient(1, n, self%m, t2, w, x, p, hq=second)
+         do i = 1, n
+            x(i) = p(i) - 0.5_wp*force(i)
+            x(i) = x(i) - 0.5_wp*second(i)
+            dp(i) = -0.5_wp*force(i) - 0.5_wp*second(i)
+         end do
+      end if
       call find_velocity(self, n, t2, w, q, x, second)
       do i = 1, n
          dq(i) = 0.5_wp*first(i) + 0.5_wp*second(i)

@@ -45,6 +45,7 @@ contains
       if (.not. present(plan)) return
       self%plan = plan
       self%ngradient = size(plan%order)
+      self%shares = size(plan%order) == 3  ! with one force
       self%c(:min(2, plan%nstage)) = plan%c(:min(2, plan%nstage))
    end subroutine new_lone_explicit
 
@@ -101,11 +102,16 @@ contains
          v = terms%e*p + terms%f
          x = q + 0.5_wp*v
          call find_force(self, terms, x, sine, cosine, f)
-         if (moves) call self%model%angle(self%m, t + self%c(2)*h, w, terms)
-         second = terms%a*sine + (terms%b*cosine + (terms%c*x + terms%d))
-         y = p - 0.5_wp*f
-         y = y - 0.5_wp*second
-         dp = -0.5_wp*f - 0.5_wp*second
+         if (self%shares) then
+            y = p - f
+            dp = -f
+         else
+            call self%model%angle(self%m, t + self%c(2)*h, w, terms)
+            second = terms%a*sine + (terms%b*cosine + (terms%c*x + terms%d))
+            y = p - 0.5_wp*f
+            y = y - 0.5_wp*second
+            dp = -0.5_wp*f - 0.5_wp*second
+         end if
          dq = 0.5_wp*v + 0.5_wp*(terms%e*y + terms%f)
       case (two_slopes)
          call find_force(self, terms, q, sine, cosine, f)

@@ -60,6 +60,7 @@ contains
       is_one_sided = .false.
       if (scheme%form /= tableau_form .or. scheme%nstage /= 1) return
       if (.not. scheme%noise_coefficients_equal() .or. abs(scheme%alpha(1) - 1) > 0) return
+      if (abs(scheme%c(1) - scheme%a(1, 1)) > 0) return  ! a time of the user's own
       is_one_sided = (abs(scheme%a(1, 1)) <= 0 .and. abs(scheme%abar(1, 1) - 1) <= 0) .or. &
                      (abs(scheme%a(1, 1) - 1) <= 0 .and. abs(scheme%abar(1, 1)) <= 0)
    end function is_one_sided

@@ -59,7 +59,6 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'drifts and kicks'
-      self%is_oracle = .true.
       self%explicit = .true.
       call new_kick_weights(self%weights, task%scheme%kicks, task%model%traits, task%nlane)
       associate (t => task%model%traits, n => task%model%traits%ndof, m => task%model%traits%nnoise, &

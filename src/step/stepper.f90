@@ -44,9 +44,6 @@ module symsde_step_stepper
       logical :: explicit = .false.          !! no solver is called
       logical :: one_solve = .false.         !! its equations are linear for this model: no iteration
       logical :: moves = .false.             !! move is there
-      !> It executes its schemes for every model that they allow, by their equations as they stand: what the others are
-      !> tested against, and what the option `general` asks for.
-      logical :: is_oracle = .false.
       logical :: takes_one_lane = .false.    !! a block may be of one lane, with the bits of a lane of many
       character(:), allocatable :: left_out    !! what else it does without, for the run report
       type(one_step_hamiltonian) :: ham

@@ -153,7 +153,8 @@ contains
       is_verlet = .false.
       if (scheme%nstage /= 2 .or. .not. scheme%noise_coefficients_equal()) return
       is_verlet = all(abs(scheme%a - a) <= 0) .and. all(abs(scheme%abar(:, 1) - 0.5_wp) <= 0) .and. &
-                  all(abs(scheme%abar(:, 2)) <= 0) .and. all(abs(scheme%alpha - 0.5_wp) <= 0)
+                  all(abs(scheme%abar(:, 2)) <= 0) .and. all(abs(scheme%alpha - 0.5_wp) <= 0) .and. &
+                  all(abs(scheme%c - [0, 1]) <= 0)
    end function is_verlet
 
    !> Several steps from (q, p) to the states after every steps%every-th of them.
