@@ -10,6 +10,7 @@ module symsde_ensemble_recipe
    use symsde_model_abstract, only: model_type
    use symsde_model_callback, only: callback_model
    use symsde_model_real_lanes, only: real_lanes_model, new_real_lanes
+   use symsde_scheme_scheme, only: frame_none
    use symsde_step_factory, only: make_stepper
    use symsde_step_lone, only: lone_stepper
    use symsde_step_lone_lane, only: lone_lane, new_lone_lane, most_of_lane
@@ -58,7 +59,8 @@ contains
                             brings=min(self%options%npath, int(nlane, i8)) <= most)
       if (most > 0) call runner%set_lone(lone, self%task%model)
       runner%real_lanes => view
-      call new_rescue(runner%rescue, self%task, runner%stepper)
+      if (self%task%scheme%frame == frame_none) &  ! else a step inside of the frame is rescued, by its stepper
+         call new_rescue(runner%rescue, self%task, runner%stepper)
    end subroutine new_runner
 
    !> What takes the paths of a block of few one by one, and how many are few; none where the run has no such block.

@@ -24,6 +24,7 @@ module symsde_step_averaged_shift
    use symsde_step_modified_hamiltonian, only: active_brackets
    use symsde_step_noise_shift, only: noise_shift, new_noise_shift
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
+   use symsde_step_rescue, only: rescue_type, new_rescue
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
@@ -41,6 +42,7 @@ module symsde_step_averaged_shift
       private
       type(mean_path) :: mean
       class(stepper_type), allocatable :: inner      !! under h H*, without noise
+      type(rescue_type) :: rescue                    !! of its failed lanes
       real(wp), allocatable :: qs(:, :), ps(:, :)    !! (nlane, ndof)
    contains
       procedure :: make
@@ -83,6 +85,7 @@ contains
          call move_alloc(full, self%inner)
       end if
       self%takes_one_lane = self%inner%takes_one_lane
+      call new_rescue(self%rescue, task, self%inner)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
       call new_mean_path(self%mean, task%model, task%nlane, noise_changes_in_time(task%model))
       allocate (self%qs(task%nlane, task%model%traits%ndof), self%ps(task%nlane, task%model%traits%ndof))
@@ -124,11 +127,15 @@ contains
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
       type(step_record) :: drift
+      integer(i8) :: failed(self%ham%nlane)
 
       drift = step
+      failed = merge(-1_i8, 1_i8, status == 0)
       drift%w(1:, 0:) => self%mean%drift
       self%inner%ham%nreal = self%ham%nreal
       call self%inner%increment(drift, self%qs, self%ps, dq, dp, status)
+      if (any(status /= 0 .and. failed < 0)) &
+         call self%rescue%attempt(self%ham%nlane, drift, self%qs, self%ps, failed, dq, dp, status)
    end subroutine drift_midpoint
 
    !> From the path to its mean, x + B dZ/h.
@@ -165,6 +172,7 @@ contains
 
       call add_counters(total, self%ham%counters)
       call self%inner%tally(total)
+      call self%rescue%tally(total)
    end subroutine tally
 
    ! ---- a path by itself -------------------------------------------------------------------------
