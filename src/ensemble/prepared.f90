@@ -7,6 +7,7 @@
 !> A path that fails keeps its status, step and last good state until the run is reset. A call that is stopped leaves
 !> its blocks at different steps; `resume` takes all of them to where the call was to end.
 module symsde_ensemble_prepared
+   use, intrinsic :: iso_c_binding, only: c_associated, c_loc, c_null_ptr, c_ptr
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_memory, only: require_memory, require_reserve
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument, wrong_shape, out_of_memory, stopped
@@ -40,6 +41,7 @@ module symsde_ensemble_prepared
       integer(i8), private :: goal = 0        !! absolute step that comes next, or is to come next where it was stopped
       integer, private :: at_work = 0         !! 1 during a call
       logical, private :: was_assigned = .false.   !! and not prepared since
+      type(c_ptr), private :: home = c_null_ptr    !! where it was prepared: a copy stands elsewhere
    contains
       procedure :: advance
       procedure :: resume
@@ -79,6 +81,7 @@ contains
       chosen = options
       chosen%save_every = 1
       chosen%nstep = max(0_i8, min(foreseen, 2_i8**46 - options%first_step))
+      self%home = c_loc(self%goal)
       self%given = chosen
       self%scheme = scheme
       call new_ensemble(self%ensemble, model, self%scheme, chosen, q0, p0, path_recorder(), error)
@@ -88,7 +91,7 @@ contains
 
    !> Pointers of a copy would point into the original: a call of what was assigned is refused instead.
    impure elemental subroutine leave_unprepared(self, run)
-      class(prepared_run), intent(out) :: self
+      class(prepared_run), intent(inout) :: self  !! keeps its arrays: gfortran 12 reads them after run = run
       class(prepared_run), intent(in) :: run
 
       self%was_assigned = .true.
@@ -353,7 +356,7 @@ contains
 
    !> A run serves one call at a time: of two threads the second is refused, and so is a callback that asks its own run.
    subroutine enter(self, place, error)
-      class(prepared_run), intent(inout) :: self
+      class(prepared_run), intent(inout), target :: self
       character(*), intent(in) :: place
       type(error_type), allocatable, intent(inout) :: error
       integer :: before
@@ -366,7 +369,8 @@ contains
       if (before /= 0) then
          call raise(error, incompatible, place, 'the prepared run is at work in another call: it serves one at a '// &
                     'time; prepare one for each thread')
-      else if (self%was_assigned) then
+      else if (self%was_assigned .or. &
+               (c_associated(self%home) .and. .not. c_associated(self%home, c_loc(self%goal)))) then
          call raise(error, incompatible, place, 'the run was assigned from another one, and a prepared run points '// &
                     'to parts of itself: prepare it, or move the other one by a pointer or an allocatable')
          call self%leave()
