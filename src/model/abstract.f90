@@ -19,7 +19,7 @@ module symsde_model_abstract
    use symsde_base_traits, only: model_traits, strip_lanes
    implicit none
    private
-   public :: model_type, angle_terms, difference_along, default_step, corrected
+   public :: model_type, angle_terms, difference_along, difference_default, default_step, corrected
    ! the defaults, for models that offer an operation only sometimes
    public :: value_missing, hessian_by_differences, hessian_vector_composed, force_stiffness_composed
 
@@ -367,13 +367,49 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
       real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
-      real(wp), allocatable :: e(:), qe(:, :), pe(:, :), lower_q(:, :), lower_p(:, :)
+      real(wp) :: largest(nlane)
       integer :: i
 
-      allocate (e(nlane), qe(nlane, ndof), pe(nlane, ndof))
-      allocate (lower_q(nlane, ndof), lower_p(nlane, ndof))
-      call largest_component(nlane, ndof, vq, vp, e)
-      e = step/(e + merge(0.0_wp, 1.0_wp, e > 0))  ! a sum: of two divisors the compiler may try both
+      largest = 0
+      do i = 1, ndof
+         largest = max(largest, abs(vq(:, i)), abs(vp(:, i)))
+      end do
+      largest = step/(largest + merge(0.0_wp, 1.0_wp, largest > 0))  ! a sum: of two divisors the compiler may try both
+      call difference_by(self, nlane, ndof, nnoise, largest, t, w, q, p, vq, vp, uq, up)
+   end subroutine difference_along
+
+   !> The same with a step that suits a smooth model: eps^(1/3) times the larger of a component and one balances
+   !> truncation and rounding. No component moves further than it may, so that degrees of freedom of unlike size have
+   !> their own derivatives.
+   subroutine difference_default(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp) :: largest(nlane)
+      integer :: i
+
+      largest = 0
+      do i = 1, ndof
+         largest = max(largest, abs(vq(:, i))/max(1.0_wp, abs(q(:, i))), abs(vp(:, i))/max(1.0_wp, abs(p(:, i))))
+      end do
+      largest = default_step/(largest + merge(0.0_wp, 1.0_wp, largest > 0))
+      call difference_by(self, nlane, ndof, nnoise, largest, t, w, q, p, vq, vp, uq, up)
+   end subroutine difference_default
+
+   !> The difference between e times the vector behind and e times the vector ahead.
+   subroutine difference_by(self, nlane, ndof, nnoise, e, t, w, q, p, vq, vp, uq, up)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: e(nlane)
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp), allocatable :: qe(:, :), pe(:, :), lower_q(:, :), lower_p(:, :)
+      integer :: i
+
+      allocate (qe(nlane, ndof), pe(nlane, ndof), lower_q(nlane, ndof), lower_p(nlane, ndof))
       do i = 1, ndof
          qe(:, i) = q(:, i) - e*vq(:, i)
          pe(:, i) = p(:, i) - e*vp(:, i)
@@ -388,36 +424,7 @@ contains
          uq(:, i) = (uq(:, i) - lower_q(:, i))/(2*e)
          up(:, i) = (up(:, i) - lower_p(:, i))/(2*e)
       end do
-   end subroutine difference_along
-
-   !> The same with a step that suits a smooth model: eps^(1/3) times the larger of the state and
-   !> one balances truncation and rounding.
-   subroutine difference_default(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
-      class(model_type), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
-      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
-      real(wp), allocatable :: step(:)
-
-      allocate (step(nlane))
-      call largest_component(nlane, ndof, q, p, step)
-      step = default_step*max(1.0_wp, step)
-      call difference_along(self, nlane, ndof, nnoise, step, t, w, q, p, vq, vp, uq, up)
-   end subroutine difference_default
-
-   !> The largest component of (xq, xp), lane by lane.
-   pure subroutine largest_component(nlane, ndof, xq, xp, largest)
-      integer, intent(in) :: nlane, ndof
-      real(wp), intent(in) :: xq(nlane, ndof), xp(nlane, ndof)
-      real(wp), intent(out) :: largest(nlane)
-      integer :: i
-
-      largest = 0
-      do i = 1, ndof
-         largest = max(largest, abs(xq(:, i)), abs(xp(:, i)))
-      end do
-   end subroutine largest_component
+   end subroutine difference_by
 
    pure subroutine symmetrise(nlane, ndof, a)
       integer, intent(in) :: nlane, ndof
