@@ -107,7 +107,7 @@ contains
             once = once + (6*(b + 1)*stages + 8)*unknowns
             return
          else if (by_parts .and. pays_by_products(t, t%ndof) .and. task%newton%fixed_point == 0) then
-            lane = lane + krylov_vectors*(unknowns + krylov_vectors)
+            lane = lane + krylov_vectors*(unknowns + krylov_vectors) + unknowns
             return
          end if
          lane = lane + 6*n**2

@@ -60,7 +60,7 @@ contains
             v(:, :, k + 1) = v(:, :, k) + c*u
             call self%products%take()
          end do
-         call self%products%finish(self%newton, self%r, eq%x, status, ham%counters)
+         call self%products%finish(self%newton, eq%x, status, ham%counters)
       end associate
       if (.not. first) return
       eq%stiff_ratio = self%products%krylov%largest - 1  ! the largest |A v| of vectors of size one

@@ -198,7 +198,7 @@ contains
                call multiply(self, tm, step%w, self%products%krylov%k, self%products%krylov%v)
                call self%products%take()
             end do
-            call self%products%finish(self%newton, r, x, status, self%ham%counters)
+            call self%products%finish(self%newton, x, status, self%ham%counters)
          end do
          do i = 1, n
             dq(:, i) = merge(x(:, i), dq(:, i), status == 0)

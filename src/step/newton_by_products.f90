@@ -8,7 +8,7 @@
 !>       ... krylov%v(:, :, krylov%k + 1) = A krylov%v(:, :, krylov%k) ...
 !>       call products%take()
 !>    end do
-!>    call products%finish(newton, r, x, status, counters)
+!>    call products%finish(newton, x, status, counters)
 !>
 !> Corrections come from GMRES with Hessian-vector products, of the model or, where it has none,
 !> differences of two gradients. The matrices are close to I unless h is large against the frequencies, so
@@ -21,7 +21,7 @@ module symsde_step_newton_by_products
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok, nonfinite, not_converged
    use symsde_base_traits, only: model_traits, dense
-   use symsde_model_abstract, only: difference_along, default_step
+   use symsde_model_abstract, only: difference_default
    use symsde_solve_blocks, only: max_lane_unknowns
    use symsde_solve_krylov, only: krylov_type, new_krylov
    use symsde_solve_lapack, only: solve_dense_lapack
@@ -44,13 +44,19 @@ module symsde_step_newton_by_products
    real(wp), parameter :: loose = 1.0e-4_wp                      !! first solve, relative to its right-hand side
    real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)     !! no solve goes further, relative to the unknowns
 
+   integer(i8), parameter :: most_numbers = 2_i8**18  !! of matrices that are formed at once, if more than one
+
    type :: newton_by_products
       type(krylov_type) :: krylov
       integer :: wanted = 0                             !! lanes for which a product is asked for
       real(wp), allocatable :: uq(:, :), up(:, :)       !! room for one of the Hessian (nlane, ndof)
       real(wp), allocatable, private :: before(:), goal(:)  !! sizes of the last residual, and to be reached (nlane)
-      integer, private :: column = 0                    !! of the matrices that are formed
-      real(wp), allocatable, private :: matrices(:, :, :)  !! of lanes that need theirs (unknowns, unknowns, lanes)
+      real(wp), allocatable, private :: right(:, :)     !! A x (nlane, unknowns)
+      integer(i4), allocatable, private :: outcome(:)   !! of lanes that need their matrix (nlane)
+      integer, allocatable, private :: lanes(:)         !! those whose matrices are being formed, a few at once
+      real(wp), allocatable, private :: matrices(:, :, :)  !! (unknowns, unknowns, few)
+      integer, private :: column = 0                    !! of these
+      integer, private :: nsolved = 0                   !! calls of LAPACK
    contains
       procedure :: begin
       procedure :: take
@@ -106,6 +112,7 @@ contains
 
       call new_krylov(self%krylov, nlane, unknowns)
       allocate (self%uq(nlane, ndof), self%up(nlane, ndof), self%before(nlane), self%goal(nlane))
+      allocate (self%right(nlane, unknowns), self%outcome(nlane))
    end subroutine new_newton_by_products
 
    !> Seek corrections of the running lanes for the residual r.
@@ -114,6 +121,7 @@ contains
       type(newton_type), intent(in) :: newton
       real(wp), intent(in) :: r(self%krylov%nlane, self%krylov%n)
 
+      self%right = r
       associate (krylov => self%krylov)
          call krylov%start(r, newton%last)
          call set_goals(krylov%nlane, newton%iteration, krylov%norm, newton%size, self%before, self%goal)
@@ -137,35 +145,53 @@ contains
    end subroutine take
 
    !> Correct the unknowns x of the running lanes, and judge them.
-   subroutine finish(self, newton, r, x, status, counters)
+   subroutine finish(self, newton, x, status, counters)
       class(newton_by_products), intent(inout) :: self
       type(newton_type), intent(inout) :: newton
-      real(wp), intent(in) :: r(self%krylov%nlane, self%krylov%n)
       real(wp), intent(inout) :: x(self%krylov%nlane, self%krylov%n)
       integer(i8), intent(inout) :: status(self%krylov%nlane)
       type(counters_type), intent(inout) :: counters
 
       associate (krylov => self%krylov)
-         if (any(krylov%unsolved)) call solve_unsolved(self, newton, r, status, counters)
+         if (any(krylov%unsolved)) call settle_unsolved(self, newton, status, counters)
          call correct_lanes(krylov%nlane, krylov%n, krylov%x, newton%last, x, newton%step, newton%size)
          call newton%judge(status, counters)
       end associate
    end subroutine finish
 
-   !> The lanes that GMRES has not solved: the columns of their matrices are asked for, if there is memory.
+   !> The lanes that GMRES has not solved are solved by their matrices.
    subroutine begin_matrices(self)
       type(newton_by_products), intent(inout) :: self
-      integer :: memory
 
+      self%nsolved = 0
       associate (krylov => self%krylov)
-         self%wanted = count(krylov%unsolved .and. krylov%norm <= huge(1.0_wp))
-         if (self%wanted == 0) return
-         allocate (self%matrices(krylov%n, krylov%n, self%wanted), stat=memory)
-         if (memory /= 0) self%wanted = 0
+         self%outcome = merge(not_converged, nonfinite, krylov%norm <= huge(1.0_wp))
+         self%lanes = [integer ::]
+         if (any(krylov%unsolved)) call form_more(self, 1)
       end associate
+   end subroutine begin_matrices
+
+   !> Of some lanes from this one on, as many as may be large at once, the columns of their matrices are asked for, if
+   !> there is memory.
+   subroutine form_more(self, lane)
+      type(newton_by_products), intent(inout) :: self
+      integer, intent(in) :: lane
+      integer :: i, few, memory
+
+      memory = 0
+      associate (krylov => self%krylov)
+         few = int(max(1_i8, most_numbers/int(krylov%n, i8)**2))
+         self%lanes = pack([(i, i=lane, krylov%nlane)], &
+                           krylov%unsolved(lane:) .and. self%outcome(lane:) == not_converged)
+         self%lanes = self%lanes(:min(few, size(self%lanes)))
+         self%wanted = size(self%lanes)
+         if (allocated(self%matrices)) deallocate (self%matrices)
+         if (self%wanted > 0) allocate (self%matrices(krylov%n, krylov%n, self%wanted), stat=memory)
+      end associate
+      if (memory /= 0) self%wanted = 0
       self%column = 0
       if (self%wanted > 0) call ask_column(self)
-   end subroutine begin_matrices
+   end subroutine form_more
 
    !> The next one: the product with a unit vector.
    subroutine ask_column(self)
@@ -179,57 +205,49 @@ contains
 
    subroutine take_column(self)
       type(newton_by_products), intent(inout) :: self
-      integer :: lane, i
+      integer :: i
 
-      associate (krylov => self%krylov)
-         i = 0
-         do lane = 1, krylov%nlane
-            if (.not. (krylov%unsolved(lane) .and. krylov%norm(lane) <= huge(1.0_wp))) cycle
-            i = i + 1
-            self%matrices(:, self%column, i) = krylov%v(lane, :, 2)
-         end do
-         if (self%column < krylov%n) then
-            call ask_column(self)
-         else
-            self%wanted = 0
-         end if
-      end associate
+      do i = 1, size(self%lanes)
+         self%matrices(:, self%column, i) = self%krylov%v(self%lanes(i), :, 2)
+      end do
+      if (self%column < self%krylov%n) then
+         call ask_column(self)
+      else
+         call solve_lanes(self)
+         call form_more(self, self%lanes(size(self%lanes)) + 1)
+      end if
    end subroutine take_column
 
-   !> By their matrices, one by one; those that cannot be solved fail.
-   subroutine solve_unsolved(self, newton, r, status, counters)
+   !> One by one.
+   subroutine solve_lanes(self)
+      type(newton_by_products), intent(inout) :: self
+      real(wp) :: x(self%krylov%n)
+      integer :: i
+
+      do i = 1, size(self%lanes)
+         associate (lane => self%lanes(i))
+            x = self%right(lane, :)
+            call solve_dense_lapack(size(x), self%matrices(:, :, i), x, self%outcome(lane))
+            if (self%outcome(lane) == status_ok) self%krylov%x(lane, :) = x
+         end associate
+      end do
+      self%nsolved = self%nsolved + size(self%lanes)
+   end subroutine solve_lanes
+
+   !> Lanes that cannot be solved by their matrices fail, or whose matrices find no memory.
+   subroutine settle_unsolved(self, newton, status, counters)
       type(newton_by_products), intent(inout) :: self
       type(newton_type), intent(inout) :: newton
-      real(wp), intent(in) :: r(self%krylov%nlane, self%krylov%n)
       integer(i8), intent(inout) :: status(self%krylov%nlane)
       type(counters_type), intent(inout) :: counters
-      real(wp), allocatable :: x(:)
-      integer(i4) :: info
-      integer :: lane, i
+      integer :: lane
 
-      i = 0
-      associate (krylov => self%krylov)
-         do lane = 1, krylov%nlane
-            if (.not. krylov%unsolved(lane)) cycle
-            info = nonfinite
-            if (krylov%norm(lane) <= huge(1.0_wp)) then
-               info = not_converged  ! the matrices find no memory
-               if (allocated(self%matrices)) then
-                  i = i + 1
-                  x = r(lane, :)
-                  call solve_dense_lapack(krylov%n, self%matrices(:, :, i), x, info)
-                  counters%lapack_solves = counters%lapack_solves + 1
-               end if
-            end if
-            if (info == status_ok) then
-               krylov%x(lane, :) = x
-            else
-               call newton%fail(lane, int(info, i8), status, counters)
-            end if
-         end do
-      end associate
-      if (allocated(self%matrices)) deallocate (self%matrices)
-   end subroutine solve_unsolved
+      do lane = 1, self%krylov%nlane
+         if (self%krylov%unsolved(lane) .and. self%outcome(lane) /= status_ok) &
+            call newton%fail(lane, int(self%outcome(lane), i8), status, counters)
+      end do
+      counters%lapack_solves = counters%lapack_solves + self%nsolved
+   end subroutine settle_unsolved
 
    !> Hessian of Hhat at (q, p) times (vq, vp). A model with a Hessian and no product would form the one for
    !> the other: then too a difference of gradients is cheaper.
@@ -238,20 +256,13 @@ contains
       integer, intent(in) :: nlane, n, wanted   !! lanes, degrees of freedom, lanes that count
       real(wp), intent(in) :: t, w(nlane, 0:ham%nnoise), q(nlane, n), p(nlane, n), vq(nlane, n), vp(nlane, n)
       real(wp), intent(out) :: uq(nlane, n), up(nlane, n)
-      real(wp) :: step(nlane)
-      integer :: i
 
       associate (model => ham%model, m => ham%nnoise, counters => ham%counters)
          if (model%traits%has_hessian_vector) then
             call model%hessian_vector(nlane, n, m, t, w, q, p, vq, vp, uq, up)
             counters%hessian_vectors = counters%hessian_vectors + wanted
          else
-            step = 1
-            do i = 1, n
-               step = max(step, abs(q(:, i)), abs(p(:, i)))
-            end do
-            step = default_step*step
-            call difference_along(model, nlane, n, m, step, t, w, q, p, vq, vp, uq, up)
+            call difference_default(model, nlane, n, m, t, w, q, p, vq, vp, uq, up)
             counters%gradients = counters%gradients + 2*wanted
          end if
       end associate

@@ -105,7 +105,7 @@ contains
                call multiply(self, equations, group)
                call self%products%take()
             end do
-            call self%products%finish(self%newton, self%r, self%z, outcome, equations%ham%counters)
+            call self%products%finish(self%newton, self%z, outcome, equations%ham%counters)
          else
             call linearise(self, equations, group)
             call correct(self, equations, outcome)
