@@ -104,8 +104,8 @@ contains
       class(krylov_type), intent(inout) :: self
 
       call orthogonalise(self, self%k)
-      call rotate(self%nlane, self%most, self%k, self%unsolved .and. self%length == self%k - 1, self%h, self%c, self%s, &
-                  self%g, self%largest)
+      call rotate(self%nlane, self%most, self%k, self%unsolved .and. self%length == self%k - 1, self%h, self%c, &
+                  self%s, self%g, self%largest)
       call judge_lanes(self%nlane, self%k, self%h(:, self%k, self%k), self%g(:, self%k + 1), self%goal, &
                        self%norm, self%length, self%unsolved, self%nrunning)
       self%running = self%nrunning > 0 .and. self%k < self%most
