@@ -104,8 +104,8 @@ contains
       class(krylov_type), intent(inout) :: self
 
       call orthogonalise(self, self%k)
-      call rotate(self%nlane, self%most, self%k, self%unsolved .and. self%length == self%k - 1, self%h, self%c, &
-                  self%s, self%g, self%largest)
+      call rotate(self%nlane, self%most, self%k, self%unsolved, self%length, self%h, self%c, self%s, self%g, &
+                  self%largest)
       call judge_lanes(self%nlane, self%k, self%h(:, self%k, self%k), self%g(:, self%k + 1), self%goal, &
                        self%norm, self%length, self%unsolved, self%nrunning)
       self%running = self%nrunning > 0 .and. self%k < self%most
@@ -251,9 +251,10 @@ contains
    end subroutine scale_by
 
    !> Apply the earlier rotations to column k, and rotate its last entry away.
-   pure subroutine rotate(nlane, most, k, runs, h, c, s, g, largest)
+   pure subroutine rotate(nlane, most, k, unsolved, length, h, c, s, g, largest)
       integer, intent(in) :: nlane, most, k
-      logical, intent(in) :: runs(nlane)  !! the others' vectors are there for their neighbours' sake
+      logical, intent(in) :: unsolved(nlane)
+      integer, intent(in) :: length(nlane)  !! vectors so far; the others' are there for their neighbours' sake
       real(wp), intent(inout) :: h(nlane, most + 1, most), c(nlane, most), s(nlane, most)
       real(wp), intent(inout) :: g(nlane, most + 1), largest(nlane)
       real(wp) :: total(nlane), a(nlane), d(nlane), divisor(nlane)
@@ -263,7 +264,7 @@ contains
       do i = 1, k
          total = total + h(:, i, k)**2
       end do
-      largest = merge(max(largest, sqrt(total)), largest, runs)
+      largest = merge(max(largest, sqrt(total)), largest, unsolved .and. length == k - 1)
       do i = 1, k - 1
          a = c(:, i)*h(:, i, k) + s(:, i)*h(:, i + 1, k)
          h(:, i + 1, k) = c(:, i)*h(:, i + 1, k) - s(:, i)*h(:, i, k)
