@@ -272,3 +272,17 @@ def test_wrong_steps_are_refused(monkeypatch, text, old, new, scheme):
     monkeypatch.setattr(emit_flow, "_text", lambda x: whole(x).replace(old, new) if x == text else whole(x))
     with pytest.raises(errors.FalseTraitError, match=f"the whole steps of scheme {scheme} .* are not those"):
         ss.simulate(model("several" if text == "gauss2_swept" else "pendulum"), scheme=scheme, **RUN, steps=3)
+
+
+@pytest.mark.parametrize("state", [(0.3, 0.0), (0.6, -1.0), (1.0, -1.0)])
+def test_another_root_of_a_stiff_step_is_no_fault(state):
+    """A double well at h = 6, where the equations have several roots: theirs is found, and it solves them."""
+    well = ss.model_from_sympy("p**2/2 + q**4/4 - q**2/2", noise=["-0.2*q"], q=["q"], p=["p"])
+    run = ss.simulate(
+        well, q0=state[0], p0=state[1], step=6.0, steps=1, scheme="midpoint", increments=np.full((1, 1), 0.5)
+    )
+    q, p = run.q[:, 0, 0], run.p[:, 0, 0]
+    middle, size = q.mean(), 1 + np.abs(q).max() ** 3
+    assert "whole steps" in run.report.stepper and not run.status.any()
+    assert abs(q[1] - q[0] - 6 * p.mean()) < 1e-12 * size
+    assert abs(p[1] - p[0] + 6 * (middle**3 - middle) - 0.2 * 0.5) < 1e-12 * size
