@@ -51,7 +51,7 @@ module symsde_model_abstract
       procedure :: force_stiffness => force_stiffness_composed
       procedure :: chain_rows => chain_rows_missing
       procedure :: third_derivative => third_derivative_missing
-      procedure :: sweeps => sweeps_missing
+      procedure :: sweeps => sweeps_composed
       procedure :: pair => pair_composed
       procedure :: angle => angle_missing
       procedure :: has_flow => has_no_flow
@@ -242,22 +242,56 @@ contains
       up = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine third_derivative_missing
 
-   !> Sweeps over stages i1 .. i2 of one path of two degrees of freedom, where noise is in position: its positions are
+   !> Sweeps over stages i1 .. i2 of one path of one degree of freedom or two, where noise is in position: its positions
+   !> are
    !>
    !>    base_i + sum_j b_ji f_j      from j = i on and around, with b of the first sweep, or of the others,
    !>
-   !> and each new f_i = Hhat_q is used at once. There are up to four stages. This default serves models without it:
-   !> traits%has_lone_sweeps is false.
-   subroutine sweeps_missing(self, nnoise, nstage, i1, i2, first, last, t, w, base, b, most, f, change, extent)
-      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   !> and each new f_i = Hhat_q is used at once. There are up to four stages. This default asks for gradients; a model
+   !> whose own sweeps cost so little that some may be in vain says so by traits%has_lone_sweeps.
+   subroutine sweeps_composed(self, nnoise, nstage, i1, i2, first, last, t, w, base, b, most, f, change, extent)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
       real(wp), intent(in) :: t(nstage), w(0:nnoise), base(4, 2), b(4, 4, 2)
       real(wp), intent(inout) :: f(4, 2, 0:most)  !! of all stages, after sweeps; those before are given
       real(wp), intent(inout), dimension(most) :: change, extent  !! of each sweep; NaN need not show
+      real(wp) :: x(2), still(2), force(2), moved, size
+      integer :: i, j, k, m, d, at
 
-      change(first:last) = ieee_value(1.0_wp, ieee_quiet_nan)
-   end subroutine sweeps_missing
+      still = 0
+      do k = first, last
+         !GCC$ novector  ! here and below: vectors would wait for numbers that were stored one by one
+         do d = 1, self%traits%ndof
+            !GCC$ novector
+            do i = 1, nstage
+               f(i, d, k) = f(i, d, k - 1)
+            end do
+         end do
+         at = min(k, 2)
+         moved = 0
+         size = 0
+         do i = i1, i2
+            !GCC$ novector
+            do d = 1, self%traits%ndof
+               x(d) = base(i, d)
+               !GCC$ novector
+               do m = i, i + nstage - 1
+                  j = merge(m - nstage, m, m > nstage)
+                  x(d) = x(d) + b(j, i, at)*f(j, d, k)
+               end do
+            end do
+            call self%gradient(1, self%traits%ndof, nnoise, t(i), w, x, still, hq=force)
+            !GCC$ novector
+            do d = 1, self%traits%ndof
+               moved = max(moved, abs(force(d) - f(i, d, k)))
+               size = max(size, abs(force(d)))
+               f(i, d, k) = force(d)
+            end do
+         end do
+         change(k) = moved
+         extent(k) = size
+      end do
+   end subroutine sweeps_composed
 
    !> Hhat_q and Hhat_qq of one path of two degrees of freedom, where noise is in position or additive: numbers without
    !> arrays, whose bits are those of gradient_hessian. This default asks for that.

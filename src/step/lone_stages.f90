@@ -127,13 +127,13 @@ contains
       end associate
    end subroutine find_coefficients
 
-   !> Whether a path is taken in numbers: of one angle, or of two degrees of freedom by the model.
+   !> Whether a path is taken in numbers: of an angle, or by sweeps of the model.
    pure logical function in_numbers(self, model)
       class(lone_stages), intent(in) :: self
       class(model_type), intent(in) :: model
 
       associate (s => self%plan%nstage, t => model%traits)
-         in_numbers = (t%has_angle_terms .or. (t%has_lone_sweeps .and. s >= 2)) .and. s <= most_few .and. &
+         in_numbers = (t%has_angle_terms .or. (t%ndof <= 2 .and. s >= 2)) .and. s <= most_few .and. &
                       self%eliminated .and. .not. allocated(self%mass)
       end associate
    end function in_numbers
@@ -256,7 +256,7 @@ contains
       evaluations = 0
       do g = 1, size(self%slot)
          associate (slot => self%slot(g))
-            call ask(self, few, s, n, slot, w, sweeps, sweep, verdict)
+            call ask(self, few, s, slot, w, sweeps, sweep, verdict)
             evaluations = evaluations + sweep*(slot%i2 - slot%i1 + 1)
             total = total + sweep
             if (verdict < done) then
@@ -312,34 +312,38 @@ contains
       end associate
    end subroutine solve_few
 
-   !> The slopes of a group: as many sweeps as the step before took, which mostly is enough, then one by one. That
-   !> something is not a number is seen where the step ends.
-   subroutine ask(self, few, s, n, slot, w, before, sweep, last)
+   !> The slopes of a group: where sweeps cost little, as many as the step before took, which mostly is enough, then one
+   !> by one. That something is not a number is seen where the step ends.
+   subroutine ask(self, few, s, slot, w, before, sweep, last)
       type(lone_stages), intent(in) :: self
       type(few_numbers), intent(inout) :: few
-      integer, intent(in) :: s, n
+      integer, intent(in) :: s
       type(group_slot), intent(inout) :: slot
       real(wp), intent(in) :: w(0:self%m)
       integer, intent(in) :: before  !! sweeps of other groups
       integer, intent(out) :: sweep  !! that ended it
       real(wp), intent(out) :: last  !! done, or given up; not negative where it took too long
       real(wp) :: change(most_ahead), extent(most_ahead)
+      logical :: angles
       integer :: first, i
 
-      if (n == 1) then
+      angles = self%model%traits%has_angle_terms
+      if (angles) then
          do i = slot%i1, slot%i2
             call self%find_terms(few%times(i), w, few%terms(i))
          end do
+      else if (.not. self%model%traits%has_lone_sweeps) then
+         slot%nsweep = 1
       end if
       last = 0
       first = 1
       do while (last >= 0 .and. slot%nsweep <= most_ahead)
-         if (n == 2) then
-            call self%model%sweeps(self%m, s, slot%i1, slot%i2, first, slot%nsweep, few%times, w, few%base, few%b, &
-                                   most_ahead, few%f(1, 1, before), change, extent)
-         else
+         if (angles) then
             call swing(slot%i1, slot%i2, first, slot%nsweep, few%terms, few%base, few%b, few%f(1, 1, before), change, &
                        extent)
+         else
+            call self%model%sweeps(self%m, s, slot%i1, slot%i2, first, slot%nsweep, few%times, w, few%base, few%b, &
+                                   most_ahead, few%f(1, 1, before), change, extent)
          end if
          call judge_ahead(first, slot%nsweep, slot%too_slow, self%too_stiff, most_ahead, change, extent, last, sweep)
          first = slot%nsweep + 1

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Models of the user in NumPy functions, what goes wrong in them, and threads that ask one model."""
 
+import ctypes
 import gc
+import math
 import threading
 import traceback
 import weakref
@@ -88,6 +90,32 @@ def test_what_is_derived_is_probed_once_for_each_size():
             asked(model, 40.0)
     with pytest.raises(errors.WrongTypeError, match="derived"):
         ss.Model(ndof=1, nnoise=0, gradient=gradient, derived="yes")
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "lobatto3"])
+@pytest.mark.parametrize("ndof", [2, 3])
+def test_one_path_asks_for_as_many_gradients_as_are_counted(ndof, scheme):
+    calls, array = [], ctypes.POINTER(ctypes.c_double)
+
+    @ctypes.CFUNCTYPE(*(ctypes.c_int,) * 4, ctypes.c_double, *(array,) * 5, ctypes.c_void_p)
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917
+        calls.append(nlane)
+        for k in range(nlane * ndof):
+            hq[k] = w[k % nlane] * (math.sin(q[k]) + 0.3 * sum(q[k % nlane : nlane * ndof : nlane]))
+            hp[k] = w[k % nlane] * p[k]
+        return 0
+
+    facts = {"separable": True, "identity_mass": True, "position_noise": True, "any_lanes": True}
+    model = ss.Model(ndof=ndof, nnoise=0, gradient=gradient, **facts)
+
+    def asked_and_counted(steps):
+        calls.clear()
+        run = ss.simulate(model, scheme=scheme, q0=0.7, p0=0.2, step=0.05, steps=steps)
+        return np.array([len(calls), run.report.counters["gradients"]])
+
+    asked_and_counted(1)  # what is derived is probed once
+    asked, counted = asked_and_counted(80) - asked_and_counted(40)
+    assert asked == counted > 40 and calls[-1] == 1  # one path by itself
 
 
 def test_hessian_vector_is_used(options):
