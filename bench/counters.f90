@@ -23,7 +23,7 @@ program bench_counters
    call check('explicit_calls_no_solver', 'fpu_chain', [character(6) ::], [real(wp) ::], &
               'stormer_verlet')
    call check('explicit_calls_no_solver', 'kubo', [character(6) ::], [real(wp) ::], 'heun')
-   call check('explicit_calls_no_solver', 'kubo', [character(6) ::], [real(wp) ::], &
+   call check('Ito_drift_calls_no_solver', 'kubo', [character(6) ::], [real(wp) ::], &
               'euler_maruyama')
    call check('sigma_zero_draws_nothing', 'kubo', ['sigma '], [0.0_wp], 'midpoint')
    call check('sigma_zero_draws_nothing', 'linear_oscillator', ['sigma '], [0.0_wp], 'midpoint')
@@ -60,6 +60,8 @@ contains
          select case (claim)
          case ('explicit_calls_no_solver')
             holds = holds .and. c%iterations == 0 .and. c%solves == 0 .and. c%hessians == 0
+         case ('Ito_drift_calls_no_solver')  ! a Hessian of the noise, applied to its gradient
+            holds = holds .and. c%iterations == 0 .and. c%solves == 0 .and. c%hessians == c%steps
          case ('sigma_zero_draws_nothing')
             holds = holds .and. c%normals == 0
          case ('one_noise_silent_draws_one')

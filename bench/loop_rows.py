@@ -215,9 +215,9 @@ def stages(scheme, n, step) -> tuple[Run, Run]:
     return tuple(library(model, s, 256, step, q0=0.01) for s in (scheme, "midpoint"))
 
 
-def mean_field(n, paths, maker) -> tuple[Run, Run]:
+def mean_field(n, paths, maker, rounding=loops.ROUNDING) -> tuple[Run, Run]:
     """Sites that all pull at each other: dense callbacks, or a formula."""
-    function = loops.collocation(loops.mean_field_force, n, 1, "midpoint")
+    function = loops.collocation(loops.mean_field_force, n, 1, "midpoint", rounding)
     q0 = 0.2 * np.cos(np.arange(n))
     return library(maker(n), "midpoint", paths, 0.02, q0), loop(function, n, paths, 0.02, q0)
 
@@ -299,9 +299,9 @@ def rows() -> Iterator[Row]:
     for name, paths in (("henon_heiles gauss2", 1000), ("synchrotron lobatto3", 1000), ("fpu64 midpoint", 1000)):
         yield Row("many", name, paths, 1.0, partial(scene, name, paths))
     for n in (2, 8, 16):
-        yield Row(
-            "many", f"cfunc mean_field{n} midpoint", 1000, 1.0, partial(mean_field, n, 1000, loop_models.mean_field)
-        )
+        make = partial(mean_field, n, 1000, loop_models.mean_field)
+        yield Row("many", f"cfunc mean_field{n} midpoint", 1000, 1.0, make)
+        yield Row("rounding", f"cfunc mean_field{n} midpoint", 1000, 1.0, partial(make, rounding=0.0))
     for name in SCENES:
         for paths in (1, 2, 8, 32):
             yield Row(f"few{paths}", name, paths, 1.5, partial(scene, name, paths))

@@ -3,9 +3,9 @@
 """The plain loops that a user of numba would write instead of calling the library: `loop_rows.py` times both.
 
 Every loop goes over paths and steps, draws its normals where it needs them from NumPy's Generator (PCG64 and ziggurat,
-as numba compiles them), and keeps nothing but what its name says. Implicit schemes iterate to rounding: one unknown by
-Newton's method, several by fixed-point iteration from the explicit guess, which converges at the mild steps of the
-rows. No -ffast-math: results would not be comparable.
+as numba compiles them), and keeps nothing but what its name says. Implicit schemes iterate, one unknown by
+Newton's method to rounding, several by fixed-point iteration from the explicit guess, which converges at the mild steps
+of the rows, until positions change by `ROUNDING` or less. No -ffast-math: results would not be comparable.
 
 A loop is `run(generator, q0, p0, step, steps, paths)`, q0 and p0 arrays of one number for each degree of freedom.
 """
@@ -76,8 +76,11 @@ def euler(force, n, m):
     return run
 
 
-def collocation(force, n, m, scheme):
-    """A Runge-Kutta pair with its momenta eliminated: Q_i = q + c_i h p + h sum_j (a abar)_ij F_j."""
+def collocation(force, n, m, scheme, rounding=ROUNDING):
+    """A Runge-Kutta pair with its momenta eliminated: Q_i = q + c_i h p + h sum_j (a abar)_ij F_j.
+
+    It ends where positions change by no more than `rounding`; with 0 where they no longer change, or no longer less.
+    """
     a, abar, b = TABLEAUX[scheme]
     s = len(b)
     product, c, weights = a @ abar, a.sum(axis=1), b @ abar
@@ -96,10 +99,11 @@ def collocation(force, n, m, scheme):
                 for i in range(s):
                     for j in range(n):
                         x[i, j] = q[j] + c[i] * step * p[j]
+                change = math.inf
                 for _ in range(BOUND):
                     for i in range(s):
                         force(w, x[i], f[i], room)
-                    change = 0.0
+                    before, change = change, 0.0
                     for i in range(s):
                         for j in range(n):
                             moved = 0.0
@@ -108,7 +112,7 @@ def collocation(force, n, m, scheme):
                             moved = q[j] + step * (c[i] * p[j] + moved)
                             change = max(change, abs(moved - x[i, j]))
                             x[i, j] = moved
-                    if not change > ROUNDING:
+                    if not change > rounding or (rounding <= 0 and change >= before):
                         break
                 for j in range(n):
                     dq, dp = p[j], 0.0

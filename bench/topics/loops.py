@@ -9,6 +9,7 @@ GROUPS = {
     "stages": "schemes of several stages, 256 paths",
     "step": "a step beside one of midpoint in the library (mild h = 0.1, stiff h = 5, lobatto3 1.25)",
     "many": "1000 paths",
+    "rounding": "1000 paths, loops that iterate until nothing changes, as the library does",
     "few1": "1 path",
     "few2": "2 paths",
     "few8": "8 paths",
@@ -45,7 +46,7 @@ def section(rows: list[dict]) -> str:
     heads = ["rows", "scene", "library", "loop", "ratio", "target", "", "by pointer", "ratio"]
     title = "## Beside plain loops in numba\n\n"
     if not rows:
-        return title + f"numba: {ABSENT}."
+        return title + ("No row has such a name." if importlib.util.find_spec("numba") else f"numba: {ABSENT}.")
     cells = []
     for row in rows:
         ours, theirs, ratio, *through = row["numbers"]
@@ -57,8 +58,9 @@ def section(rows: list[dict]) -> str:
         title
         + "ns of processor time per path-step on one thread, library and loop in turn: the least of the repeats. The\n"
         "loops of `bench/loops.py` are what a user of numba would write: scalar loops over paths and steps, normals\n"
-        "drawn in the loop by NumPy's generator (PCG64, ziggurat), no -ffast-math; several unknowns by fixed-point\n"
-        "iteration, one by Newton's method, to rounding. The library draws its own normals. By pointer: the same loop\n"
+        "drawn in the loop by NumPy's generator (PCG64, ziggurat), no -ffast-math; one unknown by Newton's method to\n"
+        "rounding, several by fixed-point iteration until positions change by 1e-14, if not said otherwise. The\n"
+        "library iterates until its slopes no longer change, and draws its own normals. By pointer: the same loop\n"
         "where it calls the compiled callback that the library is given, instead of a force that numba inlines.\n\n"
         + table(heads, cells)
     )
