@@ -270,7 +270,8 @@ contains
             call new_noise_shift(made%shift, self%ham%model, 1)
          end if
          made%most = few_of(n, merge(3, 4, e%eliminated), 8)  ! one more takes 0.8 to 1.5 of the time
-         if (n == 2 .and. made%in_numbers(self%ham%model)) made%most = 12  ! as many as go alone at all
+         if (n == 2 .and. made%in_numbers(self%ham%model)) &  ! as many as go alone at all; five take as long as a block
+            made%most = merge(12, 4, traits%has_lone_sweeps)
       end associate
       call move_alloc(made, lone)
    end subroutine offer_lone
