@@ -249,16 +249,16 @@ contains
    !>
    !> and each new f_i = Hhat_q is used at once. There are up to four stages. This default asks for gradients; a model
    !> whose own sweeps cost so little that some may be in vain says so by traits%has_lone_sweeps.
-   subroutine sweeps_composed(self, nnoise, nstage, i1, i2, first, last, t, w, base, b, most, f, change, extent)
+   subroutine sweeps_composed(self, nnoise, nstage, i1, i2, first, last, t, w, p, base, b, most, f, change, extent)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
-      real(wp), intent(in) :: t(nstage), w(0:nnoise), base(4, 2), b(4, 4, 2)
+      real(wp), intent(in) :: t(nstage), w(0:nnoise), p(self%traits%ndof), base(4, 2), b(4, 4, 2)
       real(wp), intent(inout) :: f(4, 2, 0:most)  !! of all stages, after sweeps; those before are given
-      real(wp), intent(inout), dimension(most) :: change, extent  !! of each sweep; NaN need not show
-      real(wp) :: x(2), still(2), force(2), moved, size
+      !> Of each sweep. The change is no number where a force is none, unless the next force then is none, too.
+      real(wp), intent(inout), dimension(most) :: change, extent
+      real(wp) :: x(2), force(2), moved, size, zero
       integer :: i, j, k, m, d, at
 
-      still = 0
       do k = first, last
          !GCC$ novector  ! here and below: vectors would wait for numbers that were stored one by one
          do d = 1, self%traits%ndof
@@ -270,6 +270,7 @@ contains
          at = min(k, 2)
          moved = 0
          size = 0
+         zero = 0
          do i = i1, i2
             !GCC$ novector
             do d = 1, self%traits%ndof
@@ -280,15 +281,16 @@ contains
                   x(d) = x(d) + b(j, i, at)*f(j, d, k)
                end do
             end do
-            call self%gradient(1, self%traits%ndof, nnoise, t(i), w, x, still, hq=force)
+            call self%gradient(1, self%traits%ndof, nnoise, t(i), w, x, p, hq=force)
             !GCC$ novector
             do d = 1, self%traits%ndof
+               zero = zero + 0*force(d)
                moved = max(moved, abs(force(d) - f(i, d, k)))
                size = max(size, abs(force(d)))
                f(i, d, k) = force(d)
             end do
          end do
-         change(k) = moved
+         change(k) = moved + zero  ! NaN stays
          extent(k) = size
       end do
    end subroutine sweeps_composed

@@ -163,10 +163,10 @@ contains
    end subroutine force_of_one
 
    !> Sweeps over stages of one path, see model_type. Every number of stages has loops of its own length.
-   subroutine sweeps(self, nnoise, nstage, i1, i2, first, last, t, w, base, b, most, f, change, extent)
+   subroutine sweeps(self, nnoise, nstage, i1, i2, first, last, t, w, p, base, b, most, f, change, extent)
       class(henon_heiles_model), intent(in) :: self
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
-      real(wp), intent(in) :: t(nstage), w(0:nnoise), base(4, 2), b(4, 4, 2)
+      real(wp), intent(in) :: t(nstage), w(0:nnoise), p(self%traits%ndof), base(4, 2), b(4, 4, 2)
       real(wp), intent(inout) :: f(4, 2, 0:most)
       real(wp), intent(inout), dimension(most) :: change, extent
 

@@ -256,7 +256,7 @@ contains
       evaluations = 0
       do g = 1, size(self%slot)
          associate (slot => self%slot(g))
-            call ask(self, few, s, slot, w, sweeps, sweep, verdict)
+            call ask(self, few, s, slot, w, p, sweeps, sweep, verdict)
             evaluations = evaluations + sweep*(slot%i2 - slot%i1 + 1)
             total = total + sweep
             if (verdict < done) then
@@ -313,13 +313,13 @@ contains
    end subroutine solve_few
 
    !> The slopes of a group: where sweeps cost little, as many as the step before took, which mostly is enough, then one
-   !> by one. That something is not a number is seen where the step ends.
-   subroutine ask(self, few, s, slot, w, before, sweep, last)
+   !> by one.
+   subroutine ask(self, few, s, slot, w, p, before, sweep, last)
       type(lone_stages), intent(in) :: self
       type(few_numbers), intent(inout) :: few
       integer, intent(in) :: s
       type(group_slot), intent(inout) :: slot
-      real(wp), intent(in) :: w(0:self%m)
+      real(wp), intent(in) :: w(0:self%m), p(self%n)
       integer, intent(in) :: before  !! sweeps of other groups
       integer, intent(out) :: sweep  !! that ended it
       real(wp), intent(out) :: last  !! done, or given up; not negative where it took too long
@@ -342,8 +342,8 @@ contains
             call swing(slot%i1, slot%i2, first, slot%nsweep, few%terms, few%base, few%b, few%f(1, 1, before), change, &
                        extent)
          else
-            call self%model%sweeps(self%m, s, slot%i1, slot%i2, first, slot%nsweep, few%times, w, few%base, few%b, &
-                                   most_ahead, few%f(1, 1, before), change, extent)
+            call self%model%sweeps(self%m, s, slot%i1, slot%i2, first, slot%nsweep, few%times, w, p, few%base, &
+                                   few%b, most_ahead, few%f(1, 1, before), change, extent)
          end if
          call judge_ahead(first, slot%nsweep, slot%too_slow, self%too_stiff, most_ahead, change, extent, last, sweep)
          first = slot%nsweep + 1

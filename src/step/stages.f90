@@ -348,6 +348,8 @@ contains
          else
             allocate (general)
             call new_general_stepper(general, model, self%scheme, correction_none, self%width, self%options)
+            if (allocated(self%ham%modified)) &  ! made in a step, it sees the model at real lanes alone
+               general%ham%modified%time_dependent = self%ham%modified%time_dependent
             call move_alloc(general, self%other)
          end if
       end associate

@@ -92,21 +92,29 @@ def test_what_is_derived_is_probed_once_for_each_size():
         ss.Model(ndof=1, nnoise=0, gradient=gradient, derived="yes")
 
 
-@pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "lobatto3"])
-@pytest.mark.parametrize("ndof", [2, 3])
-def test_one_path_asks_for_as_many_gradients_as_are_counted(ndof, scheme):
+def lane_by_lane(ndof, nnoise, force, **traits):
+    """A model as compiled functions are, for any number of lanes: force(t, w, q, p) of one lane; and its calls."""
     calls, array = [], ctypes.POINTER(ctypes.c_double)
 
     @ctypes.CFUNCTYPE(*(ctypes.c_int,) * 4, ctypes.c_double, *(array,) * 5, ctypes.c_void_p)
     def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917
         calls.append(nlane)
-        for k in range(nlane * ndof):
-            hq[k] = w[k % nlane] * (math.sin(q[k]) + 0.3 * sum(q[k % nlane : nlane * ndof : nlane]))
-            hp[k] = w[k % nlane] * p[k]
+        for lane in range(nlane):
+            mine = slice(lane, nlane * ndof, nlane)
+            weights, momenta = w[lane : nlane * nham : nlane], p[mine]
+            for k, slope in enumerate(force(t, weights, q[mine], momenta)):
+                hq[k * nlane + lane] = slope
+                hp[k * nlane + lane] = weights[0] * momenta[k]
         return 0
 
     facts = {"separable": True, "identity_mass": True, "position_noise": True, "any_lanes": True}
-    model = ss.Model(ndof=ndof, nnoise=0, gradient=gradient, **facts)
+    return ss.Model(ndof=ndof, nnoise=nnoise, gradient=gradient, **facts, **traits), calls
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "lobatto3"])
+@pytest.mark.parametrize("ndof", [2, 3])
+def test_one_path_asks_for_as_many_gradients_as_are_counted(ndof, scheme):
+    model, calls = lane_by_lane(ndof, 0, lambda t, w, q, p: [w[0] * (math.sin(x) + 0.3 * sum(q)) for x in q])
 
     def asked_and_counted(steps):
         calls.clear()
@@ -116,6 +124,51 @@ def test_one_path_asks_for_as_many_gradients_as_are_counted(ndof, scheme):
     asked_and_counted(1)  # what is derived is probed once
     asked, counted = asked_and_counted(80) - asked_and_counted(40)
     assert asked == counted > 40 and calls[-1] == 1  # one path by itself
+
+
+def ends_at_a_wall(t, w, q, p):
+    """No number beyond 0.9, and a number where the position is none, as minima and maxima of C give it."""
+    return [math.nan if q[0] > 0.9 else w[0] * (q[0] if abs(q[0]) < 2 else 2.0), w[0] * q[1]]
+
+
+def rounds_by_momenta(t, w, q, p):
+    return [w[0] * ((x + y) - y) for x, y in zip(q, p, strict=True)]
+
+
+def shaken_in_time(t, w, q, p):
+    """No number beyond 0.9; what takes steps that are not mild is made late, and asks of one path alone."""
+    if q[0] > 0.9:
+        return [math.nan] * 2
+    moving = 1 + 0.3 * math.sin(1.7 * t)
+    ties = 0.5 * w[0] * (q[1] - q[0])
+    forces = w[0] * math.sin(q[0]) - ties + 0.3 * w[1] * math.cos(q[0]), w[0] * math.sin(q[1]) + ties
+    return [moving * x for x in forces]
+
+
+@pytest.mark.filterwarnings("ignore::symsde.errors.PathsFailedWarning")
+@pytest.mark.parametrize(
+    ("scheme", "force", "nnoise", "step"),
+    [
+        ("gauss2", ends_at_a_wall, 0, 0.3),
+        ("lobatto3", ends_at_a_wall, 0, 0.3),
+        ("gauss3", rounds_by_momenta, 0, 0.1),
+        ("gauss2_strong32", shaken_in_time, 1, -0.9),
+    ],
+)
+def test_one_path_meets_what_it_meets_in_a_block(scheme, force, nnoise, step):
+    """What is no number is seen, momenta are those of the path, and noises that change are seen to, bit for bit."""
+    random = np.random.default_rng(1)
+    q0, p0 = np.clip(0.4 * random.normal(size=(2, 13)), -0.5, 0.5), random.normal(size=(2, 13))
+    model, _ = lane_by_lane(2, nnoise, force)
+    how = {"scheme": scheme, "step": step, "steps": 24, "seed": 1}
+    many = ss.simulate(model, q0=q0, p0=p0, paths=13, **how)
+    assert force is rounds_by_momenta or 0 < (many.status != 0).sum() < 13
+    for i in range(13):
+        own = slice(i, i + 1)
+        one = ss.simulate(model, q0=q0[:, own], p0=p0[:, own], first_path=i, **how)
+        np.testing.assert_array_equal(one.q, many.q[:, :, own])
+        np.testing.assert_array_equal(one.p, many.p[:, :, own])
+        assert (one.status, one.failed_step) == (many.status[i], many.failed_step[i])
 
 
 def test_hessian_vector_is_used(options):
