@@ -10,7 +10,7 @@ module symsde_step_whole
    use symsde_base_record, only: step_record, steps_record
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
-   use symsde_scheme_catalogue, only: get_scheme
+   use symsde_scheme_catalogue, only: get_scheme, scheme_names
    use symsde_model_abstract, only: corrected
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, correction_none, correction_increments, tableau_form, &
                                    splitting_form, frame_none
@@ -92,13 +92,23 @@ contains
                                     merge(0.0_wp, task%scheme%correction_coefficient(), plain))
    end subroutine make
 
-   !> The name by which a model has the flow of a scheme: nothing depends on what a user calls one of the four.
+   !> The name by which a model has the flow of a scheme, that of the catalogue: nothing depends on what users call it.
    subroutine name_of_flow(scheme, name)
       type(scheme_type), intent(in) :: scheme
       character(:), allocatable, intent(out) :: name
+      character(len=name_length), allocatable :: known(:)
+      integer :: i
 
       name = trim(usual_name(scheme, scheme%brackets%are_added()))
-      if (name == '') name = scheme%name
+      if (name /= '') return
+      name = scheme%name
+      if (is_of_catalogue(scheme, name)) return
+      known = scheme_names()
+      do i = 1, size(known)
+         if (.not. is_of_catalogue(scheme, trim(known(i)))) cycle
+         name = trim(known(i))
+         return
+      end do
    end subroutine name_of_flow
 
    !> The name in the catalogue of one of the four, known by its coefficients; blank for others.
@@ -135,7 +145,7 @@ contains
       is_of_catalogue = all(abs(known%a - scheme%a) <= 0) .and. all(abs(known%abar - scheme%abar) <= 0) .and. &
                         all(abs(known%b - scheme%b) <= 0) .and. all(abs(known%bbar - scheme%bbar) <= 0) .and. &
                         all(abs(known%alpha - scheme%alpha) <= 0) .and. all(abs(known%beta - scheme%beta) <= 0) .and. &
-                        all(abs(known%c - scheme%c) <= 0)
+                        all(abs(known%c - scheme%c) <= 8*epsilon(1.0_wp))  ! of a user's, sums of a
    end function is_of_catalogue
 
    pure logical function same_brackets(a, b)

@@ -87,6 +87,20 @@ def test_scheme_from_quadrature_is_gauss2(kubo, options):
     np.testing.assert_allclose(mine, known, rtol=0, atol=1e-13)
 
 
+def test_a_scheme_is_known_by_its_coefficients():
+    """Whole steps of a model are those of the tableau, whatever it is called."""
+    known = ss.schemes.get("lobatto3").tableau()
+    how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 40, "paths": 20, "correction": "none"}
+    for factor, same in ((1.0, True), (1.01, False)):
+        a = known.a.copy()
+        a[1, 0] *= factor
+        mine = ss.schemes.from_tableau(a, known.abar, known.alpha, "mine", allow_nonsymplectic=True)
+        for model in (ss.models.kubo(), ss.models.linear_oscillator()):
+            own, theirs = (ss.simulate(model, scheme=scheme, **how) for scheme in (mine, "lobatto3"))
+            assert "whole steps of lobatto3" in theirs.report.stepper
+            assert (own.report.stepper == theirs.report.stepper) == np.array_equal(own.q, theirs.q) == same
+
+
 def test_scheme_from_tableau(kubo, options):
     scheme = ss.schemes.from_tableau([[0.5]], [[0.5]], [1.0])
     assert scheme.info.keeps_quadratic
