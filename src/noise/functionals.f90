@@ -15,6 +15,7 @@
 !>    dW = dW_1 + dW_2,  dZ = dZ_1 + dZ_2 + h_2 dW_1,  A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
 !>    K = (K_1 + K_2)/4 + (H_1 - H_2)/8  (halves),     J_kl = J_1 + J_2 + Z_k1 dW_l2 + dW_k1 (h_2 dW_l2 - Z_l2)
 module symsde_noise_functionals
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_functionals, only: functional_set, functional_count, area_index, pair_index, nfunctional, &
                                       path_dz, path_areas, path_stt_area, path_magnus
    use symsde_base_kinds, only: wp
@@ -79,8 +80,10 @@ contains
             end do
             x(:, pair_index(l, l)) = x(:, pair_index(l, l)) - length*abs(length)/15
          end do
-      case default  ! path_dz
+      case (path_dz)
          x = length*(0.5_wp*w + hh)
+      case default  ! forgotten here: no path goes on with it
+         x = ieee_value(length, ieee_quiet_nan)
       end select
    end subroutine shape_values
 
@@ -97,22 +100,27 @@ contains
       end do
       call new_path_interval(whole, nlane, nnoise, left%length + right%length, asked)
       whole%w = left%w + right%w
-      if (asked%has(path_dz)) then
-         do k = 1, nnoise
-            whole%of(path_dz)%x(:, k) = (left%of(path_dz)%x(:, k) + right%of(path_dz)%x(:, k)) &
-                                        + right%length*left%w(:, k)
-         end do
-      end if
-      if (asked%has(path_areas)) &
-         call merge_areas(nlane, nnoise, left%w, right%w, left%of(path_areas)%x, right%of(path_areas)%x, &
-                          whole%of(path_areas)%x)
-      if (asked%has(path_stt_area)) &
-         whole%of(path_stt_area)%x = 0.25_wp*(left%of(path_stt_area)%x + right%of(path_stt_area)%x) &
-                                     + 0.125_wp*(left%of(path_dz)%x/left%length - right%of(path_dz)%x/right%length &
-                                                 - 0.5_wp*(left%w - right%w))
-      if (asked%has(path_magnus)) &
-         call merge_magnus(nlane, nnoise, right%length, left%w, right%w, left%of(path_dz)%x, right%of(path_dz)%x, &
-                           left%of(path_magnus)%x, right%of(path_magnus)%x, whole%of(path_magnus)%x)
+      do f = 1, nfunctional
+         if (.not. asked%has(f)) cycle
+         associate (x1 => left%of(f)%x, x2 => right%of(f)%x, x => whole%of(f)%x, w1 => left%w, w2 => right%w)
+            select case (f)
+            case (path_dz)
+               do k = 1, nnoise
+                  x(:, k) = (x1(:, k) + x2(:, k)) + right%length*w1(:, k)
+               end do
+            case (path_areas)
+               call merge_areas(nlane, nnoise, w1, w2, x1, x2, x)
+            case (path_stt_area)
+               x = 0.25_wp*(x1 + x2) + 0.125_wp*(left%of(path_dz)%x/left%length - right%of(path_dz)%x/right%length &
+                                                 - 0.5_wp*(w1 - w2))
+            case (path_magnus)
+               call merge_magnus(nlane, nnoise, right%length, w1, w2, left%of(path_dz)%x, right%of(path_dz)%x, x1, x2, &
+                                 x)
+            case default  ! forgotten here: no path goes on with it
+               x = ieee_value(left%length, ieee_quiet_nan)
+            end select
+         end associate
+      end do
    end subroutine merge_intervals
 
    pure subroutine merge_magnus(nlane, nnoise, h2, w1, w2, z1, z2, x1, x2, x)

@@ -6,7 +6,7 @@
 module symsde_noise_integral_draws
    use symsde_base_area_rule, only: area_rule, areas_in_law
    use symsde_base_functionals, only: functional_set, functional_count, area_index, path_areas, path_dz, &
-                                      path_stt_area, path_magnus
+                                      path_stt_area
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: padded
    use symsde_base_laws, only: law_gaussian
@@ -54,7 +54,7 @@ contains
       class(integral_draws), intent(in) :: self
 
       are_direct = self%refine == 0 .and. self%asked%has(path_dz) .and. &
-                   .not. (self%asked%has(path_areas) .or. self%asked%has(path_magnus))
+                   count(self%asked%has) == count(self%asked%has([path_dz, path_stt_area]))
    end function are_direct
 
    !> The lanes are so many pairs of steps of a path, an even one first: even ones in the first half, which share their

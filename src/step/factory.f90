@@ -38,34 +38,39 @@ module symsde_step_factory
       logical :: as_increments = .false.  !! for compensated sums: no states, whose last place is coarser
    end type stepper_options
 
-   integer, parameter :: nstepper = 15, first_oracle = 12
+   !> The order in which steppers are asked, the most special ones first and the oracles last.
+   enum, bind(c)
+      enumerator :: whole = 1, verlet_dz, averaged_shift, explicit, drift_preserving, midpoint, midpoint_single
+      enumerator :: midpoint_full, one_sided, stages_single, stages
+      enumerator :: first_oracle, general = first_oracle, euler_maruyama, galerkin, splitting, last_stepper = splitting
+   end enum
 
 contains
 
-   !> All steppers, the most special ones first and the oracles last: the first one that fits is taken. An oracle
-   !> executes its schemes for every model that they allow, by their equations as they stand: what the others are tested
-   !> against. Only one that fits is allocated, since a run of few steps would notice the time of allocating all.
+   !> The first stepper that fits is taken. An oracle executes its schemes for every model that they allow, by their
+   !> equations as they stand: what the others are tested against. Only one that fits is allocated, since a run of few
+   !> steps would notice the time of allocating all.
    subroutine offer(i, task, stepper)
-      integer, intent(in) :: i   !! 1 .. nstepper
+      integer, intent(in) :: i   !! whole .. last_stepper
       type(stepper_task), intent(in) :: task
       class(stepper_type), allocatable, intent(inout) :: stepper  !! not allocated; still so if it does not fit
 
       select case (i)
-      case (1); if (whole_fits(task)) allocate (whole_stepper :: stepper)
-      case (2); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
-      case (3); if (task%scheme%frame == frame_mean_path) allocate (averaged_shift_stepper :: stepper)
-      case (4); if (explicit_fits(task)) allocate (explicit_stepper :: stepper)
-      case (5); if (drift_preserving_fits(task)) allocate (drift_preserving_stepper :: stepper)
-      case (6); if (midpoint_fits(task)) allocate (midpoint_stepper :: stepper)
-      case (7); if (midpoint_single_fits(task)) allocate (midpoint_single_stepper :: stepper)
-      case (8); if (midpoint_full_fits(task)) allocate (midpoint_full_stepper :: stepper)
-      case (9); if (one_sided_fits(task)) allocate (one_sided_stepper :: stepper)
-      case (10); if (stages_single_fits(task)) allocate (stages_single_stepper :: stepper)
-      case (11); if (stages_fits(task)) allocate (stages_stepper :: stepper)
-      case (first_oracle); if (task%is_tableau()) allocate (general_stepper :: stepper)
-      case (13); if (task%scheme%form == ito_form) allocate (euler_maruyama_stepper :: stepper)
-      case (14); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)
-      case default
+      case (whole); if (whole_fits(task)) allocate (whole_stepper :: stepper)
+      case (verlet_dz); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
+      case (averaged_shift); if (task%scheme%frame == frame_mean_path) allocate (averaged_shift_stepper :: stepper)
+      case (explicit); if (explicit_fits(task)) allocate (explicit_stepper :: stepper)
+      case (drift_preserving); if (drift_preserving_fits(task)) allocate (drift_preserving_stepper :: stepper)
+      case (midpoint); if (midpoint_fits(task)) allocate (midpoint_stepper :: stepper)
+      case (midpoint_single); if (midpoint_single_fits(task)) allocate (midpoint_single_stepper :: stepper)
+      case (midpoint_full); if (midpoint_full_fits(task)) allocate (midpoint_full_stepper :: stepper)
+      case (one_sided); if (one_sided_fits(task)) allocate (one_sided_stepper :: stepper)
+      case (stages_single); if (stages_single_fits(task)) allocate (stages_single_stepper :: stepper)
+      case (stages); if (stages_fits(task)) allocate (stages_stepper :: stepper)
+      case (general); if (task%is_tableau()) allocate (general_stepper :: stepper)
+      case (euler_maruyama); if (task%scheme%form == ito_form) allocate (euler_maruyama_stepper :: stepper)
+      case (galerkin); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)
+      case (splitting)
          if (task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation) &
             allocate (splitting_stepper :: stepper)
       end select
@@ -123,7 +128,7 @@ contains
       task = wanted
       task%model => model
       task%nlane = nlane
-      do i = merge(first_oracle, 1, task%general), nstepper
+      do i = merge(first_oracle, whole, task%general), last_stepper
          call offer(i, task, stepper)
          if (.not. allocated(stepper)) cycle
          call stepper%make(task)
