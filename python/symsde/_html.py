@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import models
+from .model import FLAGS
 from .tabular import html_table as table
 
 if TYPE_CHECKING:
@@ -60,8 +61,7 @@ def model(shown: Model) -> str:
     if shown.parameters:
         text += table(list(shown.parameters), [[f"{value:g}" for value in shown.parameters.values()]])
     traits = shown.traits
-    names = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
-    given = [name.replace("_", " ") for name in names if getattr(traits, name)]
+    given = [name.replace("_", " ") for name in FLAGS if getattr(traits, name)]
     sizes = f"{traits.ndof} degrees of freedom, {traits.nnoise} noises"
     return f"<div>{text}<br>{sizes}; {', '.join(given) or 'no traits'}</div>"
 

@@ -16,7 +16,8 @@ import numpy as np
 from . import _abi, _callbacks, _checks, _handles
 from .errors import IncompatibleError, InvalidArgumentError, SymsdeError, WrongShapeError, WrongTypeError
 
-_FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
+#: traits that are true or false; a property of the Hamiltonians each
+FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
 _KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
 
 
@@ -220,7 +221,7 @@ class Model:
     def _read_traits(self) -> Traits:
         given = _handles.new(_abi.Traits, "traits")
         self.call("model_traits", ctypes.byref(given))
-        flags = {name: bool(getattr(given, name)) for name in (*_FLAGS, *_KNOWN)}
+        flags = {name: bool(getattr(given, name)) for name in (*FLAGS, *_KNOWN)}
         return Traits(
             ndof=given.ndof,
             nnoise=given.nnoise,
@@ -346,7 +347,7 @@ def _silent(silent, nnoise: int):
 
 def _public(traits: _abi.Traits) -> dict[str, Any]:
     """Declared traits as the arguments of `Model`."""
-    given = {name: bool(getattr(traits, name)) for name in _FLAGS}
+    given = {name: bool(getattr(traits, name)) for name in FLAGS}
     given |= {name: getattr(traits, name) for name in ("ndof", "nnoise", "max_frequency", "noise_lipschitz")}
     given["bandwidth"] = None if traits.bandwidth < 0 else traits.bandwidth
     given["rotation"] = list(traits.rotation[: traits.ndof]) if traits.rotation else None

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from ..formulas import emit_c
+from ..model import FLAGS
 from .expressions import Expressions, wrapped
 from .given import Given, columns, equal
 
@@ -140,13 +141,12 @@ def _model(given: Given) -> list[str]:
             f'   check(symsde_model_get("{given.name}", {count}, keys, values, &model, &error), &error);',
         ]
     traits, is_chain = given.model.traits, given.is_chain
-    flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
     lines = [
         "   symsde_traits traits; /* what may be left out; false ones are refused */",
         "   symsde_traits_init(&traits);",
     ]
     lines += [f"   traits.ndof = {traits.ndof};", f"   traits.nnoise = {traits.nnoise};"]
-    lines += [f"   traits.{x} = 1;" for x in flags if getattr(traits, x)]
+    lines += [f"   traits.{x} = 1;" for x in FLAGS if getattr(traits, x)]
     lines += [f"   traits.bandwidth = {traits.bandwidth};"] if traits.bandwidth is not None else []
     if traits.rotation:
         lines += [f"   const double rotation[] = {_array(traits.rotation)};", "   traits.rotation = rotation;"]

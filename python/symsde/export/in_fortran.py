@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from ..errors import InvalidArgumentError
 from ..formulas.emit_c import VECTORS
+from ..model import FLAGS
 from . import sites_in_fortran
 from .expressions import Expressions, wrapped
 from .given import Given, columns, equal
@@ -145,11 +146,10 @@ def _model(given: Given) -> list[str]:
             f"   call get_model(model, '{given.name}', [character(len=32) :: {keys}], [real(wp) :: {values}], error)"
         ]
     traits = given.model.traits
-    flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
     offered = ("has_value", "has_hessian", *(["has_hessian_vector"] if given.is_chain else []))
     lines = [f"   model%name = '{given.name}'", "   ! what may be left out; false ones are refused"]
     lines += [f"   model%traits%ndof = {traits.ndof}", f"   model%traits%nnoise = {traits.nnoise}"]
-    lines += [f"   model%traits%{x} = .true." for x in (*(f for f in flags if getattr(traits, f)), *offered)]
+    lines += [f"   model%traits%{x} = .true." for x in (*(f for f in FLAGS if getattr(traits, f)), *offered)]
     if given.third:
         lines += ["   model%traits%has_third_derivative = .true."]
     if traits.bandwidth is not None:

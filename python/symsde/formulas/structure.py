@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from .._files import optional
+from ..model import FLAGS
 from .problem import Problem
 
 MAX_SIMPLIFY = 400  #: operations of an expression that is worth simplifying to find that it vanishes
@@ -44,9 +45,8 @@ class Structure:
 
     def traits(self) -> dict[str, Any]:
         """What a `Model` is told."""
-        flags = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
         banded = self.ndof >= _SMALLEST_BANDED and 4 * self.bandwidth <= self.ndof
-        told = {key: asdict(self)[key] for key in (*flags, "rotation", "silent")}
+        told = {key: asdict(self)[key] for key in (*FLAGS, "rotation", "silent")}
         told["constant_mass"] &= not self.identity_mass  # which says more
         return told | {"bandwidth": self.bandwidth if banded else None}
 
