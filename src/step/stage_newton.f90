@@ -99,7 +99,7 @@ contains
       call self%newton%start(outcome)
       do while (self%newton%running)
          if (allocated(self%products)) then
-            call find_residual(self, equations, group)
+            call linearise(self, equations, group, self%r)
             call self%products%begin(self%newton, self%r)
             do while (self%products%wanted > 0)
                call multiply(self, equations, group)
@@ -107,7 +107,7 @@ contains
             end do
             call self%products%finish(self%newton, self%z, outcome, equations%ham%counters)
          else
-            call linearise(self, equations, group)
+            call linearise(self, equations, group, self%newton%r)
             call correct(self, equations, outcome)
          end if
       end do
@@ -126,27 +126,6 @@ contains
          self%d(:, :, m) = equations%qs - equations%q
       end do
    end subroutine find_known
-
-   !> The residual alone.
-   subroutine find_residual(self, equations, group)
-      type(stage_newton), intent(inout) :: self
-      type(stage_equations), intent(inout) :: equations
-      type(stage_group), intent(in) :: group
-      integer :: m, row
-
-      associate (e => equations, s => self%nmember)
-         do m = 1, s
-            self%r(:, m::s) = self%z(:, m, :) - self%d(:, :, m)
-         end do
-         do m = 1, s
-            e%qs = e%q + self%z(:, m, :)
-            call e%evaluate(group%stage(m))
-            do row = 1, s
-               self%r(:, row::s) = self%r(:, row::s) + e%step%h*group%b(row, m)*e%hq
-            end do
-         end do
-      end associate
-   end subroutine find_residual
 
    !> Vector l+1 = delta_ik I + h B_ik Hhat_qq(Q_k) times vector l: one product with a Hessian for every stage.
    subroutine multiply(self, equations, group)
@@ -169,55 +148,55 @@ contains
       end associate
    end subroutine multiply
 
-   !> Residual and matrix.
-   subroutine linearise(self, equations, group)
+   !> Residual and, where one is formed, matrix.
+   subroutine linearise(self, equations, group, r)
       type(stage_newton), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
+      real(wp), intent(inout) :: r(equations%ham%nlane, self%newton%n)
       integer :: m
 
-      if (self%band == dense) then
-         self%newton%a = 0
-      else
-         self%newton%bands = 0
-      end if
+      if (allocated(self%newton%a)) self%newton%a = 0
+      if (allocated(self%newton%bands)) self%newton%bands = 0
       do m = 1, self%nmember
-         self%newton%r(:, m::self%nmember) = self%z(:, m, :) - self%d(:, :, m)
+         r(:, m::self%nmember) = self%z(:, m, :) - self%d(:, :, m)
       end do
       do m = 1, self%nmember
-         call add_stage(self, equations, group, m)
+         call add_stage(self, equations, group, m, r)
       end do
    end subroutine linearise
 
-   !> What the Hessian and gradient at stage m add to all rows.
-   subroutine add_stage(self, equations, group, m)
+   !> What gradient and Hessian at stage m add to all rows.
+   subroutine add_stage(self, equations, group, m, r)
       type(stage_newton), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer, intent(in) :: m
+      real(wp), intent(inout) :: r(equations%ham%nlane, self%newton%n)
       real(wp) :: hb
       integer :: row
 
       associate (e => equations, ham => equations%ham, s => self%nmember, n => equations%ham%ndof)
          e%qs = e%q + self%z(:, m, :)
-         if (self%band == dense) then
+         if (allocated(self%products)) then
+            call e%evaluate(group%stage(m))
+         else if (self%band == dense) then
             call ham%model%gradient_hessian(ham%nlane, n, ham%nnoise, e%time_of(group%stage(m)), &
                                             e%store%w(:, :, 0), e%qs, e%p, hq=e%hq, hqq=self%k)
          else
             call ham%model%force_stiffness(ham%nlane, n, ham%nnoise, self%band, e%time_of(group%stage(m)), &
                                            e%store%w(:, :, 0), e%qs, e%p, e%hq, self%k)
          end if
-         ham%counters%gradients = ham%counters%gradients + ham%nreal
-         ham%counters%hessians = ham%counters%hessians + ham%nreal
          do row = 1, s
             hb = e%step%h*group%b(row, m)
-            self%newton%r(:, row::s) = self%newton%r(:, row::s) + hb*e%hq
-            if (self%band == dense) then
-               call add_dense(ham%nlane, n, s, row, m, hb, self%k, self%newton%a)
-            else
+            r(:, row::s) = r(:, row::s) + hb*e%hq
+            if (allocated(self%newton%a)) call add_dense(ham%nlane, n, s, row, m, hb, self%k, self%newton%a)
+            if (allocated(self%newton%bands)) &
                call add_banded(ham%nlane, n, s, self%band, row, m, hb, self%k, self%newton%bands)
-            end if
          end do
+         if (allocated(self%products)) return
+         ham%counters%gradients = ham%counters%gradients + ham%nreal
+         ham%counters%hessians = ham%counters%hessians + ham%nreal
       end associate
    end subroutine add_stage
 
