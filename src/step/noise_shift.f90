@@ -9,7 +9,7 @@ module symsde_step_noise_shift
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
-   use symsde_base_vectors, only: add_times
+   use symsde_base_vectors, only: add_times, scale
    use symsde_model_abstract, only: model_type
    implicit none
    private
@@ -87,17 +87,5 @@ contains
          v(i) = a*dw(i) + b*(dz(i)/h)
       end do
    end subroutine weigh_both
-
-   !> VEC v = a dW
-   pure subroutine scale(n, a, dw, v)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: a, dw(n)
-      real(wp), intent(out) :: v(n)
-      integer :: i
-
-      do i = 1, n
-         v(i) = a*dw(i)
-      end do
-   end subroutine scale
 
 end module symsde_step_noise_shift
