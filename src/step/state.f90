@@ -115,7 +115,7 @@ contains
       integer :: nbad
 
       if (nreal == 1) then
-         nbad = merge(0, 1, is_finite_alone(self%nlane, self%ndof*nout, q, p) .and. status(1) == 0)
+         nbad = merge(0, 1, are_finite(self%ndof*nout, q(1, :, :), p(1, :, :)) .and. status(1) == 0)
       else
          call find_bad_states(self%nlane, self%ndof*nout, nreal, status, q, p, self%bad, nbad)
       end if
@@ -130,7 +130,7 @@ contains
       integer(i8), intent(in) :: status(1)                  !! as the model left it
       real(wp), intent(in) :: q(1, self%ndof, nout), p(1, self%ndof, nout)
 
-      is_sound = status(1) == 0 .and. is_finite_alone(1, self%ndof*nout, q, p)
+      is_sound = status(1) == 0 .and. are_finite(self%ndof*nout, q, p)
    end function is_sound_alone
 
    !> Take the states after one step where they are finite and the lane is still ok.
@@ -275,18 +275,6 @@ contains
       end do
       nbad = int(count)
    end subroutine find_bad_states
-
-   !> Whether all states of lane 1 are finite.
-   pure logical function is_finite_alone(nlane, n, q, p)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: q(nlane, n), p(nlane, n)
-
-      if (nlane == 1) then
-         is_finite_alone = are_finite(n, q, p)
-      else
-         is_finite_alone = are_finite(n, q(1, :), p(1, :))
-      end if
-   end function is_finite_alone
 
    !> VEC As integers the bits of |x| are ordered as |x|, with infinities and NaNs above all.
    pure logical function are_finite(n, q, p)
