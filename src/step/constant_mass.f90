@@ -40,11 +40,21 @@ contains
       self%asked = 1
    end subroutine new_constant_mass
 
-   !> Look once at a place where some path is: whether every velocity is a number times its momentum. That is so where
-   !> numbers found for one momentum are those of seven others, to rounding. The place itself does not matter: the
-   !> numbers are the same for all paths, blocks and threads. One momentum after the other: a view of the real lanes of
-   !> a block (model/real_lanes) does not look at more than there are paths.
+   !> Look once at a place where some path is.
    subroutine look(self, model, nlane, t, q)
+      class(constant_mass), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, q(nlane, size(self%inverse))
+
+      if (.not. self%known) call find_numbers(self, model, nlane, t, q)
+   end subroutine look
+
+   !> Whether every velocity is a number times its momentum. That is so where numbers found for one momentum are those
+   !> of seven others, to rounding. The place itself does not matter: the numbers are the same for all paths, blocks and
+   !> threads. One momentum after the other: a view of the real lanes of a block (model/real_lanes) does not look at
+   !> more than there are paths.
+   subroutine find_numbers(self, model, nlane, t, q)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
@@ -52,7 +62,6 @@ contains
       real(wp), dimension(1, size(self%inverse)) :: x, p, v
       integer :: i, j, lane
 
-      if (self%known) return
       do lane = 1, nlane
          if (all(abs(q(lane, :)) <= huge(t))) exit
       end do
@@ -71,7 +80,7 @@ contains
          end do
       end do
       if (self%diagonal) self%asked = 0
-   end subroutine look
+   end subroutine find_numbers
 
    !> M^-1 p
    subroutine velocity(self, model, nlane, t, q, p, v)
