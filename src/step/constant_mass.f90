@@ -100,16 +100,23 @@ contains
       end if
    end subroutine velocity
 
-   !> h M^-1 p with the step of each path; M is diagonal.
-   pure subroutine drift(self, nlane, h, p, dq)
-      class(constant_mass), intent(in) :: self
+   !> h M^-1 p with the step of each path.
+   subroutine drift(self, model, nlane, t, w, q, p, dq)
+      class(constant_mass), intent(inout) :: self
+      class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: h(nlane), p(nlane, size(self%inverse))
+      real(wp), intent(in) :: t, w(nlane, 0:model%traits%nnoise)
+      real(wp), intent(in) :: q(nlane, size(self%inverse)), p(nlane, size(self%inverse))
       real(wp), intent(out) :: dq(nlane, size(self%inverse))
       integer :: i
 
+      call self%look(model, nlane, t, q)
+      if (.not. self%diagonal) then
+         call model%gradient(nlane, size(self%inverse), model%traits%nnoise, t, w, q, p, hp=dq)
+         return
+      end if
       do i = 1, size(self%inverse)
-         dq(:, i) = (h*self%inverse(i))*p(:, i)
+         dq(:, i) = (w(:, 0)*self%inverse(i))*p(:, i)
       end do
    end subroutine drift
 

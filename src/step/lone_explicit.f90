@@ -27,6 +27,7 @@ module symsde_step_lone_explicit
       real(wp) :: c(2) = 0           !! nodes of one or two stages
       type(explicit_plan) :: plan    !! of any number of them
       type(constant_mass), allocatable :: mass  !! the velocity is h M^-1 p
+      logical, private :: by_numbers = .false.  !! which M^-1 is
       real(wp), allocatable, dimension(:), private :: x, first, second, force  !! (n)
       real(wp), allocatable, dimension(:, :) :: f, v  !! slopes of the plan, Hhat_q and Hhat_p (n, nstage)
    contains
@@ -40,28 +41,26 @@ contains
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
-      logical :: by_numbers  ! which M^-1 is
 
       taken = .true.
       self%counters%gradients = self%counters%gradients + self%ngradient
       if (.not. allocated(self%x)) &
          allocate (self%x(self%n), self%first(self%n), self%second(self%n), self%force(self%n), &
                    self%f(self%n, self%plan%nstage), self%v(self%n, self%plan%nstage))
-      by_numbers = .false.
       if (allocated(self%mass)) then
          call self%mass%look(self%model, 1, t, q)
-         by_numbers = self%mass%diagonal
+         self%by_numbers = self%mass%diagonal
       end if
       associate (n => self%n, t1 => t + self%c(1)*h, t2 => t + self%c(2)*h)
          select case (self%kind)
          case (kick_drift, drift_kick)
-            call euler(self, n, t1, w, by_numbers, q, p, self%x, self%force, dq, dp)
+            call euler(self, n, t1, w, q, p, self%x, self%force, dq, dp)
          case (kick_drift_kick)
-            call verlet(self, t, h, w, by_numbers, q, p, dq, dp)
+            call verlet(self, t, h, w, q, p, dq, dp)
          case (drift_kick_drift)
             call swapped(self, n, t1, t2, w, q, p, self%x, self%first, self%second, self%force, dq, dp)
          case (by_plan)
-            call follow(self, self%plan, n, t, h, w, by_numbers, q, p, self%x, self%first, self%f, self%v, dq, dp)
+            call follow(self, self%plan, n, t, h, w, q, p, self%x, self%first, self%f, self%v, dq, dp)
          case default
             call slopes(self, n, t1, t2, w, q, p, self%x, self%first, self%second, self%force, dq, dp)
          end select
@@ -69,11 +68,10 @@ contains
    end subroutine take
 
    !> Symplectic Euler and its adjoint.
-   subroutine euler(self, n, t, w, by_numbers, q, p, x, force, dq, dp)
+   subroutine euler(self, n, t, w, q, p, x, force, dq, dp)
       type(lone_explicit), intent(inout) :: self
       integer, intent(in) :: n
       real(wp), intent(in) :: t, w(0:self%m), q(n), p(n)
-      logical, intent(in) :: by_numbers
       real(wp), intent(inout) :: x(n), force(n)  !! room
       real(wp), intent(out) :: dq(n), dp(n)
       integer :: i
@@ -82,7 +80,7 @@ contains
          call self%model%gradient(1, n, self%m, t, w, q, p, hq=force)
          if (self%mass_alone) then
             call kick_and_drift(n, 1.0_wp, w(0), force, q, p, dp, dq, x)
-         else if (by_numbers) then
+         else if (self%by_numbers) then
             call kick_and_drift_each(n, 1.0_wp, w(0), self%mass%inverse, force, q, p, dp, dq, x)
          else
             call kick(n, 1.0_wp, force, p, dp, x)
@@ -90,11 +88,7 @@ contains
          end if
          return
       end if
-      if (by_numbers) then
-         call self%mass%drift(1, w(0:0), p, dq)
-      else
-         call find_velocity(self, n, t, w, q, p, dq)
-      end if
+      call find_velocity(self, n, t, w, q, p, dq)
       !GCC$ novector  ! few numbers, mostly
       do i = 1, n
          x(i) = q(i) + dq(i)
@@ -118,6 +112,8 @@ contains
          do i = 1, n
             v(i) = w(0)*p(i)
          end do
+      else if (allocated(self%mass)) then
+         call self%mass%drift(self%model, 1, t, w, q, p, v)
       else
          call self%model%gradient(1, n, self%m, t, w, q, p, hp=v)
       end if
@@ -125,10 +121,9 @@ contains
 
    !> Both stages have the same momentum. Where time matters to the velocity, they differ in it; a constant mass says
    !> that it does not.
-   subroutine verlet(self, t, h, w, by_numbers, q, p, dq, dp)
+   subroutine verlet(self, t, h, w, q, p, dq, dp)
       type(lone_explicit), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
-      logical, intent(in) :: by_numbers
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       real(wp) :: t1, t2
 
@@ -138,7 +133,7 @@ contains
          call self%model%gradient(1, n, m, t1, w, q, p, hq=force)
          if (self%mass_alone) then
             call kick_and_drift(n, 0.5_wp, w(0), force, q, p, dp, dq, x)
-         else if (by_numbers) then
+         else if (self%by_numbers) then
             call kick_and_drift_each(n, 0.5_wp, w(0), self%mass%inverse, force, q, p, dp, dq, x)
          else
             call kick(n, 0.5_wp, force, p, dp, x)
@@ -214,12 +209,11 @@ contains
    end subroutine slopes
 
    !> The evaluations of a plan, as step/explicit takes them.
-   subroutine follow(self, plan, n, t, h, w, by_numbers, q, p, x, y, f, v, dq, dp)
+   subroutine follow(self, plan, n, t, h, w, q, p, x, y, f, v, dq, dp)
       type(lone_explicit), intent(inout) :: self
       type(explicit_plan), intent(in) :: plan
       integer, intent(in) :: n
       real(wp), intent(in) :: t, h, w(0:self%m), q(n), p(n)
-      logical, intent(in) :: by_numbers
       real(wp), intent(inout) :: x(n), y(n), f(n, plan%nstage), v(n, plan%nstage)  !! room
       real(wp), intent(out) :: dq(n), dp(n)
       integer :: i, k
@@ -230,13 +224,13 @@ contains
             if (what%q_moves) call add_slopes(n, plan, to_q, i, v, x, q)
             if (what%p_moves) call add_slopes(n, plan, to_p, i, f, y, p)
             if (what%q_moves .and. what%p_moves) then
-               call evaluate(self, what, n, ti, w, by_numbers, x, y, f(1, i), v(1, i))
+               call evaluate(self, what, n, ti, w, x, y, f(1, i), v(1, i))
             else if (what%q_moves) then
-               call evaluate(self, what, n, ti, w, by_numbers, x, p, f(1, i), v(1, i))
+               call evaluate(self, what, n, ti, w, x, p, f(1, i), v(1, i))
             else if (what%p_moves) then
-               call evaluate(self, what, n, ti, w, by_numbers, q, y, f(1, i), v(1, i))
+               call evaluate(self, what, n, ti, w, q, y, f(1, i), v(1, i))
             else
-               call evaluate(self, what, n, ti, w, by_numbers, q, p, f(1, i), v(1, i))
+               call evaluate(self, what, n, ti, w, q, p, f(1, i), v(1, i))
             end if
          end associate
       end do
@@ -245,20 +239,17 @@ contains
    end subroutine follow
 
    !> What is wanted of Hhat_q and Hhat_p.
-   subroutine evaluate(self, what, n, t, w, by_numbers, q, p, hq, hp)
+   subroutine evaluate(self, what, n, t, w, q, p, hq, hp)
       type(lone_explicit), intent(inout) :: self
       type(evaluation), intent(in) :: what
       integer, intent(in) :: n
       real(wp), intent(in) :: t, w(0:self%m), q(n), p(n)
-      logical, intent(in) :: by_numbers
       real(wp), intent(inout) :: hq(n), hp(n)
 
       if (what%force .and. what%velocity) then
          call self%model%gradient(1, n, self%m, t, w, q, p, hq, hp)
       else if (what%force) then
          call self%model%gradient(1, n, self%m, t, w, q, p, hq=hq)
-      else if (by_numbers) then
-         call self%mass%drift(1, w(0:0), p, hp)
       else
          call find_velocity(self, n, t, w, q, p, hp)
       end if

@@ -220,17 +220,11 @@ contains
    subroutine divide_by_mass(self, t, x)
       type(lone_splitting), intent(inout) :: self
       real(wp), intent(in) :: t, x(self%n)  !! where the path is
-      logical :: by_numbers
 
       self%u = self%s
       self%unit(0) = 1
-      by_numbers = .false.
       if (allocated(self%mass)) then
-         call self%mass%look(self%model, 1, t, x)
-         by_numbers = self%mass%diagonal
-      end if
-      if (by_numbers) then
-         call self%mass%drift(1, self%unit(0:0), self%u, self%s)
+         call self%mass%drift(self%model, 1, t, self%unit, x, self%u, self%s)
       else
          call self%model%gradient(1, self%n, self%m, t, self%unit, x, self%u, hp=self%s)
       end if

@@ -96,15 +96,8 @@ contains
       real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(step_record), intent(in), optional :: step
 
-      logical :: by_numbers
-
-      by_numbers = .false.
       if (allocated(self%mass) .and. present(hp) .and. .not. present(hq)) then
-         call self%mass%look(self%model, self%nlane, t, q)
-         by_numbers = self%mass%diagonal
-      end if
-      if (by_numbers) then
-         call self%mass%drift(self%nlane, w(:, 0), p, hp)
+         call self%mass%drift(self%model, self%nlane, t, w, q, p, hp)
       else if (self%mass_alone .and. present(hp) .and. .not. present(hq)) then
          call find_velocity(self%nlane, self%ndof, w, p, hp)
       else
