@@ -124,39 +124,42 @@ contains
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      if (self%is_euler) then
+         call euler(self, step%t, step%w, q, p, dq, dp)
+      else if (self%is_verlet) then
+         call verlet(self, step%t, step%h, step%w, q, p, dq, dp)
+      else
+         call follow(self, self%plan, step%t, step%h, step%w, q, p, dq, dp)
+      end if
+   end subroutine increment
+
+   !> The evaluations of the plan. A point that is where the step began is not copied.
+   subroutine follow(self, plan, t, h, w, q, p, dq, dp)
+      class(explicit_stepper), intent(inout), target :: self
+      type(explicit_plan), intent(in) :: plan
+      real(wp), intent(in) :: t, h, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in), target :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      real(wp), pointer, contiguous :: x(:, :), y(:, :)
       integer :: n, i, k
 
       n = size(q)
-      if (self%is_euler) then
-         call euler(self, step%t, step%w, q, p, dq, dp)
-         return
-      end if
-      if (self%is_verlet) then
-         call verlet(self, step%t, step%h, step%w, q, p, dq, dp)
-         return
-      end if
-      associate (plan => self%plan)
-         do k = 1, size(plan%order)
-            i = plan%order(k)%stage
-            ! a point that is where the step began is not copied
-            associate (what => plan%order(k), ti => step%t + plan%c(i)*step%h)
-               if (what%q_moves) call add_slopes(n, plan, to_q, i, self%hp, self%qs, q)
-               if (what%p_moves) call add_slopes(n, plan, to_p, i, self%hq, self%ps, p)
-               if (what%q_moves .and. what%p_moves) then
-                  call evaluate(self, what, ti, step%w, self%qs, self%ps)
-               else if (what%q_moves) then
-                  call evaluate(self, what, ti, step%w, self%qs, p)
-               else if (what%p_moves) then
-                  call evaluate(self, what, ti, step%w, q, self%ps)
-               else
-                  call evaluate(self, what, ti, step%w, q, p)
-               end if
-            end associate
-         end do
-         call add_slopes(n, plan, to_q, 0, self%hp, dq)
-         call add_slopes(n, plan, to_p, 0, self%hq, dp)
-      end associate
-   end subroutine increment
+      do k = 1, size(plan%order)
+         i = plan%order(k)%stage
+         associate (what => plan%order(k), ti => t + plan%c(i)*h)
+            x => q
+            y => p
+            if (what%q_moves) x => self%qs
+            if (what%p_moves) y => self%ps
+            if (what%q_moves) call add_slopes(n, plan, to_q, i, self%hp, self%qs, q)
+            if (what%p_moves) call add_slopes(n, plan, to_p, i, self%hq, self%ps, p)
+            call evaluate(self, what, ti, w, x, y)
+         end associate
+      end do
+      call add_slopes(n, plan, to_q, 0, self%hp, dq)
+      call add_slopes(n, plan, to_p, 0, self%hq, dp)
+   end subroutine follow
 
    !> One stage of weight one, force first or velocity first: slopes are increments, no sums are taken.
    subroutine euler(self, t, w, q, p, dq, dp)

@@ -209,29 +209,28 @@ contains
    end subroutine slopes
 
    !> The evaluations of a plan, as step/explicit takes them.
-   subroutine follow(self, plan, n, t, h, w, q, p, x, y, f, v, dq, dp)
+   subroutine follow(self, plan, n, t, h, w, q, p, moved_q, moved_p, f, v, dq, dp)
       type(lone_explicit), intent(inout) :: self
       type(explicit_plan), intent(in) :: plan
       integer, intent(in) :: n
-      real(wp), intent(in) :: t, h, w(0:self%m), q(n), p(n)
-      real(wp), intent(inout) :: x(n), y(n), f(n, plan%nstage), v(n, plan%nstage)  !! room
+      real(wp), intent(in) :: t, h, w(0:self%m)
+      real(wp), intent(in), target :: q(n), p(n)
+      real(wp), intent(inout), target :: moved_q(n), moved_p(n)
+      real(wp), intent(inout) :: f(n, plan%nstage), v(n, plan%nstage)  !! room
       real(wp), intent(out) :: dq(n), dp(n)
+      real(wp), pointer, contiguous :: x(:), y(:)
       integer :: i, k
 
       do k = 1, size(plan%order)
          i = plan%order(k)%stage
          associate (what => plan%order(k), ti => t + plan%c(i)*h)
-            if (what%q_moves) call add_slopes(n, plan, to_q, i, v, x, q)
-            if (what%p_moves) call add_slopes(n, plan, to_p, i, f, y, p)
-            if (what%q_moves .and. what%p_moves) then
-               call evaluate(self, what, n, ti, w, x, y, f(1, i), v(1, i))
-            else if (what%q_moves) then
-               call evaluate(self, what, n, ti, w, x, p, f(1, i), v(1, i))
-            else if (what%p_moves) then
-               call evaluate(self, what, n, ti, w, q, y, f(1, i), v(1, i))
-            else
-               call evaluate(self, what, n, ti, w, q, p, f(1, i), v(1, i))
-            end if
+            x => q
+            y => p
+            if (what%q_moves) x => moved_q
+            if (what%p_moves) y => moved_p
+            if (what%q_moves) call add_slopes(n, plan, to_q, i, v, moved_q, q)
+            if (what%p_moves) call add_slopes(n, plan, to_p, i, f, moved_p, p)
+            call evaluate(self, what, n, ti, w, x, y, f(1, i), v(1, i))
          end associate
       end do
       call add_slopes(n, plan, to_q, 0, v, dq)
