@@ -27,7 +27,6 @@ module symsde_step_explicit
    type, extends(stepper_type) :: explicit_stepper
       private
       integer :: kind = by_plan       !! of lone steps
-      logical :: is_euler = .false.   !! symplectic Euler or its adjoint
       logical :: is_verlet = .false.  !! Stormer-Verlet, where the velocity is h p or h M^-1 p whenever it is asked for
       type(explicit_plan) :: plan
       real(wp), allocatable :: hq(:, :, :), hp(:, :, :)  !! of each stage (nlane, ndof, nstage)
@@ -57,7 +56,6 @@ contains
       self%explicit = .true.
       associate (scheme => task%scheme, t => task%model%traits, nlane => task%nlane)
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
-         self%is_euler = is_one_sided(scheme)
          self%kind = kind_of(scheme, t, allocated(self%ham%mass))
          associate (by_mass => self%ham%mass_alone .or. allocated(self%ham%mass), planned => self%kind == by_plan)
             self%is_verlet = self%kind == kick_drift_kick .and. by_mass
@@ -97,7 +95,7 @@ contains
 
       kind = by_plan
       if (is_one_sided(scheme)) then
-         if (traits%separable) kind = merge(kick_drift, drift_kick, scheme%abar(1, 1) > 0.5_wp)
+         kind = merge(kick_drift, drift_kick, scheme%abar(1, 1) > 0.5_wp)  ! explicit, so separable
       else if (has_halves(scheme, heun, heun)) then
          if (.not. has_mass) kind = two_slopes
       else if (traits%separable .and. has_halves(scheme, rows, columns)) then
@@ -125,7 +123,7 @@ contains
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
-      if (self%is_euler) then
+      if (self%kind == kick_drift .or. self%kind == drift_kick) then
          call euler(self, step%t, step%w, q, p, dq, dp)
       else if (self%is_verlet) then
          call verlet(self, step%t, step%h, step%w, q, p, dq, dp)
@@ -171,7 +169,7 @@ contains
 
       n = size(q)
       associate (ti => t + self%plan%c(1)*w(1, 0))
-         if (self%plan%order(1)%force) then
+         if (self%kind == kick_drift) then
             call self%ham%gradient(ti, w, q, p, hq=self%hq(:, :, 1))
             call kick(n, 1.0_wp, self%hq, p, dp, self%ps)
             call self%ham%gradient(ti, w, q, self%ps, hp=dq)
