@@ -36,7 +36,7 @@ module symsde_step_stages
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: stages_stepper, stages_fits, new_stages_stepper, fits_stages
+   public :: stages_stepper, stages_fits, fits_stages
 
    integer, parameter :: cached_values = 1024  !! of one array of a part
    !> Contraction from which Newton's iteration by rows is cheaper, for groups of one, two and three stages.
@@ -87,13 +87,41 @@ contains
    subroutine make(self, task)
       class(stages_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
+      integer :: g, least
 
-      call new_stages_stepper(self, task%model, task%scheme, task%nlane, task%newton)
-      if (self%equations%eliminated) self%left_out = 'half of the unknowns: identity mass'
-      if (allocated(self%equations%mass)) self%left_out = 'half of the unknowns of mild steps: constant mass'
-      if (.not. self%midpoint_left) return
-      associate (t => task%model%traits)
-         if (.not. does_without_matrices(t, unknowns_left(self), task%newton)) return
+      self%options = task%newton
+      self%scheme = task%scheme
+      associate (model => task%model, traits => task%model%traits, scheme => task%scheme, nlane => task%nlane)
+         call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
+         self%width = nlane
+         least = merge(strip_lanes, lane_unit, traits%has_chain_rows .and. modulo(nlane, strip_lanes) == 0)
+         do while (mod(nlane, self%width) /= 0 .or. (self%width*traits%ndof > cached_values .and. self%width > least))
+            self%width = self%width - lane_unit
+         end do
+         call new_stage_equations(self%equations, model, scheme, self%width)
+         self%midpoint_left = scheme%is_midpoint() .and. self%equations%eliminated .and. &  ! no bracket, or a shift
+                              (allocated(self%equations%mass) .or. &
+                               does_without_matrices(traits, traits%ndof, self%options))
+         self%leaves = self%midpoint_left .or. .not. self%equations%eliminated .or. allocated(self%equations%mass)
+         allocate (self%solver(self%equations%plan%ngroup))
+         do g = 1, size(self%solver)
+            self%solver(g)%has_rows = self%equations%eliminated .and. .not. allocated(self%equations%mass) .and. &
+                                      fits_stage_rows(traits, self%equations%plan%group(g))
+            self%solver(g)%at_once = self%solver(g)%has_rows .and. solves_at_once(traits) .and. &
+                                     .not. self%equations%plan%group(g)%explicit
+         end do
+         self%one_solve = all(self%equations%plan%group%explicit .or. self%solver%at_once)
+         self%takes_one_lane = .not. any(self%solver%at_once)
+         allocate (self%left(self%width), self%outcome(self%width), self%wanted(self%width))
+         allocate (self%dq(self%width, traits%ndof), self%dp(self%width, traits%ndof))
+         self%name = 'stages'
+         if (self%equations%eliminated) then
+            self%name = 'stages, momenta eliminated'
+            self%left_out = 'half of the unknowns: identity mass'
+         end if
+         if (allocated(self%equations%mass)) self%left_out = 'half of the unknowns of mild steps: constant mass'
+         if (.not. self%midpoint_left) return
+         if (.not. does_without_matrices(traits, unknowns_left(self), self%options)) return
       end associate
       self%left_out = 'matrices: products with the Hessian take their place; '//self%left_out
    end subroutine make
@@ -119,44 +147,6 @@ contains
          fits_stages = t%ndof > 1 .or. t%eliminates_momenta()
       end associate
    end function fits_stages
-
-   !> A stepper for blocks of nlane lanes; requires fits_stages and no correction.
-   subroutine new_stages_stepper(self, model, scheme, nlane, options)
-      type(stages_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
-      integer, intent(in) :: nlane
-      type(newton_options), intent(in) :: options
-      integer :: g, least
-
-      self%options = options
-      self%scheme = scheme
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, scheme%brackets)
-      self%width = nlane
-      least = merge(strip_lanes, lane_unit, model%traits%has_chain_rows .and. modulo(nlane, strip_lanes) == 0)
-      do while (mod(nlane, self%width) /= 0 .or. &
-                (self%width*model%traits%ndof > cached_values .and. self%width > least))
-         self%width = self%width - lane_unit
-      end do
-      call new_stage_equations(self%equations, model, scheme, self%width)
-      self%name = 'stages'
-      if (self%equations%eliminated) self%name = 'stages, momenta eliminated'
-      self%midpoint_left = scheme%is_midpoint() .and. self%equations%eliminated .and. &  ! no bracket, or a shift of p_n
-                           (allocated(self%equations%mass) .or. &
-                            does_without_matrices(model%traits, model%traits%ndof, options))
-      self%leaves = self%midpoint_left .or. .not. self%equations%eliminated .or. allocated(self%equations%mass)
-      allocate (self%solver(self%equations%plan%ngroup))
-      do g = 1, size(self%solver)
-         self%solver(g)%has_rows = self%equations%eliminated .and. .not. allocated(self%equations%mass) .and. &
-                                   fits_stage_rows(model%traits, self%equations%plan%group(g))
-         self%solver(g)%at_once = self%solver(g)%has_rows .and. solves_at_once(model%traits) .and. &
-                                  .not. self%equations%plan%group(g)%explicit
-      end do
-      self%one_solve = all(self%equations%plan%group%explicit .or. self%solver%at_once)
-      self%takes_one_lane = .not. any(self%solver%at_once)
-      allocate (self%left(self%width), self%outcome(self%width), self%wanted(self%width))
-      allocate (self%dq(self%width, model%traits%ndof), self%dp(self%width, model%traits%ndof))
-   end subroutine new_stages_stepper
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(stages_stepper), intent(inout) :: self
