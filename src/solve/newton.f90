@@ -40,6 +40,8 @@ module symsde_solve_newton
       integer :: max_iter = 100         !! bound of the iterations of one step, 1..1000
       integer :: fixed_point = 0        !! n > 0: exactly n fixed-point iterations instead of Newton
       logical :: damped = .false.       !! shorten corrections that do not lower the residual; update only
+   contains
+      procedure :: is_free
    end type newton_options
 
    type :: newton_type
@@ -72,6 +74,13 @@ module symsde_solve_newton
 
 contains
 
+   !> Whether neither damping nor a number of iterations is asked for.
+   pure logical function is_free(self)
+      class(newton_options), intent(in) :: self
+
+      is_free = self%fixed_point <= 0 .and. .not. self%damped
+   end function is_free
+
    !> Refuse numbers of iterations that no step can be meant to take.
    subroutine check_newton(options, error)
       type(newton_options), intent(in) :: options
@@ -99,8 +108,8 @@ contains
       self%nlane = nlane
       self%n = n
       self%options = options
-      self%affine = affine .and. options%fixed_point == 0 .and. .not. options%damped
-      if (present(exact)) self%exact = exact .and. options%fixed_point == 0 .and. .not. options%damped
+      self%affine = affine .and. options%is_free()
+      if (present(exact)) self%exact = exact .and. options%is_free()
       if (self%exact) self%test = quadratic
       if (self%affine) self%test = done_at_once
       if (options%fixed_point > 0) self%test = never_done

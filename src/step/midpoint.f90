@@ -150,7 +150,7 @@ contains
       if (self%has_shift) return
       select type (part => self%part)
       type is (midpoint_by_matrix)
-         if (part%newton%options%fixed_point > 0 .or. part%newton%options%damped) return
+         if (.not. part%newton%options%is_free()) return
          if (self%eq%n == 1 .and. .not. self%ham%model%traits%has_hessian) return
          if (self%eq%n == 2 .and. .not. (part%iterates .or. self%ham%model%traits%has_hessian)) return
          if (self%eq%n > 1 .and. .not. (part%iterates .or. part%pairs)) return
@@ -177,7 +177,7 @@ contains
       type(newton_options), intent(in) :: options
 
       way = by_matrix
-      if (options%fixed_point > 0 .or. options%damped) return
+      if (.not. options%is_free()) return
       associate (t => model%traits)
          if (t%bandwidth == 1 .and. t%ndof > 2 .and. .not. t%differences_alone()) then
             way = by_rows

@@ -50,9 +50,9 @@ contains
          call new_newton(self%newton, nlane, n, options, t%one_solve(b /= dense), b, b, &
                          exact=t%has_hessian_vector .or. (t%has_hessian .and. b == dense))
          allocate (self%q(nlane, n))
-         self%iterates = (n > 2 .or. n == 2 .and. t%differences_alone()) .and. &
-                         .not. (self%newton%affine .or. options%fixed_point > 0 .or. options%damped)
-         self%pairs = n == 2 .and. b == dense .and. .not. (options%fixed_point > 0 .or. options%damped)
+         self%iterates = (n > 2 .or. n == 2 .and. t%differences_alone()) .and. options%is_free() .and. &
+                         .not. self%newton%affine
+         self%pairs = n == 2 .and. b == dense .and. options%is_free()
          if (self%iterates) allocate (self%last(nlane), self%change(nlane), self%extent(nlane), self%kept(nlane, n))
       end associate
    end subroutine new_midpoint_by_matrix

@@ -17,7 +17,7 @@ module symsde_step_midpoint_full
    use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_lone_midpoint_full, only: lone_midpoint_full
    use symsde_step_midpoint_sweeps, only: midpoint_sweeps, new_midpoint_sweeps
-   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, hessian_product, is_free, &
+   use symsde_step_newton_by_products, only: newton_by_products, new_newton_by_products, hessian_product, &
                                              does_without_matrices, iterates_first
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -51,7 +51,7 @@ contains
 
       fits = task%is_plain() .and. task%scheme%is_midpoint()
       associate (t => task%model%traits)
-         if (is_free(task%newton)) &
+         if (task%newton%is_free()) &
             fits = fits .and. .not. (t%eliminates_momenta() .or. (t%ndof > 1 .and. t%divides_by_mass()))
       end associate
    end function midpoint_full_fits
@@ -117,7 +117,7 @@ contains
       type(lone_midpoint_full), allocatable :: made
 
       associate (newton => self%newton, t => self%ham%model%traits)
-         if (allocated(self%ham%modified) .or. .not. is_free(newton%options)) return
+         if (allocated(self%ham%modified) .or. .not. newton%options%is_free()) return
          allocate (made)
          made%most = few_of(t%ndof, 4, 6)  ! five take 0.9 to 1.2 of the time
          made%iterates = allocated(self%sweeps)

@@ -66,9 +66,8 @@ contains
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
          call new_newton(self%newton, nlane, 2, options, t%one_solve(.false.), -1, -1)
          self%one_solve = self%newton%affine
-         self%flies = self%separable .and. .not. (self%one_solve .or. options%fixed_point > 0 .or. options%damped)
-         if (t%has_hessian .and. .not. (self%one_solve .or. options%fixed_point > 0 .or. options%damped)) &
-            self%newton%test = seen
+         self%flies = self%separable .and. options%is_free() .and. .not. self%one_solve
+         if (t%has_hessian .and. options%is_free() .and. .not. self%one_solve) self%newton%test = seen
          allocate (self%first(nlane), self%qs(nlane, 1), self%ps(nlane, 1), self%hq(nlane, 1), self%hp(nlane, 1))
          allocate (self%hqq(nlane, 1, 1), self%hpp(nlane, 1, 1))
          allocate (self%hqp(nlane, 1, 1), source=0.0_wp)

@@ -31,8 +31,7 @@ module symsde_step_newton_by_products
    implicit none
    private
    public :: newton_by_products, new_newton_by_products, pays_by_products, does_without_matrices
-   public :: iterates_first, is_free
-   public :: hessian_product
+   public :: iterates_first, hessian_product
 
    !> Unknowns of a lane from which no matrix is the faster way. With analytic second derivatives: where
    !> elimination across lanes ends. Without them a matrix costs two gradients for each unknown.
@@ -82,7 +81,7 @@ contains
       integer, intent(in) :: unknowns
       type(newton_options), intent(in) :: options
 
-      does_without_matrices = pays_by_products(traits, unknowns) .and. is_free(options)
+      does_without_matrices = pays_by_products(traits, unknowns) .and. options%is_free()
    end function does_without_matrices
 
    !> Whether a midpoint of unknown q and p is iterated before Newton's matrices or products are asked for: they are
@@ -92,18 +91,11 @@ contains
       type(newton_options), intent(in) :: options
 
       associate (unknowns => 2*traits%ndof)
-         iterates_first = is_free(options) .and. traits%ndof > 1 .and. &
+         iterates_first = options%is_free() .and. traits%ndof > 1 .and. &
                           (pays_by_products(traits, unknowns) .or. traits%differences_alone() .or. &
                            (unknowns > small .and. .not. traits%quadratic))
       end associate
    end function iterates_first
-
-   !> Whether neither damping nor a number of iterations is asked for.
-   pure logical function is_free(options)
-      type(newton_options), intent(in) :: options
-
-      is_free = options%fixed_point <= 0 .and. .not. options%damped
-   end function is_free
 
    !> Room for nlane lanes of so many unknowns.
    subroutine new_newton_by_products(self, nlane, ndof, unknowns)

@@ -141,7 +141,7 @@ contains
       type(newton_options), intent(in) :: options
 
       fits_stages = .false.
-      if (scheme%form /= tableau_form .or. options%fixed_point > 0 .or. options%damped) return
+      if (scheme%form /= tableau_form .or. .not. options%is_free()) return
       if (.not. (scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)) return
       associate (t => model%traits)
          fits_stages = t%ndof > 1 .or. t%eliminates_momenta()

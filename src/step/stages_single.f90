@@ -57,7 +57,7 @@ contains
       fits = .false.
       if (.not. task%is_tableau() .or. task%correction /= correction_none .or. task%scheme%nstage < 2) return
       associate (t => task%model%traits)
-         fits = t%ndof == 1 .and. task%newton%fixed_point == 0 .and. .not. task%newton%damped
+         fits = t%ndof == 1 .and. task%newton%is_free()
          if (fits) fits = task%scheme%noise_coefficients_equal()
          if (fits .and. task%scheme%nstage > 2) &
             fits = (t%separable .or. t%one_solve(.false.)) .and. .not. (t%eliminates_momenta() .or. task%has_brackets())
