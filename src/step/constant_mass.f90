@@ -89,15 +89,8 @@ contains
       integer, intent(in) :: nlane
       real(wp), intent(in) :: t, q(nlane, size(self%inverse)), p(nlane, size(self%inverse))  !! where the path is
       real(wp), intent(out) :: v(nlane, size(self%inverse))
-      integer :: i
 
-      if (self%diagonal) then
-         do i = 1, size(self%inverse)
-            v(:, i) = self%inverse(i)*p(:, i)
-         end do
-      else
-         call model%gradient(nlane, size(self%inverse), model%traits%nnoise, t, self%unit, q, p, hp=v)
-      end if
+      call self%drift(model, nlane, t, self%unit, q, p, v)
    end subroutine velocity
 
    !> h M^-1 p with the step of each path.

@@ -172,7 +172,6 @@ contains
       class(stage_equations), intent(inout) :: self
 
       associate (nlane => self%ham%nlane, counters => self%ham%counters)
-         call self%mass%look(self%ham%model, nlane, self%step%t, self%q)
          call self%mass%velocity(self%ham%model, nlane, self%step%t, self%q, self%p, self%velocity)
          counters%gradients = counters%gradients + self%mass%asked*self%ham%nreal
       end associate
