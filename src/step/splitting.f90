@@ -14,7 +14,6 @@
 !> all of its parts.
 module symsde_step_splitting
    use symsde_base_counters, only: counters_type, add_counters
-   use symsde_base_functionals, only: pair_index
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_vectors, only: add, subtract, add_times
@@ -235,7 +234,7 @@ contains
       type(splitting_stepper), intent(inout) :: self
       real(wp), intent(in) :: share, t, h
       real(wp), intent(in) :: p(self%ham%nlane, self%ham%ndof)
-      integer :: i, k, l, kl
+      integer :: i, k, l
 
       associate (nlane => self%ham%nlane, n => self%ham%ndof, weights => self%weights, noisy => self%weights%noisy)
          do k = 1, size(noisy)
@@ -247,9 +246,8 @@ contains
             if (weights%kicks%samples) then
                self%s = 0
                do l = 1, size(noisy)
-                  kl = pair_index(min(noisy(k), noisy(l)), max(noisy(k), noisy(l)))
                   do i = 1, n
-                     self%s(:, i) = self%s(:, i) + weights%d(:, kl)*self%g(:, i, noisy(l))
+                     self%s(:, i) = self%s(:, i) + weights%d(:, weights%at(noisy(k), noisy(l)))*self%g(:, i, noisy(l))
                   end do
                end do
             else
