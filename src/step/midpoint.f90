@@ -31,7 +31,7 @@ module symsde_step_midpoint
    use symsde_step_midpoint_by_products, only: midpoint_by_products, new_midpoint_by_products
    use symsde_step_midpoint_by_rows, only: midpoint_by_rows, new_midpoint_by_rows
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
-   use symsde_step_midpoint_states, only: find_bad_sums, add_in_place, find_bad, put_states
+   use symsde_step_midpoint_states, only: find_bad_sums, add_in_place, find_bad
    use symsde_step_newton_by_products, only: does_without_matrices
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -321,6 +321,7 @@ contains
       real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m)
       real(wp), intent(inout) :: q(nlane, self%eq%n), p(nlane, self%eq%n)
       integer(i8), intent(inout) :: status(self%eq%nlane)
+      integer :: i
 
       call solve_mild(self, nlane, before, w, q, p, status)
       associate (eq => self%eq, n => self%eq%n, together => self%eq%nlane, first => before + 1, &
@@ -332,7 +333,10 @@ contains
             eq%base(:, 1:n) = self%q + self%dq
             eq%x = self%p + self%dp
             call find_bad(together, n, eq%base(1, 1), eq%x, status)
-            call put_states(nlane, n, before, together, eq%base(1, 1), eq%x, status, q, p)
+            do i = 1, n
+               q(first:last, i) = merge(eq%base(:, i), q(first:last, i), status == 0)
+               p(first:last, i) = merge(eq%x(:, i), p(first:last, i), status == 0)
+            end do
          else
             if (.not. maxval(self%extent + self%part%newton%size)*(1 + abs(eq%h)) <= 0.1_wp*huge(eq%h)) &
                call find_bad_sums(nlane, n, before, together, eq%h, q, p, eq%x, status)

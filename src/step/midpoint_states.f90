@@ -9,7 +9,7 @@ module symsde_step_midpoint_states
    use symsde_base_status, only: nonfinite
    implicit none
    private
-   public :: find_bad_sums, add_in_place, find_bad, put_states
+   public :: find_bad_sums, add_in_place, find_bad
 
 contains
 
@@ -71,21 +71,5 @@ contains
          if (.not. (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p)))) status(lane) = nonfinite
       end do
    end subroutine find_bad
-
-   !> VEC The states of lanes without a status, to their place in the block.
-   pure subroutine put_states(nlane, n, before, together, qn, pn, status, q, p)
-      integer, intent(in) :: nlane, n, before, together
-      real(wp), intent(in) :: qn(together, n), pn(together, n)
-      integer(i8), intent(in) :: status(together)
-      real(wp), intent(inout) :: q(nlane, n), p(nlane, n)
-      integer :: i, lane
-
-      do i = 1, n
-         do lane = 1, together
-            q(before + lane, i) = merge(qn(lane, i), q(before + lane, i), status(lane) == 0)
-            p(before + lane, i) = merge(pn(lane, i), p(before + lane, i), status(lane) == 0)
-         end do
-      end do
-   end subroutine put_states
 
 end module symsde_step_midpoint_states
