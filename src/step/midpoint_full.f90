@@ -159,6 +159,7 @@ contains
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(inout) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer :: i
 
       self%x = 0
       call self%newton%start(status)
@@ -172,7 +173,10 @@ contains
             call linearise(self, tm, step)
             call newton%update(self%x, status, self%ham%counters)
          end do
-         call split(nlane, n, self%x, status, dq, dp)
+         do i = 1, n
+            dq(:, i) = merge(self%x(:, 2*i - 1), dq(:, i), status == 0)
+            dp(:, i) = merge(self%x(:, 2*i), dp(:, i), status == 0)
+         end do
       end associate
    end subroutine solve
 
@@ -261,22 +265,6 @@ contains
          end do
       end do
    end subroutine midpoint_of
-
-   !> The increments of lanes without a status.
-   pure subroutine split(nlane, n, x, status, dq, dp)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: x(nlane, 2, n)
-      integer(i8), intent(in) :: status(nlane)
-      real(wp), intent(inout) :: dq(nlane, n), dp(nlane, n)
-      integer :: lane, i
-
-      do i = 1, n
-         do lane = 1, nlane
-            dq(lane, i) = merge(x(lane, 1, i), dq(lane, i), status(lane) == 0)
-            dp(lane, i) = merge(x(lane, 2, i), dp(lane, i), status(lane) == 0)
-         end do
-      end do
-   end subroutine split
 
    pure subroutine residual(nlane, n, x, hq, hp, r)
       integer, intent(in) :: nlane, n
