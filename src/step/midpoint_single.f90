@@ -16,6 +16,7 @@ module symsde_step_midpoint_single
    use symsde_solve_newton, only: newton_type, new_newton
    use symsde_solve_stagnation, only: seen, verdict_of, restart_lanes, gives_up
    use symsde_step_lone, only: lone_stepper
+   use symsde_step_midpoint_equation, only: position
    use symsde_step_one_step_hamiltonian, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -99,7 +100,8 @@ contains
       if (flies) call self%ham%velocity(tm, step%w, q, p, dq)
       call self%newton%start(status)
       do while (self%newton%running)
-         call middle(self%ham%nlane, q, p, dq, dp, self%qs, self%ps)
+         call position(self%ham%nlane, 0.5_wp, q, dq, self%qs)
+         call position(self%ham%nlane, 0.5_wp, p, dp, self%ps)
          call evaluate(self, tm, step%w, self%qs, self%ps)
          call correct_pair(self%ham%nlane, self%hq, self%hp, self%hqq, self%hqp, self%hpp, self%newton%last, dq, dp, &
                            self%newton%step, self%newton%size)
@@ -211,19 +213,6 @@ contains
    end subroutine evaluate
 
    ! ---- kernels ----------------------------------------------------------------------------------
-
-   !> VEC
-   pure subroutine middle(nlane, q, p, dq, dp, qs, ps)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: q(nlane), p(nlane), dq(nlane), dp(nlane)
-      real(wp), intent(out) :: qs(nlane), ps(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         qs(lane) = q(lane) + 0.5_wp*dq(lane)
-         ps(lane) = p(lane) + 0.5_wp*dp(lane)
-      end do
-   end subroutine middle
 
    !> VEC (F,G) = [1-b, -c; a, 1+b]^{-1} (Hhat_p, -Hhat_q), exact for a quadratic Hamiltonian.
    pure subroutine solve_affine(nlane, hq, hp, hqq, hqp, hpp, dq, dp)
