@@ -70,7 +70,7 @@ contains
       case (general); if (task%is_tableau()) allocate (general_stepper :: stepper)
       case (euler_maruyama); if (task%scheme%form == ito_form) allocate (euler_maruyama_stepper :: stepper)
       case (galerkin); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)
-      case (splitting)
+      case default  ! splitting
          if (task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation) &
             allocate (splitting_stepper :: stepper)
       end select
