@@ -242,8 +242,7 @@ contains
       up = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine third_derivative_missing
 
-   !> Sweeps over stages i1 .. i2 of one path of one degree of freedom or two, where noise is in position: its positions
-   !> are
+   !> Sweeps over stages i1 .. i2 of a path with one or two degrees of freedom and noise in position. Its positions are
    !>
    !>    base_i + sum_j b_ji f_j      from j = i on and around, with b of the first sweep, or of the others,
    !>
@@ -254,7 +253,7 @@ contains
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
       real(wp), intent(in) :: t(nstage), w(0:nnoise), p(self%traits%ndof), base(4, 2), b(4, 4, 2)
       real(wp), intent(inout) :: f(4, 2, 0:most)  !! of all stages, after sweeps; those before are given
-      !> Of each sweep. The change is no number where a force is none, unless the next force then is none, too.
+      !> Of each sweep. The change is NaN where a force is; it need not where a force at NaN is NaN, and shows later.
       real(wp), intent(inout), dimension(most) :: change, extent
       real(wp) :: x(2), force(2), moved, size, zero
       integer :: i, j, k, m, d, at

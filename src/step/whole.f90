@@ -58,6 +58,7 @@ contains
       found = task%model%has_flow(name//suffix(task))
       if (usual_name(task%scheme, task%scheme%brackets%are_added()) == '') then
          if (found) found = is_of_catalogue(task%scheme, name)
+         if (.not. found .and. task%scheme%has_tableau()) call find_by_coefficients(task, name, found)
       else
          found = found .and. (task%scheme%law == law_gaussian .or. task%model%traits%quadratic)
       end if
@@ -92,23 +93,32 @@ contains
                                     merge(0.0_wp, task%scheme%correction_coefficient(), plain))
    end subroutine make
 
-   !> The name by which a model has the flow of a scheme, that of the catalogue: nothing depends on what users call it.
-   subroutine name_of_flow(scheme, name)
-      type(scheme_type), intent(in) :: scheme
-      character(:), allocatable, intent(out) :: name
+   !> Of the model's flows, that of the catalogue's scheme with this tableau: nothing depends on what users call it.
+   subroutine find_by_coefficients(task, name, found)
+      type(stepper_task), intent(in) :: task
+      character(:), allocatable, intent(inout) :: name
+      logical, intent(out) :: found
       character(len=name_length), allocatable :: known(:)
       integer :: i
 
-      name = trim(usual_name(scheme, scheme%brackets%are_added()))
-      if (name /= '') return
-      name = scheme%name
-      if (is_of_catalogue(scheme, name)) return
+      found = .false.
       known = scheme_names()
       do i = 1, size(known)
-         if (.not. is_of_catalogue(scheme, trim(known(i)))) cycle
+         if (.not. task%model%has_flow(trim(known(i))//suffix(task))) cycle
+         found = is_of_catalogue(task%scheme, trim(known(i)))
+         if (.not. found) cycle
          name = trim(known(i))
          return
       end do
+   end subroutine find_by_coefficients
+
+   !> The name by which a model has the flow of a scheme of the catalogue: four go by their coefficients.
+   subroutine name_of_flow(scheme, name)
+      type(scheme_type), intent(in) :: scheme
+      character(:), allocatable, intent(out) :: name
+
+      name = trim(usual_name(scheme, scheme%brackets%are_added()))
+      if (name == '') name = scheme%name
    end subroutine name_of_flow
 
    !> The name in the catalogue of one of the four, known by its coefficients; blank for others.

@@ -71,6 +71,13 @@ def test_loops_are_judged_by_their_ratio_and_calls_by_their_time(topics):
     ]
 
 
+def test_a_page_without_loops_says_why(topics, monkeypatch):
+    loops = topics("loops")
+    for found, words in ((object(), "No row has such a name."), (None, "numba: absent, skipped.")):
+        monkeypatch.setattr(loops.importlib.util, "find_spec", lambda name, found=found: found)
+        assert loops.section([]).endswith(words)
+
+
 def test_stages_have_the_target_of_their_step(topics):
     row = {"model": "fpu_chain", "ndof": 16, "ns": 1234.5, "ratio": 5.0, "iterations": 3.04, "lapack": 7}
     found = topics("stages").section({
