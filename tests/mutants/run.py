@@ -6,8 +6,7 @@ run.py BUILD [--check | --sample] [--only WORD] [--part K/N] [--named] [--jobs N
 A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it.
 The mutated file alone is compiled, with the command of the build; linked with the build's other objects it makes a
 library of its own, which the test programs are given in place of theirs. Faults of the Python package, or of
-headers, are planted in a copy of them; those of bench/ and docs/ in a copy of all that Python tests read, which are run
-there. Neither the tree nor the build is touched.
+headers, are planted in a copy of them. Neither the tree nor the build is touched.
 
     --check       only look whether every entry still fits the sources
     --sample      the entries with sample = true
@@ -50,8 +49,6 @@ LINKED = {"python_test_export"}  # builds programs against the library where it 
 PATIENCE = 1800  # seconds; a test that hangs has noticed
 HANGS = 20  # times the time that a test takes without a fault: it hangs
 WANTED = 0.95
-READ = ("bench", "docs", "examples", "include", "python", "src", "tests")  # what Python tests look at
-TREE = "MUTANT_TREE"  # the variable that names a copy of it
 
 
 class MisfitError(Exception):
@@ -112,9 +109,8 @@ class Test:
 
     def passes(self, environment: dict[str, str]) -> bool:
         """Whether it passes with these variables beside its own; hanging is failing."""
-        tests = f"{environment.get(TREE, ROOT)}/tests/"
         process = subprocess.Popen(
-            [word.replace(f"{ROOT}/tests/", tests) for word in self.command],
+            self.command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -149,7 +145,9 @@ class Build:
         found = json.loads(self.ask("ctest", "--show-only=json-v1"))["tests"]
         cost = self.costs()
         found.sort(key=lambda entry: cost[entry["name"]])
-        self.tests = {entry["name"]: read_test(entry) for entry in found if is_suite(entry)}
+        found = [entry for entry in found if is_suite(entry)]
+        self.names = {entry["name"] for entry in found}  # those that are not built, too
+        self.tests = {entry["name"]: read_test(entry) for entry in found if "command" in entry}
         entries = json.loads(self.ask("ninja", "-t", "compdb"))
         self.commands = {entry["output"]: entry["command"] for entry in entries}
         self.library = next(name for name in self.commands if name.startswith("libsymsde.so"))
@@ -200,10 +198,10 @@ def properties_of(entry: dict) -> dict:
 
 
 def is_suite(entry: dict) -> bool:
-    """Whether it is one of the suites that judge faults, and built."""
+    """Whether it is one of the suites that judge faults."""
     properties = properties_of(entry)
     judges = LABELS & set(properties.get("LABELS", [])) and not properties.get("WILL_FAIL")
-    return bool(judges) and entry["name"] not in LONG and "command" in entry
+    return bool(judges) and entry["name"] not in LONG
 
 
 def read_test(entry: dict) -> Test:
@@ -233,13 +231,6 @@ def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
         shutil.copytree(ROOT / "python", scratch / "python", ignore=shutil.ignore_patterns("__pycache__"))
         (scratch / mutant.file).write_text(text)
         return {"PYTHONPATH": str(scratch / "python")}
-    if mutant.file.startswith(("bench/", "docs/")):
-        for part in READ:
-            shutil.copytree(ROOT / part, scratch / part, ignore=shutil.ignore_patterns("__pycache__"))
-        for part in (*ROOT.glob("*.md"), *ROOT.glob("*.toml"), *ROOT.glob("*.cff")):
-            shutil.copy(part, scratch)
-        (scratch / mutant.file).write_text(text)
-        return {TREE: str(scratch), "PYTHONPATH": str(scratch / "python")}
     if mutant.file.startswith("include/"):
         shutil.copytree(ROOT / "include", scratch / "include")
         (scratch / mutant.file).write_text(text)
@@ -297,7 +288,7 @@ def check(mutants: list[Mutant], build: Build) -> int:
     for mutant in mutants:
         try:
             mutant.apply()
-            if mutant.test not in build.tests:
+            if mutant.test not in build.names:
                 raise MisfitError(f"{mutant.label}\n   there is no suite {mutant.test}, or it is a long one")
         except MisfitError as error:
             wrong += 1
