@@ -8,16 +8,18 @@ import importlib
 import json
 import os
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 
-from . import _checks
+from . import _checks, _parts
 from .errors import InvalidArgumentError, MissingPackageError, NotWrittenError
 
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
+NETCDF = threading.RLock()  #: the library of HDF5 crashes where two threads are in it, whatever their files
 
 
 def optional(package: str, extra: str) -> ModuleType:
@@ -87,7 +89,8 @@ def write(target: Path, make_dataset: Callable, variables: Variables, attributes
     if target.suffix == ".nc":
         optional("netCDF4", "xarray")
         content = make_dataset()
-        replace(target, lambda file: content.to_netcdf(file, engine="netcdf4"))
+        with NETCDF:
+            replace(target, lambda file: content.to_netcdf(file, engine="netcdf4"))
     elif target.suffix == ".npz":
         arrays = {name: array for name, (_, array) in variables.items()}
         text = np.array(json.dumps(dict(attributes)))
@@ -98,14 +101,13 @@ def write(target: Path, make_dataset: Callable, variables: Variables, attributes
 
 def replace(target: Path, write_to: Callable[[Path], object]) -> None:
     """Write beside the target, then put it in its place; NotWrittenError says why not."""
-    part = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    _parts.sweep(target.parent)
     try:
-        write_to(part)
-        os.replace(part, target)
+        with _parts.beside(target) as part:
+            write_to(part)
+            os.replace(part, target)
     except (OSError, RuntimeError) as error:  # netCDF4 raises a RuntimeError where the disk is full
         raise NotWrittenError(f"{target} cannot be written: {_reason(error)}") from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def replace_text(target: Path, text: str) -> None:

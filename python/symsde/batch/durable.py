@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-import socket
-import threading
 from pathlib import Path
 
+from .. import _parts
 from ..errors import NotWrittenError
 
 
@@ -17,21 +16,17 @@ def write(target: Path, content: bytes, *, keep: bool = True) -> bool:
 
     keep: what is there already stays, so that of two writers none overwrites the other.
     """
-    host, process, thread = socket.gethostname(), os.getpid(), threading.get_ident()
-    part = target.with_name(f".{target.name}.{host}.{process}.{thread}")
     try:
-        with part.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        placed = _link(part, target) if keep else _replace(part, target)
-        _sync_folder(target.parent)
-        return placed
+        with _parts.beside(target) as part:
+            with part.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            placed = _link(part, target) if keep else _replace(part, target)
+            _sync_folder(target.parent)
+            return placed
     except OSError as error:
         raise NotWrittenError(f"{target} cannot be written: {error.strerror or error}") from error
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 def _link(part: Path, target: Path) -> bool:

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from .. import _files
+from .. import _files, _parts
 from ..errors import SceneError
 from ..scene import Scene
 from . import durable, manifest, shard_file
@@ -59,11 +59,14 @@ class RunFolder:
         with _files.folder(path) as target:
             if not (target / manifest.NAME).exists():
                 _require_no_results(target)
+            for place in (target, target / "shards"):
+                _parts.sweep(place)
             self = cls(target, record, pieces)
             if scene is not None:
                 durable.write(target / "scene.toml", Path(scene.file).read_bytes())
                 for name, source in manifest.python_sources(scene):
                     (target / name).parent.mkdir(parents=True, exist_ok=True)
+                    _parts.sweep((target / name).parent)
                     durable.write(target / name, source.read_bytes())
             if not durable.write(target / manifest.NAME, manifest.to_bytes(record)):
                 manifest.require_same(manifest.read(target), record, target)

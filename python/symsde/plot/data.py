@@ -98,7 +98,7 @@ def from_file(path: Path) -> Paths | Means:
 
 def _arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     if path.suffix == ".nc":
-        with _files.optional("xarray", "xarray").open_dataset(path) as data:
+        with _files.NETCDF, _files.optional("xarray", "xarray").open_dataset(path) as data:
             return {str(name): data[name].to_numpy() for name in data.variables}, dict(data.attrs)
     if path.suffix != ".npz":
         raise InvalidArgumentError(f"{str(path)!r} is no file of a run: give a folder, or a .nc, .npz or .csv file")

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where a file is written before it gets its name: a folder of its own beside it, which no other writer can have.
+
+The system makes a folder for one alone, whatever the hosts, containers, processes and threads that share the place: a
+number of a process would not do, two containers may have the same. A lock tells whether the writer lives: the system
+takes it back from whoever dies. Within one kernel, which a folder names by its boot, that is proof. Between machines
+some file systems keep locks to themselves or have none: there a folder counts as left when nothing was done in it for
+a day, by the clock of the file system. Who is judged dead and is not gets an error that says so, never a wrong file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import tempfile
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # not POSIX
+    fcntl = None
+
+_PREFIX = ".part-"
+_LOCK = "lock"
+_DAY = 86400.0
+
+
+def _boot() -> str:
+    """The kernel that runs here, in whatever container."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()[:8]
+    except OSError:
+        return f"{uuid.getnode():012x}"
+
+
+_OWN = f"{_PREFIX}{_boot()}-"
+
+
+@contextlib.contextmanager
+def beside(target: Path) -> Iterator[Path]:
+    """A path of the same name on the same file system, to write to and then to move; what is left of it goes."""
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=_OWN, dir=target.parent))
+        handle = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            _locked(handle, wait=True)
+            if os.fstat(handle).st_nlink:  # else somebody took it for left before it was locked
+                yield folder / target.name
+                return
+        finally:
+            os.close(handle)
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def sweep(place: Path) -> None:
+    """Remove what writers of this user have left in a folder that were killed."""
+    with contextlib.suppress(OSError):
+        with os.scandir(place) as entries:
+            there = [x for x in entries if x.name.startswith(_PREFIX) and x.is_dir(follow_symlinks=False)]
+        own = [Path(x.path) for x in there if x.stat(follow_symlinks=False).st_uid == os.geteuid()]
+        if own:
+            with tempfile.TemporaryFile(dir=place) as file:
+                now = os.fstat(file.fileno()).st_mtime
+            for folder in own:
+                _remove_if_left(folder, now)
+
+
+def _remove_if_left(folder: Path, now: float) -> None:
+    with contextlib.suppress(OSError):
+        is_old = now - folder.stat().st_mtime > _DAY
+        try:
+            handle = os.open(folder / _LOCK, os.O_RDWR)
+        except FileNotFoundError:  # killed, or about to make it
+            if is_old:
+                shutil.rmtree(folder, ignore_errors=True)
+            return
+        try:
+            is_free = _locked(handle, wait=False)
+            if (is_free and folder.name.startswith(_OWN)) or (is_free is not False and is_old):
+                os.unlink(folder / _LOCK)  # before the lock is given back: who waits for it sees that it is gone
+                shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(handle)
+
+
+def _locked(handle: int, *, wait: bool) -> bool | None:
+    """Whether the lock is ours now; None where there are no locks."""
+    if fcntl is None:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BlockingIOError:
+        return False
+    except OSError:
+        return None
+    return True

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is written before it has its name: two writers never meet, and what a killed one leaves goes with the next."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+import symsde as ss
+from symsde import _files, _parts, cli
+from symsde.batch import durable
+
+LEFT = """
+import os, signal, sys
+from pathlib import Path
+from symsde import _files
+from symsde.batch import durable
+def die(*_):
+    os.kill(os.getpid(), signal.SIGKILL)
+folder = Path(sys.argv[1])
+if sys.argv[2] == "durable":
+    os.fsync = die
+    durable.write(folder / "name", b"half")
+_files.replace(folder / "name", lambda part: (part.write_text("half"), die()))
+"""
+
+
+def test_a_writer_inside_another_of_the_same_target(tmp_path):
+    """One process, one thread: no number of the system tells the two apart."""
+    target = tmp_path / "moments.csv"
+
+    def outer(part):
+        part.write_text("outer")
+        _files.replace(target, lambda other: other.write_text("inner"))
+        assert target.read_text() == "inner" and part.read_text() == "outer"
+
+    _files.replace(target, outer)
+    assert target.read_text() == "outer" and os.listdir(tmp_path) == ["moments.csv"]
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_a_durable_writer_inside_another(keep, tmp_path, monkeypatch):
+    """Of two that keep what is there the second has no say; else it has the last one."""
+    target, sync = tmp_path / "shard.npz", os.fsync
+
+    def meanwhile(handle):
+        monkeypatch.setattr(os, "fsync", sync)
+        assert durable.write(target, b"inner", keep=keep)
+        sync(handle)
+
+    monkeypatch.setattr(os, "fsync", meanwhile)
+    assert durable.write(target, b"outer", keep=keep) is not keep
+    assert target.read_bytes() == (b"inner" if keep else b"outer") and os.listdir(tmp_path) == ["shard.npz"]
+
+
+@pytest.mark.parametrize("ending", ["npz", "nc"])
+def test_threads_that_save(ending, tmp_path):
+    """One target, and targets of their own: in a process by itself, since the library of HDF5 used to crash."""
+    if ending == "nc":
+        pytest.importorskip("xarray")
+        pytest.importorskip("netCDF4")
+    program = f"""
+import threading, symsde as ss
+run = ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=50, paths=20, seed=3)
+start = threading.Barrier(8)
+def save(i):
+    start.wait()
+    for k in range(6):
+        run.save("one.{ending}" if k % 2 else f"own{{i}}.{ending}")
+        moments.save(f"two{{i}}.{ending}")
+moments = ss.moments(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=50, paths=20, seed=3)
+threads = [threading.Thread(target=save, args=(i,)) for i in range(8)]
+failed = []
+threading.excepthook = lambda x: failed.append(x.exc_value)
+[x.start() for x in threads]; [x.join() for x in threads]
+assert not failed, failed
+"""
+    ended = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr[-1000:]
+    names = ["one", *(f"{x}{i}" for x in ("own", "two") for i in range(8))]
+    assert sorted(os.listdir(tmp_path)) == sorted(f"{name}.{ending}" for name in names)
+
+
+@pytest.mark.parametrize("writer", ["durable", "replace"])
+def test_what_a_killed_writer_leaves(writer, tmp_path):
+    """Gone with the next one, but for what somebody works on."""
+    ended = subprocess.run([sys.executable, "-c", LEFT, str(tmp_path), writer], check=False)
+    assert ended.returncode == -signal.SIGKILL and len(os.listdir(tmp_path)) == 1
+    with _parts.beside(tmp_path / "alive") as part:
+        part.write_text("mine")
+        _files.replace(tmp_path / "name", lambda other: other.write_text("whole"))
+        assert sorted(os.listdir(tmp_path)) == sorted([part.parent.name, "name"])
+        assert part.read_text() == "mine"
+    assert os.listdir(tmp_path) == ["name"] and (tmp_path / "name").read_text() == "whole"
+
+
+def test_the_next_run_clears_its_folder(tmp_path):
+    """Also below shards, where only shards and their checkpoints are."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(ss.scene.template("kubo").replace("steps = 5000", "steps = 50").replace("paths = 1000", ""))
+    given = ["run", str(scene), "--out", str(tmp_path / "out"), "--quiet"]
+    assert cli.main(given) == cli.OK
+    for folder in ("out", "out/shards"):
+        subprocess.run([sys.executable, "-c", LEFT, str(tmp_path / folder), "durable"], check=False)
+        assert any(name.startswith(".part-") for name in os.listdir(tmp_path / folder))
+    assert cli.main(given) == cli.OK
+    for folder in ("out", "out/shards"):
+        assert not any(name.startswith(".part-") for name in os.listdir(tmp_path / folder))
+
+
+def test_parts_of_another_machine(tmp_path):
+    """There a lock that is free proves nothing: a day must have passed, and even then it must be free."""
+    with _parts.beside(tmp_path / "name") as part:
+        held = part.parent.rename(tmp_path / ".part-elsewhere-held")
+        for name in (".part-elsewhere-young", ".part-elsewhere-old", ".part-elsewhere-bare", ".other"):
+            (tmp_path / name).mkdir()
+            if name != ".part-elsewhere-bare":
+                (tmp_path / name / "lock").touch()
+        (tmp_path / ".part-link").symlink_to(tmp_path / ".other")
+        for folder in (held, *(tmp_path / f".part-elsewhere-{x}" for x in ("old", "bare"))):
+            then = folder.stat().st_mtime - 90000
+            os.utime(folder, (then, then))
+        _parts.sweep(tmp_path)
+        found = {folder.name for folder in tmp_path.iterdir()}
+        assert found == {".other", ".part-link", ".part-elsewhere-held", ".part-elsewhere-young"}
+        assert (tmp_path / ".other" / "lock").exists()
+
+
+def test_a_part_that_is_taken_before_it_is_locked(tmp_path, monkeypatch):
+    """Between making the folder and locking it: the writer sees it, and makes another one."""
+    lock, folders = _parts._locked, []
+
+    def late(handle, *, wait):
+        if wait:
+            folders.extend(x for x in tmp_path.iterdir() if x not in folders)
+            if len(folders) == 1:
+                _parts.sweep(tmp_path)
+        return lock(handle, wait=wait)
+
+    monkeypatch.setattr(_parts, "_locked", late)
+    _files.replace(tmp_path / "name", lambda part: part.write_text("whole"))
+    assert len(folders) == 2 and (tmp_path / "name").read_text() == "whole"
+
+
+def test_without_locks_only_age_counts(tmp_path, monkeypatch):
+    """On file systems that have none, writers go on, and nothing young is removed."""
+
+    def none(*_):
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr(_parts.fcntl, "flock", none)
+    with _parts.beside(tmp_path / "name") as part:
+        part.write_text("mine")
+        thread = threading.Thread(target=_files.replace, args=(tmp_path / "other", lambda x: x.write_text("whole")))
+        thread.start()
+        thread.join()
+        assert part.read_text() == "mine" and (tmp_path / "other").read_text() == "whole"
