@@ -339,7 +339,7 @@ int symsde_paths_init(symsde_paths *paths);
 int symsde_simulate(symsde_model model, symsde_scheme scheme, const symsde_options *options, const symsde_input *input,
                     symsde_paths *paths, symsde_report *report, symsde_error *error);
 
-/* values[nvalue][nlane] of the user's own observables; nonzero aborts the run */
+/* values[nvalue][nlane] of the user's own observables, refused where they mix lanes; nonzero aborts the run */
 typedef int (*symsde_observables)(int nlane, int ndof, double t, const double *q, const double *p, double *values,
                                   void *user);
 

@@ -98,26 +98,6 @@ class NamedObservable:
         """To another process, which loads it again: who could make this one was allowed to."""
         return _again, self._given
 
-    def check(self, q: np.ndarray, p: np.ndarray) -> None:
-        """Refuse what does not give each of some states (dof, lane) a number of its own, the same again."""
-        with np.errstate(all="ignore"):
-            together = np.asarray(self(q.copy(), p.copy()))
-            if together.shape != q.shape[1:]:
-                raise InvalidArgumentError(
-                    f"python = {self._given[1]!r} returns {_checks.shown(together)} for {q.shape[1]} states: return a "
-                    f"number for each, shape ({q.shape[1]},), the states last, as q[0]**2 or np.sum(q**2, axis=0)"
-                )
-            alone = [self(q[:, i : i + 1].copy(), p[:, i : i + 1].copy()) for i in range(q.shape[1])]
-        try:
-            same = np.allclose(np.ravel(alone), together, rtol=1e-9, atol=0.0, equal_nan=True)
-        except (TypeError, ValueError):
-            same = False
-        if not same:
-            raise InvalidArgumentError(
-                f"python = {self._given[1]!r} gives a state another value beside other states than alone: return a "
-                "number for each state that depends on nothing else"
-            )
-
 
 def _again(folder: str, text: str) -> NamedObservable:
     """In another process."""

@@ -10,6 +10,7 @@ import functools
 import importlib
 import json
 import os
+import re
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -21,7 +22,7 @@ from . import _abi, _callbacks, _checks, _files, _handles, provenance, tabular
 from ._checks import address
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
-from .errors import InvalidArgumentError, NotANumberWarning
+from .errors import FalseTraitError, InvalidArgumentError, NotANumberWarning
 from .model import Model
 from .observe import kept, requests, results
 from .observe.observables import Observable, are_in_python, bind, check_observables, described
@@ -135,8 +136,14 @@ class Moments(Reported):
         except Exception as error:
             refusal = error
         failures.raise_stored()
+        if isinstance(refusal, FalseTraitError):
+            raise FalseTraitError(re.sub(r"^observable (\d+)", self._named, str(refusal)))
         if refusal is not None:
             raise refusal
+
+    def _named(self, match: re.Match) -> str:
+        """An observable by its name, where the library tells its number."""
+        return f"observable {list(self._observables)[int(match[1]) - 1]!r}"
 
     def fill_from_sums(self, n_ok: np.ndarray, mean: np.ndarray, m2: np.ndarray) -> None:
         """The same from counts (time,), means and sums of squared deviations (time, value), as the library makes it."""
@@ -274,3 +281,10 @@ def moments(
     for doubt in result.doubts():
         warnings.warn(doubt, NotANumberWarning, stacklevel=2)
     return result
+
+
+def try_out(model: Model, observables: dict[str, Observable], **options: Any) -> None:
+    """Refuse observables that give a path near the initial state no number of its own; no step is made."""
+    with np.errstate(all="ignore"):
+        setup = make_setup(model, **{**options, "steps": 0, "save_every": 1}, in_python=are_in_python(observables))
+        Moments(setup, observables).fill(observables, False)

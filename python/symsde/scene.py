@@ -19,9 +19,8 @@ from . import _checks, _named, models
 from ._setup import make_setup
 from .errors import InvalidArgumentError, SceneError, SymsdeError
 from .formulas import scenes as formulas
-from .formulas.observables import FormulaObservables
 from .model import Model
-from .moments import Moments, moments
+from .moments import Moments, moments, try_out
 from .observe import observables, requests
 from .simulate import Run, simulate
 
@@ -86,11 +85,14 @@ class Scene:
     def try_out(self) -> Run:
         """Set everything up as for the run, but make no step; misuse raises SceneError."""
         try:
-            setup = make_setup(self.model, **self.run)
-            here = {**self.run, "steps": 0, "paths": 1, "q0": setup.q0[:, :1], "p0": setup.p0[:, :1]}
-            return simulate(self.model, **here)
+            return simulate(self.model, **self.start())
         except SymsdeError as error:
             raise SceneError(f"{self.file}: [run]: {error}") from error
+
+    def start(self) -> dict[str, Any]:
+        """The options of the run, for one path and no step."""
+        setup = make_setup(self.model, **self.run)
+        return {**self.run, "steps": 0, "paths": 1, "q0": setup.q0[:, :1], "p0": setup.p0[:, :1]}
 
 
 def load(path: str | os.PathLike) -> Scene:
@@ -153,22 +155,12 @@ def _observables(file: str, scene: Scene) -> dict[str, observables.Observable]:
             )
     try:
         observables.check_observables(found)
-        FormulaObservables(scene.model, {name: x for name, x in found.items() if isinstance(x, str)})
-        for x in found.values():
-            if isinstance(x, _named.NamedObservable):
-                x.check(*_states(scene))
+        try_out(scene.model, found, **{**scene.start(), "first_path": 0})
     except SymsdeError as error:
         raise SceneError(f"{file}: [observables]: {error}") from error
     if found and not scene.moments:
         raise SceneError(f"{file}: [observables] go with moments: leave out moments = false of [output]")
     return found
-
-
-def _states(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Three states near the first of a run, (dof, lane) each."""
-    setup = make_setup(scene.model, **scene.run)
-    near = np.array([1.0, 1.01, 0.98])
-    return tuple(x[:, :1] * near + 1e-3 * (near - 1) for x in (setup.q0, setup.p0))
 
 
 def _observers(file: str, scene: Scene) -> dict[str, requests.Observer]:

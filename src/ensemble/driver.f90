@@ -126,6 +126,7 @@ contains
       if (.not. allocated(error)) call resolve_task(self%recipe%task, model, scheme, steppers_of(options), error)
       if (.not. allocated(error)) call plan_run(self, observer, error)
       call probe_declared(model, options%t0, q0(1, :), p0(1, :), error)
+      call observer%probe(options%t0, q0(1, :), p0(1, :), error)
       if (allocated(error)) return
       nullify (given)
       if (present(dw)) given => dw

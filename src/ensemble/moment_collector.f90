@@ -7,7 +7,7 @@
 !> same values; where one of them watches every step, every step is shown here, and saved times are some of these.
 module symsde_ensemble_moment_collector
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_base_status, only: absorbed
+   use symsde_base_status, only: absorbed, error_type
    use symsde_ensemble_observables, only: observables_type
    use symsde_ensemble_observer, only: observer_type
    use symsde_ensemble_observer_list, only: observer_plan, observer_list, new_observer_list
@@ -62,6 +62,7 @@ module symsde_ensemble_moment_collector
       procedure :: end_block
       procedure :: gather
       procedure :: failure_code
+      procedure :: probe
       procedure :: numbers
    end type moment_collector
 
@@ -330,5 +331,14 @@ contains
       store%failed_step(at) = failed_step
       store%nlisted = min(store%nlisted + 1, max_failed_listed)
    end subroutine list_failure
+
+   !> The user's observables must take every path by itself.
+   subroutine probe(self, t, q0, p0, error)
+      class(moment_collector), intent(in) :: self
+      real(wp), intent(in) :: t, q0(:), p0(:)
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (associated(self%observables)) call self%observables%probe(t, q0, p0, error)
+   end subroutine probe
 
 end module symsde_ensemble_moment_collector

@@ -5,6 +5,7 @@
 !> copies share lies behind pointers. A block is shown from its first saved time to its last.
 module symsde_ensemble_observer
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type
    use symsde_step_state, only: lane_state
    implicit none
    private
@@ -20,6 +21,7 @@ module symsde_ensemble_observer
       procedure :: gather => nothing_to_gather
       procedure :: numbers => nothing_held
       procedure :: failure_code => never_failed
+      procedure :: probe => nothing_to_probe
    end type observer_type
 
    abstract interface
@@ -97,5 +99,12 @@ contains
 
       code = 0
    end function never_failed
+
+   !> Refuse what the observer calls near the state of one path, before the run. This default calls nothing.
+   subroutine nothing_to_probe(self, t, q0, p0, error)
+      class(observer_type), intent(in) :: self
+      real(wp), intent(in) :: t, q0(:), p0(:)
+      type(error_type), allocatable, intent(inout) :: error
+   end subroutine nothing_to_probe
 
 end module symsde_ensemble_observer

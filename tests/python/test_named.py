@@ -143,11 +143,11 @@ def test_only_where_allowed(file, module, tmp_path, capsys):
 BAD = {
     "nothere": "is no function (MODULE has no function of this name): write module:function",
     "number": "is no function (this is 3): write module:function",
-    "total": "for 3 states: return a number for each, shape (3,)",
-    "wide": "for 3 states: return a number for each, shape (3,)",
-    "about": "gives a state another value beside other states than alone",
-    "chance": "gives a state another value beside other states than alone",
-    "text": "gives a state another value beside other states than alone",
+    "total": "observable 'r' is one number for all paths: return one for each",
+    "wide": "observable 'r' has shape (1, 8): return shape (8,)",
+    "about": "observable 'r' does not take every path by itself: it is",
+    "chance": "observable 'r' does not take every path by itself: it is",
+    "text": "observable 'r' holds <U1 values: return an array of real numbers",
 }
 
 
@@ -156,7 +156,7 @@ def test_functions_that_do_not_fit(name, sentence, file, module, capsys):
     file.write_text(SCENE.replace("MODULE:radius", f"MODULE:{name}").replace("MODULE", module))
     assert cli.main(["check", str(file), "--allow-python"]) == cli.BAD_INPUT
     told = capsys.readouterr().err
-    assert f"python = '{module}:{name}'" in told and sentence.replace("MODULE", module) in told
+    assert "[observables]" in told and sentence.replace("MODULE", module) in told
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import cli, observe, scene
-from symsde.errors import InvalidArgumentError, SceneError, WrongShapeError, WrongTypeError
+from symsde.errors import FalseTraitError, InvalidArgumentError, SceneError, WrongShapeError, WrongTypeError
 
 RUN = {"q0": [0.3, 0.2], "p0": [0.1, 0.0], "step": 0.05, "steps": 60, "save_every": 20, "paths": 1500, "seed": 3}
 FORMULAS = {
@@ -413,3 +413,55 @@ def test_observables_need_moments(tmp_path):
     file = write(tmp_path / "scene.toml", SCENE.partition("[[observe]]")[0] + "[output]\nmoments = false\npaths=[0]\n")
     with pytest.raises(SceneError, match=r"\[observables\] go with moments"):
         scene.load(file)
+
+
+def middle(x):
+    """Distance from the mean of the paths."""
+    return (x - x.mean()) ** 2
+
+
+MIXING = {
+    "mean": lambda q, p: middle(q[0]),
+    "mean alone": lambda q, p: np.full_like(q[0], q[0].mean()),
+    "rank": lambda q, p: np.argsort(np.argsort(p[0])) * 1.0,
+    "above": lambda q, p: q[0] > np.median(q[0]),
+    "neighbour": lambda q, p: np.roll(q[0], 3),
+    "sum so far": lambda q, p: np.cumsum(q[1]),
+    "chance": lambda q, p: np.random.default_rng().random(q.shape[1]),
+    "no number": lambda q, p: np.where(q[0] == q[0].max(), np.nan, q[0]),
+}
+ALONE = r"does not take every path by itself: it is .* for a path beside others"
+
+
+@pytest.mark.parametrize("name", MIXING)
+def test_what_mixes_paths_is_refused(name):
+    """Values would depend on blocks, `lanes` and shards; so of everything that takes a function of states."""
+    chosen, start = MIXING[name], {"q0": RUN["q0"], "p0": RUN["p0"]}
+    as_numbers = {"fine": "q1**2", "mine": lambda q, p: chosen(q, p) * 1.0}
+    with pytest.raises(FalseTraitError, match="^observable 'mine' " + ALONE):
+        ss.moments(model(), observables=as_numbers, observers={"far": observe.Extremes("mine")}, **RUN)
+    with pytest.raises(FalseTraitError, match="^observable 'f' " + ALONE):
+        ss.expect(model(), chosen, horizon=1.0, abs=0.1, **start)
+    with pytest.raises(FalseTraitError, match=ALONE):
+        ss.mlmc(model(), chosen, horizon=1.0, abs=0.1, **start)
+
+
+def test_invariants_that_mix_paths_are_refused():
+    mixing, start = {"mine": MIXING["mean"]}, {"q0": RUN["q0"], "p0": RUN["p0"]}
+    with pytest.raises(FalseTraitError, match="^observable 'mine' " + ALONE):
+        ss.work_precision(model=model(), schemes=["midpoint"], steps=[4, 8], paths=40, invariants=mixing, **start)
+
+
+def test_what_takes_each_path_by_itself_is_not():
+    """Sums over degrees of freedom, jumps, what is zero or no number at the start, what is rounding alone."""
+    mine, at = model(), (np.array(RUN["q0"])[:, None], np.array(RUN["p0"])[:, None])
+    first = mine.value(*at)[0]
+    fine = {
+        "sum": lambda q, p: np.sum(q**2 + p**2, axis=0),
+        "drift": lambda q, p: mine.value(q, p) - first,
+        "jump": lambda q, p: (q[0] > RUN["q0"][0]) * 1.0,
+        "rounding": lambda q, p: np.sin(q[0]) ** 2 + np.cos(q[0]) ** 2 - 1,
+        "no number": lambda q, p: np.log(q[0] - RUN["q0"][0]),
+    }
+    with np.errstate(all="ignore"), pytest.warns(ss.NotANumberWarning):
+        ss.moments(mine, observables=fine, **RUN)

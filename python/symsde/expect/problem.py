@@ -13,6 +13,7 @@ import numpy as np
 from .. import _checks
 from ..errors import InvalidArgumentError, PathsFailedWarning, WrongTypeError
 from ..model import Model
+from ..moments import try_out
 from ..report import Report
 from ..schemes import Scheme
 from ..simulate import Run, simulate
@@ -91,4 +92,5 @@ def make_problem(
     t = _checks.finite("t0", options.get("t0", 0.0)) + horizon
     problem = Problem(model, Target(f, model, t), states["q0"], states["p0"], horizon, seed, options)
     problem.target.try_at(problem.q0, problem.p0)
+    try_out(model, {"f": problem.target}, q0=problem.q0, p0=problem.p0, t0=t, step=horizon / 1024)
     return problem

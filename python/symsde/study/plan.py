@@ -15,6 +15,7 @@ import numpy as np
 from .. import _checks, diagnose, provenance
 from ..errors import InvalidArgumentError, MissingOperationError, PathsFailedWarning, SymsdeError
 from ..model import Model
+from ..moments import try_out
 from ..schemes import Scheme, as_scheme
 from ..simulate import simulate
 
@@ -158,7 +159,7 @@ def _invariants(given: object) -> dict[str, Any]:
 
 
 def _try_invariants(plan: Plan) -> None:
-    """Refuse invariants that are no numbers where the paths begin."""
+    """Refuse invariants that are no numbers where the paths begin, and those that mix paths."""
     start = [_checks.state(name, x, plan.model.ndof, plan.paths) for name, x in (("q0", plan.q0), ("p0", plan.p0))]
     q, p = (_checks.full(x, max(x.shape[1] for x in start)) for x in start)
     for name, function in plan.invariants.items():
@@ -168,6 +169,8 @@ def _try_invariants(plan: Plan) -> None:
                 f"the invariant {name!r} returned {_checks.shown(values)} of {values.dtype} for q and p of shape "
                 f"{q.shape}, (dof, path), at the initial states: give f(q, p) that returns one finite number a path"
             )
+    if plan.invariants:
+        try_out(plan.model, plan.invariants, q0=q[:, :1], p0=p[:, :1], step=plan.horizon / plan.steps[-1])
 
 
 def check_steps(steps: Sequence[int]) -> list[int]:
