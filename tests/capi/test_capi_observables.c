@@ -1,20 +1,22 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  *
- * Observables that are asked for several saved times at once: the moments of one time each, bit for bit.
+ * Observables that are asked for several saved times at once: the moments of one time each, bit for bit. Those that mix
+ * lanes are refused.
  */
 #include "run.h"
 
-enum { NVALUE = 2 + 1 + 2 };
+enum { NVALUE = 2 + 1 + 2, PROBE = 3 /* calls */ };
 
 static double t[2][NTIME], mean[2][NTIME * NVALUE], variance[2][NTIME * NVALUE], se[2][NTIME * NVALUE];
 static int64_t n_ok[2][NTIME];
-static int calls, most;
+static int calls, most, mixes;
 
-/* r^2, and the time that is told */
+/* r^2, that of a neighbour where they are mixed, and the time that is told */
 static int observe(int nlane, int ndof, double time, const double *q, const double *p, double *values, void *user) {
    (void)ndof, (void)user;
    for (int i = 0; i < nlane; i++) {
-      values[i] = q[i] * q[i] + 2 * p[i] * p[i];
+      const int k = mixes ? nlane - 1 - i : i;
+      values[i] = q[k] * q[k] + 2 * p[k] * p[k];
       values[nlane + i] = time;
    }
    calls++;
@@ -49,9 +51,9 @@ static int moments_into(int which, int lanes) {
 
 int main(void) {
    OK(moments_into(0, 0));
-   CHECK(calls == 2 * NTIME && most == 256); /* two blocks of 256 lanes */
+   CHECK(calls == PROBE + 2 * NTIME && most == 256); /* two blocks of 256 lanes */
    OK(moments_into(1, 1000));
-   CHECK(calls == 2 * ((NTIME + 2) / 3) && most == 3 * 256);
+   CHECK(calls == PROBE + 2 * ((NTIME + 2) / 3) && most == 3 * 256);
    for (int i = 0; i < NTIME; i++) {
       CHECK(memcmp(mean[0] + i * NVALUE, mean[1] + i * NVALUE, 4 * sizeof(double)) == 0);
       CHECK(memcmp(variance[0] + i * NVALUE, variance[1] + i * NVALUE, 4 * sizeof(double)) == 0);
@@ -59,7 +61,10 @@ int main(void) {
    }
    CHECK(mean[0][NVALUE + 3] > 1 && n_ok[1][NTIME - 1] == PATHS);
    OK(moments_into(1, 1)); /* less than a block: one time each */
-   CHECK(calls == 2 * NTIME);
+   CHECK(calls == PROBE + 2 * NTIME);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "observables_lanes = -1", moments_into(1, -1));
+   mixes = 1;
+   EXPECT(SYMSDE_FALSE_TRAIT, "observable 1 does not take every path by itself", moments_into(1, 0));
+   CHECK(calls <= PROBE);
    return close_report();
 }
