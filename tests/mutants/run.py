@@ -2,24 +2,29 @@
 """Plant faults, one at a time, and see whether the suites notice.
 
 run.py BUILD [--check | --sample] [--only WORD] [--part K/N] [--named] [--jobs N] [--keep FILE] [--table FILE]
+run.py BUILD --random N --seed S [--only WORD] [--part K/N] [--jobs N] [--keep FILE] [--table FILE]
 
-A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it.
+A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it; or it
+is made by a rule (operators.py) in a line picked by the seed: the same seed makes the same faults of the same tree.
 The mutated file alone is compiled, with the command of the build; linked with the build's other objects it makes a
 library of its own, which the test programs are given in place of theirs. Faults of the Python package, or of
 headers, are planted in a copy of them. Neither the tree nor the build is touched.
 
     --check       only look whether every entry still fits the sources
     --sample      the entries with sample = true
-    --only WORD   the entries whose file or text holds the word
+    --random N    N faults made by rules; those that no compiler takes, or that change no instruction, are drawn again
+    --only WORD   the entries whose file or text holds the word; of faults made by rules, files that begin so
     --part K/N    the K-th of N parts, for several processes or machines; the kept verdicts can be put together
     --named       run no other test than the one that the entry names: a quick look
     --keep FILE   write each verdict to the file as it falls, and take from it those of an earlier run: a run that
                   was stopped goes on where it was, and a fault in a file that has changed since is judged again
     --table FILE  write the result as a page: a row for each folder, and the survivors with their reasons
 
-The named test runs first, then, where it passes, every other suite that is not long, the quickest first. The exit
-code tells of an entry that does not fit, of a survivor without a reason, of a reason without a survivor, of less
-than 95 % caught.
+The named test runs first, then, where it passes, every other suite that is not long, the quickest first. Faults made by
+rules meet the suites of under three minutes, by the times of the last run of ctest: first those named after the file,
+then those that use its module, that share a word with its name, or with its folder, then all others. The exit code
+tells of an entry that does not fit, of a survivor without a reason, of a reason without a survivor, of less than 95 %
+caught (90 % of faults made by rules).
 """
 
 import argparse
@@ -28,6 +33,7 @@ import gzip
 import hashlib
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -39,8 +45,11 @@ import tomllib
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
+from itertools import islice
 from pathlib import Path
 from threading import Lock
+
+import operators
 
 ROOT = Path(__file__).resolve().parents[2]
 LABELS = {"unit", "verification", "capi", "python"}
@@ -48,7 +57,8 @@ LONG = {"test_order", "test_beyond_one", "check_funit"}  # too long, or not abou
 LINKED = {"python_test_export"}  # builds programs against the library where it was installed, not the one planted
 PATIENCE = 1800  # seconds; a test that hangs has noticed
 HANGS = 20  # times the time that a test takes without a fault: it hangs
-WANTED = 0.95
+SHORT = 180  # seconds; what judges faults made by rules
+WANTED, WANTED_BY_RULES = 0.95, 0.9
 
 
 class MisfitError(Exception):
@@ -62,19 +72,28 @@ class Mutant:
     file: str
     old: str
     new: str
-    test: str
+    test: str = ""
     survives: str = ""  # why no suite can catch it
     sample: bool = False
+    line: int = 0  # of a fault made by a rule: the old text is this line
 
     @property
     def label(self) -> str:
         """The file and what becomes of its text, on one line."""
         old, new = (" ".join(text.split()) for text in (self.old, self.new))
-        return f"{self.file}: {old} -> {new or 'nothing'}"
+        return f"{self.file}:{f'{self.line}:' if self.line else ''} {old} -> {new or 'nothing'}"
+
+    @property
+    def folder(self) -> str:
+        """What it is counted with."""
+        return "/".join(self.file.split("/")[:-1][:3])
 
     def apply(self) -> str:
         """The text of the file with the fault; the old text must be there, once."""
         source = (ROOT / self.file).read_text()
+        if self.line:
+            lines = source.splitlines()
+            return "\n".join([*lines[: self.line - 1], self.new, *lines[self.line :]]) + "\n"
         if (times := source.count(self.old)) != 1 or self.old == self.new:
             raise MisfitError(f"{self.label}\n   the old text is there {times} times, not once")
         return source.replace(self.old, self.new)
@@ -143,8 +162,8 @@ class Build:
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
         found = json.loads(self.ask("ctest", "--show-only=json-v1"))["tests"]
-        cost = self.costs()
-        found.sort(key=lambda entry: cost[entry["name"]])
+        self.cost = self.costs()
+        found.sort(key=lambda entry: self.cost[entry["name"]])
         found = [entry for entry in found if is_suite(entry)]
         self.names = {entry["name"] for entry in found}  # those that are not built, too
         self.tests = {entry["name"]: read_test(entry) for entry in found if "command" in entry}
@@ -162,17 +181,45 @@ class Build:
         lines = kept.read_text().split("---")[0].splitlines() if kept.exists() else []
         return defaultdict(float, {line.split()[0]: float(line.split()[2]) for line in lines if line})
 
+    def order(self, mutant: Mutant, named: bool) -> list[str]:
+        """The suites that judge a fault, in the order in which they run."""
+        if mutant.test:
+            spared = {mutant.test} | (set() if mutant.file.startswith("python/") else LINKED)
+            return [mutant.test, *(name for name in self.tests if name not in spared and not named)]
+        stem, folder = Path(mutant.file).stem.strip("_"), Path(mutant.file).parent.name
+        of_python = mutant.file.startswith("python/")
+        module = re.compile(rf"symsde[._]{folder}[._]{stem}\b" if folder != "symsde" else rf"symsde.*\b{stem}\b")
+
+        def distance(name: str) -> tuple[int, float]:
+            source = next((ROOT / "tests").rglob(f"{name.removeprefix('python_')}.[p]*"), None)
+            words = set(name.split("_")) - {"test"}
+            used = source is not None and module.search(source.read_text()) is not None
+            near = (stem in name, used, not words.isdisjoint(stem.split("_")), folder in words, True)
+            return near.index(True), self.cost[name]
+
+        fit = {name for name in self.tests if self.cost[name] < SHORT}
+        fit = {name for name in fit if name.startswith("python_")} if of_python else fit - LINKED
+        return sorted(fit, key=distance)
+
     def make_library(self, mutant: Mutant, text: str, scratch: Path) -> Path:
         """A library with this text for the file."""
         target = f"src/CMakeFiles/symsde.dir/{mutant.file.removeprefix('src/')}.o"
         source, made = scratch / Path(mutant.file).name, scratch / "mutant.o"
-        source.write_text(text)
         words = shlex.split(self.commands[target])
         modules = next((word[2:] for word in words if word.startswith("-J")), "")
         words = [f"-J{scratch}" if word.startswith("-J") else word for word in words if word != "-fpreprocessed"]
         words[words.index("-c") + 1] = str(source)
         words[words.index("-o") + 1] = str(made)
-        self.build(mutant, [*words, *([f"-I{modules}", "-cpp"] if modules else [])])
+        words += [f"-I{modules}", "-cpp"] if modules else []
+        if mutant.line:
+            words += ["-Wconversion", "-Werror"]  # no index times 1.01
+            source.write_text((ROOT / mutant.file).read_text())
+            self.build(mutant, words)
+            sound = made.read_bytes()
+        source.write_text(text)
+        self.build(mutant, words)
+        if mutant.line and made.read_bytes() == sound:
+            raise MisfitError(f"{mutant.label}\n   changes no instruction")
         for module in scratch.glob("*.mod"):
             if interface_of(module) != interface_of(self.folder / modules / module.name):
                 raise MisfitError(
@@ -227,6 +274,11 @@ def read_mutants() -> list[Mutant]:
 def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
     """Make the faulty library or package; the variables that put it before the tests."""
     text = mutant.apply()
+    if mutant.file.endswith(".py"):
+        try:
+            compile(text, mutant.file, "exec")
+        except SyntaxError as error:
+            raise MisfitError(f"{mutant.label}\n   {error}") from error
     if mutant.file.startswith("python/"):
         shutil.copytree(ROOT / "python", scratch / "python", ignore=shutil.ignore_patterns("__pycache__"))
         (scratch / mutant.file).write_text(text)
@@ -247,9 +299,7 @@ def judge(mutant: Mutant, build: Build, named: bool) -> Verdict:
     with tempfile.TemporaryDirectory(prefix="mutant-") as scratch:
         try:
             environment = plant(mutant, build, Path(scratch))
-            spared = {mutant.test} | (set() if mutant.file.startswith("python/") else LINKED)
-            others = [] if named else [name for name in build.tests if name not in spared]
-            for name in [mutant.test, *others]:
+            for name in build.order(mutant, named):
                 test = build.tests[name]
                 if name == mutant.test and not test.is_sound():
                     raise MisfitError(f"{mutant.label}\n   {name} fails without a fault")
@@ -282,6 +332,20 @@ def judge_all(mutants: list[Mutant], build: Build, jobs: int, keep: Path | None,
     return verdicts
 
 
+def judge_random(options: argparse.Namespace, build: Build) -> dict[Mutant, Verdict]:
+    """The verdicts on as many faults made by rules as are asked for, or as there are."""
+    drawn = (
+        Mutant(file, old, new, line=line) for file, old, new, line in operators.draw(ROOT, options.seed, options.only)
+    )
+    first, count = map(int, options.part.split("/"))
+    mine = islice(drawn, first - 1, None, count)
+    wanted, verdicts = len(range(first - 1, options.random, count)), {}
+    while more := list(islice(mine, wanted - len(verdicts))):
+        found = judge_all(more, build, options.jobs, options.keep, named=False)
+        verdicts |= {mutant: verdict for mutant, verdict in found.items() if not verdict.wrong}
+    return verdicts
+
+
 def check(mutants: list[Mutant], build: Build) -> int:
     """Entries that do not fit, each with its reason."""
     wrong = 0
@@ -300,25 +364,25 @@ def check(mutants: list[Mutant], build: Build) -> int:
 def spoken(mutant: Mutant, verdict: Verdict) -> str:
     """The verdict on a line or two."""
     if verdict.wrong:
-        return f"DOES NOT FIT {verdict.wrong}"
+        return f"DOES NOT FIT {verdict.wrong}" if not mutant.line else f"drawn again: {mutant.label}"
     if not verdict.caught_by:
         reason = mutant.survives or "no reason given"
         return f"SURVIVED ({verdict.seconds:.0f} s) {mutant.label}\n   {reason}"
-    note = "" if verdict.caught_by == mutant.test else f", not by {mutant.test}"
+    note = "" if verdict.caught_by == mutant.test or mutant.line else f", not by {mutant.test}"
     note += ", though a reason says that it cannot be" if mutant.survives else ""
     return f"caught ({verdict.seconds:.0f} s) by {verdict.caught_by}{note}: {mutant.label}"
 
 
 def as_table(verdicts: dict[Mutant, Verdict]) -> str:
-    """The page: how many of each folder were caught, by the test named or another one, and which were not."""
+    """The page: how many of each folder were caught, how many by the test named, and which were not."""
     rows: dict[str, list[tuple[Mutant, Verdict]]] = defaultdict(list)
     for mutant, verdict in verdicts.items():
-        rows["/".join(mutant.file.split("/")[:2])].append((mutant, verdict))
-    lines = ["| folder | faults | caught by the test named | by another one | by none |", "|---|---|---|---|---|"]
-    for folder, found in [*sorted(rows.items()), ("all", list(zip(verdicts, verdicts.values(), strict=True)))]:
-        named = sum(verdict.caught_by == mutant.test for mutant, verdict in found)
-        none = sum(not verdict.caught_by for _, verdict in found)
-        lines.append(f"| {folder} | {len(found)} | {named} | {len(found) - named - none} | {none} |")
+        rows[mutant.folder].append((mutant, verdict))
+    lines = ["| folder | faults | caught | share | by the test named |", "|---|---|---|---|---|"]
+    for folder, found in [*sorted(rows.items()), ("all", list(verdicts.items()))]:
+        named = sum(verdict.caught_by == mutant.test != "" for mutant, verdict in found)
+        caught = sum(bool(verdict.caught_by) for _, verdict in found)
+        lines.append(f"| {folder} | {len(found)} | {caught} | {100 * caught / len(found):.0f} % | {named} |")
     lines += ["", "| not caught | why |", "|---|---|"]
     for mutant, verdict in sorted(verdicts.items(), key=lambda pair: pair[0].label):
         if not verdict.caught_by:
@@ -333,6 +397,8 @@ def main() -> int:
     parser.add_argument("build", type=Path)
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--sample", action="store_true")
+    parser.add_argument("--random", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="")
     parser.add_argument("--part", default="1/1")
     parser.add_argument("--named", action="store_true")
@@ -341,25 +407,27 @@ def main() -> int:
     parser.add_argument("--table", type=Path)
     options = parser.parse_args()
     build = Build(options.build)
-    mutants = read_mutants()
-    if options.sample:
-        mutants = [mutant for mutant in mutants if mutant.sample]
-    mutants = [mutant for mutant in mutants if options.only in mutant.label]
-    first, count = map(int, options.part.split("/"))
-    mutants = mutants[first - 1 :: count]
-    if check(mutants, build) > 0 or not mutants:
-        return 1
-    if options.check:
-        return 0
-    verdicts = judge_all(mutants, build, options.jobs, options.keep, options.named)
-    ncaught = sum(bool(verdict.caught_by) for verdict in verdicts.values())
-    good = all(
-        not verdict.wrong and bool(verdict.caught_by) != bool(mutant.survives) for mutant, verdict in verdicts.items()
-    )
+    if options.random:
+        verdicts, wanted = judge_random(options, build), WANTED_BY_RULES
+        print(as_table(verdicts))
+    else:
+        mutants = [mutant for mutant in read_mutants() if options.only in mutant.label]
+        mutants = [mutant for mutant in mutants if mutant.sample or not options.sample]
+        first, count = map(int, options.part.split("/"))
+        mutants = mutants[first - 1 :: count]
+        if check(mutants, build) > 0 or not mutants:
+            return 1
+        if options.check:
+            return 0
+        verdicts, wanted = judge_all(mutants, build, options.jobs, options.keep, options.named), WANTED
+    caught = sum(bool(verdict.caught_by) for verdict in verdicts.values())
     if options.table is not None:
         options.table.write_text(as_table(verdicts))
-    print(f"{ncaught} caught, {len(mutants) - ncaught} not, of {len(mutants)}")
-    return int(not good or ncaught < WANTED * len(mutants))
+    print(f"{caught} caught, {len(verdicts) - caught} not, of {len(verdicts)}")
+    explained = all(
+        not verdict.wrong and bool(verdict.caught_by) != bool(mutant.survives) for mutant, verdict in verdicts.items()
+    )
+    return int(caught < wanted * len(verdicts) or not (explained or options.random))
 
 
 if __name__ == "__main__":
