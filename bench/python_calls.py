@@ -145,7 +145,7 @@ def main():
     growth_of_peak(
         "saved_paths,_increments_given",
         lambda: ss.simulate(MODEL, q0=1.0, p0=0.0, steps=6000, increments=increments, **many),
-        lambda run: run.q.nbytes + run.p.nbytes,
+        lambda run: run.q.nbytes + run.p.nbytes + run.setup.increments.nbytes,  # the run's own
     )
 
 

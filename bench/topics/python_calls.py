@@ -54,6 +54,6 @@ def section(found: list[list[str]]) -> str:
         + table(["what is saved", "time [ns]", "target", ""], observed)
         + "\n\n"
         "By how much the peak memory of the process grows in a large run, over the size of the arrays it returns:\n"
-        "1 means that nothing large is copied, neither what comes in nor what goes out.\n\n"
+        "1 means that nothing large is copied but what is given, once, into the result.\n\n"
         + table(["run", "returned [MB]", "growth of peak / returned", "target", ""], memory)
     )

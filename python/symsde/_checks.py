@@ -10,7 +10,8 @@ import math
 import numbers
 import operator
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -125,8 +126,18 @@ def real_array(name: str, value: object) -> np.ndarray:
     return np.asarray(array, dtype=np.float64)
 
 
-def state(name: str, value: object, ndof: int, paths: int) -> np.ndarray:
-    """A state as C-contiguous (dof, 1) or (dof, path) from a scalar, (dof,) or (dof, path)."""
+def own(value: Any) -> Any:
+    """What a caller may change later, as nobody can: arrays, lists and tables are copied, to any depth."""
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    if isinstance(value, Mapping):
+        return {key: own(item) for key, item in value.items()}
+    return type(value)(map(own, value)) if type(value) in (list, tuple, set) else value
+
+
+def state(name: str, value: object, ndof: int, paths: int, *, kept: bool = True) -> np.ndarray:
+    """A state as C-contiguous (dof, 1) or (dof, path) from a scalar, (dof,) or (dof, path); a copy where it is kept."""
+    shaped = np.array if kept else np.asarray
     if type(value) is float:  # as most do
         array = np.empty((ndof, 1))
         array.fill(value)
@@ -135,9 +146,9 @@ def state(name: str, value: object, ndof: int, paths: int) -> np.ndarray:
     if array.ndim == 0:
         return np.full((ndof, 1), float(array))
     if array.ndim == 1 and array.shape[0] == ndof:
-        return np.ascontiguousarray(array[:, np.newaxis])
+        return shaped(array[:, np.newaxis], order="C")
     if array.ndim == 2 and array.shape[0] == ndof and array.shape[1] in (1, paths):
-        return np.ascontiguousarray(array)
+        return shaped(array, order="C")
     hint = ""
     if array.shape in ((paths,), (paths, ndof)):
         turned = f"{name}[None, :]" if array.ndim == 1 else f"{name}.T"
@@ -146,6 +157,11 @@ def state(name: str, value: object, ndof: int, paths: int) -> np.ndarray:
         f"{name} has shape {array.shape}: give a number, shape ({ndof},) for all paths, "
         f"or ({ndof}, {paths}), one column for each path{hint}"
     )
+
+
+def points(name: str, value: object, ndof: int, npath: int) -> np.ndarray:
+    """A state with one column for each point, which nobody keeps."""
+    return full(state(name, value, ndof, npath, kept=False), npath)
 
 
 def columns(**given: object) -> int:

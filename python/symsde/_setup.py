@@ -250,8 +250,8 @@ def setup_of(given: dict[str, Any]) -> Setup:
     )
 
 
-def increments_array(value: object) -> np.ndarray:
-    """Prescribed increments as C-contiguous (row, noise, 1 or path)."""
+def increments_array(value: object, *, kept: bool = True) -> np.ndarray:
+    """Prescribed increments as C-contiguous (row, noise, 1 or path); a copy where they are kept."""
     array = _checks.real_array("increments", value)
     if array.ndim == 2:
         array = array[:, :, np.newaxis]
@@ -260,7 +260,7 @@ def increments_array(value: object) -> np.ndarray:
             f"increments has shape {array.shape}: give (steps*2**refine, noise, path), or "
             "(steps*2**refine, noise) for all paths"
         )
-    return np.ascontiguousarray(array)
+    return (np.array if kept else np.asarray)(array, order="C")
 
 
 def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray | None:

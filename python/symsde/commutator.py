@@ -42,7 +42,7 @@ def commutator(model: Model, q: Any = None, p: Any = None, t: float = 0.0) -> Co
         angle = np.arange(1, 16 * model.ndof + 1).reshape(model.ndof, 16)
         q, p = 1.5 * np.sin(0.7 * angle + 0.3), 1.5 * np.cos(1.3 * angle)
     points = _checks.columns(q=q, p=p)
-    q, p = (_checks.full(_checks.state(name, x, model.ndof, points), points) for name, x in (("q", q), ("p", p)))
+    q, p = (_checks.points(name, x, model.ndof, points) for name, x in (("q", q), ("p", p)))
     gradients, commute = np.zeros(2), np.zeros(2, dtype=np.int32)
     text = ctypes.create_string_buffer(1024)
     with Monitor(progress=False) as monitor:

@@ -41,7 +41,7 @@ def symplecticity(
     _checks.not_given("symplecticity", options, decided)
     points = _checks.columns(q=q, p=p, **({} if dw is None else {"dw": dw}))
     chosen = make_options(model, step=step, steps=1, paths=points, seed=seed, t0=t, **options)
-    q, p = (_checks.full(_checks.state(name, x, model.ndof, points), points) for name, x in (("q", q), ("p", p)))
+    q, p = (_checks.points(name, x, model.ndof, points) for name, x in (("q", q), ("p", p)))
     chosen_scheme = as_scheme(scheme)
     drive = of_options(model, chosen, chosen_scheme)[0] if dw is None else increments_at(model, dw, points)
     defect = np.empty(points)
@@ -101,10 +101,8 @@ def stationary_path(
     chosen = make_options(model, **options)
     shape = (chosen.steps + 1, model.ndof, chosen.paths)
     _checks.room((2, *shape), "the paths (q and p; time, dof, path)")
-    ends = [
-        _checks.full(_checks.state(name, x, model.ndof, chosen.paths), chosen.paths)
-        for name, x in (("q_start", q_start), ("q_end", q_end))
-    ]
+    given = (("q_start", q_start), ("q_end", q_end))
+    ends = [_checks.points(name, x, model.ndof, chosen.paths) for name, x in given]
     dw = _prescribed(increments, (chosen.steps * 2 ** max(0, chosen.refine), model.nnoise, chosen.paths))
     guesses = [_guess(name, x, shape) for name, x in (("guess_q", guess_q), ("guess_p", guess_p))]
     q, p, status = np.empty(shape), np.empty(shape), np.zeros(chosen.paths, dtype=np.int32)
@@ -119,7 +117,7 @@ def _prescribed(increments: object, shape: tuple[int, int, int]) -> np.ndarray |
     """Given increments with one column for each path."""
     if increments is None:
         return None
-    array = increments_array(increments)
+    array = increments_array(increments, kept=False)
     if array.shape[:2] != shape[:2] or array.shape[2] not in {1, shape[2]}:
         raise WrongShapeError(f"increments has shape {array.shape}: give {shape}, or one path for all")
     return _checks.full(array, shape[2])

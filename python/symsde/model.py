@@ -310,7 +310,7 @@ class Model:
     def _points(self, q, p, w):
         """Points and weights with one column for each path."""
         npath = _checks.columns(q=q, p=p)
-        q, p = (_checks.full(_checks.state(name, x, self.ndof, npath), npath) for name, x in (("q", q), ("p", p)))
+        q, p = (_checks.points(name, x, self.ndof, npath) for name, x in (("q", q), ("p", p)))
         if w is None:
             w = np.zeros(self.nnoise + 1)
             w[0] = 1

@@ -199,7 +199,7 @@ class PreparedRun:
             self._drive = _handles.new(_abi.Input, "input")
             _put_increments(self._drive, self._dw)
             self._drive_address = ctypes.byref(self._drive)
-        self._dw[0] = _checks.state("dw", dw, *self._dw.shape[1:])
+        self._dw[0] = _checks.state("dw", dw, *self._dw.shape[1:], kept=False)
         return self._drive_address
 
     def _setup_of(self, steps: int, save_every: int) -> Setup:

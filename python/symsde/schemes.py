@@ -231,6 +231,7 @@ def from_quadrature(nodes, weights, degree: int, name: str | None = None, noise_
     """
     nodes, weights = (_vector(key, x) for key, x in (("nodes", nodes), ("weights", weights)))
     own = None if noise_weights is None else _vector("noise_weights", noise_weights)
+    degree = _checks.integer("degree", degree, _checks.INT32)
     for what, given in (("weights", weights), ("noise weights", own)):
         if given is not None and len(given) != len(nodes):
             raise WrongShapeError(
@@ -241,7 +242,7 @@ def from_quadrature(nodes, weights, degree: int, name: str | None = None, noise_
         "scheme_from_quadrature",
         len(nodes),
         *(_checks.address(x) for x in (nodes, weights, own)),
-        _checks.integer("degree", degree, _checks.INT32),
+        degree,
         _name(name),
         ctypes.byref(pointer),
     )
@@ -325,14 +326,14 @@ def _derived(maker: Callable[..., Scheme], scheme: str | Scheme, name: str | Non
 
 
 def _matrix(key: str, value: object, size: int) -> np.ndarray:
-    matrix = np.ascontiguousarray(_checks.real_array(key, value))
+    matrix = np.array(_checks.real_array(key, value), order="C")
     if matrix.shape != (size, size):
         raise WrongShapeError(f"{key} has shape {matrix.shape}: give {(size, size)}, one row for each weight in alpha")
     return matrix
 
 
 def _vector(key: str, value: object) -> np.ndarray:
-    array = np.ascontiguousarray(_checks.real_array(key, value))
+    array = np.array(_checks.real_array(key, value), order="C")
     if array.ndim != 1 or array.size == 0:
         raise WrongShapeError(f"{key} has shape {array.shape}: give a list of at least one number")
     return array

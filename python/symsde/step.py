@@ -40,7 +40,7 @@ def step(  # noqa: PLR0917 - the step reads like its formula
     alone = type(q) is type(p) is type(dw) is float  # as in a loop of one's own
     points = 1 if alone else _checks.columns(q=q, p=p, dw=dw)
     setup = make_setup(model, scheme=scheme, q0=q, p0=p, step=step, steps=1, t0=t, paths=points, **options)
-    setup.increments = _checks.state("dw", dw, model.nnoise, points)[np.newaxis]
+    setup.increments = _checks.state("dw", dw, model.nnoise, points, kept=False)[np.newaxis]
     run = Run(setup)
     run.fill(progress=False)
     return run.q[1], run.p[1]
@@ -50,7 +50,7 @@ def increments_at(model: Model, dw: Any, points: int) -> np.ndarray:
     """Increments as C-contiguous (noise, point) from a number, (noise,) or (noise, point)."""
     if not isinstance(model, Model):
         return np.zeros((0, points))  # refused by name where options are made
-    return _checks.full(_checks.state("dw", dw, model.nnoise, points), points)
+    return _checks.points("dw", dw, model.nnoise, points)
 
 
 def increments(

@@ -9,7 +9,7 @@ import warnings
 from concurrent.futures import Executor
 from typing import Any
 
-from .. import _abi
+from .. import _abi, _checks
 from .._handles import status_text
 from .._progress import Progress, _Bar
 from .._setup import make_setup
@@ -89,7 +89,7 @@ def ensemble(
     the moments are those of the shards that were done, and `report.stopped` counts the paths that were not.
     """
     functions = check_observables(observables)
-    given = {"q0": q0, "p0": p0, "step": step, "steps": steps, **options}
+    given = _checks.own({"q0": q0, "p0": p0, "step": step, "steps": steps, **options})
     setup = make_setup(model, in_python=are_in_python(functions), **given)
     size = _size(setup, shard_paths)
     pieces = plan(_extent(setup), size, moments=True, saved=())

@@ -90,7 +90,7 @@ def make_problem(
             raise InvalidArgumentError(f"{name} is not finite: give finite numbers")
     seed = _checks.integer("seed", seed, _checks.UINT64)
     t = _checks.finite("t0", options.get("t0", 0.0)) + horizon
-    problem = Problem(model, Target(f, model, t), states["q0"], states["p0"], horizon, seed, options)
+    problem = Problem(model, Target(f, model, t), states["q0"], states["p0"], horizon, seed, _checks.own(options))
     problem.target.try_at(problem.q0, problem.p0)
     try_out(model, {"f": problem.target}, q0=problem.q0, p0=problem.p0, t0=t, step=horizon / 1024)
     return problem

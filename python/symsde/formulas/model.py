@@ -18,7 +18,7 @@ from ..errors import IncompatibleError, InvalidArgumentError, SlowFormulaWarning
 from ..model import Model
 from . import backends, compiler, emit_c, emit_flow, emit_sites, in_numpy
 from .derivatives import Derivatives
-from .problem import make_problem, quoted
+from .problem import make_problem, quoted, several
 from .sites import Chain, make_chain
 from .structure import Structure, structure_of
 
@@ -146,6 +146,8 @@ def model_from_sympy(
 def _made(given: dict[str, Any]) -> FormulaModel:
     """A model from the arguments of `model_from_sympy`."""
     start = time.perf_counter()
+    given = {**given, **{key: several(key, given[key]) for key in ("noise", "invariants")}}
+    given |= {key: several(key, given[key]) for key in "qp" if given[key] is not None}
     chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends")}
     chain = None
     if given["n"] is None:
@@ -181,7 +183,8 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     if compiled is not None:
         model._direct = (*(_callbacks.compiled(x, functions[x]) for x in ("gradient", "value")), np.ones(nnoise + 1))
     model._parameters = dict(parameters)
-    model._remade = (_made, (given,))
+    sites = chain and chain.n  # numbers, where arrays may have been given
+    model._remade = (_made, ({**given, "params": model._parameters, "n": sites},))
     return model
 
 
@@ -208,8 +211,7 @@ def _chain(*, H, noise, q, p, params, t, invariants, n, ends) -> Chain:
     """Sums over n sites."""
     if q is not None or p is not None or invariants:
         raise InvalidArgumentError("sums over n sites are in q[i] and p[i]: leave out q, p and invariants")
-    noises = [noise] if isinstance(noise, str) else list(noise)
-    return make_chain(H=H, noise=noises, params=params, t=t, n=n, ends=ends)
+    return make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends)
 
 
 def _functions(compiled: compiler.Compiled, parameters: Mapping[str, float]) -> dict[str, Any]:

@@ -55,16 +55,16 @@ def quoted(text: str) -> str:
 def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
     """Check everything that is given; errors quote the formula."""
     sympy = optional("sympy", "sympy")
-    given = [H, *_several("noise", noise)]
+    given = [H, *several("noise", noise)]
     if len(given) - 1 > MAX_NOISES:
         raise InvalidArgumentError(
             f"{len(given) - 1} noises beside {quoted(str(H))}: "
             f"formulas without sums over sites are for {MAX_NOISES} at most"
         )
-    candidates = _several("invariants", invariants)
+    candidates = several("invariants", invariants)
     texts = [x for x in (*given, *candidates) if isinstance(x, str)]
-    coordinates = {"q": _several("q", _found("q", texts) if q is None else q)}
-    coordinates["p"] = _several("p", _found("p", texts, len(coordinates["q"])) if p is None else p)
+    coordinates = {"q": several("q", _found("q", texts) if q is None else q)}
+    coordinates["p"] = several("p", _found("p", texts, len(coordinates["q"])) if p is None else p)
     ndof = len(coordinates["q"])
     if ndof == 0 or len(coordinates["p"]) != ndof:
         raise InvalidArgumentError(
@@ -92,7 +92,7 @@ def _found(letter: str, texts: Sequence[str], count: int = 0) -> str | list[str]
     return [f"{letter}{i}" for i in range(1, last + 1)] if last and "0" not in numbers else letter
 
 
-def _several(what: str, given: Any) -> list[Any]:
+def several(what: str, given: Any) -> list[Any]:
     """One thing or a sequence of them, as a list."""
     if given is None:
         return []

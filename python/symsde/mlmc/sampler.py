@@ -127,7 +127,8 @@ class LevelSampler:
 
     def draw_from(self, level: int, sample: int, count: int) -> Draw:
         """The same from a sample on, counted from 0."""
-        self._used[level] = self._first + sample
+        level = _checks.integer("level", level, (0, MOST_LEVELS))
+        self._used[level] = self._first + _checks.integer("sample", sample, (0, _STRIDE))
         return self.draw(level, count)
 
     def steps(self, level: int) -> int:

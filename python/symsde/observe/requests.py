@@ -23,6 +23,11 @@ class Observer:
 
     KIND: ClassVar[str] = ""
 
+    def __post_init__(self) -> None:
+        """What is given may change later, this does not."""
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, _fixed(getattr(self, field.name)))
+
     def names(self, columns: Sequence[str]) -> tuple[str, ...]:
         """The values that it looks at, among those that there are."""
         return (_checks.name_of(f"the value of {type(self).__name__}", self.of),)
@@ -179,6 +184,12 @@ class Paths(Observer):
         return {"paths": np.array(indices, np.int64)}
 
 
+def _fixed(given: Any) -> Any:
+    """Lists and arrays as tuples and numbers."""
+    given = given.tolist() if isinstance(given, np.ndarray) else given
+    return tuple(map(_fixed, given)) if isinstance(given, list | tuple | set) else given
+
+
 def _range(observer: Any) -> dict[str, float]:
     return {key: _checks.number(key, getattr(observer, key)) for key in ("low", "high")}
 
@@ -239,5 +250,5 @@ def from_tables(tables: object) -> dict[str, Observer]:
         for key, field in fields.items():
             if field.default is dataclasses.MISSING and key not in given:
                 raise InvalidArgumentError(f"the observer {name!r} lacks {key}: a {kind} needs it")
-        found[name] = KINDS[kind](**{key: tuple(x) if isinstance(x, list) else x for key, x in given.items()})
+        found[name] = KINDS[kind](**given)
     return check_observers(found)

@@ -135,9 +135,10 @@ def make_plan(
             f"repeats = {repeats} is too few for a median with its spread: give at least {LEAST_REPEATS}"
         )
     plan = Plan(
-        model=model, schemes=chosen, steps=counts, horizon=horizon, paths=check_paths(paths, interval), q0=q0, p0=p0,
-        options=options, references={}, draws=counts[-1], repeats=repeats, interval=interval,
-        name=name or getattr(model, "name", "model"), invariants=_invariants(invariants), said=dict(about or {}),
+        model=model, schemes=chosen, steps=counts, horizon=horizon, paths=check_paths(paths, interval),
+        q0=_checks.own(q0), p0=_checks.own(p0), options=_checks.own(options), references={}, draws=counts[-1],
+        repeats=repeats, interval=interval, name=name or getattr(model, "name", "model"),
+        invariants=_invariants(invariants), said=_checks.own(about or {}),
     )  # fmt: skip
     _try_out(plan)
     _try_invariants(plan)

@@ -1,0 +1,407 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is given is copied: a caller may change every array, list and table after a call, and nothing else changes.
+
+Every public function and method is found by its signature. A parameter takes its value from the tables below, by its
+name, or its default; one that has neither fails the test, so that what is new is covered or noticed.
+"""
+
+import contextlib
+import dataclasses
+import inspect
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+import sympy
+import symsde as ss
+from symsde.mlmc.sampler import Draw
+
+OMITTED = object()  #: a parameter that another case of the function gives, or that cannot be changed
+PATHS, STEPS = 3, 8
+STATE = np.array([[0.9, 1.1, 1.3]])
+KUBO = ss.models.kubo(a=1.0, sigma=0.3)
+LINEAR = ss.models.linear_oscillator(sigma=0.1)
+FORMULA = ss.model_from_sympy("p**2/2 + k*q**2/2", noise=["s*q"], params={"k": 2.0, "s": 0.1})
+
+
+def gradient(t, w, q, p):
+    """Kubo's oscillator."""
+    rate = w[0] + 0.3 * w[1]
+    return rate * q, rate * p
+
+
+def two_noises(t, w, q, p):
+    """An oscillator of frequency 2 with a noise in position, and a silent one."""
+    return w[0] * 4 * q + 0.1 * w[1], w[0] * p
+
+
+def energy(q, p):
+    """Of an oscillator."""
+    return (q[0] ** 2 + p[0] ** 2) / 2
+
+
+def prepared():
+    """A prepared run, compensated so that low parts can be given."""
+    return ss.prepare(KUBO, "midpoint", step=0.05, q0=STATE, p0=0.1 * STATE, paths=PATHS, compensated=True)
+
+
+#: by the name of the parameter, for every function
+VALUES = {
+    "model": KUBO,
+    "scheme": "midpoint",
+    "f": "q**2",
+    "q0": STATE,
+    "p0": 0.1 * STATE,
+    "q": STATE,
+    "p": 0.1 * STATE,
+    "w": np.array([1.0, 0.5]),
+    "t": 0.5,
+    "step": 0.05,
+    "steps": STEPS,
+    "horizon": 0.5,
+    "paths": PATHS,
+    "dw": np.array([[0.1, -0.2, 0.3]]),
+    "seed": 7,
+    "truncation": (8, 4.0),
+    "threads": 1,
+    "lanes": 8,
+    "observables": {"r": "q_1**2 + p_1**2", "e": energy},
+    "observers": {"h": ss.observe.Histogram("q_1", -3, 3, 6), "c": ss.observe.Covariance(["q_1", "p_1"])},
+    "progress": OMITTED,
+    "name": "own",
+    "out": OMITTED,
+    "max_time": OMITTED,
+    "level": 1,
+    "count": 64,
+    "sample": 8,
+    "rel": OMITTED,
+    "code": 0,
+}
+RUN = ss.simulate(KUBO, q0=STATE, p0=0.1 * STATE, step=0.05, steps=STEPS, paths=PATHS, scheme="gauss2")
+ONE_STATE = {"q0": np.array([1.0]), "p0": np.array([0.2])}
+LOW = {"q0_low": 1e-17 * STATE, "p0_low": 1e-17 * STATE}
+INCREMENTS = 0.1 * np.cos(np.arange(2.0 * STEPS * PATHS)).reshape(2 * STEPS, 1, PATHS)
+DRIVEN = {"increments": INCREMENTS, "refine": 1, "common_noise": OMITTED, "truncation": OMITTED}
+DRAWN = {
+    "increments": OMITTED,
+    "area_time": OMITTED,
+    "q0_low": OMITTED,
+    "p0_low": OMITTED,
+    "common_noise": (1,),
+    "fixed_point": 2,
+}
+STUDY = {**ONE_STATE, "paths": 40, "steps": [8, 16], "reference": "gauss2", "reference_steps": 64}
+TABLEAU = {"a": [[0.5]], "abar": [[0.5]], "alpha": [1.0], "b": [[0.5]], "bbar": [[0.5]], "beta": [1.0]}
+MADE = {
+    "ndof": 1,
+    "nnoise": 2,
+    "gradient": two_noises,
+    "silent": [2],
+    "rotation": np.array([2.0]),
+    "bandwidth": 0,
+    "separable": True,
+    "quadratic": True,
+    "identity_mass": True,
+    "additive": True,
+    "position_noise": True,
+    "max_frequency": 2.0,
+    "noise_lipschitz": 0.0,
+    **dict.fromkeys(("value", "hessian", "hessian_vector", "gradient_hessian", "third_derivative"), OMITTED),
+    **dict.fromkeys(("chain_rows", "flows", "any_lanes"), OMITTED),
+}
+CHAIN = {"H": "Sum(p[i]**2/2 + k*q[i]**2/2, i)", "noise": ["s*q[i]"], "n": 3, "params": {"k": 2.0, "s": 0.1}}
+TOLD = {"H": "x**2/2*k + y**2/2", "noise": ["s*x", "s*y"], "q": ["x"], "p": ["y"], "params": {"k": 2.0, "s": 0.1}}
+VALUES["run"] = RUN
+#: by function, cases that differ from these tables; further entries are options
+OWN = {
+    "simulate": [{**DRIVEN, **LOW, "compensated": True, "area_time": OMITTED}, DRAWN],
+    "moments": [{"paths": PATHS, "common_noise": (1,)}, {"paths": PATHS, "increments": INCREMENTS[::2]}],
+    "ensemble": [
+        {"paths": PATHS, "executor": OMITTED, "shard_paths": 256, "common_noise": (1,), "truncation": (8, 4.0)}
+    ],
+    "prepare": [
+        {"common_noise": (1,), "truncation": (8, 4.0), "paths": PATHS},
+        {"compensated": True, **LOW, "paths": 3},
+    ],
+    "level_sampler": [{**ONE_STATE, "steps": 4, "antithetic": True, "truncation": (8, 4.0)}],
+    "expect": [{**ONE_STATE, "abs": 0.3, "method": "plain", "truncation": (8, 4.0)}],
+    "mlmc": [{**ONE_STATE, "abs": 0.3, "steps": 4, "truncation": (8, 4.0)}],
+    "advise": [{**ONE_STATE, "model": LINEAR, "tolerance": 0.1}],
+    "convergence": [{**STUDY, "truncation": (8, 4.0)}],
+    "work_precision": [
+        {
+            **STUDY,
+            "schemes": ["midpoint", "heun"],
+            "invariants": {"e": energy},
+            "about": {"x": "y"},
+            "repeats": 5,
+            "interval": 0.5,
+        }
+    ],
+    "model_from_sympy": [
+        {**TOLD, "t": sympy.Symbol("t"), "invariants": ["x"], "n": OMITTED},
+        {**CHAIN, "q": OMITTED, "p": OMITTED, "t": OMITTED, "invariants": OMITTED},
+    ],
+    "Model": [MADE],
+    "numba_signature": [{"kind": "gradient"}],
+    "models.get": [{"name": "kubo", "sigma": 0.2}],
+    "models.parameters": [{"name": "kubo"}],
+    "models.fpu_chain": [{"n": 4}],
+    "schemes.get": [{"name": "midpoint"}],
+    "Model.probe": [ONE_STATE],
+    "diagnose.exact_of": [{"setup": RUN.setup}],
+    "schemes.from_quadrature": [
+        {"nodes": np.array([0.0, 1.0]), "weights": np.array([0.5, 0.5]), "degree": 1, "noise_weights": [0.5, 0.5]}
+    ],
+    "schemes.from_tableau": [TABLEAU, {key: np.array(x) for key, x in TABLEAU.items()}],
+    "schemes.composition": [{"parts": ["midpoint", "gauss2"], "fractions": np.array([0.25, 0.75])}],
+    "diagnose.stationary_path": [
+        {
+            "q_start": STATE,
+            "q_end": 0.5 * STATE,
+            "increments": INCREMENTS[::2],
+            "step": 0.05,
+            "steps": STEPS,
+            "paths": 3,
+            "guess_q": np.ones((STEPS + 1, 1, 3)),
+            "guess_p": np.ones((STEPS + 1, 1, 3)),
+        }
+    ],
+    "observe.Histogram": [{"of": "q_1", "low": -1.0, "high": 1.0, "bins": 4}],
+    "observe.Quantiles": [{"of": "q_1", "shares": np.array([0.2, 0.5])}],
+    "observe.Covariance": [{"of": ["q_1", "p_1"]}],
+    "observe.Autocorrelation": [{"of": "q_1", "lags": 2}],
+    "observe.Extremes": [{"of": "q_1"}],
+    "observe.Passage": [{"of": "q_1", "within": OMITTED, "low": -2.0, "high": 2.0}, {"of": "q_1", "within": 2.0}],
+    "observe.Paths": [{"paths": [0, 2], "of": ["q_1"]}, {"paths": np.array([0, 2]), "of": ["q_1"]}],
+    "Model.builtin": [{"name": "kubo", "parameters": {"a": 1.0, "sigma": 0.3}}],
+    "FormulaModel.with_parameters": [{"k": 3.0}],
+    "PreparedRun.reset": [{**LOW, "first_path": 3, "first_step": 2}],
+    "PreparedRun.run": [{"increments": INCREMENTS[::2]}],
+}
+#: where runs are made for; functions of a run take one that saved every step
+SUBJECTS = {
+    "Model": lambda: KUBO,
+    "FormulaModel": lambda: FORMULA,
+    "PreparedRun": prepared,
+    "LevelSampler": lambda: ss.level_sampler(KUBO, "q**2", **ONE_STATE, horizon=0.5, steps=4),
+}
+#: these are made by the library, or are called by it, or write and keep nothing
+NOT_CALLED = {"call", "check_start", "fill", "fill_from_sums", "plot", "save", "table", "resume"}
+CLOCKED = {"expect", "mlmc", "advise", "work_precision"}  #: whose results hold seconds
+RESULTS = (
+    "Run Moments PreparedRun LevelSampler OpenRun schemes.Scheme Scheme FormulaModel open_run Advice Alternative "
+    "Answer Commutator Convergence MeanSquare Multilevel Report Traits WorkPrecision observe.Observed observe.Observer"
+)
+
+
+def public():
+    """Names and functions of all that users call with arguments."""
+    modules = ("models", "schemes", "diagnose", "observe")
+    for prefix, where in {"": ss, **{f"{x}.": getattr(ss, x) for x in modules}}.items():
+        own = [
+            x for x, thing in vars(where).items() if getattr(thing, "__module__", "") == where.__name__ and x[0] != "_"
+        ]
+        for name in getattr(where, "__all__", own):
+            thing = getattr(where, name)
+            made = inspect.isclass(thing) and (issubclass(thing, Exception) or dataclasses.is_dataclass(thing))
+            made &= not (prefix == "observe." and name not in ("Observed", "Observer"))
+            if callable(thing) and not made and prefix + name not in RESULTS.split() and name != "Certificate":
+                yield prefix + name, thing
+    for name in SUBJECTS:
+        for method, thing in inspect.getmembers(getattr(ss, name), callable):
+            inherited = name == "FormulaModel" and hasattr(ss.Model, method)
+            if (method[0] != "_" or method == "__call__") and method not in NOT_CALLED and not inherited:
+                yield f"{name}.{method}", thing
+
+
+def cases():
+    """Name of every function with its arguments, once for each case."""
+    for name, function in public():
+        parameters = inspect.signature(function).parameters.values()
+        if [x for x in parameters if x.name != "self"]:
+            for i, own in enumerate(OWN.get(name, [{}])):
+                yield pytest.param(name, own, id=f"{name}-{i}" if i else name)
+
+
+def arguments(name, function, own):
+    """Arguments of a case, every one of which its caller can change; those which the tables lack fail the test."""
+    given = dict(own)
+    for x in inspect.signature(function).parameters.values():
+        if x.name == "self" or x.kind in (x.VAR_KEYWORD, x.VAR_POSITIONAL):
+            continue
+        default = OMITTED if x.default in (None, (), x.empty) else x.default
+        value = given.setdefault(x.name, VALUES.get(x.name, default))
+        covered = any(case.get(x.name, VALUES.get(x.name, OMITTED)) is not OMITTED for case in OWN.get(name, [{}]))
+        assert value is not OMITTED or covered or x.name in VALUES or x.name in own, f"{name}: no value for {x.name}"
+    return {key: loose(value) for key, value in given.items() if value is not OMITTED}
+
+
+def loose(value):
+    """The same, in what can be changed in place: a list for a tuple, an array without dimension for a number."""
+    if isinstance(value, dict):
+        return {key: loose(x) for key, x in value.items()}
+    if isinstance(value, list | tuple):
+        return [loose(x) for x in value]
+    return np.array(value) if isinstance(value, int | float | np.ndarray) and not isinstance(value, bool) else value
+
+
+def change(value):
+    """Change it in place, whatever it is."""
+    if isinstance(value, np.ndarray):
+        value[...] = 3 * value + 1
+    elif isinstance(value, dict | list):
+        for x in list(value.values() if isinstance(value, dict) else value):
+            change(x)
+        value.clear()
+
+
+def called(name, given):
+    """The result of a function, or the object and the result of its method."""
+    owner, _, method = name.rpartition(".")
+    if owner in SUBJECTS:
+        subject = ss.Model if method == "builtin" else SUBJECTS[owner]()
+        return subject, getattr(subject, method)(**given)
+    where = getattr(ss, owner) if owner else ss
+    return None, getattr(where, method)(**given)
+
+
+def seen(x):
+    """All that can be seen of a result, and what it does when it is used."""
+    if isinstance(x, np.ndarray):
+        return (x.shape, str(x.dtype), x.tobytes())
+    if isinstance(x, dict | list | tuple):
+        items = x.items() if isinstance(x, dict) else x
+        return (type(x).__name__, *map(seen, items))
+    for kind, look in LOOKS.items():
+        if isinstance(x, kind):
+            return look(x)
+    if dataclasses.is_dataclass(x):
+        return (type(x).__name__, *(seen(getattr(x, field.name)) for field in dataclasses.fields(x)))
+    return repr(x) if isinstance(x, bool | int | float | str | bytes | None | np.generic) else type(x).__name__
+
+
+def model_seen(model):
+    """Values, what a pickle makes of it, and formulas."""
+    found = [repr(model), seen(model.parameters | {}), seen(model.traits)]
+    models = [model]
+    with contextlib.suppress(ss.SymsdeError):
+        models.append(pickle.loads(pickle.dumps(model)))
+    if isinstance(model, ss.FormulaModel):
+        models.append(model.with_parameters())
+        found.append(model.formula.hamiltonians)
+        first = "x" if "x" in model.formula.hamiltonians[0] else "q_1"
+        options = {"q0": 1.0, "p0": 0.2, "step": 0.1, "steps": 2, "observables": {"o": f"k*{first}"}}
+        found.append(seen(ss.moments(model, **options).mean))
+    for one in models:
+        q = np.linspace(0.5, 1.5, 2 * one.ndof).reshape(one.ndof, 2)
+        found.append(seen(one.gradient(q, q / 2, np.ones(one.nnoise + 1), 0.25)))
+        found.append(seen(ss.simulate(one, q0=q[:, 0], p0=q[:, 1], step=0.1, steps=2).q))
+    return found
+
+
+def run_seen(run):
+    """Arrays, attributes, and what diagnostics make of it."""
+    found = [seen(x) for x in (run.t, run.q, run.p, run.status, run.last_q, run.path, attributes(run))]
+    for look in ("exact", "action", "euler_lagrange_residual", "driving_increments"):
+        with contextlib.suppress(ss.SymsdeError):
+            found.append(seen(getattr(ss.diagnose, look)(run)))
+    return found
+
+
+def attributes(result):
+    """Without the time of the day and the command."""
+    return {key: x for key, x in result.attributes().items() if key not in ("history", "date", "command", "host")}
+
+
+def moments_seen(found):
+    """Tables, observers and attributes."""
+    observed = [seen(x.variables(name)) for name, x in found.observed.items()]
+    return [*(seen(found.table(kind)) for kind in ("mean", "var", "se_mean")), seen(attributes(found)), observed]
+
+
+def prepared_seen(run):
+    """From where it is, and from its beginning again."""
+    first = run_seen(run.run(2))
+    run.reset()
+    return [first, run_seen(run.run(4, save_every=2)), seen(run.q)]
+
+
+def draw_seen(draw):
+    """Without the seconds."""
+    return [seen(x) for x in (draw.difference, draw.fine, draw.coarse, draw.failed)]
+
+
+def sampler_seen(sampler):
+    """New samples."""
+    return [seen(sampler(level, 16)[0]) for level in (0, 1)]
+
+
+def scheme_seen(scheme):
+    """Coefficients, a step, and the same of a pickle."""
+    again = pickle.loads(pickle.dumps(scheme))
+    return [
+        (str(x.certificate()), seen(x.tableau()), seen(ss.step(LINEAR, x, 1.0, 0.2, 0.1, 0.1))) for x in (scheme, again)
+    ]
+
+
+def observer_seen(observer):
+    """Its fields, and what it keeps of a run."""
+    options = {"q0": STATE, "p0": STATE, "paths": PATHS, "step": 0.1, "steps": 4}
+    found = ss.moments(KUBO, **options, observers={"x": observer})
+    return [repr(observer), hash(observer), moments_seen(found)]
+
+
+LOOKS = {
+    ss.Model: model_seen,
+    ss.Run: run_seen,
+    ss.Moments: moments_seen,
+    ss.PreparedRun: prepared_seen,
+    ss.LevelSampler: sampler_seen,
+    Draw: draw_seen,
+    ss.Scheme: scheme_seen,
+    ss.observe.Observer: observer_seen,
+}
+
+
+@pytest.mark.parametrize(("name", "own"), list(cases()))
+def test_nothing_changes_with_the_arguments(name, own):
+    function = dict(public())[name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        untouched, changed = (arguments(name, function, own) for _ in range(2))
+        subject, result = called(name, changed)
+        assert seen(changed) == seen(untouched), "the call changed what it was given"
+        if name in CLOCKED:
+            before = pickle.dumps(result)
+            change(changed)
+            assert pickle.dumps(result) == before
+            return
+        for value in changed.values():
+            change(value)
+        expected = called(name, untouched)
+        if name == "LevelSampler.__call__":  # sums and seconds
+            result, expected = result[0], (expected[0], expected[1][0])
+        assert [seen(subject), seen(result)] == [seen(x) for x in expected]
+
+
+@pytest.mark.parametrize("name", ["simulate", "moments", "ensemble", "convergence"])
+def test_nothing_changes_while_it_runs(name):
+    todo = []
+
+    def changing(t, w, q, p):
+        while todo:
+            change(todo.pop())
+        return gradient(t, w, q, p)
+
+    model = ss.Model(ndof=1, nnoise=1, gradient=changing, separable=True, quadratic=True)
+    own = {**OWN[name][0], "model": model}
+    function = getattr(ss, name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        untouched, changed = (arguments(name, function, own) for _ in range(2))
+        expected = function(**untouched)
+        todo += [x for key, x in changed.items() if np.shape(x) or isinstance(x, dict)]
+        assert seen(function(**changed)) == seen(expected)
+    assert not todo
