@@ -311,9 +311,9 @@ typedef struct symsde_report {
    size_t struct_size;
    int32_t status;      /* the outcome of the whole run, also returned */
    int32_t correction;  /* the correction that was active */
+   /* path_steps: before paths failed, were absorbed or stopped; normals: drawn for these */
    int64_t path_steps, normals, gradients, hessians, hessian_vectors, iterations, solves, lapack_solves;
-   int64_t failures, damped, continued; /* path-steps not solved from zero increments; of these, solved by damped
-                                           Newton, and by continuation in the increments */
+   int64_t failures, damped, continued; /* not solved from zero increments; of these, by damping, by continuation */
    int64_t failed, stopped; /* paths */
    int32_t threads, lanes;
    double lost_variance;    /* of a normal, by truncation */

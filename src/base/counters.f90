@@ -8,8 +8,8 @@ module symsde_base_counters
 
    !> Every count is in units of one path: a gradient of a block of 200 paths counts 200.
    type :: counters_type
-      integer(i8) :: steps = 0            !! path-steps
-      integer(i8) :: normals = 0          !! normal deviates drawn
+      integer(i8) :: steps = 0            !! path-steps, before a path failed, was absorbed or stopped
+      integer(i8) :: normals = 0          !! normal deviates drawn for these, by pairs of steps
       integer(i8) :: gradients = 0        !! gradients of a weighted sum of Hamiltonians
       integer(i8) :: hessians = 0         !! Hessians of the same
       integer(i8) :: hessian_vectors = 0  !! Hessian-vector products

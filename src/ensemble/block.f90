@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> One block of paths from its initial state to its last step: the time loop.
 !>
-!> The loop is cut into chunks of at most about a tenth of a second, between which the caller may stop
-!> the run; chunks change no bits.
+!> The loop is cut into chunks of as many steps as the caller likes, between which it may stop the run. Nothing that is
+!> computed, shown or counted depends on where: steps are taken several at once, but a lane that fails or is retired on
+!> the way ends where it would end if they were taken one by one. No clock is read here.
 module symsde_ensemble_block
-   use symsde_base_clock, only: seconds
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i8
@@ -41,7 +41,8 @@ module symsde_ensemble_block
       integer :: nreal = 0
       integer(i8) :: step = 0              !! absolute step that comes next
       type(drawn_steps) :: drawn           !! what drives the steps
-      integer(i8) :: chunk = 1             !! steps of a chunk, adapted to the clock
+      integer(i8), private :: begun = 0    !! the one that the block began with
+      integer(i8) :: chunk = 1             !! steps of a chunk, for the caller to choose
       type(counters_type) :: counters      !! steps and normals
       real(wp), allocatable :: dq(:, :), dp(:, :)  !! increments of a step, made for the first one (nlane, ndof)
       logical :: whole = .false.                   !! the model takes steps as a whole, several at once
@@ -66,7 +67,7 @@ module symsde_ensemble_block
       final :: release
    end type block_runner
 
-   real(wp), parameter :: longest_chunk = 0.05_wp  !! seconds
+   integer, parameter :: most_retaken = 32  !! lanes of a block: where one is retired, several steps are taken again
 
 contains
 
@@ -140,7 +141,9 @@ contains
       call self%begin_with(self%options%first_step, nreal, path)
       call start%give(first - self%options%first_path, nreal, self%options%first_step + self%options%nstep, self%step, &
                       self%state)
+      self%begun = self%step
       self%alone = self%few%takes(nreal)
+      if (allocated(self%few%stepper)) call self%few%stepper%note_rest(.true.)
    end subroutine take_state
 
    !> A block of these paths, the first nreal of them real, whose step number `step` comes next; without their state.
@@ -161,14 +164,11 @@ contains
    !> Steps until the chunk or the run is over, or enough paths of the block have failed.
    subroutine run_chunk(self)
       class(block_runner), intent(inout) :: self
-      integer(i8) :: before, last
-      real(wp) :: start, took
+      integer(i8) :: last
       integer :: nout, every
       logical :: alone, taken
 
-      start = seconds()
-      before = self%step
-      last = min(before + self%chunk, self%options%first_step + self%options%nstep)
+      last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%enough)
          call self%drawn%draw(self%step, self%options%first_step + self%options%nstep, self%few, self%alone)
          alone = self%alone .and. .not. self%whole
@@ -182,8 +182,6 @@ contains
          end if
          if (.not. taken) call one_step(self)
       end do
-      took = max(seconds() - start, 1e-9_wp)
-      self%chunk = max(1_i8, int(min(16.0_wp, 0.5_wp*longest_chunk/took)*(self%step - before), i8))
    end subroutine run_chunk
 
    !> Steps from here to the next saved point; save_every at a saved point.
@@ -209,7 +207,7 @@ contains
             if (refused) call self%rescue%settle(self%step, self%record, s, self%dq, self%dp)
          end if
       end associate
-      call account(self, 1)
+      self%step = self%step + 1
       if (steps_to_save(self) == self%options%save_every) call save_point(self)
    end subroutine one_step
 
@@ -224,7 +222,10 @@ contains
       most = min(left, self%drawn%left(self%step))
       ahead = steps_to_save(self)
       room = self%few%nout
-      if (.not. self%alone) room = size(self%qn, 3)
+      if (.not. self%alone) then
+         room = size(self%qn, 3)
+         if (self%state%nlane > most_retaken .and. self%observer%may_retire()) room = 1
+      end if
       nout = 1
       if (ahead == self%options%save_every .and. ahead <= most) nout = int(min(most/ahead, int(room, i8)))
       every = int(min(ahead, most))
@@ -235,15 +236,28 @@ contains
       type(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: left  !! steps that may be taken
       logical, intent(out) :: taken
-      integer :: nout, every
+      type(lane_state) :: from
+      type(counters_type) :: before
+      integer(i8) :: step
+      integer :: nout, every, nshown
 
       call plan_states(self, left, nout, every)
-      call self%few%walk(self%drawn%ahead(self%step), self%nreal, self%options%t0, self%step, self%state, nout, every)
+      step = self%step
+      before = self%few%stepper%counters
+      if (nout > 1 .and. self%observer%may_retire()) from = self%state
+      call self%few%walk(self%drawn%ahead(step), self%nreal, self%options%t0, step, self%state, nout, every)
       taken = nout > 0
-      if (taken) then
-         call show_states(self, nout, every, self%nreal, self%few%qn, self%few%pn)
-      else
+      if (.not. taken) then
          call self%state%repeat_last(self%nreal)
+         return
+      end if
+      call show_states(self, nout, every, self%nreal, self%few%qn, self%few%pn, nshown)
+      if (nshown == nout) return
+      self%few%stepper%counters = before
+      call self%few%walk(self%drawn%ahead(step), self%nreal, self%options%t0, step, from, nshown, every)
+      if (allocated(from%q_low)) then
+         self%state%q_low = from%q_low
+         self%state%p_low = from%p_low
       end if
    end subroutine lone_steps
 
@@ -252,60 +266,84 @@ contains
    recursive subroutine take_whole(self, nout, every)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: nout, every
+      type(lane_state) :: from
       type(counters_type) :: before
+      integer(i8) :: step
       logical :: taken
-      integer :: i
+      integer :: i, nshown
 
+      step = self%step
       before = self%stepper%ham%counters
-      self%status = self%state%status
-      select type (stepper => self%stepper)
-      class is (whole_stepper)
+      if (nout > 1 .and. self%observer%may_retire()) from = self%state
+      call flow_from(self, self%state, step, nout, every, taken)
+      if (taken) then
          if (self%alone) then
-            call self%few%flow(stepper, self%drawn%ahead(self%step), time_of(self, self%step), nout, every, &
-                               self%state, self%qn, self%pn, self%status, taken)
+            call show_states(self, nout, every, 1, self%few%qn, self%few%pn, nshown)
          else
-            call self%drawn%store%show_several(self%drawn%ahead(self%step), nout*every, time_of(self, self%step), &
-                                               self%steps)
-            self%steps%every = every
-            self%steps%nreal = self%nreal
-            call stepper%flow(self%steps, self%state%q, self%state%p, self%qn, self%pn, self%status)
-            call self%state%judge(self%nreal, nout, self%status, self%qn, self%pn, taken)
+            call show_states(self, nout, every, self%state%nlane, self%qn, self%pn, nshown)
          end if
-      end select
-      if (taken .and. self%alone) then
-         call show_states(self, nout, every, 1, self%few%qn, self%few%pn)
-      else if (taken) then
-         call show_states(self, nout, every, self%state%nlane, self%qn, self%pn)
+         if (nshown == nout) return
+         self%stepper%ham%counters = before
+         call flow_from(self, from, step, nshown, every, taken)
       else if (nout*every == 1) then
          call settle_lanes(self, self%status, self%qn(:, :, 1), self%pn(:, :, 1))
-         call account(self, 1)
+         self%step = self%step + 1
          if (steps_to_save(self) == self%options%save_every) call save_point(self)
       else
          self%stepper%ham%counters = before  ! no step counts twice, however many went together
          do i = 1, nout*every
-            if (self%state%nfailed == self%state%nlane) exit
+            if (self%state%nfailed >= self%enough) exit
             call take_whole(self, 1, 1)
          end do
       end if
    end subroutine take_whole
 
-   !> The states that were taken, to the observer where they are saved points.
-   subroutine show_states(self, nout, every, nlane, qn, pn)
+   !> States of whole steps from a state before the one of this number, into self%qn and self%pn, or those of few; taken
+   !> says that no lane fails on the way.
+   subroutine flow_from(self, state, step, nout, every, taken)
+      type(block_runner), intent(inout) :: self
+      type(lane_state), intent(inout) :: state
+      integer(i8), intent(in) :: step
+      integer, intent(in) :: nout, every
+      logical, intent(out) :: taken
+
+      self%status = state%status
+      select type (stepper => self%stepper)
+      class is (whole_stepper)
+         if (self%alone) then
+            call self%few%flow(stepper, self%drawn%ahead(step), time_of(self, step), nout, every, state, self%qn, &
+                               self%pn, self%status, taken)
+         else
+            call self%drawn%store%show_several(self%drawn%ahead(step), nout*every, time_of(self, step), self%steps)
+            self%steps%every = every
+            self%steps%nreal = self%nreal
+            call stepper%flow(self%steps, state%q, state%p, self%qn, self%pn, self%status)
+            call state%judge(self%nreal, nout, self%status, self%qn, self%pn, taken)
+         end if
+      end select
+   end subroutine flow_from
+
+   !> The states that were taken, to the observer where they are saved points, as far as it retires no lane: that one
+   !> took no further step, and those which are shown again are taken again, for the counters.
+   subroutine show_states(self, nout, every, nlane, qn, pn, nshown)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: nout, every, nlane   !! nlane: nreal of few paths
       real(wp), intent(in), dimension(nlane, self%state%ndof, nout) :: qn, pn
+      integer, intent(out) :: nshown              !! up to the first after which a lane is retired, else all
       real(wp) :: times(most_shown)
       integer(i8) :: first
       integer :: k
 
+      nshown = nout
       first = self%step + every
-      call account(self, nout*every)
+      self%step = self%step + nout*every
       if (steps_to_save(self) == self%options%save_every) then
          do k = 1, nout
             times(k) = time_of(self, first + (k - 1)*int(every, i8))
          end do
-         call self%observer%observe_several((first - self%options%first_step)/self%options%save_every, nout, &
+         call self%observer%observe_several((first - self%options%first_step)/self%options%save_every, nshown, &
                                             times, nlane, qn, pn, self%state)
+         self%step = self%step - (nout - nshown)*every
       else
          call self%state%take_first(nlane, qn(1, 1, nout), pn(1, 1, nout))
       end if
@@ -343,15 +381,20 @@ contains
          allocate (self%dq(self%state%nlane, self%state%ndof), self%dp(self%state%nlane, self%state%ndof))
    end subroutine show_step
 
-   !> n steps were taken: count them and the normals of the pairs that they began.
-   pure subroutine account(self, n)
+   !> The steps that each path has taken, and the normals of the pairs that they began: not what the block did for paths
+   !> that were gone, or drew ahead.
+   pure subroutine count_steps(self)
       type(block_runner), intent(inout) :: self
-      integer, intent(in) :: n
+      integer(i8) :: last
+      integer :: lane
 
-      self%counters%steps = self%counters%steps + n*self%nreal
-      call self%drawn%pass(self%step, n)
-      self%step = self%step + n
-   end subroutine account
+      do lane = 1, self%nreal
+         last = merge(self%step, self%state%failed_step(lane), self%state%status(lane) == 0)
+         if (last <= self%begun) cycle
+         self%counters%steps = self%counters%steps + (last - self%begun)
+         self%counters%normals = self%counters%normals + self%drawn%normals_of_pair*((last - 1)/2 - self%begun/2 + 1)
+      end do
+   end subroutine count_steps
 
    !> Whether nothing is left to do.
    pure logical function is_done(self)
@@ -393,7 +436,7 @@ contains
          reached = (self%step - self%options%first_step)/self%options%save_every
          if (reached < self%options%nstep/self%options%save_every) call self%observer%skip(reached + 1)
       end if
-      call self%drawn%settle(self%counters%normals)
+      call count_steps(self)
    end subroutine finish
 
    !> Add what was counted, by this block, its stepper and its rescue.

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What drives the steps of a block: drawn several pairs of steps ahead, shown one step at a time, and counted.
+!> What drives the steps of a block: drawn several pairs of steps ahead, and shown one step at a time.
 module symsde_ensemble_drawn
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp, i8
@@ -15,18 +15,14 @@ module symsde_ensemble_drawn
       class(noise_type), pointer :: noise => null()
       type(step_request) :: request        !! paths of the block, and the pairs of steps in the store
       type(step_store) :: store            !! steps drawn ahead, or brought one by one; without room at first
-      integer(i8) :: pair = -1             !! pair of steps that increments were last taken from
+      integer(i8) :: normals_of_pair = 0   !! drawn for one path in a pair of steps
       integer, private :: nahead = 0, npair = 1       !! pairs in the store, and the most that fit
-      integer(i8), private :: normals = 0             !! used for one path since begin
-      integer(i8), private :: normals_of_pair = 0     !! drawn for one path in a pair of steps
    contains
       procedure :: begin
       procedure :: draw
       procedure :: ahead
       procedure :: left
       procedure :: show
-      procedure :: pass
-      procedure :: settle
    end type drawn_steps
 
 contains
@@ -52,9 +48,7 @@ contains
       integer, intent(in) :: nreal
       integer(i8), intent(in) :: path(self%request%nlane)
 
-      self%pair = -1
       self%nahead = 0
-      self%normals = 0
       self%request%nreal = nreal
       self%request%path = path
    end subroutine begin
@@ -116,26 +110,5 @@ contains
       end if
       call self%store%show(merge(0, self%ahead(step), alone), t, record)
    end subroutine show
-
-   !> n steps from this one on are taken: count the normals of the pairs that they begin.
-   pure subroutine pass(self, step, n)
-      class(drawn_steps), intent(inout) :: self
-      integer(i8), intent(in) :: step
-      integer, intent(in) :: n
-      integer(i8) :: last
-
-      last = (step + n - 1)/2
-      self%normals = self%normals + self%normals_of_pair*(last - max(self%pair, step/2 - 1))
-      self%pair = last
-   end subroutine pass
-
-   !> The normals of the block are counted.
-   pure subroutine settle(self, normals)
-      class(drawn_steps), intent(inout) :: self
-      integer(i8), intent(inout) :: normals
-
-      normals = normals + self%normals*self%request%nreal
-      self%normals = 0
-   end subroutine settle
 
 end module symsde_ensemble_drawn

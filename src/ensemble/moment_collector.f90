@@ -58,6 +58,7 @@ module symsde_ensemble_moment_collector
    contains
       procedure :: begin_block
       procedure :: observe
+      procedure :: may_retire
       procedure :: skip
       procedure :: end_block
       procedure :: gather
@@ -154,6 +155,13 @@ contains
       end if
       call take(self, it, t, self%values, counts)
    end subroutine observe
+
+   logical function may_retire(self)
+      class(moment_collector), intent(in) :: self
+
+      may_retire = .false.
+      if (associated(self%plan)) may_retire = self%plan%watches_steps
+   end function may_retire
 
    !> All values of the lanes at a saved time.
    subroutine take(self, it, t, values, counts)

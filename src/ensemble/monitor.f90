@@ -12,6 +12,7 @@ module symsde_ensemble_monitor
 
    !> This base never stops. Extensions are called on the calling thread only, twenty times a second at most.
    type :: monitor_type
+      integer(i8) :: chunk = 0                   !! steps between two chances to stop; 0 = those of a moment
       real(wp), private :: last = -huge(1.0_wp)  !! when it was asked [s]
    contains
       procedure :: wants_stop

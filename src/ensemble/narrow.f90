@@ -26,6 +26,7 @@ module symsde_ensemble_narrow
    contains
       procedure :: begin_block
       procedure :: observe
+      procedure :: may_retire
       procedure :: end_block
    end type spreading_observer
 
@@ -124,8 +125,6 @@ contains
       end do
       call to%equip(wide%options, spreading_observer(wide=wide, narrow=to), wide%drawn%noise)
       call to%begin_with(from%step, n, path)
-      to%drawn%pair = from%drawn%pair
-      to%chunk = from%chunk
       associate (s => to%state, x => wide%state)
          call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q, s%q)
          call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%p, s%p)
@@ -141,13 +140,13 @@ contains
       end associate
    end subroutine hand_over
 
-   !> What became of the paths of a narrower block, into the wide one, and what they cost.
+   !> What became of the paths of a narrower block, into the wide one, and what their steps took.
    subroutine leave(wide, narrow)
       type(block_runner), intent(inout) :: wide
-      type(block_runner), intent(inout) :: narrow
+      type(block_runner), intent(in) :: narrow
 
       call spread_state(narrow%nreal, narrow%origin, narrow%state, wide%state)
-      call narrow%drawn%settle(narrow%counters%normals)
+      wide%drawn%normals_of_pair = narrow%drawn%normals_of_pair
    end subroutine leave
 
    !> Lanes of a narrower block to where they were; lanes that have a status there keep what they have.
@@ -231,6 +230,12 @@ contains
          state%nfailed = count(state%status /= 0)
       end associate
    end subroutine observe
+
+   logical function may_retire(self)
+      class(spreading_observer), intent(in) :: self
+
+      may_retire = self%wide%observer%may_retire()
+   end function may_retire
 
    !> The wide block ends later.
    subroutine end_block(self, state)

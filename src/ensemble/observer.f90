@@ -17,6 +17,7 @@ module symsde_ensemble_observer
       procedure(observe_interface), deferred :: observe
       procedure(end_interface), deferred :: end_block
       procedure :: observe_several => observe_each
+      procedure :: may_retire => it_does_not
       procedure :: skip => nothing_to_skip
       procedure :: gather => nothing_to_gather
       procedure :: numbers => nothing_held
@@ -54,22 +55,34 @@ module symsde_ensemble_observer
 contains
 
    !> States at saved times number isave and following, of lanes with the status of state; it holds the last of them
-   !> afterwards. This default shows them one by one. Of a block of one path they may be given without padding.
+   !> afterwards: the first after which a lane is retired, if any. This default shows them one by one. Of a block of one
+   !> path they may be given without padding.
    subroutine observe_each(self, isave, nsave, t, nlane, q, p, state)
       class(observer_type), intent(inout) :: self
       integer(i8), intent(in) :: isave
-      integer, intent(in) :: nsave
-      real(wp), intent(in) :: t(nsave)
+      integer, intent(inout) :: nsave            !! states; those that were shown
       integer, intent(in) :: nlane               !! those of q and p: state%nlane, or 1
+      real(wp), intent(in) :: t(nsave)
       type(lane_state), intent(inout) :: state
       real(wp), intent(in) :: q(nlane, state%ndof, nsave), p(nlane, state%ndof, nsave)
-      integer :: k
+      integer :: k, before
 
+      before = state%nfailed
       do k = 1, nsave
          call state%take_first(nlane, q(1, 1, k), p(1, 1, k))
          call self%observe(isave + k - 1, t(k), state)
+         if (state%nfailed == before) cycle
+         nsave = k
+         return
       end do
    end subroutine observe_each
+
+   !> Whether it may retire lanes.
+   logical function it_does_not(self)
+      class(observer_type), intent(in) :: self
+
+      it_does_not = .false.
+   end function it_does_not
 
    !> No lane counts from saved time number isave on: all have failed, or the run was stopped. Called once a
    !> block at most, instead of observe for each of those times. This default serves observers that keep nothing

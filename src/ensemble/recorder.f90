@@ -65,7 +65,7 @@ contains
    subroutine observe_several(self, isave, nsave, t, nlane, q, p, state)
       class(path_recorder), intent(inout) :: self
       integer(i8), intent(in) :: isave
-      integer, intent(in) :: nsave
+      integer, intent(inout) :: nsave
       real(wp), intent(in) :: t(nsave)
       integer, intent(in) :: nlane
       type(lane_state), intent(inout) :: state

@@ -3,6 +3,7 @@
 module symsde_ensemble_threads
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_max_threads, omp_get_thread_num
+   use symsde_base_clock, only: seconds
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument, stopped, absorbed
    use symsde_base_text, only: to_text
@@ -17,6 +18,7 @@ module symsde_ensemble_threads
    public :: shared_state, run_blocks, choose_nthread, usable_threads
 
    integer(c_int), parameter :: longest_wait = 200  !! of a thread that waits for the others [us]
+   real(wp), parameter :: moment = 0.025_wp         !! that a chunk should take [s]
 
    !> What the threads of one drive share.
    type :: shared_state
@@ -135,7 +137,8 @@ contains
       end do
    end subroutine watch
 
-   !> One block, chunk by chunk; between chunks the stop flag is read and the monitor is told.
+   !> One block, chunk by chunk; between chunks the stop flag is read and the monitor is told. Chunks take a moment, and
+   !> the clock decides about nothing else.
    subroutine run_block(runner, recipe, is_caller, monitor, shared)
       type(block_runner), intent(inout), target :: runner
       type(runner_recipe), intent(in) :: recipe
@@ -144,6 +147,7 @@ contains
       type(shared_state), intent(inout) :: shared
       type(block_runner), pointer :: active   !! who has the paths of the block
       integer(i8) :: before, done
+      real(wp) :: began, took
       logical :: stop_now
 
       active => runner
@@ -153,7 +157,11 @@ contains
          if (stop_now) exit
          call narrow_down(recipe, runner, active)
          before = active%step
+         active%chunk = merge(monitor%chunk, runner%chunk, monitor%chunk > 0)
+         began = seconds()
          call active%run_chunk()
+         took = max(seconds() - began, 1e-9_wp)
+         runner%chunk = max(1_i8, int(min(16.0_wp, moment/took)*(active%step - before), i8))
          !$omp atomic capture
          shared%done = shared%done + (active%step - before)*runner%nreal
          done = shared%done

@@ -28,7 +28,7 @@ Tell = Callable[[int, int], bool]  # (path-steps done, of how many) -> stop now
 _PER_PATH = ("q0", "p0", "q0_low", "p0_low", "increments")
 _FIRST = 2**20  # path-steps times degrees of freedom before the first look at the clock
 _SEGMENT = 1.0  # seconds between two moments at which a long piece may end
-_STEADY = ("path_steps", "normals")  # steps that are taken again, where a path fails, depend on the clock
+_STEADY = ("path_steps", "normals")  # of the paths; others are of the blocks that paths were in
 _PATIENCE = 5.0  # seconds that a segment may take after all, where there is a wish to stop
 
 
