@@ -12,7 +12,7 @@ module symsde_ensemble_options
    use symsde_step_factory, only: stepper_options
    implicit none
    private
-   public :: run_options, check_options, steppers_of, max_nlane
+   public :: run_options, check_options, steppers_of, time_rounding, latest_time, max_nlane
 
    integer, parameter :: max_nlane = 4096            !! lanes of a block
    integer(i8), parameter :: max_index = 2_i8**47    !! bound of paths and of fine steps: 48-bit counters
@@ -55,6 +55,21 @@ contains
       choice%as_increments = options%compensated
    end function steppers_of
 
+   !> By how much of a step t0 + n h is rounded, at most: n h, and the sum.
+   pure real(wp) function time_rounding(o)
+      type(run_options), intent(in) :: o
+
+      time_rounding = spacing(abs(o%t0/o%step) + (real(o%first_step, wp) + real(o%nstep, wp)))
+   end function time_rounding
+
+   !> The time farthest from 0 of a run [time].
+   pure real(wp) function latest_time(o)
+      type(run_options), intent(in) :: o
+
+      latest_time = o%t0 + (real(o%first_step, wp) + real(o%nstep, wp))*o%step
+      if (abs(o%t0) > abs(latest_time)) latest_time = o%t0
+   end function latest_time
+
    !> Refuse what cannot be run, naming the value and what is allowed.
    subroutine check_options(o, error)
       type(run_options), intent(in) :: o
@@ -86,6 +101,11 @@ contains
       else if (o%refine < -max_refine .or. o%refine > max_refine) then
          call refuse('refine = '//to_text(o%refine)//' is out of range: give -'//to_text(max_refine)//' to '// &
                      to_text(max_refine)//', each level doubles the number of draws')
+      else if (.not. abs(latest_time(o)) <= huge(o%t0)) then
+         call refuse('t0 + (first_step + steps)*step is not a time: give fewer or smaller steps')
+      else if (.not. time_rounding(o) <= 0.5_wp) then
+         call refuse('step = '//to_text(o%step)//' is lost in times near '//to_text(latest_time(o))//', where '// &
+                     'numbers are '//to_text(spacing(latest_time(o)))//' apart: give a longer step, or a t0 nearer to 0')
       else if (o%nlane < 0 .or. mod(o%nlane, lane_unit) /= 0 .or. o%nlane > max_nlane) then
          call refuse('block size '//to_text(o%nlane)//' is not allowed: give a multiple of 8 up to '// &
                      to_text(max_nlane)//', or 0 to have it chosen (it never changes a result)')

@@ -7,7 +7,7 @@ module symsde_ensemble_warnings
    use symsde_base_kinds, only: wp
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: dense
-   use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_options, only: run_options, time_rounding, latest_time
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, frame_rotation
    implicit none
@@ -46,6 +46,9 @@ contains
       if (.not. explicit) call warn_of_noise(text, options, bounds)
       if (lost_variance > 1e-3_wp) call add(text, 'truncation loses '//to_text(100*lost_variance)// &
                                             ' % of the variance of every increment')
+      if (time_rounding(options) > 0.01_wp) &
+         call add(text, 'times near '//to_text(latest_time(options))//' are off by up to '// &
+                  to_text(100*time_rounding(options))//' % of a step by rounding: take a longer step, or a t0 nearer to 0')
       if (.not. options%compensated) call warn_of_rounding(text, model, nlane, options, q, p)
    end subroutine set_up_warnings
 
