@@ -105,7 +105,7 @@ contains
          call refuse('t0 + (first_step + steps)*step is not a time: give fewer or smaller steps')
       else if (.not. time_rounding(o) <= 0.5_wp) then
          call refuse('step = '//to_text(o%step)//' is lost in times near '//to_text(latest_time(o))//', where '// &
-                     'numbers are '//to_text(spacing(latest_time(o)))//' apart: give a longer step, or a t0 nearer to 0')
+                     'numbers are '//to_text(spacing(latest_time(o)))//' apart: give a longer step, or a t0 near 0')
       else if (o%nlane < 0 .or. mod(o%nlane, lane_unit) /= 0 .or. o%nlane > max_nlane) then
          call refuse('block size '//to_text(o%nlane)//' is not allowed: give a multiple of 8 up to '// &
                      to_text(max_nlane)//', or 0 to have it chosen (it never changes a result)')

@@ -48,7 +48,7 @@ contains
                                             ' % of the variance of every increment')
       if (time_rounding(options) > 0.01_wp) &
          call add(text, 'times near '//to_text(latest_time(options))//' are off by up to '// &
-                  to_text(100*time_rounding(options))//' % of a step by rounding: take a longer step, or a t0 nearer to 0')
+                  to_text(100*time_rounding(options))//' % of a step by rounding: take a longer step, or a t0 near 0')
       if (.not. options%compensated) call warn_of_rounding(text, model, nlane, options, q, p)
    end subroutine set_up_warnings
 
