@@ -7,7 +7,8 @@
 !>    x_{n+1} = z' + B dW
 !>
 !> that is the midpoint rule for H* between two constant shifts: symplectic for every h, dW, dZ. Where B changes
-!> in time it is taken at the middle of the step, and B dW becomes B dW - (B_{n+1} - B_n) (dZ/h - dW/2). The second
+!> in time it is taken at the middle of the step, B dW becomes B dW + c, c = -(B_{n+1} - B_n) (dZ/h - dW/2), and B dZ/h,
+!> the mean of the shift, B dZ/h + c/2: as much of c before the middle as after it, so the step is symmetric. The second
 !> difference of H that stands for B^T Hess H B is a Hamiltonian itself (step/modified_hamiltonian). For noise in
 !> position and H = p.p/2 + U(q) it is constant: the step is then that of step/midpoint, which eliminates momenta.
 module symsde_step_averaged_shift
@@ -138,7 +139,7 @@ contains
          call self%rescue%attempt(self%ham%nlane, drift, self%qs, self%ps, failed, dq, dp, status)
    end subroutine drift_midpoint
 
-   !> From the path to its mean, x + B dZ/h.
+   !> From the path to its mean, x + B dZ/h + c/2.
    subroutine begin(self, model, step, q, p)
       type(mean_path), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -148,6 +149,7 @@ contains
       self%drift(:, 0) = step%h
       call self%shift%weigh(0.0_wp, 1.0_wp, step)
       call self%shift%add(model, step%t + 0.5_wp*step%h, 1.0_wp, q, p)
+      call add_change(self, model, step, 0.5_wp, q, p)
    end subroutine begin
 
    !> To the increments of z those of the path.
@@ -159,11 +161,22 @@ contains
 
       call self%shift%weigh(1.0_wp, 0.0_wp, step)
       call self%shift%add(model, step%t + 0.5_wp*step%h, 1.0_wp, dq, dp)
+      call add_change(self, model, step, 1.0_wp, dq, dp)
+   end subroutine finish
+
+   !> A share of c, where B changes in time.
+   subroutine add_change(self, model, step, share, q, p)
+      type(mean_path), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: share
+      real(wp), intent(inout), dimension(self%nlane, self%n) :: q, p
+
       if (.not. (self%time_dependent .and. associated(step%of(path_dz)%x))) return
       call self%shift%weigh(0.5_wp, -1.0_wp, step)
-      call self%shift%add(model, step%t + step%h, 1.0_wp, dq, dp)
-      call self%shift%add(model, step%t, -1.0_wp, dq, dp)
-   end subroutine finish
+      call self%shift%add(model, step%t + step%h, share, q, p)
+      call self%shift%add(model, step%t, -share, q, p)
+   end subroutine add_change
 
    !> What this stepper and the one within have counted.
    subroutine tally(self, total)
