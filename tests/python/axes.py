@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Axes that faults hide along, a covering design over them, and models with m noises and n degrees of freedom."""
+
+import functools
+import itertools
+import random
+
+import numpy as np
+import reference
+import symsde as ss
+
+#: what every suite over axes varies
+AXES = {
+    "sign": (1, -1),
+    "time": ("", "H", "noise", "both"),  # what depends on time
+    "nnoise": (1, 2, 3, 4),
+    "ndof": (1, 2, 3),
+    "first_step": (0, 7),
+    "first_path": (0, 2**31 + 5),
+}
+
+TRAITS = {
+    "kick": {"additive": True, "position_noise": True, "separable": True, "identity_mass": True},
+    "both": {"additive": True},
+    "position": {"position_noise": True, "separable": True, "identity_mass": True},
+    "mass": {"position_noise": True, "separable": True, "constant_mass": True},
+    "any": {"position_noise": True},
+    "separable": {"separable": True, "identity_mass": True},
+    "coupled": {},
+    "quadratic": {"quadratic": True},
+}
+
+
+def covering(**axes):
+    """Rows (dicts) in which every two values of any two axes meet; the same each time."""
+    return [dict(row) for row in _covering(tuple(axes.items()))]
+
+
+@functools.cache
+def _covering(axes):
+    names, chance = [name for name, _ in axes], random.Random(1)
+    left = {((x, a), (y, b)) for (x, xs), (y, ys) in itertools.combinations(axes, 2) for a in xs for b in ys}
+    chosen = []
+    while left:
+        first = min(left, key=repr)
+        best, most = None, 0
+        for _ in range(30):
+            row = {name: chance.choice(values) for name, values in axes} | dict(first)
+            met = left & set(itertools.combinations(((name, row[name]) for name in names), 2))
+            if len(met) > most:
+                best, most, gone = row, len(met), met
+        chosen.append(tuple(best.items()))
+        left -= gone
+    return chosen
+
+
+def ident(row):
+    """A name of a row for pytest."""
+    return "-".join(str(x) or "still" for x in row.values())
+
+
+def ridges_of(kind, ndof, nnoise, time=""):
+    """H and H_1 .. H_m of a kind of TRAITS, nonlinear where it may be, with all degrees of freedom coupled."""
+    units = np.eye(2 * ndof)
+    q, p = units[:ndof], units[ndof:]
+    swing = {"H": (0.5, 2.3), "noise": (0.6, 3.1)}
+    moves = {what: x if time in {what, "both"} else (0, 0) for what, x in swing.items()}
+
+    def mixed(k, places):
+        return sum(np.cos(1.3 * k + 0.7 * i) * x for i, x in enumerate(places))
+
+    found, both = [], np.concatenate([q, p])
+    for i in range(ndof):
+        found += [(0, 2, 0.5 + 0.1 * i, *moves["H"], q[i], 0)] if kind == "quadratic" else [(0, 2, 0.5, 0, 0, q[i], 0)]
+        found.append((0, 2, 0.5, 0, 0, p[i] + (0.4 * p[i - 1] if kind in {"mass", "any"} and i else 0), 0))
+        if kind in {"both", "any", "coupled"}:
+            found.append((0, "sin", 0.3, *moves["H"], mixed(i, both), 0.2))
+        if kind == "quadratic":
+            found.append((0, 2, 0.1, *moves["H"], mixed(i, both), 0))
+        else:
+            around = q[i] - 0.6 * q[i - 1] if i else q[0]
+            found += [(0, "sin", 0.7, *moves["H"], around, 0.4 * i), (0, 4, 0.05, 0, 0, around, 0)]
+    for k in range(1, nnoise + 1):
+        at_q, at_p, at_all = (mixed(k, x) for x in (q, p, both))
+        shapes = {
+            "kick": [(1, 0.6, at_q)],
+            "both": [(1, 0.6, at_all)],
+            "position": [("sin", 0.4, at_q), (2, 0.2, at_q)],
+            "separable": [("sin", 0.4, at_q), ("sin", 0.3, at_p)],
+            "coupled": [("sin", 0.4, at_all), (2, 0.1, mixed(k + 1, both))],
+            "quadratic": [(2, 0.2, at_all), (1, 0.1, at_q)],
+        }
+        for f, s, a in shapes[{"mass": "position", "any": "position"}.get(kind, kind)]:
+            found.append((k, f, s, *moves["noise"], a, 0.3 * k))
+    return reference.Ridges(ndof, nnoise, found)
+
+
+def rotation_of(kind, ndof):
+    """Frequencies of the linear part that every identity mass has here."""
+    return (1.0,) * ndof if TRAITS[kind].get("identity_mass") else None
+
+
+def model_of(ridges, kind, *, third=True):
+    """The same for the library; without third derivatives its nested brackets are differences."""
+    functions = {x: getattr(ridges, x) for x in ("value", "gradient", "hessian", "hessian_vector")}
+    if third:
+        functions["third_derivative"] = ridges.third_derivative
+    return ss.Model(
+        ndof=ridges.ndof,
+        nnoise=ridges.nnoise,
+        rotation=rotation_of(kind, ridges.ndof),
+        derived=True,
+        **functions,
+        **TRAITS[kind],
+    )
+
+
+def start(ndof, paths):
+    """A state for every path: q, p (dof, path)."""
+    i = np.arange(1, ndof * paths + 1).reshape(ndof, paths)
+    return 0.7 * np.sin(1.7 * i), 0.6 * np.cos(1.1 * i)
+
+
+def rows_of(step, steps, rows, nnoise, paths):
+    """Increments of steps cut into so many rows, (steps*rows, noise, path)."""
+    normals = np.random.default_rng(1).standard_normal((steps * rows, nnoise, paths))
+    return normals * np.sqrt(abs(step) / rows)

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Every scheme along all axes against its equations by NumPy (reference.py): block, general stepper, single path."""
+
+import axes
+import numpy as np
+import pytest
+import reference
+import symsde as ss
+
+TABLEAUS = (
+    "midpoint", "stormer_verlet", "gauss2", "gauss3", "gauss4", "lobatto2_swapped", "lobatto3", "lobatto3_swapped",
+    "lobatto4", "lobatto4_swapped", "P2N2Q2Otr", "dirk:0.25", "heun", "euler_maruyama", "midpoint_weak1",
+)  # fmt: skip
+BRACKETS = ("gauss2_strong32", "gauss2_strong32_areas", "gauss2_weak2", "gauss2_weak2_areas", "midpoint_areas")
+ONE_SIDED = ("symplectic_euler", "symplectic_euler_adjoint", "lambda:0.3")
+GALERKIN = ("P1N2Q2Lob", "P1N2Q2Otr", "P1N2Q4Gau", "P1N3Q4Lob", "P2N3Q4Lob", "P2N3Q6Gau", "P2N4Q6Lob")
+KICKS = ("gauss_dkdkd", "verlet_kdk", "chin4a", "gauss_dkdkd_strong2", "verlet_kdk_strong2", "chin4a_strong2",
+         "verlet_kdk_midpoint", "verlet_dkd_weak2")  # fmt: skip
+KINDS = {
+    **dict.fromkeys(TABLEAUS + BRACKETS + ONE_SIDED, tuple(axes.TRAITS)),
+    **dict.fromkeys(GALERKIN, ("kick", "both", "position", "mass", "any")),
+    **dict.fromkeys(KICKS, ("kick", "position", "mass")),
+    "gauss_dkdkd_midpoint": ("kick", "position", "mass", "any"),
+    "gauss_dkdkd_rotation": ("kick", "position"),
+    "exact_rotation": ("kick", "position"),
+    "averaged_shift_midpoint": ("kick", "both"),
+    "verlet_dz": ("kick",),
+    "drift_preserving": ("kick",),
+}
+NO_GENERAL = {"verlet_dz", "averaged_shift_midpoint", "drift_preserving", "exact_rotation"}
+STEPS, ROWS, PATHS = 2, 4, 5
+
+
+def design(scheme):
+    """Rows of a scheme."""
+    chosen = {**axes.AXES, "kind": KINDS[scheme]}
+    if scheme in BRACKETS:
+        chosen["exact"] = (True, False)
+    if scheme in ONE_SIDED:
+        chosen["correction"] = ("auto", "mean", "none")
+    return axes.covering(**chosen)
+
+
+CASES = [(scheme, row) for scheme in KINDS for row in design(scheme)]
+
+
+@pytest.mark.parametrize(("scheme", "row"), CASES, ids=[f"{scheme}-{axes.ident(row)}" for scheme, row in CASES])
+def test_steps_are_those_of_the_equations(scheme, row):
+    kind, h, t0 = row["kind"], 0.1 * row["sign"], 0.3
+    ridges = axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"])
+    model = axes.model_of(ridges, kind, third=row.get("exact", True))
+    q0, p0 = axes.start(row["ndof"], PATHS)
+    rows = axes.rows_of(h, STEPS, ROWS, row["nnoise"], PATHS)
+    given = {"step": h, "steps": STEPS, "t0": t0, "scheme": scheme, "refine": 2}
+    given |= {x: row[x] for x in ("first_step", "first_path", "correction") if x in row}
+    run = ss.simulate(model, q0=q0, p0=p0, paths=PATHS, increments=rows, **given)
+
+    x = np.concatenate([q0, p0])
+    forms = {"auto": "increments"} | {x: x for x in ("mean", "none")}
+    how = {"exact": row.get("exact", True), "correction": forms[row.get("correction", "auto")]}
+    if scheme in {"exact_rotation", "gauss_dkdkd_rotation"}:
+        how["rotation"] = axes.rotation_of(kind, row["ndof"])
+    for n in range(STEPS):
+        t = t0 + (row["first_step"] + n) * h
+        x = reference.step(scheme, ridges, t, reference.polygon(h, rows[ROWS * n : ROWS * (n + 1)]), x, **how)
+        np.testing.assert_allclose(np.concatenate([run.q[n + 1], run.p[n + 1]]), x, rtol=0, atol=2e-12)
+        np.testing.assert_allclose(run.t[n], t, rtol=1e-15)
+    runs = [run]
+    if scheme not in NO_GENERAL:
+        general = ss.simulate(model, q0=q0, p0=p0, paths=PATHS, increments=rows, general=True, **given)
+        np.testing.assert_allclose([general.q, general.p], [run.q, run.p], rtol=0, atol=1e-12)
+        runs.append(general)
+    if scheme in TABLEAUS + GALERKIN:  # Newton's matrix is exact: what is wrong in it costs solves alone
+        counts = [x.report.counters for x in runs]
+        assert all(x["solves"] <= (1 if kind == "quadratic" else 6) * x["path_steps"] for x in counts)
+    one = ss.simulate(model, q0=q0[:, 3:4], p0=p0[:, 3:4], paths=1, increments=rows[:, :, 3:4], **given)
+    np.testing.assert_array_equal([one.q[:, :, 0], one.p[:, :, 0]], [run.q[:, :, 3], run.p[:, :, 3]])
+
+
+REVERSED = (*ONE_SIDED, "lobatto3", "P2N2Q2Otr", "dirk:0.25", "heun")
+BACK = axes.covering(**axes.AXES, kind=("position", "separable", "coupled"), scheme=REVERSED)
+
+
+@pytest.mark.parametrize("row", BACK, ids=map(axes.ident, BACK))
+def test_the_adjoint_goes_back(row):
+    """Its step back along the same path is the inverse, of compositions too: nodes, weights and correction reversed."""
+    ridges = axes.ridges_of(row["kind"], row["ndof"], row["nnoise"], row["time"])
+    model, h = axes.model_of(ridges, row["kind"]), 0.1 * row["sign"]
+    correction = "none" if row["scheme"] == "heun" else "auto"
+    both = ss.schemes.composition([row["scheme"], "stormer_verlet"], [0.4, 0.6]) if row["first_step"] else row["scheme"]
+    x, dw = axes.start(row["ndof"], 3), axes.rows_of(h, 1, 1, row["nnoise"], 3)[0]
+    there = ss.step(model, both, *x, h, dw, t=0.3, correction=correction)
+    back = ss.step(model, ss.schemes.adjoint(both), *there, -h, -dw, t=0.3 + h, correction=correction)
+    np.testing.assert_allclose(back, x, rtol=0, atol=1e-13)
+
+
+SYMMETRIC = tuple(scheme for scheme in KINDS if ss.schemes.get(scheme).info.symmetric)
+TRIPS = axes.covering(**axes.AXES, scheme=SYMMETRIC, kind=range(8))
+
+
+@pytest.mark.parametrize("row", TRIPS, ids=map(axes.ident, TRIPS))
+def test_a_symmetric_scheme_comes_back(row):
+    """Two steps, and two back along the same path: dZ, K, areas, J and times are those of the way back."""
+    kind = KINDS[row["scheme"]][row["kind"] % len(KINDS[row["scheme"]])]
+    model = axes.model_of(axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"]), kind)
+    x, h = axes.start(row["ndof"], 3), 0.1 * row["sign"]
+    rows = axes.rows_of(h, 2, 4, row["nnoise"], 3)
+    how = {"scheme": row["scheme"], "steps": 2, "paths": 3, "refine": 2, "first_path": row["first_path"]}
+    first = row["first_step"]
+    there = ss.simulate(model, q0=x[0], p0=x[1], step=h, first_step=first, t0=0.3, increments=rows, **how)
+    end = 0.3 + (first + 2) * h
+    back = ss.simulate(model, q0=there.q[-1], p0=there.p[-1], step=-h, t0=end, increments=-rows[::-1], **how)
+    np.testing.assert_allclose([back.q, back.p], [there.q[::-1], there.p[::-1]], rtol=0, atol=2e-12)
+
+
+def test_what_is_not_symmetric_does_not_come_back():
+    """The twin."""
+    with pytest.raises(AssertionError):
+        test_a_symmetric_scheme_comes_back({**TRIPS[0], "scheme": "heun"})
