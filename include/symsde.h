@@ -15,7 +15,7 @@
  * - Any function may be called by several threads at once, also on handles that they share, as long as none deletes or
  *   alters a handle that another one uses.
  * - A process that was forked after the library was loaded computes on one thread: those of OpenMP do not survive a fork.
- * - Floating-point traps may be on: good input sets off none. Paths that fail (infinities, NaN) may.
+ * - Floating-point traps may be on: good input sets off none, paths that fail may. Threads round as the calling one.
  * - Quantities are dimensionless unless a comment names a unit.
  */
 #ifndef SYMSDE_H

@@ -41,11 +41,23 @@ module symsde_ensemble_threads
          import :: c_int
          integer(c_int) :: forked
       end function process_is_forked
+
+      !> float_mode.c: how this thread rounds, and whether it keeps denormal numbers.
+      function float_mode() result(mode) bind(c)
+         import :: c_int
+         integer(c_int) :: mode
+      end function float_mode
+
+      subroutine set_float_mode(mode) bind(c)
+         import :: c_int
+         integer(c_int), value :: mode
+      end subroutine set_float_mode
    end interface
 
 contains
 
-   !> The parallel loop over blocks.
+   !> The parallel loop over blocks. All threads round as the calling one does: others still do as it did when they
+   !> began, or as the host's own parallel regions wish, to whom they are given back as they were.
    subroutine run_blocks(runners, recipe, options, start, monitor, shared)
       type(block_runner), intent(inout), target :: runners(:)
       type(runner_recipe), intent(in) :: recipe
@@ -53,13 +65,18 @@ contains
       type(initial_state), intent(in) :: start
       class(monitor_type), intent(inout) :: monitor
       type(shared_state), intent(inout) :: shared
+      integer(c_int) :: mode, own
 
       if (size(runners) == 1) then  ! a team of one costs a microsecond
          call run_share(1, runners, recipe, options, start, monitor, shared)
       else
-         !$omp parallel num_threads(size(runners)) default(none) &
-         !$omp shared(runners, recipe, options, start, monitor, shared)
+         mode = float_mode()
+         !$omp parallel num_threads(size(runners)) default(none) private(own) &
+         !$omp shared(runners, recipe, options, start, monitor, shared, mode)
+         own = float_mode()
+         call set_float_mode(mode)
          call run_share(omp_get_thread_num() + 1, runners, recipe, options, start, monitor, shared)
+         call set_float_mode(own)
          !$omp end parallel
       end if
    end subroutine run_blocks
