@@ -125,3 +125,37 @@ def rows_of(step, steps, rows, nnoise, paths):
     """Increments of steps cut into so many rows, (steps*rows, noise, path)."""
     normals = np.random.default_rng(1).standard_normal((steps * rows, nnoise, paths))
     return normals * np.sqrt(abs(step) / rows)
+
+
+def philox(seed, path, draw, purpose, noise=0):
+    """Four words of Philox4x32-10 at the places of the counter map (docs/method.md), level 0: (4, ..)."""
+    path, draw = (np.asarray(x, np.uint64) for x in (path, draw))
+    low, word = np.uint64(0xFFFFFFFF), np.uint64(32)
+    c = [path & low, (path >> word) + ((draw >> word) << np.uint64(16)), draw & low, np.uint64(noise + (purpose << 26))]
+    c = np.array(np.broadcast_arrays(*c))
+    for i in range(10):
+        key = [np.uint64((x + i * y) & 0xFFFFFFFF) for x, y in ((seed, 0x9E3779B9), (seed >> 32, 0xBB67AE85))]
+        one, two = c[0] * np.uint64(0xD2511F53), c[2] * np.uint64(0xCD9E8D57)
+        c = np.array([(two >> word) ^ c[1] ^ key[0], two & low, (one >> word) ^ c[3] ^ key[1], one & low])
+    return c
+
+
+def passages(model, run, of, low, high):
+    """When the paths of a run that saved every step left, -1 = never: by a step, or a bridge where noise acts on it.
+
+    of: place of the value in (q, p). The number that decides has purpose 9, the path and the step that it is for.
+    """
+    x = np.concatenate([run.q, run.p], axis=1)
+    first, h = run.setup.options.first_step, run.setup.options.step
+    when = np.where((x[0, of] <= low) | (x[0, of] >= high), first, -1)
+    for i in range(1, len(x)):
+        a, b = x[i - 1, of], x[i, of]
+        g = model.derivative(1, run.t[i - 1], x[i - 1])[1:]
+        rate = ((np.einsum("ab,kbl->kal", model.turn, g)[:, of]) ** 2).sum(axis=0)
+        with np.errstate(divide="ignore", over="ignore"):
+            chance = sum(np.exp(-2 * c * d / (rate * abs(h))) for c, d in ((a - low, b - low), (high - a, high - b)))
+        words = philox(run.setup.options.seed, run.path, first + i - 1, 9, of + 1).astype(float)
+        outside = (b <= low) | (b >= high)
+        leaves = outside | ((words[0] * 2.0**32 + words[1] + 0.5) * 2.0**-64 < chance)
+        when = np.where((when < 0) & leaves, first + i, when)
+    return when

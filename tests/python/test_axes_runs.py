@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whole runs along all axes: parts of one, subsets, prepared second calls, observers; beside plain NumPy."""
+
+import axes
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import observe
+
+SCHEMES = (
+    "midpoint",
+    "stormer_verlet",
+    "gauss2_strong32",
+    "gauss_dkdkd_midpoint",
+    "verlet_kdk_strong2",
+    "symplectic_euler",
+)
+STEPS, H, T0, SEED = 6, 0.1, 0.35, 2**40 + 3
+RUNS = axes.covering(
+    **axes.AXES, scheme=SCHEMES, compensated=(False, True), paths=(1, 3, 40), refine=(-1, 0, 1), save_every=(1, 2)
+)
+
+
+def scene_of(row, kind="position"):
+    """Ridges, and the arguments of a run of them, every path from a state of its own."""
+    ridges = axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"])
+    q0, p0 = axes.start(row["ndof"], row["paths"])
+    how = {x: row[x] for x in ("scheme", "first_step", "first_path", "paths", "compensated", "refine") if x in row}
+    return ridges, {"q0": q0, "p0": p0, "step": H * row["sign"], "t0": T0, "seed": SEED, **how}
+
+
+def same(one, other):
+    """Two runs or parts of them, bit for bit: q, p, times, paths."""
+    for x, y in zip((one.q, one.p, one.t, one.path), other, strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+def part(run, at, paths=slice(None)):
+    """Saved times and paths of a run."""
+    return run.q[at][:, :, paths], run.p[at][:, :, paths], run.t[at], run.path[paths]
+
+
+@pytest.mark.parametrize("row", RUNS, ids=map(axes.ident, RUNS))
+def test_a_run_is_its_parts(row):
+    """Resumed, of fewer paths, prepared and called again, of moments: the bits of the whole, at its times."""
+    ridges, how = scene_of(row)
+    model, every = axes.model_of(ridges, "position"), row["save_every"]
+    whole = ss.simulate(model, steps=STEPS, save_every=every, **how)
+    first, h = row["first_step"], how["step"]
+    np.testing.assert_allclose(whole.t, T0 + h * (first + np.arange(0, STEPS + 1, every)), rtol=1e-14)
+    np.testing.assert_array_equal(whole.path, row["first_path"] + np.arange(row["paths"]))
+
+    head = ss.simulate(model, steps=2, save_every=every, **how)
+    low = {"q0_low": head.q_low, "p0_low": head.p_low} if row["compensated"] else {}
+    start = {"q0": head.last_q, "p0": head.last_p, "first_step": first + 2, **low}
+    cut = 2 // every
+    same(head, part(whole, slice(0, cut + 1)))
+    same(ss.simulate(model, steps=4, save_every=every, **{**how, **start}), part(whole, slice(cut, None)))
+
+    last = row["paths"] - 1
+    few = {"q0": how["q0"][:, last:], "p0": how["p0"][:, last:], "paths": 1, "first_path": row["first_path"] + last}
+    same(
+        ss.simulate(model, steps=STEPS, save_every=every, **{**how, **few}), part(whole, slice(None), slice(last, None))
+    )
+
+    scheme = how.pop("scheme")
+    prepared = ss.prepare(model, scheme, **how)
+    for _ in range(2):
+        same(prepared.run(2, save_every=every), part(whole, slice(0, cut + 1)))
+        assert prepared.next_step == first + 2 and prepared.t == whole.setup.options.t0 + h * (first + 2)
+        same(prepared.run(4, save_every=every), part(whole, slice(cut, None)))
+        prepared.reset()
+    prepared.reset(few["q0"].repeat(row["paths"], 1), few["p0"].repeat(row["paths"], 1), first_path=few["first_path"])
+    again = prepared.run(STEPS, save_every=every)
+    np.testing.assert_array_equal(again.q[:, :, 0], whole.q[:, :, last])
+    prepared.reset(head.last_q, head.last_p, first_path=row["first_path"], first_step=first + 2,
+                   **({"q0_low": head.q_low, "p0_low": head.p_low} if low else {}))  # fmt: skip
+    same(prepared.run(4, save_every=every), part(whole, slice(cut, None)))
+
+
+DRIVEN = axes.covering(**axes.AXES, refine=(0, 1, 2), paths=(1, 3, 40))
+
+
+@pytest.mark.parametrize("row", DRIVEN, ids=map(axes.ident, DRIVEN))
+def test_increments_are_those_of_the_run(row):
+    """What `increments` tells drives the same run; at another first step and path it tells the same of a path."""
+    ridges, how = scene_of(row)
+    model, draws = axes.model_of(ridges, "position"), {"step": how["step"], "seed": SEED, "refine": row["refine"]}
+    own = {**draws, **{x: row[x] for x in ("first_step", "first_path", "paths")}}
+    dw = ss.increments(model, steps=STEPS, **own)
+    given = ss.simulate(model, steps=STEPS, increments=dw, **{**how, "refine": 0})
+    same(ss.simulate(model, steps=STEPS, **how), part(given, slice(None)))
+    before = {"first_step": row["first_step"] + 1, "first_path": row["first_path"] + row["paths"] - 1, "paths": 1}
+    np.testing.assert_array_equal(ss.increments(model, steps=STEPS - 1, **draws, **before), dw[1:, :, -1:])
+    finer = ss.increments(
+        model, steps=2 * STEPS, **{**own, "step": how["step"] / 2, "refine": 0, "first_step": 2 * row["first_step"]}
+    )
+    if row["refine"] == 1:
+        np.testing.assert_allclose(finer.reshape(STEPS, 2, *finer.shape[1:]).sum(axis=1), dw, rtol=0, atol=1e-15)
+
+
+def test_increments_have_their_law():
+    """Mean squares of 4 noises are |h|, none is another: 20 numbers within 5.2 of their errors (4e-6)."""
+    model = axes.model_of(axes.ridges_of("kick", 1, 4), "kick")
+    for h in (0.3, -0.3):
+        dw = ss.increments(model, step=h, steps=1, paths=20000, first_path=2**31 + 5, first_step=7)[0] / np.sqrt(abs(h))
+        error = (dw @ dw.T / 20000 - np.eye(4)) * np.sqrt(20000 / (1 + np.eye(4)))
+        assert np.abs(error).max() < 5.2
+
+
+KINDS = ("kick", "both", "position", "coupled")
+OBSERVED = axes.covering(**axes.AXES, kind=KINDS, save_every=(1, 3), absorb=(False, True), of=(0, 1), threads=(1, 2))
+
+
+@pytest.mark.parametrize("row", OBSERVED, ids=map(axes.ident, OBSERVED))
+def test_observers_tell_of_the_paths(row):
+    """Of every saved step, by NumPy: when a path left, by a bridge too, decided by numbers of the generator by hand."""
+    row = {**row, "paths": 300, "first_path": row["first_path"] // 256 * 256}  # where shards begin
+    ridges, how = scene_of(row, row["kind"])
+    model, n = axes.model_of(ridges, row["kind"]), row["ndof"]
+    how |= {"scheme": "midpoint", "q0": 0.3 * how["q0"], "p0": 0.3 * how["p0"]}
+    run = ss.simulate(model, steps=STEPS, **how)
+    of = row["of"] * n + n - 1
+    name = f"{'qp'[row['of']]}_{n}"
+    acts = row["of"] == 1 or row["kind"] in {"both", "coupled"}
+    ends = np.quantile(np.concatenate([run.q, run.p], axis=1)[:, of], [0.04, 0.96])
+    when = axes.passages(ridges, run, of, *ends)
+    wanted = {
+        "loss": observe.Passage(name, low=ends[0], high=ends[1], absorb=row["absorb"]),
+        "far": observe.Extremes(name),
+        "some": observe.Paths((row["first_path"], row["first_path"] + 299)),
+        "cov": observe.Covariance((name, "q_1")),
+    }
+    found = ss.moments(
+        model, steps=STEPS, save_every=row["save_every"], observers=wanted, threads=row["threads"], **how
+    )
+    loss, first = found.observed["loss"], row["first_step"]
+    listed = np.flatnonzero(when >= 0)
+    assert 20 < len(listed) < 300 and (loss.bridged is None) == (not acts)
+    np.testing.assert_array_equal(loss.path, row["first_path"] + listed)
+    np.testing.assert_array_equal(loss.step, when[listed])
+    at = when[listed] - first
+    states = [[run.t[i], *run.q[i, :, j], *run.p[i, :, j]] for i, j in zip(at, listed, strict=True)]
+    np.testing.assert_array_equal(loss.state, states)
+
+    saved = np.arange(0, STEPS + 1, row["save_every"])
+    there = (when < 0) | (when - first > saved[:, None]) | (not row["absorb"])
+    x = np.concatenate([run.q, run.p], axis=1)[saved]
+    np.testing.assert_array_equal(found.t, run.t[saved])
+    np.testing.assert_array_equal(found.n_ok, there.sum(axis=1))
+    mean = np.where(there[:, None], x[:, :n], 0).sum(axis=2) / there.sum(axis=1)[:, None]
+    np.testing.assert_allclose(found.mean_q, mean, rtol=1e-12, atol=1e-14)
+    far = found.observed["far"]
+    values = np.where(there, x[:, of], np.nan)
+    for reached, best in ((far.lowest, np.nanmin(values)), (far.highest, np.nanmax(values))):
+        i, j = np.argwhere(values == best)[0]
+        assert reached == (best, row["first_path"] + j, run.t[saved[i]])
+    if not row["absorb"]:
+        np.testing.assert_array_equal(
+            found.observed["some"].values, np.moveaxis(x[:, :, [0, 299]], 2, 0)[:, :, : 2 * n]
+        )
+        np.testing.assert_allclose(found.observed["cov"].covariance[-1], np.cov([x[-1, of], x[-1, 0]]), rtol=1e-10)
