@@ -356,7 +356,7 @@ def test_many_processes_want_the_same_at_once(tmp_path):
     answers = {process.communicate(timeout=300)[0] for process in started}
     assert all(process.returncode == 0 for process in started) and len(answers) == 1
     assert len(list((tmp_path / "cache").glob("*.so"))) == 1
-    assert not list((tmp_path / "cache").glob(".making*"))
+    assert not list((tmp_path / "cache").glob(".part*"))
 
 
 def test_a_damaged_file_is_made_again(tmp_path, monkeypatch):

@@ -9,20 +9,19 @@ import threading
 
 import pytest
 import symsde as ss
-from symsde import _files, _parts, cli
-from symsde.batch import durable
+from symsde import _durable, _files, _parts, cli
 
 LEFT = """
 import os, signal, sys
 from pathlib import Path
 from symsde import _files
-from symsde.batch import durable
+from symsde import _durable
 def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 folder = Path(sys.argv[1])
 if sys.argv[2] == "durable":
     os.fsync = die
-    durable.write(folder / "name", b"half")
+    _durable.write(folder / "name", b"half")
 _files.replace(folder / "name", lambda part: (part.write_text("half"), die()))
 """
 
@@ -47,11 +46,11 @@ def test_a_durable_writer_inside_another(keep, tmp_path, monkeypatch):
 
     def meanwhile(handle):
         monkeypatch.setattr(os, "fsync", sync)
-        assert durable.write(target, b"inner", keep=keep)
+        assert _durable.write(target, b"inner", keep=keep)
         sync(handle)
 
     monkeypatch.setattr(os, "fsync", meanwhile)
-    assert durable.write(target, b"outer", keep=keep) is not keep
+    assert _durable.write(target, b"outer", keep=keep) is not keep
     assert target.read_bytes() == (b"inner" if keep else b"outer") and os.listdir(tmp_path) == ["shard.npz"]
 
 

@@ -18,10 +18,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from .. import _files, _parts
+from .. import _durable, _files, _parts
 from ..errors import SceneError
 from ..scene import Scene
-from . import durable, manifest, shard_file
+from . import manifest, shard_file
 from .claims import Claims
 from .plan import Piece
 from .shard_file import DamagedShardError, Shard
@@ -63,12 +63,12 @@ class RunFolder:
                 _parts.sweep(place)
             self = cls(target, record, pieces)
             if scene is not None:
-                durable.write(target / "scene.toml", Path(scene.file).read_bytes())
+                _durable.write(target / "scene.toml", Path(scene.file).read_bytes())
                 for name, source in manifest.python_sources(scene):
                     (target / name).parent.mkdir(parents=True, exist_ok=True)
                     _parts.sweep((target / name).parent)
-                    durable.write(target / name, source.read_bytes())
-            if not durable.write(target / manifest.NAME, manifest.to_bytes(record)):
+                    _durable.write(target / name, source.read_bytes())
+            if not _durable.write(target / manifest.NAME, manifest.to_bytes(record)):
                 manifest.require_same(manifest.read(target), record, target)
             (target / "shards").mkdir(exist_ok=True)
             self._claims = Claims(target / ".claims")
@@ -154,7 +154,7 @@ class RunFolder:
     def write_checkpoint(self, piece: Piece, state: Shard) -> None:
         """Replace the checkpoint by a later one: at every moment one of the two is there, whole."""
         stamped = Shard(state.arrays, {**state.facts, **self.stamp(piece)})
-        durable.write(self.checkpoint_path(piece), shard_file.to_bytes(stamped), keep=False)
+        _durable.write(self.checkpoint_path(piece), shard_file.to_bytes(stamped), keep=False)
 
     def read_checkpoint(self, piece: Piece) -> Shard | None:
         """The last checkpoint; None where there is none that is undamaged and of this piece."""

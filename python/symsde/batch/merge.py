@@ -9,8 +9,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from .. import _durable
 from ..errors import SceneError
-from . import durable, manifest, share
+from . import manifest, share
 from .batch import Batch
 from .command import finish, logged
 from .folder import RunFolder
@@ -62,7 +63,7 @@ def _gather(sources: Sequence[RunFolder], whole: RunFolder) -> None:
     for piece in whole.missing():
         for source in sources:
             if source.is_done(piece):
-                durable.write(whole.shard_path(piece), source.shard_path(piece).read_bytes())
+                _durable.write(whole.shard_path(piece), source.shard_path(piece).read_bytes())
                 break
 
 

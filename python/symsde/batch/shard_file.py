@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from .. import _durable
 from ..errors import NotWrittenError, SymsdeError
-from . import durable
 
 _DIGITS = 64  # of a SHA-256
 
@@ -54,7 +54,7 @@ def from_bytes(content: bytes, name: str) -> Shard:
 
 def write(target: Path, shard: Shard) -> bool:
     """Put a shard into its place; False where another process was first, whose shard stays."""
-    return durable.write(target, to_bytes(shard))
+    return _durable.write(target, to_bytes(shard))
 
 
 def read(path: Path) -> Shard:

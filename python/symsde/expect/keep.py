@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from .. import _files, provenance
-from ..batch import durable, manifest
+from .. import _durable, _files, provenance
+from ..batch import manifest
 from ..batch.folder import RunFolder
 from ..batch.plan import UNIT, Piece
 from ..batch.shard_file import Shard
@@ -162,7 +162,7 @@ class InFolder:
         """As answer.json."""
         content = {key: getattr(answer, key) for key in _ANSWERED} | {"made": provenance.made()}
         text = _files.json_text(content, digits=None, indent=1)
-        durable.write(self.folder.path / "answer.json", text.encode(), keep=False)
+        _durable.write(self.folder.path / "answer.json", text.encode(), keep=False)
 
 
 _ANSWERED = (

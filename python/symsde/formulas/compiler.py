@@ -2,13 +2,12 @@
 """Generated C compiled by the system's compiler, kept on disk for every process that wants the same again.
 
 A file is known by a hash of its text (which holds the formulas, the sets of outputs and all that the generator does,
-but no values of parameters), of the compiler with its version, the flags, and what the processor can. It appears
-under its name whole or not at all, so that any number of processes may want it at once.
+but no values of parameters), of the compiler with its version, the flags, and what the processor can. Any number of
+processes may want it at once.
 """
 
 from __future__ import annotations
 
-import ctypes
 import functools
 import hashlib
 import os
@@ -17,14 +16,15 @@ import re
 import shlex
 import shutil
 import subprocess
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .. import _parts
 from .._setup import build_info
 from ..errors import InvalidArgumentError, NotWrittenError
+from . import cache
 
 # Compilers contract nothing by themselves: an output has the same bits in every function. CONTRACTS lets FMA of
 # lane_functions.h be one operation, where the library contracts, too; else bits do not depend on the processor.
@@ -57,58 +57,28 @@ def command() -> list[str] | None:
     return None
 
 
-def folder() -> Path:
-    """Where compiled formulas are kept: SYMSDE_CACHE, or symsde below the user's folder for caches."""
-    chosen = os.environ.get("SYMSDE_CACHE")
-    if chosen:
-        return Path(chosen)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "symsde"
-
-
 def build(source: str) -> Compiled:
     """The library of a C text, compiled unless that was done before."""
     compiler = command()
     if compiler is None:
         raise InvalidArgumentError("there is no C compiler: install gcc or clang, or set SYMSDE_CC to one")
-    key = _key(source, tuple(compiler))
-    place = _usable(folder())
-    target = place / f"{key}.so"
-    seconds = 0.0
-    if not target.exists():
+    target = cache.folder() / f"{_key(source, tuple(compiler))}.so"
+    library, seconds = cache.load(target), 0.0
+    if library is None:
         start = time.perf_counter()
         _compile(compiler, source, target)
-        seconds = time.perf_counter() - start
-    try:
-        return Compiled(ctypes.CDLL(str(target)), target, seconds)
-    except OSError:  # damaged, or of another machine after all: once more
-        start = time.perf_counter()
-        _compile(compiler, source, target)
-        return Compiled(ctypes.CDLL(str(target)), target, time.perf_counter() - start)
-
-
-def _usable(place: Path) -> Path:
-    """The folder, made where it is missing; one of this process where it cannot be written, or is somebody else's."""
-    try:
-        place.mkdir(parents=True, exist_ok=True, mode=0o700)
-        if os.access(place, os.W_OK) and place.stat().st_uid == os.getuid():
-            return place
-    except OSError:
-        pass
-    return _own_folder()
-
-
-@functools.cache
-def _own_folder() -> Path:
-    holder = tempfile.TemporaryDirectory(prefix="symsde-")
-    _own_folder.holder = holder  # removed when the process ends
-    return Path(holder.name)
+        seconds, library = time.perf_counter() - start, cache.load(target)
+    if library is None:
+        raise InvalidArgumentError(f"what {shlex.join(compiler)} makes of the formula cannot be loaded: set SYMSDE_CC")
+    return Compiled(library, target, seconds)
 
 
 def _compile(compiler: list[str], source: str, target: Path) -> None:
     """Compile beside the target, then put it in its place."""
     try:
-        with tempfile.TemporaryDirectory(prefix=".making-", dir=target.parent) as making:
-            text, made = Path(making) / "formula.c", Path(making) / "formula.so"
+        _parts.sweep(target.parent)
+        with _parts.beside(target) as made:
+            text = made.with_suffix(".c")
             text.write_text(source, encoding="utf-8")
             words = [*compiler, *FLAGS, "-o", str(made), str(text), "-lm"]
             done = _bounded(words)
@@ -119,8 +89,7 @@ def _compile(compiler: list[str], source: str, target: Path) -> None:
                 )
             if done.returncode != 0:
                 raise InvalidArgumentError(f"{shlex.join(compiler)} does not compile the formula: {done.stderr[:500]}")
-            os.replace(text, target.with_suffix(".c"))
-            os.replace(made, target)
+            cache.keep(target, made.read_bytes(), source)
     except OSError as error:
         raise NotWrittenError(
             f"compiled formulas cannot be kept in {target.parent}: {error.strerror}: set SYMSDE_CACHE to a folder"

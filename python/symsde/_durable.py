@@ -7,20 +7,23 @@ import contextlib
 import os
 from pathlib import Path
 
-from .. import _parts
-from ..errors import NotWrittenError
+from . import _parts
+from .errors import NotWrittenError
 
 
-def write(target: Path, content: bytes, *, keep: bool = True) -> bool:
+def write(target: Path, content: bytes, *, keep: bool = True, mode: int | None = None) -> bool:
     """Write beside the target, fsync, put it in its place, fsync the folder; False where another was there first.
 
-    keep: what is there already stays, so that of two writers none overwrites the other.
+    keep: what is there already stays, so that of two writers none overwrites the other. mode: who may do what with the
+    file, else as the process has it.
     """
     try:
         with _parts.beside(target) as part:
             with part.open("wb") as file:
                 file.write(content)
                 file.flush()
+                if mode is not None:
+                    os.fchmod(file.fileno(), mode)
                 os.fsync(file.fileno())
             placed = _link(part, target) if keep else _replace(part, target)
             _sync_folder(target.parent)
