@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import contextvars
 import importlib
+import modulefinder
 import os
 import sys
 import traceback
@@ -47,7 +48,7 @@ def function_of(folder: Path, text: object) -> Callable:
 
 def _imported(folder: Path, module: str) -> Any:
     """The module; one of this name from elsewhere is not taken for the file beside the scene."""
-    beside = source_of(folder, module)
+    beside = files_of(folder, module)
     sys.path.insert(0, str(folder))
     try:
         importlib.invalidate_caches()
@@ -55,27 +56,37 @@ def _imported(folder: Path, module: str) -> Any:
     finally:
         with contextlib.suppress(ValueError):  # it may have changed that, too
             sys.path.remove(str(folder))
-    there = getattr(found, "__file__", None)
-    if beside is not None and (there is None or Path(there).read_bytes() != beside.read_bytes()):
-        raise InvalidArgumentError(
-            f"{beside} is not what {module} is here already ({there or 'a part of Python'}): give it another name"
-        )
+    for name, path in beside.items():
+        if (here := sys.modules.get(name)) is None:
+            continue
+        there = getattr(here, "__file__", None)
+        if there is None or Path(there).read_bytes() != path.read_bytes():
+            raise InvalidArgumentError(
+                f"{path} is not what {name} is here already ({there or 'a part of Python'}): give it another name"
+            )
     return found
 
 
-def source_of(folder: Path, module: str) -> Path | None:
-    """The file of a module in the folder of a scene; None for modules from elsewhere."""
+def files_of(folder: Path, module: str) -> dict[str, Path]:
+    """Files of a module in the folder of a scene, and of what it imports from there; none of one from elsewhere."""
+    folder = folder.absolute()
     path = folder.joinpath(*module.split(".")).with_suffix(".py")
-    return path if path.is_file() else None
+    if not path.is_file():
+        return {}
+    finder = modulefinder.ModuleFinder(path=[str(folder)])
+    with contextlib.suppress(ImportError, SyntaxError, ValueError):  # told where it is imported
+        finder.import_hook(module)
+    return {module: path} | {name: Path(x.__file__) for name, x in finder.modules.items() if x.__file__}
 
 
 def sources(folder: Path, tables: Mapping[str, Any]) -> Iterator[tuple[str, Path]]:
-    """Files beside a scene that it names functions of, with their names below its folder."""
+    """Files beside a scene that it names functions of, and that these import, with their names below its folder."""
     observables = tables.get("observables", {})
     named = [tables["model"].get("python"), *(x.get("python") for x in observables.values() if isinstance(x, dict))]
-    for module in dict.fromkeys(str(text).partition(":")[0] for text in named if text):
-        if (path := source_of(folder, module)) is not None:
-            yield path.relative_to(folder).as_posix(), path
+    modules = dict.fromkeys(str(text).partition(":")[0] for text in named if text)
+    files = {path: None for module in modules for path in files_of(folder, module).values()}
+    for path in files:
+        yield path.relative_to(folder.absolute()).as_posix(), path
 
 
 class NamedObservable:

@@ -111,9 +111,9 @@ def test_a_manifest_with_a_size_that_is_none(size, place, capsys):
 
 
 def test_a_manifest_of_another_format(place, capsys):
-    edit(place / "part1", format=2)
+    edit(place / "part1", format=3)
     assert merge(place) == cli.BAD_INPUT
-    assert "manifest.json has format 2, this symsde knows 1: use the version that made it" in capsys.readouterr().err
+    assert "manifest.json has format 3, this symsde knows 2: use the version that made it" in capsys.readouterr().err
 
 
 def test_a_manifest_whose_inputs_were_changed(place, capsys):

@@ -11,13 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from .. import _checks, _named
-from .._setup import build_info
+from .._setup import build_info, make_setup
 from ..errors import SceneError
 from ..scene import RUN_KEYS, Scene
 from ..simulate import simulate
+from . import computed
 from .plan import is_size
 
-FORMAT = 1
+FORMAT = 2
+_READABLE = (1, FORMAT)  #: 1: without what the run was computed with
 NAME = "manifest.json"
 _DEFAULTS = {name: parameter.default for name, parameter in inspect.signature(simulate).parameters.items()}
 _NOT_OF_THE_RESULT = {"threads", "lanes"}  # the same bits whatever they are
@@ -29,6 +31,10 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     output = {"moments": scene.moments, "paths": _ranges(scene.paths)}
     observed = {key: scene.tables[key] for key in ("observables", "observe") if scene.tables.get(key)}
     inputs = _plain({"model": scene.tables["model"], "run": run, "output": output, **observed})
+    setup = make_setup(scene.model, **scene.run)
+    start = computed.Start(setup.q0[:, :1], setup.p0[:, :1], float(run["t0"]), run["step"] * run["steps"])
+    functions = {name: x for name, x in scene.observables.items() if callable(x)}
+    inputs["computed"] = _plain(computed.of(scene.model, setup.scheme, start, functions))
     if own := {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in python_sources(scene)}:
         inputs["python_sha256"] = own
     return of_inputs(inputs, inputs["run"]["seed"], shard_paths)
@@ -100,12 +106,12 @@ def read(folder: Path) -> dict[str, Any] | None:
     try:
         found = json.loads(content)
         made = found["format"]
-        is_one = made != FORMAT or (_hash(found["inputs"]) == found["hash"] and is_size(found["shard_paths"]))
+        is_one = made not in _READABLE or (_hash(found["inputs"]) == found["hash"] and is_size(found["shard_paths"]))
     except (ValueError, KeyError, TypeError):
         is_one = False
     if not is_one:
         raise SceneError(f"{path} is no manifest of a run: give another folder, or remove this one")
-    if made != FORMAT:
+    if made not in _READABLE:
         raise SceneError(f"{path} has format {made}, this symsde knows {FORMAT}: use the version that made it")
     return found
 
@@ -144,6 +150,12 @@ def require_run(there: dict[str, Any], folder: Path) -> None:
 
 def require_same(there: dict[str, Any], here: dict[str, Any], folder: Path) -> None:
     """Refuse another run by name."""
+    if there["format"] != FORMAT:
+        raise SceneError(
+            f"{folder} was begun by a version of symsde that did not note what a run is computed with, so that its "
+            "shards may not fit to new ones: read it by symsde.open_run, or go on with that version; for this one give "
+            "another folder with --out"
+        )
     if found := differences(there, here):
         raise SceneError(
             f"{folder} holds another run: {'; '.join(found[:5])}{'; ...' if len(found) > 5 else ''}: "

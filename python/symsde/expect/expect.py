@@ -76,7 +76,7 @@ def expect(
 
         if out is None:
             return Work(*choose()).answer()
-        inputs = inputs_of(problem, tolerance, None if scheme is None else schemes[0].name, method)
+        inputs = inputs_of(problem, tolerance, None if scheme is None else schemes[0], method)
         with open_folder(out, inputs, seed, watch) as store:
             store.choice(choose)
             chosen = store.read_choice(problem, tolerance, {scheme.name: scheme for scheme in schemes})

@@ -9,7 +9,6 @@ them, in a later process, or beside others that draw what this one will want nex
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from .. import _durable, _files, provenance
-from ..batch import manifest
+from ..batch import computed, manifest
 from ..batch.folder import RunFolder
 from ..batch.plan import UNIT, Piece
 from ..batch.shard_file import Shard
@@ -179,8 +178,8 @@ def open_folder(path: Any, inputs: dict[str, Any], seed: int, watch: Watch) -> I
         yield InFolder(folder, watch)
 
 
-def inputs_of(problem: Problem, tolerance: Tolerance, scheme: str | None, method: str | None) -> dict[str, Any]:
-    """What an answer depends on: functions by what they give at a few points, to ten digits."""
+def inputs_of(problem: Problem, tolerance: Tolerance, scheme: Scheme | None, method: str | None) -> dict[str, Any]:
+    """What an answer depends on: functions by what they give at a few points."""
     model, target = problem.model, problem.target
     asked = {
         "f": target.name,
@@ -189,22 +188,12 @@ def inputs_of(problem: Problem, tolerance: Tolerance, scheme: str | None, method
         "horizon": problem.horizon,
         "q0": problem.q0[:, 0].tolist(),
         "p0": problem.p0[:, 0].tolist(),
-        "scheme": scheme,
+        "scheme": scheme and scheme.name,
         "method": method,
         **{key: value for key, value in problem.options.items() if key != "threads"},
     }
-    rng = np.random.default_rng(0)
-    dof, t = model.ndof, float(problem.options.get("t0", 0.0)) + problem.horizon / 3
-    q, p = (x + 0.1 * rng.standard_normal((dof, 5)) for x in (problem.q0, problem.p0))
-    with np.errstate(all="ignore"):
-        values = [target(q, p)]
-        for j in range(model.nnoise + 1):
-            w = np.zeros(model.nnoise + 1)
-            w[j] = 1.0
-            values += [np.concatenate(model.gradient(q, p, w, t)).ravel()]
-    digits = " ".join(f"{x:.10g}" for x in np.concatenate(values))
-    about = {"name": model.name, "parameters": dict(model.parameters), "ndof": dof, "nnoise": model.nnoise}
-    return {"expect": asked, "model": about, "functions": hashlib.sha256(digits.encode()).hexdigest()}
+    start = computed.Start(problem.q0, problem.p0, float(problem.options.get("t0", 0.0)), problem.horizon)
+    return {"expect": asked, "computed": computed.of(model, scheme, start, {target.name: target})}
 
 
 def _shard_of(part: Part, by: str) -> Shard:

@@ -89,7 +89,7 @@ def mlmc(
         given = {"levels": most, "first": first, "watch": watch}
         if out is None:
             return Estimate(sampler, tolerance, **given).run()
-        inputs = inputs_of(problem, tolerance, chosen.name, "multilevel")
+        inputs = inputs_of(problem, tolerance, chosen, "multilevel")
         inputs["mlmc"] = {"steps": sampler.coarsest, "levels": most, "first": first, "antithetic": antithetic}
         with open_folder(out, inputs, problem.seed, watch) as store:
             return Estimate(sampler, tolerance, **given, store=store).run()

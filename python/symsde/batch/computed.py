@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run is computed with, as the library sees it: files may stay as they are and mean something else.
+
+A function of a module imports others, reads files, looks at the environment; a model that it returns has parameters of
+its own. So functions are known by their values at points near the start and far from it, at two times: to eight digits,
+since the last ones depend on the processor.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ..model import Model
+from ..schemes import Scheme
+
+_SCALES = (0.1, 1.0, 4.0)  #: of the distance to the first state
+_POINTS = 3  #: at each distance
+_DIGITS = 1e8
+_LEAST = 1e-5
+_GOLDEN = 0.6180339887498949
+
+Function = Callable[[np.ndarray, np.ndarray], Any]  # of states (dof, point)
+
+
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """Where and when a run begins, and how long it takes."""
+
+    q: np.ndarray  #: (dof, 1)
+    p: np.ndarray
+    t: float
+    length: float
+
+    @property
+    def times(self) -> tuple[float, float]:
+        """Two times of the run."""
+        return self.t, self.t + self.length / 3
+
+
+def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str, Function]) -> dict[str, Any]:
+    """A model, a scheme and functions of states, as JSON can hold them; readable where that is short."""
+    traits = dataclasses.asdict(model.traits)
+    traits["rotation"] = traits["rotation"] and _hash(_rounded(np.array([traits["rotation"]])))
+    traits["silent"] = list(traits["silent"])
+    found = {"model": model.name, "parameters": dict(model.parameters), "traits": traits}
+    if (formula := getattr(model, "formula", None)) is not None:
+        found["formulas"] = list(formula.hamiltonians)
+    weights = np.zeros((model.nnoise + 1, _POINTS))
+    weights[0] = 1.0
+    found["H"] = _told(_of_model(model, weights, start))
+    if model.nnoise:
+        weights = 1.0 + 0.5 * _spread(model.nnoise + 1, 0)
+        weights[0] = 0.0
+        found["noises"] = _told(_of_model(model, weights, start))
+    if scheme is not None:
+        found["scheme"] = _hash(json.dumps([_recipe(scheme), _plain(scheme.tableau())]).encode())
+    if functions:
+        found["functions"] = {name: _told(_of_function(function, start)) for name, function in functions.items()}
+    return found
+
+
+def _of_model(model: Model, weights: np.ndarray, start: Start) -> list[Any]:
+    """Gradients, and values where there are any, of a weighted sum of Hamiltonians."""
+    kinds = (model.gradient, model.value) if model.traits.has_value else (model.gradient,)
+    return [_tried(f, q, p, weights, t) for q, p in _points(start) for t in start.times for f in kinds]
+
+
+def _of_function(function: Function, start: Start) -> list[Any]:
+    return [_tried(function, q, p) for q, p in _points(start)]
+
+
+def _points(start: Start) -> list[tuple[np.ndarray, np.ndarray]]:
+    """States (dof, point), the same for ever: random numbers of NumPy are not."""
+    dof = len(start.q)
+    return [(start.q + x * _spread(dof, 0), start.p + x * _spread(dof, dof)) for x in _SCALES]
+
+
+def _spread(rows: int, first: int) -> np.ndarray:
+    """Numbers (row, point) between -1 and 1."""
+    k = np.arange(1, rows * _POINTS + 1).reshape(rows, _POINTS) + first * _POINTS
+    return 2.0 * np.modf(k * _GOLDEN)[0] - 1.0
+
+
+def _tried(function: Callable, *arguments: Any) -> np.ndarray | str:
+    """Numbers (component, point); where a user's function raises, what."""
+    try:
+        with np.errstate(all="ignore"):
+            return np.reshape(np.asarray(function(*arguments), dtype=float), (-1, _POINTS))
+    except Exception as error:
+        return type(error).__name__
+
+
+def _told(parts: list[np.ndarray | str]) -> str:
+    """The first two numbers, and a hash of all."""
+    shown = [f"{x:.5g}" for x in parts[0].flat[:2]] if isinstance(parts[0], np.ndarray) else [f"raises {parts[0]}"]
+    hashed = _hash(*(part.encode() if isinstance(part, str) else _rounded(part) for part in parts))
+    return f"{', '.join(shown)}, .. ({hashed})"
+
+
+def _rounded(values: np.ndarray) -> bytes:
+    """Numbers (component, point) to eight digits of the largest of a component, of 1e-5 of all those at least: what is
+    less than that may be nothing but rounding."""
+    sizes = np.max(np.abs(values), axis=1, where=np.isfinite(values), initial=0.0)
+    sizes = np.maximum(sizes, _LEAST * np.max(sizes, initial=0.0))
+    units = np.array([float(f"{x:.2e}") or 1.0 for x in sizes])[:, np.newaxis] / _DIGITS
+    whole = np.nan_to_num(np.round(values / units), nan=2.0**60, posinf=2.0**61, neginf=-(2.0**61))
+    return f"{units.tolist()}".encode() + whole.astype("<i8").tobytes()
+
+
+def _recipe(value: Any) -> Any:
+    """How a scheme was made, from what coefficients."""
+    if isinstance(value, Scheme):
+        maker, arguments = value._made
+        return [maker.__name__, *map(_recipe, arguments)]
+    return [_recipe(x) for x in value] if isinstance(value, list | tuple) else _plain(value)
+
+
+def _plain(value: Any) -> Any:
+    """Arrays as lists."""
+    if dataclasses.is_dataclass(value):
+        return {key: _plain(x) for key, x in vars(value).items()}
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _hash(*parts: bytes) -> str:
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
