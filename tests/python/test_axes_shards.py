@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Shards, checkpoints, --error-check, pairs of paths and failing functions along all axes, by hand or by whole runs."""
+
+import warnings
+
+import axes
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import _abi, _callbacks, observe
+from symsde.batch import error_check, plan, results, work
+from symsde.expect.estimators import Antithetic, Extrapolated
+from symsde.expect.problem import make_problem
+from symsde.mlmc.sampler import LevelSampler
+from symsde.schemes import as_scheme
+from test_batch_pieces import interrupted
+
+STEPS, H, T0 = 6, 0.1, 0.35
+
+
+def scene_of(row, paths, kind="position"):
+    """A model, and options of `simulate` with a state for every path."""
+    model = axes.model_of(axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"]), kind)
+    q0, p0 = axes.start(row["ndof"], paths)
+    how = {"q0": q0, "p0": p0, "step": H * row["sign"], "steps": STEPS, "t0": T0, "paths": paths, "seed": 5}
+    first = row["first_path"] // 256 * 256  # where shards begin
+    return model, how | {"first_step": row["first_step"], "first_path": first, "threads": 1}
+
+
+SHARDS = axes.covering(**axes.AXES, save_every=(1, 3), compensated=(False, True), scheme=("midpoint", "verlet_kdk"))
+
+
+@pytest.mark.parametrize("row", SHARDS, ids=map(axes.ident, SHARDS))
+def test_shards_are_the_run(row):
+    """Moments in shards are those of one run; saved paths, stopped again and again, those of `simulate`."""
+    model, how = scene_of(row, 600)
+    how |= {x: row[x] for x in ("save_every", "compensated", "scheme")}
+    wanted = {"far": observe.Extremes("q_1"), "loss": observe.Passage("p_1", within=1.0, absorb=False)}
+    one = ss.moments(model, observers=wanted, **how)
+    many = ss.ensemble(model, observers=wanted, shard_paths=256, **how)
+    for name in ("t", "n_ok", "mean_q", "var_p"):
+        np.testing.assert_array_equal(getattr(many, name), getattr(one, name))
+    for name, part in one.kept.items():
+        np.testing.assert_array_equal(many.kept[name].counts, part.counts)
+        np.testing.assert_array_equal(many.kept[name].sums, part.sums)
+
+    whole, task = ss.simulate(model, **how), work.Task(model, how)
+    first = how["first_path"]
+    saved = [first + i for i in (250, 251, 257, 259, 260, 599)]
+    extent = plan.Extent(first, 600, STEPS, STEPS // row["save_every"] + 1, row["ndof"])
+    pieces = plan.plan(extent, 256, moments=False, saved=saved)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(work, "_FIRST", 2 * row["ndof"])
+        patched.setattr(work._Clock, "next_length", lambda _, length: 3 - length % 3)
+        shards = {piece.name: interrupted(task, piece, 2)[0] for piece in pieces}
+    found = results.run_of(task, pieces, lambda piece: shards[piece.name], seconds=0.0, threads=1)
+    at = np.array(saved) - first
+    np.testing.assert_array_equal(found.path, saved)
+    np.testing.assert_array_equal(found.t, whole.t)
+    np.testing.assert_array_equal([found.q, found.p], [whole.q[:, :, at], whole.p[:, :, at]])
+    np.testing.assert_array_equal(found.setup.q0, how["q0"][:, at])
+
+
+CHECKS = axes.covering(**axes.AXES, save_every=(1, 3))
+
+
+@pytest.mark.parametrize("row", CHECKS, ids=map(axes.ident, CHECKS))
+def test_the_error_check_is_half_the_step_of_the_same_paths(row):
+    """By increments halved by hand, from the time of the first step."""
+    model, how = scene_of(row, 30)
+    how |= {"save_every": row["save_every"]}
+    first = how["first_step"]
+    extent = plan.Extent(how["first_path"], 30, STEPS, STEPS // row["save_every"] + 1, row["ndof"])
+    found = error_check.error_check(work.Task(model, how), extent)
+    draws = {"seed": 5, "paths": 30, "first_path": how["first_path"]}
+    full = ss.increments(model, step=how["step"], steps=STEPS, first_step=first, **draws)
+    half = ss.increments(model, step=how["step"] / 2, steps=2 * STEPS, first_step=2 * first, refine=-1, **draws)
+    np.testing.assert_allclose(half[::2] + half[1::2], full, rtol=0, atol=1e-15)
+    plain = {"q0": how["q0"], "p0": how["p0"], "paths": 30, "t0": T0 + first * how["step"]}
+    every = row["save_every"]
+    one = ss.simulate(model, step=how["step"], steps=STEPS, save_every=every, increments=full, **plain)
+    two = ss.simulate(model, step=how["step"] / 2, steps=2 * STEPS, save_every=2 * every, increments=half, **plain)
+    distance = np.concatenate([one.q - two.q, one.p - two.p], axis=1)
+    np.testing.assert_allclose(found.rms, np.sqrt((distance**2).sum(axis=1).mean(axis=1)), rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(found.mean[:, 0], distance[:, 0].mean(axis=1), rtol=1e-8, atol=1e-13)
+    assert found.rms[-1] > 1e-5 and (found.n == 30).all()
+
+
+WAYS = ("turned", "coarse", "exchanged")
+PAIRS = axes.covering(nnoise=(1, 2, 3, 4), ndof=(1, 2, 3), time=axes.AXES["time"], way=WAYS)
+
+
+@pytest.mark.parametrize("row", PAIRS, ids=map(axes.ident, PAIRS))
+def test_a_unit_counts_where_all_its_paths_are_ok(row):
+    """The force is no number where q_1 is low: now one path of a unit fails, now another."""
+    ridges = axes.ridges_of("position", row["ndof"], row["nnoise"], row["time"])
+    end = [-np.inf]
+
+    def gradient(t, w, q, p):
+        hq, hp = ridges.gradient(t, w, q, p)
+        return np.where(q[0] < end[0], np.nan, hq), hp
+
+    model = ss.Model(ndof=row["ndof"], nnoise=row["nnoise"], gradient=gradient, **axes.TRAITS["position"])
+    start, scheme, first = {"q0": 0.1, "p0": 0.0}, as_scheme("stormer_verlet"), 2**41  # of level 1
+    problem = make_problem(model, lambda q, p: q[0] + p[-1] ** 2, horizon=0.8, seed=5, **start)
+    paths = {"paths": 200, "seed": 5, "first_path": first}
+    fine, coarse = (ss.increments(model, step=0.1 * 2**x, steps=8 >> x, refine=x, **paths) for x in (0, 1))
+    swapped = fine.reshape(4, 2, *fine.shape[1:])[:, ::-1].reshape(fine.shape)
+    drives = {"turned": (fine, -fine), "coarse": (fine, coarse), "exchanged": (fine, coarse, swapped)}[row["way"]]
+
+    def runs():
+        for dw in drives:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ss.PathsFailedWarning)
+                given = {"step": 0.8 / len(dw), "steps": len(dw), "increments": dw, "scheme": scheme}
+                yield ss.simulate(model, paths=200, **start, **given)
+
+    end[0] = np.quantile([run.q[1:, 0].min(axis=0) for run in runs()], 0.4)
+    ends = [(run.q[-1, 0] + run.p[-1, -1] ** 2, run.status == 0) for run in runs()]
+    values, oks = zip(*ends, strict=True)
+    ok = np.logical_and.reduce(oks)
+    assert 3 < ok.sum() < max(x.sum() for x in oks)
+    if row["way"] == "exchanged":
+        drawn = LevelSampler(problem, scheme, 4, antithetic=True).draw(1, 200)
+        mean = (values[0] + values[2]) / 2 - values[1]
+        assert (drawn.difference.n, drawn.failed) == (ok.sum(), 200 - ok.sum())
+        assert drawn.difference.mean == pytest.approx(mean[ok].mean(), rel=1e-9)
+        return
+    of = (
+        Antithetic(problem, scheme, 8, first)
+        if row["way"] == "turned"
+        else Extrapolated(problem, scheme, 8, first, order=1)
+    )
+    mean = (values[0] + values[1]) / 2 if row["way"] == "turned" else 2 * values[0] - values[1]
+    drawn = of.draw(200)
+    assert (drawn.units.n, drawn.failed, drawn.paths) == (ok.sum(), 200 - ok.sum(), 400)
+    assert drawn.units.mean == pytest.approx(mean[ok].mean(), rel=1e-9)
+
+
+FUNCTIONS = axes.covering(ndof=(1, 2, 3), nnoise=(1, 2, 3), at=("middle", "last"),
+                          kind=("gradient", "value", "hessian", "hessian_vector", "third_derivative"))  # fmt: skip
+
+
+@pytest.mark.parametrize("row", FUNCTIONS, ids=map(axes.ident, FUNCTIONS))
+def test_a_code_of_a_function_ends_the_run(row):
+    """Of any function, compiled, while steps are made and at its last call."""
+    ridges, calls, bad = axes.ridges_of("coupled", row["ndof"], row["nnoise"]), [0], [-1]
+    kinds = ("gradient", "value", "hessian", "hessian_vector", "third_derivative")
+
+    def compiled(kind):
+        inner = _callbacks.from_python(kind, getattr(ridges, kind), _callbacks.Failures())
+
+        def function(*given):
+            code = inner(*given)
+            if kind == row["kind"]:
+                calls[0] += 1
+                return 7 if calls[0] == bad[0] else code
+            return code
+
+        return _abi.CALLBACKS[kind](function)
+
+    model = ss.Model(ndof=row["ndof"], nnoise=row["nnoise"], **{kind: compiled(kind) for kind in kinds})
+    run = {"q0": 0.3, "p0": 0.2, "step": 0.1, "steps": 20, "paths": 3, "threads": 1}
+    scheme = {"third_derivative": "gauss2_strong32", "hessian_vector": "lambda:0.3"}.get(row["kind"], "gauss2")
+    run |= {"scheme": scheme, "general": row["kind"] == "hessian"}
+    ss.moments(model, **run)
+    calls[0], bad[0] = 0, calls[0] - (calls[0] // 4 if row["at"] == "middle" else 0)
+    assert bad[0] > 0
+    with pytest.raises(ss.errors.CallbackError, match="7"):
+        ss.moments(model, **run)
