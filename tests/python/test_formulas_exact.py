@@ -79,6 +79,15 @@ def test_which_flows_commute():
         assert not ss.model_from_sympy("p**2/2", noise).formula.structure.noises_commute
 
 
+def test_a_noise_that_changes_in_time_commutes_with_no_flow():
+    """{H, H_k} vanishes at every time, but the flow of t H + W H_k is no solution."""
+    spins = ["sin(3*t)*(p**2 + q**2)/2", "sin(3*t)"]
+    still, moving = (ss.model_from_sympy("(p**2 + q**2)/2", spins[i]).formula.structure for i in (1, 0))
+    assert still.flows_commute and moving.noises_commute and not moving.flows_commute
+    driven = ss.model_from_sympy("cos(t)*(p**2 + q**2)/2", "(p**2 + q**2)/4").formula.structure
+    assert driven.flows_commute
+
+
 def test_a_noise_for_each_of_many_degrees_of_freedom():
     n = 64
     energy = [f"p{i}**2/2" for i in range(1, n + 1)] + [f"cos(q{i}-q{i + 1})" for i in range(1, n)]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import itertools
+from collections.abc import Container
 from typing import Any
 
 from .._files import optional
@@ -33,9 +34,10 @@ def engine():
 class Derivatives:
     """All derivatives of a problem; zero where a derivative vanishes."""
 
-    def __init__(self, problem: Problem):
-        """Differentiate."""
+    def __init__(self, problem: Problem, vanishing: Container[tuple] = ()):
+        """Differentiate. vanishing: (j, variables) of derivatives that are zero, however they are written."""
         self.problem = problem
+        self._vanishing = vanishing
         self.graph = Graph()
         self._engine = engine()
         self.symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
@@ -59,9 +61,41 @@ class Derivatives:
             return self.hamiltonians
         key = tuple(sorted(variables))
         if key not in self._entries:
-            before, last = self.of(*key[:-1]), self.symbol[key[-1]]
-            self._entries[key] = [h.diff(last) if last in h.free_symbols else 0 * last for h in before]
+            self._entries[key] = [self._derivative(j, h, key) for j, h in enumerate(self.of(*key[:-1]))]
         return self._entries[key]
+
+    def _derivative(self, j: int, before: Any, key: tuple[str, ...]) -> Any:
+        """The last derivative of several. What hangs on a variable by its writing alone, as p + q - p, is written
+        without it: rounding would bring it back, and steps of separable Hamiltonians rely on it."""
+        last = self.symbol[key[-1]]
+        result = before.diff(last) if last in before.free_symbols else 0 * last
+        if (j, *key) in self._vanishing and result.expand() == 0:
+            return 0 * last
+        for x in sorted(x.name for x in result.free_symbols) if len(key) == 1 else ():
+            if (j, *sorted((x, *key))) in self._vanishing:
+                result = self._without(result, self.symbol[x])
+        return result
+
+    def _without(self, e: Any, x: Any) -> Any:
+        """The same function without a variable that it does not depend on; as it stands where that is not certain."""
+        if e.diff(x).expand() != 0:
+            return e
+        others = sorted((s for s in e.free_symbols if s != x), key=str)
+        for value in (0, 1):
+            found = e.subs({x: value})
+            try:
+                self.graph.add(found, self.problem.lanes)  # refuses what is singular there
+                places = [dict(zip(others, itertools.cycle(p), strict=False)) for p in ((0.83, 1.17), (-0.61, 0.47))]
+                same = (
+                    abs(complex(e.subs({**at, x: y})) - complex(found.subs(at))) < 1e-9  # no branch, as of atan(1/p)
+                    for at in places
+                    for y in (0.73, -1.31)
+                )
+                if all(same):
+                    return found
+            except (InvalidArgumentError, TypeError, ValueError, RuntimeError):
+                continue
+        return e
 
     def third(self) -> dict[str, list[int]] | None:
         """Nodes of the gradient of a^T S'' b, outputs tq and tp, in leaves aq0 .., ap0 .., bq0 .., bp0 ..

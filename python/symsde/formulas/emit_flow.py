@@ -6,6 +6,7 @@ What depends on the formulas, gradients and Hessian of one lane, is generated; t
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Container, Iterable
 from pathlib import Path
 
@@ -160,11 +161,15 @@ def _is_quadratic(made: Derivatives) -> bool:
 
 
 def _moves_at_zero(made: Derivatives) -> bool:
-    """Whether some term of the gradient does not hang on the state: of quadratic Hamiltonians, the gradient at zero."""
+    """Whether the gradient is not known to vanish at zero: it is asked of quadratic Hamiltonians."""
     graph = made.graph
-    state = _above(graph, {x for x, node in enumerate(graph.nodes) if node.what == "leaf" and node.value[0] in "qp"})
-    terms = (x for block in ("hq", "hp") for output in made.outputs[block] for _, x in _signed(graph, output))
-    return any(x not in state for x in terms)
+    rules = {"+": all, "-": all, "negative": all, "*": any, "/": operator.itemgetter(0)}
+    zero: set[int] = set()
+    for x, node in enumerate(graph.nodes):
+        found = node.what in rules and rules[node.what]([a in zero for a in node.arguments])
+        if found or graph.is_number(x, 0.0) or (node.what == "leaf" and node.value[0] in "qp"):
+            zero.add(x)
+    return not zero.issuperset(x for block in ("hq", "hp") for x in made.outputs[block])
 
 
 def _eliminates(made: Derivatives) -> bool:

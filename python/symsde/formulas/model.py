@@ -20,7 +20,7 @@ from . import backends, compiler, emit_c, emit_flow, emit_sites, in_numpy
 from .derivatives import Derivatives
 from .problem import make_problem, quoted, several
 from .sites import Chain, make_chain
-from .structure import Structure, structure_of
+from .structure import Prover, Structure
 
 KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "third_derivative", "chain_rows")
 
@@ -152,10 +152,11 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     chain = None
     if given["n"] is None:
         problem = make_problem(**chosen)
-        structure = structure_of(problem)
+        prover = Prover(problem)
+        structure = prover.structure()
         ndof, nnoise, parameters, traits = problem.ndof, problem.nnoise, problem.parameters, structure.traits()
         texts = problem.texts[: nnoise + 1]
-        derivatives = Derivatives(problem)
+        derivatives = Derivatives(problem, prover.vanishing())
         source = emit_c.source(derivatives) + emit_flow.source(derivatives)
     else:
         chain = _chain(**chosen, n=given["n"], ends=given["ends"])

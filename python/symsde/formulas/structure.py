@@ -40,7 +40,7 @@ class Structure:
     rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0, where it has one
     silent: tuple[int, ...]  #: noises k whose H_k does not depend on the state: nothing is drawn for them
     noises_commute: bool  #: every {H_k, H_l} is constant
-    flows_commute: bool  #: every {H, H_k} is constant, too
+    flows_commute: bool  #: every {H, H_k} is constant, too, and no noise changes in time
     invariants: dict[str, bool] = field(default_factory=dict)  #: candidate I -> dI = 0 along every path is proved
 
     def traits(self) -> dict[str, Any]:
@@ -53,7 +53,7 @@ class Structure:
 
 def structure_of(problem: Problem) -> Structure:
     """Derive all that can be."""
-    return _Prover(problem).structure()
+    return Prover(problem).structure()
 
 
 def _place(symbol: Any) -> int:
@@ -72,10 +72,11 @@ def count_terms(e: Any) -> float:
     return 1.0
 
 
-class _Prover:
+class Prover:
     """Hamiltonians with their derivatives, in sympy."""
 
     def __init__(self, problem: Problem):
+        """Nothing is derived yet."""
         self.sympy = optional("sympy", "sympy")
         self.problem = problem
         real = [self.sympy.Symbol(f"c{k}", real=True) for k in range(len(problem.parameters))]
@@ -122,6 +123,10 @@ class _Prover:
             result = before.diff(last) if last in before.free_symbols else self.sympy.Integer(0)
             self._derived[key] = self.sympy.Integer(0) if self.vanishes(result) else result
         return self._derived[key]
+
+    def vanishing(self) -> set[tuple]:
+        """(j, variables) of the derivatives by coordinates, first and second, that have been shown to vanish."""
+        return {(j, *sorted(x.name for x in variables)) for (j, *variables), e in self._derived.items() if e == 0}
 
     def bracket(self, f: Any, g: Any) -> Any:
         """{F,G} = F_q.G_p - F_p.G_q."""
@@ -170,7 +175,8 @@ class _Prover:
             rotation=self._rotation() if unit else None,
             silent=tuple(k for k in noises if all(self.diff(k, x) == 0 for x in both)),
             noises_commute=self._constant(itertools.combinations(noises, 2)),
-            flows_commute=self._constant(itertools.combinations(every, 2)),
+            flows_commute=not any(self.t in self.diff(k, x).free_symbols for k in noises for x in both)
+            and self._constant(itertools.combinations(every, 2)),
             invariants=self._invariants(),
         )
 
