@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  * Whether memory can be had, asked of the operating system itself: a mapping is made and given back untouched, so that
- * limits of the process (ulimit -v) and of the machine answer, and the allocator of the host notices nothing. */
+ * limits of the process (ulimit -v) and of the machine answer, and the allocator of the host notices nothing. Limits of
+ * control groups answer to nobody: they are read (group_memory.c). */
 #define _DEFAULT_SOURCE /* mappings without a file */
 #include <math.h>
 #include <stddef.h>
@@ -18,6 +19,7 @@
 #endif
 #define ARENA ((size_t)64 << 20) /* address space that malloc reserves for a thread */
 #define LITTLE 67108864.0 /* bytes that every machine has: it is not asked for so few */
+#define GROUP 16777216.0  /* nor are control groups for these: to read what they have takes as long as a short run */
 
 static int can_map(size_t bytes, int protection) {
    if (bytes == 0)
@@ -63,6 +65,8 @@ static double machine(void) {
 #if defined(__linux__)
 #include <stdio.h>
 
+__attribute__((visibility("hidden"))) double symsde_group_memory(const char *list, const char *root);
+
 static int strict_overcommit = 1; /* written once, before any other function of the library can be called */
 
 __attribute__((constructor)) static void ask_policy(void) {
@@ -88,6 +92,10 @@ __attribute__((visibility("hidden"))) int symsde_memory_available(double bytes, 
 int symsde_memory_available(double bytes, int threads) {
    if (!(bytes < 4e18) || (bytes > LITTLE && bytes > machine()))
       return 0;
+#if defined(__linux__)
+   if (bytes > GROUP && bytes > symsde_group_memory("/proc/self/cgroup", "/sys/fs/cgroup"))
+      return 0;
+#endif
    if (threads == 0 && bytes <= LITTLE && is_unbounded())
       return 1;
    if (threads > 0 && !can_map((size_t)bytes + (size_t)threads * (stack_size() + ARENA), PROT_NONE))
