@@ -14,7 +14,7 @@
  * - Structs begin with struct_size; fill them with their _init function before setting members.
  * - Any function may be called by several threads at once, also on handles that they share, as long as none deletes or
  *   alters a handle that another one uses.
- * - A process that was forked computes on one thread: those of OpenMP do not survive a fork. dlclose unloads nothing.
+ * - A process forked after the library was loaded computes on one thread: OpenMP's are gone. dlclose unloads nothing.
  * - Floating-point traps may be on: good input sets off none, paths that fail may. Threads round as the calling one.
  * - Quantities are dimensionless unless a comment names a unit.
  */
