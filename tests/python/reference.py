@@ -23,7 +23,7 @@ class Ridges:
         self.j, self.sines = np.array(j), sum(x == "sin" for x in f)
         self.power = np.array(f[self.sines :], float)[:, None]
         self.s, self.e, self.nu, self.b = (np.array(x, float)[:, None] for x in (s, e, nu, b))
-        self.a = np.array(a, float)
+        self.a, self.phase = np.array(a, float), self.j[:, None]
         self.powers = [self.a[:, :0].sum(axis=1, keepdims=True) + 1]  # a, a a, a a a, one row a ridge
         for _ in range(3):
             self.powers.append((self.powers[-1][:, :, None] * self.a[:, None, :]).reshape(len(self.a), -1))
@@ -39,7 +39,7 @@ class Ridges:
         for i in range(order):
             power = power * (self.power - i)
         f = np.concatenate([np.sin(y[: self.sines] + order * np.pi / 2), power])
-        return f * (self.s * (1 + self.e * np.sin(self.nu * t + self.j[:, None])))
+        return f * (self.s * (1 + self.e * np.sin(self.nu * t + self.phase)))
 
     def derivative(self, order, t, x):
         """Of every Hamiltonian, (hamiltonian, .. order times 2 dof .., lane)."""

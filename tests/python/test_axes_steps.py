@@ -117,3 +117,26 @@ def test_what_is_not_symmetric_does_not_come_back():
     """The twin."""
     with pytest.raises(AssertionError):
         test_a_symmetric_scheme_comes_back({**TRIPS[0], "scheme": "heun"})
+
+
+SINGULAR = axes.covering(**axes.AXES, kind=("kick", "coupled"), paths=(1, 3, 40))
+
+
+@pytest.mark.parametrize("row", SINGULAR, ids=map(axes.ident, SINGULAR))
+def test_a_singular_step_is_rescued(row):
+    """Where 1 + h^2 U''/4 = 0 at rest Newton's first matrix is singular: the ladder ends at a root of the equations."""
+    n, m, paths, h = row["ndof"], row["nnoise"], row["paths"], 0.5 * row["sign"]
+    q, p = np.eye(2 * n)[:n], np.eye(2 * n)[n:]
+    swing = (0.5, 2.0) if row["time"] in {"noise", "both"} else (0, 0)
+    found = [(0, f, s, 0, 0, x, 0) for i in range(n) for f, s, x in ((2, 0.5, p[i]), (2, -8, q[i]), (4, 0.25, q[i]))]
+    found += [(0, "sin", 0.1, 0, 0, q[i] - q[i - 1], 0) for i in range(1, n)]
+    found.append((0, 1, 0.3, 0.5 if row["time"] in {"H", "both"} else 0, 2.3, q.sum(axis=0), 0))
+    ridges = reference.Ridges(n, m, found + [(k, 1, 0.3, *swing, q[k % n], 0) for k in range(1, m + 1)])
+    dw, x = axes.rows_of(0.01, 1, 1, m, paths), np.zeros((2 * n, paths))
+    given = {"step": h, "steps": 1, "t0": 0.3, "first_step": row["first_step"], "first_path": row["first_path"]}
+    run = ss.simulate(axes.model_of(ridges, row["kind"]), q0=x[:n], p0=0.0, paths=paths, increments=dw, **given)
+    assert not run.status.any() and run.report.counters["damped"] + run.report.counters["continued"] > 0
+    end = np.concatenate([run.q[1], run.p[1]])
+    t = 0.3 + (row["first_step"] + 0.5) * h
+    force = reference.OneStep(ridges, t, reference.polygon(h, dw))(t, (x + end) / 2)
+    np.testing.assert_allclose(end, x + ridges.turn @ force, rtol=0, atol=1e-12)
