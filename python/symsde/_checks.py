@@ -15,11 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from . import _groups
 from .errors import InvalidArgumentError, TooLargeError, UnknownNameError, WrongShapeError, WrongTypeError
 
 _address_of, _byte_at = ctypes.addressof, ctypes.c_char.from_buffer
 
 INT32 = (-(2**31), 2**31 - 1)
+_LITTLE = 2**24  #: bytes for which control groups are not asked
 INT64 = (-(2**63), 2**63 - 1)
 UINT64 = (0, 2**64 - 1)
 
@@ -175,13 +177,15 @@ def full(array: np.ndarray, npath: int) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:-1], npath)))
 
 
-def room(shape: tuple[int, ...], what: str) -> None:
-    """Refuse arrays of float64 that the machine cannot hold, before anything is allocated."""
+def room(shape: tuple[int, ...], what: str, *, now: bool = True) -> None:
+    """Refuse arrays of float64 before anything is allocated: the machine cannot hold them, or, where they are made now,
+    the control groups of this process do not let it."""
     size = 8 * math.prod(shape)
-    if size > _memory():
+    most = min(_memory(), _groups.memory() if now and size > _LITTLE else math.inf)
+    if size > most:
         raise TooLargeError(
-            f"{what} of shape {shape} need {size / 1e9:.3g} GB, more than the {_memory() / 1e9:.3g} GB "
-            "of this machine: save less often (save_every), fewer paths, or use moments"
+            f"{what} of shape {shape} need {size / 1e9:.3g} GB, more than the {most / 1e9:.3g} GB "
+            "that this process can have: save less often (save_every), fewer paths, or use moments"
         )
 
 

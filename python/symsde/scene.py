@@ -128,7 +128,8 @@ def load(path: str | os.PathLike) -> Scene:
     scene.observers = _observers(file, scene)
     try:
         ntime = int(run["steps"]) // int(run.get("save_every", 1)) + 1
-        _checks.room((2, ntime, tried.model.ndof, len(scene.paths)), "the saved paths (q and p; time, dof, path)")
+        shape = (2, ntime, tried.model.ndof, len(scene.paths))
+        _checks.room(shape, "the saved paths (q and p; time, dof, path)", now=False)
     except SymsdeError as error:
         raise SceneError(f"{file}: [output] paths: {error}") from error
     return scene
