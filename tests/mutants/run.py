@@ -2,7 +2,7 @@
 """Plant faults, one at a time, and see whether the suites notice.
 
 run.py BUILD [--check | --sample] [--only WORD] [--part K/N] [--named] [--jobs N] [--keep FILE] [--table FILE]
-run.py BUILD --random N --seed S [--only WORD] [--part K/N] [--jobs N] [--keep FILE] [--table FILE]
+run.py BUILD --random N --seed S [--short T] [--only WORD] [--part K/N] [--jobs N] [--keep FILE] [--table FILE]
 
 A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it; or it
 is made by a rule (operators.py) in a line picked by the seed: the same seed makes the same faults of the same tree.
@@ -13,6 +13,7 @@ headers, are planted in a copy of them. Neither the tree nor the build is touche
     --check       only look whether every entry still fits the sources
     --sample      the entries with sample = true
     --random N    N faults made by rules; those that no compiler takes, or that change no instruction, are drawn again
+    --short T     these are judged by the suites of under T seconds instead of three minutes: a first look
     --only WORD   the entries whose file or text holds the word; of faults made by rules, files that begin so
     --part K/N    the K-th of N parts, for several processes or machines; the kept verdicts can be put together
     --named       run no other test than the one that the entry names: a quick look
@@ -152,21 +153,23 @@ class Test:
             if self.sound is None:
                 start = time.monotonic()
                 self.sound = self.passes({})
-                self.patience = min(PATIENCE, 60 + HANGS * (time.monotonic() - start))
+                self.patience = patience_with(time.monotonic() - start)
         return self.sound
 
 
 class Build:
     """The build tree: its tests, and how a file of the library is compiled and linked."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder.resolve()
+    def __init__(self, folder: Path, short: float = SHORT) -> None:
+        self.folder, self.short = folder.resolve(), short
         found = json.loads(self.ask("ctest", "--show-only=json-v1"))["tests"]
         self.cost = self.costs()
         found.sort(key=lambda entry: self.cost[entry["name"]])
         found = [entry for entry in found if is_suite(entry)]
         self.names = {entry["name"] for entry in found}  # those that are not built, too
         self.tests = {entry["name"]: read_test(entry) for entry in found if "command" in entry}
+        for name in self.tests.keys() & self.cost.keys():
+            self.tests[name].patience = patience_with(self.cost[name])
         entries = json.loads(self.ask("ninja", "-t", "compdb"))
         self.commands = {entry["output"]: entry["command"] for entry in entries}
         self.library = next(name for name in self.commands if name.startswith("libsymsde.so"))
@@ -197,7 +200,7 @@ class Build:
             near = (stem in name, used, not words.isdisjoint(stem.split("_")), folder in words, True)
             return near.index(True), self.cost[name]
 
-        fit = {name for name in self.tests if self.cost[name] < SHORT}
+        fit = {name for name in self.tests if self.cost[name] < self.short}
         fit = {name for name in fit if name.startswith("python_")} if of_python else fit - LINKED
         return sorted(fit, key=distance)
 
@@ -237,6 +240,11 @@ class Build:
         done = subprocess.run(words, check=False, capture_output=True, text=True, cwd=self.folder)
         if done.returncode != 0:
             raise MisfitError(f"{mutant.label}\n   does not build:\n{done.stderr[-2000:]}")
+
+
+def patience_with(seconds: float) -> float:
+    """How long a test may take that takes so long without a fault."""
+    return min(PATIENCE, 60 + HANGS * seconds)
 
 
 def properties_of(entry: dict) -> dict:
@@ -399,6 +407,7 @@ def main() -> int:
     parser.add_argument("--sample", action="store_true")
     parser.add_argument("--random", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--short", type=float, default=SHORT)
     parser.add_argument("--only", default="")
     parser.add_argument("--part", default="1/1")
     parser.add_argument("--named", action="store_true")
@@ -406,7 +415,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--table", type=Path)
     options = parser.parse_args()
-    build = Build(options.build)
+    build = Build(options.build, options.short)
     if options.random:
         verdicts, wanted = judge_random(options, build), WANTED_BY_RULES
         print(as_table(verdicts))
