@@ -192,13 +192,13 @@ class Build:
         stem, folder = Path(mutant.file).stem.strip("_"), Path(mutant.file).parent.name
         of_python = mutant.file.startswith("python/")
         module = re.compile(rf"symsde[._]{folder}[._]{stem}\b" if folder != "symsde" else rf"symsde.*\b{stem}\b")
+        beside = re.compile(rf"symsde[._]{folder}[._]")
 
         def distance(name: str) -> tuple[int, float]:
             source = next((ROOT / "tests").rglob(f"{name.removeprefix('python_')}.[p]*"), None)
-            words = set(name.split("_")) - {"test"}
-            used = source is not None and module.search(source.read_text()) is not None
-            near = (stem in name, used, not words.isdisjoint(stem.split("_")), folder in words, True)
-            return near.index(True), self.cost[name]
+            text, words = source.read_text() if source is not None else "", set(name.split("_")) - {"test"}
+            near = (stem in name, module.search(text), words & {folder, *stem.split("_")}, beside.search(text), True)
+            return [bool(one) for one in near].index(True), self.cost[name]
 
         fit = {name for name in self.tests if self.cost[name] < self.short}
         fit = {name for name in fit if name.startswith("python_")} if of_python else fit - LINKED
