@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from .. import _checks, _files
 from .._setup import build_info
+from ..batch import computed
 from .plan import Plan
 
 NAME = "state.json"
@@ -43,42 +43,16 @@ class State:
             _files.replace_text(self._file, json.dumps(self._points, indent=0))
 
 
-def _sample(plan: Plan) -> np.ndarray:
-    """A few states (2, dof, point), around where the paths begin and elsewhere."""
-    start = np.array([_checks.state("state", x, plan.model.ndof, plan.paths)[:, :1] for x in (plan.q0, plan.p0)])
-    return start + np.random.default_rng(7).uniform(-1, 1, (2, plan.model.ndof, 5)) * (1 + np.abs(start))
-
-
-def _digits(values) -> list[str]:
-    """Numbers as text, to what is the same in every process."""
-    return [f"{x:.12g}" for x in np.ravel(np.asarray(values, dtype=float))]
-
-
-def _fingerprint(plan: Plan) -> list[str]:
-    """What tells models apart whose functions are the user's own: values and gradients of every Hamiltonian."""
-    model, (q, p) = plan.model, _sample(plan)
-    found = []
-    for t in (plan.options.get("t0", 0.0), plan.options.get("t0", 0.0) + 0.37 * plan.horizon):
-        for w in np.eye(model.nnoise + 1):
-            found.append(model.gradient(q, p, w=w, t=t))
-            if model.traits.has_value:
-                found.append(model.value(q, p, w=w, t=t))
-    return [x for values in found for x in _digits(values)]
-
-
 def point_key(plan: Plan, scheme, steps: int) -> str:
     """Everything that a point depends on, as a short text."""
-    model = plan.model
-    with np.errstate(all="ignore"):  # at states where nobody may ever be
-        invariants = {name: _digits(f(*_sample(plan))) for name, f in plan.invariants.items()}
+    q, p = (_checks.state("state", x, plan.model.ndof, plan.paths)[:, :1] for x in (plan.q0, plan.p0))
+    start = computed.Start(q, p, plan.options.get("t0", 0.0), plan.horizon)
     parts = {
-        "model": [model.name, dict(model.parameters), asdict(model.traits), _fingerprint(plan)],
-        "scheme": str(scheme.__reduce__()[1]),
+        "computed": computed.of(plan.model, scheme, start, plan.invariants),
         "start": [np.asarray(x, dtype=float).tolist() for x in (plan.q0, plan.p0)],
         "study": [plan.horizon, plan.paths, plan.draws, plan.repeats],
         "options": plan.options,
         "reference": [plan.references[scheme.name].scheme, plan.references[scheme.name].steps],
-        "invariants": invariants,
         "build": build_info(),
     }
     text = json.dumps(parts, sort_keys=True, default=str)
