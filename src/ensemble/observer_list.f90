@@ -67,6 +67,7 @@ contains
       class(model_type), intent(in), target :: model
       type(run_options), intent(in) :: options
       integer, intent(in) :: nlane, nobservable
+      integer :: k
 
       run%ndof = model%traits%ndof
       run%nvalue = 2*run%ndof + merge(1, 0, model%traits%has_value) + nobservable
@@ -79,6 +80,8 @@ contains
       run%seed = options%seed
       run%step = options%step
       run%nnoise = model%traits%nnoise
+      allocate (run%common(run%nnoise), source=.false.)
+      if (allocated(options%common_noise)) run%common = [(any(options%common_noise == k), k=1, run%nnoise)]
       run%position_noise = model%traits%position_noise
       run%has_value = model%traits%has_value
       run%model => model

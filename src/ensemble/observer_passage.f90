@@ -6,8 +6,9 @@
 !> leave and come back. Where noise acts on a coordinate, x moves like a Brownian bridge between its values x_0 and
 !> x_1, whose variance grows by s^2 = sum_k (dH_k/dp_i)^2 in unit time (for momenta dH_k/dq_i), and it has passed a
 !> with probability exp(-2 (a - x_0)(a - x_1)/(s^2 h)); one number of the generator decides (Gobet, Stoch. Proc. Appl.
-!> 87, 2000, 167). So the times are right to first order in h instead of sqrt(h). Where no noise acts on x there is no
-!> such correction.
+!> 87, 2000, 167): that of the path, or that of path 0 where all noises that act on x are common to all paths, as is the
+!> bridge then. So the times are right to first order in h instead of sqrt(h). Where no noise acts on x there is no
+!> such correction. Where increments have another law than the path that a bridge would belong to, there is no bridge.
 !>
 !> counts: (below, above, still there) at each saved time, losses in the interval that ends there; then the losses
 !> between two steps, -1 where there is no bridge; then path and absolute step of the lost paths with the lowest
@@ -16,24 +17,25 @@
 !> binomial errors.
 module symsde_ensemble_observer_passage
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_is_nan
-   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: padded
-   use symsde_base_status, only: error_type, raise, invalid_argument, nonfinite, absorbed
+   use symsde_base_laws, only: law_gaussian, law_text
+   use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, nonfinite, absorbed
    use symsde_base_text, only: to_text
+   use symsde_ensemble_bridges, only: bridge_chances, deciding_numbers
    use symsde_ensemble_streaming, only: streaming_observer, observer_request, observed_run
-   use symsde_noise_philox, only: philox_lanes
    use symsde_step_state, only: lane_state
    implicit none
    private
    public :: passage_observer, new_passage_observer
 
-   integer(i4), parameter :: purpose_passage = 9  !! counter word of the numbers that decide
    integer, parameter :: most_listed = 1000, most_numbers = 100000
    integer, parameter :: below = 1, above = 2
 
    type, extends(streaming_observer) :: passage_observer
       integer :: nlist = 0                          !! lost paths that are listed
       logical :: bridges = .false.                  !! noise acts on the value
+      logical :: shares = .false.                   !! that may be noise of all paths alike
       integer(i8), allocatable :: side(:), step(:)  !! of each lane: 0 or the end that it left by; when (nlane)
       real(wp), allocatable :: left(:, :)           !! time, q and p when it left (nlane, 1 + 2 ndof)
       integer :: nlook = 0                          !! lanes that are looked at: side by side, what is known of them
@@ -42,8 +44,9 @@ module symsde_ensemble_observer_passage
       real(wp), allocatable :: x(:), before(:)      !! value after the step, and before it (nlane)
       real(wp), allocatable :: rate(:)              !! s^2 before the step (nlane)
       integer(i8), allocatable :: by(:)             !! 0 or the end that it leaves by in this step (nlane)
-      real(wp), allocatable :: chance(:, :)         !! that it was below and above between (nlane, 2)
-      integer(i8), allocatable :: path(:), words(:) !! of a call of the generator
+      integer(i8), allocatable :: path(:)           !! whose number decides for a lane (nlane)
+      integer(i8), allocatable :: words(:)          !! of a call of the generator (4 nlane)
+      real(wp), allocatable :: chance(:), u(:)      !! that it was outside (nlane below, nlane above); what decides
       real(wp), allocatable :: q(:), p(:), w(:), hq(:), hp(:), own(:)  !! of a call of the model or of observables
    contains
       procedure :: open_block
@@ -76,6 +79,7 @@ contains
       integer :: n
 
       n = run%ndof
+      self%shares = any(run%common)
       self%nlist = most_lost(n)
       self%ncount = 3_i8*run%ntime + 1 + 2*self%nlist
       self%nsingle = int(1 + 2*n, i8)*self%nlist
@@ -88,6 +92,10 @@ contains
             call raise(error, invalid_argument, 'new_passage_observer', 'nothing lies between '// &
                        to_text(request%low)//' and '//to_text(request%high)//': give low < high, one of which may '// &
                        'be infinite')
+         else if (self%bridges .and. run%law /= law_gaussian) then
+            call raise(error, incompatible, 'new_passage_observer', 'the '//law_text(run%law)//' increments of '// &
+                       'this scheme are no points of Brownian paths, which could leave between two steps: give a '// &
+                       'scheme with Gaussian increments, or ask for no bridges, so that steps alone are looked at')
          end if
       end associate
    end subroutine new_passage_observer
@@ -108,6 +116,7 @@ contains
          self%rate = 0
          self%nlook = self%nreal
          self%lanes = [(min(lane, self%nreal), lane=1, n)]
+         self%path = self%first + self%lanes - 1
          self%nseen = -1
       end associate
    end subroutine open_block
@@ -118,10 +127,11 @@ contains
       integer, intent(in) :: n
 
       allocate (self%side(n), self%step(n), self%lanes(n), self%left(n, self%ncolumn))
-      allocate (self%x(n), self%before(n), self%rate(n), self%by(n), self%chance(n, 2))
+      allocate (self%x(n), self%before(n), self%rate(n), self%path(n), self%by(n))
       if (self%is_coordinate() .and. .not. self%bridges) return
       allocate (self%q(n*self%run%ndof), self%p(n*self%run%ndof), self%w(n*(self%run%nnoise + 1)))
-      if (self%bridges) allocate (self%hq(n*self%run%ndof), self%hp(n*self%run%ndof), self%path(n), self%words(4*n))
+      if (self%bridges) allocate (self%hq(n*self%run%ndof), self%hp(n*self%run%ndof), self%words(4*n), &
+                                  self%chance(2*n), self%u(n))
       if (associated(self%run%observables)) allocate (self%own(n*self%run%observables%nvalue))
    end subroutine new_workspace
 
@@ -240,6 +250,7 @@ contains
          self%lanes(n) = self%lanes(i)
          self%x(n) = self%x(i)
          self%rate(n) = self%rate(i)
+         self%path(n) = self%path(i)
       end do
       self%nlook = n
       if (n > 0) self%lanes(n + 1:) = self%lanes(n)
@@ -311,51 +322,23 @@ contains
       class(passage_observer), intent(inout) :: self
       integer(i8), intent(in) :: istep
       integer, intent(inout) :: nleave     !! lanes that leave in this step
-      real(wp) :: u
       integer :: i, n
 
-      call judge_bridges(self)
       n = self%nlook
-      if (.not. any(self%chance(:n, below) + self%chance(:n, above) > 0)) return
-      self%path(:n) = self%first + self%lanes(:n) - 1
-      call philox_lanes(n, self%run%seed, self%path, self%run%first_step + istep - 1, &
-                        int(self%request%values(1), i4), 0_i4, purpose_passage, self%words)
+      call bridge_chances(n, self%request%low, self%request%high, abs(self%run%step), self%rate, self%before, self%x, &
+                          self%chance)
+      if (.not. any(self%chance(:2*n) > 0)) return
+      call deciding_numbers(n, self%run%seed, self%path, self%run%first_step + istep - 1, self%request%values(1), &
+                            self%words, self%u)
       do i = 1, n
-         u = (real(self%words(i), wp)*2.0_wp**32 + real(self%words(n + i), wp) + 0.5_wp)*2.0_wp**(-64)
-         if (u >= self%chance(i, below) + self%chance(i, above)) cycle
-         self%by(i) = merge(below, above, u < self%chance(i, below))
+         if (self%u(i) >= self%chance(i) + self%chance(n + i)) cycle
+         self%by(i) = merge(below, above, self%u(i) < self%chance(i))
          nleave = nleave + 1
          self%counts(3*self%run%ntime + 1) = self%counts(3*self%run%ntime + 1) + 1
       end do
    end subroutine cross_bridges
 
-   !> How probable it is that they were outside between.
-   subroutine judge_bridges(self)
-      class(passage_observer), intent(inout) :: self
-      real(wp) :: spread
-      integer :: i
-
-      associate (low => self%request%low, high => self%request%high)
-         self%chance = 0
-         do i = 1, self%nlook
-            if (.not. (self%x(i) > low .and. self%x(i) < high)) cycle
-            spread = self%rate(i)*abs(self%run%step)
-            if (.not. spread > 0) cycle
-            self%chance(i, below) = passed(self%before(i) - low, self%x(i) - low, spread)
-            self%chance(i, above) = passed(high - self%before(i), high - self%x(i), spread)
-         end do
-      end associate
-   end subroutine judge_bridges
-
-   !> Probability that a bridge between two points at distances a, b > 0 of an end has passed it; 0 below 1e-20.
-   pure real(wp) function passed(a, b, spread)
-      real(wp), intent(in) :: a, b, spread   !! spread: s^2 h
-
-      passed = 0
-      if (2*a*b < 46*spread) passed = exp(-2*a*b/spread)
-   end function passed
-
-   !> s^2 at the state where the next step begins.
+   !> s^2 at the state where the next step begins; and whose numbers decide where paths share noises.
    subroutine noise_on_value(self, t, state)
       class(passage_observer), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -367,6 +350,7 @@ contains
          call take_lanes(state%nlane, n, ndof, self%lanes, self%looks_at_all(), state%q, self%q)
          call take_lanes(state%nlane, n, ndof, self%lanes, self%looks_at_all(), state%p, self%p)
          self%rate = 0
+         if (self%shares) self%path = 0
          self%w = 0
          do k = 1, m
             self%w(k*n + 1:(k + 1)*n) = 1
@@ -374,13 +358,24 @@ contains
             self%w(k*n + 1:(k + 1)*n) = 0
             at = mod(i - 1, ndof)*n
             if (i <= ndof) then
-               self%rate(:n) = self%rate(:n) + self%hp(at + 1:at + n)**2
+               call add_noise(self, k, n, self%hp(at + 1:at + n))
             else
-               self%rate(:n) = self%rate(:n) + self%hq(at + 1:at + n)**2
+               call add_noise(self, k, n, self%hq(at + 1:at + n))
             end if
          end do
       end associate
    end subroutine noise_on_value
+
+   !> What a noise adds to s^2; the number of a path itself decides where a noise of its own does.
+   subroutine add_noise(self, k, n, slope)
+      type(passage_observer), intent(inout) :: self
+      integer, intent(in) :: k, n
+      real(wp), intent(in) :: slope(n)
+
+      self%rate(:n) = self%rate(:n) + slope**2
+      if (.not. self%shares .or. self%run%common(k)) return
+      where (abs(slope) > 0) self%path(:n) = self%first + self%lanes(:n) - 1
+   end subroutine add_noise
 
    !> The paths of the block that have left, into the list and the table.
    subroutine close_block(self, state)

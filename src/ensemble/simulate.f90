@@ -2,6 +2,7 @@
 !> The two things users do: simulate (paths are saved) and moments (only statistics are kept).
 module symsde_ensemble_simulate
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_laws, only: law_gaussian
    use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, too_large, out_of_memory, invalid_argument
    use symsde_base_text, only: to_text
@@ -137,7 +138,8 @@ contains
       allocate (store)
       wanted => none
       if (present(observers)) wanted => observers
-      call plan_observers(plan, model, options, wanted, error, observables)
+      call plan_observers(plan, model, merge(law_gaussian, scheme%law, present(dw)), options, wanted, error, &
+                          observables)
       if (allocated(error)) return
       call new_moment_collector(collector, model, choose_nlane(options, model), size(result%t), store, observables, &
                                 plan, options%save_every)
@@ -163,9 +165,10 @@ contains
    end subroutine moments
 
    !> The observers that are wanted, if any.
-   subroutine plan_observers(plan, model, options, observers, error, observables)
+   subroutine plan_observers(plan, model, law, options, observers, error, observables)
       type(observer_plan), intent(out) :: plan
       class(model_type), intent(in), target :: model
+      integer, intent(in) :: law               !! of the increments that are drawn
       type(run_options), intent(in) :: options
       type(observer_request), intent(in) :: observers(:)
       type(error_type), allocatable, intent(inout) :: error
@@ -177,6 +180,7 @@ contains
       if (present(observables)) nobservable = observables%nvalue
       call new_observed_run(run, model, options, choose_nlane(options, model), nobservable)
       if (present(observables)) run%observables => observables
+      run%law = law
       call new_observer_plan(plan, observers, run, error)
    end subroutine plan_observers
 

@@ -10,6 +10,7 @@
 !> Every thread has its own copy; what the copies share is the store, which they reach one at a time.
 module symsde_ensemble_streaming
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_laws, only: law_gaussian
    use symsde_ensemble_comoments, only: pair_count, pair_place, reduce_pair
    use symsde_ensemble_observables, only: observables_type
    use symsde_ensemble_statistics, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes
@@ -42,6 +43,8 @@ module symsde_ensemble_streaming
       integer(i8) :: first_step = 0, save_every = 1, seed = 0
       real(wp) :: step = 0                    !! [time]
       integer :: nnoise = 0
+      integer :: law = law_gaussian           !! of the increments that are drawn
+      logical, allocatable :: common(:)       !! noises that all paths share, as their options say (nnoise)
       logical :: position_noise = .false., has_value = .false.  !! traits of the model
       class(model_type), pointer :: model => null()  !! for who asks it for more than values
       class(observables_type), pointer :: observables => null()  !! the user's own values, likewise

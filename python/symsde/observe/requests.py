@@ -141,7 +141,8 @@ class Passage(Observer):
     The value is looked at after every step, not only where it is saved; a path of which it is no number fails there.
     within=a stands for low=-a, high=a; one end may be infinite. absorb: a path that leaves ends there, and counts
     nowhere from then on. bridge: where noise acts on a coordinate or momentum, paths may leave between two steps too,
-    by the law of a Brownian bridge; the result says whether that was so (`bridged`).
+    by the law of a Brownian bridge; the result says whether that was so (`bridged`). Two-point and three-point
+    increments have no such law: schemes that draw them are refused, unless bridge=False.
     """
 
     KIND: ClassVar[str] = "passage"

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""First passages between two steps: a bridge has the law of its noise, and a noise that is shared has one bridge."""
+
+import math
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import observe
+from symsde.errors import IncompatibleError
+
+STEPS, BARRIER = 4, 2.0
+EXACT = math.erfc(BARRIER / (2 * math.sqrt(2)))  # that the maximum of 2 W on (0, 1) is at least that
+RUN = {"q0": 0.0, "p0": 0.0, "step": 1 / STEPS, "steps": STEPS, "save_every": STEPS}
+DISCRETE = {name: law for name in ss.schemes.names() if (law := ss.schemes.get(name).info.law) != "Gaussian"}
+
+
+def brownian(noises=1):
+    """dq_k = 2 dW_k, exactly, by every scheme."""
+    return ss.Model(
+        ndof=noises,
+        nnoise=noises,
+        gradient=lambda t, w, q, p: (np.zeros_like(q), 2 * w[1:] + 0 * p),
+        separable=True,
+        additive=True,
+        any_lanes=True,
+        derived=True,
+    )
+
+
+def passage(model, of="q_1", bridge=True, **options):
+    wanted = {"out": observe.Passage(of, high=BARRIER, absorb=False, bridge=bridge)}
+    return ss.moments(model, observers=wanted, **{"scheme": "symplectic_euler", **RUN, **options}).observed["out"]
+
+
+@pytest.mark.parametrize("scheme", sorted(DISCRETE))
+def test_discrete_increments_have_no_bridges(scheme):
+    """They are refused where noise acts on the value, here p alone, by any number of paths; steps may be looked at."""
+    assert set(DISCRETE.values()) == {"two-point", "three-point"}
+    model = ss.models.linear_oscillator()
+    for paths in (1, 300):
+        with pytest.raises(
+            IncompatibleError, match=f"the {DISCRETE[scheme]} increments .* give a scheme with Gaussian"
+        ):
+            passage(model, "p_1", scheme=scheme, paths=paths)
+    assert passage(model, "p_1", scheme=scheme, paths=300, bridge=False).bridged is None
+    assert passage(model, "q_1", scheme=scheme, paths=300).bridged is None
+
+
+def test_bridges_belong_to_points_of_brownian_paths():
+    """Increments that are given are points of a path: with N(0, h) the law is that of the maximum, 5 sigma (6e-7).
+
+    By a weak scheme, too. The twin: two-point increments, as that scheme would draw them, are off by a fifth.
+    """
+    rng, paths = np.random.default_rng(8), 20000
+    shape = (STEPS, 1, paths)
+    normal = math.sqrt(1 / STEPS) * rng.standard_normal(shape)
+    for scheme in ("midpoint", "midpoint_weak1"):
+        found = passage(brownian(), scheme=scheme, paths=paths, increments=normal)
+        assert abs(found.lost[-1] - EXACT) < 5 * found.se_lost[-1] < 0.02
+    coins = math.sqrt(1 / STEPS) * rng.choice([-1.0, 1.0], shape)
+    twin = passage(brownian(), scheme="midpoint", paths=paths, increments=coins)
+    assert abs(twin.lost[-1] - EXACT) > 15 * twin.se_lost[-1]
+
+
+def test_a_shared_noise_has_one_bridge():
+    """Paths that are the same leave together, with the law of one: 5 sigma of 1000 seeds (6e-7).
+
+    The twin: noises of their own, where some leave and some stay.
+    """
+    model, seeds, steps = brownian(), 1000, []
+    for seed in range(seeds):
+        found = passage(model, paths=3, seed=seed, common_noise=1)
+        assert found.n in (0, 3) and len(set(found.step)) <= 1
+        steps.extend(found.step[:1])
+    share = len(steps) / seeds
+    assert abs(share - EXACT) < 5 * math.sqrt(EXACT * (1 - EXACT) / seeds)
+    assert passage(model, paths=1000).n not in (0, 1000)
+
+
+def test_own_noises_have_their_own_bridges():
+    """q_1 is moved by a noise that all paths share, q_2 by one that they do not: in parts and blocks, too."""
+    model, together = brownian(2), set()
+    for seed in range(20):
+        options = {"paths": 512, "seed": seed, "common_noise": [1]}
+        shared, own = (passage(model, of, **options) for of in ("q_1", "q_2"))
+        part = passage(model, "q_1", **{**options, "paths": 256, "first_path": 256})
+        assert shared.n in (0, 512) and part.n == shared.n / 2 and set(part.step) == set(shared.step)
+        assert 0 < own.n < 512 and own.bridged > 0
+        for change in ({"common_noise": []}, {"lanes": 8}):
+            again = passage(model, "q_2", **{**options, **change})
+            assert np.array_equal(again.path, own.path) and np.array_equal(again.step, own.step)
+        together.add((shared.n, shared.bridged))
+    assert len(together) == 3  # none left, all at a step, all between two
+
+
+def test_increments_that_are_given_to_all_may_share_their_bridge():
+    """One path's increments for all paths: `common_noise` says that the bridge is shared, too."""
+    dw = np.array([[0.6], [-0.1], [0.1], [-0.2]])  # to 1.2, 1.0, 1.2, 0.8
+    apart, together = (passage(brownian(), paths=500, increments=dw, **common) for common in ({}, {"common_noise": 1}))
+    assert 0 < apart.n < 500 and together.n in (0, 500)
