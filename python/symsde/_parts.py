@@ -11,6 +11,7 @@ a day, by the clock of the file system. Who is judged dead and is not gets an er
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 import tempfile
@@ -26,6 +27,9 @@ except ImportError:  # not POSIX
 _PREFIX = ".part-"
 _LOCK = "lock"
 _DAY = 86400.0
+_TRIES = 10  #: somebody else takes a folder for left before it is locked
+
+_user = getattr(os, "geteuid", int)  # where files have no owners, 0 is it
 
 
 def _boot() -> str:
@@ -42,17 +46,16 @@ _OWN = f"{_PREFIX}{_boot()}-"
 @contextlib.contextmanager
 def beside(target: Path) -> Iterator[Path]:
     """A path of the same name on the same file system, to write to and then to move; what is left of it goes."""
-    while True:
+    for _ in range(_TRIES):
         folder = Path(tempfile.mkdtemp(prefix=_OWN, dir=target.parent))
-        handle = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o600)
         try:
-            _locked(handle, wait=True)
-            if os.fstat(handle).st_nlink:  # else somebody took it for left before it was locked
-                yield folder / target.name
-                return
+            with open(folder / _LOCK, "wb") as lock:
+                if _locked(lock.fileno()) is not False and os.fstat(lock.fileno()).st_nlink:
+                    yield folder / target.name
+                    return
         finally:
-            os.close(handle)
             shutil.rmtree(folder, ignore_errors=True)
+    raise BlockingIOError(errno.EAGAIN, f"locks in {target.parent} are held by somebody else each time")
 
 
 def sweep(place: Path) -> None:
@@ -60,7 +63,7 @@ def sweep(place: Path) -> None:
     with contextlib.suppress(OSError):
         with os.scandir(place) as entries:
             there = [x for x in entries if x.name.startswith(_PREFIX) and x.is_dir(follow_symlinks=False)]
-        own = [Path(x.path) for x in there if x.stat(follow_symlinks=False).st_uid == os.geteuid()]
+        own = [Path(x.path) for x in there if x.stat(follow_symlinks=False).st_uid == _user()]
         if own:
             with tempfile.TemporaryFile(dir=place) as file:
                 now = os.fstat(file.fileno()).st_mtime
@@ -78,20 +81,20 @@ def _remove_if_left(folder: Path, now: float) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
             return
         try:
-            is_free = _locked(handle, wait=False)
+            is_free = _locked(handle)
             if (is_free and folder.name.startswith(_OWN)) or (is_free is not False and is_old):
-                os.unlink(folder / _LOCK)  # before the lock is given back: who waits for it sees that it is gone
+                os.unlink(folder / _LOCK)  # before the lock is given back: a writer who comes late sees that it is gone
                 shutil.rmtree(folder, ignore_errors=True)
         finally:
             os.close(handle)
 
 
-def _locked(handle: int, *, wait: bool) -> bool | None:
-    """Whether the lock is ours now; None where there are no locks."""
+def _locked(handle: int) -> bool | None:
+    """Whether the lock is free, and ours now; None where there are no locks."""
     if fcntl is None:
         return None
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     except OSError:

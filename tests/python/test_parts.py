@@ -117,30 +117,40 @@ def test_parts_of_another_machine(tmp_path):
             (tmp_path / name).mkdir()
             if name != ".part-elsewhere-bare":
                 (tmp_path / name / "lock").touch()
-        (tmp_path / ".part-link").symlink_to(tmp_path / ".other")
+        link = tmp_path / f"{_parts._OWN}link"  # as of this machine, to a folder with a lock that is free
+        link.symlink_to(tmp_path / ".other")
         for folder in (held, *(tmp_path / f".part-elsewhere-{x}" for x in ("old", "bare"))):
             then = folder.stat().st_mtime - 90000
             os.utime(folder, (then, then))
         _parts.sweep(tmp_path)
         found = {folder.name for folder in tmp_path.iterdir()}
-        assert found == {".other", ".part-link", ".part-elsewhere-held", ".part-elsewhere-young"}
+        assert found == {".other", link.name, ".part-elsewhere-held", ".part-elsewhere-young"}
         assert (tmp_path / ".other" / "lock").exists()
 
 
-def test_a_part_that_is_taken_before_it_is_locked(tmp_path, monkeypatch):
-    """Between making the folder and locking it: the writer sees it, and makes another one."""
-    lock, folders = _parts._locked, []
+@pytest.mark.parametrize("is_over", [True, False])
+def test_a_part_that_is_taken_before_it_is_locked(is_over, tmp_path, monkeypatch):
+    """Between making the folder and locking it: who sweeps has its lock, or is done. The writer makes another one."""
+    lock, calls = _parts._locked, []
 
-    def late(handle, *, wait):
-        if wait:
-            folders.extend(x for x in tmp_path.iterdir() if x not in folders)
-            if len(folders) == 1:
-                _parts.sweep(tmp_path)
-        return lock(handle, wait=wait)
+    def late(handle):
+        calls.append(handle)
+        if len(calls) == 1 and is_over:
+            _parts.sweep(tmp_path)
+        return lock(handle) if is_over or len(calls) > 1 else False
 
     monkeypatch.setattr(_parts, "_locked", late)
     _files.replace(tmp_path / "name", lambda part: part.write_text("whole"))
-    assert len(folders) == 2 and (tmp_path / "name").read_text() == "whole"
+    assert len(calls) == (3 if is_over else 2)
+    assert (tmp_path / "name").read_text() == "whole" and os.listdir(tmp_path) == ["name"]
+
+
+def test_locks_that_nobody_can_have(tmp_path, monkeypatch):
+    """A file system that says so of every lock is told, not waited for."""
+    monkeypatch.setattr(_parts, "_locked", lambda _: False)
+    with pytest.raises(ss.errors.NotWrittenError, match=r"name cannot be written: locks in .* held by somebody"):
+        _files.replace(tmp_path / "name", lambda part: part.write_text("whole"))
+    assert os.listdir(tmp_path) == []
 
 
 def test_without_locks_only_age_counts(tmp_path, monkeypatch):
