@@ -1,23 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Progress of a run, and Ctrl-C.
-
-A signal handler that raises could do so where a callback of the library begins, and the exception would be
-lost. So during a run SIGINT (and SIGTERM, where Python handles it) only leaves a note; the library asks for it
-between chunks, stops, and the handler that was there before is called then. A second one is handled at once.
-What was computed until then is the attribute `partial` of the exception that ends the run.
-"""
+"""Progress of a run, and what ends it: a progress function, or the handler of a signal."""
 
 from __future__ import annotations
 
-import _signal as signal  # the module signal wraps it in enums, which would take half as long as a short run
-import contextlib
 import importlib
 import os
 import sys
 import threading
 from collections.abc import Callable
 
-from . import _abi, _checks
+from . import _abi, _checks, _signals
 from .errors import WrongTypeError
 
 Progress = bool | Callable[[int, int], object]
@@ -50,11 +42,11 @@ def _ask_innermost(done: int, total: int, _user) -> int:
 
 
 class Monitor:
-    """Context of one run that fills `result`; `callback` is what the library calls between chunks, in its thread."""
+    """Context of one run; `callback` is what the library calls between chunks, in its thread."""
 
     callback = _abi.Progress(_ask_innermost)  #: one for all, since to make one takes a share of a short run
 
-    def __init__(self, progress: Progress, result: object = None):
+    def __init__(self, progress: Progress):
         if not isinstance(progress, bool) and not callable(progress):
             raise WrongTypeError(
                 f"progress = {_checks.shown(progress)} is not allowed: give True, False, or a function "
@@ -62,54 +54,35 @@ class Monitor:
             )
         self._bar = _Bar() if progress is True else None
         self._tell = progress if callable(progress) else self._bar
-        self._result = result
+        self._signals = _signals.held()
         self._error: BaseException | None = None
-        self._previous: dict[int, Callable] = {}
-        self._note: tuple | None = None
 
     def __enter__(self) -> Monitor:
+        self._signals.__enter__()
         _at_work.monitors.append(self)
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                previous = signal.getsignal(number)
-                if callable(previous):
-                    self._previous[number] = previous
-                    signal.signal(number, self._leave_note)
         return self
 
     def __exit__(self, kind, error, traceback) -> None:
         _at_work.monitors.pop()
-        for number, previous in self._previous.items():
-            signal.signal(number, previous)
-        if self._bar is not None:
-            self._bar.close()
-        if kind is not None:
-            return
         try:
-            if self._note is not None:
-                self._previous[self._note[0]](*self._note)
+            if self._bar is not None:
+                self._bar.close()
             if self._error is not None:
                 raise self._error
-        except BaseException as stop:
-            with contextlib.suppress(AttributeError):
-                stop.partial = self._result
-            raise
-
-    def _leave_note(self, number, frame) -> None:
-        if self._note is not None:
-            self._previous[number](number, frame)
-        self._note = (number, frame)
+        finally:
+            self._signals.__exit__()
 
     def ask(self, done: int, total: int) -> int:
-        """Tell of progress; nonzero stops."""
-        if self._tell is None:
-            return self._note is not None
+        """Tell of progress, and call the handlers of signals that came; nonzero stops."""
+        if self._error is not None:
+            return 1
         try:
-            wants_stop = bool(self._tell(done, total))
+            wants_stop = self._tell is not None and bool(self._tell(done, total))
+            self._signals.handle()
         except BaseException as error:  # raised again at the end of the run
             self._error = error
-            wants_stop = True
-        return int(wants_stop or self._note is not None)
+            return 1
+        return int(wants_stop)
 
 
 class _Bar:

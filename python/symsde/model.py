@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import importlib
@@ -14,11 +15,13 @@ from typing import Any
 import numpy as np
 
 from . import _abi, _callbacks, _checks, _handles
+from ._signals import held
 from .errors import IncompatibleError, InvalidArgumentError, SymsdeError, WrongShapeError, WrongTypeError
 
 #: traits that are true or false; a property of the Hamiltonians each
 FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
 _KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
+_AT_ONCE = contextlib.nullcontext()
 
 
 @dataclass(frozen=True)
@@ -254,17 +257,18 @@ class Model:
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """Call the library with a handle of this model and the arguments; exceptions of callbacks are raised."""
         handle, refusal = self._handles.take(), None
-        try:
+        with held() if self.in_python else _AT_ONCE:
             try:
-                status = _handles.call(name, handle.pointer, *arguments, allow=allow)
-            except SymsdeError as error:
-                refusal = error
-            handle.failures.raise_stored()
-        finally:
-            self._handles.give(handle)
-        if refusal is not None:
-            raise refusal
-        return status
+                try:
+                    status = _handles.call(name, handle.pointer, *arguments, allow=allow)
+                except SymsdeError as error:
+                    refusal = error
+                handle.failures.raise_stored()
+            finally:
+                self._handles.give(handle)
+            if refusal is not None:
+                raise refusal
+            return status
 
     def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
         """Refuse an initial state, (dof, 1 or path), from which no run can begin: formulas know."""

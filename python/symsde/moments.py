@@ -22,11 +22,12 @@ from . import _abi, _callbacks, _checks, _files, _handles, provenance, tabular
 from ._checks import address
 from ._progress import Monitor, Progress
 from ._setup import Setup, make_setup
+from ._signals import carry
 from .errors import FalseTraitError, InvalidArgumentError, NotANumberWarning
 from .model import Model
 from .observe import kept, requests, results
 from .observe.observables import Observable, are_in_python, bind, check_observables, described
-from .report import Reported
+from .report import Reported, filled
 
 
 class Moments(Reported):
@@ -115,12 +116,15 @@ class Moments(Reported):
             addresses, _made = kept.structs(self.scope, self.observers, self.kept)
             moments.nobserver, moments.observers = len(self.observers), ctypes.addressof(addresses)
         report = _handles.new(_abi.Report, "report")
-        with Monitor(progress, result=self) as monitor:
-            self._integrate(moments, report, monitor, failures)
-            listed = moments.nfailed_listed
-            for name in ("failed", "failed_status", "failed_step"):
-                setattr(self, name, np.array(getattr(moments, name)[:listed], np.int64))
-            self._take_report(report)
+        with Monitor(progress) as monitor:
+            try:
+                self._integrate(moments, report, monitor, failures)
+            finally:
+                listed = moments.nfailed_listed
+                for name in ("failed", "failed_status", "failed_step"):
+                    setattr(self, name, np.array(getattr(moments, name)[:listed], np.int64))
+                self._keep_report(report)
+            self._warn_of_failures()
 
     def _integrate(self, moments, report, monitor, failures) -> None:
         setup = self.setup
@@ -274,10 +278,15 @@ def moments(
     Misuse raises a ValueError (`symsde.errors`); an exception of an observable stops the run and is raised. Where a
     value is no finite number for a path that counts, a NotANumberWarning says so: its means are none, either.
     """
-    given = check_observables(observables)
-    setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=are_in_python(given), **options)
-    result = Moments(setup, given, requests.check_observers(observers))
-    result.fill(given, progress)
+    result = None
+    try:
+        given = check_observables(observables)
+        setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=are_in_python(given), **options)
+        result = Moments(setup, given, requests.check_observers(observers))
+        result.fill(given, progress)
+    except BaseException as stop:
+        carry(stop, lambda: filled(result))
+        raise
     for doubt in result.doubts():
         warnings.warn(doubt, NotANumberWarning, stacklevel=2)
     return result

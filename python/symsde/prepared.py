@@ -15,9 +15,10 @@ from ._checks import INT64, UINT64, address
 from ._library import library
 from ._progress import Monitor, Progress
 from ._setup import Setup, increments_array, make_setup
+from ._signals import carry, held
 from .errors import IncompatibleError, PathsFailedWarning, from_code
 from .model import Model
-from .report import Report, make_report
+from .report import Report, filled, make_report
 from .schemes import Scheme
 from .simulate import Run
 
@@ -34,16 +35,17 @@ class _Owner:
         self.pointer = ctypes.c_void_p()
         finalizer = weakref.finalize(self, _release, self.pointer, model._handles, self.model_handle)
         finalizer.atexit = False
-        try:
-            _handles.call(
-                "run_new",
-                self.model_handle.pointer,
-                *setup.handles(),
-                ctypes.byref(setup.input()),
-                ctypes.byref(self.pointer),
-            )
-        finally:
-            self.model_handle.failures.raise_stored()
+        with held():
+            try:
+                _handles.call(
+                    "run_new",
+                    self.model_handle.pointer,
+                    *setup.handles(),
+                    ctypes.byref(setup.input()),
+                    ctypes.byref(self.pointer),
+                )
+            finally:
+                self.model_handle.failures.raise_stored()
 
     def array(self, where: int | None, kind: type, shape: tuple[int, ...]) -> np.ndarray | None:
         """The library's array at an address, which keeps this owner."""
@@ -84,6 +86,7 @@ class PreparedRun:
         self._status = make(state.status, ctypes.c_int32, (paths,))
         self._failed_step = make(state.failed_step, ctypes.c_int64, (paths,))
         self._status.flags.writeable = self._failed_step.flags.writeable = False
+        self._in_python = setup.model.in_python
         self._error = _abi.Error()
         self._error_address = ctypes.byref(self._error)
         self._dw: np.ndarray | None = None
@@ -122,7 +125,8 @@ class PreparedRun:
     def step(self, dw: Any = None) -> None:
         """One step, on the run's own noise, or with increments dw: a number, (noise,) or (noise, path)."""
         given = None if dw is None else self._one_step(dw)
-        status = library.symsde_run_advance(self._pointer, 1, 1, given, None, self._error_address)
+        advance = self._advance_by_python if self._in_python else library.symsde_run_advance
+        status = advance(self._pointer, 1, 1, given, None, self._error_address)
         if status:
             self._judge(status)
 
@@ -221,23 +225,39 @@ class PreparedRun:
         """Let the library advance, and save into a Run."""
         paths = _handles.new(_abi.Paths, "paths")
         paths.q, paths.p = address(run.q), address(run.p)
-        with Monitor(progress, result=run) as monitor:
-            given = _handles.new(_abi.Input, "input")
-            given.progress = monitor.callback
-            if run.setup.increments is not None:
-                _put_increments(given, run.setup.increments)
-            structs = (ctypes.byref(struct) for struct in (given, paths))
-            status = getattr(library, f"symsde_{name}")(self._pointer, *steps, *structs, self._error_address)
-            if status >= 0:
-                self._stopped = run if status == _abi.STOPPED else None
-            if status:
-                self._judge(status, above=4)  # run or resume, _fill, _judge
-            run.status, run.failed_step = self._status.copy(), self._failed_step.copy()
-            run.last_q, run.last_p = self._q.copy(), self._p.copy()
-            if self._q_low is not None:
-                run.q_low, run.p_low = self._q_low.copy(), self._p_low.copy()
-            run.report = self.report
+        try:
+            with Monitor(progress) as monitor:
+                given = _handles.new(_abi.Input, "input")
+                given.progress = monitor.callback
+                if run.setup.increments is not None:
+                    _put_increments(given, run.setup.increments)
+                structs = (ctypes.byref(struct) for struct in (given, paths))
+                status = getattr(library, f"symsde_{name}")(self._pointer, *steps, *structs, self._error_address)
+                if status in (*_OK, _abi.CALLBACK_FAILED):
+                    self._stopped = run if status == _abi.STOPPED else None
+                    self._show_state(run)
+                if status:
+                    self._judge(status, above=4)  # run or resume, _fill, _judge
+        except BaseException as stop:
+            carry(stop, lambda: filled(run))
+            raise
         return run
+
+    def _show_state(self, run: Run) -> None:
+        """What a Run says of its end."""
+        run.status, run.failed_step = self._status.copy(), self._failed_step.copy()
+        run.last_q, run.last_p = self._q.copy(), self._p.copy()
+        if self._q_low is not None:
+            run.q_low, run.p_low = self._q_low.copy(), self._p_low.copy()
+        run.report = self.report
+
+    def _advance_by_python(self, *arguments) -> int:
+        """Of a model with functions of Python: handlers of signals wait for the end of the step."""
+        with held():
+            status = library.symsde_run_advance(*arguments)
+            if status:
+                self._judge(status, above=4)
+        return _abi.OK
 
     def _judge(self, status: int, above: int = 3) -> None:
         """Raise what a callback raised, and what the library refused; warn of paths that have failed since."""

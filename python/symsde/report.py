@@ -54,14 +54,18 @@ class Reported:
 
     setup: Setup
     scene: str = ""  #: text of the scene that asked for it, if one did
-    _reported: _abi.Report
+    _reported: _abi.Report | None = None
 
-    def _take_report(self, given: _abi.Report) -> None:
-        """Keep the report of the C interface; warn where paths failed."""
-        self._reported = given
-        if given.failed:
+    def _keep_report(self, given: _abi.Report) -> None:
+        """Keep the report of the C interface, unless the library refused before it began."""
+        if given.threads:
+            self._reported = given
+
+    def _warn_of_failures(self) -> None:
+        """Warn where paths failed."""
+        if self._reported.failed:
             warnings.warn(
-                f"{given.failed} paths failed: they are NaN from there on and left out of moments; "
+                f"{self._reported.failed} paths failed: they are NaN from there on and left out of moments; "
                 "see status and failed_step",
                 PathsFailedWarning,
                 stacklevel=4,
@@ -88,6 +92,12 @@ class Reported:
     def report(self) -> Report:
         """What the run did: stepper, what was left out, counters, failures, timings and versions."""
         return make_report(self._reported)
+
+
+def filled(result: Reported | None) -> Reported | None:
+    """The result, where the library has filled its arrays, whatever ended it then."""
+    has_report = result is not None and (result._reported is not None or "report" in result.__dict__)
+    return result if has_report else None
 
 
 def make_report(given: _abi.Report) -> Report:

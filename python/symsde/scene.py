@@ -17,6 +17,7 @@ import numpy as np
 
 from . import _checks, _named, models
 from ._setup import make_setup
+from ._signals import carry
 from .errors import InvalidArgumentError, SceneError, SymsdeError
 from .formulas import scenes as formulas
 from .model import Model
@@ -66,9 +67,9 @@ class Scene:
                 here[key] = self._columns(here[key], stretch)
             try:
                 runs.append(simulate(self.model, progress=progress, **here))
-            except KeyboardInterrupt as stop:
-                if hasattr(stop, "partial"):
-                    stop.partial = _joined([*runs, stop.partial])
+            except BaseException as stop:
+                if begun := [*runs, *filter(None, [getattr(stop, "partial", None)])]:
+                    carry(stop, lambda: _joined(begun))
                 raise
         joined = _joined(runs)
         joined.scene = self.text
@@ -267,8 +268,9 @@ def _stretches(indices: list[int] | range) -> list[list[int] | range]:
 
 
 def _joined(runs: list[Run]) -> Run:
-    """Runs of different paths as one; report and options are those of the first."""
+    """Runs of different paths as one; options are those of the first, the report too, or that of a stopped one."""
     whole = copy.copy(runs[0])
+    whole.report = next((run.report for run in runs if run.report.stopped), whole.report)
     low = () if whole.q_low is None else ("q_low", "p_low")
     for name in ("path", "q", "p", "status", "failed_step", "last_q", "last_p", *low):
         setattr(whole, name, np.concatenate([getattr(run, name) for run in runs], axis=-1))

@@ -17,8 +17,9 @@ from . import _abi, _checks, _files, _handles, tabular
 from ._checks import address, addresses
 from ._progress import Monitor, Progress
 from ._setup import Setup, setup_of
+from ._signals import carry
 from .model import Model
-from .report import Reported
+from .report import Reported, filled
 from .schemes import Scheme
 
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
@@ -71,17 +72,20 @@ class Run(Reported):
         paths = _abi.Paths(_PATHS_SIZE, None, *addresses(arrays + low))  # the rest is NULL, as t is
         report = _abi.Report(_REPORT_SIZE)
         setup = self.setup
-        with Monitor(progress, result=self) as monitor:
+        with Monitor(progress) as monitor:
             given = setup.input(monitor)
-            setup.model.call(
-                "simulate",
-                *setup.handles(),
-                ctypes.byref(given),
-                ctypes.byref(paths),
-                ctypes.byref(report),
-                allow=(_abi.STOPPED, _abi.PATHS_FAILED),
-            )
-            self._take_report(report)
+            try:
+                setup.model.call(
+                    "simulate",
+                    *setup.handles(),
+                    ctypes.byref(given),
+                    ctypes.byref(paths),
+                    ctypes.byref(report),
+                    allow=(_abi.STOPPED, _abi.PATHS_FAILED),
+                )
+            finally:
+                self._keep_report(report)
+            self._warn_of_failures()
 
     @functools.cached_property
     def t(self) -> np.ndarray:
@@ -217,11 +221,17 @@ def simulate(
       iterations of Newton a step; lanes: of a block, never changes a result
 
     Misuse raises a ValueError (`symsde.errors`) with a sentence, and computes nothing. Ctrl-C stops the run and
-    raises KeyboardInterrupt, whose attribute `partial` is the Run until then, NaN where no path came. Paths that fail
-    are NaN from there on; a PathsFailedWarning tells how many.
+    raises KeyboardInterrupt, whose attribute `partial` is the Run until then, NaN where no path came, None before it
+    began; so does what the handler of another signal raises. Paths that fail are NaN from there on; a
+    PathsFailedWarning tells how many.
     """
     given = locals()  # all of the above, by name
     del given["progress"]
-    run = Run(setup_of(given))
-    run.fill(progress)
+    run = None
+    try:
+        run = Run(setup_of(given))
+        run.fill(progress)
+    except BaseException as stop:
+        carry(stop, lambda: filled(run))
+        raise
     return run

@@ -13,6 +13,7 @@ from .. import _abi, _checks
 from .._handles import status_text
 from .._progress import Progress, _Bar
 from .._setup import make_setup
+from .._signals import carry
 from ..errors import NotANumberWarning, PathsFailedWarning, SymsdeError
 from ..model import Model
 from ..moments import Moments
@@ -86,7 +87,8 @@ def ensemble(
 
     shard_paths: paths of a shard, 256 times a power of two; by default some seconds of work. The other arguments are
     those of `moments`. progress: True, or a function f(done, total) in path-steps that may return True to stop; then
-    the moments are those of the shards that were done, and `report.stopped` counts the paths that were not.
+    the moments are those of the shards that were done, and `report.stopped` counts the paths that were not. So are those
+    that Ctrl-C, or what the handler of another signal raises, carries as `partial`; None before the first.
     """
     functions = check_observables(observables)
     given = _checks.own({"q0": q0, "p0": p0, "step": step, "steps": steps, **options})
@@ -104,17 +106,15 @@ def ensemble(
             for said in (PathsFailedWarning, NotANumberWarning):  # once, below
                 warnings.simplefilter("ignore", said)
             done = dispatch(task, pieces, Context(memory, Stop(), show), executor)
+    except BaseException as stop:
+        carry(stop, lambda: _found(work, setup.paths - memory.paths, begin) if memory.paths else None)
+        raise
     finally:
         if bar:
             bar.close()
     if not memory.paths:
         raise SymsdeError("the ensemble was stopped before any of its shards was done: nothing is known of it")
-    found = work.result(time.monotonic() - begin)
-    if not done:
-        missing = setup.paths - memory.paths
-        found.report = dataclasses.replace(
-            found.report, stopped=missing, status=_abi.STOPPED, outcome=status_text(_abi.STOPPED)
-        )
+    found = _found(work, 0 if done else setup.paths - memory.paths, begin)
     if found.report.failed:
         warnings.warn(
             f"{found.report.failed} paths failed: they are left out of moments; see failed and failed_step",
@@ -123,6 +123,16 @@ def ensemble(
         )
     for doubt in found.doubts():
         warnings.warn(doubt, NotANumberWarning, stacklevel=2)
+    return found
+
+
+def _found(work: MomentsInWork, missing: int, begin: float) -> Moments:
+    """Moments of the shards that were done, and how many paths are not among them."""
+    found = work.result(time.monotonic() - begin)
+    if missing:
+        found.report = dataclasses.replace(
+            found.report, stopped=missing, status=_abi.STOPPED, outcome=status_text(_abi.STOPPED)
+        )
     return found
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from .. import _checks
 from .._progress import Progress
+from .._signals import carry
 from ..model import Model
 from ..schemes import Scheme, as_scheme
 from .answer import Answer
@@ -83,9 +84,9 @@ def expect(
             answer = Work(*chosen, store).answer()
             store.save(answer)
             return answer
-    except KeyboardInterrupt as stop:
+    except BaseException as stop:
         if not isinstance(getattr(stop, "partial", None), Answer):
-            stop.partial = None  # a run of the pilot
+            carry(stop, lambda: None)  # not a run of the pilot
         raise
     finally:
         watch.close()

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._signals import carry
 from ..errors import BudgetWarning, NumericalError
 from ..mlmc.answer import Multilevel
 from ..mlmc.mlmc import Estimate
@@ -111,8 +112,8 @@ class Work:
                 if drawn.units.n >= planned:
                     wanted = max(least, self._units_for(drawn.units))
                 self.watch.tell(drawn.units.n / wanted)
-        except KeyboardInterrupt as stop:
-            stop.partial = self._answer(drawn) if drawn.units.n > 1 else None
+        except BaseException as stop:
+            carry(stop, lambda: self._answer(drawn) if drawn.units.n > 1 else None)
             raise
         return self._answer(drawn)
 
@@ -141,8 +142,8 @@ class Work:
                 else:
                     break
                 self.watch.tell(_units_of(drawn) / (_units_of(drawn) + 1))
-        except KeyboardInterrupt as stop:
-            stop.partial = self._of_even_levels(drawn) if all(x.units.n > 1 for x in drawn) else None
+        except BaseException as stop:
+            carry(stop, lambda: self._of_even_levels(drawn) if all(x.units.n > 1 for x in drawn) else None)
             raise
         return self._of_even_levels(drawn)
 
@@ -248,8 +249,9 @@ class Work:
         )  # fmt: skip
         try:
             return self._of_levels(estimate.run())
-        except KeyboardInterrupt as stop:
-            stop.partial = stop.partial and self._of_levels(stop.partial)
+        except BaseException as stop:
+            if isinstance(found := getattr(stop, "partial", None), Multilevel):
+                carry(stop, lambda: self._of_levels(found))
             raise
 
     def _of_levels(self, found: Multilevel) -> Answer:

@@ -10,6 +10,7 @@ from typing import Any
 
 from .. import _checks
 from .._progress import Progress
+from .._signals import carry
 from ..errors import InvalidArgumentError, NumericalError
 from ..expect import bias as weak
 from ..expect.candidates import best_coupled, weak_order
@@ -93,9 +94,9 @@ def mlmc(
         inputs["mlmc"] = {"steps": sampler.coarsest, "levels": most, "first": first, "antithetic": antithetic}
         with open_folder(out, inputs, problem.seed, watch) as store:
             return Estimate(sampler, tolerance, **given, store=store).run()
-    except KeyboardInterrupt as stop:
+    except BaseException as stop:
         if not isinstance(getattr(stop, "partial", None), Multilevel):
-            stop.partial = None  # nothing was begun
+            carry(stop, lambda: None)  # nothing was begun
         raise
 
 
@@ -126,8 +127,8 @@ class Estimate:
             while not self.watch.over and self._work():
                 pass
             return self.answer()
-        except KeyboardInterrupt as stop:
-            stop.partial = self.answer() if self._begun() else None
+        except BaseException as stop:
+            carry(stop, lambda: self.answer() if self._begun() else None)
             raise
         finally:
             self.watch.close()

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Signals for tests, sent when work has come to a point: no test waits for so many seconds."""
+
+import os
+import signal
+import sys
+import threading
+from contextlib import contextmanager
+
+import pytest
+from symsde._progress import Monitor
+
+
+class Sender:
+    """Another thread that sends this process a signal, when it is told to and the main thread is in the library.
+
+    Python hands control to another thread only where this one waits or leaves for the library, since the interval after
+    which it would do so by itself is made long here: so the signal comes while no line of Python is at work, and is
+    seen where the library calls Python next, or at the end of the call.
+    """
+
+    def __init__(self, number: int, at: int):
+        """Send the signal after the call of `told` with this number, from 1."""
+        self.number, self.at = number, at
+        self.calls = 0
+        self._go = threading.Event()
+        self._thread = threading.Thread(target=self._send)
+
+    def _send(self) -> None:
+        self._go.wait()
+        if self.calls >= self.at:
+            os.kill(os.getpid(), self.number)
+
+    def told(self, *_) -> bool:
+        """Count a call; as a progress function, never stop."""
+        self.calls += 1
+        if self.calls == self.at:
+            self._go.set()
+        return False
+
+    def __enter__(self) -> "Sender":
+        self._interval = sys.getswitchinterval()
+        sys.setswitchinterval(1e3)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._go.set()
+        self._thread.join()
+        sys.setswitchinterval(self._interval)
+
+
+@contextmanager
+def sent(number: int, at: int = 1):
+    """A sender, told whenever the library asks how to go on, in whatever call."""
+    with pytest.MonkeyPatch.context() as patch, Sender(number, at) as sender:
+        ask = Monitor.ask
+
+        def told(self, done, total):
+            stop = ask(self, done, total)
+            sender.told()
+            return stop
+
+        patch.setattr(Monitor, "ask", told)
+        yield sender
+
+
+@contextmanager
+def handled(number: int, handler):
+    """This handler for the signal."""
+    before = signal.signal(number, handler)
+    try:
+        yield
+        assert signal.getsignal(number) is handler
+    finally:
+        signal.signal(number, before)
+
+
+class HandledError(Exception):
+    """What `raises` does."""
+
+
+def raises(number, frame):
+    """A handler."""
+    raise HandledError(number)
