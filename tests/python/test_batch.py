@@ -373,13 +373,22 @@ def test_the_time_that_is_given_is_kept(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("90", 90), ("1.5h", 5400), ("30min", 1800), ("10 s", 10), ("1d", 86400), ("2:30", 150), ("1-02:03:04", 93784)],
+    [
+        *[("90", 90), ("1.5h", 5400), ("30min", 1800), ("10 s", 10), ("1d", 86400)],
+        # as Slurm writes it: minutes:seconds, hours:minutes:seconds, days-hours, days-hours:minutes, ..:seconds
+        *[("2:30", 150), ("90:00", 5400), ("0:07", 7), ("23:30:00", 84600), ("1:2:3", 3723), ("00:00:00", 0)],
+        *[("1-12", 129600), ("0-1", 3600), ("2-0", 172800), ("1-12:00", 129600), ("1-12:30", 131400)],
+        *[("0-12:00", 43200), ("0-01:30", 5400), ("1-02:03:04", 93784), ("0-0:0:9", 9), ("10-30:90:99", 977499)],
+    ],
 )
 def test_wall_times(text, expected):
     assert stop.seconds("max-walltime", text) == expected
 
 
-@pytest.mark.parametrize("text", ["", "soon", "-3", "1:2:3:4", "5 weeks", "nan"])
+@pytest.mark.parametrize(
+    "text",
+    ["", "soon", "-3", "1:2:3:4", "5 weeks", "nan", "1-", "1-2:3:4:5", "1-2.5", "1.5:00", "1:", ":30", "1-12h", "٣"],
+)
 def test_wall_times_that_are_none(text):
     with pytest.raises(InvalidArgumentError, match="is no time: give"):
         stop.seconds("max-walltime", text)

@@ -266,7 +266,7 @@ def test_a_shard_that_cannot_be_read(place, capsys):
         (["--shard", ""], "shard = '' is no part of a run: give i/n, as 1/8 for the first of eight"),
         (["--shard", "/8"], "shard = '/8' is no part of a run"),
         (["--shard=-1/8"], "shard = '-1/8' is no part of a run"),
-        (["--max-walltime", "soon"], "max-walltime = 'soon' is no time: give 90, 30min, 23.5h, or 23:30:00"),
+        (["--max-walltime", "soon"], "max-walltime = 'soon' is no time: give 90s, 30min, 23.5h, 23:30:00 or 1-12:00"),
         (["--max-walltime", ""], "max-walltime = '' is no time"),
         (["--checkpoint", "-1"], "checkpoint = '-1' is no time"),
         (["--shard-paths", "300"], "shard-paths = 300 is not a power of two"),

@@ -42,7 +42,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", help="folder of the run (default: named after the scene); resumes")
     parser.add_argument("--shard", metavar="I/N", type=str, help="compute part I of N only, I from 1")
     parser.add_argument("--shard-paths", metavar="N", help="paths of a shard, 256 times a power of two")
-    parser.add_argument("--max-walltime", metavar="TIME", help="end cleanly before: 90, 30min, 23.5h or 23:30:00")
+    limits = "end cleanly before: 90s, 30min, 23.5h, 23:30:00 or 1-12 (days-hours)"
+    parser.add_argument("--max-walltime", metavar="TIME", help=limits)
     parser.add_argument("--checkpoint", metavar="TIME", help="time between states of long paths (default: 10 s)")
     parser.add_argument(
         "--dry-run", action="store_true", help="say what it takes (time by a short pilot), write nothing"

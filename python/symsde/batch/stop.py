@@ -13,16 +13,20 @@ from ..errors import InvalidArgumentError
 _GRACE = 5.0  # seconds that pieces in work may still take after a wish to stop
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGUSR1") if hasattr(signal, name)]
 _SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+_WITH_UNIT = re.compile(r"(\d+(?:\.\d+)?) ?(s|min|h|d|)", re.ASCII)
+_OF_SLURM = re.compile(r"(\d+)-(\d+)(?::(\d+))?(?::(\d+))?|(?:(\d+):)?(\d+):(\d+)", re.ASCII)
+_UNITS = (86400.0, 3600.0, 60.0, 1.0, 3600.0, 60.0, 1.0)  # of its groups [s]
 
 
 def seconds(name: str, text: str) -> float:
-    """Seconds of a wall time: 90, 90s, 30min, 23.5h, 1d, or as Slurm writes it, [days-]hours:minutes:seconds."""
-    if match := re.fullmatch(r"(\d+(?:\.\d+)?) ?(s|min|h|d|)", text.strip()):
+    """Seconds of a wall time: 90s, 30min, 23.5h, 1d, or as Slurm writes it, minutes:seconds, hours:minutes:seconds,
+    days-hours, days-hours:minutes or days-hours:minutes:seconds. A number alone is seconds, which Slurm takes for
+    minutes: it is so in scripts that are there."""
+    if match := _WITH_UNIT.fullmatch(text.strip()):
         return float(match[1]) * _SECONDS[match[2]]
-    if match := re.fullmatch(r"(?:(\d+)-)?(?:(\d+):)?(\d+):(\d+)", text.strip()):
-        days, hours, minutes, rest = (int(part or 0) for part in match.groups())
-        return 86400.0 * days + 3600.0 * hours + 60.0 * minutes + rest
-    raise InvalidArgumentError(f"{name} = {text!r} is no time: give 90, 30min, 23.5h, or 23:30:00")
+    if match := _OF_SLURM.fullmatch(text.strip()):
+        return sum(float(part or 0) * unit for part, unit in zip(match.groups(), _UNITS, strict=True))
+    raise InvalidArgumentError(f"{name} = {text!r} is no time: give 90s, 30min, 23.5h, 23:30:00 or 1-12:00")
 
 
 class Stop:
