@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
 import json
 import os
+import stat
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -82,6 +84,22 @@ def path_of(name: str, value: object) -> Path:
     if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
         raise InvalidArgumentError(f"{name} = {_checks.shown(value)} is no path: give the name of a file or folder")
     return Path(value)
+
+
+_NO_FILES = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
+
+
+def require_file(path: str | os.PathLike) -> None:
+    """Refuse, as an OSError, what is no regular file before it is opened, which might wait for ever, or never end."""
+    kind = _NO_FILES.get(stat.S_IFMT(os.stat(path).st_mode))
+    if kind is not None:
+        raise OSError(errno.EINVAL, f"it is {kind}, give a file", str(path))
+
+
+def content(path: Path) -> bytes:
+    """The bytes of a regular file."""
+    require_file(path)
+    return path.read_bytes()
 
 
 def write(target: Path, make_dataset: Callable, variables: Variables, attributes: Mapping, also: str = "") -> None:

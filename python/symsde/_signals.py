@@ -4,8 +4,8 @@
 A handler that raises could do so where a callback of the library begins: the exception would be lost, and the results
 of the callback not set. So during such calls a handler that only leaves a note stands for each of Python's. They are
 called when the library asks how to go on, and at the end of the call: where they return, the work goes on; what they
-raise is raised by the call. A second signal of a kind whose note still waits, in a function of the user's that may hang,
-is handled at once.
+raise is raised by the call. A second signal of a kind whose note still waits, in a function of the user's that may
+hang, is handled at once.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from . import _checks, _named, models
+from . import _checks, _files, _named, models
 from ._setup import make_setup
 from ._signals import carry
 from .errors import InvalidArgumentError, SceneError, SymsdeError
@@ -186,6 +186,7 @@ def _read(file: str) -> tuple[str, dict[str, Any]]:
     """Its text, and what that says."""
     tomllib = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
     try:
+        _files.require_file(file)
         text = Path(file).read_text(encoding="utf-8")
         if NESTED.search(text):  # the parser would go as deep as Python can, where nothing else works any more
             raise RecursionError

@@ -8,6 +8,7 @@ import json
 import math
 import os
 import pickle
+import socket
 import subprocess
 import sys
 
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import rotation_gradient, rotation_value, table_of, told
+from symsde import cli
 from symsde._files import json_text
 
 START = np.full((2, 300), 0.1)
@@ -281,3 +283,26 @@ def test_compiled_functions_cannot_be_pickled():
     with pytest.raises(ss.errors.WrongTypeError, match="'mine' holds compiled functions"):
         pickle.dumps(model)
     assert copy.copy(model) is copy.deepcopy(model) is model
+
+
+@pytest.mark.parametrize("kind", ["a pipe", "a socket", "a device"])
+def test_what_is_no_file_is_refused_before_it_is_opened(kind, tmp_path, capsys):
+    """A pipe is opened when somebody writes, /dev/zero never ends: both would hang."""
+    made = {".toml": tmp_path / "x.toml", ".csv": tmp_path / "x.csv", "manifest": tmp_path / "run" / "manifest.json"}
+    (tmp_path / "run").mkdir()
+    for path in made.values():
+        if kind == "a pipe":
+            os.mkfifo(path)
+        elif kind == "a device":
+            path.symlink_to("/dev/zero")
+        else:
+            os.chdir(path.parent)  # names of sockets are short
+            socket.socket(socket.AF_UNIX).bind(path.name)
+    for verb in ("check", "run", "expect", "study"):
+        assert cli.main([verb, str(made[".toml"])]) == cli.BAD_INPUT
+        assert f"x.toml cannot be read: it is {kind}, give a file" in capsys.readouterr().err
+    for given in (["study", "--all", str(tmp_path)], ["plot", str(made[".csv"])], ["plot", str(tmp_path / "run")]):
+        assert cli.main(given) in (cli.BAD_INPUT, cli.NOT_WRITTEN)
+        assert f"it is {kind}, give a file" in capsys.readouterr().err
+    with pytest.raises(ss.errors.SceneError, match=f"x.toml cannot be read: it is {kind}"):
+        ss.scene.load(made[".toml"])

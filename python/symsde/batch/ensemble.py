@@ -87,8 +87,8 @@ def ensemble(
 
     shard_paths: paths of a shard, 256 times a power of two; by default some seconds of work. The other arguments are
     those of `moments`. progress: True, or a function f(done, total) in path-steps that may return True to stop; then
-    the moments are those of the shards that were done, and `report.stopped` counts the paths that were not. So are those
-    that Ctrl-C, or what the handler of another signal raises, carries as `partial`; None before the first.
+    the moments are those of the shards that were done, and `report.stopped` counts the paths that were not. So are
+    those that Ctrl-C, or what the handler of another signal raises, carries as `partial`; None before the first.
     """
     functions = check_observables(observables)
     given = _checks.own({"q0": q0, "p0": p0, "step": step, "steps": steps, **options})

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .. import _checks, _named
+from .. import _checks, _files, _named
 from .._setup import build_info, make_setup
 from ..errors import SceneError
 from ..scene import RUN_KEYS, Scene
@@ -98,7 +98,7 @@ def read(folder: Path) -> dict[str, Any] | None:
     """The manifest of a folder; None where there is none."""
     path = folder / NAME
     try:
-        content = path.read_bytes()
+        content = _files.content(path)
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:

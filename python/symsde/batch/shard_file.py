@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import _durable
+from .. import _durable, _files
 from ..errors import NotWrittenError, SymsdeError
 
 _DIGITS = 64  # of a SHA-256
@@ -60,7 +60,7 @@ def write(target: Path, shard: Shard) -> bool:
 def read(path: Path) -> Shard:
     """Read and verify."""
     try:
-        content = path.read_bytes()
+        content = _files.content(path)
     except FileNotFoundError:
         raise
     except OSError as error:

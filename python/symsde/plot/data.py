@@ -82,6 +82,7 @@ def means_of(moments: Any) -> Means:
 
 def from_file(path: Path) -> Paths | Means:
     """From a file that a run has written."""
+    _files.require_file(path)
     try:
         if path.suffix == ".csv":
             return _from_table(path)

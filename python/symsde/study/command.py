@@ -8,6 +8,7 @@ import importlib
 import sys
 from pathlib import Path
 
+from .. import _files
 from ..errors import InvalidArgumentError, SceneError
 
 HELP = "Measure error against run time of schemes on a scene; write a table, a CSV file and a figure."
@@ -71,7 +72,7 @@ def _one(scenes, file: Path, directory: Path, given: dict, quiet: bool):
 def _folder(name: str) -> list[Path]:
     """Scenes of a folder that are to be studied."""
     found = sorted(Path(name).glob("*.toml"))
-    chosen = [file for file in found if "\n[study]" in file.read_text(encoding="utf-8")]
+    chosen = [file for file in found if b"\n[study]" in _files.content(file)]
     if not chosen:
         raise SceneError(f"{name} has no scene with a table [study]")
     return chosen
