@@ -16,7 +16,7 @@ function(add_python_test name label)
    endif()
    set_tests_properties(${name} PROPERTIES
       LABELS "${label}"
-      TIMEOUT 1800
+      TIMEOUT 3600
       SKIP_RETURN_CODE 77
       ENVIRONMENT "SYMSDE_LIBRARY=$<TARGET_FILE:symsde>;SYMSDE_CACHE=${PROJECT_BINARY_DIR}/formulas;PYTHONDONTWRITEBYTECODE=1;MPLBACKEND=Agg"
       ENVIRONMENT_MODIFICATION "PYTHONPATH=path_list_prepend:${PROJECT_SOURCE_DIR}/python")

@@ -223,7 +223,7 @@ static void test_fork(void) {
    fflush(stdout);
    const pid_t forked = fork();
    if (forked == 0) {
-      alarm(60); /* a child that hangs is ended by this signal */
+      alarm(600); /* a child that hangs is ended by this signal */
       OK(symsde_run_advance(run, STEPS / 2, 1, NULL, NULL, &error));
       CHECK(is_last(run));
       fflush(stdout);

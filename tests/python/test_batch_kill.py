@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""kill -9 at random moments, again and again: what is there in the end has the bits of a run that nobody disturbed.
+"""kill -9 at random points of its work on files, again and again: what is there in the end has the bits of a run that
+nobody disturbed.
 
 SYMSDE_KILLS is how many kills; a sample without it.
 """
@@ -7,14 +8,14 @@ SYMSDE_KILLS is how many kills; a sample without it.
 import hashlib
 import os
 import random
+import shutil
 import signal
 import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
 from conftest import table_of
+from sent_at import words
 
 KILLS = int(os.environ.get("SYMSDE_KILLS", "6"))
 
@@ -38,21 +39,11 @@ LONG = SCENE.format(steps=40000000, every=2000000, paths="[5]").replace("paths =
 LONG = LONG.replace("moments = true", "moments = false")
 
 
-def command(scene, out):
-    given = [
-        sys.executable,
-        "-m",
-        "symsde",
-        "run",
-        str(scene),
-        "--out",
-        str(out),
-        "--shard-paths",
-        "256",
-        "--checkpoint",
-        "0.05",
-    ]
-    return subprocess.Popen([*given, "--quiet"], start_new_session=True)
+def run(scene, out, at=0):
+    """Exit code of a run that is killed when it comes to this event of those in its folder, and how many it met."""
+    given = ["run", scene, "--out", out, "--shard-paths", "256", "--checkpoint", "0.05", "--quiet"]
+    done = subprocess.run(words(signal.SIGKILL, at, out, "all", "symsde", *given), stdout=subprocess.PIPE, check=False)
+    return done.returncode, int(done.stdout or at)
 
 
 def digest(folder):
@@ -69,25 +60,19 @@ def digest(folder):
 def test_killed_and_resumed(name, text, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(text)
-    begin = time.monotonic()
-    assert command(scene, tmp_path / "known").wait(300) == 0
-    whole = time.monotonic() - begin
+    code, events = run(scene, tmp_path / "known")
+    assert code == 0 and events > 50
     dice = random.Random(12)
-    survived = 0
-    for sitting in range(20 * KILLS):
-        process = command(scene, tmp_path / "out")
-        try:
-            process.wait(dice.uniform(0.2, 1.0) * whole if survived < KILLS else 300)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-            survived += 1
-        if process.returncode == 0:  # done: from the start again, for more kills
+    killed = 0
+    while killed < KILLS:
+        code, _ = run(scene, tmp_path / "out", dice.randint(1, events))
+        assert code in (0, -signal.SIGKILL)
+        killed += code != 0
+        if code == 0:  # less than so many events were left: from the start again, for more kills
             assert digest(tmp_path / "out") == digest(tmp_path / "known")
-            if survived >= KILLS:
-                break
-            os.rename(tmp_path / "out", tmp_path / f"done{sitting}")
-    assert survived >= KILLS and process.returncode == 0
+            shutil.rmtree(tmp_path / "out")
+    assert run(scene, tmp_path / "out")[0] == 0
+    assert digest(tmp_path / "out") == digest(tmp_path / "known")
     left = [path.name for path in (tmp_path / "out" / "shards").iterdir() if path.suffix != ".npz"]
     assert not left
 
@@ -96,9 +81,9 @@ def test_a_checkpoint_beside_its_shard_goes(tmp_path):
     """Who is killed between writing the shard and that leaves it to the next one."""
     scene = tmp_path / "scene.toml"
     scene.write_text(SCENE.format(steps=2000, every=1000, paths="[5]"))
-    assert command(scene, tmp_path / "out").wait(300) == 0
+    assert run(scene, tmp_path / "out")[0] == 0
     shards = sorted((tmp_path / "out" / "shards").glob("*.npz"))
     for shard in shards:
         shard.with_suffix(".checkpoint").write_bytes(b"")
-    assert command(scene, tmp_path / "out").wait(300) == 0
+    assert run(scene, tmp_path / "out")[0] == 0
     assert shards and sorted((tmp_path / "out" / "shards").iterdir()) == shards

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
-from clock import Clock
+from clock import Clock, WorkClock
 from symsde.expect import choice, control, quasi, tails, tolerance
 from symsde.expect.answer import Answer
 from symsde.expect.choice import Plan
@@ -231,7 +231,8 @@ def test_multilevel_is_not_chosen_where_paths_dephase():
     assert choice.multilevel(trial, 1e-2).seconds > choice.plain(trial, 1e-2).seconds
 
 
-def test_long_horizon_is_not_given_to_multilevel():
+def test_long_horizon_is_not_given_to_multilevel(monkeypatch):
+    WorkClock(monkeypatch)
     answer = ss.expect(ss.models.synchrotron(sigma1=0.8, sigma2=0.5), "cos(q)", q0=1.0, p0=0.0, horizon=60.0, abs=0.05)
     assert answer.method != "multilevel" and answer.reached
 

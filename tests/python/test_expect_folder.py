@@ -7,11 +7,11 @@ import math
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 import symsde as ss
+from sent_at import PLACED, words
 from symsde.batch.folder import RunFolder
 from symsde.batch.shard_file import read
 from symsde.cli import main
@@ -183,24 +183,22 @@ method = "plain"
 
 
 def test_a_killed_command_goes_on(tmp_path):
-    """kill -9 after the second part; the same command keeps what there is, and ends with the interval asked for."""
+    """kill -9 when the third part gets its name; the same command keeps what there is, and ends with the interval asked
+    for."""
     scene, out = tmp_path / "scene.toml", tmp_path / "out"
     scene.write_text(SCENE)
-    command = [sys.executable, "-m", "symsde", "expect", str(scene), "--out", str(out), "--quiet"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    while process.poll() is None and len(shards(out, "units")) < 2:
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
+    given = ["expect", scene, "--out", out, "--quiet"]
+    begun = subprocess.run(words(signal.SIGKILL, 3, "shards/units-", PLACED, "symsde", *given), check=False)
+    assert begun.returncode == -signal.SIGKILL
     there = {path: path.read_bytes() for path in shards(out, "units")}
-    assert len(there) >= 2
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert len(there) == 2
+    command = [sys.executable, "-m", "symsde", *map(str, given)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert all(path.read_bytes() == content for path, content in there.items())
     low, high = (float(x) for x in done.stdout.split("[")[1].rstrip("]\n").split(","))
     assert 7e-4 * 2.1 > high - low > 0 and abs((low + high) / 2 - 0.9995) < 4e-3
-    # nothing half-written but what the killed process may have had in hand
-    assert all(f".{process.pid}." in path.name for path in (out / "shards").glob(".*"))
+    assert not list((out / "shards").glob(".*"))  # nothing half-written
 
 
 MLMC = """
@@ -212,15 +210,13 @@ print(found.value.hex(), found.reached)
 
 
 def test_multilevel_by_itself_goes_on_after_a_kill(tmp_path):
-    """kill -9 once a part is there: what is there stays as it is, and the value is that of a folder of one process."""
+    """kill -9 when a second part gets its name: what is there stays as it is, and the value is that of a folder of one
+    process."""
     begun, whole = tmp_path / "begun", tmp_path / "whole"
-    process = subprocess.Popen([sys.executable, "-c", MLMC, str(begun)], stdout=subprocess.DEVNULL)
-    while process.poll() is None and not shards(begun, "level"):
-        time.sleep(0.001)
-    process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
+    killed = subprocess.run(words(signal.SIGKILL, 2, "shards/level-", PLACED, MLMC, begun), check=False)
+    assert killed.returncode == -signal.SIGKILL
     there = {path: path.read_bytes() for path in shards(begun, "level")}
-    assert there
+    assert len(there) == 1
     told = []
     for out in (begun, whole):
         done = subprocess.run([sys.executable, "-c", MLMC, str(out)], capture_output=True, text=True, check=False)
@@ -266,7 +262,7 @@ def test_processes_share_a_folder(tmp_path):
     scene.write_text(SCENE)
     command = [sys.executable, "-m", "symsde", "expect", str(scene), "--out", str(out), "--quiet"]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    said = [process.communicate(timeout=120)[0] for process in both]
+    said = [process.communicate()[0] for process in both]
     assert [process.returncode for process in both] == [0, 0] and said[0] == said[1] != ""
     parts = [read(path) for path in shards(out, "units")]
     assert 1 <= len({part.facts["by"] for part in parts}) <= 2

@@ -14,7 +14,6 @@ import symsde as ss
 from sender import HandledError, handled, raises, sent
 from symsde import _setup
 
-GUARD = 600  # seconds, which a process that hangs alone takes
 LONG = {"q0": 1.0, "p0": 0.0, "step": 1e-3, "steps": 10**9, "save_every": 10**8}
 
 
@@ -74,7 +73,7 @@ if __name__ == "__main__":
     assert [x for _, x in here] == [x for _, x in there]
     print("same")
 """
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=GUARD, check=False)
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert found.stdout.strip() == "same", found.stderr
 
 

@@ -91,9 +91,7 @@ for model in models:
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_every_call_ends_under_any_limit(threads):
-    found = subprocess.run(
-        [sys.executable, "-c", CHILD, str(threads)], capture_output=True, text=True, timeout=900, check=False
-    )
+    found = subprocess.run([sys.executable, "-c", CHILD, str(threads)], capture_output=True, text=True, check=False)
     lines = found.stdout.splitlines()
     assert found.returncode == 0, (lines[-1:], found.stderr[-1000:])
     done = [line.split() for line in lines if line.startswith("done")]

@@ -87,7 +87,7 @@ def test_report(kubo, options):
     assert report.counters["path_steps"] == 40 * 12
     assert report.counters["normals"] >= 40 * 12
     assert report.versions["version"] == ss.__version__
-    assert 0 < report.timings["run"] < 60 and 0 < report.timings["setup"] < 60 and report.failed == 0
+    assert report.timings["run"] > 0 and report.timings["setup"] > 0 and report.failed == 0
     assert "stepper" in str(report)
     quiet = ss.simulate(ss.models.kubo(sigma=0.0), **options).report
     assert quiet.counters["normals"] == 0

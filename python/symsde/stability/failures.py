@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import ctypes
-import time
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from .systems import inverted, quartic
 
 SINGULAR, NONFINITE = 2, 3  #: status of a path
 BAD = 137  #: the bad path
-LIMIT = 5.0  #: seconds
 
 
 def overflow(quick: bool) -> Expectations:
@@ -100,19 +98,15 @@ def callbacks(quick: bool) -> Expectations:
         for value in (np.nan, np.inf):
             ill = label.copy()
             ill[1, bad] = 1.0
-            begin = time.perf_counter()
             run = simulate(labelled(_spoil(value), (k - 1) * h), q0=ill, steps=steps, **common)
-            seconds = time.perf_counter() - begin
             found = int(run.status[bad]), int(run.failed_step[bad])
-            right = found == (NONFINITE, k - 1) and run.report.failed == 1 and seconds < LIMIT
+            right = found == (NONFINITE, k - 1) and run.report.failed == 1
             text = f"{np.flatnonzero(run.status).tolist()}, {found[1]}, {ss.status_text(found[0])}"
             result.expect(f"{value} at step {k}", "path, step, status", text,
-                          f"[{bad}], {k - 1}, not a finite number; others untouched, < {LIMIT:g} s",
+                          f"[{bad}], {k - 1}, not a finite number; others untouched",
                           right and _untouched(run, healthy, bad))  # fmt: skip
-    begin = time.perf_counter()
     told = _outcome(lambda: simulate(labelled(_raise, 0.0), q0=label, steps=3, **common))
     result.same("raises in Python", "error that surfaces", told, "ZeroDivisionError: planted")
-    result.at_most("raises in Python", "seconds until then", time.perf_counter() - begin, LIMIT)
     told = _outcome(lambda: simulate(_coded(7), q0=0.0, p0=0.0, step=h, steps=3))
     result.same("returns code 7 in C", "error that surfaces", told.partition(":")[0], "CallbackError")
     return result

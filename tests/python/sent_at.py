@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Run a program that sends itself a signal when it comes to a point: no test waits for a process to get so far.
+
+    sent_at.py SIGNAL N WORD EVENTS PROGRAM [ARGUMENT..]
+
+The point is the N-th of the events, as Python's audit hooks name them, that tell of a path with this word in it. EVENTS
+are some of them joined by commas, or `all` that have to do with files. PROGRAM is `symsde`, the command line, or the
+text of a program. With N = 0 no signal is sent, and the number of events is printed at the end.
+"""
+
+import atexit
+import os
+import runpy
+import sys
+
+FILES = "open,os.link,os.rename,os.remove,os.mkdir,os.rmdir,os.chmod,os.scandir,os.listdir"
+PLACED = "os.link,os.rename"  #: a file that was written gets its name
+
+
+def main() -> None:
+    """Do it."""
+    number, at, word, events, program, *arguments = sys.argv[1:]
+    wanted = set((FILES if events == "all" else events).split(","))
+    seen = 0
+
+    def hook(event, given):
+        nonlocal seen
+        if event in wanted and any(word in os.fsdecode(x) for x in given if isinstance(x, str | bytes | os.PathLike)):
+            seen += 1
+            if seen == int(at):
+                os.kill(os.getpid(), int(number))
+
+    sys.addaudithook(hook)
+    if at == "0":
+        atexit.register(lambda: print(seen))
+    sys.argv = ["", *arguments]
+    if program == "symsde":
+        runpy.run_module("symsde", run_name="__main__")
+    else:
+        exec(compile(program, "program", "exec"), {"__name__": "__main__"})
+
+
+def words(number, at, word, events, program, *arguments):
+    """What starts such a process."""
+    given = (number, at, word, events, program, *arguments)
+    return [sys.executable, __file__, *map(str, given)]
+
+
+if __name__ == "__main__":
+    main()
