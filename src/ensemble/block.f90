@@ -7,6 +7,7 @@
 module symsde_ensemble_block
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
+   use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: path_of_lane
    use symsde_base_record, only: step_record, steps_record
@@ -161,16 +162,21 @@ contains
       self%enough = self%state%nlane
    end subroutine begin_with
 
-   !> Steps until the chunk or the run is over, or enough paths of the block have failed.
-   subroutine run_chunk(self)
+   !> Steps until the chunk or the run is over, enough paths of the block have failed, or the interrupt is wanted, which
+   !> is looked at where the draws of a step take long.
+   subroutine run_chunk(self, interrupt)
       class(block_runner), intent(inout) :: self
+      class(interrupt_type), intent(inout), optional :: interrupt
       integer(i8) :: last
       integer :: nout, every
       logical :: alone, taken
 
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%enough)
-         call self%drawn%draw(self%step, self%options%first_step + self%options%nstep, self%few, self%alone)
+         call self%drawn%draw(self%step, self%options%first_step + self%options%nstep, self%few, self%alone, interrupt)
+         if (present(interrupt)) then
+            if (interrupt%wanted) return
+         end if
          alone = self%alone .and. .not. self%whole
          if (alone) call self%few%stepper%is_rested(alone)
          taken = self%whole

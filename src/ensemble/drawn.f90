@@ -2,6 +2,7 @@
 !> What drives the steps of a block: drawn several pairs of steps ahead, and shown one step at a time.
 module symsde_ensemble_drawn
    use symsde_base_functionals, only: functional_set
+   use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record, step_store, step_request, describe_step_store
    use symsde_ensemble_ahead, only: pairs_ahead, pairs_of
@@ -54,12 +55,13 @@ contains
    end subroutine begin
 
    !> Have what drives a step: drawn ahead, or asked for, several pairs from an even one on; few paths have stores of
-   !> their own.
-   subroutine draw(self, step, nstep, few, alone)
+   !> their own. Nothing is had where the interrupt is wanted.
+   subroutine draw(self, step, nstep, few, alone, interrupt)
       class(drawn_steps), intent(inout) :: self
       integer(i8), intent(in) :: step, nstep       !! absolute, counted from 0; that with which the run ends
       type(few_paths), intent(inout) :: few
       logical, intent(in) :: alone                 !! the paths are those
+      class(interrupt_type), intent(inout), optional :: interrupt
       integer(i8) :: pair, drawn
       integer :: room
 
@@ -71,12 +73,14 @@ contains
       self%request%npair = self%nahead
       drawn = 0
       if (alone) then
-         if (self%noise%nnoise > 0) call few%fill(self%noise, self%request, drawn)
+         if (self%noise%nnoise > 0) call few%fill(self%noise, self%request, drawn, interrupt)
       else
          call self%store%make_room()
-         if (self%noise%nnoise > 0) call self%noise%fill(self%request, self%store, drawn)
+         if (self%noise%nnoise > 0) call self%noise%fill(self%request, self%store, drawn, interrupt)
       end if
       self%normals_of_pair = drawn/self%nahead
+      if (.not. present(interrupt)) return
+      if (interrupt%wanted) self%nahead = 0
    end subroutine draw
 
    !> Steps from the first one that was drawn to this one.

@@ -4,6 +4,7 @@
 !> steps, a path that is alone has such a store, too.
 module symsde_ensemble_few
    use symsde_base_functionals, only: nfunctional
+   use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: steps_record, step_store, step_request, new_step_store
    use symsde_ensemble_ahead, only: pairs_ahead, pairs_of, states_ahead
@@ -167,18 +168,19 @@ contains
    end subroutine walk
 
    !> The pairs of steps of a request, for each of its real paths.
-   subroutine fill(self, noise, request, drawn)
+   subroutine fill(self, noise, request, drawn, interrupt)
       class(few_paths), intent(inout) :: self
       class(noise_type), intent(in) :: noise
       type(step_request), intent(in) :: request
       integer(i8), intent(out) :: drawn   !! normals drawn for one path
+      class(interrupt_type), intent(inout), optional :: interrupt
       type(step_request) :: one
       integer :: lane
 
       one = step_request(1, 1, request%path(:1), request%pair, request%npair)
       do lane = 1, request%nreal
          one%path = request%path(lane:lane)
-         call noise%fill(one, self%own(lane), drawn)
+         call noise%fill(one, self%own(lane), drawn, interrupt)
       end do
    end subroutine fill
 

@@ -6,7 +6,7 @@ module symsde_ensemble_monitor
    use symsde_base_status, only: error_type, raise, stopped
    implicit none
    private
-   public :: monitor_type, stop_if_wanted
+   public :: monitor_type, stop_if_wanted, raise_stopped
 
    real(wp), parameter :: pause = 0.05_wp  !! between two questions [s]
 
@@ -54,7 +54,15 @@ contains
 
       if (.not. present(monitor)) return
       call monitor%ask(done, total, stop_now)
-      if (stop_now) call raise(error, stopped, place, 'the diagnosis was stopped on request: it has no result')
+      if (stop_now) call raise_stopped(place, error)
    end subroutine stop_if_wanted
+
+   !> A diagnosis is left.
+   subroutine raise_stopped(place, error)
+      character(*), intent(in) :: place  !! the procedure that is left
+      type(error_type), allocatable, intent(inout) :: error
+
+      call raise(error, stopped, place, 'the diagnosis was stopped on request: it has no result')
+   end subroutine raise_stopped
 
 end module symsde_ensemble_monitor

@@ -4,6 +4,7 @@ module symsde_ensemble_threads
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_max_threads, omp_get_thread_num
    use symsde_base_clock, only: seconds
+   use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument, stopped, absorbed
    use symsde_base_text, only: to_text
@@ -27,6 +28,14 @@ module symsde_ensemble_threads
       integer(i8) :: done = 0, total = 0          !! path-steps
       integer(i8) :: nfailed = 0, nstopped = 0    !! paths
    end type shared_state
+
+   !> The stop flag as one thread sees it, between chunks and where a step takes long.
+   type, extends(interrupt_type) :: stop_flag
+      type(shared_state), pointer :: shared => null()
+      class(monitor_type), pointer :: monitor => null()  !! of the thread that called the library, who alone tells it
+   contains
+      procedure :: look
+   end type stop_flag
 
    interface
       !> POSIX: rest for so many microseconds.
@@ -63,8 +72,8 @@ contains
       type(runner_recipe), intent(in) :: recipe
       type(run_options), intent(in) :: options
       type(initial_state), intent(in) :: start
-      class(monitor_type), intent(inout) :: monitor
-      type(shared_state), intent(inout) :: shared
+      class(monitor_type), intent(inout), target :: monitor
+      type(shared_state), intent(inout), target :: shared
       integer(c_int) :: mode, own
 
       if (size(runners) == 1) then  ! a team of one costs a microsecond
@@ -88,12 +97,15 @@ contains
       type(runner_recipe), intent(in) :: recipe
       type(run_options), intent(in) :: options
       type(initial_state), intent(in) :: start
-      class(monitor_type), intent(inout) :: monitor
-      type(shared_state), intent(inout) :: shared
+      class(monitor_type), intent(inout), target :: monitor
+      type(shared_state), intent(inout), target :: shared
+      type(stop_flag) :: flag
       integer(i8) :: iblock, nblock, nlane
       integer :: nreal
       logical :: stopping
 
+      flag%shared => shared
+      if (me == 1) flag%monitor => monitor
       nlane = runners(1)%state%nlane
       nblock = (options%npath + nlane - 1)/nlane
       do
@@ -109,7 +121,7 @@ contains
             call runners(me)%pass_over(options%first_path + iblock*nlane, nreal, start)
          else
             call runners(me)%begin(options%first_path + iblock*nlane, nreal, start)
-            call run_block(runners(me), recipe, me == 1, monitor, shared)
+            call run_block(runners(me), recipe, monitor%chunk, flag, shared)
          end if
          !$omp critical (symsde_end_block)
          call runners(me)%observer%end_block(runners(me)%state)
@@ -124,18 +136,17 @@ contains
       !$omp critical (symsde_end_block)
       call runners(me)%observer%gather()
       !$omp end critical (symsde_end_block)
-      if (me == 1) call watch(nblock, monitor, shared)
+      if (me == 1) call watch(nblock, flag, shared)
    end subroutine run_share
 
    !> The calling thread has no block left: until the others are done it still tells the monitor, so that a
    !> run can be stopped whichever thread works on its last block.
-   subroutine watch(nblock, monitor, shared)
+   subroutine watch(nblock, flag, shared)
       integer(i8), intent(in) :: nblock
-      class(monitor_type), intent(inout) :: monitor
+      type(stop_flag), intent(inout) :: flag
       type(shared_state), intent(inout) :: shared
-      integer(i8) :: finished, done
+      integer(i8) :: finished
       integer(c_int) :: ignored, wait_time
-      logical :: stop_now
 
       wait_time = 5
       do
@@ -144,26 +155,40 @@ contains
          if (finished >= nblock) exit
          ignored = usleep(wait_time)
          wait_time = min(2*wait_time, longest_wait)
-         !$omp atomic read
-         done = shared%done
-         call monitor%ask(done, shared%total, stop_now)
-         if (stop_now) then
-            !$omp atomic write
-            shared%stopping = .true.
-         end if
+         call flag%look()
       end do
    end subroutine watch
 
+   !> Whether the run is to be stopped; the thread that called the library tells the monitor and asks it.
+   subroutine look(self)
+      class(stop_flag), intent(inout) :: self
+      integer(i8) :: done
+      logical :: stopping
+
+      !$omp atomic read
+      stopping = self%shared%stopping
+      if (associated(self%monitor)) then
+         !$omp atomic read
+         done = self%shared%done
+         call self%monitor%ask(done, self%shared%total, self%wanted)
+         if (self%wanted) then
+            !$omp atomic write
+            self%shared%stopping = .true.
+         end if
+      end if
+      self%wanted = self%wanted .or. stopping
+   end subroutine look
+
    !> One block, chunk by chunk; between chunks the stop flag is read and the monitor is told. Chunks take a moment, and
    !> the clock decides about nothing else.
-   subroutine run_block(runner, recipe, is_caller, monitor, shared)
+   subroutine run_block(runner, recipe, chunk, flag, shared)
       type(block_runner), intent(inout), target :: runner
       type(runner_recipe), intent(in) :: recipe
-      logical, intent(in) :: is_caller   !! this is the thread that called the library
-      class(monitor_type), intent(inout) :: monitor
+      integer(i8), intent(in) :: chunk   !! steps of each, as the monitor wants; 0 = those of a moment
+      type(stop_flag), intent(inout) :: flag
       type(shared_state), intent(inout) :: shared
       type(block_runner), pointer :: active   !! who has the paths of the block
-      integer(i8) :: before, done
+      integer(i8) :: before
       real(wp) :: began, took
       logical :: stop_now
 
@@ -174,20 +199,18 @@ contains
          if (stop_now) exit
          call narrow_down(recipe, runner, active)
          before = active%step
-         active%chunk = merge(monitor%chunk, runner%chunk, monitor%chunk > 0)
+         active%chunk = merge(chunk, runner%chunk, chunk > 0)
          began = seconds()
-         call active%run_chunk()
+         call active%run_chunk(flag)
          took = max(seconds() - began, 1e-9_wp)
          runner%chunk = max(1_i8, int(min(16.0_wp, moment/took)*(active%step - before), i8))
-         !$omp atomic capture
+         !$omp atomic update
          shared%done = shared%done + (active%step - before)*runner%nreal
-         done = shared%done
-         !$omp end atomic
-         stop_now = runner%stepper%ham%model%failure_code() /= 0 .or. runner%observer%failure_code() /= 0
-         if (is_caller .and. .not. stop_now) call monitor%ask(done, shared%total, stop_now)
-         if (stop_now) then
+         if (runner%stepper%ham%model%failure_code() /= 0 .or. runner%observer%failure_code() /= 0) then
             !$omp atomic write
             shared%stopping = .true.
+         else
+            call flag%look()
          end if
       end do
       call come_back(runner, active)

@@ -12,6 +12,7 @@
 !> A noise that is common to all paths is drawn with the counters of path 0 for each of them.
 module symsde_noise_brownian
    use symsde_base_functionals, only: nfunctional, path_areas
+   use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: padded, lane_unit
    use symsde_base_laws, only: law_gaussian, law_text
@@ -82,29 +83,31 @@ contains
 
    !> Several pairs at once are the same numbers as pair by pair: no word of a draw is left over, and few
    !> paths pay for themselves and not for their padding.
-   subroutine fill_brownian(self, request, store, drawn)
+   subroutine fill_brownian(self, request, store, drawn, interrupt)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
       type(step_store), intent(inout) :: store
       integer(i8), intent(out) :: drawn
+      class(interrupt_type), intent(inout), target, optional :: interrupt
 
       drawn = 0
       if (.not. self%asked%is_empty() .or. &
           (self%law /= law_gaussian .and. looks_ahead(self, request))) then
-         call fill_functionals(self, request, store, drawn)
+         call fill_functionals(self, request, store, drawn, interrupt)
       else if (self%law == law_gaussian .and. self%refine == 0 .and. mod(request%pair, 2_i8) == 0) then
          call fill_ahead(self, request%nlane, request%nreal, request%path, request%pair, request%npair, store%w, drawn)
       else
-         call fill_others(self, request, store%w, drawn)
+         call fill_others(self, request, store%w, drawn, interrupt)
       end if
    end subroutine fill_brownian
 
    !> Increments of several steps, whatever the law and the refinement.
-   subroutine fill_others(self, request, w, drawn)
+   subroutine fill_others(self, request, w, drawn, interrupt)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
       real(wp), intent(inout) :: w(request%nlane, 0:self%nnoise, 0:2*request%npair - 1)
       integer(i8), intent(inout) :: drawn
+      class(interrupt_type), intent(inout), target, optional :: interrupt
       real(wp), allocatable :: dw(:, :)
       type(normals_of) :: normals
       integer :: k, step
@@ -112,6 +115,7 @@ contains
       allocate (dw(request%nlane, 0:2*request%npair - 1))
       normals%seed = self%seed
       normals%nreal = request%nreal
+      if (present(interrupt)) normals%interrupt => interrupt
       associate (nlane => request%nlane, first => 2*request%pair, nstep => 2*request%npair, levels => abs(self%refine))
          do k = 1, self%nnoise
             if (self%silent(k)) then
@@ -127,6 +131,7 @@ contains
             else
                call halve_coarser(normals, nlane, first, nstep, levels, self%h, dw, drawn)
             end if
+            if (normals%is_left(1_i8)) return
             do step = 0, nstep - 1
                if (self%bound < huge(1.0_wp)) call clip_increments(nlane, self%bound, dw(:, step))
                w(:, k, step) = dw(:, step)
@@ -266,11 +271,12 @@ contains
    end subroutine spread_alone
 
    !> The same draws with the functionals of the path they belong to.
-   subroutine fill_functionals(self, request, store, drawn)
+   subroutine fill_functionals(self, request, store, drawn, interrupt)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
       type(step_store), intent(inout) :: store
       integer(i8), intent(inout) :: drawn
+      class(interrupt_type), intent(inout), target, optional :: interrupt
       type(integral_draws) :: draws
       type(path_interval) :: steps(0:1)
       integer(i8) :: of_path, behind
@@ -278,11 +284,13 @@ contains
 
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%common, &
                              self%asked, self%areas, self%law)
+      if (present(interrupt)) draws%interrupt => interrupt
       if (looks_ahead(self, request)) then
          behind = mod(request%pair, 2_i8**max(-self%refine, 0))
          call draws%look_ahead(request%npair, behind)
          do i = 1, request%nreal
             call fill_alone(self, draws, request, request%pair - behind, i, store, of_path)
+            if (draws%is_left()) return
          end do
          drawn = drawn + of_path
          call repeat_last(self, request, store)
@@ -295,6 +303,7 @@ contains
       do i = 0, 2*request%npair - 1
          if (mod(i, 2) == 0) &
             call fill_pair(draws, request%nlane, request%path, request%pair + i/2, steps(0), steps(1), drawn)
+         if (draws%is_left()) return
          associate (step => steps(mod(i, 2)))
             if (self%bound < huge(1.0_wp)) call clip_interval(request%nlane, self%nnoise, self%bound, step)
             store%w(:, 1:, i) = step%w
@@ -351,6 +360,7 @@ contains
       allocate (path(n), source=request%path(lane))
       of_pair = 0
       call fill_pair(draws, n, path, pair, steps(0), steps(1), of_pair)
+      if (draws%is_left()) return
       drawn = request%npair*of_pair
       do i = 0, 1
          if (self%bound < huge(1.0_wp)) call clip_interval(n, self%nnoise, self%bound, steps(i))
@@ -400,6 +410,7 @@ contains
       allocate (partial(nlane, max(self%refine - 1, 0)))
       do step = 0, nstep - 1, merge(2, 1, self%refine == 0)
          do i = 0, npair - 1
+            if (of%is_left(i)) return
             call discrete_pairs(nlane, self%seed, of%path, (first + step)*2_i8**self%refine/2 + i, of%noise, self%law, &
                                 even, odd)
             drawn = drawn + 2

@@ -7,6 +7,7 @@ module symsde_noise_integral_draws
    use symsde_base_area_rule, only: area_rule, areas_in_law
    use symsde_base_functionals, only: functional_set, functional_count, area_index, path_areas, path_dz, &
                                       path_stt_area
+   use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: padded
    use symsde_base_laws, only: law_gaussian
@@ -40,7 +41,10 @@ module symsde_noise_integral_draws
       integer :: law = law_gaussian        !! of base/laws
       !> Pairs of steps that each lane is ahead of the one that is asked for, of a path by itself (nlane)
       integer(i8), allocatable :: ahead(:)
+      class(interrupt_type), pointer :: interrupt => null()  !! may want the draws to be left
    contains
+      procedure :: look
+      procedure :: is_left
       procedure :: are_direct
       procedure :: look_ahead
       procedure :: in_law
@@ -48,6 +52,21 @@ module symsde_noise_integral_draws
    end type integral_draws
 
 contains
+
+   !> See whether the draws are to be left.
+   subroutine look(self)
+      class(integral_draws), intent(in) :: self
+
+      if (associated(self%interrupt)) call self%interrupt%look()
+   end subroutine look
+
+   !> Whether they are: then nothing that was made of them may be used.
+   pure logical function is_left(self)
+      class(integral_draws), intent(in) :: self
+
+      is_left = .false.
+      if (associated(self%interrupt)) is_left = self%interrupt%wanted
+   end function is_left
 
    !> dZ, or dZ and K, of steps as they are drawn: nothing is halved or merged.
    pure logical function are_direct(self)

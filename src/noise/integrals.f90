@@ -38,6 +38,8 @@ module symsde_noise_integrals
    public :: fill_pair
 
    integer, parameter :: magnus_levels = 2      !! halvings of a step whose J is wanted
+   integer(i8), parameter :: until_look = 64    !! pairs of intervals between two looks at the interrupt
+   integer, parameter :: levels_unseen = 6      !! of halvings below which it is not looked at
 
    !> What is known of the path on an interval: dW, H and, where it is asked for, K (nlane, nnoise); the rest of
    !> its areas where they are drawn in law (nlane, pairs of noises).
@@ -83,7 +85,9 @@ contains
       fine = d%h/2.0_wp**d%refine
       first = step*2_i8**(d%refine - 1)  ! pairs of draws
       do i = 0, 2_i8**(d%refine - 1) - 1
+         if (mod(i, until_look) == 0) call d%look()
          call finest_pair(d, nlane, path, first + i, fine, even, odd, drawn)
+         if (d%is_left()) return
          call merge_intervals(nlane, d%nnoise, even, odd, whole)
          carry = i
          level = 1
@@ -248,6 +252,7 @@ contains
       last = level + levels_below(d, length)
       if (last == level) return
       call merge_halves(d, nlane, path, level + 1, last, index, length, shape, u, whole, drawn)
+      if (d%is_left()) return
       if (d%asked%has(path_areas) .and. .not. d%in_law()) &
          call move_alloc(whole%of(path_areas)%x, interval%of(path_areas)%x)
       if (d%asked%has(path_magnus)) call move_alloc(whole%of(path_magnus)%x, interval%of(path_magnus)%x)
@@ -268,6 +273,8 @@ contains
       type(path_shape) :: first, second
       type(halving_draws) :: u1, u2
 
+      if (last - level == levels_unseen) call d%look()
+      if (d%is_left()) return
       call halve(shape, u, first, second)
       if (level == last) then
          call finest_interval(d, nlane, length/2, first, left)
@@ -276,6 +283,7 @@ contains
          call draw_halving(d, nlane, path, index, level + 1, length/2, u1, u2, drawn)
          call merge_halves(d, nlane, path, level + 1, last, 2*index, length/2, first, u1, left, drawn)
          call merge_halves(d, nlane, path, level + 1, last, 2*index + 1, length/2, second, u2, right, drawn)
+         if (d%is_left()) return
       end if
       call merge_intervals(nlane, d%nnoise, left, right, whole)
       whole%w = shape%w  ! the sum of the halves to rounding

@@ -3,6 +3,7 @@
 !> halved by the Brownian bridge. Increments of several steps are made at once, so that words of a draw are not left
 !> over, and few paths fill the lanes of the generator with steps.
 module symsde_noise_levels
+   use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: padded, lane_unit
    use symsde_noise_normal, only: scaled_normal_column, scaled_normals_at, pairs_of_steps
@@ -11,6 +12,7 @@ module symsde_noise_levels
    public :: normals_of, sum_finer, halve_coarser, carry
 
    integer, parameter :: most_ahead = 64  !! lanes of the generator for few paths
+   integer(i8), parameter :: until_look = 64  !! parts of a sum between two looks at the interrupt
    integer, parameter :: purpose_increment = 0    !! counter word of the draws of increments
    integer, parameter :: purpose_bridge = 1       !! counter word of the bridge's draws
 
@@ -20,9 +22,23 @@ module symsde_noise_levels
       integer :: noise = 0
       integer :: nreal = 0                   !! lanes that count: the others get what the last of them has
       integer(i8), allocatable :: path(:)    !! (nlane)
+      class(interrupt_type), pointer :: interrupt => null()  !! may want the sums to be left
+   contains
+      procedure :: is_left
    end type normals_of
 
 contains
+
+   !> Whether the sums are to be left after i of their parts: then nothing that was made of them may be used.
+   logical function is_left(self, i)
+      class(normals_of), intent(in) :: self
+      integer(i8), intent(in) :: i
+
+      is_left = .false.
+      if (.not. associated(self%interrupt)) return
+      if (mod(i, until_look) == 0) call self%interrupt%look()
+      is_left = self%interrupt%wanted
+   end function is_left
 
    !> dW of nstep steps, an even number from an even one on: the sum of 2^refine draws at step h/2^refine each, added as
    !> a balanced binary tree.
@@ -45,6 +61,7 @@ contains
       do step = 0, nstep - 1, 2**(levels_at_once(self) - levels)
          count = min(2**(levels_at_once(self) - levels), nstep - step)
          do i = 0, 2_i8**(refine - levels) - 1
+            if (self%is_left(i)) return
             n = count*2**levels
             call draw_steps(self, nlane, (first + step)*2_i8**refine + i*n, n, 0, scale, fine)
             drawn = drawn + n

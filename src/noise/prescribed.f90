@@ -7,6 +7,7 @@
 !> h^2/(4 2^l) in an area). Finer rows with columns of their own merge to those of the step.
 module symsde_noise_prescribed
    use symsde_base_functionals, only: nfunctional
+   use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_request, step_store
    use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals, &
@@ -50,11 +51,13 @@ contains
       allocate (self%common(self%nnoise), source=.false.)
    end subroutine new_prescribed_noise
 
-   subroutine fill_prescribed(self, request, store, drawn)
+   !> What is given is there: no interrupt is looked at.
+   subroutine fill_prescribed(self, request, store, drawn, interrupt)
       class(prescribed_noise), intent(in) :: self
       type(step_request), intent(in) :: request
       type(step_store), intent(inout) :: store
       integer(i8), intent(out) :: drawn
+      class(interrupt_type), intent(inout), target, optional :: interrupt
       integer(i8) :: row, rows
       integer :: i, first, last
 

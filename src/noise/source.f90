@@ -6,6 +6,7 @@
 module symsde_noise_source
    use symsde_base_area_rule, only: area_rule
    use symsde_base_functionals, only: functional_set
+   use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_request, step_store
    implicit none
@@ -25,13 +26,14 @@ module symsde_noise_source
 
    abstract interface
       !> Increments and functionals of the requested steps, from step 0 of the store on. Rows of steps that
-      !> the source does not have are left as they are.
-      subroutine fill_interface(self, request, store, drawn)
-         import :: noise_type, step_request, step_store, i8
+      !> the source does not have are left as they are; where an interrupt is wanted, all may be.
+      subroutine fill_interface(self, request, store, drawn, interrupt)
+         import :: noise_type, step_request, step_store, i8, interrupt_type
          class(noise_type), intent(in) :: self
          type(step_request), intent(in) :: request
          type(step_store), intent(inout) :: store   !! with room for the requested steps
          integer(i8), intent(out) :: drawn          !! normals drawn for one path
+         class(interrupt_type), intent(inout), target, optional :: interrupt
       end subroutine fill_interface
    end interface
 

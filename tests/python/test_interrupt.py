@@ -179,3 +179,34 @@ def test_no_result_waits_for_the_garbage_collector(kubo):
             assert seen() is None
     finally:
         gc.enable()
+
+
+@pytest.mark.parametrize(
+    ("scheme", "options"),
+    [
+        ("midpoint_areas", {"refine": 12, "paths": 64}),
+        ("midpoint_areas", {"refine": 12, "paths": 300, "threads": 2}),
+        ("midpoint_areas", {"refine": 30}),
+        ("midpoint", {"refine": 30, "paths": 64}),
+        ("midpoint", {"refine": 30, "paths": 2}),
+        ("midpoint_weak1", {"refine": 30}),
+        ("gauss2_strong32", {"refine": 30}),
+    ],
+)
+def test_a_step_whose_draws_take_an_hour_can_be_left(scheme, options):
+    """Nothing of it is used: the paths are where they were."""
+    told = []
+    run = ss.simulate(
+        ss.models.kubo() if scheme == "gauss2_strong32" else ss.models.noncommutative_oscillator(),
+        q0=1.0, p0=0.5, step=0.1, steps=4, scheme=scheme, progress=lambda *given: not told.append(given), **options,
+    )  # fmt: skip
+    assert told[0] == (0, 4 * run.setup.paths)
+    assert run.report.stopped == run.setup.paths and (run.failed_step == 0).all()
+    assert (run.q[0] == 1.0).all() and np.isnan(run.q[1:]).all() and (run.last_p == 0.5).all()
+
+
+@pytest.mark.parametrize("refine", [12, 30])
+def test_increments_that_take_an_hour_can_be_left(refine):
+    model = ss.models.noncommutative_oscillator()
+    with sent(signal.SIGINT), pytest.raises(KeyboardInterrupt):
+        ss.increments(model, step=0.1, steps=4, paths=64, refine=refine, scheme="midpoint_areas")
