@@ -4,10 +4,12 @@
 import json
 import re
 import shutil
+import signal
 
 import pytest
 import symsde as ss
 from symsde import cli
+from symsde.batch import error_check
 from symsde.batch.plan import Piece
 from symsde.batch.share import Share, parts_of
 
@@ -296,6 +298,26 @@ def test_a_part_of_more_than_there_are_shards(place, capsys):
         "cut into 6: give as many parts at most, or --shard-paths 256 or less in all parts" in capsys.readouterr().err
     )
     assert not list((place / "other" / "shards").iterdir())
+
+
+def test_a_signal_ends_the_error_check(place, capsys, monkeypatch):
+    """Nothing of it is written as if it were whole; the same command makes it."""
+    scene = place / "long.toml"  # no thread is done before the calling one has begun
+    scene.write_text(SCENE.replace("steps = 10\n", "steps = 20000\n").replace("save_every = 5", "save_every = 10000"))
+    given = ["run", str(scene), "--out", str(place / "checked"), "--quiet", "--error-check"]
+    real = error_check.simulate
+
+    def simulate(*arguments, **options):
+        signal.raise_signal(signal.SIGTERM)
+        return real(*arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(error_check, "simulate", simulate)
+        assert cli.main(given) == cli.STOPPED
+    said = capsys.readouterr().err
+    assert "stopped by SIGTERM" in said and "--error-check`" in said
+    assert (place / "checked" / "moments.csv").exists() and not (place / "checked" / "error-check.csv").exists()
+    assert cli.main(given) == cli.OK and (place / "checked" / "error-check.csv").exists()
 
 
 def test_the_error_check_is_not_left_out_silently(place, capsys):

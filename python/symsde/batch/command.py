@@ -89,12 +89,21 @@ def run(options: argparse.Namespace) -> int:
         if missing:
             return _partly(options, batch, folder, missing, part)
         code = finish(batch, folder, options.quiet, time.monotonic() - begin)
-        if options.error_check:
-            found = error_check(batch.task, extent_of(batch.scene), scene=batch.scene.text)
-            found.save(folder.path / "error-check.csv")
-            if not options.quiet:
-                print(found)
+        if options.error_check and not _checked(batch, folder, stop, options.quiet):
+            code = _stopped(stop, options, folder, [], None)
         return code
+
+
+def _checked(batch: Batch, folder: RunFolder, stop: Stop, quiet: bool) -> bool:
+    """Write and show the error check, unless it is stopped."""
+    scene = batch.scene
+    found = error_check(batch.task, extent_of(scene), scene=scene.text, tell=lambda *_: bool(stop.reason))
+    if found is None:
+        return False
+    found.save(folder.path / "error-check.csv")
+    if not quiet:
+        print(found)
+    return True
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from .. import _files, provenance
 from ..observe.observables import Rows, rows_of
 from ..simulate import Run, simulate
 from .plan import Extent, Piece
-from .work import Task
+from .work import Task, Tell, never
 
 _PATHS, _BYTES = 4096, 2**26
 
@@ -65,16 +65,21 @@ class ErrorCheck:
         _files.replace(path, put)
 
 
-def error_check(task: Task, extent: Extent, threads: int | None = None, scene: str = "") -> ErrorCheck:
-    """The first paths of a run, as they are and at half the step; the text of its scene goes into the table."""
+def error_check(
+    task: Task, extent: Extent, threads: int | None = None, scene: str = "", tell: Tell = never
+) -> ErrorCheck | None:
+    """The first paths of a run, as they are and at half the step; the text of its scene goes into the table. None where
+    it was stopped."""
     paths = max(2, min(extent.paths, _PATHS, _BYTES // (16 * extent.ndof * extent.saved)))
     options = task.of(Piece("", "paths", extent.first, min(paths, extent.paths), 0), threads)
     halved = {**options, "step": options["step"] / 2, "refine": options.get("refine", 0) - 1}
     halved |= {"steps": 2 * options["steps"], "save_every": 2 * options.get("save_every", 1)}
     halved["first_step"] = 2 * options.get("first_step", 0)
-    full, full_seconds = _timed(task, options)
+    full, full_seconds = _timed(task, options, tell)
     full.scene = scene
-    half, half_seconds = _timed(task, halved)
+    half, half_seconds = _timed(task, halved, tell)
+    if full.report.stopped or half.report.stopped:
+        return None
     found = compare(full, half, (full_seconds, half_seconds), rows_of(task.observables, task.model))
     return dataclasses.replace(found, remarks=tuple(_not_compared(task)))
 
@@ -87,9 +92,9 @@ def _not_compared(task: Task) -> Iterator[str]:
         yield f"paths that {', '.join(names)} would absorb go on here: the means are those without absorption"
 
 
-def _timed(task: Task, options: dict) -> tuple[Run, float]:
+def _timed(task: Task, options: dict, tell: Tell) -> tuple[Run, float]:
     begin = time.monotonic()
-    run = simulate(task.model, **options)
+    run = simulate(task.model, progress=tell, **options)
     return run, time.monotonic() - begin
 
 
