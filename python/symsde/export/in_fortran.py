@@ -117,7 +117,7 @@ class _Fortran(Expressions):
     def called(self, function: str, arguments: list[str]) -> str:
         if function == "pow":
             return f"(({arguments[0]})**({arguments[1]}))"
-        return super().called(function, arguments)
+        return super().called("abs" if function == "fabs" else function, arguments)
 
 
 def _program(given: Given) -> list[str]:

@@ -4,6 +4,7 @@
 problem        what is given, checked, in names of its own
 derivatives    gradients and Hessians of weighted sums, as nodes of one graph
 graph          expressions in which equal parts are one node
+scaled         exponentials that do not overflow inside of quotients and logarithms
 structure      traits and invariants, derived
 emit_c         C for the callbacks of the library
 sites          sums over the sites of a chain; site_loops, emit_sites, emit_rows their C

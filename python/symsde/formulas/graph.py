@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import InvalidArgumentError
+from .scaled import Scaled
 
 #: functions of one argument, as they are called in formulas
 FUNCTIONS = (
@@ -144,7 +145,8 @@ class Graph:
         """The node of an expression; `leaves`: name -> whether it differs from lane to lane."""
         if expression in self._made:
             return self._made[expression]
-        made = self._make(expression, leaves)
+        made = Scaled(self, leaves).node(expression)
+        made = self._make(expression, leaves) if made is None else made
         self._made[expression] = made
         return made
 
@@ -163,6 +165,8 @@ class Graph:
         if kind in FUNCTIONS:
             return self.node(kind, self.add(e.args[0], leaves))
         name = str(e).partition("(")[0] if kind == "PyFunction" else kind  # of sympy, unknown to symengine
+        if name == "Abs":  # which sympy makes of powers of squares
+            name = "the size of something, as sqrt(q**2) and (q**2)**1.5 have that of q,"
         raise InvalidArgumentError(
             f"{name} in a formula has no derivative everywhere, or no code here: use + - * / ** and "
             + ", ".join(FUNCTIONS)
@@ -183,14 +187,20 @@ class Graph:
         if type(base).__name__ == "Exp1":
             return self.node("exp", self.add(exponent, leaves))
         x = self.add(base, leaves)
-        twice = 2 * exponent
-        if getattr(exponent, "is_Number", False) and _whole(twice) and abs(int(twice)) <= 128:
-            whole, half = divmod(abs(int(twice)), 2)
-            result = self.power(x, whole)
-            if half:
-                result = self.multiply(result, self.node("sqrt", x))
-            return result if int(twice) >= 0 else self.node("/", self.number(1.0), result)
+        if getattr(exponent, "is_Number", False):
+            return self.raised(x, float(exponent))
         return self.node("pow", x, self.add(exponent, leaves))
+
+    def raised(self, x: int, exponent: float) -> int:
+        """A power by a number: by multiplication, and a root, where that is possible."""
+        twice = 2 * exponent
+        if not twice.is_integer() or abs(twice) > 128:
+            return self.node("pow", x, self.number(exponent))
+        whole, half = divmod(abs(int(twice)), 2)
+        result = self.power(x, whole)
+        if half:
+            result = self.multiply(result, self.node("sqrt", x))
+        return result if twice >= 0 else self.node("/", self.number(1.0), result)
 
 
 def constant(e: Any) -> float:
@@ -207,7 +217,3 @@ def constant(e: Any) -> float:
 
 def _negative(exponent) -> bool:
     return bool(getattr(exponent, "is_Number", False)) and float(exponent) < 0
-
-
-def _whole(number) -> bool:
-    return float(number) == int(float(number))

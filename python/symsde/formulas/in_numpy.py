@@ -25,6 +25,7 @@ _OPERATIONS: dict[str, Callable] = {
     "/": operator.truediv,
     "negative": operator.neg,
     "pow": np.power,
+    "fabs": np.abs,
     "erf": np.vectorize(math.erf, otypes=[float]),
     **{name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh")},
     **{f"a{name}": getattr(np, f"arc{name}") for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},

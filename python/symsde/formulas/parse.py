@@ -9,9 +9,12 @@ folded in floating point where exact ones would grow.
 from __future__ import annotations
 
 import ast
+import contextlib
+import keyword
 import math
+import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from .. import _checks
@@ -26,6 +29,7 @@ MAX_INTEGER = 2**53
 MAX_EXPONENT = 32
 MAX_FACTORS = 20  #: of one product: its second derivatives have so many to the third
 _ADDITIVE, _MULTIPLICATIVE = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
+_WORD, _HIDDEN = re.compile(rf"\b(?:{'|'.join(keyword.kwlist)})\b"), "word_of_python_"
 _RESERVED = frozenset({*FUNCTIONS, "pi"})
 
 
@@ -38,7 +42,7 @@ def parse(text: str, names: Mapping[str, Any], reader: Reader | None = None) -> 
     if len(text) > MAX_CHARACTERS:
         raise FormulaTextError(f"it has {len(text)} characters, allowed are {MAX_CHARACTERS}")
     try:
-        tree = ast.parse(text.strip(), mode="eval")
+        tree = _tree(text, names)
     except (SyntaxError, ValueError) as error:
         reason = getattr(error, "msg", None) or str(error)
         raise FormulaTextError(f"it is not written as a formula ({reason}); write as in p**2/2 + cos(q)") from None
@@ -50,10 +54,28 @@ def parse(text: str, names: Mapping[str, Any], reader: Reader | None = None) -> 
     return (reader or Reader(names)).read(tree.body, 0)
 
 
+def _tree(text: str, names: Iterable[str]) -> ast.Expression:
+    """Python's tree of a text. Words of Python's own, as lambda, are names like others where they are known as such, or
+    where the text is none of Python's otherwise."""
+    known = set(keyword.kwlist).intersection(names)
+    try:
+        tree = ast.parse(_WORD.sub(lambda word: _HIDDEN * (word[0] in known) + word[0], text.strip()), mode="eval")
+    except SyntaxError:
+        if len(known) == len(keyword.kwlist) or not _WORD.search(text):
+            raise
+        with contextlib.suppress(SyntaxError):
+            return _tree(text, keyword.kwlist)
+        raise
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            node.id = node.id.removeprefix(_HIDDEN)
+    return tree
+
+
 def names_in(text: str) -> set[str]:
     """The names that a text uses; none of a text that is no formula."""
     try:
-        tree = ast.parse(text.strip(), mode="eval") if len(text) <= MAX_CHARACTERS else ast.Constant(0)
+        tree = _tree(text, keyword.kwlist) if len(text) <= MAX_CHARACTERS else ast.Constant(0)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return set()
     return {node.id for node in _bounded(tree) if isinstance(node, ast.Name)}

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What grows as an exponential, written as exp(exponent) x mantissa, so that quotients of such do not overflow inside.
+
+exp(u)/(1 + exp(u))^2 is a number of order one, or small, wherever u is; computed as it stands it is infinite over
+infinite from u = 710 on. The exponents of its factors are added before exp is taken of them: with M = max(0, u) it is
+exp(u - 2 M)/(exp(-M) + exp(u - M))^2. So with cosh, sinh (tanh x cosh) and c**u, their sums, products and powers; the
+logarithm is the exponent and that of the mantissa. Where nothing can overflow inside the expression stays as it is.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+Powers = dict[int, float]  #: node of a graph -> how often: terms of a sum, or factors of a product
+
+
+class Scaled:
+    """Expressions as exponents and mantissas, in nodes of a graph."""
+
+    def __init__(self, graph: Any, leaves: dict[str, bool]):
+        """`leaves`: name -> whether it differs from lane to lane."""
+        self.graph, self.leaves = graph, leaves
+
+    def node(self, e: Any) -> int | None:
+        """The node of an expression; None where it is computed as it stands."""
+        kind = type(e).__name__
+        if kind == "log" and self.grows(e.args[0]):
+            exponent, mantissa = self._parts(e.args[0])
+            return self.graph.sum((self._total(exponent), self.graph.node("log", self._product(mantissa))))
+        if (kind == "Pow" and not _whole(e.args[1]) and not self._is_exponential(e) and self.grows(e.args[0])) or (
+            kind == "Mul" and self._may_overflow(e.args)
+        ):
+            exponent, mantissa = self._parts(e)
+            return self.graph.multiply(self._exp(exponent), self._product(mantissa))
+        return None
+
+    def grows(self, e: Any) -> bool:
+        """Whether an expression holds an exponential of the state, as a term, a factor or a power of such."""
+        kind = type(e).__name__
+        if kind in ("Add", "Mul"):
+            return any(self.grows(x) for x in e.args)
+        return self._is_exponential(e) or (kind == "Pow" and self.grows(e.args[0]))
+
+    def _is_exponential(self, e: Any) -> bool:
+        kind = type(e).__name__
+        if kind == "Pow":
+            return self._moves(e.args[1]) and not self._moves(e.args[0])
+        return kind in ("exp", "cosh", "sinh") and self._moves(e.args[0])
+
+    def _moves(self, e: Any) -> bool:
+        return any(self.leaves[x.name] for x in e.free_symbols)
+
+    def _may_overflow(self, factors: Any) -> bool:
+        """Whether one of several factors that grow, or fall, stands above the line."""
+        grown = [x for x in factors if self.grows(x)]
+        return len(grown) > 1 and any(_sign(x.args[1]) >= 0 if type(x).__name__ == "Pow" else True for x in grown)
+
+    def _parts(self, e: Any) -> tuple[Powers, Powers]:
+        """Exponent, and factors of the mantissa."""
+        graph, kind = self.graph, type(e).__name__
+        if not self.grows(e):
+            return {}, {graph.add(e, self.leaves): 1.0}
+        if kind == "Mul":
+            exponent: Powers = {}
+            mantissa: Powers = {}
+            for x in e.args:
+                _join(self._parts(x), (exponent, mantissa))
+            return exponent, mantissa
+        if kind == "Add":
+            return self._sum(e.args)
+        return self._hyperbolic(e) if kind in ("cosh", "sinh") else self._power(e)
+
+    def _hyperbolic(self, e: Any) -> tuple[Powers, Powers]:
+        """cosh u = exp |u| (1 + exp(-2 |u|))/2, sinh = tanh cosh."""
+        graph = self.graph
+        [(u, n)] = self._exponent(e.args[0]).items()
+        size = graph.node("fabs", u)
+        other = self._exp({size: -2 * abs(n)})
+        half = graph.multiply(graph.number(0.5), graph.sum((graph.number(1.0), other)))
+        odd = {graph.node("tanh", graph.add(e.args[0], self.leaves)): 1.0} if type(e).__name__ == "sinh" else {}
+        return {size: abs(n)}, {half: 1.0} | odd
+
+    def _power(self, e: Any) -> tuple[Powers, Powers]:
+        """exp u, c**u, and powers of what grows."""
+        graph = self.graph
+        if type(e).__name__ == "exp" or type(e.args[0]).__name__ == "Exp1":
+            return self._exponent(e.args[-1]), {}
+        base, power = e.args
+        if self._is_exponential(e):
+            rate = graph.node("log", graph.add(base, self.leaves))
+            return {graph.multiply(rate, u): n for u, n in self._exponent(power).items()}, {}
+        exponent, mantissa = self._parts(base)
+        if getattr(power, "is_Number", False):
+            return tuple({x: n * float(power) for x, n in part.items()} for part in (exponent, mantissa))
+        n = graph.add(power, self.leaves)
+        return {graph.multiply(self._total(exponent), n): 1.0}, {graph.node("pow", self._product(mantissa), n): 1.0}
+
+    def _exponent(self, u: Any) -> Powers:
+        """A multiple of an expression that u and its multiples share: so they cancel to the last bit."""
+        n = _multiple(u)
+        terms = u.args if type(u).__name__ == "Add" else (u,)
+        return {self.graph.sum(self.graph.add(x / n, self.leaves) for x in terms): float(n)}
+
+    def _sum(self, terms: Any) -> tuple[Powers, Powers]:
+        """The largest exponent before the rest; any number near it would do."""
+        graph, still = self.graph, [x for x in terms if not self.grows(x)]
+        found = [self._parts(x) for x in terms if self.grows(x)]
+        if still:
+            found.append(({}, {graph.sum(graph.add(x, self.leaves) for x in still): 1.0}))
+        largest = found[0][0]
+        for exponent, _ in found[1:]:  # max(a, b) = (a + b)/2 + |a - b|/2
+            apart = {x: n for x, n in _joined(largest, exponent, -1.0).items() if n}
+            first = next(iter(apart.values()), 1.0)
+            size = graph.node("fabs", self._total({x: n / first for x, n in apart.items()}))
+            middle = {x: n / 2 for x, n in _joined(largest, exponent).items()}
+            largest = _joined(middle, {size: abs(first) / 2})
+        scaled = (
+            graph.multiply(self._exp(_joined(exponent, largest, -1.0)), self._product(mantissa))
+            for exponent, mantissa in found
+        )
+        return largest, {graph.sum(scaled): 1.0}
+
+    def _total(self, exponent: Powers) -> int:
+        """A sum of multiples, those with one factor together: d - |d| is exact."""
+        graph, groups = self.graph, {}
+        for x, n in exponent.items():
+            groups.setdefault(abs(n), []).append(x if n > 0 else graph.negative(x))
+        return graph.sum(graph.multiply(graph.number(n), graph.sum(group)) for n, group in groups.items() if n)
+
+    def _exp(self, exponent: Powers) -> int:
+        total = self._total(exponent)
+        return self.graph.number(1.0) if self.graph.is_number(total, 0.0) else self.graph.node("exp", total)
+
+    def _product(self, mantissa: Powers) -> int:
+        """A product of powers, with one division."""
+        graph = self.graph
+        above = graph.product(graph.raised(x, n) for x, n in mantissa.items() if n > 0)
+        below = graph.product(graph.raised(x, -n) for x, n in mantissa.items() if n < 0)
+        return graph.quotient(above, below)
+
+
+def _joined(a: Powers, b: Powers, times: float = 1.0) -> Powers:
+    return {x: a.get(x, 0.0) + times * b.get(x, 0.0) for x in (*a, *(x for x in b if x not in a))}
+
+
+def _join(found: tuple[Powers, Powers], into: tuple[Powers, Powers]) -> None:
+    for part, whole in zip(found, into, strict=True):
+        whole.update(_joined(whole, part))
+
+
+def _multiple(u: Any) -> Any:
+    """The number before an expression; of a sum, that before its first term."""
+    terms = [x for x in u.args if x.free_symbols] if type(u).__name__ == "Add" else [u]
+    first = min(terms, key=lambda x: sorted(s.name for s in x.free_symbols))
+    result = first / first
+    for x in first.args if type(first).__name__ == "Mul" else ():
+        if not x.free_symbols:
+            result = result * x
+    return result
+
+
+def _sign(power: Any) -> int:
+    """Of an exponent; 0 where it hangs on parameters."""
+    return (-1 if float(power) < 0 else 1) if getattr(power, "is_Number", False) else 0
+
+
+def _whole(power: Any) -> bool:
+    return bool(getattr(power, "is_Number", False)) and float(power) == int(float(power))
