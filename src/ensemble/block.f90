@@ -391,16 +391,27 @@ contains
    !> that were gone, or drew ahead.
    pure subroutine count_steps(self)
       type(block_runner), intent(inout) :: self
-      integer(i8) :: last
-      integer :: lane
+      integer :: lane, nwhole
 
+      nwhole = count(self%state%status(:self%nreal) == 0)
+      call add_steps(self, nwhole, self%step)
+      if (nwhole == self%nreal) return
       do lane = 1, self%nreal
-         last = merge(self%step, self%state%failed_step(lane), self%state%status(lane) == 0)
-         if (last <= self%begun) cycle
-         self%counters%steps = self%counters%steps + (last - self%begun)
-         self%counters%normals = self%counters%normals + self%drawn%normals_of_pair*((last - 1)/2 - self%begun/2 + 1)
+         if (self%state%status(lane) /= 0) call add_steps(self, 1, self%state%failed_step(lane))
       end do
    end subroutine count_steps
+
+   !> Those of n paths from where the block began to the step that comes next.
+   pure subroutine add_steps(self, n, next)
+      type(block_runner), intent(inout) :: self
+      integer, intent(in) :: n
+      integer(i8), intent(in) :: next
+
+      if (next <= self%begun) return
+      self%counters%steps = self%counters%steps + n*(next - self%begun)
+      self%counters%normals = self%counters%normals + &
+                              n*self%drawn%normals_of_pair*((next - 1)/2 - self%begun/2 + 1)
+   end subroutine add_steps
 
    !> Whether nothing is left to do.
    pure logical function is_done(self)
