@@ -26,7 +26,7 @@ from ._signals import carry
 from .errors import FalseTraitError, InvalidArgumentError, NotANumberWarning
 from .model import Model
 from .observe import kept, requests, results
-from .observe.observables import Observable, are_in_python, bind, check_observables, described
+from .observe.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
 from .report import Reported, filled
 
 
@@ -53,6 +53,7 @@ class Moments(Reported):
         self.setup = setup
         self.observers = dict(observers or {})
         self._observables = described(observables)
+        refuse_coordinates(self._observables, setup.model.ndof)
         self._has_energy = setup.model.traits.has_value
         ndof = setup.model.ndof
         nvalue = 2 * ndof + self._has_energy + len(self._observables)

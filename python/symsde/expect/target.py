@@ -10,9 +10,7 @@ import numpy as np
 
 from .. import _checks
 from ..errors import InvalidArgumentError, WrongShapeError, WrongTypeError
-from ..formulas.derivatives import Derivatives
-from ..formulas.in_numpy import InNumpy
-from ..formulas.problem import make_problem
+from ..formulas.observables import FormulaObservables
 from ..model import Model
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -24,7 +22,7 @@ class Target:
     """f as it is called: with q, p of shape (dof, path), it returns (path,) real numbers."""
 
     def __init__(self, f: Function | str, model: Model, t: float):
-        """A callable, or a formula in q, p (or q1, q2, .., p1, ..), the time t and the parameters of the model."""
+        """A callable, or a formula in the names that observables have."""
         self.is_truth = False  #: it returns truth values
         self.name = f if isinstance(f, str) else getattr(f, "__name__", "f")
         self._function = _of_formula(f, model, t) if isinstance(f, str) else f
@@ -87,16 +85,6 @@ def require_numbers(target: Target, values: np.ndarray, ok: np.ndarray, run) -> 
 
 
 def _of_formula(text: str, model: Model, t: float) -> Function:
-    """The formula at t as a function of NumPy; its names are q, p, or q1, .., p1, .. where there are several."""
-    several = model.ndof > 1
-    names = {x: [f"{x}{i + 1}" for i in range(model.ndof)] if several else [x] for x in "qp"}
-    taken = {*names["q"], *names["p"], "t"}
-    params = {key: value for key, value in model.parameters.items() if key not in taken and key.isidentifier()}
-    problem = make_problem(H=text, noise=(), q=names["q"], p=names["p"], params=params, t=None)
-    compiled = InNumpy(Derivatives(problem), problem.parameters)
-    one = np.ones((1, 1))
-
-    def formula(q: np.ndarray, p: np.ndarray) -> Any:
-        return compiled.value(t, one, q, p)
-
-    return formula
+    """The formula at t as a function of NumPy; its names are those of observables."""
+    read = FormulaObservables(model, {"f": text}, compiles=False)
+    return lambda q, p: read(t, q, p)[0]

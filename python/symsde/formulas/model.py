@@ -18,6 +18,7 @@ from ..errors import IncompatibleError, InvalidArgumentError, SlowFormulaWarning
 from ..model import Model
 from . import backends, compiler, emit_c, emit_flow, emit_sites, in_numpy
 from .derivatives import Derivatives
+from .parse import folded
 from .problem import make_problem, quoted, several
 from .sites import Chain, make_chain
 from .structure import Prover, Structure
@@ -92,9 +93,15 @@ class FormulaModel(Model):
     def with_parameters(self, **values: float) -> FormulaModel:
         """The same model with other values of some parameters; nothing is compiled again."""
         _, (given,) = self._remade
-        for key in values:
-            _checks.choice("the parameter", key, list(self.parameters))
-        return _made({**given, "params": {**self.parameters, **values}})
+        chosen = {self._parameter(key): value for key, value in values.items()}
+        if len(chosen) < len(values):
+            raise InvalidArgumentError(f"of {', '.join(values)} some are one name: give each value once")
+        return _made({**given, "params": {**self.parameters, **chosen}})
+
+    def _parameter(self, name: str) -> str:
+        """The name of a parameter, as formulas have it."""
+        known = list(self.parameters)
+        return known[_checks.choice("the parameter", folded(name), known)]
 
 
 def model_from_sympy(

@@ -58,13 +58,13 @@ def is_formula(given: object) -> bool:
 class FormulaObservables:
     """Some observables of a model, in their order; they can be called as f(t, q, p) -> (observable, lane)."""
 
-    def __init__(self, model: Model, formulas: Mapping[str, Any]):
-        """Read and compile; errors name the observable."""
+    def __init__(self, model: Model, formulas: Mapping[str, Any], *, compiles: bool = True):
+        """Read and compile, unless told not to; errors name the observable."""
         parameters = {key: x for key, x in model.parameters.items() if is_name(key) and np.isscalar(x)}
         given = model._remade[1][0] if hasattr(model, "formula") else {}
         names = tuple((letter, _own(given.get(letter)), model.ndof) for letter in "qp")
         ends = "free" if given.get("n") is None else given["ends"]
-        self._read = _read(tuple(formulas.items()), names, tuple(parameters), given.get("t"), ends)
+        self._read = _read(tuple(formulas.items()), names, tuple(parameters), given.get("t"), ends, compiles=compiles)
         self._values = np.array([float(x) for x in parameters.values()] or [0.0])
         graphs = [self._read.graph, *(piece.graph for total in self._read.sums for piece in total)]
         self.needs_time = any(node.value == "t" for graph in graphs for node in graph.nodes if node.what == "leaf")
@@ -112,7 +112,9 @@ class _Read:
 
 
 @functools.lru_cache(maxsize=64)
-def _read(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: object, ends: str) -> _Read:
+def _read(
+    formulas: tuple, names: tuple, parameters: tuple[str, ...], time: object, ends: str, *, compiles: bool
+) -> _Read:
     """The same formulas are read once, however many shards want them."""
     known = _known(formulas, names, parameters, time)
     count, read, made = names[0][2], engine(), _Read(Graph(), [], [], None)
@@ -140,6 +142,8 @@ def _read(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: obje
                 f"observable {name!r}: {_checks.shown(str(formula))} cannot be computed: write it in + - * / **, "
                 "sin, cos, tan, exp, log, sqrt, sinh, cosh, tanh, their inverses, erf"
             ) from None
+    if not compiles:
+        return made
     loops = Loops(made.graph, {"values": made.roots})
     source = [HEAD, lane_functions(), MACROS, loops.far(("values",)), loops.function(("values",))]
     if made.sums:
@@ -155,7 +159,7 @@ def _known(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: obj
     own = {}
     for letter, given, ndof in names:
         own[letter] = given or ([f"{letter}_{i + 1}" for i in range(ndof)] if ndof <= MAX_DOF else [])
-    known = Names(sympy, own, dict.fromkeys(parameters, 0.0), time)
+    known = Names(sympy, own, dict.fromkeys(parameters, 0.0), time, names[0][2])
     for letter, _, ndof in names:
         few = range(ndof) if ndof <= MAX_DOF else sorted(_numbers(letter, used, ndof))
         for i in few:

@@ -98,7 +98,7 @@ class Reader:
     def __init__(self, names: Mapping[str, Any]):
         """`names`: what names in the text stand for."""
         self.sympy = optional("sympy", "sympy")
-        self.names = {unicodedata.normalize("NFKC", name): x for name, x in names.items()}  # as Python reads them
+        self.names = names
 
     def read(self, node: ast.AST, depth: int) -> Any:
         """The expression of a node."""
@@ -233,6 +233,11 @@ class Reader:
             return self._float(getattr(math, name)(self._real(argument)))
         except (ValueError, OverflowError):
             raise FormulaTextError(f"it holds {name} of a constant, which is no finite real number") from None
+
+
+def folded(name: Any) -> str:
+    """A name as Python's parser reads it in a text: letters that look alike, as both signs of micro, are one."""
+    return unicodedata.normalize("NFKC", str(name))
 
 
 def is_name(name: str) -> bool:

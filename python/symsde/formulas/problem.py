@@ -7,6 +7,7 @@ user writes reaches generated code.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +16,7 @@ from .. import _checks
 from .._files import optional
 from ..errors import InvalidArgumentError, WrongTypeError
 from .graph import FUNCTIONS
-from .parse import FormulaTextError, Reader, check_name, names_in, parse
+from .parse import FormulaTextError, Reader, check_name, folded, names_in, parse
 
 MAX_DOF = 64
 MAX_NOISES = 256  #: brackets are taken of every pair of them
@@ -74,7 +75,7 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
         raise InvalidArgumentError(
             f"q names {ndof} coordinates: formulas without sums over sites are for {MAX_DOF} at most"
         )
-    names = Names(sympy, coordinates, params, t)
+    names = Names(sympy, coordinates, params, t, ndof)
     expressions = [names.canonical(x) for x in (*given, *candidates)]
     return Problem(
         hamiltonians=tuple(expressions[: len(given)]),
@@ -106,20 +107,27 @@ def several(what: str, given: Any) -> list[Any]:
 class Names:
     """The user's symbols, and what they are called from here on."""
 
-    def __init__(self, sympy, coordinates: dict[str, Sequence], params: Mapping | None, t: Any):
-        """Know coordinates, parameters with their values, and the time."""
+    def __init__(self, sympy, coordinates: dict[str, Sequence], params: Mapping | None, t: Any, ndof: int):
+        """Know coordinates, parameters with their values, and the time; of so many degrees of freedom."""
         self.sympy = sympy
         self.values: dict[str, float] = {}
         self.known: dict[str, Any] = {}  # the user's name -> symbol from here on
         self.moving: dict[Any, Any] = {}  # functions q(t) -> symbol
+        self._ndof = ndof
         for letter, given in coordinates.items():
             for i, x in enumerate(given):
-                self._coordinate(f"{letter}{i}", x)
+                self._coordinate(letter, i, x)
         self._parameters({} if params is None else params)
         self._time(t)
 
-    def _coordinate(self, name: str, given: Any) -> None:
-        symbol = self.sympy.Symbol(name, real=True)
+    def _coordinate(self, letter: str, i: int, given: Any) -> None:
+        symbol = self.sympy.Symbol(f"{letter}{i}", real=True)
+        there = re.fullmatch(r"([qp])_?([0-9]*)", folded(given).partition("(")[0])
+        if there and (there[1] != letter or there[2] not in ("", str(i + 1))):
+            raise InvalidArgumentError(
+                f"{given} is at place {i + 1} of {letter}, which results, observables and files call {letter}_{i + 1}: "
+                f"count coordinates {letter}1, {letter}2, .. from 1, or give them names without q, p and numbers"
+            )
         if isinstance(given, self.sympy.core.function.AppliedUndef):  # dynamicsymbols
             self.moving[given] = symbol
             given = str(given)
@@ -130,24 +138,32 @@ class Names:
             raise WrongTypeError(f"params = {_checks.shown(params)} is no table: give a dict, name -> number")
         for k, (key, value) in enumerate(params.items()):
             symbol = self.sympy.Symbol(f"c{k}", real=True)
-            self._name(key, symbol)
-            self.values[str(key)] = _checks.finite(f"the parameter {key}", value)
+            self._name(key, symbol, "the parameter")
+            self.values[folded(key)] = _checks.finite(f"the parameter {key}", value)
 
     def _time(self, t: Any) -> None:
         symbol = self.sympy.Symbol("t", real=True)
         if t is not None:
-            self._name(t, symbol)
+            self._name(t, symbol, "the time")
         elif "t" not in self.known:
             self.known["t"] = symbol
 
-    def _name(self, given: Any, symbol: Any) -> None:
+    def _name(self, given: Any, symbol: Any, what: str = "") -> None:
         if isinstance(given, self.sympy.Indexed):
             check_name(str(given))
         if not isinstance(given, str | self.sympy.Symbol):
             raise WrongTypeError(f"{_checks.shown(given)} is no name: give symbols of sympy, or their names as text")
-        name = str(given)
+        name = folded(given)
         if name in self.known:
-            raise InvalidArgumentError(f"the name {name!r} is given twice: q, p, params and t need names of their own")
+            raise InvalidArgumentError(
+                f"the name {name!r} is given twice: q, p, params and t need names of their own, which differ by more "
+                "than the two signs of micro do"
+            )
+        column = re.fullmatch(r"[qp]_([0-9]{1,9})", name)
+        if what and column and 1 <= int(column[1]) <= self._ndof:
+            raise InvalidArgumentError(
+                f"{name} is a coordinate in results, observables and files: give {what} another name"
+            )
         self.known[name] = symbol
 
     def canonical(self, given: Any, reader: Reader | None = None) -> Any:
@@ -163,7 +179,9 @@ class Names:
             raise WrongTypeError(f"{_checks.shown(given)} is no scalar formula: give one expression")
         text = quoted(str(given))
         self._refuse_strangers(expression, text)
-        expression = expression.xreplace({**{x: self.known[x.name] for x in expression.free_symbols}, **self.moving})
+        expression = expression.xreplace(
+            {**{x: self.known[folded(x.name)] for x in expression.free_symbols}, **self.moving}
+        )
         if expression.has(sympy.I, sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
             raise InvalidArgumentError(f"the formula {text} is not real and finite: formulas are real")
         return expression
@@ -189,8 +207,12 @@ class Names:
                 f"the formula {text} holds {x}, which is no coordinate: name it in q or p, or write out the function; "
                 f"there are {', '.join(FUNCTIONS)}"
             )
+        seen: dict[str, str] = {}
         for x in sorted(expression.free_symbols, key=str):
-            if getattr(x, "name", None) not in self.known:
+            name = folded(getattr(x, "name", ""))
+            if seen.setdefault(name, str(x)) != str(x):
+                raise InvalidArgumentError(f"the formula {text} holds {seen[name]} and {x}, which are one name: {name}")
+            if name not in self.known:
                 near = _checks.nearest(str(x), self.known)
                 raise InvalidArgumentError(
                     f"the formula {text} holds {x}, which is not given: there are {near}; "

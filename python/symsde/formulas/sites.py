@@ -193,7 +193,7 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
     if not 2 <= count <= MAX_SITES:
         raise InvalidArgumentError(f"n = {count} sites for {quoted(str(H))}: give from 2 to {MAX_SITES}")
     _checks.choice("ends", ends, ENDS)
-    names = Names(sympy, {}, params, t)
+    names = Names(sympy, {}, params, t, count)
     for letter in ("q", "p"):
         if letter in names.known:
             raise InvalidArgumentError(f"the name {letter!r} is a coordinate of sites: give the parameter another one")

@@ -54,6 +54,16 @@ def _check_name(name: object) -> None:
         )
 
 
+def refuse_coordinates(names: Iterable[str], ndof: int) -> None:
+    """Refuse names of observables that formulas have for a coordinate."""
+    for name in names:
+        if (there := re.fullmatch(r"[qp]([0-9]{1,9})", name)) and 1 <= int(there[1]) <= ndof:
+            raise InvalidArgumentError(
+                f"observable {name!r}: this name is taken, formulas call a coordinate so: give another one, such as "
+                f"{'my_' + name!r}"
+            )
+
+
 def are_in_python(observables: Mapping[str, Observable]) -> bool:
     """Whether the library calls Python for them, which only one thread at a time can be in."""
     if not observables:
