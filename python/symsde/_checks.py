@@ -24,13 +24,20 @@ INT32 = (-(2**31), 2**31 - 1)
 _LITTLE = 2**24  #: bytes for which control groups are not asked
 INT64 = (-(2**63), 2**63 - 1)
 UINT64 = (0, 2**64 - 1)
+_LESS = "save less often (save_every), fewer paths, or use moments"
+_FLOAT64 = np.dtype(np.float64)
+_LARGE = 2**28  #: bytes, beyond which it is worth a look whether there is room
+_NAME = 1000  #: characters of a name; the library takes 4096 bytes
 
 
 def shown(value: object) -> str:
     """A value as it was written, cut to a length that fits a sentence."""
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
-    text = repr(value)
+    try:
+        text = repr(value)
+    except Exception:  # whatever an object of somebody else's does, or an integer of thousands of digits
+        return f"an object of type {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -61,7 +68,7 @@ def integer(name: str, value: object, bounds: tuple[int, int] = INT64) -> int:
     whole = value if type(value) is int else _whole(name, value)
     low, high = bounds
     if not low <= whole <= high:
-        raise InvalidArgumentError(f"{name} = {whole} is out of range: give an integer from {low} to {high}")
+        raise InvalidArgumentError(f"{name} = {shown(whole)} is out of range: give an integer from {low} to {high}")
     return whole
 
 
@@ -87,7 +94,25 @@ def name_of(what: str, value: object) -> str:
     """A name."""
     if not isinstance(value, str):
         raise WrongTypeError(f"{what} = {shown(value)} is not a name: give a string")
+    if len(value) > _NAME:
+        raise InvalidArgumentError(
+            f"{what} = {shown(value)} is too long for a name: it has {len(value)} characters, allowed are {_NAME}"
+        )
     return value
+
+
+def items(value: object) -> list | None:
+    """What a list, or the like, holds; None for one thing, as a text or an array without dimension is."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
+        return None
+    return list(value)
+
+
+def table(name: str, value: object) -> dict[str, Any]:
+    """A dict of names and values."""
+    if not isinstance(value, Mapping):
+        raise WrongTypeError(f"{name} = {shown(value)} is no table: give a dict, name -> value")
+    return {name_of(f"a name of {name}", key): item for key, item in value.items()}
 
 
 def nearest(given: str, known: Iterable[str]) -> str:
@@ -113,6 +138,8 @@ def choice(name: str, value: object, known: Sequence[str]) -> int:
 
 def real_array(name: str, value: object) -> np.ndarray:
     """Values as an array of float64; copied only where they are not one already."""
+    if type(value) is np.ndarray and value.dtype is _FLOAT64:  # as most are
+        return _fits(value, name)
     if np.ma.is_masked(value):
         raise WrongTypeError(
             f"{name} has masked values, which no array of numbers can hold: fill them or leave them out"
@@ -125,16 +152,30 @@ def real_array(name: str, value: object) -> np.ndarray:
         ) from None
     if array.dtype.kind not in "fiu":
         raise WrongTypeError(f"{name} holds {array.dtype} values and not real numbers: give an array of numbers")
-    return np.asarray(array, dtype=np.float64)
+    return np.asarray(_fits(array, name), dtype=np.float64)
+
+
+def _fits(array: Any, name: str) -> Any:
+    """The array; refused where it is a view that repeats its numbers more often than a copy could hold."""
+    if array.nbytes > _LARGE:
+        room(array.shape, f"the numbers of {name}", now=False, do="give fewer")
+    return array
 
 
 def own(value: Any) -> Any:
     """What a caller may change later, as nobody can: arrays, lists and tables are copied, to any depth."""
     if isinstance(value, np.ndarray):
-        return value.copy()
+        return _fits(value, "an array").copy()
     if isinstance(value, Mapping):
         return {key: own(item) for key, item in value.items()}
     return type(value)(map(own, value)) if type(value) in (list, tuple, set) else value
+
+
+def fixed(given: Any) -> Any:
+    """The same as tuples and numbers."""
+    if isinstance(given, np.ndarray | np.generic):
+        given = _fits(given, "an array").tolist()
+    return tuple(map(fixed, given)) if isinstance(given, list | tuple | set) else given
 
 
 def state(name: str, value: object, ndof: int, paths: int, *, kept: bool = True) -> np.ndarray:
@@ -161,6 +202,11 @@ def state(name: str, value: object, ndof: int, paths: int, *, kept: bool = True)
     )
 
 
+def is_one(value: object) -> bool:
+    """Whether one state is given for all paths: where there are columns, each path has a status of its own."""
+    return type(value) is float or np.ndim(value) < 2
+
+
 def points(name: str, value: object, ndof: int, npath: int) -> np.ndarray:
     """A state with one column for each point, which nobody keeps."""
     return full(state(name, value, ndof, npath, kept=False), npath)
@@ -177,7 +223,7 @@ def full(array: np.ndarray, npath: int) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:-1], npath)))
 
 
-def room(shape: tuple[int, ...], what: str, *, now: bool = True) -> None:
+def room(shape: tuple[int, ...], what: str, *, now: bool = True, do: str = _LESS) -> None:
     """Refuse arrays of float64 before anything is allocated: the machine cannot hold them, or, where they are made now,
     the control groups of this process do not let it."""
     size = 8 * math.prod(shape)
@@ -185,7 +231,7 @@ def room(shape: tuple[int, ...], what: str, *, now: bool = True) -> None:
     if size > most:
         raise TooLargeError(
             f"{what} of shape {shape} need {size / 1e9:.3g} GB, more than the {most / 1e9:.3g} GB "
-            "that this process can have: save less often (save_every), fewer paths, or use moments"
+            f"that this process can have: {do}"
         )
 
 

@@ -83,6 +83,12 @@ def path_of(name: str, value: object) -> Path:
     """A path, given as text or as such."""
     if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
         raise InvalidArgumentError(f"{name} = {_checks.shown(value)} is no path: give the name of a file or folder")
+    try:
+        if b"\0" in os.fsencode(value):
+            raise ValueError
+    except ValueError:
+        shown = _checks.shown(value)
+        raise InvalidArgumentError(f"{name} = {shown} holds characters that no name of a file can have") from None
     return Path(value)
 
 
@@ -137,7 +143,7 @@ def replace_text(target: Path, text: str) -> None:
 def folder(path: str | os.PathLike) -> Iterator[Path]:
     """A folder for results, made where it is missing and tried before the work; not left behind empty."""
     target = path_of("the folder of the results", path)
-    made = [part for part in (target, *target.parents) if not part.exists()]
+    made = [part for part in (target, *target.parents) if not os.path.exists(part)]  # what cannot be is not there
     try:
         try:
             target.mkdir(parents=True, exist_ok=True)

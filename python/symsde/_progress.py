@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
@@ -47,13 +48,7 @@ class Monitor:
     callback = _abi.Progress(_ask_innermost)  #: one for all, since to make one takes a share of a short run
 
     def __init__(self, progress: Progress):
-        if not isinstance(progress, bool) and not callable(progress):
-            raise WrongTypeError(
-                f"progress = {_checks.shown(progress)} is not allowed: give True, False, or a function "
-                "f(done, total) that returns True to stop"
-            )
-        self._bar = _Bar() if progress is True else None
-        self._tell = progress if callable(progress) else self._bar
+        self._bar, self._tell = told_by(progress)
         self._signals = _signals.held()
         self._error: BaseException | None = None
 
@@ -85,6 +80,25 @@ class Monitor:
         return int(wants_stop)
 
 
+def told_by(progress: Progress) -> tuple[_Bar | None, Callable[[int, int], object] | None]:
+    """The bar that shows the progress, and what is told of it; WrongTypeError of what cannot be told."""
+    if not isinstance(progress, bool) and not callable(progress):
+        raise WrongTypeError(
+            f"progress = {_checks.shown(progress)} is not allowed: give True, False, or a function f(done, total) "
+            "that returns True to stop"
+        )
+    bar = _Bar() if progress is True else None
+    return bar, progress if callable(progress) else bar
+
+
+def say(text: str) -> None:
+    """Write on stderr, where there is one: no run ends because nobody can see how far it is."""
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError, ValueError):  # a pipe that nobody reads, a file that was closed
+            sys.stderr.write(text)
+            sys.stderr.flush()
+
+
 class _Bar:
     """A bar by tqdm where it is installed, else one line on stderr."""
 
@@ -99,11 +113,12 @@ class _Bar:
             self._bar.update(done - self._bar.n)
         elif (percent := 100 * done // max(1, total)) > self._shown:
             self._shown = percent
-            sys.stderr.write(f"\r{percent:3d} %")
-            sys.stderr.flush()
+            say(f"\r{percent:3d} %")
 
     @staticmethod
     def _tqdm(total: int):
+        if sys.stderr is None or sys.stderr.closed:
+            return False
         try:
             tqdm = importlib.import_module("tqdm.auto")
         except ImportError:
@@ -115,4 +130,4 @@ class _Bar:
         if self._bar:
             self._bar.close()
         elif self._shown >= 0:
-            sys.stderr.write("\r      \r")
+            say("\r      \r")

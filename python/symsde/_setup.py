@@ -16,7 +16,7 @@ from . import _abi, _checks, _handles
 from ._checks import INT32, UINT64, address
 from ._progress import Monitor, threads_of
 from .errors import InvalidArgumentError, WrongShapeError, WrongTypeError
-from .model import Model
+from .model import Model, require_model
 from .schemes import Scheme, as_scheme
 
 _LIBRARY_LANES = 256  # of a block in the library, at most
@@ -138,8 +138,8 @@ def _area_time(options: _abi.Options, name: str, value: object) -> None:
 
 def _common_noise(options: _abi.Options, _name: str, value: object) -> None:
     """Numbers of noises as bits."""
-    several = isinstance(value, list | tuple | np.ndarray)
-    numbers = [_checks.integer("common_noise", k, INT32) for k in (value if several else [value])]
+    several = _checks.items(value)
+    numbers = [_checks.integer("common_noise", k, INT32) for k in ([value] if several is None else several)]
     for k in numbers:
         if not 1 <= k <= 64:
             raise InvalidArgumentError(
@@ -185,10 +185,7 @@ def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> _abi.Op
     """The same from a dictionary, which is used up; types and ranges are checked here, their meaning by the library."""
     step, steps, threads, lanes = (given.pop(key, None) for key in _FIRST)
     changed = _changed(given)
-    if not isinstance(model, Model):
-        raise WrongTypeError(
-            f"model = {_checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
-        )
+    require_model(model)
     for key, value in (("step", step), ("steps", steps)):
         if value is None:
             raise WrongTypeError(f"{key} is missing: give step, the size h, and steps, their number")
@@ -236,8 +233,10 @@ def setup_of(given: dict[str, Any]) -> Setup:
     increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
     chosen = _options_of(model, given, take("in_python", False))
     ndof, paths = model.ndof, chosen.paths
+    starts = q0, p0
     q0, p0 = _checks.state("q0", q0, ndof, paths), _checks.state("p0", p0, ndof, paths)
-    model.check_start(q0, p0, chosen.t0)
+    if all(map(_checks.is_one, starts)):
+        model.check_start(q0, p0, chosen.t0)
     return Setup(
         model,
         as_scheme(scheme),

@@ -13,7 +13,7 @@ from . import _abi, _checks
 from ._checks import address
 from ._progress import Monitor
 from .errors import WrongTypeError
-from .model import Model
+from .model import Model, require_model
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,10 @@ def commutator(model: Model, q: Any = None, p: Any = None, t: float = 0.0) -> Co
 
     q, p: sample points, a number, (dof,) or (dof, point); without them 16 points spread over [-1.5, 1.5].
     """
-    if not isinstance(model, Model):
-        raise WrongTypeError(f"model = {_checks.shown(model)} is no model: give one of ss.models, or ss.Model(...)")
-    if q is None or p is None:
+    require_model(model)
+    if (q is None) != (p is None):
+        raise WrongTypeError("one of q and p is given: sample points need both; without both there are 16 points")
+    if q is None:
         angle = np.arange(1, 16 * model.ndof + 1).reshape(model.ndof, 16)
         q, p = 1.5 * np.sin(0.7 * angle + 0.3), 1.5 * np.cos(1.3 * angle)
     points = _checks.columns(q=q, p=p)

@@ -154,7 +154,7 @@ def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
 
 def driving_increments(run: Run) -> np.ndarray:
     """The increments that drove a run, (step, noise, path), prescribed ones summed and truncated as it did."""
-    setup = run.setup
+    setup = _setup_of(run)
     if setup.increments is None:
         return of_options(setup.model, setup.options, setup.scheme)
     dw = setup.increments

@@ -3,11 +3,22 @@
 
 from __future__ import annotations
 
+import re
+
+_LONGEST = 2000  #: characters of a sentence, which may repeat what was given
+
 
 class SymsdeError(Exception):
     """Base of all errors of symsde; `code` is the status of the C interface, 0 where none applies."""
 
     code: int = 0
+
+    def __str__(self) -> str:
+        """The sentence, in which nothing that was given takes pages."""
+        text = super().__str__()
+        if len(text) > _LONGEST:
+            text = re.sub(r"\S{60,}", lambda word: word[0][:57] + "...", text)
+        return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
 
 
 class LibraryNotFoundError(SymsdeError, ImportError):

@@ -12,7 +12,7 @@ import numpy as np
 
 from . import _checks
 from .errors import IncompatibleError, PathsFailedWarning, TooLargeError
-from .model import Model
+from .model import Model, require_model
 from .schemes import Scheme, as_scheme
 from .simulate import simulate
 
@@ -61,6 +61,7 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
     IncompatibleError for other models, for schemes that take J or areas, and for more than two noises that are not
     additive; TooLargeError for these beyond 32 degrees of freedom.
     """
+    require_model(model)
     chosen = as_scheme(scheme)
     step, t = _checks.finite("step", step), _checks.finite("t", t)
     _refuse(model, chosen)

@@ -184,8 +184,7 @@ class Model:
     @classmethod
     def builtin(cls, name: str, parameters: Mapping[str, float]) -> Model:
         """A built-in model by name; `symsde.models` has one function for each."""
-        values = [_checks.number(key, value) for key, value in parameters.items()]
-        known = dict(zip(parameters, values, strict=True))
+        known = {key: _checks.number(key, value) for key, value in _checks.table("parameters", parameters).items()}
         self = cls.__new__(cls)
         self.in_python = False
         self._remade = (Model.builtin, (name, known))
@@ -271,7 +270,7 @@ class Model:
             return status
 
     def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
-        """Refuse an initial state, (dof, 1 or path), from which no run can begin: formulas know."""
+        """Refuse an initial state of all paths, (dof, 1), from which no run can begin: formulas know."""
 
     def value(self, q, p, w=None, t: float = 0.0) -> np.ndarray:
         """sum_j w[j] H_j at many points: shape (path,). Without w: H alone.
@@ -328,6 +327,14 @@ class Model:
         return q, p, _checks.full(w, npath), npath
 
 
+def require_model(model: object) -> None:
+    """Refuse what is no model."""
+    if not isinstance(model, Model):
+        raise WrongTypeError(
+            f"model = {_checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
+        )
+
+
 def _frequencies(rotation, ndof: int):
     """One frequency for each degree of freedom as a C array, or None."""
     if rotation is None:
@@ -340,9 +347,10 @@ def _frequencies(rotation, ndof: int):
 
 def _silent(silent, nnoise: int):
     """Numbers k = 1 .. nnoise of noises as one flag for each in C, or None."""
-    if isinstance(silent, str) or not hasattr(silent, "__iter__"):
+    several = _checks.items(silent)
+    if several is None:
         raise WrongTypeError(f"silent = {_checks.shown(silent)} is no list: give numbers of noises, as in [1, 3]")
-    chosen = [_checks.integer("silent", k) for k in silent]
+    chosen = [_checks.integer("silent", k) for k in several]
     for k in chosen:
         if not 1 <= k <= nnoise:
             raise InvalidArgumentError(f"silent holds {k}: the noises are 1 to {nnoise}")

@@ -16,7 +16,7 @@ from ._library import library
 from ._progress import Monitor, Progress
 from ._setup import Setup, increments_array, make_setup
 from ._signals import carry, held
-from .errors import IncompatibleError, PathsFailedWarning, from_code
+from .errors import IncompatibleError, PathsFailedWarning, WrongTypeError, from_code
 from .model import Model
 from .report import Report, filled, make_report
 from .schemes import Scheme
@@ -185,6 +185,13 @@ class PreparedRun:
             options.first_step,
         )
         self._setup, self._stopped, self._failed = setup, None, 0
+
+    def __reduce__(self) -> tuple:
+        """Neither pickles nor copies."""
+        raise WrongTypeError(
+            "a prepared run holds memory of the library, which can be neither pickled nor copied: prepare another one "
+            "from the model, or pickle what its method run returns"
+        )
 
     def __repr__(self) -> str:
         """One line."""

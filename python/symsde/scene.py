@@ -187,7 +187,7 @@ def _read(file: str) -> tuple[str, dict[str, Any]]:
     tomllib = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
     try:
         _files.require_file(file)
-        text = Path(file).read_text(encoding="utf-8")
+        text = Path(file).read_text(encoding="utf-8-sig")  # some editors begin a file by a mark of its encoding
         if NESTED.search(text):  # the parser would go as deep as Python can, where nothing else works any more
             raise RecursionError
         return text, tomllib.loads(text)
@@ -295,7 +295,7 @@ def require_schemes_alone(file: str | os.PathLike, table: str, run: dict[str, An
 
 def template(name: str) -> str:
     """A commented scene of a built-in model, or of a formula, with the keys that it needs."""
-    if name == "formula":
+    if _checks.name_of("template", name) == "formula":
         return formulas.TEMPLATE
     defaults = models.parameters(name)
     model = models.get(name)

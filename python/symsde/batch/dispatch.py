@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import os
+import pickle
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from dataclasses import dataclass
 from typing import Protocol
 
+from ..errors import WrongTypeError
 from ..observe.observables import are_in_python
 from .plan import Piece
 from .shard_file import Shard
@@ -122,6 +124,19 @@ class _Here:
         return compute(self._task, piece, self._threads, tell, context.shards.checkpoint(piece))
 
 
+def _result_of(future: Future) -> Shard | None:
+    """The shard; what cannot be sent to another process is told so."""
+    try:
+        return future.result()
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        if "pickle" not in str(error):
+            raise
+        raise WrongTypeError(
+            f"the executor cannot send the work to its processes ({error}): define the functions of the model and the "
+            "observables at the top of a module, or give formulas"
+        ) from error
+
+
 class _Many:
     """Pieces on an executor, which may be other processes or machines: each is all or nothing."""
 
@@ -183,7 +198,7 @@ class _Loop:
         for future in done:
             piece = self._running.pop(future)
             try:
-                shard = future.result()
+                shard = _result_of(future)
                 if shard is None or "stopped" in shard.facts:
                     if shard is not None:
                         self._shards.set_aside(piece, shard)

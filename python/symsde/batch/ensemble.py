@@ -11,10 +11,10 @@ from typing import Any
 
 from .. import _abi, _checks
 from .._handles import status_text
-from .._progress import Progress, _Bar
+from .._progress import Progress, told_by
 from .._setup import make_setup
 from .._signals import carry
-from ..errors import NotANumberWarning, PathsFailedWarning, SymsdeError
+from ..errors import NotANumberWarning, PathsFailedWarning, SymsdeError, WrongTypeError
 from ..model import Model
 from ..moments import Moments
 from ..observe import requests
@@ -90,6 +90,12 @@ def ensemble(
     the moments are those of the shards that were done, and `report.stopped` counts the paths that were not. So are
     those that Ctrl-C, or what the handler of another signal raises, carries as `partial`; None before the first.
     """
+    bar, tell = told_by(progress)
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise WrongTypeError(
+            f"executor = {_checks.shown(executor)} takes no work: give an executor of concurrent.futures, or what has "
+            "a method submit as these have; None for threads of this process"
+        )
     functions = check_observables(observables)
     given = _checks.own({"q0": q0, "p0": p0, "step": step, "steps": steps, **options})
     setup = make_setup(model, in_python=are_in_python(functions), **given)
@@ -98,8 +104,7 @@ def ensemble(
     task = Task(model, given, functions, requests.check_observers(observers))
     work = MomentsInWork(task, size)
     memory = _Memory(work)
-    bar = _Bar() if progress is True else None
-    show = Show(sum(piece.work for piece in pieces), 0, bar or (progress or None))
+    show = Show(sum(piece.work for piece in pieces), 0, tell)
     begin = time.monotonic()
     try:
         with warnings.catch_warnings():

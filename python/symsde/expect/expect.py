@@ -78,7 +78,7 @@ def expect(
         if out is None:
             return Work(*choose()).answer()
         inputs = inputs_of(problem, tolerance, None if scheme is None else schemes[0], method)
-        with open_folder(out, inputs, seed, watch) as store:
+        with open_folder(out, inputs, problem.seed, watch) as store:
             store.choice(choose)
             chosen = store.read_choice(problem, tolerance, {scheme.name: scheme for scheme in schemes})
             answer = Work(*chosen, store).answer()

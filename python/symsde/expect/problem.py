@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import _checks
 from ..errors import InvalidArgumentError, PathsFailedWarning, WrongTypeError
-from ..model import Model
+from ..model import Model, require_model
 from ..moments import try_out
 from ..report import Report
 from ..schemes import Scheme
@@ -74,10 +74,7 @@ def make_problem(
     model: Model, f: Function | str, *, q0: Any, p0: Any, horizon: float, seed: int = 0, **options: Any
 ) -> Problem:
     """Check everything that is given; each refusal is a sentence."""
-    if not isinstance(model, Model):
-        raise WrongTypeError(
-            f"model = {_checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
-        )
+    require_model(model)
     for key in options:
         if key not in OPTIONS:
             raise WrongTypeError(f"there is no option {key!r}: there are {_checks.nearest(key, OPTIONS)}")
@@ -89,8 +86,9 @@ def make_problem(
         if not np.isfinite(state).all():
             raise InvalidArgumentError(f"{name} is not finite: give finite numbers")
     seed = _checks.integer("seed", seed, _checks.UINT64)
+    given = {key: _checks.fixed(value) for key, value in options.items()}
     t = _checks.finite("t0", options.get("t0", 0.0)) + horizon
-    problem = Problem(model, Target(f, model, t), states["q0"], states["p0"], horizon, seed, _checks.own(options))
+    problem = Problem(model, Target(f, model, t), states["q0"], states["p0"], horizon, seed, given)
     problem.target.try_at(problem.q0, problem.p0)
     try_out(model, {"f": problem.target}, q0=problem.q0, p0=problem.p0, t0=t, step=horizon / 1024)
     return problem

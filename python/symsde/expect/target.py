@@ -23,6 +23,7 @@ class Target:
 
     def __init__(self, f: Function | str, model: Model, t: float):
         """A callable, or a formula in the names that observables have."""
+        self._made = f, model, t
         self.is_truth = False  #: it returns truth values
         self.name = f if isinstance(f, str) else getattr(f, "__name__", "f")
         self._function = _of_formula(f, model, t) if isinstance(f, str) else f
@@ -31,6 +32,10 @@ class Target:
                 f"f = {_checks.shown(f)} is not allowed: give a function f(q, p) of arrays (dof, path), or a formula "
                 "as text, such as 'q**2'"
             )
+
+    def __reduce__(self) -> tuple:
+        """For pickle: made again."""
+        return Target, self._made
 
     def __call__(self, q: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Values (path,); WrongShapeError tells what came instead."""

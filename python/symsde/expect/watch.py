@@ -7,8 +7,8 @@ import math
 import time
 
 from .. import _checks
-from .._progress import Progress, _Bar
-from ..errors import InvalidArgumentError, WrongTypeError
+from .._progress import Progress, told_by
+from ..errors import InvalidArgumentError
 
 _TICKS = 1000  #: of the whole, told to a progress function
 
@@ -18,17 +18,11 @@ class Watch:
 
     def __init__(self, max_time: float | None, progress: Progress):
         """Start."""
-        if not isinstance(progress, bool) and not callable(progress):
-            raise WrongTypeError(
-                f"progress = {_checks.shown(progress)} is not allowed: give True, False, or a function f(done, total) "
-                "that returns True to stop"
-            )
+        self._bar, self._tell = told_by(progress)
         self.max_time = math.inf if max_time is None else _checks.finite("max_time", max_time)
         if self.max_time <= 0:
             raise InvalidArgumentError(f"max_time = {self.max_time:g} is not allowed: give seconds above 0")
         self._begin, self._begin_of_work = time.monotonic(), time.process_time()
-        self._bar = _Bar() if progress is True else None
-        self._tell = progress if callable(progress) else self._bar
         self._stopped = self._ended = False
 
     @property

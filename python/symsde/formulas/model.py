@@ -56,8 +56,6 @@ class FormulaModel(Model):
 
     def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
         """Refuse one state for all paths where a Hamiltonian or its derivative is singular: no scheme is right."""
-        if q0.shape[1] != 1 or p0.shape[1] != 1:
-            return  # each path has its own status
         if self._is_finite_at(q0, p0, t0):
             return
         if not (math.isfinite(t0) and np.isfinite(q0).all() and np.isfinite(p0).all()):

@@ -8,7 +8,7 @@ user writes reaches generated code.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,13 +53,22 @@ def quoted(text: str) -> str:
     return repr(text if len(text) <= 80 else text[:77] + "...")
 
 
+def written(formula: Any) -> str:
+    """A formula as text."""
+    try:
+        return str(formula)
+    except Exception as error:  # whatever an object of somebody else's does; integers of thousands of digits
+        kind = type(formula).__name__
+        raise InvalidArgumentError(f"a formula of type {kind} cannot be written as text: {error}") from None
+
+
 def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
     """Check everything that is given; errors quote the formula."""
     sympy = optional("sympy", "sympy")
     given = [H, *several("noise", noise)]
     if len(given) - 1 > MAX_NOISES:
         raise InvalidArgumentError(
-            f"{len(given) - 1} noises beside {quoted(str(H))}: "
+            f"{len(given) - 1} noises beside {quoted(written(H))}: "
             f"formulas without sums over sites are for {MAX_NOISES} at most"
         )
     candidates = several("invariants", invariants)
@@ -80,7 +89,7 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
     return Problem(
         hamiltonians=tuple(expressions[: len(given)]),
         invariants=tuple(expressions[len(given) :]),
-        texts=tuple(str(x) for x in (*given, *candidates)),
+        texts=tuple(written(x) for x in (*given, *candidates)),
         ndof=ndof,
         parameters=names.values,
     )
@@ -95,13 +104,10 @@ def _found(letter: str, texts: Sequence[str], count: int = 0) -> str | list[str]
 
 def several(what: str, given: Any) -> list[Any]:
     """One thing or a sequence of them, as a list."""
-    if given is None:
-        return []
-    if isinstance(given, str) or not isinstance(given, Iterable):
-        return [given]
     if isinstance(given, Mapping | set):
         raise WrongTypeError(f"{what} = {_checks.shown(given)} has no order: give a list")
-    return list(given)
+    found = _checks.items(given)
+    return ([] if given is None else [given]) if found is None else found
 
 
 class Names:
@@ -122,16 +128,16 @@ class Names:
 
     def _coordinate(self, letter: str, i: int, given: Any) -> None:
         symbol = self.sympy.Symbol(f"{letter}{i}", real=True)
+        if isinstance(given, self.sympy.core.function.AppliedUndef):  # dynamicsymbols
+            self.moving[given] = symbol
+            given = str(given)
+        self._name(given, symbol)
         there = re.fullmatch(r"([qp])_?([0-9]*)", folded(given).partition("(")[0])
         if there and (there[1] != letter or there[2] not in ("", str(i + 1))):
             raise InvalidArgumentError(
                 f"{given} is at place {i + 1} of {letter}, which results, observables and files call {letter}_{i + 1}: "
                 f"count coordinates {letter}1, {letter}2, .. from 1, or give them names without q, p and numbers"
             )
-        if isinstance(given, self.sympy.core.function.AppliedUndef):  # dynamicsymbols
-            self.moving[given] = symbol
-            given = str(given)
-        self._name(given, symbol)
 
     def _parameters(self, params: Mapping) -> None:
         if not isinstance(params, Mapping):
@@ -156,8 +162,8 @@ class Names:
         name = folded(given)
         if name in self.known:
             raise InvalidArgumentError(
-                f"the name {name!r} is given twice: q, p, params and t need names of their own, which differ by more "
-                "than the two signs of micro do"
+                f"the name {name!r} is given twice: q, p, params and t need names of their own (letters that "
+                "look alike, as both signs of micro, are one)"
             )
         column = re.fullmatch(r"[qp]_([0-9]{1,9})", name)
         if what and column and 1 <= int(column[1]) <= self._ndof:
@@ -177,7 +183,7 @@ class Names:
             raise WrongTypeError(f"{_checks.shown(given)} is no formula: give an expression of sympy") from None
         if not isinstance(expression, sympy.Expr) or expression.is_Matrix:
             raise WrongTypeError(f"{_checks.shown(given)} is no scalar formula: give one expression")
-        text = quoted(str(given))
+        text = quoted(written(given))
         self._refuse_strangers(expression, text)
         expression = expression.xreplace(
             {**{x: self.known[folded(x.name)] for x in expression.free_symbols}, **self.moving}

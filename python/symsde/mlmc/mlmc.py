@@ -91,7 +91,7 @@ def mlmc(
         if out is None:
             return Estimate(sampler, tolerance, **given).run()
         inputs = inputs_of(problem, tolerance, chosen, "multilevel")
-        inputs["mlmc"] = {"steps": sampler.coarsest, "levels": most, "first": first, "antithetic": antithetic}
+        inputs["mlmc"] = {"steps": sampler.coarsest, "levels": most, "first": first, "antithetic": sampler.antithetic}
         with open_folder(out, inputs, problem.seed, watch) as store:
             return Estimate(sampler, tolerance, **given, store=store).run()
     except BaseException as stop:

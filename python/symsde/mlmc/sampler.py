@@ -133,7 +133,7 @@ class LevelSampler:
 
     def steps(self, level: int) -> int:
         """Steps of a level."""
-        return self.coarsest << level
+        return self.coarsest << _checks.integer("level", level, (0, MOST_LEVELS))
 
     def _samples(self, level: int, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, int, float]]:
         """f fine, f coarse, failed paths and seconds of parts of new samples."""

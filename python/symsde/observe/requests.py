@@ -26,7 +26,7 @@ class Observer:
     def __post_init__(self) -> None:
         """What is given may change later, this does not."""
         for field in dataclasses.fields(self):
-            object.__setattr__(self, field.name, _fixed(getattr(self, field.name)))
+            object.__setattr__(self, field.name, _checks.fixed(getattr(self, field.name)))
 
     def names(self, columns: Sequence[str]) -> tuple[str, ...]:
         """The values that it looks at, among those that there are."""
@@ -183,12 +183,6 @@ class Paths(Observer):
         given = [self.paths] if isinstance(self.paths, int) else self.paths
         indices = sorted({_checks.integer("paths", i, (0, 2**47)) for i in given})
         return {"paths": np.array(indices, np.int64)}
-
-
-def _fixed(given: Any) -> Any:
-    """Lists and arrays as tuples and numbers."""
-    given = given.tolist() if isinstance(given, np.ndarray) else given
-    return tuple(map(_fixed, given)) if isinstance(given, list | tuple | set) else given
 
 
 def _range(observer: Any) -> dict[str, float]:

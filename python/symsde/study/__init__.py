@@ -7,13 +7,13 @@ Errors and run times come from separate runs: increments that are sums of finer 
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from .. import _files
+from .. import _checks, _files
+from .._progress import say
 from ..model import Model
 from ..schemes import Scheme
 from . import figure, orders, table, words
@@ -101,6 +101,7 @@ def work_precision(
 
     Misuse raises a ValueError with a sentence before the first long run. Points whose paths fail are marked.
     """
+    progress = _checks.flag("progress", progress)
     plan = make_plan(
         model, q0=q0, p0=p0, schemes=schemes, steps=steps, horizon=horizon, paths=paths, reference=reference,
         reference_steps=reference_steps, repeats=repeats, interval=interval, invariants=invariants, name=name,
@@ -182,5 +183,4 @@ def _head(plan: Plan, scheme: Scheme, steps: int) -> dict:
 def _tell(progress: bool, text: str) -> None:
     """One line on stderr, written over."""
     if progress:
-        sys.stderr.write(f"\r\033[K{text}")
-        sys.stderr.flush()
+        say(f"\r\033[K{text}")

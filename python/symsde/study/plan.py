@@ -134,11 +134,12 @@ def make_plan(
         raise InvalidArgumentError(
             f"repeats = {repeats} is too few for a median with its spread: give at least {LEAST_REPEATS}"
         )
+    named = getattr(model, "name", "model") if name is None else name
     plan = Plan(
         model=model, schemes=chosen, steps=counts, horizon=horizon, paths=check_paths(paths, interval),
-        q0=_checks.own(q0), p0=_checks.own(p0), options=_checks.own(options), references={}, draws=counts[-1],
-        repeats=repeats, interval=interval, name=name or getattr(model, "name", "model"),
-        invariants=_invariants(invariants), said=_checks.own(about or {}),
+        q0=_checks.own(q0), p0=_checks.own(p0), options={key: _checks.fixed(x) for key, x in options.items()},
+        references={}, draws=counts[-1], repeats=repeats, interval=interval, name=_checks.name_of("name", named),
+        invariants=_invariants(invariants), said=_checks.own(_checks.table("about", {} if about is None else about)),
     )  # fmt: skip
     _try_out(plan)
     _try_invariants(plan)
