@@ -12,13 +12,14 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NoReturn
 
 from . import _cpu, _files, _library, _selftest, cite, models, scene, schemes, tables
 from ._output import patient_output
 from ._setup import build_info
 from .batch import command as batch
 from .batch import merge
-from .errors import NotANumberWarning, NotWrittenError, PathsFailedWarning, SymsdeError
+from .errors import NotANumberWarning, NotWrittenError, PathsFailedWarning, SymsdeError, shortened
 from .expect import command as expect
 from .export import command as export
 from .plot import command as plot
@@ -43,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
             scene.PYTHON_ALLOWED.set(getattr(options, "allow_python", False))
             return options.verb(options)
     except (SymsdeError, OSError) as error:
-        print(f"symsde: {error}", file=sys.stderr)
+        print(f"symsde: {shortened(str(error))}", file=sys.stderr)
         is_input = isinstance(error, SymsdeError) and not isinstance(error, NotWrittenError)
         return BAD_INPUT if is_input else NOT_WRITTEN
     except KeyboardInterrupt:
@@ -65,8 +66,16 @@ def _terminated_as_interrupted() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
+class _Parser(argparse.ArgumentParser):
+    """Whose messages are of bearable length."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with a sentence."""
+        super().error(shortened(message))
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="symsde", description="Symplectic integration of stochastic Hamiltonian systems.", epilog=_EPILOG
     )
     parser.add_argument("--version", action="version", version=f"symsde {build_info().get('version', '?')}")

@@ -8,6 +8,13 @@ import re
 _LONGEST = 2000  #: characters of a sentence, which may repeat what was given
 
 
+def shortened(text: str) -> str:
+    """A sentence in which long words are cut, and of what is long then the middle."""
+    if len(text) > _LONGEST:
+        text = re.sub(r"\S{60,}", lambda word: word[0][:57] + "...", text)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
+
+
 class SymsdeError(Exception):
     """Base of all errors of symsde; `code` is the status of the C interface, 0 where none applies."""
 
@@ -15,10 +22,7 @@ class SymsdeError(Exception):
 
     def __str__(self) -> str:
         """The sentence, in which nothing that was given takes pages."""
-        text = super().__str__()
-        if len(text) > _LONGEST:
-            text = re.sub(r"\S{60,}", lambda word: word[0][:57] + "...", text)
-        return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
+        return shortened(super().__str__())
 
 
 class LibraryNotFoundError(SymsdeError, ImportError):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import symsde as ss
 import test_inputs
-from symsde import scene
+from symsde import cli, scene
 
 LONGEST = 2100
 
@@ -195,3 +195,16 @@ def test_a_sentence_keeps_its_beginning_and_its_end():
         ss.moments(KUBO, **RUN, **{"x" * 100_000: 1})
     assert str(caught.value).startswith("there is no option 'xxx") and str(caught.value).endswith("threads, lanes")
     assert str(ss.errors.SceneError("word " * 20_000 + "end")).endswith("word end")
+
+
+@pytest.mark.parametrize(
+    "verb",
+    ["", "run", "check", "template", "plot", "expect", "list", "study", "export --to c", "cite --scheme", "run --shard",
+     "merge --out x", "completion"],
+)  # fmt: skip
+def test_the_command_line_repeats_no_page(verb, capsys):
+    try:
+        code = cli.main([*verb.split(), "x" * 100_000])
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2 and len(capsys.readouterr().err) < 3000

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +30,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """The verb."""
     source = Path(options.source)
-    if not source.exists():
+    if not os.path.exists(source):
         raise SceneError(f"{source} does not exist: give the folder of a run, or a file of one")
     _files.optional("matplotlib", "plot")
     known = _of_folder(source, options) if source.is_dir() else _of_file(source, options)
