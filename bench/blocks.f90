@@ -10,7 +10,7 @@ program bench_blocks
    use symsde_base_sincos, only: sincos_lanes
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
-   use symsde_model_catalogue, only: get_model, model_names
+   use symsde_model_catalogue_by_name, only: get_model, model_names
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_noise_normal, only: normal_pair_lanes, scaled_normal_steps
    use symsde_noise_philox, only: philox_two_lanes, philox_tile

@@ -6,7 +6,7 @@
 program bench_counters
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
-   use symsde_ensemble_simulate, only: paths_type
+   use symsde_ensemble_run_simulate, only: paths_type
    use bench_support, only: scene_type, new_scene, run_paths
    implicit none
    logical :: good

@@ -5,8 +5,8 @@
 !> Lines: growth AXIS X and seconds of a run (median, least, largest).
 program bench_growth
    use symsde_base_kinds, only: wp, i8
-   use symsde_ensemble_report, only: run_report
-   use symsde_ensemble_simulate, only: paths_type
+   use symsde_ensemble_run_report, only: run_report
+   use symsde_ensemble_run_simulate, only: paths_type
    use bench_noisy_oscillator, only: noisy_oscillator_model, new_noisy_oscillator
    use mean_field_model, only: mean_field_type, new_mean_field
    use bench_support, only: seconds, median, scene_type, new_scene, run_paths, run_moments, &

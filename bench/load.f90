@@ -6,7 +6,7 @@
 !> path-step, and the part of the time that the threads ran.
 program bench_load
    use symsde_base_kinds, only: wp, i8
-   use symsde_ensemble_simulate, only: paths_type
+   use symsde_ensemble_run_simulate, only: paths_type
    use bench_support, only: seconds, scene_type, new_scene, run_paths, integer_argument
    implicit none
    type(scene_type) :: scene

@@ -5,7 +5,7 @@
 !> time of the run in seconds.
 program bench_memory
    use symsde_base_kinds, only: wp, i8
-   use symsde_ensemble_report, only: run_report
+   use symsde_ensemble_run_report, only: run_report
    use bench_support, only: seconds, scene_type, new_scene, run_moments, integer_argument
    implicit none
    type(scene_type) :: scene

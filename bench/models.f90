@@ -9,9 +9,9 @@ program bench_models
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
    use symsde_base_traits, only: model_traits
-   use symsde_ensemble_simulate, only: paths_type
-   use symsde_model_callback, only: callback_model, new_callback_model
-   use symsde_model_callback_functions, only: gradient_callback, hessian_callback, gradient_hessian_callback
+   use symsde_ensemble_run_simulate, only: paths_type
+   use symsde_model_user_callback, only: callback_model, new_callback_model
+   use symsde_model_user_callback_functions, only: gradient_callback, hessian_callback, gradient_hessian_callback
    use bench_support, only: median, scene_type, new_scene, run_paths, integer_argument, stop_on
    use bench_user_models, only: user_oscillator, user_synchrotron, plain_synchrotron
    implicit none

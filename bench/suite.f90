@@ -8,7 +8,7 @@
 !> program (the same), the median of the ratios, and the largest difference of the final states.
 program bench_suite
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_ensemble_simulate, only: paths_type
+   use symsde_ensemble_run_simulate, only: paths_type
    use bench_limit_additive_euler, only: limit_additive_euler
    use bench_limit_fpu_chain, only: limit_fpu_chain
    use bench_limit_gauss2, only: limit_gauss2

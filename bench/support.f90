@@ -4,10 +4,10 @@ module bench_support
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
    use symsde_ensemble_options, only: run_options
-   use symsde_ensemble_report, only: run_report
-   use symsde_ensemble_simulate, only: paths_type, moments_type, simulate, moments
+   use symsde_ensemble_run_report, only: run_report
+   use symsde_ensemble_run_simulate, only: paths_type, moments_type, simulate, moments
    use symsde_model_abstract, only: model_type
-   use symsde_model_catalogue, only: get_model
+   use symsde_model_catalogue_by_name, only: get_model
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type
    implicit none

@@ -32,18 +32,19 @@ module symsde
    use symsde_base_version, only: library_version
    ! models: the type to extend, the built-in ones, one by name, one from C functions
    use symsde_model_abstract, only: model_type
-   use symsde_model_additive_oscillator, only: additive_oscillator_model, new_additive_oscillator
-   use symsde_model_driven_pendulum, only: driven_pendulum_model, new_driven_pendulum
-   use symsde_model_fpu_chain, only: fpu_chain_model, new_fpu_chain
-   use symsde_model_henon_heiles, only: henon_heiles_model, new_henon_heiles
-   use symsde_model_kubo, only: kubo_model, new_kubo
-   use symsde_model_linear_oscillator, only: linear_oscillator_model, new_linear_oscillator
-   use symsde_model_noncommutative_oscillator, only: noncommutative_oscillator_model, new_noncommutative_oscillator
-   use symsde_model_pendulum, only: pendulum_model, new_pendulum
-   use symsde_model_synchrotron, only: synchrotron_model, new_synchrotron
-   use symsde_model_catalogue, only: get_model, model_names, parameter_names, parameter_defaults
-   use symsde_model_callback, only: callback_model, new_callback_model
-   use symsde_model_probe, only: probe_model
+   use symsde_model_catalogue_additive_oscillator, only: additive_oscillator_model, new_additive_oscillator
+   use symsde_model_catalogue_driven_pendulum, only: driven_pendulum_model, new_driven_pendulum
+   use symsde_model_catalogue_fpu_chain, only: fpu_chain_model, new_fpu_chain
+   use symsde_model_catalogue_henon_heiles, only: henon_heiles_model, new_henon_heiles
+   use symsde_model_catalogue_kubo, only: kubo_model, new_kubo
+   use symsde_model_catalogue_linear_oscillator, only: linear_oscillator_model, new_linear_oscillator
+   use symsde_model_catalogue_noncommutative_oscillator, only: noncommutative_oscillator_model, &
+                                                               new_noncommutative_oscillator
+   use symsde_model_catalogue_pendulum, only: pendulum_model, new_pendulum
+   use symsde_model_catalogue_synchrotron, only: synchrotron_model, new_synchrotron
+   use symsde_model_catalogue_by_name, only: get_model, model_names, parameter_names, parameter_defaults
+   use symsde_model_user_callback, only: callback_model, new_callback_model
+   use symsde_model_probe_traits, only: probe_model
    ! sincos_lanes(n, x, sine, cosine), for models of one's own: arrays of any length n at once, several times as
    ! fast as the intrinsics lane by lane; within 1 ulp for |x| <= 1e5, with the same bits on every x86-64 processor
    ! unless the library contracts, and the intrinsics beyond. A lane depends on its own x alone
@@ -62,16 +63,16 @@ module symsde
    ! runs
    use symsde_base_counters, only: counters_type
    use symsde_ensemble_monitor, only: monitor_type
-   use symsde_ensemble_merge, only: merge_moments
-   use symsde_ensemble_observables, only: observables_type
-   use symsde_ensemble_observer_list, only: observe_histogram, observe_quantiles, observe_covariance, &
-                                            observe_autocorrelation, observe_extremes, observe_passage, observe_paths, &
-                                            merge_observed, observed_answer
-   use symsde_ensemble_streaming, only: observer_request, observed_type
+   use symsde_ensemble_statistics_merge, only: merge_moments
+   use symsde_ensemble_observe_observables, only: observables_type
+   use symsde_ensemble_observe_observers, only: observe_histogram, observe_quantiles, observe_covariance, &
+                                                observe_autocorrelation, observe_extremes, observe_passage, &
+                                                observe_paths, merge_observed, observed_answer
+   use symsde_ensemble_observe_streaming, only: observer_request, observed_type
    use symsde_ensemble_options, only: run_options
-   use symsde_ensemble_prepared, only: prepared_run, prepare
-   use symsde_ensemble_report, only: run_report
-   use symsde_ensemble_simulate, only: paths_type, moments_type, simulate, moments
+   use symsde_ensemble_run_prepared, only: prepared_run, prepare
+   use symsde_ensemble_run_report, only: run_report
+   use symsde_ensemble_run_simulate, only: paths_type, moments_type, simulate, moments
    ! diagnostics
    use symsde_diagnose_action, only: discrete_action, action_gradient, euler_lagrange_residual
    use symsde_diagnose_commutator, only: commutator_type, commutator

@@ -12,7 +12,7 @@ module symsde_capi_boundary_value
    use symsde_diagnose_boundary_value, only: stationary_path
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
-   use symsde_model_callback, only: callback_model
+   use symsde_model_user_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private

@@ -13,7 +13,7 @@ module symsde_capi_commutator
    use symsde_capi_text, only: put_text
    use symsde_diagnose_commutator, only: commutator, commutator_type
    use symsde_model_abstract, only: model_type
-   use symsde_model_callback, only: callback_model
+   use symsde_model_user_callback, only: callback_model
    implicit none
    private
    public :: symsde_commutator

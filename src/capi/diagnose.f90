@@ -17,7 +17,7 @@ module symsde_capi_diagnose
    use symsde_diagnose_symplecticity, only: symplecticity_defect
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
-   use symsde_model_callback, only: callback_model
+   use symsde_model_user_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private

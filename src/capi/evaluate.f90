@@ -12,7 +12,7 @@ module symsde_capi_evaluate
    use symsde_capi_error, only: finish, require, check_sizes
    use symsde_capi_model, only: use_model
    use symsde_model_abstract, only: model_type
-   use symsde_model_callback, only: callback_model
+   use symsde_model_user_callback, only: callback_model
    implicit none
    private
    public :: symsde_model_value, symsde_model_gradient, symsde_model_hessian

@@ -13,10 +13,10 @@ module symsde_capi_increments
    use symsde_capi_monitor, only: callback_monitor
    use symsde_capi_options, only: read_options
    use symsde_capi_scheme, only: find_scheme
-   use symsde_ensemble_driver, only: new_noise
-   use symsde_ensemble_increments, only: collect_increments
+   use symsde_ensemble_run_driver, only: new_noise
+   use symsde_ensemble_run_increments, only: collect_increments
    use symsde_ensemble_options, only: run_options
-   use symsde_ensemble_memory, only: noise_numbers
+   use symsde_ensemble_run_memory, only: noise_numbers
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type

@@ -8,10 +8,10 @@ module symsde_capi_joint
    use symsde_capi_model, only: find_model
    use symsde_capi_text, only: read_text
    use symsde_model_abstract, only: model_type
-   use symsde_model_callback, only: callback_model
+   use symsde_model_user_callback, only: callback_model
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_step_whole, only: name_of_flow
+   use symsde_step_flow_model_flow, only: name_of_flow
    implicit none
    private
    public :: symsde_model_set_gradient_hessian, symsde_model_accept_null, symsde_model_set_flow

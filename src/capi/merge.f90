@@ -6,7 +6,7 @@ module symsde_capi_merge
    use symsde_base_status, only: error_type
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes
-   use symsde_ensemble_merge, only: merge_moments
+   use symsde_ensemble_statistics_merge, only: merge_moments
    implicit none
    private
    public :: symsde_merge_moments

@@ -16,8 +16,8 @@ module symsde_capi_model
    use symsde_capi_traits, only: c_traits, from_traits, to_traits
    use symsde_capi_text, only: read_text, put_text, lines
    use symsde_model_abstract, only: model_type
-   use symsde_model_callback, only: callback_model, new_callback_model
-   use symsde_model_catalogue, only: get_model, model_names, tabulate
+   use symsde_model_user_callback, only: callback_model, new_callback_model
+   use symsde_model_catalogue_by_name, only: get_model, model_names, tabulate
    implicit none
    private
    public :: find_model, use_model

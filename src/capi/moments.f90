@@ -16,12 +16,12 @@ module symsde_capi_moments
    use symsde_capi_options, only: read_options
    use symsde_capi_report, only: check_report, end_run
    use symsde_capi_scheme, only: find_scheme
-   use symsde_ensemble_moment_collector, only: max_failed_listed
+   use symsde_ensemble_observe_moment_collector, only: max_failed_listed
    use symsde_ensemble_options, only: run_options
-   use symsde_ensemble_simulate, only: moments_type, moments
-   use symsde_ensemble_streaming, only: observer_request
+   use symsde_ensemble_run_simulate, only: moments_type, moments
+   use symsde_ensemble_observe_streaming, only: observer_request
    use symsde_model_abstract, only: model_type
-   use symsde_model_callback, only: callback_model
+   use symsde_model_user_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private

@@ -4,7 +4,7 @@ module symsde_capi_observables
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_null_ptr, c_ptr
    use symsde_base_kinds, only: wp, i4
-   use symsde_ensemble_observables, only: observables_type
+   use symsde_ensemble_observe_observables, only: observables_type
    implicit none
    private
    public :: callback_observables, new_callback_observables

@@ -10,11 +10,11 @@ module symsde_capi_observer
    use symsde_capi_error, only: finish, require, check_sizes, take_struct
    use symsde_capi_model, only: use_model
    use symsde_capi_options, only: read_options
-   use symsde_ensemble_observer_list, only: new_observed, merge_observed, observed_answer, new_observed_run
+   use symsde_ensemble_observe_observers, only: new_observed, merge_observed, observed_answer, new_observed_run
    use symsde_ensemble_options, only: run_options
-   use symsde_ensemble_streaming, only: observer_request, observed_run, observed_type
+   use symsde_ensemble_observe_streaming, only: observer_request, observed_run, observed_type
    use symsde_model_abstract, only: model_type
-   use symsde_model_callback, only: callback_model
+   use symsde_model_user_callback, only: callback_model
    implicit none
    private
    public :: symsde_observer_init, symsde_observer_sizes, symsde_observer_merge, symsde_observer_answer

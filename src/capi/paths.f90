@@ -14,13 +14,13 @@ module symsde_capi_paths
    use symsde_capi_options, only: read_options
    use symsde_capi_report, only: check_report, end_run
    use symsde_capi_scheme, only: find_scheme
-   use symsde_ensemble_driver, only: run_ensemble
+   use symsde_ensemble_run_driver, only: run_ensemble
    use symsde_ensemble_options, only: run_options, check_options
-   use symsde_ensemble_recorder, only: path_recorder
-   use symsde_ensemble_report, only: run_report
-   use symsde_ensemble_simulate, only: fill_times
+   use symsde_ensemble_observe_recorder, only: path_recorder
+   use symsde_ensemble_run_report, only: run_report
+   use symsde_ensemble_run_simulate, only: fill_times
    use symsde_model_abstract, only: model_type
-   use symsde_model_callback, only: callback_model
+   use symsde_model_user_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private

@@ -5,7 +5,7 @@ module symsde_capi_probe
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
-   use symsde_model_probe, only: probe_model
+   use symsde_model_probe_traits, only: probe_model
    implicit none
    private
    public :: probe_at

@@ -8,7 +8,7 @@ module symsde_capi_report
    use symsde_base_text, only: to_text
    use symsde_capi_error, only: finish, require, take_struct, give_struct
    use symsde_capi_text, only: put_chars
-   use symsde_ensemble_report, only: run_report
+   use symsde_ensemble_run_report, only: run_report
    implicit none
    private
    public :: check_report, give_report, end_run, symsde_report_init

@@ -14,11 +14,11 @@ module symsde_capi_run
    use symsde_capi_report, only: check_report, give_report, end_run
    use symsde_capi_scheme, only: find_scheme
    use symsde_ensemble_options, only: run_options
-   use symsde_ensemble_prepared, only: prepared_run, prepare
-   use symsde_ensemble_recorder, only: path_recorder
-   use symsde_ensemble_report, only: run_report
+   use symsde_ensemble_run_prepared, only: prepared_run, prepare
+   use symsde_ensemble_observe_recorder, only: path_recorder
+   use symsde_ensemble_run_report, only: run_report
    use symsde_model_abstract, only: model_type
-   use symsde_model_callback, only: callback_model
+   use symsde_model_user_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private

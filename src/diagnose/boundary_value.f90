@@ -19,11 +19,11 @@ module symsde_diagnose_boundary_value
    use symsde_base_text, only: to_text
    use symsde_diagnose_action_system, only: action_system, new_action_system
    use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian, lagrangian_numbers
-   use symsde_ensemble_driver, only: new_noise
-   use symsde_ensemble_increments, only: collect_increments
+   use symsde_ensemble_run_driver, only: new_noise
+   use symsde_ensemble_run_increments, only: collect_increments
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
-   use symsde_ensemble_memory, only: noise_numbers
+   use symsde_ensemble_run_memory, only: noise_numbers
    use symsde_model_abstract, only: model_type
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type

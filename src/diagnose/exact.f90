@@ -25,13 +25,13 @@ module symsde_diagnose_exact
    use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation, incompatible
    use symsde_base_text, only: to_text
    use symsde_diagnose_linear_flow, only: linear_flow, new_linear_flow
-   use symsde_ensemble_driver, only: new_noise
+   use symsde_ensemble_run_driver, only: new_noise
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_model_abstract, only: model_type
-   use symsde_model_additive_oscillator, only: additive_oscillator_model
-   use symsde_model_kubo, only: kubo_model
-   use symsde_model_linear_oscillator, only: linear_oscillator_model
+   use symsde_model_catalogue_additive_oscillator, only: additive_oscillator_model
+   use symsde_model_catalogue_kubo, only: kubo_model
+   use symsde_model_catalogue_linear_oscillator, only: linear_oscillator_model
    use symsde_noise_brownian, only: max_refine
    use symsde_noise_integral_draws, only: shape_draws
    use symsde_noise_oscillator_law, only: oscillator_integrals, oscillator_draws

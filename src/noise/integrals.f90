@@ -17,7 +17,7 @@
 !> Steps of a discrete law have no shape: dW of that law and areas +-|h|/2 (noise/discrete).
 !>
 !> An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, with
-!> 2^n >= tau/(12 |h|) for a time scale tau (model/area_time): its mean-square error |h|^2/(12 2^n) is at most
+!> 2^n >= tau/(12 |h|) for a time scale tau (model/probe/area_time): its mean-square error |h|^2/(12 2^n) is at most
 !> |h|^3/tau.
 !>
 !> refine = l > 0: 2^l finer steps, merged as a balanced binary tree; dW has the bits of the source that

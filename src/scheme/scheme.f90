@@ -61,7 +61,7 @@ module symsde_scheme_scheme
       character(:), allocatable :: instead    !! what to use where the model declares less
    end type model_needs
 
-   !> Brackets added to the one-step Hamiltonian (step/modified_hamiltonian), for orders beyond one.
+   !> Brackets added to the one-step Hamiltonian (step/hamiltonian/brackets), for orders beyond one.
    type :: bracket_terms
       logical :: single = .false.  !! sum_k (h dW_k/2 - dZ_k) {H_k,H}
       logical :: areas = .false.   !! sum_{k<l} A_kl {H_l,H_k}

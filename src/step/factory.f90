@@ -11,22 +11,22 @@ module symsde_step_factory
                                    correction_increments, frame_shift, frame_mean_path, frame_rotation, &
                                    ito_form, galerkin_form, splitting_form
    use symsde_solve_newton, only: newton_options, check_newton
-   use symsde_step_averaged_shift, only: averaged_shift_stepper
-   use symsde_step_drift_preserving, only: drift_preserving_stepper, drift_preserving_fits
-   use symsde_step_euler_maruyama, only: euler_maruyama_stepper
-   use symsde_step_explicit, only: explicit_stepper, explicit_fits
-   use symsde_step_galerkin, only: galerkin_stepper
-   use symsde_step_general, only: general_stepper
-   use symsde_step_midpoint, only: midpoint_stepper, midpoint_fits
+   use symsde_step_midpoint_mean_path, only: averaged_shift_stepper
+   use symsde_step_midpoint_mean_force, only: drift_preserving_stepper, drift_preserving_fits
+   use symsde_step_explicit_euler_maruyama, only: euler_maruyama_stepper
+   use symsde_step_explicit_tableau, only: explicit_stepper, explicit_fits
+   use symsde_step_implicit_galerkin, only: galerkin_stepper
+   use symsde_step_implicit_general, only: general_stepper
+   use symsde_step_midpoint_eliminated, only: midpoint_stepper, midpoint_fits
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
-   use symsde_step_midpoint_single, only: midpoint_single_stepper, midpoint_single_fits
-   use symsde_step_one_sided, only: one_sided_stepper, one_sided_fits
-   use symsde_step_splitting, only: splitting_stepper
-   use symsde_step_stages, only: stages_stepper, stages_fits
-   use symsde_step_stages_single, only: stages_single_stepper, stages_single_fits
+   use symsde_step_midpoint_one_dof, only: midpoint_single_stepper, midpoint_single_fits
+   use symsde_step_implicit_euler_pair, only: one_sided_stepper, one_sided_fits
+   use symsde_step_splitting_stepper, only: splitting_stepper
+   use symsde_step_stages_stepper, only: stages_stepper, stages_fits
+   use symsde_step_one_dof_stepper, only: stages_single_stepper, stages_single_fits
    use symsde_step_stepper, only: stepper_type, stepper_task
-   use symsde_step_verlet_dz, only: verlet_dz_stepper
-   use symsde_step_whole, only: whole_stepper, whole_fits
+   use symsde_step_explicit_verlet_dz, only: verlet_dz_stepper
+   use symsde_step_flow_model_flow, only: whole_stepper, whole_fits
    implicit none
    private
    public :: stepper_options, new_stepper, resolve_task, make_stepper, resolve_correction

@@ -289,7 +289,7 @@ contains
       sound = nbad == 0
    end subroutine advance
 
-   !> VEC The same by Kahan's summation, as step/state does it.
+   !> VEC The same by Kahan's summation, as step/block/state does it.
    pure subroutine advance_compensated(n, d, x, low, sound)
       integer, intent(in) :: n
       real(wp), intent(in) :: d(n)

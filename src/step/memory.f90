@@ -12,9 +12,9 @@ module symsde_step_memory
    use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, galerkin_form, ito_form, splitting_form, &
                                    frame_none
-   use symsde_step_modified_hamiltonian, only: active_brackets
-   use symsde_step_newton_by_products, only: pays_by_products
-   use symsde_step_stages, only: fits_stages
+   use symsde_step_hamiltonian_brackets, only: active_brackets
+   use symsde_step_implicit_newton_krylov, only: pays_by_products
+   use symsde_step_stages_stepper, only: fits_stages
    use symsde_step_stepper, only: stepper_task
    implicit none
    private

@@ -16,8 +16,8 @@ module symsde_step_stepper
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, correction_none, frame_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_modified_hamiltonian, only: active_brackets
-   use symsde_step_one_step_hamiltonian, only: one_step_hamiltonian
+   use symsde_step_hamiltonian_brackets, only: active_brackets
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
    public :: stepper_type, stepper_task

@@ -142,8 +142,8 @@ def read_sources(root):
         root / "src/base/status.f90",
         root / "src/scheme/scheme.f90",
         root / "src/scheme/orders.f90",
-        root / "src/ensemble/moment_collector.f90",
-        root / "src/ensemble/observer_list.f90",
+        root / "src/ensemble/observe/moment_collector.f90",
+        root / "src/ensemble/observe/observers.f90",
     ]
     capi = sorted((root / "src/capi").glob("*.f90"))
     for file in files + capi:

@@ -5,7 +5,7 @@ module open_chain
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
    use symsde_base_traits, only: strip_lanes
-   use symsde_model_fpu_chain, only: fpu_chain_model, new_fpu_chain
+   use symsde_model_catalogue_fpu_chain, only: fpu_chain_model, new_fpu_chain
    implicit none
    private
    public :: open_chain_type, new_open_chain

@@ -8,7 +8,7 @@ module scenes
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
-   use symsde_model_catalogue, only: get_model, parameter_names
+   use symsde_model_catalogue_by_name, only: get_model, parameter_names
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type

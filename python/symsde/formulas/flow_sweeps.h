@@ -1,5 +1,5 @@
 
-/* ---- STEP by sweeps, as src/step/stage_iteration.f90 has them; lanes where they do not do are left to Newton ---- */
+/* ---- STEP by sweeps, as src/step/stages/fixed_point.f90 has them; lanes where they do not do are left to Newton ---- */
 
 enum { STEP_AT_ONCE = 3, STEP_MOST = 24 }; /* sweeps that all lanes take, and those that a lane may take */
 

@@ -22,7 +22,7 @@ LANE double first_verdict(const double d, const double size) {
    return d <= 0x1p-33 * size ? -1 : next;
 }
 
-/* Of sweeps, as in src/step/stage_iteration.f90: done where the next change would vanish, or within rounding; left (-2)
+/* Of sweeps, as in src/step/stages/fixed_point.f90: done where the next change would vanish, or within rounding; left (-2)
  * where changes do not shrink fast enough, or are no numbers. */
 LANE double sweep_verdict(const double d, const double size, const double last) {
    const double rounding = 0x1p-54 * size, near = 0x1p-33 * size;

@@ -1,0 +1,246 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Narrower blocks for the paths that are left where others failed or were absorbed: lanes without a path cost nothing.
+!>
+!> As soon as half of the lanes of a block have a status, its other paths go on in a block of half the width, a quarter,
+!> and so on, of eight lanes at least. Such a block is run by a runner of its own, made when it is first needed and kept
+!> for the blocks to come; its observer puts the lanes back to where they were in the wide block and shows that to the
+!> observer of the run. So observers see what they would see without this. A path has the same bits in a block of any
+!> width, and its noise is asked for by its global index: nothing that is computed depends on when a block was narrowed.
+module symsde_ensemble_block_shrink_block
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lane_unit, padded
+   use symsde_base_status, only: error_type, stopped
+   use symsde_ensemble_block_runner, only: block_runner
+   use symsde_ensemble_observe_observer, only: observer_type
+   use symsde_ensemble_block_runner_factory, only: runner_recipe
+   use symsde_step_block_state, only: lane_state
+   implicit none
+   private
+   public :: narrow_down, come_back, narrower_width
+
+   integer(i8), parameter :: worth_while = 16  !! steps to come: fewer do not pay for the change
+
+   !> Shows the lanes of a narrower block where they were in the wide one.
+   type, extends(observer_type) :: spreading_observer
+      type(block_runner), pointer :: wide => null(), narrow => null()
+   contains
+      procedure :: begin_block
+      procedure :: observe
+      procedure :: may_retire
+      procedure :: end_block
+   end type spreading_observer
+
+contains
+
+   !> Width of the next narrower block; that of a block which has none.
+   elemental integer function narrower_width(nlane)
+      integer, intent(in) :: nlane
+
+      narrower_width = max(lane_unit, padded((nlane + 1)/2))
+   end function narrower_width
+
+   !> Give the paths of a block to a narrower runner if half of its lanes have a status; else say when that will be.
+   subroutine narrow_down(recipe, wide, active)
+      type(runner_recipe), intent(in) :: recipe
+      type(block_runner), intent(inout), target :: wide            !! the runner of the whole block
+      type(block_runner), pointer, intent(inout) :: active  !! the one that has its paths now
+      type(block_runner), pointer :: next
+      integer :: width, nlive
+
+      associate (nlane => active%state%nlane)
+         active%enough = nlane
+         if (.not. recipe%narrows .or. wide%alone .or. narrower_width(nlane) == nlane) return
+         if (wide%options%first_step + wide%options%nstep - active%step < worth_while) return
+         active%enough = nlane - narrower_width(nlane)
+         if (active%state%nfailed < active%enough) return
+         nlive = nlane - active%state%nfailed
+         width = narrower_width(nlane)
+      end associate
+      do while (narrower_width(width) < width .and. nlive <= narrower_width(width))
+         width = narrower_width(width)
+      end do
+      call find_runner(recipe, wide, width, next)
+      if (.not. associated(next)) then
+         active%enough = active%state%nlane
+         return
+      end if
+      if (.not. associated(active, wide)) call leave(wide, active)
+      call hand_over(wide, active, next)
+      active => next
+      active%enough = width - merge(narrower_width(width), 0, narrower_width(width) < width)
+   end subroutine narrow_down
+
+   !> The paths of a block back to where they were, if a narrower runner has them.
+   subroutine come_back(wide, active)
+      type(block_runner), intent(inout), target :: wide
+      type(block_runner), pointer, intent(inout) :: active
+
+      if (associated(active, wide)) return
+      call leave(wide, active)
+      wide%step = active%step
+      active => wide
+   end subroutine come_back
+
+   !> The runner of this width, made if there is none yet; null where it cannot be made.
+   subroutine find_runner(recipe, wide, width, runner)
+      type(runner_recipe), intent(in) :: recipe
+      type(block_runner), intent(inout), target :: wide
+      integer, intent(in) :: width
+      type(block_runner), pointer, intent(out) :: runner
+      type(error_type), allocatable :: error
+
+      runner => wide%narrower
+      do while (associated(runner))
+         if (runner%state%nlane == width) return
+         runner => runner%narrower
+      end do
+      allocate (runner)
+      call recipe%new_runner(runner, width, .true., error)
+      if (allocated(error)) then
+         deallocate (runner)
+         return
+      end if
+      allocate (runner%origin(width))
+      runner%narrower => wide%narrower
+      wide%narrower => runner
+   end subroutine find_runner
+
+   !> The paths of the wide block that are ok go on in another; the wide state is up to date.
+   subroutine hand_over(wide, from, to)
+      type(block_runner), intent(inout), target :: wide
+      type(block_runner), intent(in) :: from
+      type(block_runner), intent(inout), target :: to
+      integer(i8) :: path(to%state%nlane)
+      integer :: lane, n
+
+      n = 0
+      do lane = 1, wide%nreal
+         if (wide%state%status(lane) /= 0) cycle
+         n = n + 1
+         to%origin(n) = lane
+      end do
+      to%origin(n + 1:) = to%origin(n)
+      do lane = 1, to%state%nlane
+         path(lane) = wide%drawn%request%path(to%origin(lane))
+      end do
+      call to%equip(wide%options, spreading_observer(wide=wide, narrow=to), wide%drawn%noise)
+      call to%begin_with(from%step, n, path)
+      associate (s => to%state, x => wide%state)
+         call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q, s%q)
+         call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%p, s%p)
+         if (allocated(s%q_low)) then
+            call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q_low, s%q_low)
+            call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%p_low, s%p_low)
+         end if
+         s%status(:n) = 0
+         s%failed_step(:n) = -1
+         s%status(n + 1:) = stopped  ! padding, as that of any block
+         s%failed_step(n + 1:) = from%step
+         s%nfailed = s%nlane - n
+      end associate
+   end subroutine hand_over
+
+   !> What became of the paths of a narrower block, into the wide one, and what their steps took.
+   subroutine leave(wide, narrow)
+      type(block_runner), intent(inout) :: wide
+      type(block_runner), intent(in) :: narrow
+
+      call spread_state(narrow%nreal, narrow%origin, narrow%state, wide%state)
+      wide%drawn%normals_of_pair = narrow%drawn%normals_of_pair
+   end subroutine leave
+
+   !> Lanes of a narrower block to where they were; lanes that have a status there keep what they have.
+   subroutine spread_state(nreal, origin, narrow, wide)
+      integer, intent(in) :: nreal
+      type(lane_state), intent(in) :: narrow
+      integer, intent(in) :: origin(narrow%nlane)
+      type(lane_state), intent(inout) :: wide
+      integer :: lane
+      logical :: is_ok(nreal)
+
+      is_ok = wide%status(origin(:nreal)) == 0
+      call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%q, wide%q)
+      call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%p, wide%p)
+      if (allocated(wide%q_low)) then
+         call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%q_low, wide%q_low)
+         call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%p_low, wide%p_low)
+      end if
+      do lane = 1, nreal
+         if (.not. is_ok(lane) .or. narrow%status(lane) == 0) cycle
+         wide%status(origin(lane)) = narrow%status(lane)
+         wide%failed_step(origin(lane)) = narrow%failed_step(lane)
+         wide%nfailed = wide%nfailed + 1
+      end do
+   end subroutine spread_state
+
+   pure subroutine gather_lanes(nwide, nnarrow, ndof, origin, wide, narrow)
+      integer, intent(in) :: nwide, nnarrow, ndof, origin(nnarrow)
+      real(wp), intent(in) :: wide(nwide, ndof)
+      real(wp), intent(inout) :: narrow(nnarrow, ndof)
+      integer :: lane, i
+
+      do i = 1, ndof
+         do lane = 1, nnarrow
+            narrow(lane, i) = wide(origin(lane), i)
+         end do
+      end do
+   end subroutine gather_lanes
+
+   pure subroutine spread_lanes(nwide, nnarrow, nreal, ndof, origin, is_ok, narrow, wide)
+      integer, intent(in) :: nwide, nnarrow, nreal, ndof, origin(nnarrow)
+      logical, intent(in) :: is_ok(nreal)
+      real(wp), intent(in) :: narrow(nnarrow, ndof)
+      real(wp), intent(inout) :: wide(nwide, ndof)
+      integer :: lane, i
+
+      do i = 1, ndof
+         do lane = 1, nreal
+            if (is_ok(lane)) wide(origin(lane), i) = narrow(lane, i)
+         end do
+      end do
+   end subroutine spread_lanes
+
+   ! ---- the observer of a narrower block ---------------------------------------------------------
+
+   !> The wide block has begun before.
+   subroutine begin_block(self, first, nreal)
+      class(spreading_observer), intent(inout) :: self
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: nreal
+   end subroutine begin_block
+
+   !> Show the wide block; lanes that its observer retires are retired here.
+   subroutine observe(self, isave, t, state)
+      class(spreading_observer), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      real(wp), intent(in) :: t
+      type(lane_state), intent(inout) :: state
+      integer :: lane, before
+
+      associate (wide => self%wide%state, origin => self%narrow%origin)
+         call spread_state(self%narrow%nreal, origin, state, wide)
+         before = wide%nfailed
+         call self%wide%observer%observe(isave, t, wide)
+         if (wide%nfailed == before) return
+         do lane = 1, self%narrow%nreal
+            if (state%status(lane) /= 0 .or. wide%status(origin(lane)) == 0) cycle
+            state%status(lane) = wide%status(origin(lane))
+            state%failed_step(lane) = wide%failed_step(origin(lane))
+         end do
+         state%nfailed = count(state%status /= 0)
+      end associate
+   end subroutine observe
+
+   logical function may_retire(self)
+      class(spreading_observer), intent(in) :: self
+
+      may_retire = self%wide%observer%may_retire()
+   end function may_retire
+
+   !> The wide block ends later.
+   subroutine end_block(self, state)
+      class(spreading_observer), intent(inout) :: self
+      type(lane_state), intent(in) :: state
+   end subroutine end_block
+
+end module symsde_ensemble_block_shrink_block

@@ -1,0 +1,352 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The observer that keeps moments only: memory grows with the saved times, and with the logarithm of the
+!> number of paths.
+!>
+!> Values, in this order: q_1 .. q_n, p_1 .. p_n, the energy H(q,p) where the model can evaluate it, and
+!> the user's observables. Moments at time t are over the paths that are ok up to t. Streaming observers are shown the
+!> same values; where one of them watches every step, every step is shown here, and saved times are some of these.
+module symsde_ensemble_observe_moment_collector
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_status, only: absorbed, error_type
+   use symsde_ensemble_observe_observables, only: observables_type
+   use symsde_ensemble_observe_observer, only: observer_type
+   use symsde_ensemble_observe_observers, only: observer_plan, observer_list, new_observer_list
+   use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, dyadic_pieces, reduce_lanes
+   use symsde_model_abstract, only: model_type
+   use symsde_step_block_state, only: lane_state
+   implicit none
+   private
+   public :: moment_collector, new_moment_collector, moment_store, max_failed_listed
+
+   integer, parameter :: max_failed_listed = 1000
+
+   !> What all threads share: the tree, and the failed paths with the lowest indices.
+   type :: moment_store
+      type(moment_tree) :: tree
+      integer(i8) :: nfailed = 0
+      integer :: nlisted = 0
+      integer(i8) :: failed(max_failed_listed) = -1       !! global indices, ascending
+      integer(i4) :: status(max_failed_listed) = 0
+      integer(i8) :: failed_step(max_failed_listed) = -1
+   end type moment_store
+
+   !> States that wait for the user's observables, since a function in Python costs microseconds a call.
+   type :: waiting_states
+      integer :: nplace = 1                       !! saved times that fit
+      integer :: n = 0                            !! that wait
+      integer :: it = 0                           !! which time the first of them is
+      real(wp) :: t = 0                           !! it [time]
+      real(wp), allocatable :: own(:, :, :)       !! q, p and the energy (nlane, nplace, own values)
+      logical, allocatable :: counts(:, :)        !! (nlane, nplace)
+   end type waiting_states
+
+   type, extends(observer_type) :: moment_collector
+      private
+      class(model_type), pointer :: model => null()
+      class(observables_type), pointer :: observables => null()
+      type(moment_store), pointer :: store => null()
+      integer, public :: nvalue = 0
+      type(observer_plan), pointer :: plan => null() !! of streaming observers
+      type(observer_list) :: list                   !! those of this thread
+      integer(i8) :: every = 1                      !! steps shown between saved times
+      type(waiting_states) :: waiting
+      integer :: ntime = 0, nreal = 0, npiece = 0
+      integer :: offset(64) = 0, level(64) = 0
+      integer(i8) :: first = 0
+      type(moment_node), allocatable :: pieces(:)
+      real(wp), allocatable :: values(:, :), w(:, :)  !! (nlane, own values), (nlane, 0:nnoise)
+   contains
+      procedure :: begin_block
+      procedure :: observe
+      procedure :: may_retire
+      procedure :: skip
+      procedure :: end_block
+      procedure :: gather
+      procedure :: failure_code
+      procedure :: probe
+      procedure :: numbers
+   end type moment_collector
+
+contains
+
+   !> A collector for ntime saved times that delivers its nodes to store. Where there is a plan of observers who watch
+   !> steps, it is shown every step, and every `every`-th of them is a saved time.
+   subroutine new_moment_collector(self, model, nlane, ntime, store, observables, plan, every)
+      type(moment_collector), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+      integer, intent(in) :: ntime
+      type(moment_store), intent(in), target :: store
+      class(observables_type), intent(in), target, optional :: observables
+      type(observer_plan), intent(in), target, optional :: plan
+      integer(i8), intent(in), optional :: every
+
+      self%model => model
+      self%store => store
+      self%ntime = ntime
+      self%nvalue = 2*model%traits%ndof
+      if (model%traits%has_value) self%nvalue = self%nvalue + 1
+      allocate (self%values(nlane, self%nvalue), self%w(nlane, 0:model%traits%nnoise))
+      nullify (self%observables)
+      if (present(observables)) then
+         self%observables => observables
+         self%nvalue = self%nvalue + observables%nvalue
+         self%waiting%nplace = max(1, min(observables%most_lanes/nlane, ntime))
+      end if
+      self%w = 0
+      self%w(:, 0) = 1
+      nullify (self%plan)
+      if (.not. present(plan)) return
+      self%plan => plan
+      if (plan%watches_steps) self%every = every
+   end subroutine new_moment_collector
+
+   subroutine begin_block(self, first, nreal)
+      class(moment_collector), intent(inout) :: self
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: nreal
+
+      self%first = first
+      self%nreal = nreal
+      call dyadic_pieces(first, nreal, self%npiece, self%offset, self%level)
+      if (allocated(self%pieces)) deallocate (self%pieces)
+      if (associated(self%plan)) then
+         if (.not. allocated(self%list%slots)) call new_observer_list(self%list, self%plan)
+         call self%list%begin_block(first, nreal)
+      end if
+   end subroutine begin_block
+
+   !> Room for the pieces of a block that has begun; one that a stop leaves out needs none.
+   subroutine new_pieces(self)
+      class(moment_collector), intent(inout) :: self
+      integer :: i
+
+      allocate (self%pieces(self%npiece))
+      do i = 1, self%npiece
+         self%pieces(i)%level = self%level(i)
+         self%pieces(i)%index = (self%first + self%offset(i))/2_i8**self%level(i)
+         allocate (self%pieces(i)%n(self%ntime), source=0.0_wp)
+         allocate (self%pieces(i)%mean(self%nvalue, self%ntime), source=0.0_wp)
+         allocate (self%pieces(i)%m2(self%nvalue, self%ntime), source=0.0_wp)
+      end do
+   end subroutine new_pieces
+
+   subroutine observe(self, isave, t, state)
+      class(moment_collector), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      real(wp), intent(in) :: t
+      type(lane_state), intent(inout) :: state
+      logical :: counts(state%nlane)
+      integer :: it
+
+      call self%list%watch(isave, t, state)
+      if (mod(isave, self%every) /= 0) return
+      if (.not. allocated(self%pieces)) call new_pieces(self)
+      it = int(isave/self%every) + 1
+      call evaluate(self, t, state)
+      counts = state%status == 0
+      if (associated(self%observables)) then
+         if (self%observables%nvalue > 0) then
+            call let_wait(self%waiting, it, t, self%values, counts)
+            if (self%waiting%n == self%waiting%nplace .or. it == self%ntime) &
+               call ask_observables(self, state%nlane, state%ndof)
+            return
+         end if
+      end if
+      call take(self, it, t, self%values, counts)
+   end subroutine observe
+
+   logical function may_retire(self)
+      class(moment_collector), intent(in) :: self
+
+      may_retire = .false.
+      if (associated(self%plan)) may_retire = self%plan%watches_steps
+   end function may_retire
+
+   !> All values of the lanes at a saved time.
+   subroutine take(self, it, t, values, counts)
+      class(moment_collector), intent(inout) :: self
+      integer, intent(in) :: it
+      real(wp), intent(in) :: t
+      real(wp), intent(in), contiguous :: values(:, :)   !! (nlane, nvalue)
+      logical, intent(in), contiguous :: counts(:)       !! (nlane)
+
+      call reduce(self, it, values, counts)
+      call self%list%take(it, t, values, counts)
+   end subroutine take
+
+   !> The rest of the times is left out: what waits is all there is.
+   subroutine skip(self, isave)
+      class(moment_collector), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+
+      if (self%waiting%n > 0) &
+         call ask_observables(self, size(self%waiting%own, 1), self%model%traits%ndof)
+   end subroutine skip
+
+   !> Moments of all values of the lanes of each piece.
+   subroutine reduce(self, it, values, counts)
+      class(moment_collector), intent(inout) :: self
+      integer, intent(in) :: it
+      real(wp), intent(in), contiguous :: values(:, :)   !! (nlane, nvalue)
+      logical, intent(in), contiguous :: counts(:)       !! (nlane)
+      integer :: i, j, a, b
+
+      do i = 1, self%npiece
+         a = self%offset(i) + 1
+         b = self%offset(i) + 2**self%level(i)
+         associate (node => self%pieces(i))
+            do j = 1, self%nvalue
+               call reduce_lanes(self%level(i), values(a:b, j), counts(a:b), &
+                                 node%n(it), node%mean(j, it), node%m2(j, it))
+            end do
+         end associate
+      end do
+   end subroutine reduce
+
+   !> q, p and energy of every lane.
+   subroutine evaluate(self, t, state)
+      class(moment_collector), intent(inout) :: self
+      real(wp), intent(in) :: t
+      type(lane_state), intent(in) :: state
+      integer :: n
+
+      n = state%ndof
+      self%values(:, 1:n) = state%q
+      self%values(:, n + 1:2*n) = state%p
+      if (self%model%traits%has_value) &
+         call self%model%value(state%nlane, n, self%model%traits%nnoise, t, self%w, state%q, state%p, &
+                               self%values(:, 2*n + 1))
+   end subroutine evaluate
+
+   !> Keep a state for the user's observables.
+   subroutine let_wait(self, it, t, own, counts)
+      type(waiting_states), intent(inout) :: self
+      integer, intent(in) :: it
+      real(wp), intent(in) :: t
+      real(wp), intent(in) :: own(:, :)         !! q, p and the energy (nlane, own values)
+      logical, intent(in) :: counts(:)
+
+      if (.not. allocated(self%own)) &
+         allocate (self%own(size(own, 1), self%nplace, size(own, 2)), self%counts(size(own, 1), self%nplace))
+      if (self%n == 0) then
+         self%it = it
+         self%t = t
+      end if
+      self%n = self%n + 1
+      self%own(:, self%n, :) = own
+      self%counts(:, self%n) = counts
+   end subroutine let_wait
+
+   !> The user's observables of all states that wait, as lanes side by side. Never under a lock: a function may run the
+   !> library itself.
+   subroutine ask_observables(self, nlane, ndof)
+      class(moment_collector), intent(inout) :: self
+      integer, intent(in) :: nlane, ndof
+      real(wp) :: values(nlane, self%waiting%n, self%observables%nvalue)
+      real(wp), allocatable :: q(:, :, :), p(:, :, :), of_time(:, :)
+      integer :: i, n, nown
+
+      n = self%waiting%n
+      nown = size(self%values, 2)
+      allocate (of_time(nlane, self%nvalue))
+      associate (w => self%waiting)
+         q = w%own(:, :n, 1:ndof)
+         p = w%own(:, :n, ndof + 1:2*ndof)
+         call self%observables%evaluate(nlane*n, ndof, w%t, q, p, values)
+         do i = 1, n
+            of_time(:, :nown) = w%own(:, i, :)
+            of_time(:, nown + 1:) = values(:, i, :)
+            call take(self, w%it + i - 1, w%t, of_time, w%counts(:, i))
+         end do
+         w%n = 0
+      end associate
+   end subroutine ask_observables
+
+   subroutine end_block(self, state)
+      class(moment_collector), intent(inout) :: self
+      type(lane_state), intent(in) :: state
+      integer :: i, lane
+
+      if (.not. allocated(self%pieces)) self%npiece = 0
+      do i = 1, self%npiece
+         call insert_node(self%store%tree, self%pieces(i))
+      end do
+      call self%list%end_block(state)
+      do lane = 1, self%nreal
+         if (state%status(lane) == 0 .or. state%status(lane) == absorbed) cycle
+         call list_failure(self%store, self%first + lane - 1, int(state%status(lane), i4), state%failed_step(lane))
+      end do
+   end subroutine end_block
+
+   subroutine gather(self)
+      class(moment_collector), intent(inout) :: self
+
+      call self%list%gather()
+   end subroutine gather
+
+   !> Nodes over all saved times: the pieces of each thread's block, one of each level that waits for its sibling
+   !> in the tree, and the root.
+   real(wp) function numbers(self, npath, nthread)
+      class(moment_collector), intent(in) :: self
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: nthread
+      real(wp) :: node
+      integer :: pieces, waiting
+
+      node = real(self%ntime, wp)*(2*self%nvalue + 1)
+      pieces = 1
+      if (mod(npath, 256_i8) /= 0 .or. mod(256, size(self%values, 1)) /= 0) &
+         pieces = 2*exponent(real(size(self%values, 1), wp))
+      pieces = int(min(int(pieces, i8), npath))
+      waiting = int(min(int(exponent(real(npath, wp)), i8), npath))
+      numbers = node*(real(nthread, wp)*pieces + waiting + 2) + nthread*real(size(self%values), wp)
+      if (associated(self%plan)) numbers = numbers + self%plan%numbers(npath, nthread)
+      if (associated(self%observables)) &
+         numbers = numbers + nthread*real(size(self%values, 1), wp)*self%waiting%nplace* &
+                   (4*self%model%traits%ndof + 3*self%observables%nvalue + 1)
+   end function numbers
+
+   !> That of the user's observables.
+   integer function failure_code(self) result(code)
+      class(moment_collector), intent(in) :: self
+
+      code = 0
+      if (associated(self%observables)) code = self%observables%failure_code()
+   end function failure_code
+
+   !> Keep the failed paths with the lowest indices, in order, whichever thread found them first.
+   subroutine list_failure(store, path, status, failed_step)
+      type(moment_store), intent(inout) :: store
+      integer(i8), intent(in) :: path, failed_step
+      integer(i4), intent(in) :: status
+      integer :: at
+
+      store%nfailed = store%nfailed + 1
+      at = store%nlisted + 1
+      do while (at > 1)
+         if (store%failed(at - 1) < path) exit
+         if (at <= max_failed_listed) then
+            store%failed(at) = store%failed(at - 1)
+            store%status(at) = store%status(at - 1)
+            store%failed_step(at) = store%failed_step(at - 1)
+         end if
+         at = at - 1
+      end do
+      if (at > max_failed_listed) return
+      store%failed(at) = path
+      store%status(at) = status
+      store%failed_step(at) = failed_step
+      store%nlisted = min(store%nlisted + 1, max_failed_listed)
+   end subroutine list_failure
+
+   !> The user's observables must take every path by itself.
+   subroutine probe(self, t, q0, p0, error)
+      class(moment_collector), intent(in) :: self
+      real(wp), intent(in) :: t, q0(:), p0(:)
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (associated(self%observables)) call self%observables%probe(t, q0, p0, error)
+   end subroutine probe
+
+end module symsde_ensemble_observe_moment_collector

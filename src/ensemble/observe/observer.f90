@@ -1,0 +1,123 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The abstract observer: it is shown every block at every saved time and keeps what it wants.
+!>
+!> Every thread has its own copy of an observer (made by assignment before the threads start); what the
+!> copies share lies behind pointers. A block is shown from its first saved time to its last.
+module symsde_ensemble_observe_observer
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type
+   use symsde_step_block_state, only: lane_state
+   implicit none
+   private
+   public :: observer_type
+
+   type, abstract :: observer_type
+   contains
+      procedure(begin_interface), deferred :: begin_block
+      procedure(observe_interface), deferred :: observe
+      procedure(end_interface), deferred :: end_block
+      procedure :: observe_several => observe_each
+      procedure :: may_retire => it_does_not
+      procedure :: skip => nothing_to_skip
+      procedure :: gather => nothing_to_gather
+      procedure :: numbers => nothing_held
+      procedure :: failure_code => never_failed
+      procedure :: probe => nothing_to_probe
+   end type observer_type
+
+   abstract interface
+      !> A block of nreal paths from global path `first` on is about to run.
+      subroutine begin_interface(self, first, nreal)
+         import :: observer_type, i8
+         class(observer_type), intent(inout) :: self
+         integer(i8), intent(in) :: first
+         integer, intent(in) :: nreal
+      end subroutine begin_interface
+
+      !> The state at saved time number isave (0 is t0). Lanes with a status have failed before t. It may retire lanes
+      !> (state%retire): these are not shown any more, and a block of such lanes alone ends.
+      subroutine observe_interface(self, isave, t, state)
+         import :: observer_type, lane_state, i8, wp
+         class(observer_type), intent(inout) :: self
+         integer(i8), intent(in) :: isave
+         real(wp), intent(in) :: t
+         type(lane_state), intent(inout) :: state
+      end subroutine observe_interface
+
+      !> The block is done: its final state, with the status of each lane. Called by one thread at a time.
+      subroutine end_interface(self, state)
+         import :: observer_type, lane_state
+         class(observer_type), intent(inout) :: self
+         type(lane_state), intent(in) :: state
+      end subroutine end_interface
+   end interface
+
+contains
+
+   !> States at saved times number isave and following, of lanes with the status of state; it holds the last of them
+   !> afterwards: the first after which a lane is retired, if any. This default shows them one by one. Of a block of one
+   !> path they may be given without padding.
+   subroutine observe_each(self, isave, nsave, t, nlane, q, p, state)
+      class(observer_type), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      integer, intent(inout) :: nsave            !! states; those that were shown
+      integer, intent(in) :: nlane               !! those of q and p: state%nlane, or 1
+      real(wp), intent(in) :: t(nsave)
+      type(lane_state), intent(inout) :: state
+      real(wp), intent(in) :: q(nlane, state%ndof, nsave), p(nlane, state%ndof, nsave)
+      integer :: k, before
+
+      before = state%nfailed
+      do k = 1, nsave
+         call state%take_first(nlane, q(1, 1, k), p(1, 1, k))
+         call self%observe(isave + k - 1, t(k), state)
+         if (state%nfailed == before) cycle
+         nsave = k
+         return
+      end do
+   end subroutine observe_each
+
+   !> Whether it may retire lanes.
+   logical function it_does_not(self)
+      class(observer_type), intent(in) :: self
+
+      it_does_not = .false.
+   end function it_does_not
+
+   !> No lane counts from saved time number isave on: all have failed, or the run was stopped. Called once a
+   !> block at most, instead of observe for each of those times. This default serves observers that keep nothing
+   !> of such times.
+   subroutine nothing_to_skip(self, isave)
+      class(observer_type), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+   end subroutine nothing_to_skip
+
+   !> This thread has no block left. Called by one thread at a time.
+   subroutine nothing_to_gather(self)
+      class(observer_type), intent(inout) :: self
+   end subroutine nothing_to_gather
+
+   !> Numbers of eight bytes that the copies of nthread threads allocate, at most, while npath paths are run.
+   real(wp) function nothing_held(self, npath, nthread) result(numbers)
+      class(observer_type), intent(in) :: self
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: nthread
+
+      numbers = 0
+   end function nothing_held
+
+   !> Nonzero aborts the run: the return code of a user callback that the observer calls.
+   integer function never_failed(self) result(code)
+      class(observer_type), intent(in) :: self
+
+      code = 0
+   end function never_failed
+
+   !> Refuse what the observer calls near the state of one path, before the run. This default calls nothing.
+   subroutine nothing_to_probe(self, t, q0, p0, error)
+      class(observer_type), intent(in) :: self
+      real(wp), intent(in) :: t, q0(:), p0(:)
+      type(error_type), allocatable, intent(inout) :: error
+   end subroutine nothing_to_probe
+
+end module symsde_ensemble_observe_observer

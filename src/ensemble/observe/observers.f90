@@ -1,0 +1,383 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The streaming observers of a run: which kinds there are, how one is made from a request, and all of them together.
+module symsde_ensemble_observe_observers
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, too_large
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_observe_autocorrelation, only: autocorrelation_observer, new_autocorrelation_observer
+   use symsde_ensemble_observe_covariance, only: covariance_observer, new_covariance_observer
+   use symsde_ensemble_observe_extremes, only: extremes_observer, new_extremes_observer
+   use symsde_ensemble_observe_histogram, only: histogram_observer, new_histogram_observer
+   use symsde_ensemble_observe_passage, only: passage_observer, new_passage_observer
+   use symsde_ensemble_observe_paths, only: paths_observer, new_paths_observer
+   use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, final_node
+   use symsde_ensemble_observe_streaming, only: streaming_observer, observer_request, observed_type, observer_store, &
+                                                observed_run
+   use symsde_model_abstract, only: model_type
+   use symsde_step_block_state, only: lane_state
+   implicit none
+   private
+   public :: observe_histogram, observe_quantiles, observe_covariance, observe_autocorrelation, observe_extremes, &
+             observe_passage, observe_paths
+   public :: observer_plan, new_observer_plan, observer_list, new_observer_list, new_observed_run, new_observed, &
+             merge_observed, observed_answer
+
+   integer, parameter :: observe_histogram = 1       !! one value in bins of one width
+   integer, parameter :: observe_quantiles = 2       !! one value in bins of one relative width
+   integer, parameter :: observe_covariance = 3      !! of some values
+   integer, parameter :: observe_autocorrelation = 4 !! of one value along time
+   integer, parameter :: observe_extremes = 5        !! of one value until each saved time
+   integer, parameter :: observe_passage = 6         !! out of an interval
+   integer, parameter :: observe_paths = 7           !! some values of chosen paths
+   integer, parameter :: one_value(5) = [observe_histogram, observe_quantiles, observe_autocorrelation, &
+                                         observe_extremes, observe_passage]
+
+   !> The observers of a run, before any thread has its own: gfortran 12 cannot copy a list of polymorphic ones.
+   type :: observer_plan
+      type(observer_request), allocatable :: requests(:)
+      type(observed_run) :: run
+      logical :: watches_steps = .false.               !! one of them wants to see every step
+      type(observer_store), allocatable :: stores(:)   !! what the threads share
+   contains
+      procedure :: numbers => numbers_of_all
+      procedure :: deliver
+   end type observer_plan
+
+   type :: observer_slot
+      class(streaming_observer), allocatable :: observer
+   end type observer_slot
+
+   type :: observer_list
+      type(observer_slot), allocatable :: slots(:)
+   contains
+      procedure :: is_empty
+      procedure :: begin_block
+      procedure :: take
+      procedure :: watch
+      procedure :: end_block
+      procedure :: gather
+   end type observer_list
+
+contains
+
+   !> What observers need to know of a run; nvalue: q, p, the energy where there is one, and observables.
+   subroutine new_observed_run(run, model, options, nlane, nobservable)
+      type(observed_run), intent(out) :: run
+      class(model_type), intent(in), target :: model
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: nlane, nobservable
+      integer :: k
+
+      run%ndof = model%traits%ndof
+      run%nvalue = 2*run%ndof + merge(1, 0, model%traits%has_value) + nobservable
+      run%nlane = nlane
+      run%ntime = int(options%nstep/options%save_every) + 1
+      run%first_path = options%first_path
+      run%npath = options%npath
+      run%first_step = options%first_step
+      run%save_every = options%save_every
+      run%seed = options%seed
+      run%step = options%step
+      run%nnoise = model%traits%nnoise
+      allocate (run%common(run%nnoise), source=.false.)
+      if (allocated(options%common_noise)) run%common = [(any(options%common_noise == k), k=1, run%nnoise)]
+      run%position_noise = model%traits%position_noise
+      run%has_value = model%traits%has_value
+      run%model => model
+   end subroutine new_observed_run
+
+   !> An observer from its request.
+   subroutine new_observer(observer, request, run, error)
+      class(streaming_observer), allocatable, intent(out) :: observer
+      type(observer_request), intent(in) :: request
+      type(observed_run), intent(in) :: run
+      type(error_type), allocatable, intent(inout) :: error
+
+      call check_request(request, run, error)
+      if (allocated(error)) return
+      select case (request%kind)
+      case (observe_histogram, observe_quantiles)
+         allocate (histogram_observer :: observer)
+      case (observe_covariance)
+         allocate (covariance_observer :: observer)
+      case (observe_autocorrelation)
+         allocate (autocorrelation_observer :: observer)
+      case (observe_extremes)
+         allocate (extremes_observer :: observer)
+      case (observe_passage)
+         allocate (passage_observer :: observer)
+      case default
+         allocate (paths_observer :: observer)
+      end select
+      select type (observer)
+      type is (histogram_observer)
+         call new_histogram_observer(observer, request, run%ntime, request%kind == observe_quantiles, error)
+      type is (covariance_observer)
+         call new_covariance_observer(observer, request, run%ntime)
+      type is (autocorrelation_observer)
+         call new_autocorrelation_observer(observer, request, run%ntime, error)
+      type is (extremes_observer)
+         call new_extremes_observer(observer, run%ntime)
+      type is (passage_observer)
+         call new_passage_observer(observer, request, run, error)
+      type is (paths_observer)
+         call new_paths_observer(observer, request, run, error)
+      end select
+      observer%request = request
+      observer%run = run
+      if (real(observer%ncount, wp) + real(observer%nsum(), wp) > 2.0_wp**31) &
+         call raise(error, too_large, 'new_observer', 'an observer would keep '//to_text(observer%ncount)// &
+                    ' integers and '//to_text(observer%nsum())//' numbers: save less often (save_every), or ask '// &
+                    'for fewer bins, values or paths')
+   end subroutine new_observer
+
+   !> Known kinds, and values that there are.
+   subroutine check_request(request, run, error)
+      type(observer_request), intent(in) :: request
+      type(observed_run), intent(in) :: run
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: n
+
+      n = 0
+      if (allocated(request%values)) n = size(request%values)
+      if (request%kind < observe_histogram .or. request%kind > observe_paths) then
+         call refuse('kind '//to_text(request%kind)//' of an observer does not exist: give 1 to '// &
+                     to_text(observe_paths))
+      else if (n == 0 .or. (n > 1 .and. any(request%kind == one_value))) then
+         call refuse('an observer of kind '//to_text(request%kind)//' is given '//to_text(n)//' values: give '// &
+                     trim(merge('one         ', 'at least one', any(request%kind == one_value))))
+      else if (any(request%values < 1 .or. request%values > run%nvalue)) then
+         call refuse('an observer looks at values '//to_text(minval(request%values))//' to '// &
+                     to_text(maxval(request%values))//', and there are '//to_text(run%nvalue)// &
+                     ' (q, p, the energy where there is one, observables): give numbers of these')
+      else if (allocated(request%shares)) then
+         if (.not. all(request%shares >= 0 .and. request%shares <= 1)) &
+            call refuse('a quantile is asked for a share that is not between 0 and 1')
+      end if
+
+   contains
+
+      subroutine refuse(message)
+         character(*), intent(in) :: message
+
+         call raise(error, invalid_argument, 'new_observer', message)
+      end subroutine refuse
+
+   end subroutine check_request
+
+   !> The observers of a run, tried; one for each request.
+   subroutine new_observer_plan(self, requests, run, error)
+      type(observer_plan), intent(out) :: self
+      type(observer_request), intent(in) :: requests(:)
+      type(observed_run), intent(in) :: run
+      type(error_type), allocatable, intent(inout) :: error
+      class(streaming_observer), allocatable :: observer
+      integer :: i
+
+      self%run = run
+      allocate (self%requests(size(requests)), self%stores(size(requests)))
+      do i = 1, size(requests)
+         self%requests(i) = requests(i)
+         call new_observer(observer, requests(i), run, error)
+         if (allocated(error)) return
+         self%watches_steps = self%watches_steps .or. observer%watches_steps()
+      end do
+   end subroutine new_observer_plan
+
+   !> The observers of one thread, which deliver to the stores of the plan.
+   subroutine new_observer_list(self, plan)
+      type(observer_list), intent(out) :: self
+      type(observer_plan), intent(in), target :: plan
+      type(error_type), allocatable :: refusal  ! none: the plan was tried
+      integer :: i
+
+      allocate (self%slots(size(plan%requests)))
+      do i = 1, size(self%slots)
+         call new_observer(self%slots(i)%observer, plan%requests(i), plan%run, refusal)
+         self%slots(i)%observer%store => plan%stores(i)
+      end do
+   end subroutine new_observer_list
+
+   pure logical function is_empty(self)
+      class(observer_list), intent(in) :: self
+
+      is_empty = .true.
+      if (allocated(self%slots)) is_empty = size(self%slots) == 0
+   end function is_empty
+
+   subroutine begin_block(self, first, nreal)
+      class(observer_list), intent(inout) :: self
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: nreal
+      integer :: i
+
+      if (self%is_empty()) return
+      do i = 1, size(self%slots)
+         call self%slots(i)%observer%begin_block(first, nreal)
+      end do
+   end subroutine begin_block
+
+   subroutine take(self, it, t, values, counts)
+      class(observer_list), intent(inout) :: self
+      integer, intent(in) :: it
+      real(wp), intent(in) :: t
+      real(wp), intent(in), contiguous :: values(:, :)
+      logical, intent(in), contiguous :: counts(:)
+      integer :: i
+
+      if (self%is_empty()) return
+      do i = 1, size(self%slots)
+         call self%slots(i)%observer%take(it, t, values, counts)
+      end do
+   end subroutine take
+
+   subroutine watch(self, istep, t, state)
+      class(observer_list), intent(inout) :: self
+      integer(i8), intent(in) :: istep
+      real(wp), intent(in) :: t
+      type(lane_state), intent(inout) :: state
+      integer :: i
+
+      if (self%is_empty()) return
+      do i = 1, size(self%slots)
+         call self%slots(i)%observer%watch(istep, t, state)
+      end do
+   end subroutine watch
+
+   !> Called by one thread at a time.
+   subroutine end_block(self, state)
+      class(observer_list), intent(inout) :: self
+      type(lane_state), intent(in) :: state
+      integer :: i
+
+      if (self%is_empty()) return
+      do i = 1, size(self%slots)
+         call self%slots(i)%observer%close_block(state)
+         call self%slots(i)%observer%end_block()
+      end do
+   end subroutine end_block
+
+   !> Called by one thread at a time.
+   subroutine gather(self)
+      class(observer_list), intent(inout) :: self
+      integer :: i
+
+      if (self%is_empty()) return
+      do i = 1, size(self%slots)
+         call self%slots(i)%observer%gather()
+      end do
+   end subroutine gather
+
+   !> Numbers of eight bytes that all of them hold at most.
+   real(wp) function numbers_of_all(self, npath, nthread) result(numbers)
+      class(observer_plan), intent(in) :: self
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: nthread
+      type(observer_list) :: list
+      integer :: i
+
+      call new_observer_list(list, self)
+      numbers = 0
+      do i = 1, size(list%slots)
+         numbers = numbers + list%slots(i)%observer%numbers(npath, nthread)
+      end do
+   end function numbers_of_all
+
+   !> What was kept, when all threads are done; the stores are empty then.
+   subroutine deliver(self, observed)
+      class(observer_plan), intent(inout) :: self
+      type(observed_type), allocatable, intent(out) :: observed(:)
+      type(observer_list) :: list
+      type(moment_node) :: table
+      integer :: i
+
+      call new_observer_list(list, self)
+      allocate (observed(size(self%requests)))
+      do i = 1, size(observed)
+         associate (observer => list%slots(i)%observer, store => self%stores(i))
+            call clear_observed(observed(i), observer)
+            if (.not. allocated(store%counts)) cycle
+            call final_node(store%tree, table)
+            observed(i)%counts = store%counts
+            call observer%to_sums(store%singles, table, observed(i)%sums)
+         end associate
+      end do
+   end subroutine deliver
+
+   !> Room for what is kept at a request, and how many numbers its answer has.
+   subroutine new_observed(observed, nanswer, request, run, error)
+      type(observed_type), intent(out) :: observed
+      integer(i8), intent(out) :: nanswer
+      type(observer_request), intent(in) :: request
+      type(observed_run), intent(in) :: run
+      type(error_type), allocatable, intent(inout) :: error
+      class(streaming_observer), allocatable :: observer
+
+      nanswer = 0
+      call new_observer(observer, request, run, error)
+      if (allocated(error)) return
+      nanswer = observer%nanswer()
+      call clear_observed(observed, observer)
+   end subroutine new_observed
+
+   !> What an observer has kept of no path.
+   subroutine clear_observed(observed, observer)
+      type(observed_type), intent(out) :: observed
+      class(streaming_observer), intent(in) :: observer
+
+      observed%request = observer%request
+      observed%of = observer%run
+      allocate (observed%counts(observer%ncount), observed%sums(observer%nsum()))
+      observed%sums = 0
+      call observer%clear(observed%counts, observed%sums(:observer%nsingle))
+      nullify (observed%of%model, observed%of%observables)  ! they may not live as long
+   end subroutine clear_observed
+
+   !> The left part becomes both siblings together, as by merge_moments: a part is the paths j 2^k .. (j+1) 2^k - 1 with
+   !> k >= 8.
+   subroutine merge_observed(left, right, error)
+      type(observed_type), intent(inout) :: left
+      type(observed_type), intent(in) :: right
+      type(error_type), allocatable, intent(inout) :: error
+      class(streaming_observer), allocatable :: observer
+      type(moment_tree) :: tree
+      type(moment_node) :: table
+      real(wp), allocatable :: singles(:)
+
+      call new_observer(observer, left%request, left%of, error)
+      if (allocated(error)) return
+      if (size(left%counts) /= size(right%counts) .or. size(left%sums) /= size(right%sums) .or. &
+          left%request%kind /= right%request%kind) then
+         call raise(error, incompatible, 'merge_observed', 'the two parts hold statistics of different kinds or '// &
+                    'sizes: merge parts of one run')
+         return
+      end if
+      associate (n => observer%nsingle)
+         call observer%join(left%counts, left%sums(:n), right%counts, right%sums(:n))
+         if (observer%nrow == 0) return
+         call observer%to_table(left%sums, table)
+         call insert_node(tree, table)
+         call observer%to_table(right%sums, table)
+         table%index = 1
+         call insert_node(tree, table)
+         call final_node(tree, table)
+         singles = left%sums(:n)
+         call observer%to_sums(singles, table, left%sums)
+      end associate
+   end subroutine merge_observed
+
+   !> Answers and their standard errors; their shapes are said by the module of each observer.
+   subroutine observed_answer(observed, values, errors, error)
+      type(observed_type), intent(in) :: observed
+      real(wp), allocatable, intent(out) :: values(:), errors(:)
+      type(error_type), allocatable, intent(inout) :: error
+      class(streaming_observer), allocatable :: observer
+
+      call new_observer(observer, observed%request, observed%of, error)
+      if (allocated(error)) return
+      allocate (values(observer%nanswer()), errors(observer%nanswer()))
+      call observer%answer(observed%counts, observed%sums, values, errors)
+   end subroutine observed_answer
+
+end module symsde_ensemble_observe_observers

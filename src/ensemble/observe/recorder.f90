@@ -1,0 +1,185 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The observer that saves paths, straight into the caller's arrays. Values after a failure are NaN.
+module symsde_ensemble_observe_recorder
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_ensemble_observe_observer, only: observer_type
+   use symsde_step_block_state, only: lane_state
+   implicit none
+   private
+   public :: path_recorder
+
+   integer, parameter :: few = 8  !! lanes of a block that are copied one by one
+
+   !> Pointers to the caller's arrays, path first. The last good state is kept for resuming and diagnosis. Where q and p
+   !> are null, it is all that is kept; low parts are needed of compensated runs only.
+   type, extends(observer_type) :: path_recorder
+      integer(i8) :: first_path = 0
+      real(wp), pointer, contiguous :: q(:, :, :) => null()        !! (npath, ndof, 0:nsave)
+      real(wp), pointer, contiguous :: p(:, :, :) => null()        !! (npath, ndof, 0:nsave)
+      integer(i4), pointer, contiguous :: status(:) => null()      !! (npath)
+      integer(i8), pointer, contiguous :: failed_step(:) => null() !! (npath)
+      real(wp), pointer, contiguous :: last_q(:, :) => null(), last_p(:, :) => null()  !! last good state (npath, ndof)
+      real(wp), pointer, contiguous :: q_low(:, :) => null(), p_low(:, :) => null()    !! its low parts (npath, ndof)
+      integer(i8), private :: offset = 0
+      integer, private :: nreal = 0
+   contains
+      procedure :: begin_block
+      procedure :: observe
+      procedure :: observe_several
+      procedure :: end_block
+      procedure :: skip
+   end type path_recorder
+
+contains
+
+   subroutine begin_block(self, first, nreal)
+      class(path_recorder), intent(inout) :: self
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: nreal
+
+      self%offset = first - self%first_path
+      self%nreal = nreal
+   end subroutine begin_block
+
+   subroutine observe(self, isave, t, state)
+      class(path_recorder), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      real(wp), intent(in) :: t
+      type(lane_state), intent(inout) :: state
+      real(wp) :: nan
+      integer :: i, lane
+
+      if (.not. associated(self%q)) return
+      nan = ieee_value(t, ieee_quiet_nan)
+      do i = 1, state%ndof
+         do lane = 1, self%nreal
+            self%q(self%offset + lane, i, isave + 1) = merge(state%q(lane, i), nan, state%status(lane) == 0)
+            self%p(self%offset + lane, i, isave + 1) = merge(state%p(lane, i), nan, state%status(lane) == 0)
+         end do
+      end do
+   end subroutine observe
+
+   !> Several times at once, straight from where they are: all paths of the run as they stand, where they stand side by
+   !> side; of other few lanes the loop over times is the inner one.
+   subroutine observe_several(self, isave, nsave, t, nlane, q, p, state)
+      class(path_recorder), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      integer, intent(inout) :: nsave
+      real(wp), intent(in) :: t(nsave)
+      integer, intent(in) :: nlane
+      type(lane_state), intent(inout) :: state
+      real(wp), intent(in) :: q(nlane, state%ndof, nsave), p(nlane, state%ndof, nsave)
+      integer :: lane
+
+      if (associated(self%q)) then
+         associate (last => isave + nsave)
+            if (nlane == size(self%q, 1) .and. all(state%status(:nlane) == 0)) then
+               call copy_all(q, self%q(:, :, isave + 1:last))
+               call copy_all(p, self%p(:, :, isave + 1:last))
+            else if (self%nreal > few) then
+               call copy_lanes(self%nreal, nsave, q, state%status, self%q(:, :, isave + 1:last), self%offset)
+               call copy_lanes(self%nreal, nsave, p, state%status, self%p(:, :, isave + 1:last), self%offset)
+            else
+               do lane = 1, self%nreal
+                  associate (path => self%offset + lane)
+                     call copy_lane(lane, nsave, q, state%status(lane), self%q(:, :, isave + 1:last), path)
+                     call copy_lane(lane, nsave, p, state%status(lane), self%p(:, :, isave + 1:last), path)
+                  end associate
+               end do
+            end if
+         end associate
+      end if
+      call state%take_first(nlane, q(1, 1, nsave), p(1, 1, nsave))
+   end subroutine observe_several
+
+   !> States of all paths of a run that are all its lanes.
+   pure subroutine copy_all(x, saved)
+      real(wp), intent(in), contiguous :: x(:, :, :)
+      real(wp), intent(inout), contiguous :: saved(:, :, :)
+
+      call copy_numbers(size(x), x, saved)
+   end subroutine copy_all
+
+   !> A copy of memory, by explicit bounds.
+   pure subroutine copy_numbers(n, x, saved)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: x(n)
+      real(wp), intent(out) :: saved(n)
+      integer :: i
+
+      do i = 1, n
+         saved(i) = x(i)
+      end do
+   end subroutine copy_numbers
+
+   !> The first lanes of x as paths offset + 1, .. of saved; NaN in those with a status.
+   pure subroutine copy_lanes(nreal, nsave, x, status, saved, offset)
+      integer, intent(in) :: nreal, nsave
+      integer(i8), intent(in) :: status(nreal), offset
+      real(wp), intent(in), contiguous :: x(:, :, :)
+      real(wp), intent(inout), contiguous :: saved(:, :, :)  !! (npath, ndof, nsave)
+      real(wp) :: nan
+      integer :: i, k, lane
+
+      nan = ieee_value(1.0_wp, ieee_quiet_nan)
+      do k = 1, nsave
+         do i = 1, size(x, 2)
+            do lane = 1, nreal
+               saved(offset + lane, i, k) = merge(x(lane, i, k), nan, status(lane) == 0)
+            end do
+         end do
+      end do
+   end subroutine copy_lanes
+
+   !> One lane of x as a path of saved; NaN where it has a status.
+   pure subroutine copy_lane(lane, nsave, x, status, saved, path)
+      integer, intent(in) :: lane, nsave
+      integer(i8), intent(in) :: status, path
+      real(wp), intent(in), contiguous :: x(:, :, :)
+      real(wp), intent(inout), contiguous :: saved(:, :, :)  !! (npath, ndof, nsave)
+      integer :: i, k
+
+      if (status /= 0) then
+         saved(path, :, :) = ieee_value(1.0_wp, ieee_quiet_nan)
+         return
+      end if
+      do i = 1, size(x, 2)
+         !GCC$ unroll 4
+         do k = 1, nsave
+            saved(path, i, k) = x(lane, i, k)
+         end do
+      end do
+   end subroutine copy_lane
+
+   !> NaN at all times from isave on.
+   subroutine skip(self, isave)
+      class(path_recorder), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      integer(i8) :: a, b
+
+      if (.not. associated(self%q)) return
+      a = self%offset + 1
+      b = self%offset + self%nreal
+      self%q(a:b, :, isave + 1:) = ieee_value(1.0_wp, ieee_quiet_nan)
+      self%p(a:b, :, isave + 1:) = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine skip
+
+   subroutine end_block(self, state)
+      class(path_recorder), intent(inout) :: self
+      type(lane_state), intent(in) :: state
+      integer(i8) :: a, b
+
+      a = self%offset + 1
+      b = self%offset + self%nreal
+      self%status(a:b) = int(state%status(:self%nreal), i4)
+      self%failed_step(a:b) = state%failed_step(:self%nreal)
+      self%last_q(a:b, :) = state%q(:self%nreal, :)
+      self%last_p(a:b, :) = state%p(:self%nreal, :)
+      if (allocated(state%q_low)) then
+         self%q_low(a:b, :) = state%q_low(:self%nreal, :)
+         self%p_low(a:b, :) = state%p_low(:self%nreal, :)
+      end if
+   end subroutine end_block
+
+end module symsde_ensemble_observe_recorder

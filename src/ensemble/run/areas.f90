@@ -1,0 +1,69 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> How the areas of a run are drawn, chosen by user and model, and whether the counters suffice.
+module symsde_ensemble_run_areas
+   use symsde_base_area_rule, only: area_rule, areas_in_law, most_paired
+   use symsde_base_functionals, only: functional_set, path_areas
+   use symsde_base_kinds, only: wp
+   use symsde_base_laws, only: law_gaussian
+   use symsde_base_status, only: error_type, raise, incompatible, too_large
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_options, only: run_options
+   use symsde_model_abstract, only: model_type
+   use symsde_model_probe_area_time, only: derive_area_time
+   use symsde_scheme_scheme, only: scheme_type
+   implicit none
+   private
+   public :: choose_areas, check_area_counters
+
+contains
+
+   !> How areas are drawn; their time scale is the user's, or the model's.
+   subroutine choose_areas(model, scheme, options, asked, areas, error)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      type(functional_set), intent(in) :: asked
+      type(area_rule), intent(out) :: areas
+      type(error_type), allocatable, intent(inout) :: error
+
+      areas = area_rule(options%areas, options%area_time)
+      if (areas%kind == areas_in_law) then
+         if (.not. scheme%asks%has(path_areas)) then
+            call raise(error, incompatible, 'run_ensemble', 'areas in law are asked for, and scheme '//scheme%name// &
+                       ' draws none: leave the choice of areas out, or take a scheme with areas, such as '// &
+                       'midpoint_areas')
+         else if (scheme%law /= law_gaussian) then
+            call raise(error, incompatible, 'run_ensemble', 'areas in law are asked for, and scheme '//scheme%name// &
+                       ' has areas of two values: leave the choice of areas out, or take a scheme with Gaussian '// &
+                       'increments, such as midpoint_areas')
+         end if
+      else if (scheme%law /= law_gaussian) then
+         areas%time = 0  ! nothing is halved
+      else if (asked%has(path_areas) .and. .not. areas%time > 0) then
+         call derive_area_time(model, options%t0, areas%time, error)
+      end if
+   end subroutine choose_areas
+
+   !> The sub-increments of areas, or their pairs of noises, must stay within the counters.
+   subroutine check_area_counters(nnoise, law, options, areas, error)
+      integer, intent(in) :: nnoise
+      integer, intent(in) :: law       !! of the increments
+      type(run_options), intent(in) :: options
+      type(area_rule), intent(in) :: areas
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp) :: rows
+
+      rows = real(options%first_step + options%nstep, wp)*2.0_wp**max(0, options%refine)* &
+             2.0_wp**areas%levels(options%step/2.0_wp**max(0, options%refine))
+      if (rows > 2.0_wp**47) then
+         call raise(error, too_large, 'run_ensemble', 'the areas of '//to_text(options%nstep)//' steps need '// &
+                    to_text(rows)//' sub-increments, beyond 2^47, the range of the step counter: give fewer or '// &
+                    'longer steps')
+      else if ((areas%kind == areas_in_law .or. law /= law_gaussian) .and. nnoise > most_paired) then
+         call raise(error, too_large, 'run_ensemble', 'areas that are drawn by themselves count pairs of '// &
+                    'noises, and those of '//to_text(nnoise)//' noises exceed the range of their counter: '// &
+                    'give at most '//to_text(most_paired)//' noises, or a scheme whose areas follow the path')
+      end if
+   end subroutine check_area_counters
+
+end module symsde_ensemble_run_areas

@@ -1,0 +1,460 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> An ensemble: model, scheme and options, checked and probed, with a runner for every thread; and how it is driven.
+!>
+!> Path i is a pure function of (seed, i, model, initial state, t0, scheme, step, refine, options, build,
+!> CPU type): never of threads, blocks, neighbours or the number of paths.
+module symsde_ensemble_run_driver
+   use symsde_base_clock, only: seconds
+   use symsde_base_area_rule, only: area_rule, areas_in_law
+   use symsde_base_counters, only: counters_type
+   use symsde_base_functionals, only: functional_set, name_functionals, path_areas, path_dz, path_stt_area
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lanes_for, padded, all_finite
+   use symsde_base_laws, only: law_gaussian
+   use symsde_base_status, only: error_type, raise, status_ok, wrong_shape, invalid_argument, incompatible, stopped, &
+                                 callback_failed, paths_failed, out_of_memory
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_run_areas, only: choose_areas, check_area_counters
+   use symsde_ensemble_block_runner, only: block_runner
+   use symsde_ensemble_block_few, only: has_few
+   use symsde_ensemble_block_initial_state, only: initial_state, new_initial_state
+   use symsde_ensemble_monitor, only: monitor_type
+   use symsde_ensemble_observe_observer, only: observer_type
+   use symsde_ensemble_run_probes, only: probe_declared, probe_whole_steps
+   use symsde_ensemble_options, only: run_options, check_options, steppers_of
+   use symsde_ensemble_block_runner_factory, only: runner_recipe
+   use symsde_ensemble_run_report, only: run_report, describe_left_out
+   use symsde_ensemble_run_memory, only: fit_threads
+   use symsde_ensemble_run_threads, only: shared_state, run_blocks, choose_nthread, usable_threads
+   use symsde_ensemble_run_warnings, only: set_up_warnings
+   use symsde_model_abstract, only: model_type
+   use symsde_model_user_callback, only: callback_model
+   use symsde_model_catalogue_by_name, only: is_built_in
+   use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
+   use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
+   use symsde_noise_source, only: noise_type
+   use symsde_noise_truncation, only: truncation_bound, lost_variance
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
+   use symsde_step_factory, only: resolve_task
+   use symsde_step_lone, only: most_lone
+   implicit none
+   private
+   public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, check_state
+
+   integer, parameter :: chain_lanes = 32, longest_chain = 4096
+
+   !> Model, scheme and options, checked and probed, with a runner for every thread: ready to be driven, as often as
+   !> wanted. Nothing of it depends on what it was driven through before, but the counters of its report.
+   type :: ensemble_type
+      type(run_options) :: options
+      type(run_report) :: report     !! totals of all drives; the outcome of the last one
+      class(model_type), pointer, private :: model => null()
+      class(noise_type), allocatable, private :: noise         !! where a drive is not given its own
+      type(runner_recipe), private :: recipe
+      type(block_runner), allocatable, private :: runners(:)   !! one for every thread
+   contains
+      procedure :: drive
+      procedure :: renumber
+   end type ensemble_type
+
+contains
+
+   !> Lanes of a block: the user's choice, or by the size of the system and the number of paths. Chains take
+   !> 32 at least, up to 4096 masses: rows of 8 lanes cost twice as much each (10 and 20 ns a mass, AVX-512),
+   !> whether or not the block fits the cache. With dense matrices that would be too much memory.
+   pure integer function choose_nlane(options, model)
+      type(run_options), intent(in) :: options
+      class(model_type), intent(in) :: model
+
+      choose_nlane = options%nlane
+      if (choose_nlane /= 0) return
+      associate (n => model%traits%ndof, b => model%traits%bandwidth)
+         choose_nlane = lanes_for(n, options%npath)
+         if (b >= 0 .and. 4*b < n .and. n <= longest_chain) &
+            choose_nlane = max(choose_nlane, padded(int(min(int(chain_lanes, i8), max(options%npath, 1_i8)))))
+      end associate
+   end function choose_nlane
+
+   !> Run all paths and show them to (copies of) the observer: an ensemble that is driven once.
+   subroutine run_ensemble(model, scheme, options, q0, p0, observer, monitor, report, error, &
+                           dw, q0_low, p0_low)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in), target :: scheme
+      type(run_options), intent(in) :: options
+      real(wp), intent(in), target :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
+      class(observer_type), intent(in) :: observer    !! for blocks of choose_nlane(options, model) lanes
+      class(monitor_type), intent(inout) :: monitor
+      type(run_report), intent(out) :: report
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)       !! low parts, to resume
+      type(ensemble_type), target :: ensemble
+      type(initial_state) :: from
+      real(wp), pointer, contiguous :: given(:, :, :)
+
+      nullify (given)  ! an absent array is not handed on: gfortran 12 reads the bounds that it has not
+      if (present(dw)) given => dw
+      call new_ensemble(ensemble, model, scheme, options, q0, p0, observer, error, given)
+      if (allocated(error)) return
+      call new_initial_state(from, q0, p0)
+      if (present(q0_low)) from%q_low => q0_low
+      if (present(p0_low)) from%p_low => p0_low
+      call ensemble%drive(from, observer, monitor, error)
+      report = ensemble%report
+   end subroutine run_ensemble
+
+   !> Check, probe and choose all that is the same however often the ensemble is driven, and make its runners.
+   subroutine new_ensemble(self, model, scheme, options, q0, p0, observer, error, dw)
+      type(ensemble_type), intent(out), target :: self
+      class(model_type), intent(in), target :: model          !! must live as long as the ensemble
+      type(scheme_type), intent(in), target :: scheme         !! this, too
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
+      class(observer_type), intent(in) :: observer    !! like those that will look on
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      real(wp), pointer, contiguous :: given(:, :, :)
+      real(wp) :: start
+
+      start = seconds()
+      call check_options(options, error)
+      if (allocated(error)) return
+      self%model => model
+      self%options = options
+      call check_state(options, model%traits%ndof, q0, p0, error)
+      if (.not. allocated(error)) call resolve_task(self%recipe%task, model, scheme, steppers_of(options), error)
+      if (.not. allocated(error)) call plan_run(self, observer, error)
+      call probe_declared(model, options%t0, q0(1, :), p0(1, :), error)
+      call observer%probe(options%t0, q0(1, :), p0(1, :), error)
+      if (allocated(error)) return
+      nullify (given)
+      if (present(dw)) given => dw
+      call new_noise(self%noise, model, options, self%report%lost_variance, error, given, scheme)
+      if (.not. allocated(error)) call new_runners(self, scheme, error)
+      if (allocated(error)) return
+      call probe_whole_steps(self%runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), &
+                             error)
+      if (allocated(error)) return
+      self%options%area_time = self%noise%areas%time
+      call set_up_warnings(model, merge(1, 8, has_any_lanes(model)), scheme, options, &
+                           self%runners(1)%stepper%explicit, q0(1, :), p0(1, :), &
+                           self%report%lost_variance, self%report%warnings)
+      self%report%seconds_setup = seconds() - start
+   end subroutine new_ensemble
+
+   !> Take all paths through the steps of self%options. How many these are, the first one, and the saves may have
+   !> changed since the ensemble was made.
+   subroutine drive(self, from, observer, monitor, error, dw)
+      class(ensemble_type), intent(inout), target :: self
+      type(initial_state), intent(in) :: from
+      class(observer_type), intent(in) :: observer    !! for blocks of self%report%nlane lanes
+      class(monitor_type), intent(inout) :: monitor
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments of this drive alone
+      class(noise_type), allocatable, target :: given
+      class(noise_type), pointer :: noise
+      type(shared_state) :: shared
+      real(wp) :: start, lost
+      integer :: nthread, i
+
+      call check_options(self%options, error)
+      if (allocated(error)) return
+      if (present(dw)) then
+         call new_noise(given, self%model, self%options, lost, error, dw, self%recipe%task%scheme)
+         noise => given
+      else
+         noise => self%noise
+         if (noise%asked%has(path_areas)) &
+            call check_area_counters(self%model%traits%nnoise, self%recipe%task%scheme%law, self%options, noise%areas, &
+                                     error)
+      end if
+      if (allocated(error)) return
+      start = seconds()
+      nthread = usable_threads(size(self%runners), real(self%model%traits%ndof, wp)*self%options%npath* &
+                               self%options%nstep)
+      do i = 1, nthread
+         call self%runners(i)%equip(self%options, observer, noise)
+      end do
+      call self%model%clear_failure()
+      shared%total = self%options%npath*self%options%nstep
+      call blas_single_thread()
+      call run_blocks(self%runners(:nthread), self%recipe, self%options, from, monitor, shared)
+      call blas_restore_threads()
+      self%report%seconds_run = self%report%seconds_run + (seconds() - start)
+      call summarise(self, shared)
+   end subroutine drive
+
+   !> Other paths, another seed, another first step for the drives to come.
+   subroutine renumber(self, options, error)
+      class(ensemble_type), intent(inout) :: self
+      type(run_options), intent(in) :: options     !! like its own but for these three and the steps
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: seed
+
+      call check_options(options, error)
+      if (allocated(error)) return
+      seed = self%options%seed
+      self%options%first_path = options%first_path
+      self%options%first_step = options%first_step
+      self%options%seed = options%seed
+      if (options%seed /= seed) &
+         call new_noise(self%noise, self%model, self%options, self%report%lost_variance, error, &
+                        scheme=self%recipe%task%scheme)
+   end subroutine renumber
+
+   !> Lanes of a block, and threads: as many as are asked for, have blocks to do, and find memory.
+   subroutine plan_run(self, observer, error)
+      type(ensemble_type), intent(inout) :: self
+      class(observer_type), intent(in) :: observer
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: nblock
+      integer :: nthread
+
+      call choose_nthread(self%options, nthread, error)
+      if (allocated(error)) return
+      associate (report => self%report)
+         report%nlane = choose_nlane(self%options, self%model)
+         nblock = (self%options%npath + report%nlane - 1)/report%nlane
+         report%nthread = int(min(int(nthread, i8), nblock))
+         call fit_threads(self%recipe%task, self%options, observer, report%nlane, report%nthread, &
+                          self%recipe%narrows, error)
+      end associate
+   end subroutine plan_run
+
+   !> One runner for every thread.
+   subroutine new_runners(self, scheme, error)
+      type(ensemble_type), intent(inout), target :: self
+      type(scheme_type), intent(in) :: scheme   !! as it was asked for
+      type(error_type), allocatable, intent(inout) :: error
+      logical :: has_padding
+      integer :: i, info
+
+      associate (report => self%report, model => self%model)
+         self%recipe%options = self%options
+         self%recipe%asked = self%noise%asked
+         report%correction = self%recipe%task%correction
+         allocate (self%runners(report%nthread), stat=info)
+         if (info /= 0) then
+            call raise(error, out_of_memory, 'new_runners', 'no memory for '//to_text(report%nthread)//' threads')
+            return
+         end if
+         has_padding = mod(self%options%npath, int(report%nlane, i8)) > 0
+         do i = 1, report%nthread
+            call self%recipe%new_runner(self%runners(i), report%nlane, has_padding, error, &
+                                        has_few(self%options%npath, report%nlane, most_lone) .and. has_any_lanes(model))
+            if (allocated(error)) return
+         end do
+         report%stepper = self%runners(1)%stepper%name
+         call describe_left_out(model, scheme, report%correction, self%runners(1)%stepper, report%left_out)
+      end associate
+   end subroutine new_runners
+
+   !> Whether a lane has the same bits whatever their number, one by itself, too: so do the models of the catalogue, and
+   !> users may say so.
+   pure logical function has_any_lanes(model)
+      class(model_type), intent(in) :: model
+
+      has_any_lanes = is_built_in(model)
+      select type (model)
+      type is (callback_model)
+         has_any_lanes = model%any_lanes
+      end select
+   end function has_any_lanes
+
+   !> The noise source of a run: prescribed increments where they are given, else Brownian.
+   !> A scheme may ask for a law and for functionals of the path; without one these are dW, Gaussian.
+   subroutine new_noise(noise, model, options, lost, error, dw, scheme)
+      class(noise_type), allocatable, intent(out) :: noise
+      class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
+      real(wp), intent(out) :: lost  !! variance of a normal lost to truncation
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      type(scheme_type), intent(in), optional :: scheme
+      type(prescribed_noise) :: prescribed
+      type(brownian_noise) :: brownian
+      logical, allocatable :: silent(:)
+      integer(i8) :: extent(3)
+      real(wp) :: cut
+      type(area_rule) :: areas
+      type(functional_set) :: asked
+      integer :: law
+
+      lost = 0
+      law = law_gaussian
+      if (present(scheme)) then
+         law = scheme%law
+         asked = scheme%asks%needed_for(model%traits)
+         call choose_areas(model, scheme, options, asked, areas, error)
+      end if
+      if (present(dw)) then
+         extent = shape(dw, i8)
+         if (.not. allocated(error)) call check_increments(options, model%traits%nnoise, extent, error)
+         if (.not. allocated(error)) call check_given(model, scheme, options, asked, areas, int(extent(2)), error)
+         if (allocated(error)) return
+         if (.not. all_finite(product(extent), dw)) then
+            call raise(error, invalid_argument, 'run_ensemble', 'the prescribed increments hold values that '// &
+                       'are not finite: give finite numbers only')
+            return
+         end if
+         call new_prescribed_noise(prescribed, dw, options%first_path, options%first_step, options%refine, &
+                                   options%step, model%traits%nnoise)
+         allocate (noise, source=prescribed)
+      else
+         if (.not. allocated(error) .and. asked%has(path_areas)) &
+            call check_area_counters(model%traits%nnoise, law, options, areas, error)
+         if (allocated(error)) return
+         allocate (silent(model%traits%nnoise), source=.false.)
+         if (allocated(model%traits%silent)) silent = model%traits%silent
+         call new_brownian_noise(brownian, model%traits%nnoise, options%seed, options%step, options%refine, &
+                                 silent, error, law)
+         if (allocated(error)) return
+         allocate (noise, source=brownian)
+      end if
+      noise%asked = asked
+      noise%areas = areas
+      call share_noises(noise, options, error)
+      if (allocated(error)) return
+      if (.not. abs(options%truncation) <= 0) then
+         call truncation_bound(options%step, options%truncation, options%truncation_time, cut, error)
+         noise%bound = cut*sqrt(abs(options%step))
+         lost = lost_variance(cut)
+      end if
+   end subroutine new_noise
+
+   !> The noises that all paths share, chosen by the user; prescribed increments are shared as they are given.
+   subroutine share_noises(noise, options, error)
+      class(noise_type), intent(inout) :: noise
+      type(run_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: i, k
+
+      if (.not. allocated(options%common_noise)) return
+      do i = 1, size(options%common_noise)
+         k = options%common_noise(i)
+         if (k < 1 .or. k > noise%nnoise) then
+            call raise(error, invalid_argument, 'run_ensemble', 'common_noise holds '//to_text(k)//', and the '// &
+                       'model has '//to_text(noise%nnoise)//' noises, counted from 1: give numbers of these')
+            return
+         end if
+         noise%common(k) = .true.
+      end do
+   end subroutine share_noises
+
+   !> What a scheme asks for beyond increments must be there: in prescribed increments it comes from finer
+   !> rows, or from columns of its own, which must not be there in vain.
+   subroutine check_given(model, scheme, options, asked, areas, ncolumn, error)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in), optional :: scheme
+      type(run_options), intent(in) :: options
+      type(functional_set), intent(in) :: asked
+      type(area_rule), intent(in) :: areas
+      integer, intent(in) :: ncolumn
+      type(error_type), allocatable, intent(inout) :: error
+      type(functional_set) :: missing, idle
+      character(:), allocatable :: what, name
+      integer :: m
+
+      m = model%traits%nnoise
+      name = 'what reads them'
+      if (present(scheme)) name = 'scheme '//scheme%name
+      idle%has(path_dz) = ncolumn > m .and. .not. asked%has(path_dz)
+      idle%has(path_stt_area) = ncolumn > 2*m .and. .not. asked%has(path_stt_area)
+      missing = asked
+      missing%has(path_dz) = asked%has(path_dz) .and. ncolumn <= m
+      missing%has(path_stt_area) = asked%has(path_stt_area) .and. ncolumn <= 2*m
+      if (.not. idle%is_empty()) then
+         call name_functionals(idle, what)
+         call raise(error, incompatible, 'run_ensemble', 'the prescribed increments have '//to_text(ncolumn)// &
+                    ' columns for '//to_text(m)//' noises, among them '//what//', and '//name//' takes none for '// &
+                    'model '//model%name//': leave these columns out')
+      else if (asked%has(path_areas) .and. areas%kind == areas_in_law) then
+         call raise(error, incompatible, 'run_ensemble', 'prescribed increments are the path, and its areas '// &
+                    'follow from them: leave the choice of areas in law out')
+      else if (options%refine < 1 .and. .not. missing%is_empty()) then
+         call name_functionals(missing, what)
+         call raise(error, incompatible, 'run_ensemble', name//' needs '//what//' for model '// &
+                    model%name//', which one prescribed increment a step does not determine: give finer rows, '// &
+                    '2^refine a step with refine >= 1, dZ and K as more columns (all dW, all dZ, all K), or a '// &
+                    'scheme that needs increments only, such as midpoint')
+      end if
+   end subroutine check_given
+
+   !> Prescribed increments must have one row for every (finer) step and one column for every noise.
+   subroutine check_increments(options, nnoise, extent, error)
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: nnoise
+      integer(i8), intent(in) :: extent(3)
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: rows
+
+      if (options%refine < 0) then
+         call raise(error, incompatible, 'run_ensemble', 'refine = '//to_text(options%refine)// &
+                    ' needs draws of its own and cannot refine prescribed increments: give refine >= 0')
+         return
+      end if
+      rows = options%nstep*2_i8**options%refine
+      if (extent(3) /= rows .or. .not. any(extent(2) == nnoise*[1, 2, 3]) .or. &
+          (extent(1) /= 1 .and. extent(1) /= options%npath)) then
+         call raise(error, wrong_shape, 'run_ensemble', 'the prescribed increments have '//to_text(extent(3))// &
+                    ' rows, '//to_text(extent(2))//' noises and '//to_text(extent(1))//' paths; needed are '// &
+                    to_text(rows)//' rows (steps*2^refine), '//to_text(nnoise)//' noises and '// &
+                    to_text(options%npath)//' paths or one for all; columns beyond the noises are as many of dZ, '// &
+                    'and of K')
+      end if
+   end subroutine check_increments
+
+   !> Initial states must be finite and have one column for every degree of freedom.
+   subroutine check_state(options, ndof, q0, p0, error)
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q0(:, :), p0(:, :)
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (size(q0, 2) /= ndof .or. size(p0, 2) /= ndof .or. .not. fits(size(q0, 1, i8)) .or. &
+          .not. fits(size(p0, 1, i8))) then
+         call raise(error, wrong_shape, 'run_ensemble', 'the initial q has '//to_text(size(q0, 2))// &
+                    ' degrees of freedom and '//to_text(size(q0, 1))//' paths, the initial p '// &
+                    to_text(size(p0, 2))//' and '//to_text(size(p0, 1))//'; needed are '//to_text(ndof)// &
+                    ' degrees of freedom and '//to_text(options%npath)//' paths or one for all')
+      else if (.not. (all(abs(q0) <= huge(q0)) .and. all(abs(p0) <= huge(p0)))) then
+         call raise(error, invalid_argument, 'run_ensemble', 'the initial state holds values that are not '// &
+                    'finite: give finite numbers only')
+      end if
+
+   contains
+
+      pure logical function fits(rows)
+         integer(i8), intent(in) :: rows
+
+         fits = rows == 1 .or. rows == options%npath
+      end function fits
+
+   end subroutine check_state
+
+   !> Sum the counters of the threads and name the outcome.
+   subroutine summarise(self, shared)
+      type(ensemble_type), intent(inout) :: self
+      type(shared_state), intent(in) :: shared
+      integer :: i
+
+      associate (report => self%report)
+         report%counters = counters_type()
+         do i = 1, size(self%runners)
+            call self%runners(i)%tally(report%counters)
+         end do
+         report%nfailed = shared%nfailed
+         report%nstopped = shared%nstopped
+         report%status = status_ok
+         if (self%model%failure_code() /= 0 .or. self%runners(1)%observer%failure_code() /= 0) then
+            report%status = callback_failed
+         else if (shared%nstopped > 0) then
+            report%status = stopped
+         else if (shared%nfailed > 0) then
+            report%status = paths_failed
+         end if
+      end associate
+   end subroutine summarise
+
+end module symsde_ensemble_run_driver

@@ -1,0 +1,111 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> How much memory a run takes at most, and on how many threads it fits.
+module symsde_ensemble_run_memory
+   use symsde_base_functionals, only: functional_set, path_areas
+   use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: padded
+   use symsde_base_memory, only: memory_for, require_memory
+   use symsde_base_status, only: error_type
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_block_prefetch, only: pairs_ahead, states_ahead
+   use symsde_ensemble_block_few, only: has_few, lone_numbers
+   use symsde_ensemble_block_shrink_block, only: narrower_width
+   use symsde_ensemble_observe_observer, only: observer_type
+   use symsde_ensemble_options, only: run_options
+   use symsde_step_lone, only: most_lone
+   use symsde_step_block_one_lane, only: most_of_lane
+   use symsde_step_memory, only: step_memory, find_step_memory
+   use symsde_step_stepper, only: stepper_task
+   implicit none
+   private
+   public :: fit_threads, narrower_numbers, noise_numbers
+
+   integer, parameter :: levels = 64  !! of intervals that the integrals of a step are put together from
+
+contains
+
+   !> Take fewer threads where memory does not suffice for all, and no narrower blocks where it does not suffice for
+   !> these on all threads; neither changes a result. Refuse (out_of_memory) what does not fit on one.
+   subroutine fit_threads(task, options, observer, nlane, nthread, narrows, error)
+      type(stepper_task), intent(in) :: task
+      type(run_options), intent(in) :: options
+      class(observer_type), intent(in) :: observer
+      integer, intent(in) :: nlane          !! lanes of a block
+      integer, intent(inout) :: nthread     !! in: as many as are wanted
+      logical, intent(out) :: narrows       !! paths that are left may go on in narrower blocks
+      type(error_type), allocatable, intent(inout) :: error
+      type(step_memory) :: step
+      real(wp) :: block
+
+      narrows = .false.
+      if (allocated(error)) return
+      call find_step_memory(task, step)
+      block = block_numbers(task, step, options, nlane)
+      narrows = memory_for(nthread*(block + narrower_numbers(task, step, options, nlane)) + &
+                           observer%numbers(options%npath, nthread), nthread - 1)
+      if (narrows) return
+      do while (nthread > 1)
+         if (memory_for(nthread*block + observer%numbers(options%npath, nthread), nthread - 1)) return
+         nthread = nthread/2
+      end do
+      if (memory_for(block + observer%numbers(options%npath, 1), 0)) return  ! before texts are put together
+      call require_memory(block + observer%numbers(options%npath, 1), 'the run of model '//task%model%name// &
+                          ' by scheme '//task%scheme%name//' ('//to_text(task%model%traits%ndof)// &
+                          ' degrees of freedom, '//to_text(nlane)//' paths at a time)', 'give a smaller system, '// &
+                          'a scheme of one stage such as midpoint, fewer lanes, or save less often', 'run_ensemble', &
+                          error)
+   end subroutine fit_threads
+
+   !> Numbers that one thread holds when it has made all narrower blocks.
+   real(wp) function narrower_numbers(task, step, options, nlane) result(numbers)
+      type(stepper_task), intent(in) :: task
+      type(step_memory), intent(in) :: step
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: nlane
+      integer :: width
+
+      numbers = 0
+      width = nlane
+      do while (narrower_width(width) < width)
+         width = narrower_width(width)
+         numbers = numbers + block_numbers(task, step, options, width)
+      end do
+   end function narrower_numbers
+
+   !> Numbers that one thread holds: the stepper, a block of paths, its noise.
+   real(wp) function block_numbers(task, step, options, nlane) result(numbers)
+      type(stepper_task), intent(in) :: task
+      type(step_memory), intent(in) :: step
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: nlane
+      type(functional_set) :: asked
+      real(wp) :: ahead, kept
+      integer :: ndof, nnoise, ncolumn
+
+      ndof = task%model%traits%ndof
+      nnoise = task%model%traits%nnoise
+      asked = task%scheme%asks%needed_for(task%model%traits)
+      ncolumn = asked%columns(nnoise)
+      ahead = 2*pairs_ahead(nlane, ncolumn)
+      kept = 2*states_ahead(nlane, ndof)
+      numbers = step%numbers(nlane) + nlane*((12.0_wp + kept)*ndof + ahead*(ncolumn + 1)) &
+                + noise_numbers(nnoise, asked, nlane) + lone_numbers(options%npath, nlane, ncolumn)
+      if (has_few(options%npath, nlane, most_of_lane)) &  ! a stepper of one lane
+         numbers = numbers + step%lane + step%once
+      if (has_few(options%npath, nlane, most_lone) .and. .not. asked%is_empty()) &  ! pairs of steps are lanes
+         numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
+   end function block_numbers
+
+   !> Numbers that a source of noise needs to fill a block of lanes.
+   pure real(wp) function noise_numbers(nnoise, asked, nlane)
+      integer, intent(in) :: nnoise, nlane
+      type(functional_set), intent(in) :: asked   !! beside the increments
+      real(wp) :: m
+
+      m = nnoise
+      noise_numbers = nlane*(8*m + levels)
+      if (.not. asked%is_empty()) noise_numbers = noise_numbers + nlane*levels*5*m
+      if (asked%has(path_areas)) noise_numbers = noise_numbers + nlane*levels*m*(m - 1)
+   end function noise_numbers
+
+end module symsde_ensemble_run_memory

@@ -1,0 +1,228 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Whether the flow of a user's model takes the steps of the library, near the initial state.
+!>
+!> Four steps of eight paths: as the general stepper takes them, to the root of rounding, and bit for bit whether asked
+!> for one by one, two by two or all at once. Where the model gives up on a lane, which runs then rescue, nothing
+!> is compared. Equations of a stiff step may have several roots, and both sides may have found one: where they are far
+!> apart, shorter steps decide, in which a fault would still show. It refutes, as every probe does; it proves nothing.
+module symsde_ensemble_run_model_flow_probe
+   use symsde_base_functionals, only: nfunctional
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lane_unit
+   use symsde_base_record, only: step_record, steps_record, step_store, new_step_store
+   use symsde_base_status, only: error_type, raise, false_trait
+   use symsde_base_text, only: to_text
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_step_factory, only: stepper_options, new_stepper
+   use symsde_step_stepper, only: stepper_type
+   use symsde_step_flow_model_flow, only: whole_stepper
+   implicit none
+   private
+   public :: probe_flow
+
+   integer, parameter :: nlane = lane_unit, nstep = 4
+   real(wp), parameter :: tolerance = 1e-8_wp  !! of the size of a state: iterations may stop early
+   real(wp), parameter :: apart = 1e-3_wp      !! of the same: two roots, or a fault that shows at an eighth of the step
+   integer, parameter :: most_shorter = 2      !! how often an eighth is taken
+
+contains
+
+   !> Refuses whole steps that are not the scheme's (false_trait). Any stepper may be given; the others pass. decided
+   !> tells whether anything was compared.
+   subroutine probe_flow(stepper, model, scheme, t, h, q0, p0, error, decided)
+      class(stepper_type), intent(in) :: stepper
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      real(wp), intent(in) :: t, h, q0(:), p0(:)
+      type(error_type), allocatable, intent(inout) :: error
+      logical, intent(out) :: decided
+      class(stepper_type), allocatable :: whole, general
+      type(error_type), allocatable :: refusal
+      type(step_store) :: store
+      real(wp), dimension(nlane, size(q0), nstep) :: q, p, q1, p1
+      real(wp) :: gap, shorter
+      integer :: k
+      logical :: comparable
+
+      decided = .false.
+      select type (stepper)
+      type is (whole_stepper)
+      class default
+         return
+      end select
+      call new_stepper(whole, model, scheme, stepper_options(correction=correction_none), nlane, refusal)
+      if (allocated(refusal)) return
+      call draw(store, model, scheme, h)
+      call take(whole, store, t, q0, p0, nstep, q, p, comparable)
+      if (.not. comparable) return
+      call take(whole, store, t, q0, p0, 1, q1, p1, comparable)
+      if (.not. (same(q, q1) .and. same(p, p1))) call refuse('one by one')
+      call take(whole, store, t, q0, p0, 2, q1, p1, comparable)
+      if (.not. (same(q, q1) .and. same(p, p1))) call refuse('two by two')
+      if (allocated(error)) return
+      call new_stepper(general, model, scheme, stepper_options(correction=correction_none, general=.true.), nlane, &
+                       refusal)
+      if (allocated(refusal)) return
+      call take_plain(general, store, t, q0, p0, q1, p1, comparable)
+      if (.not. comparable) return
+      gap = gap_of(q1, q) + gap_of(p1, p)
+      shorter = h
+      do k = 1, most_shorter
+         if (.not. gap > apart) exit
+         shorter = shorter/8
+         call compare_shorter(shorter)
+         if (.not. (comparable .and. gap > tolerance)) return  ! of roots, or nothing to judge by
+      end do
+      decided = .true.
+      if (gap <= tolerance) return
+      call tell(q1, q, 'q')
+      call tell(p1, p, 'p')
+
+   contains
+
+      subroutine refuse(how)
+         character(*), intent(in) :: how
+
+         if (allocated(error)) return
+         call raise(error, false_trait, 'probe_flow', 'the whole steps of scheme '//scheme%name//" that model '"// &
+                    model%name//"' defines have other bits "//how//' than all at once: let each step depend on the '// &
+                    'state before it and on its own increments alone')
+      end subroutine refuse
+
+      !> The gap at a shorter step; the states of the run's step are kept for the sentence.
+      subroutine compare_shorter(h)
+         real(wp), intent(in) :: h
+         real(wp), dimension(nlane, size(q0), nstep) :: x, y, x1, y1
+
+         call draw(store, model, scheme, h)
+         call take(whole, store, t, q0, p0, nstep, x, y, comparable)
+         if (comparable) call take_plain(general, store, t, q0, p0, x1, y1, comparable)
+         if (comparable) gap = gap_of(x1, x) + gap_of(y1, y)
+      end subroutine compare_shorter
+
+      subroutine tell(right, given, what)
+         real(wp), intent(in) :: right(:, :, :), given(:, :, :)
+         character(*), intent(in) :: what
+         integer :: at(3)
+
+         if (allocated(error)) return
+         if (all(abs(given - right) <= tolerance*(1 + maxval(abs(right))))) return
+         at = maxloc(abs(given - right), mask=.not. abs(given - right) <= tolerance*(1 + maxval(abs(right))))
+         if (any(at == 0)) at = 1
+         call raise(error, false_trait, 'probe_flow', 'the whole steps of scheme '//scheme%name//" that model '"// &
+                    model%name//"' defines are not those of the library: near the initial state they give "//what// &
+                    '_'//to_text(at(2))//' = '//to_text(given(at(1), at(2), at(3)))//' after '//to_text(at(3))// &
+                    ' steps, and not '//to_text(right(at(1), at(2), at(3)))//': mend them, or leave them out')
+      end subroutine tell
+
+   end subroutine probe_flow
+
+   !> Increments of the size that a run has, and functionals of some size: both sides are given the same.
+   subroutine draw(store, model, scheme, h)
+      type(step_store), intent(out) :: store
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      real(wp), intent(in) :: h
+      integer :: i, k, s, f
+
+      call new_step_store(store, nlane, model%traits%nnoise, nstep, h, scheme%asks%needed_for(model%traits))
+      do s = 0, nstep - 1
+         do k = 1, model%traits%nnoise
+            store%w(:, k, s) = sqrt(abs(h))*[(sin(1.0_wp + i + 3*k + 11*s), i=1, nlane)]
+         end do
+         do f = 1, nfunctional
+            if (.not. store%asked%has(f)) cycle
+            do k = 1, size(store%of(f)%x, 2)
+               store%of(f)%x(:, k, s) = 0.1_wp*abs(h)**1.5_wp*[(cos(1.0_wp + i + 5*k + 13*s), i=1, nlane)]
+            end do
+         end do
+      end do
+   end subroutine draw
+
+   !> States after each step, asked for so many at a time; not comparable where the model gives up on a lane.
+   subroutine take(stepper, store, t, q0, p0, n, q, p, comparable)
+      class(stepper_type), intent(inout) :: stepper
+      type(step_store), intent(in), target :: store
+      real(wp), intent(in) :: t, q0(:), p0(:)
+      integer, intent(in) :: n
+      real(wp), intent(out) :: q(:, :, :), p(:, :, :)
+      logical, intent(out) :: comparable
+      type(steps_record) :: steps
+      real(wp), dimension(nlane, size(q0)) :: x, y
+      real(wp), dimension(nlane, size(q0), n) :: xn, yn
+      integer(i8) :: status(nlane)
+      integer :: first
+
+      call begin(q0, p0, x, y)
+      status = 0
+      steps%every = 1
+      steps%nreal = nlane
+      select type (stepper)
+      type is (whole_stepper)
+         steps%max_iter = stepper%max_iter
+         do first = 1, nstep, n
+            call store%show_several(first - 1, n, t + (first - 1)*store%h, steps)
+            call stepper%flow(steps, x, y, xn, yn, status)
+            q(:, :, first:first + n - 1) = xn
+            p(:, :, first:first + n - 1) = yn
+            x = xn(:, :, n)
+            y = yn(:, :, n)
+         end do
+      end select
+      comparable = all(status == 0)
+   end subroutine take
+
+   !> The same by the general stepper; not comparable where it finds no solution.
+   subroutine take_plain(stepper, store, t, q0, p0, q, p, comparable)
+      class(stepper_type), intent(inout) :: stepper
+      type(step_store), intent(in), target :: store
+      real(wp), intent(in) :: t, q0(:), p0(:)
+      real(wp), intent(out) :: q(:, :, :), p(:, :, :)
+      logical, intent(out) :: comparable
+      type(step_record) :: step
+      real(wp), dimension(nlane, size(q0)) :: x, y, dx, dy
+      integer(i8) :: status(nlane)
+      integer :: s
+
+      call begin(q0, p0, x, y)
+      status = 0
+      do s = 1, nstep
+         call store%show(s - 1, t + (s - 1)*store%h, step)
+         call stepper%increment(step, x, y, dx, dy, status)
+         x = x + dx
+         y = y + dy
+         q(:, :, s) = x
+         p(:, :, s) = y
+      end do
+      comparable = all(status == 0) .and. all(abs(q) <= huge(q)) .and. all(abs(p) <= huge(p))
+   end subroutine take_plain
+
+   !> Eight states near the initial one.
+   pure subroutine begin(q0, p0, x, y)
+      real(wp), intent(in) :: q0(:), p0(:)
+      real(wp), intent(out) :: x(:, :), y(:, :)
+      integer :: i, lane
+
+      do i = 1, size(q0)
+         do lane = 1, nlane
+            x(lane, i) = q0(i) + 0.01_wp*sin(real(lane + 3*i, wp))
+            y(lane, i) = p0(i) + 0.01_wp*cos(real(lane + 5*i, wp))
+         end do
+      end do
+   end subroutine begin
+
+   !> In units of the largest; not a number where something is not.
+   pure real(wp) function gap_of(right, given)
+      real(wp), intent(in) :: right(:, :, :), given(:, :, :)
+
+      gap_of = maxval(abs(given - right) + 0*sum(given - right))/(1 + maxval(abs(right)))
+   end function gap_of
+
+   pure logical function same(a, b)
+      real(wp), intent(in) :: a(:, :, :), b(:, :, :)
+
+      same = all(transfer(a, 1_i8, size(a)) == transfer(b, 1_i8, size(b)))
+   end function same
+
+end module symsde_ensemble_run_model_flow_probe

@@ -1,0 +1,442 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A prepared run: checks, probes and allocations once; then as many calls as wanted, of one step or of many.
+!>
+!> The run holds where its paths are. Between calls a host may read that state and change it: a thermostat, a
+!> collision, a resampling of paths. Steps in several calls give the same bits as in one, with any threads and blocks.
+!>
+!> A path that fails keeps its status, step and last good state until the run is reset. A call that is stopped leaves
+!> its blocks at different steps; `resume` takes all of them to where the call was to end.
+module symsde_ensemble_run_prepared
+   use, intrinsic :: iso_c_binding, only: c_associated, c_loc, c_null_ptr, c_ptr
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_memory, only: require_memory, require_reserve
+   use symsde_base_status, only: error_type, raise, incompatible, invalid_argument, wrong_shape, out_of_memory, stopped
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_run_driver, only: ensemble_type, new_ensemble, check_state
+   use symsde_ensemble_block_initial_state, only: initial_state
+   use symsde_ensemble_monitor, only: monitor_type
+   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_observe_recorder, only: path_recorder
+   use symsde_ensemble_run_report, only: run_report
+   use symsde_ensemble_run_simulate, only: paths_type, new_paths
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type
+   implicit none
+   private
+   public :: prepared_run, prepare
+
+   integer(i8), parameter :: foreseen = 1000000  !! steps that the warnings of a prepared run are about
+
+   !> q, p and low parts may be changed between calls, never reshaped. The low parts are there if the run is
+   !> compensated. A run points to parts of itself, so it is not copied: what one is assigned to is not prepared.
+   type :: prepared_run
+      real(wp), allocatable :: q(:, :), p(:, :)          !! where the paths are (npath, ndof)
+      real(wp), allocatable :: q_low(:, :), p_low(:, :)  !! its low parts (npath, ndof)
+      integer(i4), allocatable :: status(:)              !! 0 = ok, else a code of base/status (npath)
+      integer(i8), allocatable :: failed_step(:)         !! absolute step, -1 = none (npath)
+      type(scheme_type), private :: scheme
+      type(ensemble_type), private :: ensemble
+      type(run_options), private :: given     !! where a reset begins
+      logical, private :: was_stopped = .false.    !! the last call was stopped
+      integer(i8), private :: goal = 0        !! absolute step that comes next, or is to come next where it was stopped
+      integer, private :: at_work = 0         !! 1 during a call
+      logical, private :: was_assigned = .false.   !! and not prepared since
+      type(c_ptr), private :: home = c_null_ptr    !! where it was prepared: a copy stands elsewhere
+   contains
+      procedure :: advance
+      procedure :: resume
+      procedure :: record
+      procedure :: record_rest
+      procedure :: reset
+      procedure :: next_step
+      procedure :: time
+      procedure :: options
+      procedure :: get_report
+      generic :: assignment(=) => leave_unprepared
+      procedure, private :: leave_unprepared
+      procedure, private :: go
+      procedure, private :: enter
+      procedure, private :: leave
+   end type prepared_run
+
+contains
+
+   !> Check model, scheme and options, probe the model at the initial state, and allocate all that steps need. The model
+   !> must live as long as the run; the scheme is copied. nstep and save_every of the options mean nothing here.
+   subroutine prepare(self, model, scheme, options, q0, p0, error, q0_low, p0_low)
+      type(prepared_run), intent(out), target :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! initial state (npath or 1, ndof)
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts (npath or 1, ndof)
+      type(run_options) :: chosen
+      real(wp), pointer :: q_low(:, :), p_low(:, :)  !! these, or null: an absent array is not handed on
+
+      if (allocated(error)) return
+      nullify (q_low, p_low)
+      if (present(q0_low)) q_low => q0_low
+      if (present(p0_low)) p_low => p0_low
+      chosen = options
+      chosen%save_every = 1
+      chosen%nstep = max(0_i8, min(foreseen, 2_i8**46 - options%first_step))
+      self%home = c_loc(self%goal)
+      self%given = chosen
+      self%scheme = scheme
+      call new_ensemble(self%ensemble, model, self%scheme, chosen, q0, p0, path_recorder(), error)
+      if (.not. allocated(error)) call new_state(self, options%npath, model%traits%ndof, options%compensated, error)
+      if (.not. allocated(error)) call self%reset(q0, p0, error, q_low, p_low)
+   end subroutine prepare
+
+   !> Pointers of a copy would point into the original: a call of what was assigned is refused instead.
+   impure elemental subroutine leave_unprepared(self, run)
+      class(prepared_run), intent(inout) :: self  !! keeps its arrays: gfortran 12 reads them after run = run
+      class(prepared_run), intent(in) :: run
+
+      self%was_assigned = .true.
+   end subroutine leave_unprepared
+
+   subroutine new_state(self, npath, ndof, compensated, error)
+      type(prepared_run), intent(inout) :: self
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: ndof
+      logical, intent(in) :: compensated
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: info
+
+      call require_memory(real(npath, wp)*(merge(4, 2, compensated)*ndof + 2), 'the state of '//to_text(npath)// &
+                          ' paths', 'prepare fewer paths', 'prepare', error)
+      if (allocated(error)) return
+      allocate (self%q(npath, ndof), self%p(npath, ndof), self%status(npath), self%failed_step(npath), stat=info)
+      if (info == 0 .and. compensated) allocate (self%q_low(npath, ndof), self%p_low(npath, ndof), stat=info)
+      if (info /= 0) call raise(error, out_of_memory, 'prepare', 'no memory for the state of '//to_text(npath)// &
+                                ' paths: prepare fewer paths')
+   end subroutine new_state
+
+   !> Begin anew from a state. All paths are ok again. The first step, the seed and the first path are as they were,
+   !> unless they are given.
+   subroutine reset(self, q0, p0, error, q0_low, p0_low, first_step, seed, first_path)
+      class(prepared_run), intent(inout) :: self
+      real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! state (npath or 1, ndof)
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts (npath or 1, ndof), else 0
+      integer(i8), intent(in), optional :: first_step, seed, first_path  !! as in run_options
+      type(run_options) :: wanted
+      real(wp), pointer :: q_low(:, :), p_low(:, :)  !! these, or null: an absent array is not handed on
+
+      nullify (q_low, p_low)
+      if (present(q0_low)) q_low => q0_low
+      if (present(p0_low)) p_low => p0_low
+      call self%enter('reset', error)
+      if (allocated(error)) return
+      wanted = self%given
+      if (present(first_step)) wanted%first_step = first_step
+      if (present(seed)) wanted%seed = seed
+      if (present(first_path)) wanted%first_path = first_path
+      call check_state(wanted, size(self%q, 2), q0, p0, error)
+      call check_low(self, wanted, error, q_low, p_low)
+      if (.not. allocated(error)) call self%ensemble%renumber(wanted, error)
+      if (.not. allocated(error)) then
+         self%given = wanted
+         self%goal = wanted%first_step
+         self%was_stopped = .false.
+         self%status = 0
+         self%failed_step = -1
+         call take_rows(self%q, q0)
+         call take_rows(self%p, p0)
+         if (allocated(self%q_low)) then
+            call take_rows(self%q_low, q_low)
+            call take_rows(self%p_low, p_low)
+         end if
+      end if
+      call self%leave()
+   end subroutine reset
+
+   !> nstep steps more, with the noise of the run or with increments given for them. Saved, where saved is given, every
+   !> save_every steps, where they begin included.
+   subroutine advance(self, nstep, error, dw, monitor, saved, save_every)
+      class(prepared_run), intent(inout) :: self
+      integer(i8), intent(in) :: nstep
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      class(monitor_type), intent(inout), optional :: monitor
+      type(paths_type), intent(out), target, optional :: saved
+      integer(i8), intent(in), optional :: save_every                    !! default 1
+      type(path_recorder) :: recorder
+      type(run_options) :: options
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      integer(i8) :: every
+
+      if (allocated(error)) return
+      nullify (given)
+      if (present(dw)) given => dw
+      every = max(1_i8, nstep)
+      if (present(saved) .and. allocated(self%q)) then
+         every = 1
+         if (present(save_every)) every = save_every
+         options = self%options()
+         options%first_step = self%next_step()
+         options%nstep = nstep
+         options%save_every = every
+         call check_options(options, error)
+         if (allocated(error)) return
+         call new_paths(saved, options, size(self%q, 2), error)
+         if (allocated(error)) return
+         recorder%q => saved%q
+         recorder%p => saved%p
+      end if
+      call self%record(nstep, every, recorder, error, given, monitor)
+      if (.not. allocated(error)) call show_state(self, saved)
+   end subroutine advance
+
+   !> The rest of a call that was stopped, with the increments that it was given; saved is what that call saved.
+   subroutine resume(self, error, dw, monitor, saved)
+      class(prepared_run), intent(inout) :: self
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      class(monitor_type), intent(inout), optional :: monitor
+      type(paths_type), intent(inout), target, optional :: saved
+      type(path_recorder) :: recorder
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+
+      if (allocated(error)) return
+      nullify (given)
+      if (present(dw)) given => dw
+      if (present(saved)) then
+         associate (o => self%ensemble%options)
+            if (size(saved%q, 3, i8) /= o%nstep/o%save_every + 1) then
+               call raise(error, wrong_shape, 'resume', 'the saved paths have '//to_text(size(saved%q, 3))// &
+                          ' times, the call that was stopped '//to_text(o%nstep/o%save_every + 1)// &
+                          ': give what that call saved')
+               return
+            end if
+         end associate
+         recorder%q => saved%q
+         recorder%p => saved%p
+      end if
+      call self%record_rest(recorder, error, given, monitor)
+      if (.not. allocated(error)) call show_state(self, saved)
+   end subroutine resume
+
+   !> `advance` for a recorder, with room for q and p (npath, ndof, nstep/save_every + 1) or with none.
+   subroutine record(self, nstep, save_every, recorder, error, dw, monitor)
+      class(prepared_run), intent(inout) :: self
+      integer(i8), intent(in) :: nstep, save_every
+      type(path_recorder), intent(inout) :: recorder
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      class(monitor_type), intent(inout), optional :: monitor
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+
+      nullify (given)
+      if (present(dw)) given => dw
+      call self%enter('advance', error)
+      if (allocated(error)) return
+      if (self%was_stopped) then
+         call raise(error, incompatible, 'advance', 'the last call was stopped on its way to step '// &
+                    to_text(self%goal)//', with paths at different steps: resume or reset the run first')
+      else
+         self%ensemble%options%first_step = self%goal
+         self%ensemble%options%nstep = nstep
+         self%ensemble%options%save_every = save_every
+         call self%go(recorder, error, given, monitor)
+      end if
+      call self%leave()
+   end subroutine record
+
+   !> `resume` for a recorder on the arrays of the call that was stopped.
+   subroutine record_rest(self, recorder, error, dw, monitor)
+      class(prepared_run), intent(inout) :: self
+      type(path_recorder), intent(inout) :: recorder
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      class(monitor_type), intent(inout), optional :: monitor
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+
+      nullify (given)
+      if (present(dw)) given => dw
+      call self%enter('resume', error)
+      if (allocated(error)) return
+      if (self%was_stopped) then
+         call self%go(recorder, error, given, monitor)
+      else
+         call raise(error, incompatible, 'resume', 'the last call was not stopped: there is nothing to resume')
+      end if
+      call self%leave()
+   end subroutine record_rest
+
+   !> Drive the ensemble from the state, and back into it.
+   subroutine go(self, recorder, error, dw, monitor)
+      class(prepared_run), intent(inout), target :: self
+      type(path_recorder), intent(inout) :: recorder
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), pointer, contiguous, intent(in) :: dw(:, :, :)  !! null: the noise of the run
+      class(monitor_type), intent(inout), optional :: monitor
+      type(initial_state) :: from
+      type(monitor_type) :: no_monitor
+
+      call check_own_state(self, error)
+      call require_reserve('a call of a prepared run', 'advance', error)
+      if (allocated(error)) return
+      from%q => self%q
+      from%p => self%p
+      from%status => self%status
+      from%failed_step => self%failed_step
+      from%resumed = self%was_stopped
+      recorder%last_q => self%q
+      recorder%last_p => self%p
+      recorder%status => self%status
+      recorder%failed_step => self%failed_step
+      if (allocated(self%q_low)) then
+         from%q_low => self%q_low
+         from%p_low => self%p_low
+         recorder%q_low => self%q_low
+         recorder%p_low => self%p_low
+      end if
+      recorder%first_path = self%ensemble%options%first_path
+      if (present(monitor)) then
+         call self%ensemble%drive(from, recorder, monitor, error, dw)
+      else
+         call self%ensemble%drive(from, recorder, no_monitor, error, dw)
+      end if
+      if (allocated(error)) return
+      self%goal = self%ensemble%options%first_step + self%ensemble%options%nstep
+      self%was_stopped = self%ensemble%report%nstopped > 0
+   end subroutine go
+
+   !> The host may have changed the state: of paths that are ok it must be finite.
+   subroutine check_own_state(self, error)
+      class(prepared_run), intent(in) :: self
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: path
+      integer :: i
+
+      do i = 1, size(self%q, 2)
+         do path = 1, size(self%q, 1, i8)
+            if (abs(self%q(path, i)) <= huge(1.0_wp) .and. abs(self%p(path, i)) <= huge(1.0_wp)) cycle
+            if (.not. any(self%status(path) == [0_i4, int(stopped, i4)])) cycle
+            call raise(error, invalid_argument, 'advance', 'q or p of path '// &
+                       to_text(self%ensemble%options%first_path + path - 1)//' (degree of freedom '//to_text(i)// &
+                       ', counted from 1) is not finite: it was changed to that, give finite numbers')
+            return
+         end do
+      end do
+   end subroutine check_own_state
+
+   !> Absolute step that comes next, or will once a stopped call is resumed.
+   integer(i8) function next_step(self)
+      class(prepared_run), intent(in) :: self
+
+      next_step = self%goal
+   end function next_step
+
+   !> t = t0 + n h before that step [time].
+   real(wp) function time(self)
+      class(prepared_run), intent(in) :: self
+
+      time = self%ensemble%options%t0 + real(self%goal, wp)*self%ensemble%options%step
+   end function time
+
+   !> The options of the run; its steps are those of the last call.
+   function options(self)
+      class(prepared_run), intent(in) :: self
+      type(run_options) :: options
+
+      options = self%ensemble%options
+   end function options
+
+   !> What the run did: counters and seconds of all calls, the outcome of the last one, warnings for a million steps.
+   subroutine get_report(self, report)
+      class(prepared_run), intent(in) :: self
+      type(run_report), intent(out) :: report
+
+      report = self%ensemble%report
+   end subroutine get_report
+
+   !> A run serves one call at a time: of two threads the second is refused, and so is a callback that asks its own run.
+   subroutine enter(self, place, error)
+      class(prepared_run), intent(inout), target :: self
+      character(*), intent(in) :: place
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: before
+
+      if (allocated(error)) return
+      !$omp atomic capture
+      before = self%at_work
+      self%at_work = 1
+      !$omp end atomic
+      if (before /= 0) then
+         call raise(error, incompatible, place, 'the prepared run is at work in another call: it serves one at a '// &
+                    'time; prepare one for each thread')
+      else if (self%was_assigned .or. &
+               (c_associated(self%home) .and. .not. c_associated(self%home, c_loc(self%goal)))) then
+         call raise(error, incompatible, place, 'the run was assigned from another one, and a prepared run points '// &
+                    'to parts of itself: prepare it, or move the other one by a pointer or an allocatable')
+         call self%leave()
+      else if (.not. allocated(self%q)) then
+         call raise(error, incompatible, place, 'the run is not prepared: call prepare first')
+         call self%leave()
+      end if
+   end subroutine enter
+
+   subroutine leave(self)
+      class(prepared_run), intent(inout) :: self
+
+      !$omp atomic write
+      self%at_work = 0
+   end subroutine leave
+
+   !> Low parts are for compensated runs.
+   subroutine check_low(self, options, error, q_low, p_low)
+      class(prepared_run), intent(in) :: self
+      type(run_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), optional :: q_low(:, :), p_low(:, :)   !! (npath or 1, ndof)
+
+      if (.not. (present(q_low) .or. present(p_low)) .or. allocated(error)) return
+      if (.not. allocated(self%q_low)) then
+         call raise(error, incompatible, 'reset', 'the run was not prepared for compensated summation and has no '// &
+                    'low parts: prepare it with compensated, or leave q0_low and p0_low out')
+      else if (present(q_low) .and. present(p_low)) then
+         call check_state(options, size(self%q, 2), q_low, p_low, error)
+      else
+         call raise(error, invalid_argument, 'reset', 'one of q0_low and p0_low is missing: give both, or none')
+      end if
+   end subroutine check_low
+
+   !> What saved paths say of their last state.
+   subroutine show_state(self, saved)
+      class(prepared_run), intent(in) :: self
+      type(paths_type), intent(inout), optional :: saved
+
+      if (.not. present(saved)) return
+      saved%status = self%status
+      saved%failed_step = self%failed_step
+      saved%last_q = self%q
+      saved%last_p = self%p
+      if (allocated(self%q_low)) then
+         saved%q_low = self%q_low
+         saved%p_low = self%p_low
+      end if
+      saved%report = self%ensemble%report
+   end subroutine show_state
+
+   !> The rows of a state, one for all paths or one for each; absent is zero.
+   pure subroutine take_rows(x, rows)
+      real(wp), intent(inout) :: x(:, :)                 !! (npath, ndof)
+      real(wp), intent(in), optional :: rows(:, :)       !! (npath or 1, ndof)
+      integer :: i
+
+      x = 0
+      if (.not. present(rows)) return
+      do i = 1, size(x, 2)
+         if (size(rows, 1) == 1) then
+            x(:, i) = rows(1, i)
+         else
+            x(:, i) = rows(:, i)
+         end if
+      end do
+   end subroutine take_rows
+
+end module symsde_ensemble_run_prepared

@@ -1,0 +1,75 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Which probes a run makes: none of models of the catalogue, which the tests probe, all of a user's, and of one whose
+!> functions are derived from formulas those that it has not passed yet. A probe that decides nothing, where the
+!> model is not finite or gives up, is not passed.
+module symsde_ensemble_run_probes
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: error_type
+   use symsde_model_abstract, only: model_type
+   use symsde_model_user_callback, only: callback_model
+   use symsde_model_catalogue_by_name, only: is_built_in
+   use symsde_model_probe_traits, only: probe_model
+   use symsde_model_probe_record, only: probe_number
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_ensemble_run_model_flow_probe, only: probe_flow
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: probe_declared, probe_whole_steps
+
+contains
+
+   !> Traits and derivatives of a model, around the state of one path.
+   subroutine probe_declared(model, t, q0, p0, error)
+      class(model_type), intent(in), target :: model
+      real(wp), intent(in) :: t, q0(:), p0(:)
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: number
+      logical :: decided
+
+      if (allocated(error) .or. is_built_in(model)) return
+      number = probe_number('declared', model%traits, t, q0, p0, 0.0_wp)
+      if (has_passed(model, number)) return
+      call probe_model(model, t, q0, p0, error, decided)
+      if (decided .and. .not. allocated(error)) call enter(model, number)
+   end subroutine probe_declared
+
+   !> Whole steps that a model defines, where a stepper takes them, near the state of one path.
+   subroutine probe_whole_steps(stepper, model, scheme, t, h, q0, p0, error)
+      class(stepper_type), intent(in) :: stepper
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      real(wp), intent(in) :: t, h, q0(:), p0(:)
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: number
+      logical :: decided
+
+      if (allocated(error) .or. is_built_in(model)) return
+      number = probe_number(stepper%name, model%traits, t, q0, p0, h)
+      if (has_passed(model, number)) return
+      call probe_flow(stepper, model, scheme, t, h, q0, p0, error, decided)
+      if (decided .and. .not. allocated(error)) call enter(model, number)
+   end subroutine probe_whole_steps
+
+   logical function has_passed(model, number)
+      class(model_type), intent(in) :: model
+      integer(i8), intent(in) :: number
+
+      has_passed = .false.
+      select type (model)
+      type is (callback_model)
+         has_passed = model%passed%knows(number)
+      end select
+   end function has_passed
+
+   subroutine enter(model, number)
+      class(model_type), intent(in) :: model
+      integer(i8), intent(in) :: number
+
+      select type (model)
+      type is (callback_model)
+         call model%passed%enter(number)
+      end select
+   end subroutine enter
+
+end module symsde_ensemble_run_probes

@@ -1,0 +1,69 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What a run did: the stepper chosen, what was left out, counters, failures and timings.
+module symsde_ensemble_run_report
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_status, only: status_ok
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_step_stepper, only: stepper_type
+   implicit none
+   private
+   public :: run_report, describe_left_out
+
+   type :: run_report
+      integer(i4) :: status = status_ok          !! ok, or the numerical outcome of the whole run
+      character(:), allocatable :: stepper       !! the stepper the factory chose
+      character(:), allocatable :: left_out      !! what this scene did not need
+      character(:), allocatable :: warnings      !! doubts known before the run, one a line
+      integer :: correction = correction_none    !! the correction that was active
+      type(counters_type) :: counters
+      integer(i8) :: nfailed = 0                 !! paths with a numerical failure
+      integer(i8) :: nstopped = 0                !! paths cut short by a stop
+      integer :: nthread = 1, nlane = 0
+      real(wp) :: lost_variance = 0              !! of a normal, by truncation
+      real(wp) :: seconds_setup = 0, seconds_run = 0
+   end type run_report
+
+contains
+
+   !> What traits made superfluous, joined by semicolons.
+   subroutine describe_left_out(model, scheme, correction, stepper, text)
+      class(model_type), intent(in) :: model
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: correction
+      class(stepper_type), intent(in) :: stepper  !! the one that the factory chose
+      character(:), allocatable, intent(out) :: text
+      integer :: nsilent
+
+      text = ''
+      nsilent = 0
+      if (allocated(model%traits%silent)) nsilent = count(model%traits%silent)
+      if (nsilent == model%traits%nnoise) then
+         call add('no noise: no generator, no increments')
+      else if (nsilent > 0) then
+         call add('noises of strength zero: nothing drawn for them')
+      end if
+      if (abs(scheme%correction_coefficient()) > 0 .and. correction == correction_none) then
+         if (model%traits%correction_vanishes()) then
+            call add('correction: it vanishes for this noise')
+         else
+            call add('correction: switched off, the scheme converges to another equation')
+         end if
+      end if
+      if (stepper%explicit) call add('solver: the step is explicit')
+      if (stepper%one_solve) call add('iteration: the equations are linear, one solve a step')
+      if (allocated(stepper%left_out)) call add(stepper%left_out)
+
+   contains
+
+      subroutine add(sentence)
+         character(*), intent(in) :: sentence
+
+         if (len(text) > 0) text = text//'; '
+         text = text//sentence
+      end subroutine add
+
+   end subroutine describe_left_out
+
+end module symsde_ensemble_run_report

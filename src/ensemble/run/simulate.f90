@@ -1,0 +1,335 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The two things users do: simulate (paths are saved) and moments (only statistics are kept).
+module symsde_ensemble_run_simulate
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_laws, only: law_gaussian
+   use symsde_base_memory, only: require_memory
+   use symsde_base_status, only: error_type, raise, too_large, out_of_memory, invalid_argument
+   use symsde_base_text, only: to_text
+   use symsde_ensemble_run_driver, only: run_ensemble, choose_nlane
+   use symsde_ensemble_observe_moment_collector, only: moment_collector, new_moment_collector, moment_store
+   use symsde_ensemble_monitor, only: monitor_type
+   use symsde_ensemble_observe_observables, only: observables_type
+   use symsde_ensemble_observe_observers, only: observer_plan, new_observer_plan, new_observed_run
+   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_observe_recorder, only: path_recorder
+   use symsde_ensemble_run_report, only: run_report
+   use symsde_ensemble_statistics_path_tree, only: moment_node, final_node
+   use symsde_ensemble_observe_streaming, only: observer_request, observed_type, observed_run
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type
+   implicit none
+   private
+   public :: paths_type, moments_type, simulate, moments, new_paths, fill_times
+
+   !> Saved paths. Values of a path after its failure are NaN; last_q, last_p keep its last good state.
+   type :: paths_type
+      real(wp), allocatable :: t(:)                 !! saved times, t0 included (ntime)
+      real(wp), allocatable :: q(:, :, :)           !! (npath, ndof, ntime)
+      real(wp), allocatable :: p(:, :, :)           !! (npath, ndof, ntime)
+      integer(i4), allocatable :: status(:)         !! 0 = ok, else a code of base/status (npath)
+      integer(i8), allocatable :: failed_step(:)    !! absolute step that failed, -1 = none (npath)
+      real(wp), allocatable :: last_q(:, :), last_p(:, :)  !! last good state (npath, ndof)
+      real(wp), allocatable :: q_low(:, :), p_low(:, :)    !! its low parts, zero unless compensated (npath, ndof)
+      type(run_report) :: report
+   end type paths_type
+
+   !> Moments over the paths that are ok up to each time. Values: q_1 .. q_n, p_1 .. p_n, the energy if
+   !> has_energy, then the user's observables.
+   type :: moments_type
+      real(wp), allocatable :: t(:)                 !! (ntime)
+      integer(i8), allocatable :: n_ok(:)           !! paths that count (ntime)
+      real(wp), allocatable :: mean(:, :)           !! (nvalue, ntime)
+      real(wp), allocatable :: variance(:, :)       !! unbiased; NaN for fewer than two paths (nvalue, ntime)
+      real(wp), allocatable :: se_mean(:, :)        !! standard error of the mean (nvalue, ntime)
+      real(wp), allocatable :: m2(:, :)             !! sums of squared deviations: parts merge by them (nvalue, ntime)
+      logical :: has_energy = .false.
+      integer(i8), allocatable :: failed(:)         !! global indices of the first failed paths, at most 1000
+      integer(i4), allocatable :: failed_status(:)
+      integer(i8), allocatable :: failed_step(:)
+      type(observed_type), allocatable :: observed(:)  !! what the observers have kept, in the order of their requests
+      type(run_report) :: report
+   end type moments_type
+
+contains
+
+   !> Integrate all paths and save them every options%save_every steps.
+   subroutine simulate(model, scheme, options, q0, p0, run, error, dw, monitor, q0_low, p0_low)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:), p0(:)        !! initial state of all paths (ndof), or (npath*ndof) path first
+      type(paths_type), intent(out), target :: run
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      class(monitor_type), intent(inout), optional :: monitor
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
+      type(path_recorder) :: recorder
+      real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer :: q_low(:, :), p_low(:, :)
+      type(monitor_type) :: no_monitor
+
+      if (allocated(error)) return
+      nullify (given, q_low, p_low)
+      if (present(dw)) given => dw
+      if (present(q0_low)) q_low => q0_low
+      if (present(p0_low)) p_low => p0_low
+      call check_options(options, error)
+      if (allocated(error)) return
+      call new_paths(run, options, model%traits%ndof, error)
+      if (allocated(error)) return
+      recorder%first_path = options%first_path
+      recorder%q => run%q
+      recorder%p => run%p
+      recorder%status => run%status
+      recorder%failed_step => run%failed_step
+      recorder%last_q => run%last_q
+      recorder%last_p => run%last_p
+      recorder%q_low => run%q_low
+      recorder%p_low => run%p_low
+      call by_path(q0, model%traits%ndof, q_rows, error)
+      call by_path(p0, model%traits%ndof, p_rows, error)
+      if (allocated(error)) return
+      if (present(monitor)) then
+         call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, monitor, &
+                           run%report, error, given, q_low, p_low)
+      else
+         call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, no_monitor, &
+                           run%report, error, given, q_low, p_low)
+      end if
+   end subroutine simulate
+
+   !> Integrate all paths and keep moments only, and what observers keep; memory grows with the saved times alone.
+   subroutine moments(model, scheme, options, q0, p0, result, error, observables, dw, monitor, q0_low, p0_low, &
+                      observers)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:), p0(:)        !! initial state of all paths (ndof), or (npath*ndof) path first
+      type(moments_type), intent(out) :: result
+      type(error_type), allocatable, intent(inout) :: error
+      class(observables_type), intent(in), target, optional :: observables
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      class(monitor_type), intent(inout), optional :: monitor
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
+      type(observer_request), intent(in), target, optional :: observers(:)
+      type(observer_request), target :: none(0)
+      type(observer_request), pointer :: wanted(:)
+      type(moment_store), allocatable, target :: store
+      type(observer_plan), target :: plan
+      type(moment_collector) :: collector
+      type(moment_node) :: root
+      type(run_options) :: shown
+      real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer :: q_low(:, :), p_low(:, :)
+      type(monitor_type) :: no_monitor
+
+      if (allocated(error)) return
+      nullify (given, q_low, p_low)
+      if (present(dw)) given => dw
+      if (present(q0_low)) q_low => q0_low
+      if (present(p0_low)) p_low => p0_low
+      call check_options(options, error)
+      if (.not. allocated(error)) call check_shard(options, error)
+      if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
+      if (allocated(error)) return
+      allocate (store)
+      wanted => none
+      if (present(observers)) wanted => observers
+      call plan_observers(plan, model, merge(law_gaussian, scheme%law, present(dw)), options, wanted, error, &
+                          observables)
+      if (allocated(error)) return
+      call new_moment_collector(collector, model, choose_nlane(options, model), size(result%t), store, observables, &
+                                plan, options%save_every)
+      shown = options
+      if (plan%watches_steps) shown%save_every = 1
+      call by_path(q0, model%traits%ndof, q_rows, error)
+      call by_path(p0, model%traits%ndof, p_rows, error)
+      if (allocated(error)) return
+      if (present(monitor)) then
+         call run_ensemble(model, scheme, shown, q_rows, p_rows, collector, monitor, &
+                           result%report, error, given, q_low, p_low)
+      else
+         call run_ensemble(model, scheme, shown, q_rows, p_rows, collector, no_monitor, &
+                           result%report, error, given, q_low, p_low)
+      end if
+      if (allocated(error)) return
+      call plan%deliver(result%observed)
+      call final_node(store%tree, root)
+      call to_moments(root, result)
+      result%failed = store%failed(:store%nlisted)
+      result%failed_status = store%status(:store%nlisted)
+      result%failed_step = store%failed_step(:store%nlisted)
+   end subroutine moments
+
+   !> The observers that are wanted, if any.
+   subroutine plan_observers(plan, model, law, options, observers, error, observables)
+      type(observer_plan), intent(out) :: plan
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: law               !! of the increments that are drawn
+      type(run_options), intent(in) :: options
+      type(observer_request), intent(in) :: observers(:)
+      type(error_type), allocatable, intent(inout) :: error
+      class(observables_type), intent(in), target, optional :: observables
+      type(observed_run) :: run
+      integer :: nobservable
+
+      nobservable = 0
+      if (present(observables)) nobservable = observables%nvalue
+      call new_observed_run(run, model, options, choose_nlane(options, model), nobservable)
+      if (present(observables)) run%observables => observables
+      run%law = law
+      call new_observer_plan(plan, observers, run, error)
+   end subroutine plan_observers
+
+   !> Shards of moments begin at multiples of 256, so that they merge on the same tree as a whole run.
+   subroutine check_shard(options, error)
+      type(run_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (mod(options%first_path, 256_i8) /= 0) then
+         call raise(error, invalid_argument, 'moments', 'first_path = '//to_text(options%first_path)// &
+                    ' does not begin a shard: moments need a multiple of 256')
+      end if
+   end subroutine check_shard
+
+   !> Room for the moments; sizes that overflow and missing memory are refused.
+   subroutine new_moments(result, model, options, error, observables)
+      type(moments_type), intent(inout) :: result
+      class(model_type), intent(in) :: model
+      type(run_options), intent(in) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      class(observables_type), intent(in), optional :: observables
+      integer(i8) :: ntime, nvalue
+      integer :: info
+
+      ntime = options%nstep/options%save_every + 1
+      result%has_energy = model%traits%has_value
+      nvalue = 2*model%traits%ndof + merge(1, 0, result%has_energy)
+      if (present(observables)) nvalue = nvalue + observables%nvalue
+      call require_memory((3.0_wp*nvalue + 1)*ntime, 'a result of '//to_text(nvalue)//' moments at '//to_text(ntime)// &
+                          ' times', 'save less often (save_every), or free some', 'moments', error)
+      if (allocated(error)) return
+      info = 1
+      if (ntime < huge(0)) allocate (result%t(ntime), result%mean(nvalue, ntime), result%variance(nvalue, ntime), &
+                                     result%se_mean(nvalue, ntime), stat=info)
+      if (info /= 0) then
+         call raise(error, out_of_memory, 'moments', 'no memory for the moments of '//to_text(nvalue)// &
+                    ' values at '//to_text(ntime)//' times, '//to_text(24.0_wp*nvalue*ntime)// &
+                    ' bytes: save less often (save_every)')
+         return
+      end if
+      call saved_times(options, result%t)
+   end subroutine new_moments
+
+   !> Mean, variance and standard error from counts, means and sums of squares, which are kept.
+   subroutine to_moments(root, result)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+      type(moment_node), intent(inout) :: root      !! used up
+      type(moments_type), intent(inout) :: result
+      real(wp) :: nan
+      integer :: it
+
+      nan = ieee_value(nan, ieee_quiet_nan)
+      result%n_ok = int(root%n, i8)
+      result%mean = root%mean
+      result%variance = root%m2
+      result%se_mean = root%m2
+      do it = 1, size(root%n)
+         if (root%n(it) < 0.5_wp) result%mean(:, it) = nan
+         if (root%n(it) < 1.5_wp) then
+            result%variance(:, it) = nan
+            result%se_mean(:, it) = nan
+         else
+            result%variance(:, it) = root%m2(:, it)/(root%n(it) - 1)
+            result%se_mean(:, it) = sqrt(result%variance(:, it)/root%n(it))
+         end if
+      end do
+      call move_alloc(root%m2, result%m2)
+   end subroutine to_moments
+
+   !> The saved times, t0 included.
+   subroutine saved_times(options, t)
+      type(run_options), intent(in) :: options
+      real(wp), allocatable, intent(inout) :: t(:)
+
+      if (.not. allocated(t)) allocate (t(options%nstep/options%save_every + 1))
+      call fill_times(options, size(t, kind=i8), t)
+   end subroutine saved_times
+
+   !> t_n = t0 + n h at the saved points, from the first one on.
+   pure subroutine fill_times(options, ntime, t)
+      type(run_options), intent(in) :: options
+      integer(i8), intent(in) :: ntime
+      real(wp), intent(out) :: t(ntime)
+      integer(i8) :: i
+
+      associate (t0 => options%t0, first => options%first_step, every => options%save_every, h => options%step)
+         do i = 1, ntime
+            t(i) = t0 + real(first + (i - 1)*every, wp)*h
+         end do
+      end associate
+   end subroutine fill_times
+
+   !> Room for the saved paths; sizes that overflow and missing memory are refused.
+   subroutine new_paths(run, options, ndof, error)
+      type(paths_type), intent(out) :: run
+      type(run_options), intent(in) :: options
+      integer, intent(in) :: ndof
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: ntime
+      real(wp) :: bytes
+      integer :: info
+
+      ntime = options%nstep/options%save_every + 1
+      bytes = 16.0_wp*real(options%npath, wp)*ndof*real(ntime, wp)
+      if (bytes > 2.0_wp**62) then
+         call raise(error, too_large, 'simulate', to_text(options%npath)//' paths, '//to_text(ndof)// &
+                    ' degrees of freedom and '//to_text(ntime)//' saved times need '//to_text(bytes)// &
+                    ' bytes: save less often (save_every), fewer paths, or use moments')
+         return
+      end if
+      call require_memory(bytes/8 + ntime, 'a result of '//to_text(options%npath)//' paths at '//to_text(ntime)// &
+                          ' times', 'save less often (save_every), fewer paths, or use moments', 'simulate', error)
+      if (allocated(error)) return
+      allocate (run%q(options%npath, ndof, ntime), run%p(options%npath, ndof, ntime), &
+                run%status(options%npath), run%failed_step(options%npath), &
+                run%last_q(options%npath, ndof), run%last_p(options%npath, ndof), stat=info)
+      if (info == 0) allocate (run%q_low(options%npath, ndof), run%p_low(options%npath, ndof), &
+                               source=0.0_wp, stat=info)
+      if (info == 0) allocate (run%t(ntime), stat=info)
+      if (info /= 0) then
+         call raise(error, out_of_memory, 'simulate', 'no memory for '//to_text(bytes)//' bytes of saved paths: '// &
+                    'save less often (save_every), fewer paths, or use moments')
+         return
+      end if
+      call saved_times(options, run%t)
+   end subroutine new_paths
+
+   !> The state as (npath or 1, ndof); a size that is no multiple of ndof is left for the check of shapes.
+   subroutine by_path(x, ndof, rows, error)
+      real(wp), intent(in) :: x(:)
+      integer, intent(in) :: ndof
+      real(wp), allocatable, intent(out) :: rows(:, :)
+      type(error_type), allocatable, intent(inout) :: error
+      integer(i8) :: n, i, j
+      integer :: info
+
+      n = ndof
+      if (mod(size(x, kind=i8), n) /= 0 .or. size(x) == 0) n = size(x, kind=i8)
+      allocate (rows(size(x, kind=i8)/max(n, 1_i8), n), stat=info)
+      if (info /= 0) then
+         call raise(error, out_of_memory, 'simulate', 'no memory for '//to_text(8*size(x, kind=i8))// &
+                    ' bytes of initial states: give fewer paths, or one state for all')
+         return
+      end if
+      do j = 1, n
+         do i = 1, size(rows, 1, i8)
+            rows(i, j) = x((j - 1)*size(rows, 1, i8) + i)
+         end do
+      end do
+   end subroutine by_path
+
+end module symsde_ensemble_run_simulate

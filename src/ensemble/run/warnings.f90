@@ -1,0 +1,272 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What can be known to be doubtful before a run begins, in sentences with numbers.
+!>
+!> Bounds that the model declares (max_frequency, noise_lipschitz) are used as they are; otherwise they
+!> are estimated from Hessians at the initial state of the first path, and called estimates.
+module symsde_ensemble_run_warnings
+   use symsde_base_kinds, only: wp
+   use symsde_base_text, only: to_text
+   use symsde_base_traits, only: dense
+   use symsde_ensemble_options, only: run_options, time_rounding, latest_time
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, frame_rotation
+   implicit none
+   private
+   public :: set_up_warnings
+
+   integer, parameter :: largest_dense = 64  !! degrees of freedom up to which a dense Hessian is looked at
+   integer, parameter :: most_noises = 1024  !! noises that are looked at one by one, each with weights for all of them
+
+   type :: bounds_type
+      real(wp) :: frequency = 0   !! of H [1/time]
+      real(wp) :: lipschitz = 0   !! of the noise [1/sqrt(time)]
+      integer :: nnoise = 0       !! noises whose Hessians do not vanish
+      character(:), allocatable :: frequency_source, lipschitz_source
+   end type bounds_type
+
+contains
+
+   !> Warnings, one a line; empty where there is nothing to say.
+   subroutine set_up_warnings(model, nlane, scheme, options, explicit, q0, p0, lost_variance, text)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane               !! lanes that the model is called with: 1 where it takes any number
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      logical, intent(in) :: explicit            !! the step calls no solver
+      real(wp), intent(in) :: q0(:), p0(:)       !! initial state of the first path (ndof)
+      real(wp), intent(in) :: lost_variance      !! of a normal, by truncation
+      character(:), allocatable, intent(out) :: text
+      real(wp), dimension(nlane, size(q0)) :: q, p
+      type(bounds_type) :: bounds
+
+      text = ''
+      call spread_state(nlane, size(q0), q0, p0, q, p)
+      call find_bounds(model, nlane, options%t0, q, p, bounds)
+      call warn_of_frequency(text, scheme, model%traits%quadratic, abs(options%step), explicit, bounds)
+      if (.not. explicit) call warn_of_noise(text, options, bounds)
+      if (lost_variance > 1e-3_wp) call add(text, 'truncation loses '//to_text(100*lost_variance)// &
+                                            ' % of the variance of every increment')
+      if (time_rounding(options) > 0.01_wp) &
+         call add(text, 'times near '//to_text(latest_time(options))//' are off by up to '// &
+                  to_text(100*time_rounding(options))//' % of a step by rounding: take a longer step, or a t0 near 0')
+      if (.not. options%compensated) call warn_of_rounding(text, model, nlane, options, q, p)
+   end subroutine set_up_warnings
+
+   !> Stability limit, resolution and uniqueness, by h omega.
+   subroutine warn_of_frequency(text, scheme, quadratic, h, explicit, bounds)
+      character(:), allocatable, intent(inout) :: text
+      type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: quadratic, explicit
+      real(wp), intent(in) :: h
+      type(bounds_type), intent(in) :: bounds
+      real(wp) :: x
+      character(:), allocatable :: value, factor
+
+      if (scheme%frame == frame_rotation) return  ! its declared frequencies are integrated exactly
+      x = h*bounds%frequency
+      if (.not. x > 1) return  ! texts take longer than a short run
+      value = 'h*omega = '//to_text(x)//' (omega '//bounds%frequency_source//')'
+      if (explicit .and. x >= 1.8_wp) call add(text, value//' is near or above 2, the stability limit of '// &
+                                               'explicit symplectic steps: take a smaller step or midpoint')
+      factor = ''  ! of the midpoint's energy input, exact for linear oscillators with additive noise
+      if (scheme%is_midpoint()) &
+         factor = ' (by the factor 1/(1+(h*omega)^2/4) = '//to_text(1/(1 + 0.25_wp*x**2))//')'
+      call add(text, value//' exceeds 1: the fastest oscillations are under-resolved, their phases '// &
+               'and the energy that noise puts into them are wrong'//factor)
+      if (.not. explicit .and. .not. quadratic .and. 0.25_wp*x**2 >= 1) &
+         call add(text, '(h*omega)^2/4 = '//to_text(0.25_wp*x**2)//' is at least 1: the implicit equations '// &
+                  'may have several solutions, and Newton finds one of them')
+   end subroutine warn_of_frequency
+
+   !> Solvability is certain while L |dW|/2 < 1.
+   subroutine warn_of_noise(text, options, bounds)
+      character(:), allocatable, intent(inout) :: text
+      type(run_options), intent(in) :: options
+      type(bounds_type), intent(in) :: bounds
+      real(wp) :: cut, probability, expected
+
+      if (.not. bounds%lipschitz > 0) return
+      cut = 2/(bounds%lipschitz*sqrt(abs(options%step)))  ! of the standard normal
+      probability = erfc(cut/sqrt(2.0_wp))
+      expected = probability*real(bounds%nnoise, wp)*real(options%npath, wp)*real(options%nstep, wp)
+      if (options%truncation > 0) then
+         if (sqrt(2*options%truncation*abs(log(abs(options%step)/options%truncation_time))) < cut) return
+      end if
+      if (expected > 1e-3_wp) call add(text, 'noise of Lipschitz constant '//to_text(bounds%lipschitz)//' ('// &
+                                       bounds%lipschitz_source//') is too strong for certain solvability: '// &
+                                       'normals above '//to_text(cut)//', expected '//to_text(expected)// &
+                                       ' times in this run, may have no solution or the wrong one; take a '// &
+                                       'smaller step or truncate')
+   end subroutine warn_of_noise
+
+   !> Increments of the drift below the rounding of the state are lost.
+   subroutine warn_of_rounding(text, model, nlane, options, q, p)
+      character(:), allocatable, intent(inout) :: text
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      type(run_options), intent(in) :: options
+      real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
+      real(wp) :: w(nlane, 0:model%traits%nnoise)
+      real(wp), dimension(nlane, model%traits%ndof) :: hq, hp
+      real(wp) :: largest, state
+
+      call look_at(0, w)
+      call model%gradient(nlane, model%traits%ndof, model%traits%nnoise, options%t0, w, q, p, hq, hp)
+      largest = abs(options%step)*max(maxval(abs(hq(1, :))), maxval(abs(hp(1, :))))
+      state = max(maxval(abs(q(1, :))), maxval(abs(p(1, :))))
+      if (largest > 0 .and. largest < epsilon(1.0_wp)*state) &
+         call add(text, 'increments of the drift, '//to_text(largest)//', are below the rounding of the state, '// &
+                  to_text(epsilon(1.0_wp)*state)//': ask for compensated summation')
+   end subroutine warn_of_rounding
+
+   !> Declared bounds, else row sums of Hessians at the initial state: of the noises, sums over all of them in one
+   !> row, since noises on different sites of a lattice do not add up. Nothing is estimated of more noises than that.
+   subroutine find_bounds(model, nlane, t, q, p, bounds)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t
+      real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
+      type(bounds_type), intent(out) :: bounds
+      real(wp) :: sums(model%traits%ndof, 3), rows(model%traits%ndof, 2)  ! of hqq, hqp, hpp; of q, p
+      integer :: k
+      logical :: looked
+
+      bounds%frequency = model%traits%max_frequency
+      bounds%lipschitz = model%traits%noise_lipschitz
+      bounds%frequency_source = 'declared'
+      bounds%lipschitz_source = 'declared'
+      bounds%nnoise = model%traits%nnoise
+      if (.not. bounds%frequency > 0) then
+         bounds%frequency_source = 'estimated at the initial state'
+         call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums(:, 1), sums(:, 2), sums(:, 3), looked)
+         if (looked) bounds%frequency = maxval(sums(:, 2)) + sqrt(maxval(sums(:, 1)))*sqrt(maxval(sums(:, 3)))
+      end if
+      if (bounds%lipschitz > 0 .or. model%traits%additive .or. model%traits%nnoise > most_noises) return
+      bounds%lipschitz_source = 'estimated at the initial state'
+      bounds%nnoise = 0
+      rows = 0
+      do k = 1, model%traits%nnoise
+         call row_sums(model, nlane, size(sums, 1), t, k, q, p, sums(:, 1), sums(:, 2), sums(:, 3), looked)
+         if (.not. looked) return
+         if (maxval(sums) > 0) bounds%nnoise = bounds%nnoise + 1
+         rows = rows + sums(:, 1:2) + sums(:, 2:3)
+      end do
+      bounds%lipschitz = maxval(rows)
+   end subroutine find_bounds
+
+   !> Row sums of the Hessian blocks of H_k; of the mixed one, which separable models do not have, the larger of row and
+   !> column.
+   subroutine row_sums(model, nlane, n, t, k, q, p, hqq, hqp, hpp, looked)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane, n, k
+      real(wp), intent(in) :: t, q(nlane, n), p(nlane, n)
+      real(wp), intent(out), dimension(n) :: hqq, hqp, hpp
+      logical, intent(out) :: looked   !! false where the Hessian is too large to look at
+      real(wp) :: w(nlane, 0:model%traits%nnoise)
+      real(wp), allocatable :: aqq(:, :, :), aqp(:, :, :), app(:, :, :), column(:)
+      integer :: m, b, i
+
+      hqq = 0
+      hqp = 0
+      hpp = 0
+      m = model%traits%nnoise
+      b = model%traits%bandwidth
+      looked = b /= dense .or. n <= largest_dense
+      if (.not. looked) return
+      call look_at(k, w)
+      if (model%traits%has_lone_rows) then  ! H = p.p/2 + U(q)
+         call sum_rows(model, nlane, n, m, t, w, q, p, hqq)
+         if (k == 0) hpp = 1
+         return
+      end if
+      if (b == dense) then
+         allocate (aqq(nlane, n, n), app(nlane, n, n))
+         if (.not. model%traits%separable) allocate (aqp(nlane, n, n))
+         call model%hessian(nlane, n, m, t, w, q, p, aqq, aqp, app)
+         hqq = sum(abs(aqq(1, :, :)), dim=2)
+         hpp = sum(abs(app(1, :, :)), dim=2)
+         if (allocated(aqp)) hqp = max(sum(abs(aqp(1, :, :)), dim=1), sum(abs(aqp(1, :, :)), dim=2))
+      else
+         allocate (aqq(nlane, -b:b, n), app(nlane, -b:b, n))
+         if (.not. model%traits%separable) allocate (aqp(nlane, -b:b, n))
+         call model%hessian_banded(nlane, n, m, b, t, w, q, p, aqq, aqp, app)
+         call sum_bands(nlane, 2*b + 1, n, aqq, hqq)
+         call sum_bands(nlane, 2*b + 1, n, app, hpp)
+         if (.not. allocated(aqp)) return
+         hqp = sum(abs(aqp(1, :, :)), dim=1)
+         allocate (column(1 - b:n + b), source=0.0_wp)
+         do i = 1, n
+            column(i - b:i + b) = column(i - b:i + b) + abs(aqp(1, :, i))
+         end do
+         hqp = max(hqp, column(1:n))
+      end if
+   end subroutine row_sums
+
+   !> Row sums of the block in q of a chain that gives its rows in one pass: to have all bands takes longer than steps.
+   subroutine sum_rows(model, nlane, n, m, t, w, q, p, sums)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane, n, m
+      real(wp), intent(in) :: t, w(nlane, 0:m), q(nlane, n), p(nlane, n)
+      real(wp), intent(out) :: sums(n)
+      real(wp) :: bands(nlane, 0:1, n), hq(nlane, n)
+      integer :: i
+
+      call model%force_stiffness(nlane, n, m, 1, t, w, q, p, hq, bands)
+      do i = 1, n
+         sums(i) = abs(bands(1, 0, i))
+      end do
+      do i = 1, n - 1
+         sums(i) = sums(i) + abs(bands(1, 1, i))
+         sums(i + 1) = sums(i + 1) + abs(bands(1, 1, i))
+      end do
+   end subroutine sum_rows
+
+   !> Weights with which H_k is looked at.
+   pure subroutine look_at(k, w)
+      integer, intent(in) :: k
+      real(wp), intent(out), contiguous :: w(:, 0:)
+
+      w = 0
+      w(:, k) = 1
+   end subroutine look_at
+
+   !> A state in all lanes, by explicit bounds, as below.
+   pure subroutine spread_state(nlane, n, q0, p0, q, p)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: q0(:), p0(:)     !! (n)
+      real(wp), intent(out) :: q(nlane, n), p(nlane, n)
+      integer :: i, lane
+
+      do i = 1, n
+         !GCC$ novector  ! most have one lane
+         do lane = 1, nlane
+            q(lane, i) = q0(i)
+            p(lane, i) = p0(i)
+         end do
+      end do
+   end subroutine spread_state
+
+   !> Sums over the bands of the first lane, by explicit bounds: of a small chain sections take as long as its steps.
+   pure subroutine sum_bands(nlane, nband, n, a, sums)
+      integer, intent(in) :: nlane, nband, n
+      real(wp), intent(in) :: a(nlane, nband, n)
+      real(wp), intent(out) :: sums(:)   !! (n)
+      integer :: i, d
+
+      do i = 1, n
+         sums(i) = 0
+         do d = 1, nband
+            sums(i) = sums(i) + abs(a(1, d, i))
+         end do
+      end do
+   end subroutine sum_bands
+
+   subroutine add(text, sentence)
+      character(:), allocatable, intent(inout) :: text
+      character(*), intent(in) :: sentence
+
+      if (len(text) > 0) text = text//new_line('a')
+      text = text//sentence
+   end subroutine add
+
+end module symsde_ensemble_run_warnings

@@ -1,0 +1,247 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The built-in models by name, with their parameters by key.
+!>
+!> Names and defaults of parameters stand in each model's own file. A new model has a place among the
+!> imports and in each of all_names, is_built_in, tabulate, allocate_model and construct.
+module symsde_model_catalogue_by_name
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, invalid_argument, unknown_name, wrong_shape
+   use symsde_base_text, only: name_length, nearest_names, to_text
+   use symsde_model_abstract, only: model_type
+   use symsde_model_catalogue_additive_oscillator, only: additive_oscillator_model, new_additive_oscillator, &
+                                                         additive_oscillator_names, additive_oscillator_defaults
+   use symsde_model_catalogue_driven_pendulum, only: driven_pendulum_model, new_driven_pendulum, &
+                                                     driven_pendulum_names, driven_pendulum_defaults
+   use symsde_model_catalogue_fpu_chain, only: fpu_chain_model, new_fpu_chain, fpu_chain_names, fpu_chain_defaults
+   use symsde_model_catalogue_henon_heiles, only: henon_heiles_model, new_henon_heiles, henon_heiles_names, &
+                                                  henon_heiles_defaults
+   use symsde_model_catalogue_kubo, only: kubo_model, new_kubo, kubo_names, kubo_defaults
+   use symsde_model_catalogue_linear_oscillator, only: linear_oscillator_model, new_linear_oscillator, &
+                                                       linear_oscillator_names, linear_oscillator_defaults
+   use symsde_model_catalogue_noncommutative_oscillator, only: noncommutative_oscillator_model, &
+                                                               new_noncommutative_oscillator, &
+                                                               noncommutative_oscillator_names, &
+                                                               noncommutative_oscillator_defaults
+   use symsde_model_catalogue_pendulum, only: pendulum_model, new_pendulum, pendulum_names, pendulum_defaults
+   use symsde_model_catalogue_synchrotron, only: synchrotron_model, new_synchrotron, synchrotron_names, &
+                                                 synchrotron_defaults
+   implicit none
+   private
+   public :: model_names, parameter_names, parameter_defaults, tabulate, get_model, is_built_in
+
+   character(len=name_length), parameter :: all_names(9) = [character(len=name_length) :: &
+                                                            'kubo', 'linear_oscillator', 'synchrotron', &
+                                                            'additive_oscillator', 'pendulum', 'driven_pendulum', &
+                                                            'noncommutative_oscillator', 'henon_heiles', &
+                                                            'fpu_chain']
+
+contains
+
+   !> Names of the built-in models.
+   pure function model_names() result(names)
+      character(len=name_length) :: names(size(all_names))
+
+      names = all_names
+   end function model_names
+
+   !> Whether a model is one of these, and no extension of one: the tests probe what it declares, not every run.
+   pure logical function is_built_in(model)
+      class(model_type), intent(in) :: model
+
+      is_built_in = .true.
+      select type (model)
+      type is (kubo_model)
+      type is (linear_oscillator_model)
+      type is (synchrotron_model)
+      type is (additive_oscillator_model)
+      type is (pendulum_model)
+      type is (driven_pendulum_model)
+      type is (noncommutative_oscillator_model)
+      type is (henon_heiles_model)
+      type is (fpu_chain_model)
+      class default
+         is_built_in = .false.
+      end select
+   end function is_built_in
+
+   !> Names of the parameters of a model; none for an unknown model.
+   pure function parameter_names(name) result(names)
+      character(*), intent(in) :: name  !! of the model
+      character(len=name_length), allocatable :: names(:)
+      real(wp), allocatable :: defaults(:)
+
+      call tabulate(name, names, defaults)
+   end function parameter_names
+
+   !> Defaults of the parameters of a model, in the order of their names; none for an unknown model.
+   pure function parameter_defaults(name) result(defaults)
+      character(*), intent(in) :: name  !! of the model
+      character(len=name_length), allocatable :: names(:)
+      real(wp), allocatable :: defaults(:)
+
+      call tabulate(name, names, defaults)
+   end function parameter_defaults
+
+   !> A built-in model. Parameters that are not given keep their defaults. Refuses an unknown model
+   !> or key with the nearest names (unknown_name), a key given twice, a value the model refuses
+   !> (invalid_argument), keys and values of different number (wrong_shape).
+   subroutine get_model(model, name, keys, values, error)
+      class(model_type), allocatable, intent(out) :: model
+      character(*), intent(in) :: name      !! one of model_names()
+      character(*), intent(in) :: keys(:)   !! some of parameter_names(name), in any order
+      real(wp), intent(in) :: values(:)     !! one for each key
+      type(error_type), allocatable, intent(inout) :: error
+      character(len=name_length), allocatable :: names(:), known(:)
+      real(wp), allocatable :: parameters(:)
+
+      if (allocated(error)) return
+      call tabulate(name, names, parameters)
+      if (size(names) == 0) then
+         known = model_names()
+         call raise(error, unknown_name, 'get_model', 'there is no model '''//trim(name)// &
+                    '''; there are '//nearest_names(name, known))
+      end if
+      call set_parameters(name, names, keys, values, parameters, error)
+      if (allocated(error)) return
+      call allocate_model(model, name)
+      call construct(model, parameters, error)
+      if (allocated(error)) deallocate (model)
+   end subroutine get_model
+
+   !> Names and defaults of the parameters of a model, from its own file.
+   pure subroutine tabulate(name, names, defaults)
+      character(*), intent(in) :: name
+      character(len=name_length), allocatable, intent(out) :: names(:)
+      real(wp), allocatable, intent(out) :: defaults(:)
+
+      select case (name)
+      case ('kubo')
+         names = kubo_names
+         defaults = kubo_defaults
+      case ('linear_oscillator')
+         names = linear_oscillator_names
+         defaults = linear_oscillator_defaults
+      case ('synchrotron')
+         names = synchrotron_names
+         defaults = synchrotron_defaults
+      case ('additive_oscillator')
+         names = additive_oscillator_names
+         defaults = additive_oscillator_defaults
+      case ('pendulum')
+         names = pendulum_names
+         defaults = pendulum_defaults
+      case ('driven_pendulum')
+         names = driven_pendulum_names
+         defaults = driven_pendulum_defaults
+      case ('noncommutative_oscillator')
+         names = noncommutative_oscillator_names
+         defaults = noncommutative_oscillator_defaults
+      case ('henon_heiles')
+         names = henon_heiles_names
+         defaults = henon_heiles_defaults
+      case ('fpu_chain')
+         names = fpu_chain_names
+         defaults = fpu_chain_defaults
+      case default
+         allocate (names(0), defaults(0))
+      end select
+   end subroutine tabulate
+
+   !> Put the given values in the place of the defaults.
+   subroutine set_parameters(name, names, keys, values, parameters, error)
+      character(*), intent(in) :: name, names(:), keys(:)
+      real(wp), intent(in) :: values(:)
+      real(wp), intent(inout) :: parameters(:)
+      type(error_type), allocatable, intent(inout) :: error
+      logical :: given(size(names))
+      integer :: i, k
+
+      if (allocated(error)) return
+      if (size(keys) /= size(values)) then
+         call raise(error, wrong_shape, 'get_model', to_text(size(keys))// &
+                    ' parameter names and '//to_text(size(values))// &
+                    ' values; give one value for each name')
+         return
+      end if
+      given = .false.
+      do i = 1, size(keys)
+         k = findloc(names == keys(i), .true., dim=1)
+         if (k == 0) then
+            call raise(error, unknown_name, 'get_model', 'model '''//trim(name)// &
+                       ''' has no parameter '''//trim(keys(i))//'''; it has '// &
+                       nearest_names(keys(i), names))
+            return
+         else if (given(k)) then
+            call raise(error, invalid_argument, 'get_model', 'parameter '//trim(keys(i))// &
+                       ' of model '''//trim(name)//''' is given twice; give it once')
+            return
+         end if
+         given(k) = .true.
+         parameters(k) = values(i)
+      end do
+   end subroutine set_parameters
+
+   !> An empty model of the type that the name stands for.
+   subroutine allocate_model(model, name)
+      class(model_type), allocatable, intent(out) :: model
+      character(*), intent(in) :: name
+
+      select case (name)
+      case ('kubo'); allocate (kubo_model :: model)
+      case ('linear_oscillator'); allocate (linear_oscillator_model :: model)
+      case ('synchrotron'); allocate (synchrotron_model :: model)
+      case ('additive_oscillator'); allocate (additive_oscillator_model :: model)
+      case ('pendulum'); allocate (pendulum_model :: model)
+      case ('driven_pendulum'); allocate (driven_pendulum_model :: model)
+      case ('noncommutative_oscillator'); allocate (noncommutative_oscillator_model :: model)
+      case ('henon_heiles'); allocate (henon_heiles_model :: model)
+      case ('fpu_chain'); allocate (fpu_chain_model :: model)
+      case default  ! stays unallocated: no such model
+      end select
+   end subroutine allocate_model
+
+   !> Construct it from all its parameters, in the order of its table.
+   subroutine construct(model, x, error)
+      class(model_type), intent(inout) :: model
+      real(wp), intent(in) :: x(:)  !! parameters
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: n
+
+      select type (model)
+      type is (kubo_model)
+         call new_kubo(model, x(1), x(2), error)
+      type is (linear_oscillator_model)
+         call new_linear_oscillator(model, x(1), error)
+      type is (synchrotron_model)
+         call new_synchrotron(model, x(1), x(2), x(3), error)
+      type is (additive_oscillator_model)
+         call new_additive_oscillator(model, x(1), x(2), error)
+      type is (pendulum_model)
+         call new_pendulum(model, x(1), error)
+      type is (driven_pendulum_model)
+         call new_driven_pendulum(model, x(1), x(2), x(3), x(4), x(5), x(6), error)
+      type is (noncommutative_oscillator_model)
+         call new_noncommutative_oscillator(model, x(1), x(2), error)
+      type is (henon_heiles_model)
+         call new_henon_heiles(model, x(1), x(2), x(3), error)
+      type is (fpu_chain_model)
+         call whole_number('n', x(1), n, error)
+         call new_fpu_chain(model, n, x(2), x(3), error)
+      end select
+   end subroutine construct
+
+   !> A parameter that counts something, given as a real number.
+   subroutine whole_number(key, x, n, error)
+      character(*), intent(in) :: key
+      real(wp), intent(in) :: x
+      integer, intent(out) :: n
+      type(error_type), allocatable, intent(inout) :: error
+
+      n = 0
+      if (abs(x) <= huge(n)) n = nint(x)
+      if (.not. abs(x - n) <= 0) &
+         call raise(error, invalid_argument, 'get_model', 'parameter '//key//' is '//to_text(x)// &
+                    '; give a whole number')
+   end subroutine whole_number
+
+end module symsde_model_catalogue_by_name

@@ -1,0 +1,269 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The Henon-Heiles system with an additive noise on each momentum; two degrees of freedom.
+!>
+!>    H = (p.p + q.q)/2 + alpha (q_1^2 q_2 - q_2^3/3),   H_1 = sigma1 q_1,   H_2 = sigma2 q_2
+!>
+!> so dp_k = .. - sigma_k dW_k. The potential is unbounded below: paths escape, and overflow then.
+module symsde_model_catalogue_henon_heiles
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
+   use symsde_base_status, only: error_type
+   use symsde_base_text, only: name_length
+   use symsde_base_traits, only: model_traits
+   use symsde_model_flows_henon_heiles, only: henon_heiles_flow, henon_heiles_has_flow
+   use symsde_model_parameters, only: require_finite, is_zero
+   use symsde_model_separable, only: separable_model
+   implicit none
+   private
+   public :: henon_heiles_model, new_henon_heiles, henon_heiles_names, henon_heiles_defaults
+
+   character(*), parameter :: henon_heiles_names(3) = &
+                              [character(len=name_length) :: 'alpha', 'sigma1', 'sigma2']
+   real(wp), parameter :: henon_heiles_defaults(3) = [1.0_wp, 0.1_wp, 0.1_wp]
+
+   type, extends(separable_model) :: henon_heiles_model
+      private
+      real(wp) :: alpha = 0     !! strength of the cubic term
+      real(wp) :: sigma1 = 0    !! noise of p_1
+      real(wp) :: sigma2 = 0    !! noise of p_2
+   contains
+      procedure :: value => weighted_value
+      procedure :: gradient
+      procedure :: evaluate
+      procedure :: sweeps
+      procedure :: pair
+      procedure :: has_flow
+      procedure :: flow
+   end type henon_heiles_model
+
+contains
+
+   !> A Henon-Heiles system. Refuses parameters that are not finite (invalid_argument).
+   subroutine new_henon_heiles(self, alpha, sigma1, sigma2, error)
+      type(henon_heiles_model), intent(out) :: self
+      real(wp), intent(in) :: alpha   !! strength of the cubic term [1/length]
+      real(wp), intent(in) :: sigma1  !! noise of p_1 [1/sqrt(time)]
+      real(wp), intent(in) :: sigma2  !! noise of p_2 [1/sqrt(time)]
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      call require_finite('new_henon_heiles', 'alpha', alpha, error)
+      call require_finite('new_henon_heiles', 'sigma1', sigma1, error)
+      call require_finite('new_henon_heiles', 'sigma2', sigma2, error)
+      if (allocated(error)) return
+      self%alpha = alpha
+      self%sigma1 = sigma1
+      self%sigma2 = sigma2
+      self%name = 'henon_heiles'
+      self%traits = model_traits( &
+                    ndof=2, nnoise=2, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
+                    quadratic=is_zero(alpha), identity_mass=.true., rotation=[1.0_wp, 1.0_wp], &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_lone_pair=.true., &
+                    has_lone_sweeps=.true.)
+      allocate (self%traits%silent(2))
+      self%traits%silent(1) = is_zero(sigma1)
+      self%traits%silent(2) = is_zero(sigma2)
+   end subroutine new_henon_heiles
+
+   !> Value of sum_j w_j H_j.
+   subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
+      class(henon_heiles_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: value(nlane)
+
+      value = w(:, 0)*((p(:, 1)**2 + p(:, 2)**2 + q(:, 1)**2 + q(:, 2)**2)/2 &
+                       + self%alpha*(q(:, 1)**2*q(:, 2) - q(:, 2)**3/3)) &
+              + self%sigma1*w(:, 1)*q(:, 1) + self%sigma2*w(:, 2)*q(:, 2)
+   end subroutine weighted_value
+
+   !> Gradient of sum_j w_j H_j, without asking `evaluate` for it: a path by itself wants little else.
+   subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
+      class(henon_heiles_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+
+      if (present(hq) .and. nlane == 1) then
+         call force_of_one(self%alpha, self%sigma1, self%sigma2, w(1, 0), w(1, 1), w(1, 2), q(1, 1), q(1, 2), &
+                           hq(1, 1), hq(1, 2))
+      else if (present(hq)) then
+         call force(nlane, self%alpha, self%sigma1, self%sigma2, w, q, hq)
+      end if
+      if (present(hp)) then
+         hp(:, 1) = w(:, 0)*p(:, 1)
+         hp(:, 2) = w(:, 0)*p(:, 2)
+      end if
+   end subroutine gradient
+
+   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
+      class(henon_heiles_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
+
+      call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
+      if (present(hqq)) call stiffness(nlane, self%alpha, w, q, hqq)
+      if (present(hpp)) then
+         hpp(:, 1, 1) = w(:, 0)
+         hpp(:, 2, 1) = 0
+         hpp(:, 1, 2) = 0
+         hpp(:, 2, 2) = w(:, 0)
+      end if
+   end subroutine evaluate
+
+   !> VEC Gradient in q.
+   pure subroutine force(nlane, alpha, sigma1, sigma2, w, q, hq)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: alpha, sigma1, sigma2, w(nlane, 0:2), q(nlane, 2)
+      real(wp), intent(out) :: hq(nlane, 2)
+      integer :: lane
+
+      do lane = 1, nlane
+         call force_of_one(alpha, sigma1, sigma2, w(lane, 0), w(lane, 1), w(lane, 2), q(lane, 1), q(lane, 2), &
+                           hq(lane, 1), hq(lane, 2))
+      end do
+   end subroutine force
+
+   !> VEC Hessian in q.
+   pure subroutine stiffness(nlane, alpha, w, q, hqq)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: alpha, w(nlane), q(nlane, 2)
+      real(wp), intent(out) :: hqq(nlane, 2, 2)
+      integer :: lane
+
+      do lane = 1, nlane
+         call stiffness_of_one(alpha, w(lane), q(lane, 1), q(lane, 2), hqq(lane, 1, 1), hqq(lane, 2, 1), &
+                               hqq(lane, 2, 2))
+         hqq(lane, 1, 2) = hqq(lane, 2, 1)
+      end do
+   end subroutine stiffness
+
+   !> The same of one lane.
+   pure subroutine stiffness_of_one(alpha, w, q1, q2, k11, k21, k22)
+      real(wp), intent(in) :: alpha, w, q1, q2
+      real(wp), intent(out) :: k11, k21, k22
+
+      k11 = w*(1 + 2*alpha*q2)
+      k21 = w*2*alpha*q1
+      k22 = w*(1 - 2*alpha*q2)
+   end subroutine stiffness_of_one
+
+   !> The gradient in q of one lane. A path by itself waits for three operations in a row; what is contracted is the
+   !> same wherever this is inlined, because the products stand here, those with q first.
+   pure subroutine force_of_one(alpha, sigma1, sigma2, w, w1, w2, q1, q2, hq1, hq2)
+      real(wp), intent(in) :: alpha, sigma1, sigma2, w, w1, w2, q1, q2
+      real(wp), intent(out) :: hq1, hq2
+
+      hq1 = (w*q1 + sigma1*w1) + (2*alpha*w)*q1*q2
+      hq2 = (w*q2 + sigma2*w2) + (alpha*w)*(q1**2 - q2**2)
+   end subroutine force_of_one
+
+   !> Sweeps over stages of one path, see model_type. Every number of stages has loops of its own length.
+   subroutine sweeps(self, nnoise, nstage, i1, i2, first, last, t, w, p, base, b, most, f, change, extent)
+      class(henon_heiles_model), intent(in) :: self
+      integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
+      real(wp), intent(in) :: t(nstage), w(0:nnoise), p(self%traits%ndof), base(4, 2), b(4, 4, 2)
+      real(wp), intent(inout) :: f(4, 2, 0:most)
+      real(wp), intent(inout), dimension(most) :: change, extent
+
+      associate (alpha => self%alpha, s1 => self%sigma1, s2 => self%sigma2)
+         select case (nstage)
+         case (2)
+            call sweep_stages(2, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
+         case (3)
+            call sweep_stages(3, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
+         case default
+            call sweep_stages(4, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
+         end select
+      end associate
+   end subroutine sweeps
+
+   !> The same. The numbers of a stage do not lie side by side in memory: gcc would put them into vectors, and take
+   !> these apart again.
+   pure subroutine sweep_stages(s, alpha, sigma1, sigma2, h, w1, w2, i1, i2, first, last, base, b, most, f, change, &
+                                extent)
+      integer, value :: s, i1, i2, first, last
+      real(wp), value :: alpha, sigma1, sigma2, h, w1, w2
+      integer, intent(in) :: most
+      real(wp), intent(in) :: base(4, 2), b(4, 4, 2)
+      real(wp), intent(inout) :: f(4, 2, 0:most)
+      real(wp), intent(inout), dimension(most) :: change, extent
+      real(wp) :: f1(4), f2(4), x1, x2, new1, new2, moved, size
+      integer :: i, j, k, m, at
+
+      do i = 1, s
+         f1(i) = f(i, 1, first - 1)
+         f2(i) = f(i, 2, first - 1)
+      end do
+      do k = first, last
+         at = min(k, 2)
+         moved = 0
+         size = 0
+         !GCC$ unroll 4
+         !GCC$ novector
+         do i = 1, s
+            if (i >= i1 .and. i <= i2) then
+               x1 = base(i, 1)
+               x2 = base(i, 2)
+               !GCC$ unroll 4
+               !GCC$ novector
+               do m = i, i + s - 1
+                  j = merge(m - s, m, m > s)
+                  x1 = x1 + b(j, i, at)*f1(j)
+                  x2 = x2 + b(j, i, at)*f2(j)
+               end do
+               call force_of_one(alpha, sigma1, sigma2, h, w1, w2, x1, x2, new1, new2)
+               moved = max(moved, max(abs(new1 - f1(i)), abs(new2 - f2(i))))
+               size = max(size, max(abs(new1), abs(new2)))
+               f1(i) = new1
+               f2(i) = new2
+            end if
+            f(i, 1, k) = f1(i)
+            f(i, 2, k) = f2(i)
+         end do
+         change(k) = moved
+         extent(k) = size
+      end do
+   end subroutine sweep_stages
+
+   !> Force and stiffness of one path, see model_type.
+   subroutine pair(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
+      class(henon_heiles_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      real(wp), value :: q1, q2
+      real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
+
+      call force_of_one(self%alpha, self%sigma1, self%sigma2, w(0), w(1), w(2), q1, q2, f1, f2)
+      call stiffness_of_one(self%alpha, w(0), q1, q2, k11, k21, k22)
+      k12 = k21
+   end subroutine pair
+
+   !> Whether flow takes steps of this scheme.
+   pure logical function has_flow(self, scheme)
+      class(henon_heiles_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      has_flow = henon_heiles_has_flow(scheme)
+   end function has_flow
+
+   !> Whole steps, see model_type.
+   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(henon_heiles_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      call henon_heiles_flow(scheme, self%alpha, self%sigma1, self%sigma2, steps, q, p, qn, pn, counters)
+   end subroutine flow
+
+end module symsde_model_catalogue_henon_heiles

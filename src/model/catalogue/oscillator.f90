@@ -1,0 +1,62 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Oscillators that say what their noises do to a quadratic Hamiltonian and have their whole steps from it.
+module symsde_model_catalogue_oscillator
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
+   use symsde_model_abstract, only: angle_terms
+   use symsde_model_flows_oscillator, only: oscillator_terms, oscillator_flow, oscillator_has_flow
+   use symsde_model_separable, only: separable_model
+   implicit none
+   private
+   public :: oscillator_model
+
+   type, abstract, extends(separable_model) :: oscillator_model
+      type(oscillator_terms) :: terms
+   contains
+      procedure :: has_flow
+      procedure :: flow => oscillator_steps
+      procedure :: angle
+   end type oscillator_model
+
+contains
+
+   !> Whether flow takes steps of this scheme.
+   pure logical function has_flow(self, scheme)
+      class(oscillator_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      has_flow = oscillator_has_flow(self%terms, scheme)
+   end function has_flow
+
+   !> Whole steps, see model_type.
+   subroutine oscillator_steps(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(oscillator_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      call oscillator_flow(self%terms, scheme, steps, q, p, qn, pn, counters)
+   end subroutine oscillator_steps
+
+   !> The terms for one path, see model_type; the rate is one.
+   subroutine angle(self, nnoise, t, w, terms)
+      class(oscillator_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      type(angle_terms), intent(out) :: terms
+
+      associate (s => self%terms)
+         terms%c = w(0) + s%a*w(s%noise_a)
+         terms%d = s%b*w(s%noise_b)
+         terms%e = w(0) + s%c*w(s%noise_c)
+         terms%f = s%e*w(s%noise_e)
+      end associate
+   end subroutine angle
+
+end module symsde_model_catalogue_oscillator

@@ -1,0 +1,294 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Whole steps on the Henon-Heiles system: drifts, and kicks at nodes c_i of the step, each by a part b_i of the
+!> potential and of the noises. Stormer-Verlet, the Euler pair, the other Lobatto pair of two stages, and the kicks of
+!> scheme/splitting, which for additive noise have no other parts:
+!>
+!>    dp_1 = -b (h (q_1 + 2 alpha q_1 q_2) + sigma1 W_1),  dp_2 = -b (h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 W_2),
+!>    W_k = dW_k + (gamma_i/b_i) a_k,  a_k = dZ_k/h - dW_k/2,   dq = tau p
+!>
+!> Few lanes at a time go through all of their steps; a path that is alone does so in registers.
+module symsde_model_flows_henon_heiles
+   use symsde_base_counters, only: counters_type
+   use symsde_base_functionals, only: path_dz
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: steps_record
+   implicit none
+   private
+   public :: henon_heiles_flow, henon_heiles_has_flow
+
+   integer, parameter :: tile = 64  !! lanes that go through all of their steps together
+   integer, parameter :: group = 4  !! steps in registers
+
+   !> Two kicks, of which some schemes leave out one: its part is zero.
+   type :: kick_plan
+      real(wp) :: drift(3) = 0    !! before, between and after them
+      integer :: nvelocity = 0    !! drifts that count as gradients: those of tableaux
+      real(wp) :: part(2) = 0
+      real(wp) :: shape(2) = 0    !! gamma_i/b_i
+      real(wp) :: linear = 1      !! factor of the linear force
+      logical :: rotates = .false.  !! drifts have that
+      ! for steps of one length
+      real(wp) :: tau(3) = 0      !! drifts
+      real(wp) :: cosine_less_one(3) = 0, sine(3) = 0
+   end type kick_plan
+
+contains
+
+   !> Whether these steps are offered here.
+   pure logical function henon_heiles_has_flow(scheme) result(has_flow)
+      character(*), intent(in) :: scheme
+      type(kick_plan) :: plan
+
+      call find_plan(scheme, plan)
+      has_flow = any(plan%part > 0)
+   end function henon_heiles_has_flow
+
+   !> Nothing for schemes that are not known.
+   pure subroutine find_plan(scheme, plan)
+      character(*), intent(in) :: scheme
+      type(kick_plan), intent(out) :: plan
+      real(wp), parameter :: gauss = 0.5_wp*(1 - sqrt(1/3.0_wp))
+
+      select case (scheme)
+      case ('symplectic_euler')
+         plan = kick_plan(drift=[0, 1, 0], part=[1, 0], nvelocity=1)
+      case ('symplectic_euler_adjoint')
+         plan = kick_plan(drift=[0, 1, 0], part=[0, 1], nvelocity=1)
+      case ('stormer_verlet')
+         plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp], nvelocity=1)
+      case ('lobatto2_swapped', 'verlet_dkd_weak2')
+         plan = kick_plan(drift=[0.5_wp, 0.5_wp, 0.0_wp], part=[1, 0])
+         if (scheme == 'lobatto2_swapped') plan%nvelocity = 2
+      case ('verlet_kdk', 'verlet_kdk_strong2')
+         plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp], shape=[2, -2])
+      case ('gauss_dkdkd', 'gauss_dkdkd_strong2', 'gauss_dkdkd_rotation')
+         plan = kick_plan(drift=[gauss, 1 - 2*gauss, gauss], part=[0.5_wp, 0.5_wp], &
+                          shape=sqrt(12.0_wp)*[1, -1], &
+                          rotates=scheme == 'gauss_dkdkd_rotation')
+         if (plan%rotates) plan%linear = 0
+      case default
+         plan = kick_plan()
+      end select
+   end subroutine find_plan
+
+   !> The contract of model_type%flow.
+   subroutine henon_heiles_flow(scheme, alpha, sigma1, sigma2, steps, q, p, qn, pn, counters)
+      character(*), intent(in) :: scheme
+      real(wp), intent(in) :: alpha, sigma1, sigma2
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: q(steps%nlane, 2), p(steps%nlane, 2)
+      real(wp), intent(out) :: qn(steps%nlane, 2, steps%nstep/steps%every), pn(steps%nlane, 2, steps%nstep/steps%every)
+      type(counters_type), intent(inout) :: counters
+      real(wp), contiguous, pointer :: w(:, :, :), dz(:, :, :)
+      type(kick_plan) :: plan
+      integer :: first
+
+      call find_plan(scheme, plan)
+      plan%tau = plan%drift*steps%h
+      plan%cosine_less_one = -2*sin(0.5_wp*plan%tau)**2
+      plan%sine = sin(plan%tau)
+      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      dz => w  ! without weight, or of noises that are all silent
+      if (any(abs(plan%shape) > 0) .and. associated(steps%of(path_dz)%x)) dz => steps%of(path_dz)%x
+      if (steps%nreal == 1) then
+         call pass_alone(steps%nlane, steps%nstep, steps%every, steps%h, plan, alpha, sigma1, sigma2, w, dz, q, p, &
+                         qn, pn)
+      else
+         do first = 1, steps%nlane, tile
+            call pass(steps%nlane, first, min(tile, steps%nlane - first + 1), steps%nstep, steps%every, steps%h, plan, &
+                      alpha, sigma1, sigma2, w, dz, q, p, qn, pn)
+         end do
+      end if
+      counters%gradients = counters%gradients + (plan%nvelocity + count(plan%part > 0))*steps%nstep*steps%nreal
+   end subroutine henon_heiles_flow
+
+   !> Steps of lane 1 alone: each waits for the one before it.
+   pure subroutine pass_alone(nlane, nstep, every, h, plan, alpha, sigma1, sigma2, w, dz, q, p, qn, pn)
+      integer, intent(in) :: nlane, nstep, every
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(in) :: h, alpha, sigma1, sigma2, w(nlane, 0:2, nstep), dz(nlane, 2, nstep)
+      real(wp), intent(in) :: q(nlane, 2), p(nlane, 2)
+      real(wp), intent(inout) :: qn(nlane, 2, nstep/every), pn(nlane, 2, nstep/every)
+      real(wp) :: x1, x2, y1, y2, u1, u2, rate
+      integer :: i, step, out
+
+      rate = 1/h
+      x1 = q(1, 1)
+      x2 = q(1, 2)
+      y1 = p(1, 1)
+      y2 = p(1, 2)
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            !GCC$ unroll 3
+            do i = 1, 3
+               if (plan%rotates) then
+                  call rotate(plan%cosine_less_one(i), plan%sine(i), x1, y1)
+                  call rotate(plan%cosine_less_one(i), plan%sine(i), x2, y2)
+               else if (plan%drift(i) > 0) then
+                  x1 = x1 + plan%tau(i)*y1
+                  x2 = x2 + plan%tau(i)*y2
+               end if
+               if (i == 3) cycle
+               if (.not. plan%part(i) > 0) cycle
+               u1 = weight(plan%shape(i), rate, w(1, 1, step), dz(1, 1, step))
+               u2 = weight(plan%shape(i), rate, w(1, 2, step), dz(1, 2, step))
+               call kick(plan%part(i), plan%linear, h, alpha, sigma1, sigma2, u1, u2, x1, x2, y1, y2)
+            end do
+         end do
+         qn(1, 1, out) = x1
+         qn(1, 2, out) = x2
+         pn(1, 1, out) = y1
+         pn(1, 2, out) = y2
+      end do
+   end subroutine pass_alone
+
+   !> All steps of n lanes from `first` on.
+   pure subroutine pass(nlane, first, n, nstep, every, h, plan, alpha, sigma1, sigma2, w, dz, q, p, qn, pn)
+      integer, intent(in) :: nlane, first, n, nstep, every
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(in) :: h, alpha, sigma1, sigma2, w(nlane, 0:2, nstep), dz(nlane, 2, nstep)
+      real(wp), intent(in) :: q(nlane, 2), p(nlane, 2)
+      real(wp), intent(inout) :: qn(nlane, 2, nstep/every), pn(nlane, 2, nstep/every)
+      real(wp), dimension(tile) :: x1, x2, y1, y2
+      integer :: i, step, out, several
+      logical :: plain  ! two kicks by dW, and a drift between them
+
+      plain = all(plan%part > 0) .and. .not. (any(plan%drift([1, 3]) > 0) .or. any(abs(plan%shape) > 0))
+      associate (last => first + n - 1)
+         x1(:n) = q(first:last, 1)
+         x2(:n) = q(first:last, 2)
+         y1(:n) = p(first:last, 1)
+         y2(:n) = p(first:last, 2)
+         do out = 1, nstep/every
+            step = (out - 1)*every
+            do while (plain .and. step < out*every)
+               several = merge(group, 1, out*every - step >= group)
+               call swing(several, plan, nlane, first - 1, n, h, alpha, sigma1, sigma2, w(1, 0, step + 1), x1, x2, &
+                          y1, y2)
+               step = step + several
+            end do
+            do step = step + 1, out*every
+               do i = 1, 3
+                  if (plan%drift(i) > 0) call drift_lanes(i, plan, n, x1, x2, y1, y2)
+                  if (i == 3) cycle
+                  if (plan%part(i) > 0) &
+                     call kick_lanes(i, plan, n, h, alpha, sigma1, sigma2, w(first, 1, step), w(first, 2, step), &
+                                     dz(first, 1, step), dz(first, 2, step), x1, x2, y1, y2)
+               end do
+            end do
+            qn(first:last, 1, out) = x1(:n)
+            qn(first:last, 2, out) = x2(:n)
+            pn(first:last, 1, out) = y1(:n)
+            pn(first:last, 2, out) = y2(:n)
+         end do
+      end associate
+   end subroutine pass
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC Kicks and a drift between them of n lanes: one step, or a group that goes on in registers.
+   pure subroutine swing(nstep, plan, nlane, before_first, n, h, alpha, sigma1, sigma2, w, x1, x2, y1, y2)
+      integer, intent(in) :: nstep, nlane, before_first, n  !! lanes before these
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(in) :: h, alpha, sigma1, sigma2
+      real(wp), intent(in) :: w(nlane, 0:2, nstep)
+      real(wp), intent(inout), dimension(n) :: x1, x2, y1, y2
+      real(wp) :: before, after, tau
+      integer :: lane, step
+
+      before = plan%part(1)
+      after = plan%part(2)
+      tau = plan%tau(2)
+      if (nstep == group) then
+         do lane = 1, n
+            !GCC$ unroll 4
+            do step = 1, group
+               call kick_drift_kick(before, tau, after, h, alpha, sigma1, sigma2, w(before_first + lane, 1, step), &
+                                    w(before_first + lane, 2, step), x1(lane), x2(lane), y1(lane), y2(lane))
+            end do
+         end do
+      else
+         do lane = 1, n
+            call kick_drift_kick(before, tau, after, h, alpha, sigma1, sigma2, w(before_first + lane, 1, 1), &
+                                 w(before_first + lane, 2, 1), x1(lane), x2(lane), y1(lane), y2(lane))
+         end do
+      end if
+   end subroutine swing
+
+   !> VEC The i-th drift of n lanes.
+   pure subroutine drift_lanes(i, plan, n, x1, x2, y1, y2)
+      integer, intent(in) :: i, n
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(inout), dimension(n) :: x1, x2, y1, y2
+      integer :: lane
+
+      if (plan%rotates) then
+         do lane = 1, n
+            call rotate(plan%cosine_less_one(i), plan%sine(i), x1(lane), y1(lane))
+            call rotate(plan%cosine_less_one(i), plan%sine(i), x2(lane), y2(lane))
+         end do
+      else
+         do lane = 1, n
+            x1(lane) = x1(lane) + plan%tau(i)*y1(lane)
+            x2(lane) = x2(lane) + plan%tau(i)*y2(lane)
+         end do
+      end if
+   end subroutine drift_lanes
+
+   !> VEC The i-th kick of n lanes.
+   pure subroutine kick_lanes(i, plan, n, h, alpha, sigma1, sigma2, w1, w2, z1, z2, x1, x2, y1, y2)
+      integer, intent(in) :: i, n
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(in) :: h, alpha, sigma1, sigma2
+      real(wp), intent(in), dimension(n) :: w1, w2, z1, z2, x1, x2
+      real(wp), intent(inout), dimension(n) :: y1, y2
+      real(wp) :: part, shape, rate, linear
+      integer :: lane
+
+      part = plan%part(i)
+      shape = plan%shape(i)
+      rate = 1/h
+      linear = plan%linear
+      do lane = 1, n
+         call kick(part, linear, h, alpha, sigma1, sigma2, weight(shape, rate, w1(lane), z1(lane)), &
+                   weight(shape, rate, w2(lane), z2(lane)), x1(lane), x2(lane), y1(lane), y2(lane))
+      end do
+   end subroutine kick_lanes
+
+   !> W of a kick over its part. Here and below, of a sum of two products the first is contracted: parentheses around
+   !> the other say so, or a path by itself would have other bits.
+   pure real(wp) function weight(shape, rate, w, dz)
+      real(wp), intent(in) :: shape, rate, w, dz
+
+      weight = w + shape*(rate*dz - (0.5_wp*w))
+   end function weight
+
+   pure subroutine kick_drift_kick(before, tau, after, h, alpha, sigma1, sigma2, w1, w2, x1, x2, y1, y2)
+      real(wp), intent(in) :: before, tau, after, h, alpha, sigma1, sigma2, w1, w2
+      real(wp), intent(inout) :: x1, x2, y1, y2
+
+      call kick(before, 1.0_wp, h, alpha, sigma1, sigma2, w1, w2, x1, x2, y1, y2)
+      x1 = x1 + tau*y1
+      x2 = x2 + tau*y2
+      call kick(after, 1.0_wp, h, alpha, sigma1, sigma2, w1, w2, x1, x2, y1, y2)
+   end subroutine kick_drift_kick
+
+   pure subroutine rotate(cosine_less_one, sine, x, y)
+      real(wp), intent(in) :: cosine_less_one, sine
+      real(wp), intent(inout) :: x, y
+      real(wp) :: moved
+
+      moved = x + (cosine_less_one*x + (sine*y))
+      y = y + (cosine_less_one*y - (sine*x))
+      x = moved
+   end subroutine rotate
+
+   pure subroutine kick(part, linear, h, alpha, sigma1, sigma2, u1, u2, x1, x2, y1, y2)
+      real(wp), intent(in) :: part, linear, h, alpha, sigma1, sigma2, u1, u2, x1, x2
+      real(wp), intent(inout) :: y1, y2
+
+      y1 = y1 - part*(h*(x1*(linear + 2*alpha*x2)) + (sigma1*u1))
+      y2 = y2 - part*(h*(merge(x2, 0.0_wp, linear > 0) + alpha*(x1*x1 - (x2*x2))) + (sigma2*u2))
+   end subroutine kick
+
+end module symsde_model_flows_henon_heiles

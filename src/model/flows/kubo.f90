@@ -1,0 +1,159 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Whole steps of the midpoint rule on the Kubo oscillator: Cayley rotations by theta = a h + sigma dW.
+!>
+!>    dq = theta (p - theta q/2)/(1 + theta^2/4),  dp = -theta (q + theta p/2)/(1 + theta^2/4)
+!>
+!> [WHSB] (71)-(72) solved for the new state. A single path has its angles and factors found for all steps at
+!> once: what one step waits for of the last is a rotation alone.
+module symsde_model_flows_kubo
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: steps_record
+   implicit none
+   private
+   public :: kubo_flow
+
+   integer, parameter :: group = 8  !! steps of one pass over the lanes
+
+contains
+
+   !> The contract of model_type%flow, for the midpoint rule.
+   subroutine kubo_flow(a, sigma, steps, q, p, qn, pn, counters)
+      real(wp), intent(in) :: a, sigma
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: q(steps%nlane), p(steps%nlane)
+      real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
+      type(counters_type), intent(inout) :: counters
+      real(wp), contiguous, pointer :: w(:, :, :)
+
+      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      associate (s => steps, n => steps%nstep*steps%nreal)
+         if (s%nreal == 1) then
+            call turn_one_lane(s%nlane, s%nstep, s%every, a*s%h, sigma, w, q(1), p(1), qn, pn)
+         else
+            call turn_lanes(s%nlane, s%nstep, s%every, a*s%h, sigma, w, q, p, qn, pn)
+         end if
+         counters%iterations = counters%iterations + n
+         counters%solves = counters%solves + n
+      end associate
+   end subroutine kubo_flow
+
+   !> Steps in groups as long as there are enough up to the next state that is asked for.
+   pure subroutine turn_lanes(nlane, nstep, every, turn, sigma, w, q, p, qn, pn)
+      integer, intent(in) :: nlane, nstep, every
+      real(wp), intent(in) :: turn, sigma, w(nlane, 0:1, nstep), q(nlane), p(nlane)
+      real(wp), intent(out) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      integer :: out, first, last, step
+
+      do out = 1, nstep/every
+         qn(:, out) = q
+         pn(:, out) = p
+         if (out > 1) qn(:, out) = qn(:, out - 1)
+         if (out > 1) pn(:, out) = pn(:, out - 1)
+         first = (out - 1)*every + 1
+         last = out*every
+         do step = first, last - group + 1, group
+            call turn_group(nlane, turn, sigma, w(1, 0, step), qn(1, out), pn(1, out))
+         end do
+         do step = last - mod(every, group) + 1, last
+            call turn_once(nlane, turn, sigma, w(1, 1, step), qn(1, out), pn(1, out))
+         end do
+      end do
+   end subroutine turn_lanes
+
+   !> VEC One step.
+   pure subroutine turn_once(nlane, turn, sigma, dw, q, p)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: turn, sigma, dw(nlane)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      real(wp) :: half, factor, x, y
+      integer :: lane
+
+      do lane = 1, nlane
+         x = q(lane)
+         y = p(lane)
+         call find_factor(turn + sigma*dw(lane), half, factor)
+         call cayley(half, factor, x, y)
+         q(lane) = x
+         p(lane) = y
+      end do
+   end subroutine turn_once
+
+   !> VEC A group of steps.
+   pure subroutine turn_group(nlane, turn, sigma, w, q, p)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: turn, sigma, w(nlane, 0:1, group)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      real(wp) :: half, factor, x, y
+      integer :: lane, step
+
+      do lane = 1, nlane
+         x = q(lane)
+         y = p(lane)
+         !GCC$ unroll 8
+         do step = 1, group
+            call find_factor(turn + sigma*w(lane, 1, step), half, factor)
+            call cayley(half, factor, x, y)
+         end do
+         q(lane) = x
+         p(lane) = y
+      end do
+   end subroutine turn_group
+
+   !> Steps of the one path of a block.
+   pure subroutine turn_one_lane(nlane, nstep, every, turn, sigma, w, q, p, qn, pn)
+      integer, intent(in) :: nlane, nstep, every
+      real(wp), intent(in) :: turn, sigma, w(nlane, 0:1, nstep), q, p
+      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      integer, parameter :: chunk = 128
+      real(wp) :: half(chunk), factor(chunk), x, y
+      integer :: step, i, n, first, out, left
+
+      x = q
+      y = p
+      out = 0
+      left = every
+      do first = 0, nstep - 1, chunk
+         n = min(chunk, nstep - first)
+         do step = 1, n
+            call find_factor(turn + sigma*w(1, 1, first + step), half(step), factor(step))
+         end do
+         i = 0
+         do while (i < n)
+            do step = i + 1, min(n, i + left)
+               call cayley(half(step), factor(step), x, y)
+            end do
+            step = min(left, n - i)
+            i = i + step
+            left = left - step
+            if (left > 0) cycle
+            out = out + 1
+            left = every
+            qn(1, out) = x
+            pn(1, out) = y
+         end do
+      end do
+   end subroutine turn_one_lane
+
+   !> theta/2 and theta/(1 + theta^2/4)
+   pure subroutine find_factor(theta, half, factor)
+      real(wp), intent(in) :: theta
+      real(wp), intent(out) :: half, factor
+
+      half = 0.5_wp*theta
+      factor = theta/(1 + half*half)
+   end subroutine find_factor
+
+   !> The Cayley rotation in place.
+   pure subroutine cayley(half, factor, q, p)
+      real(wp), intent(in) :: half, factor
+      real(wp), intent(inout) :: q, p
+      real(wp) :: dq, dp
+
+      dq = factor*(p - half*q)
+      dp = -factor*(q + half*p)
+      q = q + dq
+      p = p + dp
+   end subroutine cayley
+
+end module symsde_model_flows_kubo

@@ -1,0 +1,492 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Whole steps of oscillators whose one-step Hamiltonian is quadratic, separable and has one degree of freedom:
+!>
+!>    Hhat = (a q^2 + c p^2)/2 + b q + e p,     a = r h + A dW_i,  c = r h + C dW_k,  b = B dW_j,  e = E dW_l
+!>
+!>    symplectic Euler   p' = p - (a q + b),  q' = q + (c p' + e)                           [WHSB] (89)-(90)
+!>    its adjoint        q' = q + (c p + e),  p' = p - (a q' + b)                           [WHSB] (91)-(92)
+!>    corrected          with d q p added to Hhat: p' = (p - (a q + b))/(1 + d),  q' = q + (c p' + e) + d q, where
+!>                       d = A dW_i C dW_k/2; its adjoint takes (q, p) -> (p, -q), and -d becomes d
+!>    Stormer-Verlet     half a kick, a drift, half a kick; the other Lobatto pair takes (q, p) -> (p, -q)
+!>    midpoint           dq = (v - c f/2)/(1 + a c/4), dp = -(f + a v/2)/(1 + a c/4), f = a q + b, v = c p + e
+!>    Gauss              dq = 2 o (u v - o c f)/(u^2 + o^2 a c), dp = -2 o (u f + o a v)/(u^2 + o^2 a c)
+!>
+!> ([WHSB] (71)-(72) solved; with Z the matrix of the linear equations, stages of Gauss add (N/D - 1) (q, p) of Pade's
+!> quotient for exp(Z), D = u - o Z, N = u + o Z, and Z^2 = -a c: what is rounded in u and o leaves a rotation one. For
+!> Lobatto see model/flows/oscillator_quotients.) A group of steps keeps the states of the lanes in registers; a path
+!> that is alone goes through all of its steps at once.
+module symsde_model_flows_oscillator
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: steps_record
+   use symsde_model_abstract, only: corrected
+   use symsde_model_flows_oscillator_quotients, only: step_quotients, has_quotients, quotients_of, quotient_pass, &
+                                                      quotient_alone
+   implicit none
+   private
+   public :: oscillator_terms, oscillator_flow, oscillator_has_flow
+
+   !> The angular velocity r; strengths of the noises, and which they are, 0 where the strength is zero.
+   type :: oscillator_terms
+      real(wp) :: rate = 1
+      real(wp) :: a = 0, b = 0, c = 0, e = 0
+      integer :: noise_a = 0, noise_b = 0, noise_c = 0, noise_e = 0
+   end type oscillator_terms
+
+   enum, bind(c)
+      enumerator :: euler = 1, adjoint = 2, verlet = 3, swapped_verlet = 4, additive_euler = 5, additive_adjoint = 6
+      enumerator :: midpoint = 7, gauss2 = 8, gauss3 = 9, gauss4 = 10, quotients = 11  ! from midpoint on by one solve
+      enumerator :: corrected_euler = 12, corrected_adjoint = 13
+   end enum
+
+   !> Coefficients of u from a c on, which begins with 1, and of o, which begins with 1/2.
+   type :: pade_terms
+      real(wp) :: u(2) = 0, o = 0
+   end type pade_terms
+
+   type(pade_terms), parameter :: &
+      pade(midpoint:gauss4) = [pade_terms(), pade_terms(u=[-1/12.0_wp, 0.0_wp]), &
+                               pade_terms(u=[-1/10.0_wp, 0.0_wp], o=-1/120.0_wp), &
+                               pade_terms(u=[-3/28.0_wp, 1/1680.0_wp], o=-1/84.0_wp)]
+
+   !> Steps of one pass over the lanes; the short one where there are more operations than gcc would unroll eight times.
+   integer, parameter :: group = 8, short = 4
+
+contains
+
+   !> Whether these steps are offered here.
+   pure logical function oscillator_has_flow(terms, scheme) result(has_flow)
+      type(oscillator_terms), intent(in) :: terms
+      character(*), intent(in) :: scheme
+
+      has_flow = index_of(scheme) > 0
+      if (index_of(scheme) >= corrected_euler) has_flow = terms%noise_b == 0 .and. terms%noise_e == 0
+      if (index_of(scheme) == gauss2 .and. scheme /= 'gauss2') has_flow = is_of_one_form(terms)  ! its brackets
+   end function oscillator_has_flow
+
+   !> Whether every H_j is a multiple of p^2 + q^2, so that all brackets vanish.
+   pure logical function is_of_one_form(terms)
+      type(oscillator_terms), intent(in) :: terms
+
+      is_of_one_form = terms%noise_a == terms%noise_c .and. abs(terms%a - terms%c) <= 0 .and. &
+                       terms%noise_b == 0 .and. terms%noise_e == 0
+   end function is_of_one_form
+
+   pure integer function index_of(scheme)
+      character(*), intent(in) :: scheme
+
+      select case (scheme)
+      case ('symplectic_euler')
+         index_of = euler
+      case ('symplectic_euler_adjoint')
+         index_of = adjoint
+      case ('stormer_verlet')
+         index_of = verlet
+      case ('lobatto2_swapped')
+         index_of = swapped_verlet
+      case ('midpoint')
+         index_of = midpoint
+      case ('gauss2', 'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'gauss2_weak2_areas')
+         index_of = gauss2  ! where brackets vanish
+      case ('gauss3')
+         index_of = gauss3
+      case ('gauss4')
+         index_of = gauss4
+      case ('symplectic_euler'//corrected)
+         index_of = corrected_euler
+      case ('symplectic_euler_adjoint'//corrected)
+         index_of = corrected_adjoint
+      case default
+         index_of = merge(quotients, 0, has_quotients(scheme))
+      end select
+   end function index_of
+
+   !> The contract of model_type%flow, for one degree of freedom.
+   subroutine oscillator_flow(terms, scheme, steps, q, p, qn, pn, counters)
+      type(oscillator_terms), intent(in) :: terms
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: q(steps%nlane), p(steps%nlane)
+      real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
+      type(counters_type), intent(inout) :: counters
+      real(wp), contiguous, pointer :: w(:, :, :)
+      type(step_quotients) :: by
+      integer :: which, out, n
+
+      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      which = index_of(scheme)
+      if (which == quotients) by = quotients_of(scheme)
+      if (steps%nreal == 1 .and. which == corrected_euler) then
+         associate (r => terms%rate*steps%h, t => terms)
+            call corrected_alone(steps%nlane, steps%nnoise, steps%nstep, steps%every, r, t%a, t%c, t%noise_a, &
+                                 t%noise_c, w, q(1), p(1), qn, pn)
+         end associate
+      else if (steps%nreal == 1 .and. which == corrected_adjoint) then
+         associate (r => terms%rate*steps%h, t => terms)
+            call corrected_alone(steps%nlane, steps%nnoise, steps%nstep, steps%every, -r, -t%c, -t%a, t%noise_c, &
+                                 t%noise_a, w, p(1), q(1), pn, qn)
+         end associate
+      else if (steps%nreal == 1 .and. which == quotients) then
+         associate (t => terms)
+            call quotient_alone(by, t%rate*steps%h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, &
+                                steps%nlane, steps%nnoise, steps%nstep, steps%every, w, q(1), p(1), qn, pn)
+         end associate
+      else if (steps%nreal == 1) then
+         call advance_alone(terms, which, steps%nlane, steps%nnoise, steps%nstep, steps%every, terms%rate*steps%h, w, &
+                            q(1), p(1), qn, pn)
+      else
+         if (terms%noise_a == 0 .and. terms%noise_c == 0) then
+            if (which == euler) which = additive_euler
+            if (which == adjoint) which = additive_adjoint
+         end if
+         do out = 1, steps%nstep/steps%every
+            if (out == 1) then
+               qn(:, out) = q
+               pn(:, out) = p
+            else
+               qn(:, out) = qn(:, out - 1)
+               pn(:, out) = pn(:, out - 1)
+            end if
+            call advance(terms, which, by, steps%nlane, steps%nnoise, steps%every, terms%rate*steps%h, &
+                         w(:, :, (out - 1)*steps%every + 1:out*steps%every), qn(:, out), pn(:, out))
+         end do
+      end if
+      n = steps%nstep*steps%nreal
+      if (which >= midpoint) then
+         counters%iterations = counters%iterations + n
+         counters%solves = counters%solves + n
+      else
+         counters%gradients = counters%gradients + n*merge(3, 2, which == verlet .or. which == swapped_verlet)
+      end if
+   end subroutine oscillator_flow
+
+   !> Steps in place, in groups as long as there are enough.
+   pure subroutine advance(terms, which, by, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: terms
+      type(step_quotients), intent(in) :: by   !! of the schemes that have them
+      integer, intent(in) :: which, nlane, nnoise, nstep
+      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      integer :: first, n
+
+      first = 1
+      do while (first <= nstep)
+         n = merge(short, group, which >= midpoint)
+         if (nstep - first + 1 < n) n = 1
+         associate (t => terms)
+            select case (which)
+            case (euler)
+               call euler_pass(h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, nlane, nnoise, &
+                               n, w(:, :, first:), q, p)
+            case (adjoint)  ! the scheme itself with (q, p) -> (p, -q)
+               call euler_pass(-h, -t%c, -t%e, -t%a, -t%b, t%noise_c, t%noise_e, t%noise_a, t%noise_b, nlane, nnoise, &
+                               n, w(:, :, first:), p, q)
+            case (additive_euler)
+               call additive_pass(h, t%b, t%e, t%noise_b, t%noise_e, nlane, nnoise, n, w(:, :, first:), q, p)
+            case (additive_adjoint)
+               call additive_pass(-h, -t%e, -t%b, t%noise_e, t%noise_b, nlane, nnoise, n, w(:, :, first:), p, q)
+            case (corrected_euler)
+               call corrected_pass(h, t%a, t%c, t%noise_a, t%noise_c, nlane, nnoise, n, w(:, :, first:), q, p)
+            case (corrected_adjoint)
+               call corrected_pass(-h, -t%c, -t%a, t%noise_c, t%noise_a, nlane, nnoise, n, w(:, :, first:), p, q)
+            case (verlet)
+               call verlet_pass(t, nlane, nnoise, n, h, w(:, :, first:), q, p)
+            case (swapped_verlet)
+               call verlet_pass(oscillator_terms(a=-t%c, b=-t%e, c=-t%a, e=-t%b, noise_a=t%noise_c, noise_b=t%noise_e, &
+                                                 noise_c=t%noise_a, noise_e=t%noise_b), &
+                                nlane, nnoise, n, -h, w(:, :, first:), p, q)
+            case (quotients)
+               call quotient_pass(by, h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, nlane, &
+                                  nnoise, n, w(:, :, first:), q, p)
+            case default
+               call gauss_pass(t, pade(which), nlane, nnoise, n, h, w(:, :, first:), q, p)
+            end select
+         end associate
+         first = first + n
+      end do
+   end subroutine advance
+
+   !> Steps of a path that is alone, in lane 1: each waits for the one before it.
+   pure subroutine advance_alone(terms, which, nlane, nnoise, nstep, every, h, w, q, p, qn, pn)
+      type(oscillator_terms), intent(in) :: terms
+      integer, intent(in) :: which, nlane, nnoise, nstep, every
+      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep), q, p
+      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      type(pade_terms) :: by
+      real(wp) :: x, y, a, c
+      integer :: step, out
+
+      x = q
+      y = p
+      by = pade(max(which, midpoint))
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            associate (b => terms%b, e => terms%e, wb => w(1, terms%noise_b, step), we => w(1, terms%noise_e, step))
+               a = h + terms%a*w(1, terms%noise_a, step)
+               c = h + terms%c*w(1, terms%noise_c, step)
+               select case (which)
+               case (euler)
+                  call kick_and_drift(a, b, wb, c, e, we, x, y)
+               case (adjoint)
+                  call kick_and_drift(-c, -e, we, -a, -b, wb, y, x)
+               case (verlet)
+                  call verlet_step(a, b, wb, c, e, we, x, y)
+               case (swapped_verlet)
+                  call verlet_step(-c, -e, we, -a, -b, wb, y, x)
+               case default
+                  call gauss_step(by, a, c, a*x + b*wb, c*y + e*we, x, y)
+               end select
+            end associate
+         end do
+         qn(1, out) = x
+         pn(1, out) = y
+      end do
+   end subroutine advance_alone
+
+   !> Steps of the corrected scheme for a path that is alone, in lane 1.
+   pure subroutine corrected_alone(nlane, nnoise, nstep, every, h, ca, cc, i, k, w, q, p, qn, pn)
+      integer, intent(in) :: nlane, nnoise, nstep, every, i, k
+      real(wp), intent(in) :: h, ca, cc, w(nlane, 0:nnoise, nstep), q, p
+      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      real(wp) :: x, y
+      integer :: step, out
+
+      x = q
+      y = p
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            call corrected_step(h, ca*w(1, i, step), cc*w(1, k, step), x, y)
+         end do
+         qn(1, out) = x
+         pn(1, out) = y
+      end do
+   end subroutine corrected_alone
+
+   ! ---- kernels: nstep is 1 or a group ----------------------------------
+
+   !> VEC Force at x, then velocity at y.
+   pure subroutine euler_pass(h, ca, cb, cc, ce, i, j, k, l, nlane, nnoise, nstep, w, q, p)
+      real(wp), intent(in) :: h, ca, cb, cc, ce   !! strengths of the noises i, j, k, l
+      integer, intent(in) :: i, j, k, l
+      integer, intent(in) :: nlane, nnoise, nstep
+      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      real(wp) :: x, y
+      integer :: lane, step
+
+      if (nstep == group) then
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            !GCC$ unroll 8
+            do step = 1, group
+               call kick_and_drift(h + ca*w(lane, i, step), cb, w(lane, j, step), h + cc*w(lane, k, step), &
+                                   ce, w(lane, l, step), x, y)
+            end do
+            q(lane) = x
+            p(lane) = y
+         end do
+      else
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            call kick_and_drift(h + ca*w(lane, i, 1), cb, w(lane, j, 1), h + cc*w(lane, k, 1), ce, w(lane, l, 1), x, y)
+            q(lane) = x
+            p(lane) = y
+         end do
+      end if
+   end subroutine euler_pass
+
+   !> VEC The corrected scheme, for noises i and k of strengths ca and cc.
+   pure subroutine corrected_pass(h, ca, cc, i, k, nlane, nnoise, nstep, w, q, p)
+      real(wp), intent(in) :: h, ca, cc
+      integer, intent(in) :: i, k, nlane, nnoise, nstep
+      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      real(wp) :: x, y
+      integer :: lane, step
+
+      if (nstep == short) then
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            !GCC$ unroll 4
+            do step = 1, short
+               call corrected_step(h, ca*w(lane, i, step), cc*w(lane, k, step), x, y)
+            end do
+            q(lane) = x
+            p(lane) = y
+         end do
+      else
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            call corrected_step(h, ca*w(lane, i, 1), cc*w(lane, k, 1), x, y)
+            q(lane) = x
+            p(lane) = y
+         end do
+      end if
+   end subroutine corrected_pass
+
+   !> VEC The same where a = c = h.
+   pure subroutine additive_pass(h, cb, ce, j, l, nlane, nnoise, nstep, w, q, p)
+      real(wp), intent(in) :: h, cb, ce   !! strengths of the noises j, l
+      integer, intent(in) :: j, l
+      integer, intent(in) :: nlane, nnoise, nstep
+      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      real(wp) :: x, y
+      integer :: lane, step
+
+      if (nstep == group) then
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            !GCC$ unroll 8
+            do step = 1, group
+               call kick_and_drift(h, cb, w(lane, j, step), h, ce, w(lane, l, step), x, y)
+            end do
+            q(lane) = x
+            p(lane) = y
+         end do
+      else
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            call kick_and_drift(h, cb, w(lane, j, 1), h, ce, w(lane, l, 1), x, y)
+            q(lane) = x
+            p(lane) = y
+         end do
+      end if
+   end subroutine additive_pass
+
+   !> VEC Half a kick, a drift, half a kick.
+   pure subroutine verlet_pass(terms, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: terms
+      integer, intent(in) :: nlane, nnoise, nstep
+      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      real(wp) :: x, y, ca, cb, cc, ce
+      integer :: lane, step, i, j, k, l
+
+      ca = terms%a
+      cb = terms%b
+      cc = terms%c
+      ce = terms%e
+      i = terms%noise_a
+      j = terms%noise_b
+      k = terms%noise_c
+      l = terms%noise_e
+      if (nstep == group) then
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            !GCC$ unroll 8
+            do step = 1, group
+               call verlet_step(h + ca*w(lane, i, step), cb, w(lane, j, step), h + cc*w(lane, k, step), &
+                                ce, w(lane, l, step), x, y)
+            end do
+            q(lane) = x
+            p(lane) = y
+         end do
+      else
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            call verlet_step(h + ca*w(lane, i, 1), cb, w(lane, j, 1), h + cc*w(lane, k, 1), ce, w(lane, l, 1), x, y)
+            q(lane) = x
+            p(lane) = y
+         end do
+      end if
+   end subroutine verlet_pass
+
+   !> VEC The linear equations of the stages of Gauss, solved.
+   pure subroutine gauss_pass(terms, numbers, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: terms
+      type(pade_terms), intent(in) :: numbers
+      integer, intent(in) :: nlane, nnoise, nstep
+      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      type(pade_terms) :: by  ! a copy stays in registers
+      real(wp) :: x, y, a, c, ca, cb, cc, ce
+      integer :: lane, step, i, j, k, l
+
+      by = numbers
+      ca = terms%a
+      cb = terms%b
+      cc = terms%c
+      ce = terms%e
+      i = terms%noise_a
+      j = terms%noise_b
+      k = terms%noise_c
+      l = terms%noise_e
+      if (nstep == short) then
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            !GCC$ unroll 4
+            do step = 1, short
+               a = h + ca*w(lane, i, step)
+               c = h + cc*w(lane, k, step)
+               call gauss_step(by, a, c, a*x + cb*w(lane, j, step), c*y + ce*w(lane, l, step), x, y)
+            end do
+            q(lane) = x
+            p(lane) = y
+         end do
+      else
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            a = h + ca*w(lane, i, 1)
+            c = h + cc*w(lane, k, 1)
+            call gauss_step(by, a, c, a*x + cb*w(lane, j, 1), c*y + ce*w(lane, l, 1), x, y)
+            q(lane) = x
+            p(lane) = y
+         end do
+      end if
+   end subroutine gauss_pass
+
+   ! Products of noise stand behind those with x and y, which are contracted then, wherever this is inlined.
+
+   pure subroutine kick_and_drift(a, cb, wb, c, ce, we, x, y)
+      real(wp), intent(in) :: a, cb, wb, c, ce, we
+      real(wp), intent(inout) :: x, y
+
+      y = y - (a*x + cb*wb)
+      x = x + (c*y + ce*we)
+   end subroutine kick_and_drift
+
+   pure subroutine corrected_step(h, a, c, x, y)
+      real(wp), intent(in) :: h, a, c  !! the last two: of the noises alone
+      real(wp), intent(inout) :: x, y
+      real(wp) :: d
+
+      d = 0.5_wp*(a*c)
+      y = (y - (h + a)*x)*(1/(1 + d))
+      x = x + ((h + c)*y + d*x)
+   end subroutine corrected_step
+
+   pure subroutine verlet_step(a, cb, wb, c, ce, we, x, y)
+      real(wp), intent(in) :: a, cb, wb, c, ce, we
+      real(wp), intent(inout) :: x, y
+
+      y = y - 0.5_wp*(a*x + cb*wb)
+      x = x + (c*y + ce*we)
+      y = y - 0.5_wp*(a*x + cb*wb)
+   end subroutine verlet_step
+
+   pure subroutine gauss_step(by, a, c, force, velocity, x, y)
+      type(pade_terms), intent(in) :: by
+      real(wp), intent(in) :: a, c, force, velocity
+      real(wp), intent(inout) :: x, y
+      real(wp) :: z, u, o, factor
+
+      z = a*c
+      u = 1 + z*(by%u(1) + z*by%u(2))
+      o = 0.5_wp + z*by%o
+      factor = 2*o/(u*u + z*(o*o))
+      x = x + (u*velocity - (o*c)*force)*factor
+      y = y - (u*force + (o*a)*velocity)*factor
+   end subroutine gauss_step
+
+end module symsde_model_flows_oscillator

@@ -1,0 +1,137 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Whole steps of the oscillators of model/flows/oscillator by Lobatto's schemes of three and four stages: with force
+!> f = a q + b, velocity v = c p + e and x = a c, solving the linear equations leaves quotients of polynomials in x,
+!>
+!>    dq = (A v - B c f)/D,   dp = -(C f + B a v)/D
+!>
+!> With M = I + x a abar of the tableau and 1 a column of ones, D = det M, C = D alpha M^-1 1, B = D alpha M^-1 a 1,
+!> and A is C with a and abar exchanged, which leaves B as it is where a scheme is symplectic.
+module symsde_model_flows_oscillator_quotients
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: step_quotients, has_quotients, quotients_of, quotient_pass, quotient_alone
+
+   !> Coefficients from x on: those before are 1, and 1/2 of B.
+   type :: step_quotients
+      real(wp) :: a(3) = 0, b(2) = 0, c(3) = 0, d(2) = 0
+   end type step_quotients
+
+   type(step_quotients), parameter :: &
+      lobatto3 = step_quotients(a=[-1/8.0_wp, 0.0_wp, 0.0_wp], b=[-1/48.0_wp, 0.0_wp], &
+                                c=[-1/8.0_wp, 1/288.0_wp, 0.0_wp], d=[1/24.0_wp, 0.0_wp]), &
+      lobatto4 = step_quotients(a=[-2/15.0_wp, 1/300.0_wp, 0.0_wp], b=[-1/40.0_wp, 1/3600.0_wp], &
+                                c=[-2/15.0_wp, 1/300.0_wp, -1/43200.0_wp], &
+                                d=[1/30.0_wp, 1/1800.0_wp])
+
+   integer, parameter :: short = 4  !! steps of one pass over the lanes
+
+contains
+
+   !> Whether steps of this scheme are here.
+   pure logical function has_quotients(scheme)
+      character(*), intent(in) :: scheme
+
+      select case (scheme)
+      case ('lobatto3', 'lobatto3_swapped', 'lobatto4', 'lobatto4_swapped')
+         has_quotients = .true.
+      case default
+         has_quotients = .false.
+      end select
+   end function has_quotients
+
+   !> The quotients of a scheme that has them.
+   pure type(step_quotients) function quotients_of(scheme) result(found)
+      character(*), intent(in) :: scheme
+
+      select case (scheme)
+      case ('lobatto3', 'lobatto3_swapped')
+         found = lobatto3
+      case default
+         found = lobatto4
+      end select
+      if (index(scheme, '_swapped') > 0) found = step_quotients(a=found%c, b=found%b, c=found%a, d=found%d)
+   end function quotients_of
+
+   !> VEC One step or `short` of them: a = h + ca w_i, and so on.
+   pure subroutine quotient_pass(quotients, h, ca, cb, cc, ce, i, j, k, l, nlane, nnoise, nstep, w, q, p)
+      type(step_quotients), intent(in) :: quotients
+      real(wp), intent(in) :: h, ca, cb, cc, ce   !! strengths of the noises i, j, k, l
+      integer, intent(in) :: i, j, k, l
+      integer, intent(in) :: nlane, nnoise, nstep
+      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      type(step_quotients) :: by  ! a copy stays in registers
+      real(wp) :: x, y, a, c
+      integer :: lane, step
+
+      by = quotients
+      if (nstep == short) then
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            !GCC$ unroll 4
+            do step = 1, short
+               a = h + ca*w(lane, i, step)
+               c = h + cc*w(lane, k, step)
+               call quotient_step(by, a, c, a*x + cb*w(lane, j, step), c*y + ce*w(lane, l, step), x, y)
+            end do
+            q(lane) = x
+            p(lane) = y
+         end do
+      else
+         do lane = 1, nlane
+            x = q(lane)
+            y = p(lane)
+            a = h + ca*w(lane, i, 1)
+            c = h + cc*w(lane, k, 1)
+            call quotient_step(by, a, c, a*x + cb*w(lane, j, 1), c*y + ce*w(lane, l, 1), x, y)
+            q(lane) = x
+            p(lane) = y
+         end do
+      end if
+   end subroutine quotient_pass
+
+   !> Steps of a path that is alone, in lane 1.
+   pure subroutine quotient_alone(quotients, h, ca, cb, cc, ce, i, j, k, l, nlane, nnoise, nstep, every, w, q, p, &
+                                  qn, pn)
+      type(step_quotients), intent(in) :: quotients
+      real(wp), intent(in) :: h, ca, cb, cc, ce   !! strengths of the noises i, j, k, l
+      integer, intent(in) :: i, j, k, l
+      integer, intent(in) :: nlane, nnoise, nstep, every
+      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep), q, p
+      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      type(step_quotients) :: by
+      real(wp) :: x, y, a, c
+      integer :: step, out
+
+      by = quotients
+      x = q
+      y = p
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            a = h + ca*w(1, i, step)
+            c = h + cc*w(1, k, step)
+            call quotient_step(by, a, c, a*x + cb*w(1, j, step), c*y + ce*w(1, l, step), x, y)
+         end do
+         qn(1, out) = x
+         pn(1, out) = y
+      end do
+   end subroutine quotient_alone
+
+   pure subroutine quotient_step(by, a, c, force, velocity, x, y)
+      type(step_quotients), intent(in) :: by
+      real(wp), intent(in) :: a, c, force, velocity
+      real(wp), intent(inout) :: x, y
+      real(wp) :: z, inverse, both, one, other
+
+      z = a*c
+      inverse = 1/(1 + z*(by%d(1) + z*by%d(2)))
+      both = (0.5_wp + z*(by%b(1) + z*by%b(2)))*inverse
+      one = (1 + z*(by%a(1) + z*(by%a(2) + z*by%a(3))))*inverse
+      other = (1 + z*(by%c(1) + z*(by%c(2) + z*by%c(3))))*inverse
+      x = x + (one*velocity - (both*c)*force)
+      y = y - (other*force + (both*a)*velocity)
+   end subroutine quotient_step
+
+end module symsde_model_flows_oscillator_quotients

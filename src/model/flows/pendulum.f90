@@ -1,0 +1,162 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Whole steps of the corrected Euler pair on the pendulum of model/catalogue/pendulum:
+!>
+!>    Hhat = h (p^2/2 - cos q) + g (p^2 + q^2)/2 +- d q p,     g = sigma dW,  d = g^2/2
+!>
+!>    symplectic Euler   p' = (p - (h sin q + g q))/(1 + d),  q' = q + ((h + g) p' + d q)   [WHSB] (89)-(90)
+!>    its adjoint        q' = (q + (h + g) p)/(1 + d),  p' = p - (h sin q' + g q') + d p    [WHSB] (91)-(92)
+!>
+!> The implicit end is linear in what it asks for: no iteration is needed. A path that is alone is lane 1, the others
+!> go through their steps a tile at a time.
+module symsde_model_flows_pendulum
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: steps_record
+   use symsde_base_sincos, only: sincos_lanes, sincos_one, sincos_tile
+   implicit none
+   private
+   public :: pendulum_euler_flow
+
+contains
+
+   !> The contract of model_type%flow.
+   subroutine pendulum_euler_flow(adjoint, sigma, steps, q, p, qn, pn, counters)
+      logical, intent(in) :: adjoint
+      real(wp), intent(in) :: sigma
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: q(steps%nlane), p(steps%nlane)
+      real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
+      type(counters_type), intent(inout) :: counters
+      real(wp), contiguous, pointer :: w(:, :, :)
+      integer :: first
+
+      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      associate (s => steps, n => steps%nstep*steps%nreal)
+         if (s%nreal == 1) then
+            call step_alone(adjoint, sigma, s%nlane, s%nstep, s%every, s%h, w, q(1), p(1), qn, pn)
+         else
+            do first = 1, s%nlane, sincos_tile
+               call step_lanes(adjoint, sigma, s%nlane, s%nstep, s%every, first, &
+                               min(sincos_tile, s%nlane - first + 1), s%h, w, q(first), p(first), qn, pn)
+            end do
+         end if
+         counters%iterations = counters%iterations + n
+         counters%solves = counters%solves + n
+      end associate
+   end subroutine pendulum_euler_flow
+
+   !> All steps of n lanes from `first` on.
+   subroutine step_lanes(adjoint, sigma, nlane, nstep, every, first, n, h, w, q, p, qn, pn)
+      logical, intent(in) :: adjoint
+      integer, intent(in) :: nlane, nstep, every, first, n
+      real(wp), intent(in) :: sigma, h, w(nlane, 0:1, nstep), q(n), p(n)
+      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      real(wp), dimension(sincos_tile) :: x, y, sine, cosine
+      integer :: step, out
+
+      x(:n) = q
+      y(:n) = p
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            if (adjoint) then
+               call solve_for_angles(n, sigma, h, w(first, 1, step), y, x)
+               call sincos_lanes(n, x, sine, cosine)
+               call move_momenta(n, sigma, h, w(first, 1, step), x, sine, y)
+            else
+               call sincos_lanes(n, x, sine, cosine)
+               call solve_and_drift(n, sigma, h, w(first, 1, step), sine, x, y)
+            end if
+         end do
+         qn(first:first + n - 1, out) = x(:n)
+         pn(first:first + n - 1, out) = y(:n)
+      end do
+   end subroutine step_lanes
+
+   !> All steps of lane 1.
+   subroutine step_alone(adjoint, sigma, nlane, nstep, every, h, w, q, p, qn, pn)
+      logical, intent(in) :: adjoint
+      integer, intent(in) :: nlane, nstep, every
+      real(wp), intent(in) :: sigma, h, w(nlane, 0:1, nstep), q, p
+      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      real(wp) :: x, y, cosine
+      integer :: step, out
+
+      x = q
+      y = p
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            if (adjoint) then
+               call solve_for_angle(h, sigma*w(1, 1, step), y, x)
+               call move_momentum(h, sigma*w(1, 1, step), x, sincos_one(x, cosine), y)
+            else
+               call euler(h, sigma*w(1, 1, step), sincos_one(x, cosine), x, y)
+            end if
+         end do
+         qn(1, out) = x
+         pn(1, out) = y
+      end do
+   end subroutine step_alone
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC Steps of symplectic Euler.
+   pure subroutine solve_and_drift(n, sigma, h, dw, sine, x, y)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: sigma, h, dw(n), sine(n)
+      real(wp), intent(inout) :: x(n), y(n)
+      integer :: i
+
+      do i = 1, n
+         call euler(h, sigma*dw(i), sine(i), x(i), y(i))
+      end do
+   end subroutine solve_and_drift
+
+   !> VEC First halves of steps of the adjoint.
+   pure subroutine solve_for_angles(n, sigma, h, dw, y, x)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: sigma, h, dw(n), y(n)
+      real(wp), intent(inout) :: x(n)
+      integer :: i
+
+      do i = 1, n
+         call solve_for_angle(h, sigma*dw(i), y(i), x(i))
+      end do
+   end subroutine solve_for_angles
+
+   !> VEC Second halves of steps of the adjoint.
+   pure subroutine move_momenta(n, sigma, h, dw, x, sine, y)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: sigma, h, dw(n), x(n), sine(n)
+      real(wp), intent(inout) :: y(n)
+      integer :: i
+
+      do i = 1, n
+         call move_momentum(h, sigma*dw(i), x(i), sine(i), y(i))
+      end do
+   end subroutine move_momenta
+
+   pure subroutine euler(h, g, sine, x, y)
+      real(wp), intent(in) :: h, g, sine
+      real(wp), intent(inout) :: x, y
+      real(wp) :: d
+
+      d = 0.5_wp*(g*g)
+      y = ((y - g*x) - h*sine)*(1/(1 + d))
+      x = x + ((h + g)*y + d*x)
+   end subroutine euler
+
+   pure subroutine solve_for_angle(h, g, y, x)
+      real(wp), intent(in) :: h, g, y
+      real(wp), intent(inout) :: x
+
+      x = (x + (h + g)*y)*(1/(1 + 0.5_wp*(g*g)))
+   end subroutine solve_for_angle
+
+   pure subroutine move_momentum(h, g, x, sine, y)
+      real(wp), intent(in) :: h, g, x, sine
+      real(wp), intent(inout) :: y
+
+      y = ((y + 0.5_wp*(g*g)*y) - g*x) - h*sine
+   end subroutine move_momentum
+
+end module symsde_model_flows_pendulum

@@ -1,0 +1,157 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Whole steps of Stormer-Verlet where one degree of freedom feels the sine and the cosine of its angle:
+!>
+!>    Hhat_q = a sin q + b cos q + c q,  Hhat_p = e p
+!>    a = r h + A dW_i,  b = B dW_j,  c = C dW_k,  e = h + E dW_l
+!>
+!> Half a kick, a drift, half a kick. The angle after a step is that before the next one: sine and cosine, most of the
+!> work, are found once a step. A path that is alone is lane 1, the others go through their steps a tile at a time.
+module symsde_model_flows_sine
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: steps_record
+   use symsde_base_sincos, only: sincos_lanes, sincos_one, sincos_tile
+   implicit none
+   private
+   public :: sine_terms, sine_flow
+
+   !> The rate r; strengths of the noises, and which they are, 0 where the strength is zero.
+   type :: sine_terms
+      real(wp) :: rate = 1
+      real(wp) :: a = 0, b = 0, c = 0, e = 0
+      integer :: noise_a = 0, noise_b = 0, noise_c = 0, noise_e = 0
+   end type sine_terms
+
+contains
+
+   !> The contract of model_type%flow, for one degree of freedom.
+   subroutine sine_flow(terms, steps, q, p, qn, pn, counters)
+      type(sine_terms), intent(in) :: terms
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: q(steps%nlane), p(steps%nlane)
+      real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
+      type(counters_type), intent(inout) :: counters
+      real(wp), contiguous, pointer :: w(:, :, :)
+      integer :: first
+
+      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      if (steps%nreal == 1) then
+         call verlet_alone(terms, steps%nlane, steps%nnoise, steps%nstep, steps%every, terms%rate*steps%h, &
+                           steps%h, w, q(1), p(1), qn, pn)
+      else
+         do first = 1, steps%nlane, sincos_tile
+            call verlet(terms, steps%nlane, steps%nnoise, steps%nstep, steps%every, first, &
+                        min(sincos_tile, steps%nlane - first + 1), terms%rate*steps%h, steps%h, w, q(first), p(first), &
+                        qn, pn)
+         end do
+      end if
+      counters%gradients = counters%gradients + 3*steps%nstep*steps%nreal
+   end subroutine sine_flow
+
+   !> All steps of n lanes from `first` on.
+   subroutine verlet(terms, nlane, nnoise, nstep, every, first, n, rate, h, w, q, p, qn, pn)
+      type(sine_terms), intent(in) :: terms
+      integer, intent(in) :: nlane, nnoise, nstep, every, first, n
+      real(wp), intent(in) :: rate, h, w(nlane, 0:nnoise, nstep), q(n), p(n)
+      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      real(wp), dimension(sincos_tile) :: x, y, sine, cosine, a, b, c
+      integer :: step, out
+
+      x(:n) = q
+      y(:n) = p
+      call sincos_lanes(n, x, sine, cosine)
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            call to_the_angle(n, terms, rate, h, w(first, terms%noise_a, step), w(first, terms%noise_b, step), &
+                              w(first, terms%noise_c, step), w(first, terms%noise_e, step), sine, cosine, a, b, c, x, y)
+            call sincos_lanes(n, x, sine, cosine)
+            call from_the_angle(n, a, b, c, sine, cosine, x, y)
+         end do
+         qn(first:first + n - 1, out) = x(:n)
+         pn(first:first + n - 1, out) = y(:n)
+      end do
+   end subroutine verlet
+
+   !> All steps of lane 1.
+   subroutine verlet_alone(terms, nlane, nnoise, nstep, every, rate, h, w, q, p, qn, pn)
+      type(sine_terms), intent(in) :: terms
+      integer, intent(in) :: nlane, nnoise, nstep, every
+      real(wp), intent(in) :: rate, h, w(nlane, 0:nnoise, nstep), q, p
+      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      real(wp) :: x, y, sine, cosine, a, b, c
+      integer :: step, out
+
+      x = q
+      y = p
+      sine = sincos_one(x, cosine)
+      do out = 1, nstep/every
+         do step = (out - 1)*every + 1, out*every
+            associate (t => terms)
+               call find_weights(rate, t%a, t%b, t%c, w(1, t%noise_a, step), w(1, t%noise_b, step), &
+                                 w(1, t%noise_c, step), a, b, c)
+               call kick(a, b, c, sine, cosine, x, y)
+               x = x + (h + t%e*w(1, t%noise_e, step))*y
+            end associate
+            sine = sincos_one(x, cosine)
+            call kick(a, b, c, sine, cosine, x, y)
+         end do
+         qn(1, out) = x
+         pn(1, out) = y
+      end do
+   end subroutine verlet_alone
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC The weights of the step, half a kick, and a drift.
+   pure subroutine to_the_angle(n, terms, rate, h, wa, wb, wc, we, sine, cosine, a, b, c, x, y)
+      integer, intent(in) :: n
+      type(sine_terms), intent(in) :: terms
+      real(wp), intent(in) :: rate, h  !! the first is that of the terms for a step, rounded once for all lanes
+      real(wp), intent(in), dimension(n) :: wa, wb, wc, we, sine, cosine
+      real(wp), intent(out), dimension(n) :: a, b, c
+      real(wp), intent(inout), dimension(n) :: x, y
+      real(wp) :: as, bs, cs, es
+      integer :: i
+
+      as = terms%a
+      bs = terms%b
+      cs = terms%c
+      es = terms%e
+      do i = 1, n
+         call find_weights(rate, as, bs, cs, wa(i), wb(i), wc(i), a(i), b(i), c(i))
+         call kick(a(i), b(i), c(i), sine(i), cosine(i), x(i), y(i))
+         x(i) = x(i) + (h + es*we(i))*y(i)
+      end do
+   end subroutine to_the_angle
+
+   !> VEC Half a kick.
+   pure subroutine from_the_angle(n, a, b, c, sine, cosine, x, y)
+      integer, intent(in) :: n
+      real(wp), intent(in), dimension(n) :: a, b, c, sine, cosine, x
+      real(wp), intent(inout) :: y(n)
+      integer :: i
+
+      do i = 1, n
+         call kick(a(i), b(i), c(i), sine(i), cosine(i), x(i), y(i))
+      end do
+   end subroutine from_the_angle
+
+   !> Half of the weights a, b, c.
+   pure subroutine find_weights(rate, as, bs, cs, wa, wb, wc, a, b, c)
+      real(wp), intent(in) :: rate, as, bs, cs, wa, wb, wc
+      real(wp), intent(out) :: a, b, c
+
+      a = 0.5_wp*(rate + as*wa)
+      b = 0.5_wp*(bs*wb)
+      c = 0.5_wp*(cs*wc)
+   end subroutine find_weights
+
+   !> Half a kick. The sums of two kicks at one angle do not wait for each other.
+   pure subroutine kick(a, b, c, sine, cosine, x, y)
+      real(wp), intent(in) :: a, b, c, sine, cosine, x
+      real(wp), intent(inout) :: y
+
+      y = y - (c*x + b*cosine + a*sine)
+   end subroutine kick
+
+end module symsde_model_flows_sine

@@ -1,0 +1,180 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The time scale of a model's areas: how finely a step must be halved, so that what is left of an area does
+!> not exceed what the scheme leaves out anyway.
+!>
+!> With the fields X_k of the noises, X_kl = [X_k,X_l] and X_jkl = [X_j,X_kl], a step of midpoint_areas leaves
+!> out terms of size h^(3/2) |X_jkl|; n leaves leave h |X_kl|/sqrt(12 n). Balanced,
+!>
+!>    n = tau/(12 |h|),   tau = 6/rho,   rho = sum |X_jkl|^2/sum |X_kl|^2  [1/time]
+!>
+!> summed over noises and over eight fixed points of order one: not over the states of a run, whose paths must
+!> not depend on where it begins. rho scales with the unit of time as it must. Where all X_jkl vanish the drift
+!> takes the place of X_j, with rho = |X_0kl|/|X_kl|.
+module symsde_model_probe_area_time
+   use symsde_base_kinds, only: wp
+   use symsde_base_lanes, only: lane_unit
+   use symsde_base_status, only: error_type, raise, incompatible
+   use symsde_model_abstract, only: model_type
+   use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
+   implicit none
+   private
+   public :: derive_area_time
+
+   real(wp), parameter :: reach = 1e-4_wp      !! length of the differences
+   real(wp), parameter :: vanishing = 1e-5_wp  !! relative size below which a nested field is rounding
+
+   !> The fixed points.
+   type :: point_set
+      class(model_type), pointer :: model => null()
+      real(wp) :: t = 0
+      integer :: n = 0, m = 0
+      real(wp), allocatable :: x(:, :)         !! q, then p (lane_unit, 2 ndof)
+      type(algebra_work) :: work
+   end type point_set
+
+contains
+
+   !> tau; zero where the noises commute at all points, so that nothing multiplies an area.
+   !> Errors: incompatible where it cannot be derived.
+   subroutine derive_area_time(model, t, tau, error)
+      class(model_type), intent(in), target :: model
+      real(wp), intent(in) :: t                         !! start of the run [time]
+      real(wp), intent(out) :: tau                      !! [time]
+      type(error_type), allocatable, intent(inout) :: error
+      type(point_set) :: points
+      real(wp) :: single, by_noise, by_drift, noise_scale, drift_scale
+      integer :: j, k, l, i
+
+      points%model => model
+      points%t = t
+      points%n = model%traits%ndof
+      points%m = model%traits%nnoise
+      allocate (points%x(lane_unit, 2*points%n))
+      do i = 1, 2*points%n
+         points%x(:, i) = [(sin(1.3_wp*i + 0.7_wp*l + 0.2_wp*i*l), l=1, lane_unit)]
+      end do
+      call new_algebra_work(points%work, lane_unit, points%n)
+      single = 0
+      by_noise = 0
+      by_drift = 0
+      noise_scale = 0
+      drift_scale = 0
+      do l = 2, points%m
+         do k = 1, l - 1
+            single = single + square_of_bracket(points, k, l)
+            by_drift = by_drift + square_of_nested(points, 0, k, l, drift_scale)
+            do j = 1, points%m
+               by_noise = by_noise + square_of_nested(points, j, k, l, noise_scale)
+            end do
+         end do
+      end do
+      tau = 0
+      if (.not. single > 0 .and. single <= huge(single)) return
+      if (by_noise > vanishing**2*noise_scale .and. by_noise <= huge(tau)) then
+         tau = 6*single/by_noise
+      else if (by_drift > vanishing**2*drift_scale .and. by_drift <= huge(tau)) then
+         tau = 6*sqrt(single/by_drift)
+      end if
+      if (tau > 0 .and. tau <= huge(tau)) return
+      call raise(error, incompatible, 'derive_area_time', 'the time scale of the areas of model '//model%name// &
+                 ' cannot be derived from its Hamiltonians: give it (area_time), about the time in which its '// &
+                 'noises turn each other''s fields around')
+   end subroutine derive_area_time
+
+   !> sum over the points of |X_kl|^2.
+   real(wp) function square_of_bracket(points, k, l)
+      type(point_set), intent(inout) :: points
+      integer, intent(in) :: k, l
+      real(wp) :: v(lane_unit, 2*points%n)
+
+      call field_of_bracket(points, points%x, k, l, v)
+      square_of_bracket = sum(v**2)
+   end function square_of_bracket
+
+   !> sum over the points of |X_jkl|^2 = |DX_kl X_j - DX_j X_kl|^2; the squares of the two terms are added to scale, and
+   !> of |X_kl| |X_j|, which they are at points of order one, so that rounding is not measured against itself.
+   real(wp) function square_of_nested(points, j, k, l, scale)
+      type(point_set), intent(inout) :: points
+      integer, intent(in) :: j, k, l
+      real(wp), intent(inout) :: scale
+      real(wp), dimension(lane_unit, 2*points%n) :: single, bracket, a, b, fore, back
+      real(wp) :: e(lane_unit)
+      integer :: i
+
+      call field_of_one(points, points%x, j, single)
+      call field_of_bracket(points, points%x, k, l, bracket)
+      scale = scale + sum(sum(single**2, dim=2)*sum(bracket**2, dim=2))
+      e = step_along(points%n, single)
+      do i = 1, 2*points%n
+         fore(:, i) = points%x(:, i) + e*single(:, i)
+         back(:, i) = points%x(:, i) - e*single(:, i)
+      end do
+      call field_of_bracket(points, fore, k, l, a)
+      call field_of_bracket(points, back, k, l, b)
+      do i = 1, 2*points%n
+         a(:, i) = (a(:, i) - b(:, i))/(2*e)
+      end do
+      e = step_along(points%n, bracket)
+      do i = 1, 2*points%n
+         fore(:, i) = points%x(:, i) + e*bracket(:, i)
+         back(:, i) = points%x(:, i) - e*bracket(:, i)
+      end do
+      call field_of_one(points, fore, j, single)
+      call field_of_one(points, back, j, b)
+      do i = 1, 2*points%n
+         b(:, i) = (single(:, i) - b(:, i))/(2*e)
+      end do
+      scale = scale + sum(a**2) + sum(b**2)
+      square_of_nested = sum((a - b)**2)
+   end function square_of_nested
+
+   !> e with |e v| = reach; one where v vanishes.
+   pure function step_along(n, v) result(e)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: v(lane_unit, 2*n)
+      real(wp) :: e(lane_unit)
+
+      e = sqrt(sum(v**2, dim=2))
+      where (e > 0)
+         e = reach/e
+      else where
+         e = 1
+      end where
+   end function step_along
+
+   !> X_j = (H_j,p, -H_j,q)
+   subroutine field_of_one(points, x, j, v)
+      type(point_set), intent(in) :: points
+      integer, intent(in) :: j
+      real(wp), intent(in) :: x(lane_unit, 2*points%n)
+      real(wp), intent(out) :: v(lane_unit, 2*points%n)
+      real(wp) :: w(lane_unit, 0:points%m)
+
+      w = 0
+      w(:, j) = 1
+      associate (n => points%n)
+         call points%model%gradient(lane_unit, n, points%m, points%t, w, x(:, :n), x(:, n + 1:), v(:, n + 1:), v(:, :n))
+         v(:, n + 1:) = -v(:, n + 1:)
+      end associate
+   end subroutine field_of_one
+
+   !> The field of {H_k,H_l}.
+   subroutine field_of_bracket(points, x, k, l, v)
+      type(point_set), intent(inout) :: points
+      integer, intent(in) :: k, l
+      real(wp), intent(in) :: x(lane_unit, 2*points%n)
+      real(wp), intent(out) :: v(lane_unit, 2*points%n)
+      real(wp), dimension(lane_unit, 0:points%m) :: wk, wl
+
+      wk = 0
+      wk(:, k) = 1
+      wl = 0
+      wl(:, l) = 1
+      associate (n => points%n)
+         call bracket_gradient(points%model, lane_unit, n, points%m, points%t, wk, wl, x(:, :n), x(:, n + 1:), &
+                               v(:, n + 1:), v(:, :n), points%work)
+         v(:, n + 1:) = -v(:, n + 1:)
+      end associate
+   end subroutine field_of_bracket
+
+end module symsde_model_probe_area_time

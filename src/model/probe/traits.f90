@@ -1,0 +1,500 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The probe: what a model declares, tested by differences of its gradients at three points.
+!>
+!> A false declaration is refused by name, with the numbers that refute it. Products with directions that have no zeros
+!> decide, so that the cost is that of some tens of gradients whatever the number of degrees of freedom; only then is
+!> the entry looked for. A probe refutes, it does not prove: what is false only far from the initial state passes.
+module symsde_model_probe_traits
+   use symsde_base_kinds, only: wp
+   use symsde_base_memory, only: require_memory
+   use symsde_base_status, only: error_type, raise, false_trait, wrong_shape
+   use symsde_base_text, only: to_text
+   use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: model_type
+   use symsde_model_parameters, only: check_traits
+   use symsde_model_probe_gradient, only: probe_gradient
+   use symsde_model_probe_mass, only: compare_mass
+   use symsde_model_probe_points, only: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, worst, &
+                                        largest_entry
+   use symsde_model_probe_rows, only: probe_rows
+   use symsde_model_probe_third, only: probe_third
+   implicit none
+   private
+   public :: probe_model
+
+   character(*), parameter :: here = 'probe_model'
+   real(wp), parameter :: vanishing = 1.0e-6_wp  !! entries below this part of the rest are zero
+   real(wp), parameter :: matching = 1.0e-4_wp   !! relative mismatch of derivatives
+   integer, parameter :: largest_dense = 64      !! ndof up to which dense blocks are probed
+   integer, parameter :: dense_alone = 16        !! .. of every sum; above it of H and of one sum of all
+
+   !> Which of the model's second derivatives is compared with differences.
+   integer, parameter :: by_product = 1, by_blocks = 2, by_bands = 3, by_joint = 4
+
+contains
+
+   !> Test gradient, declared traits and offered derivatives of a model around an initial state. Refuses impossible
+   !> traits (check_traits), a state of the wrong shape (wrong_shape), a gradient of no sum of Hamiltonians and what
+   !> gradients refute (false_trait). Passes over points where the model is not finite; decided: at the state it is.
+   subroutine probe_model(model, t, q0, p0, error, decided)
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: t, q0(:), p0(:)  !! initial time, and state of one path (ndof)
+      type(error_type), allocatable, intent(inout) :: error
+      logical, intent(out), optional :: decided
+      type(probe_points) :: points
+      integer :: k
+
+      if (present(decided)) decided = .false.
+      if (allocated(error)) return
+      call check_traits(here, model%name, model%traits, error)
+      if (size(q0) /= model%traits%ndof .or. size(p0) /= model%traits%ndof) &
+         call raise(error, wrong_shape, here, 'the initial state has '//to_text(size(q0))// &
+                    ' positions and '//to_text(size(p0))//' momenta; model '''//model%name// &
+                    ''' needs '//to_text(model%traits%ndof)//' of each')
+      call require_memory(probe_numbers(model%traits), 'the probe of model '''//model%name//'''', 'give a smaller '// &
+                          'system, or a smaller bandwidth', here, error)
+      if (allocated(error)) return
+      call new_probe_points(points, model, t, q0, p0)
+      call probe_gradient(points, error)
+      do k = 0, points%last_sum()
+         call points%take_sum(k)
+         call probe_traits(points, model%traits, k, error)
+      end do
+      call points%take_all()
+      if (model%traits%bandwidth >= 0) call probe_bandwidth(points, error)
+      do k = 0, points%last_sum()
+         call points%take_sum(k)
+         call probe_derivatives(points, model%traits, k, error)
+      end do
+      call points%take_all()
+      if (points%ndof > dense_alone) call probe_dense(points, largest_dense, error)
+      if (model%traits%has_chain_rows) call probe_rows(points, error)
+      if (present(decided)) decided = points%slope(1) <= huge(1.0_wp)
+      call model%clear_failure()  ! a user's function may refuse a displaced point
+   end subroutine probe_model
+
+   !> Numbers of eight bytes that a probe holds at most: vectors, and Hessians where they are looked at.
+   pure real(wp) function probe_numbers(traits)
+      type(model_traits), intent(in) :: traits
+      real(wp) :: n, b
+
+      n = traits%ndof
+      b = traits%bandwidth
+      probe_numbers = nlane*(60*n + 12.0_wp*traits%nnoise)
+      if (b >= 0) probe_numbers = probe_numbers + nlane*6*(2*b + 1)*n
+      if (n <= largest_dense) probe_numbers = probe_numbers + nlane*9*n**2
+   end function probe_numbers
+
+   !> What is declared of the single Hamiltonians.
+   subroutine probe_traits(points, traits, k, error)
+      type(probe_points), intent(in) :: points
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: k  !! number of the sum; 0 is H
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      if (k == 0 .and. traits%has_constant_mass()) call probe_mass(points, error)
+      if (k > 0 .and. allocated(traits%silent)) call probe_silent(points, k, error)
+      if (k > 0 .and. traits%position_noise) call probe_position_noise(points, error)
+      if (k > 0 .and. traits%additive) call probe_additive(points, error)
+      if (traits%separable) call probe_separable(points, error)
+      if (traits%quadratic) call probe_quadratic(points, error)
+   end subroutine probe_traits
+
+   !> What is offered beside the gradient. The bands have been found to hold all entries by now.
+   subroutine probe_derivatives(points, traits, k, error)
+      type(probe_points), intent(in) :: points
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: k  !! number of the sum; 0 is H
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      if (traits%has_value) call probe_value(points, error)
+      if (traits%has_hessian_vector) call probe_second(points, by_product, error)
+      call probe_dense(points, merge(largest_dense, dense_alone, k == 0), error)
+      if (traits%bandwidth >= 0) call probe_second(points, by_bands, error)
+      if (traits%has_third_derivative) call probe_third(points, error)
+   end subroutine probe_derivatives
+
+   ! ---- traits -----------------------------------------------------------------------------------
+
+   !> identity_mass: H_p = p; constant_mass: H_p = M^-1 p.
+   subroutine probe_mass(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      character(:), allocatable :: trait, what
+      type(finding) :: bad
+      real(wp) :: x
+
+      call compare_mass(points, vanishing, trait, bad, what, x)
+      if (bad%lane > 0) call refuse(points, trait, what, x, bad%lane, bad%i, bad%i, error)
+   end subroutine probe_mass
+
+   !> silent: H_k = 0.
+   subroutine probe_silent(points, k, error)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: k
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: hq(:, :), hp(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: bad
+      integer :: last
+
+      last = merge(points%nnoise, k, k == points%last_sum())  ! the last may be several
+      if (.not. all(points%model%traits%silent(k:last))) return
+      call points%gradient(hq, hp, scale)
+      call worst(hq, hp, scale, vanishing, bad)
+      if (bad%lane == 0) return
+      if (bad%half == 2) hq = hp
+      call refuse(points, 'silent', 'd'//points%sum_name//merge('/dq_', '/dp_', bad%half == 1)// &
+                  to_text(bad%i), hq(bad%lane, bad%i), bad%lane, bad%i, bad%i, error)
+   end subroutine probe_silent
+
+   !> position_noise: H_{k,p} = 0.
+   subroutine probe_position_noise(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: hq(:, :), hp(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: bad
+
+      call points%gradient(hq, hp, scale)
+      hq = 0
+      call worst(hq, hp, scale, vanishing, bad)
+      if (bad%lane == 0) return
+      call refuse(points, 'position_noise', 'd'//points%sum_name//'/dp_'//to_text(bad%i), &
+                  hp(bad%lane, bad%i), bad%lane, bad%i, bad%i, error)
+   end subroutine probe_position_noise
+
+   !> additive: the Hessian of H_k vanishes.
+   subroutine probe_additive(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: uq(:, :), up(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: row
+      integer :: pass
+
+      do pass = 1, 2  ! what one difference refutes, two must
+         call points%product(points%vq, points%vp, uq, up, scale, pass == 2)
+         call worst(uq, up, scale, vanishing, row)
+         if (row%lane == 0) return
+      end do
+      call points%row_of_hessian(row, uq, up)
+      call refuse_entry(points, 'additive', row, uq, up, error)
+   end subroutine probe_additive
+
+   !> separable: d2/(dq dp) = 0.
+   subroutine probe_separable(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: uq(:, :), up(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: row
+      integer :: pass
+
+      do pass = 1, 2
+         call points%product(points%zero, points%vp, uq, up, scale, pass == 2)
+         up = 0
+         call worst(uq, up, scale, vanishing, row)
+         if (row%lane == 0) return
+      end do
+      call points%row_of_hessian(row, uq, up)
+      uq = 0
+      call refuse_entry(points, 'separable', row, uq, up, error)
+   end subroutine probe_separable
+
+   !> quadratic: the Hessian is the same at all points.
+   subroutine probe_quadratic(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: uq(:, :), up(:, :), dq(:, :), dp(:, :)
+      real(wp) :: scale(nlane), spread(nlane)
+      type(finding) :: row, column
+      integer :: from
+
+      call points%product(points%vq, points%vp, uq, up, scale)
+      do from = 1, npoint - 1
+         call subtract_point(points%ndof, from, uq, up, dq, dp)
+         spread = max(scale, scale(from)) + 0*(scale + scale(from))
+         where (min(scale, scale(from)) < 0) spread = no_verdict
+         call worst(dq, dp, spread, vanishing, row)
+         if (row%lane > 0) exit
+      end do
+      if (row%lane == 0) return
+      call points%row_of_hessian(row, uq, up)
+      call subtract_point(points%ndof, from, uq, up, dq, dp)
+      column = largest_entry(row%lane, dq, dp)
+      if (column%half == 2) dq = dp
+      call refuse(points, 'quadratic', points%entry_name(row, column)// &
+                  ' minus its value at ('//points%place(from, row%i, column%i)//')', &
+                  dq(row%lane, column%i), row%lane, row%i, column%i, error)
+   end subroutine probe_quadratic
+
+   !> Differences from the value at one of the points.
+   subroutine subtract_point(ndof, from, uq, up, dq, dp)
+      integer, intent(in) :: ndof, from
+      real(wp), intent(in) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp), allocatable, intent(out) :: dq(:, :), dp(:, :)
+      integer :: i
+
+      allocate (dq(nlane, ndof), dp(nlane, ndof))
+      do i = 1, ndof
+         dq(:, i) = uq(:, i) - uq(from, i)
+         dp(:, i) = up(:, i) - up(from, i)
+      end do
+   end subroutine subtract_point
+
+   !> bandwidth: entries with |i-j| > b vanish. Columns that lie a stride apart are probed together;
+   !> the rows farther than b from all of them must vanish. Three strides, at most 32 sets of
+   !> columns each.
+   subroutine probe_bandwidth(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      integer, parameter :: most = 32
+      integer, parameter :: factor(3) = [4, 5, 7]
+      integer :: b, stride, k, set, nset, first
+
+      b = points%model%traits%bandwidth
+      if (b >= points%ndof - 1) return
+      do k = 1, size(factor)
+         stride = factor(k)*(b + 1) + k - 1  ! what one stride passes over, another mostly sees
+         nset = min(stride, points%ndof, most)
+         do set = 0, nset - 1
+            if (allocated(error)) return
+            first = 1 + (set*min(stride, points%ndof))/nset
+            call probe_columns(points, b, first, stride, error)
+         end do
+      end do
+   end subroutine probe_bandwidth
+
+   !> The columns first, first + stride, .. of the four blocks, against the rows far from them.
+   subroutine probe_columns(points, b, first, stride, error)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: b, first, stride
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: v(:, :), uq(:, :), up(:, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: row
+      integer :: half, pass
+
+      allocate (v, mold=points%zero)
+      v = 0
+      v(:, first::stride) = points%vq(:, first::stride)
+      do half = 1, 2
+         do pass = 1, 2
+            if (half == 1) call points%product(v, points%zero, uq, up, scale, pass == 2)
+            if (half == 2) call points%product(points%zero, v, uq, up, scale, pass == 2)
+            call clear_bands(points%ndof, b, first, stride, uq, up)
+            call worst(uq, up, scale, vanishing, row)
+            if (row%lane == 0) exit
+         end do
+         if (row%lane == 0) cycle
+         call points%row_of_hessian(row, uq, up)
+         call clear_bands(points%ndof, b, row%i, points%ndof, uq, up)
+         call refuse_entry(points, 'bandwidth', row, uq, up, error)
+         return
+      end do
+   end subroutine probe_columns
+
+   !> Blank the rows within b of the columns first, first + stride, ..
+   pure subroutine clear_bands(ndof, b, first, stride, uq, up)
+      integer, intent(in) :: ndof, b, first, stride
+      real(wp), intent(inout) :: uq(nlane, ndof), up(nlane, ndof)
+      integer :: j
+
+      do j = first, ndof, stride
+         uq(:, max(1, j - b):min(ndof, j + b)) = 0
+         up(:, max(1, j - b):min(ndof, j + b)) = 0
+      end do
+   end subroutine clear_bands
+
+   ! ---- derivatives that the model offers --------------------------------------------------------
+
+   !> has_value: the slope of the values along a direction is the gradient times the direction.
+   subroutine probe_value(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: hq(:, :), hp(:, :)
+      real(wp), dimension(nlane) :: slope, apart, exact, scale, values
+      integer :: lane
+
+      call points%gradient(hq, hp, scale)
+      exact = sum(hq*points%vq, dim=2) + sum(hp*points%vp, dim=2)
+      scale = sum(abs(hq*points%vq), dim=2) + sum(abs(hp*points%vp), dim=2)
+      call points%slope_of_values(slope, apart, values)
+      scale = scale + vanishing*values  ! what rounding of large values costs a difference
+      where (.not. apart <= 1.0e-5_wp*scale) slope = exact  ! no verdict
+      do lane = 1, npoint
+         if (.not. abs(slope(lane) - exact(lane)) > matching*scale(lane)) cycle
+         call raise(error, false_trait, here, 'model '''//points%model%name// &
+                    ''' declares has_value, but along one direction '//points%sum_name// &
+                    ' changes at the rate '//to_text(slope(lane))//' by its values and '// &
+                    to_text(exact(lane))//' by its gradient, at '//points%place(lane, 1, 1)// &
+                    '; correct one of them, or offer no value')
+         return
+      end do
+   end subroutine probe_value
+
+   !> The Hessian in dense blocks, by itself and together with the gradient, up to some ndof.
+   subroutine probe_dense(points, largest, error)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: largest
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error) .or. .not. points%model%traits%has_hessian .or. points%ndof > largest) return
+      call probe_second(points, by_blocks, error)
+      if (.not. allocated(error)) call probe_joint(points, error)
+   end subroutine probe_dense
+
+   !> gradient_hessian: its gradient is the gradient, its Hessian fits differences.
+   subroutine probe_joint(points, error)
+      type(probe_points), intent(in) :: points
+      type(error_type), allocatable, intent(inout) :: error
+      real(wp), allocatable :: hq(:, :), hp(:, :), gq(:, :), gp(:, :)
+      real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
+      real(wp) :: scale(nlane)
+      type(finding) :: bad
+
+      call probe_second(points, by_joint, error)
+      if (allocated(error)) return
+      call points%gradient(hq, hp, scale)
+      allocate (gq, gp, mold=points%zero)
+      associate (n => points%ndof, x => points)
+         allocate (hqq(nlane, n, n), hqp(nlane, n, n), hpp(nlane, n, n))
+         call x%model%gradient_hessian(nlane, n, x%nnoise, x%t, x%w, x%q, x%p, gq, gp, hqq, hqp, hpp)
+      end associate
+      hqq(:, :, 1) = gq - hq
+      hpp(:, :, 1) = gp - hp
+      call worst(hqq(:, :, 1), hpp(:, :, 1), scale, vanishing, bad)
+      if (bad%lane == 0) return
+      if (bad%half == 2) hq = hp
+      if (bad%half == 2) gq = gp
+      call raise(error, false_trait, here, 'model '''//points%model%name//''' offers gradient_hessian, but d'// &
+                 points%sum_name//merge('/dq_', '/dp_', bad%half == 1)//to_text(bad%i)//' is '// &
+                 to_text(gq(bad%lane, bad%i))//' by it and '//to_text(hq(bad%lane, bad%i))// &
+                 ' by the gradient at '//points%place(bad%lane, bad%i, bad%i)// &
+                 '; correct one of them, or do not offer it')
+   end subroutine probe_joint
+
+   !> has_hessian_vector, has_hessian, hessian_banded, gradient_hessian: what is offered fits differences
+   !> of the gradient.
+   subroutine probe_second(points, which, error)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: which  !! by_product, by_blocks, by_bands or by_joint
+      type(error_type), allocatable, intent(inout) :: error
+      character(*), parameter :: names(4) = ['has_hessian_vector', 'has_hessian       ', &
+                                             'hessian_banded    ', 'gradient_hessian  ']
+      real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up, aq, ap, eq, ep
+      real(wp) :: scale(nlane)
+      type(finding) :: bad
+      integer :: half, pass
+
+      do half = 1, 2
+         if (allocated(error)) return
+         vq = merge(points%vq, points%zero, half == 1)
+         vp = merge(points%vp, points%zero, half == 2)
+         call offered_product(points, which, vq, vp, aq, ap)
+         do pass = 1, 2
+            call points%product(vq, vp, uq, up, scale, pass == 2)
+            eq = aq - uq
+            ep = ap - up
+            call worst(eq, ep, scale, matching, bad)
+            if (bad%lane == 0) exit
+         end do
+         if (bad%lane == 0) cycle
+         if (bad%half == 2) uq = up
+         if (bad%half == 2) aq = ap
+         call raise(error, false_trait, here, 'model '''//points%model%name//''' offers '// &
+                    trim(names(which))//', but by it '// &
+                    points%entry_name(bad, finding(1, half, 0))//' times a vector is '// &
+                    to_text(aq(bad%lane, bad%i))//' and by differences of the gradient '// &
+                    to_text(uq(bad%lane, bad%i))//' at '//points%place(bad%lane, bad%i, bad%i)// &
+                    '; correct it, or do not offer it')
+      end do
+   end subroutine probe_second
+
+   !> The Hessian times (vq, vp) by one of the operations that the model offers.
+   subroutine offered_product(points, which, vq, vp, uq, up)
+      type(probe_points), intent(in) :: points
+      integer, intent(in) :: which
+      real(wp), intent(in) :: vq(nlane, points%ndof), vp(nlane, points%ndof)
+      real(wp), allocatable, intent(out) :: uq(:, :), up(:, :)
+      real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
+      integer :: b, i, j, d
+
+      allocate (uq, up, mold=points%zero)
+      associate (n => points%ndof, m => points%nnoise, x => points)
+         if (which == by_product) then
+            call x%model%hessian_vector(nlane, n, m, x%t, x%w, x%q, x%p, vq, vp, uq, up)
+            return
+         end if
+         b = merge(x%model%traits%bandwidth, n - 1, which == by_bands)
+         if (which == by_bands) then
+            allocate (hqq(nlane, -b:b, n), hqp(nlane, -b:b, n), hpp(nlane, -b:b, n))
+            call x%model%hessian_banded(nlane, n, m, b, x%t, x%w, x%q, x%p, hqq, hqp, hpp)
+         else
+            allocate (hqq(nlane, n, n), hqp(nlane, n, n), hpp(nlane, n, n))
+            if (which == by_blocks) call x%model%hessian(nlane, n, m, x%t, x%w, x%q, x%p, hqq, hqp, hpp)
+            if (which == by_joint) &  ! uq and up take the gradient for the moment
+               call x%model%gradient_hessian(nlane, n, m, x%t, x%w, x%q, x%p, uq, up, hqq, hqp, hpp)
+         end if
+         uq = 0
+         up = 0
+         do j = 1, n
+            do i = max(1, j - b), min(n, j + b)
+               if (which == by_bands) then
+                  d = j - i
+                  uq(:, i) = uq(:, i) + hqq(:, d, i)*vq(:, j) + hqp(:, d, i)*vp(:, j)
+                  up(:, i) = up(:, i) + hpp(:, d, i)*vp(:, j)
+                  up(:, j) = up(:, j) + hqp(:, d, i)*vq(:, i)
+               else
+                  uq(:, i) = uq(:, i) + hqq(:, i, j)*vq(:, j) + hqp(:, i, j)*vp(:, j)
+                  up(:, i) = up(:, i) + hpp(:, i, j)*vp(:, j)
+                  up(:, j) = up(:, j) + hqp(:, i, j)*vq(:, i)
+               end if
+            end do
+         end do
+      end associate
+   end subroutine offered_product
+
+   ! ---- refusals ---------------------------------------------------------------------------------
+
+   !> Refuse for the largest entry of a row of the Hessian.
+   subroutine refuse_entry(points, trait, row, uq, up, error)
+      type(probe_points), intent(in) :: points
+      character(*), intent(in) :: trait
+      type(finding), intent(in) :: row
+      real(wp), intent(in) :: uq(:, :), up(:, :)  !! the row (nlane, ndof)
+      type(error_type), allocatable, intent(inout) :: error
+      type(finding) :: column
+      real(wp) :: x
+
+      column = largest_entry(row%lane, uq, up)
+      if (column%half == 1) x = uq(row%lane, column%i)
+      if (column%half == 2) x = up(row%lane, column%i)
+      call refuse(points, trait, points%entry_name(row, column), x, row%lane, row%i, column%i, &
+                  error)
+   end subroutine refuse_entry
+
+   !> Refuse a trait because a quantity does not vanish.
+   subroutine refuse(points, trait, what, x, lane, i, j, error)
+      type(probe_points), intent(in) :: points
+      character(*), intent(in) :: trait, what  !! name of the trait, name of the quantity
+      real(wp), intent(in) :: x                !! its value
+      integer, intent(in) :: lane, i, j        !! the point, and where to tell it
+      type(error_type), allocatable, intent(inout) :: error
+      character(:), allocatable :: declared, remedy
+
+      declared = trait
+      remedy = 'set '//trait//' to false'
+      if (trait == 'bandwidth') then
+         declared = trait//' '//to_text(points%model%traits%bandwidth)
+         remedy = 'declare a larger one, or none'
+      end if
+      call raise(error, false_trait, here, 'model '''//points%model%name//''' declares '// &
+                 declared//', but '//what//' = '//to_text(x)//' at '//points%place(lane, i, j)// &
+                 '; '//remedy//', or correct the gradient')
+   end subroutine refuse
+
+end module symsde_model_probe_traits

@@ -1,0 +1,500 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A model whose gradient, and what else it offers, are C functions that work on whole blocks.
+!>
+!> Arrays have the lane fastest: Fortran q(nlane, ndof) is C q[ndof][nlane], w(nlane, 0:nnoise) is
+!> w[nham][nlane] with nham = nnoise + 1, and hqp(nlane, i, j) = d2/(dq_i dp_j) is hqp[j][i][nlane].
+!> An output that is not wanted is room that is thrown away, or NULL for functions that accept it: one that writes to
+!> NULL ends the process, and no probe says so before. The functions are called from several threads at once, must
+!> compute every lane by itself, and mark a lane that fails by NaN. A nonzero return aborts the run: the outputs of
+!> that call become NaN and failure_code() tells the first such code.
+!>
+!> Each function is given a whole block, padded to full vectors; where any_lanes says so, the real lanes alone.
+!> Do not copy with allocate(source=): two models would own one record. Assignment is safe.
+module symsde_model_user_callback
+   use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_null_ptr, c_ptr
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_record, only: steps_record
+   use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory
+   use symsde_base_traits, only: model_traits, strip_lanes
+   use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, &
+                                    hessian_vector_composed, force_stiffness_composed
+   use symsde_model_user_callback_flow, only: user_flows
+   use symsde_model_user_callback_functions, only: gradient_callback, value_callback, hessian_callback, &
+                                                   hessian_vector_callback, gradient_hessian_callback, &
+                                                   third_derivative_callback
+   use symsde_model_chain_rows, only: check_chain, chain_rows_callback
+   use symsde_model_user_outputs, only: little, find_room, keep, spoil
+   use symsde_model_parameters, only: check_traits
+   use symsde_model_probe_record, only: probe_record
+   implicit none
+   private
+   public :: callback_model, new_callback_model
+
+   type, extends(model_type) :: callback_model
+      private
+      logical, public :: any_lanes = .false.     !! a lane has the same bits whatever nlane is
+      type(user_flows) :: flows                  !! whole steps of schemes
+      type(probe_record), public :: passed       !! probes that need not be made again
+      procedure(gradient_callback), pointer, nopass :: on_gradient => null()
+      procedure(value_callback), pointer, nopass :: on_value => null()
+      procedure(hessian_callback), pointer, nopass :: on_hessian => null()
+      procedure(hessian_vector_callback), pointer, nopass :: on_hessian_vector => null()
+      procedure(gradient_hessian_callback), pointer, nopass :: on_gradient_hessian => null()
+      procedure(chain_rows_callback), pointer, nopass :: on_chain_rows => null()
+      procedure(third_derivative_callback), pointer, nopass :: on_third_derivative => null()
+      logical :: null_accepted = .false.         !! outputs that are not wanted are NULL
+      type(c_ptr) :: user = c_null_ptr           !! handed to every function as it is
+      integer(i4), pointer :: failure => null()  !! first nonzero return; a model is intent(in)
+   contains
+      procedure :: gradient
+      procedure :: value => weighted_value
+      procedure :: hessian
+      procedure :: hessian_vector
+      procedure :: gradient_hessian
+      procedure :: has_flow
+      procedure :: flow
+      procedure :: set_gradient_hessian
+      procedure :: set_flow
+      procedure :: chain_rows
+      procedure :: force_stiffness
+      procedure :: set_chain_rows
+      procedure :: third_derivative
+      procedure :: set_third_derivative
+      procedure :: accept_null
+      procedure :: failure_code
+      procedure :: clear_failure
+      procedure, private :: copy
+      generic :: assignment(=) => copy
+      final :: release
+   end type callback_model
+
+contains
+
+   !> A model from C functions. What is offered sets has_value, has_hessian and has_hessian_vector of the traits.
+   !> Refuses a missing gradient (missing_operation) and impossible traits (check_traits).
+   subroutine new_callback_model(self, name, traits, gradient, value, hessian, hessian_vector, &
+                                 user, error)
+      type(callback_model), intent(out) :: self
+      character(*), intent(in) :: name                !! for messages and reports
+      type(model_traits), intent(in) :: traits        !! as declared by the user
+      type(c_funptr), intent(in) :: gradient          !! a gradient_callback
+      type(c_funptr), intent(in) :: value             !! a value_callback, or c_null_funptr
+      type(c_funptr), intent(in) :: hessian           !! a hessian_callback, or c_null_funptr
+      type(c_funptr), intent(in) :: hessian_vector    !! a hessian_vector_callback, or c_null_funptr
+      type(c_ptr), intent(in) :: user                 !! handed to every function as it is
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      call check_traits('new_callback_model', name, traits, error)
+      if (.not. c_associated(gradient)) &
+         call raise(error, missing_operation, 'new_callback_model', 'model '''//name// &
+                    ''' has no gradient; give a function for it, all the others are optional')
+      if (allocated(error)) return
+      self%name = name
+      self%traits = traits
+      self%traits%has_value = c_associated(value)
+      self%traits%has_hessian = c_associated(hessian)
+      self%traits%has_hessian_vector = c_associated(hessian_vector)
+      call c_f_procpointer(gradient, self%on_gradient)
+      if (c_associated(value)) call c_f_procpointer(value, self%on_value)
+      if (c_associated(hessian)) call c_f_procpointer(hessian, self%on_hessian)
+      if (c_associated(hessian_vector)) call c_f_procpointer(hessian_vector, self%on_hessian_vector)
+      self%user = user
+      allocate (self%failure, source=0_i4)
+   end subroutine new_callback_model
+
+   !> One more function, before the model is used: gradient and Hessian together, and in place of a Hessian that is
+   !> not given. c_null_funptr: the separate ones again.
+   subroutine set_gradient_hessian(self, gradient_hessian)
+      class(callback_model), intent(inout) :: self
+      type(c_funptr), intent(in) :: gradient_hessian  !! a gradient_hessian_callback, or c_null_funptr
+
+      call self%passed%forget()
+      nullify (self%on_gradient_hessian)
+      if (c_associated(gradient_hessian)) call c_f_procpointer(gradient_hessian, self%on_gradient_hessian)
+      self%traits%has_hessian = associated(self%on_hessian) .or. associated(self%on_gradient_hessian)
+   end subroutine set_gradient_hessian
+
+   !> Whole steps of a scheme, before the model is used; c_null_funptr takes them back.
+   subroutine set_flow(self, scheme, take)
+      class(callback_model), intent(inout) :: self
+      character(*), intent(in) :: scheme  !! as in the catalogue
+      type(c_funptr), intent(in) :: take  !! a flow_callback, or c_null_funptr
+
+      call self%flows%set(scheme, take)
+      call self%passed%forget()
+   end subroutine set_flow
+
+   !> Whether the user gave a flow of this scheme.
+   pure logical function has_flow(self, scheme)
+      class(callback_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      has_flow = self%flows%place_of(scheme) > 0
+   end function has_flow
+
+   !> Whole steps, of the real lanes alone where the user's functions take any number of lanes.
+   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(callback_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+      integer(i4) :: code
+
+      call self%flows%take(scheme, steps, ndof, merge(steps%nreal, steps%nlane, self%any_lanes), self%user, &
+                           q, p, qn, pn, status, code)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(steps%nlane, size(qn)/steps%nlane, qn)
+      call spoil(steps%nlane, size(pn)/steps%nlane, pn)
+   end subroutine flow
+
+   !> One more function, before the model is used: rows of force and stiffness. c_null_funptr: without it again.
+   !> Refuses what is not declared to be such a chain.
+   subroutine set_chain_rows(self, chain_rows, error)
+      class(callback_model), intent(inout) :: self
+      type(c_funptr), intent(in) :: chain_rows  !! a chain_rows_callback, or c_null_funptr
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) return
+      call self%passed%forget()
+      nullify (self%on_chain_rows)
+      self%traits%has_chain_rows = .false.
+      self%traits%has_lone_rows = .false.
+      if (.not. c_associated(chain_rows)) return
+      call check_chain(self%name, self%traits, error)
+      if (allocated(error)) return
+      call c_f_procpointer(chain_rows, self%on_chain_rows)
+      self%traits%has_chain_rows = .true.
+      self%traits%has_lone_rows = .true.  ! asked for where any_lanes says that the bits are the same
+   end subroutine set_chain_rows
+
+   !> One more function, before the model is used: third derivatives, for nested brackets. c_null_funptr: none again.
+   subroutine set_third_derivative(self, third_derivative)
+      class(callback_model), intent(inout) :: self
+      type(c_funptr), intent(in) :: third_derivative  !! a third_derivative_callback, or c_null_funptr
+
+      call self%passed%forget()
+      nullify (self%on_third_derivative)
+      self%traits%has_third_derivative = c_associated(third_derivative)
+      if (self%traits%has_third_derivative) call c_f_procpointer(third_derivative, self%on_third_derivative)
+   end subroutine set_third_derivative
+
+   !> The functions look whether an output is NULL, before the model is used.
+   subroutine accept_null(self)
+      class(callback_model), intent(inout) :: self
+
+      self%null_accepted = .true.
+      call self%passed%forget()
+   end subroutine accept_null
+
+   !> Gradient of sum_j w_j H_j.
+   subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), target :: few(little)
+      real(wp), allocatable, target :: more(:)
+      real(wp), pointer, contiguous :: unwanted(:)
+      integer(i4) :: code
+
+      code = out_of_memory
+      if (self%null_accepted .or. (present(hq) .and. present(hp))) then
+         code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, self%user)
+      else
+         call find_room(nlane*ndof, few, more, unwanted)
+         if (.not. associated(unwanted)) then
+            continue
+         else if (present(hq)) then
+            code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, unwanted, self%user)
+         else
+            code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, unwanted, hp, self%user)
+         end if
+      end if
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, ndof, hq)
+      call spoil(nlane, ndof, hp)
+   end subroutine gradient
+
+   !> Value of sum_j w_j H_j; NaN where the user offers none.
+   subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: value(nlane)
+      integer(i4) :: code
+
+      if (.not. associated(self%on_value)) then
+         call value_missing(self, nlane, ndof, nnoise, t, w, q, p, value)
+         return
+      end if
+      code = self%on_value(nlane, ndof, nnoise + 1, t, w, q, p, value, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, 1, value)
+   end subroutine weighted_value
+
+   !> Blocks of the Hessian of sum_j w_j H_j; from the joint function, by products or differences where the
+   !> user offers none.
+   subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      integer(i4) :: code
+
+      if (.not. associated(self%on_hessian)) then
+         if (associated(self%on_gradient_hessian)) then
+            call self%gradient_hessian(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hqp=hqp, hpp=hpp)
+            return
+         end if
+         call hessian_by_differences(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+         return
+      end if
+      if (self%null_accepted .or. (present(hqq) .and. present(hqp) .and. present(hpp))) then
+         code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hqq, hqp, hpp, self%user)
+      else
+         call whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)
+      end if
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, ndof*ndof, hqq)
+      call spoil(nlane, ndof*ndof, hqp)
+      call spoil(nlane, ndof*ndof, hpp)
+   end subroutine hessian
+
+   !> Hessian of sum_j w_j H_j times (vq, vp); from the Hessian or by differences where the user
+   !> offers none.
+   subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      integer(i4) :: code
+
+      if (.not. associated(self%on_hessian_vector)) then
+         call hessian_vector_composed(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+         return
+      end if
+      code = self%on_hessian_vector(nlane, ndof, nnoise + 1, t, w, q, p, vq, vp, uq, up, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, ndof, uq)
+      call spoil(nlane, ndof, up)
+   end subroutine hessian_vector
+
+   !> Gradient and Hessian at one point; one after the other where the user offers no joint function.
+   subroutine gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      integer(i4) :: code
+
+      if (.not. associated(self%on_gradient_hessian)) then
+         call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
+         call self%hessian(nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+         return
+      end if
+      if (self%null_accepted .or. (present(hq) .and. present(hp) .and. present(hqq) .and. present(hqp) .and. &
+                                   present(hpp))) then
+         code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, hqq, hqp, hpp, self%user)
+      else
+         call whole_gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hq, hp, hqq, hqp, hpp)
+      end if
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, ndof, hq)
+      call spoil(nlane, ndof, hp)
+      call spoil(nlane, ndof*ndof, hqq)
+      call spoil(nlane, ndof*ndof, hqp)
+      call spoil(nlane, ndof*ndof, hpp)
+   end subroutine gradient_hessian
+
+   !> Rows of force and stiffness of a strip; asked for where the trait has_chain_rows says that they are there.
+   subroutine chain_rows(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: ndof, nnoise, first, last
+      real(wp), intent(in) :: t, w(strip_lanes, 0:nnoise)
+      real(wp), intent(in) :: q(strip_lanes, first - 1:last + 1)
+      real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
+      integer(i4) :: code
+
+      code = self%on_chain_rows(strip_lanes, ndof, nnoise + 1, first - 1, last - 1, t, w, q, hq, hqq, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(strip_lanes, last - first + 1, hq)
+      call spoil(strip_lanes, 2*(last - first + 1), hqq)
+   end subroutine chain_rows
+
+   !> Force and upper bands: of one lane by its rows, where there are such.
+   subroutine force_stiffness(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      integer, intent(in) :: b   !! bandwidth, traits%bandwidth
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
+      real(wp), target :: few(little)
+      real(wp), allocatable, target :: more(:)
+      real(wp), pointer, contiguous :: padded(:)  !! q with the rows before the first and behind the last
+      integer(i4) :: code
+
+      if (nlane > 1 .or. b /= 1 .or. .not. associated(self%on_chain_rows)) then
+         call force_stiffness_composed(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
+         return
+      end if
+      call find_room(ndof + 2, few, more, padded)
+      code = out_of_memory
+      if (associated(padded)) then
+         padded(1) = 0
+         padded(2:ndof + 1) = q(1, :)
+         padded(ndof + 2) = 0
+         code = self%on_chain_rows(1, ndof, nnoise + 1, 0, ndof - 1, t, w, padded, hq, hqq, self%user)
+      end if
+      if (code == 0) return
+      call note(self, code)
+      call spoil(1, ndof, hq)
+      call spoil(1, 2*ndof, hqq)
+   end subroutine force_stiffness
+
+   !> Third derivatives of sum_j w_j H_j along two vectors; asked for where the trait has_third_derivative says that
+   !> they are there.
+   subroutine third_derivative(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      integer(i4) :: code
+
+      code = self%on_third_derivative(nlane, ndof, nnoise + 1, t, w, q, p, aq, ap, bq, bp, uq, up, self%user)
+      if (code == 0) return
+      call note(self, code)
+      call spoil(nlane, ndof, uq)
+      call spoil(nlane, ndof, up)
+   end subroutine third_derivative
+
+   !> All blocks of the Hessian by a function that does not accept NULL; those that are wanted are kept.
+   subroutine whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)
+      type(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      integer(i4), intent(out) :: code
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), target :: few(little)
+      real(wp), allocatable, target :: more(:)
+      real(wp), pointer, contiguous :: r(:)
+
+      code = out_of_memory
+      associate (b => nlane*ndof**2)
+         call find_room(3*b, few, more, r)
+         if (.not. associated(r)) return
+         code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, r(:b), r(b + 1:2*b), r(2*b + 1:3*b), self%user)
+         call keep(b, r(:b), hqq)
+         call keep(b, r(b + 1:2*b), hqp)
+         call keep(b, r(2*b + 1:3*b), hpp)
+      end associate
+   end subroutine whole_hessian
+
+   !> The same of the joint function.
+   subroutine whole_gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hq, hp, hqq, hqp, hpp)
+      type(callback_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      integer(i4), intent(out) :: code
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), target :: few(little)
+      real(wp), allocatable, target :: more(:)
+      real(wp), pointer, contiguous :: r(:), s(:)
+
+      code = out_of_memory
+      associate (b => nlane*ndof**2, g => nlane*ndof)
+         call find_room(3*b + 2*g, few, more, r)
+         if (.not. associated(r)) return
+         s => r(3*b + 1:)
+         code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, s(:g), s(g + 1:2*g), r(:b), &
+                                         r(b + 1:2*b), r(2*b + 1:3*b), self%user)
+         call keep(g, s(:g), hq)
+         call keep(g, s(g + 1:2*g), hp)
+         call keep(b, r(:b), hqq)
+         call keep(b, r(b + 1:2*b), hqp)
+         call keep(b, r(2*b + 1:3*b), hpp)
+      end associate
+   end subroutine whole_gradient_hessian
+
+   !> The first nonzero code that a function returned since clear_failure; 0 = none.
+   integer function failure_code(self) result(code)
+      class(callback_model), intent(in) :: self
+
+      code = 0
+      if (.not. associated(self%failure)) return
+      !$omp atomic read
+      code = self%failure
+   end function failure_code
+
+   !> Forget a failure, before a run.
+   subroutine clear_failure(self)
+      class(callback_model), intent(in) :: self
+
+      if (.not. associated(self%failure)) return
+      !$omp atomic write
+      self%failure = 0
+   end subroutine clear_failure
+
+   !> Keep the first nonzero code. Of two threads that fail at the same moment either may win.
+   subroutine note(self, code)
+      type(callback_model), intent(in) :: self
+      integer(i4), intent(in) :: code
+
+      if (self%failure_code() /= 0) return
+      !$omp atomic write
+      self%failure = code
+   end subroutine note
+
+   !> Assignment: the same functions and record of probes, a record of failure of its own.
+   subroutine copy(left, right)
+      class(callback_model), intent(inout) :: left
+      class(callback_model), intent(in) :: right
+
+      left%name = right%name
+      left%traits = right%traits
+      left%on_gradient => right%on_gradient
+      left%on_value => right%on_value
+      left%on_hessian => right%on_hessian
+      left%on_hessian_vector => right%on_hessian_vector
+      left%on_gradient_hessian => right%on_gradient_hessian
+      left%on_chain_rows => right%on_chain_rows
+      left%on_third_derivative => right%on_third_derivative
+      left%null_accepted = right%null_accepted
+      left%any_lanes = right%any_lanes
+      left%flows = right%flows
+      left%user = right%user
+      call left%passed%share(right%passed)
+      if (.not. associated(left%failure)) allocate (left%failure, source=0_i4)
+      call left%clear_failure()
+   end subroutine copy
+
+   !> Give back the records.
+   subroutine release(self)
+      type(callback_model), intent(inout) :: self
+
+      if (associated(self%failure)) deallocate (self%failure)
+      call self%passed%release()
+   end subroutine release
+
+end module symsde_model_user_callback

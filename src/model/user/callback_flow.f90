@@ -1,0 +1,158 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Flows of a user's model: C functions, one for each scheme (model_type%flow says what they promise).
+module symsde_model_user_callback_flow
+   use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_int64_t
+   use, intrinsic :: iso_c_binding, only: c_loc, c_null_ptr, c_ptr
+   use symsde_base_functionals, only: nfunctional
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_record, only: steps_record
+   implicit none
+   private
+   public :: user_flows, flow_callback
+
+   type :: flow_slot
+      character(:), allocatable :: scheme
+      procedure(flow_callback), pointer, nopass :: take => null()
+   end type flow_slot
+
+   !> The functions of a model.
+   type :: user_flows
+      private
+      type(flow_slot), allocatable :: slots(:)
+   contains
+      procedure :: set
+      procedure :: place_of
+      procedure :: take
+   end type user_flows
+
+   type :: functional_buffer
+      real(wp), allocatable :: x(:, :, :)
+   end type functional_buffer
+
+   abstract interface
+      !> Whole steps of a scheme: see model_type%flow.
+      function flow_callback(nlane, ndof, nham, nstep, every, max_iter, t, h, w, functionals, q, p, qn, pn, status, &
+                             user) bind(c) result(code)
+         import :: c_int, c_int64_t, c_double, c_ptr, nfunctional
+         integer(c_int), value :: nlane, ndof, nham
+         integer(c_int), value :: nstep, every             !! steps, and after how many of them a state is wanted
+         integer(c_int), value :: max_iter                 !! bound of a solver's iterations in a step
+         real(c_double), value :: t, h                     !! when the first step begins; the step with its sign
+         real(c_double), intent(in) :: w(nlane, nham, nstep)
+         type(c_ptr), intent(in) :: functionals(nfunctional) !! each (nlane, columns, nstep), or NULL
+         real(c_double), intent(in) :: q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out) :: qn(nlane, ndof, nstep/every), pn(nlane, ndof, nstep/every)
+         integer(c_int64_t), intent(inout) :: status(nlane)  !! 0, or a status of the lane
+         type(c_ptr), value :: user
+         integer(c_int) :: code  !! 0 = ok
+      end function flow_callback
+   end interface
+
+contains
+
+   !> Keep a function for a scheme instead of the one there was; c_null_funptr keeps none.
+   subroutine set(self, scheme, function)
+      class(user_flows), intent(inout) :: self
+      character(*), intent(in) :: scheme
+      type(c_funptr), intent(in) :: function
+      type(flow_slot), allocatable :: slots(:)
+      integer :: i, n, known
+
+      known = 0
+      if (allocated(self%slots)) known = size(self%slots)
+      allocate (slots(known + 1))
+      n = 0
+      do i = 1, known
+         if (self%slots(i)%scheme == scheme) cycle
+         n = n + 1
+         slots(n) = self%slots(i)
+      end do
+      if (c_associated(function)) then
+         n = n + 1
+         slots(n)%scheme = scheme
+         call c_f_procpointer(function, slots(n)%take)
+      end if
+      self%slots = slots(:n)
+   end subroutine set
+
+   !> Which function a scheme has; 0 = none.
+   pure integer function place_of(self, scheme)
+      class(user_flows), intent(in) :: self
+      character(*), intent(in) :: scheme
+      integer :: i
+
+      place_of = 0
+      if (.not. allocated(self%slots)) return
+      do i = 1, size(self%slots)
+         if (self%slots(i)%scheme == scheme) place_of = i
+      end do
+   end function place_of
+
+   !> Steps of a scheme that has a function, in the first n lanes; the others get what the last of these gets.
+   subroutine take(self, scheme, steps, ndof, n, user, q, p, qn, pn, status, code)
+      class(user_flows), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof, n
+      type(c_ptr), intent(in) :: user
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      integer(i4), intent(out) :: code
+      real(wp), allocatable :: few_q(:, :), few_p(:, :), xq(:, :, :), xp(:, :, :)
+      integer :: i, lane
+
+      i = self%place_of(scheme)
+      if (n == steps%nlane) then
+         call take_lanes(self%slots(i), n, ndof, steps, user, q, p, qn, pn, status, code)
+         return
+      end if
+      few_q = q(:n, :)
+      few_p = p(:n, :)
+      allocate (xq(n, ndof, size(qn, 3)), xp(n, ndof, size(pn, 3)))
+      call take_lanes(self%slots(i), n, ndof, steps, user, few_q, few_p, xq, xp, status(:n), code)
+      qn(:n, :, :) = xq
+      pn(:n, :, :) = xp
+      do lane = n + 1, steps%nlane
+         qn(lane, :, :) = xq(n, :, :)
+         pn(lane, :, :) = xp(n, :, :)
+      end do
+   end subroutine take
+
+   !> One call of the user's function.
+   subroutine take_lanes(slot, n, ndof, steps, user, q, p, qn, pn, status, code)
+      type(flow_slot), intent(in) :: slot
+      integer, intent(in) :: n, ndof
+      type(steps_record), intent(in) :: steps
+      type(c_ptr), intent(in) :: user
+      real(wp), intent(in) :: q(n, ndof), p(n, ndof)
+      real(wp), intent(out) :: qn(n, ndof, steps%nstep/steps%every), pn(n, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(n)
+      integer(i4), intent(out) :: code
+      type(functional_buffer), target :: real_ones(nfunctional)
+      real(wp), contiguous, pointer :: w(:, :, :)
+      real(wp), allocatable :: few_w(:, :, :)
+      type(c_ptr) :: functionals(nfunctional)
+      integer :: f
+
+      functionals = c_null_ptr
+      do f = 1, nfunctional
+         if (.not. associated(steps%of(f)%x)) cycle
+         real_ones(f)%x = steps%of(f)%x(:n, :, :)
+         if (size(real_ones(f)%x) > 0) functionals(f) = c_loc(real_ones(f)%x)
+      end do
+      associate (s => steps)
+         if (n == s%nlane) then
+            w => s%w  ! contiguous, as gfortran 12 does not see of a component
+            code = slot%take(n, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, s%h, w, functionals, q, p, &
+                             qn, pn, status, user)
+         else
+            few_w = s%w(:n, :, :)
+            code = slot%take(n, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, s%h, few_w, functionals, q, p, &
+                             qn, pn, status, user)
+         end if
+      end associate
+   end subroutine take_lanes
+
+end module symsde_model_user_callback_flow

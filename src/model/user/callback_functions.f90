@@ -1,0 +1,87 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The C functions of a user's model: what each of them is given and gives (symsde_gradient and so on in symsde.h).
+module symsde_model_user_callback_functions
+   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_ptr
+   implicit none
+   private
+   public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback, gradient_hessian_callback
+   public :: third_derivative_callback
+
+   abstract interface
+      !> Gradient of sum_j w_j H_j.
+      function gradient_callback(nlane, ndof, nham, t, w, q, p, hq, hp, user) bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code  !! 0 = ok
+      end function gradient_callback
+
+      !> Value of sum_j w_j H_j.
+      function value_callback(nlane, ndof, nham, t, w, q, p, value, user) bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out) :: value(nlane)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function value_callback
+
+      !> Blocks of its Hessian.
+      function hessian_callback(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user) &
+         bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+         real(c_double), intent(out), optional :: hpp(nlane, ndof, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function hessian_callback
+
+      !> Its Hessian times (vq, vp).
+      function hessian_vector_callback(nlane, ndof, nham, t, w, q, p, vq, vp, uq, up, user) &
+         bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+         real(c_double), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function hessian_vector_callback
+
+      !> Gradient and blocks of the Hessian at one point, for functions that share work between them.
+      function gradient_hessian_callback(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user) &
+         bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+         real(c_double), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+         real(c_double), intent(out), optional :: hpp(nlane, ndof, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function gradient_hessian_callback
+
+      !> The gradient of a^T (its Hessian) b: third derivatives along (aq, ap) and (bq, bp).
+      function third_derivative_callback(nlane, ndof, nham, t, w, q, p, aq, ap, bq, bp, uq, up, user) &
+         bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
+         real(c_double), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function third_derivative_callback
+   end interface
+
+end module symsde_model_user_callback_functions

@@ -1,0 +1,333 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> A model seen through its real lanes alone: what a block pads to full vectors is not asked of the model.
+!>
+!> For models whose lanes have the same bits whatever their number (callback_model%any_lanes): a function that goes
+!> from lane to lane takes as long for one path as for one lane, and not for eight. Inputs of the real lanes are
+!> gathered, outputs spread; padding gets those of the last real lane, as if it had been computed.
+module symsde_model_user_real_lanes
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
+   use symsde_model_abstract, only: model_type
+   implicit none
+   private
+   public :: real_lanes_model, new_real_lanes
+
+   integer, parameter :: narray = 10  !! w, q, p; a product's vectors or qq and qp; gradient; pp; further vectors
+
+   type :: buffer_type
+      real(wp), allocatable :: x(:)
+   end type buffer_type
+
+   !> One for each thread: its buffers are used by one call at a time.
+   type, extends(model_type) :: real_lanes_model
+      private
+      class(model_type), pointer :: model => null()
+      integer, public :: nreal = 0                            !! lanes past it are padding
+      type(buffer_type), pointer :: buffer(:) => null()       !! (narray); behind a pointer, for a model is intent(in)
+   contains
+      procedure :: gradient
+      procedure :: value => weighted_value
+      procedure :: hessian
+      procedure :: hessian_vector
+      procedure :: third_derivative
+      procedure :: gradient_hessian
+      procedure :: hessian_banded
+      procedure :: has_flow
+      procedure :: flow
+      procedure :: failure_code
+      procedure :: clear_failure
+      final :: release
+   end type real_lanes_model
+
+contains
+
+   !> A view of a model, which must outlive it.
+   subroutine new_real_lanes(self, model)
+      type(real_lanes_model), intent(inout) :: self
+      class(model_type), intent(in), target :: model
+
+      self%traits = model%traits
+      self%name = model%name
+      self%model => model
+      self%nreal = huge(0)  ! until a block says how many: what is asked at set-up has no padding
+      allocate (self%buffer(narray))
+   end subroutine new_real_lanes
+
+   impure elemental subroutine release(self)
+      type(real_lanes_model), intent(inout) :: self
+      integer :: i
+
+      if (.not. associated(self%buffer)) return
+      do i = 1, size(self%buffer)  ! gfortran 12 frees the array of buffers without what they hold
+         if (allocated(self%buffer(i)%x)) deallocate (self%buffer(i)%x)
+      end do
+      deallocate (self%buffer)
+   end subroutine release
+
+   !> Gradient of sum_j w_j H_j.
+   subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), pointer, contiguous :: a(:), b(:)
+
+      if (self%nreal >= nlane) then
+         call self%model%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
+         return
+      end if
+      call take_inputs(self, nlane, ndof, nnoise, w, q, p)
+      call take_buffer(self, 6, ndof, present(hq), a)
+      call take_buffer(self, 7, ndof, present(hp), b)
+      associate (r => self%buffer, n => self%nreal)
+         call self%model%gradient(n, ndof, nnoise, t, r(1)%x, r(2)%x, r(3)%x, a, b)
+         if (present(hq)) call spread_lanes(nlane, n, ndof, a, hq)
+         if (present(hp)) call spread_lanes(nlane, n, ndof, b, hp)
+      end associate
+   end subroutine gradient
+
+   !> Value of sum_j w_j H_j, of all lanes: it is no part of a step.
+   subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: value(nlane)
+
+      call self%model%value(nlane, ndof, nnoise, t, w, q, p, value)
+   end subroutine weighted_value
+
+   !> Blocks of the Hessian of sum_j w_j H_j.
+   subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), pointer, contiguous :: c(:), d(:), e(:)
+
+      if (self%nreal >= nlane) then
+         call self%model%hessian(nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
+         return
+      end if
+      call take_inputs(self, nlane, ndof, nnoise, w, q, p)
+      call take_buffer(self, 4, ndof**2, present(hqq), c)
+      call take_buffer(self, 5, ndof**2, present(hqp), d)
+      call take_buffer(self, 8, ndof**2, present(hpp), e)
+      associate (r => self%buffer, n => self%nreal)
+         call self%model%hessian(n, ndof, nnoise, t, r(1)%x, r(2)%x, r(3)%x, c, d, e)
+         if (present(hqq)) call spread_lanes(nlane, n, ndof**2, c, hqq)
+         if (present(hqp)) call spread_lanes(nlane, n, ndof**2, d, hqp)
+         if (present(hpp)) call spread_lanes(nlane, n, ndof**2, e, hpp)
+      end associate
+   end subroutine hessian
+
+   !> Gradient and Hessian at one point.
+   subroutine gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), pointer, contiguous :: a(:), b(:), c(:), d(:), e(:)
+
+      if (self%nreal >= nlane) then
+         call self%model%gradient_hessian(nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
+         return
+      end if
+      call take_inputs(self, nlane, ndof, nnoise, w, q, p)
+      call take_buffer(self, 6, ndof, present(hq), a)
+      call take_buffer(self, 7, ndof, present(hp), b)
+      call take_buffer(self, 4, ndof**2, present(hqq), c)
+      call take_buffer(self, 5, ndof**2, present(hqp), d)
+      call take_buffer(self, 8, ndof**2, present(hpp), e)
+      associate (r => self%buffer, n => self%nreal)
+         call self%model%gradient_hessian(n, ndof, nnoise, t, r(1)%x, r(2)%x, r(3)%x, a, b, c, d, e)
+         if (present(hq)) call spread_lanes(nlane, n, ndof, a, hq)
+         if (present(hp)) call spread_lanes(nlane, n, ndof, b, hp)
+         if (present(hqq)) call spread_lanes(nlane, n, ndof**2, c, hqq)
+         if (present(hqp)) call spread_lanes(nlane, n, ndof**2, d, hqp)
+         if (present(hpp)) call spread_lanes(nlane, n, ndof**2, e, hpp)
+      end associate
+   end subroutine gradient_hessian
+
+   !> Hessian of sum_j w_j H_j times (vq, vp).
+   subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp), pointer, contiguous :: a(:), b(:)
+
+      if (self%nreal >= nlane) then
+         call self%model%hessian_vector(nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
+         return
+      end if
+      call take_inputs(self, nlane, ndof, nnoise, w, q, p)
+      call gather(nlane, self%nreal, ndof, vq, self%buffer(4)%x)
+      call gather(nlane, self%nreal, ndof, vp, self%buffer(5)%x)
+      call take_buffer(self, 6, ndof, .true., a)
+      call take_buffer(self, 7, ndof, .true., b)
+      associate (r => self%buffer, n => self%nreal)
+         call self%model%hessian_vector(n, ndof, nnoise, t, r(1)%x, r(2)%x, r(3)%x, r(4)%x, r(5)%x, a, b)
+         call spread_lanes(nlane, n, ndof, a, uq)
+         call spread_lanes(nlane, n, ndof, b, up)
+      end associate
+   end subroutine hessian_vector
+
+   !> Third derivatives of sum_j w_j H_j along two vectors.
+   subroutine third_derivative(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      real(wp), pointer, contiguous :: a(:), b(:)
+
+      if (self%nreal >= nlane) then
+         call self%model%third_derivative(nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
+         return
+      end if
+      call take_inputs(self, nlane, ndof, nnoise, w, q, p)
+      call gather(nlane, self%nreal, ndof, aq, self%buffer(4)%x)
+      call gather(nlane, self%nreal, ndof, ap, self%buffer(5)%x)
+      call gather(nlane, self%nreal, ndof, bq, self%buffer(9)%x)
+      call gather(nlane, self%nreal, ndof, bp, self%buffer(10)%x)
+      call take_buffer(self, 6, ndof, .true., a)
+      call take_buffer(self, 7, ndof, .true., b)
+      associate (r => self%buffer, n => self%nreal)
+         call self%model%third_derivative(n, ndof, nnoise, t, r(1)%x, r(2)%x, r(3)%x, r(4)%x, r(5)%x, r(9)%x, &
+                                          r(10)%x, a, b)
+         call spread_lanes(nlane, n, ndof, a, uq)
+         call spread_lanes(nlane, n, ndof, b, up)
+      end associate
+   end subroutine third_derivative
+
+   !> Bands of the Hessian blocks.
+   subroutine hessian_banded(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      integer, intent(in) :: b
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out), optional :: hqq(nlane, -b:b, ndof)
+      real(wp), intent(out), optional :: hqp(nlane, -b:b, ndof)
+      real(wp), intent(out), optional :: hpp(nlane, -b:b, ndof)
+      real(wp), pointer, contiguous :: c(:), d(:), e(:)
+      integer :: m
+
+      if (self%nreal >= nlane) then
+         call self%model%hessian_banded(nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
+         return
+      end if
+      m = (2*b + 1)*ndof
+      call take_inputs(self, nlane, ndof, nnoise, w, q, p)
+      call take_buffer(self, 4, m, present(hqq), c)
+      call take_buffer(self, 5, m, present(hqp), d)
+      call take_buffer(self, 8, m, present(hpp), e)
+      associate (r => self%buffer, n => self%nreal)
+         call self%model%hessian_banded(n, ndof, nnoise, b, t, r(1)%x, r(2)%x, r(3)%x, c, d, e)
+         if (present(hqq)) call spread_lanes(nlane, n, m, c, hqq)
+         if (present(hqp)) call spread_lanes(nlane, n, m, d, hqp)
+         if (present(hpp)) call spread_lanes(nlane, n, m, e, hpp)
+      end associate
+   end subroutine hessian_banded
+
+   pure logical function has_flow(self, scheme)
+      class(real_lanes_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      has_flow = self%model%has_flow(scheme)
+   end function has_flow
+
+   !> Whole steps are told the number of real lanes.
+   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(real_lanes_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      call self%model%flow(scheme, steps, ndof, q, p, qn, pn, status, counters)
+   end subroutine flow
+
+   integer function failure_code(self) result(code)
+      class(real_lanes_model), intent(in) :: self
+
+      code = self%model%failure_code()
+   end function failure_code
+
+   subroutine clear_failure(self)
+      class(real_lanes_model), intent(in) :: self
+
+      call self%model%clear_failure()
+   end subroutine clear_failure
+
+   !> Weights and state of the real lanes.
+   subroutine take_inputs(self, nlane, ndof, nnoise, w, q, p)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+
+      call gather(nlane, self%nreal, nnoise + 1, w, self%buffer(1)%x)
+      call gather(nlane, self%nreal, ndof, q, self%buffer(2)%x)
+      call gather(nlane, self%nreal, ndof, p, self%buffer(3)%x)
+   end subroutine take_inputs
+
+   !> Room for an output of so many columns; null where it is not wanted, which a call takes for absent.
+   subroutine take_buffer(self, i, ncol, wanted, x)
+      class(real_lanes_model), intent(in), target :: self
+      integer, intent(in) :: i, ncol
+      logical, intent(in) :: wanted
+      real(wp), pointer, contiguous, intent(out) :: x(:)
+
+      nullify (x)
+      if (.not. wanted) return
+      call fit(self%buffer(i)%x, self%nreal*ncol)
+      x => self%buffer(i)%x
+   end subroutine take_buffer
+
+   !> Room for n numbers at least.
+   pure subroutine fit(x, n)
+      real(wp), allocatable, intent(inout) :: x(:)
+      integer, intent(in) :: n
+
+      if (allocated(x)) then
+         if (size(x) >= n) return
+         deallocate (x)
+      end if
+      allocate (x(n))
+   end subroutine fit
+
+   pure subroutine gather(nlane, n, ncol, x, real_ones)
+      integer, intent(in) :: nlane, n, ncol
+      real(wp), intent(in) :: x(nlane, ncol)
+      real(wp), allocatable, intent(inout) :: real_ones(:)
+      integer :: i, lane
+
+      call fit(real_ones, n*ncol)
+      do i = 1, ncol
+         do lane = 1, n
+            real_ones((i - 1)*n + lane) = x(lane, i)
+         end do
+      end do
+   end subroutine gather
+
+   pure subroutine spread_lanes(nlane, n, ncol, real_ones, x)
+      integer, intent(in) :: nlane, n, ncol
+      real(wp), intent(in) :: real_ones(n, ncol)
+      real(wp), intent(out) :: x(nlane, ncol)
+      integer :: i
+
+      do i = 1, ncol
+         x(:n, i) = real_ones(:, i)
+         x(n + 1:, i) = real_ones(n, i)
+      end do
+   end subroutine spread_lanes
+
+end module symsde_model_user_real_lanes

@@ -1,0 +1,367 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The state of a block: where increments are added, checked and, for a failed path, refused.
+module symsde_step_block_state
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_status, only: nonfinite
+   implicit none
+   private
+   public :: lane_state, new_lane_state
+
+   !> A failed path keeps its last good state, its status and the step in which it failed.
+   type :: lane_state
+      integer :: nlane = 0, ndof = 0
+      integer :: nfailed = 0                   !! lanes with a status, padding included
+      real(wp), allocatable :: q(:, :), p(:, :)              !! (nlane, ndof)
+      real(wp), allocatable :: q_low(:, :), p_low(:, :)      !! low parts, if compensated (nlane, ndof)
+      integer(i8), allocatable :: status(:)        !! 0 = ok, else a code of base/status (nlane)
+      integer(i8), allocatable :: failed_step(:)   !! absolute step that failed, -1 = none (nlane)
+      real(wp), allocatable, private :: bad(:)
+   contains
+      procedure :: advance
+      procedure :: take_rescued
+      procedure :: record
+      procedure :: has_new_failures
+      procedure :: judge
+      procedure :: is_sound_alone
+      procedure :: settle
+      procedure :: retire
+      procedure :: repeat_last
+      procedure :: take_first
+   end type lane_state
+
+contains
+
+   !> Room for a block; status ok everywhere.
+   subroutine new_lane_state(self, nlane, ndof, compensated)
+      type(lane_state), intent(out) :: self
+      integer, intent(in) :: nlane, ndof
+      logical, intent(in) :: compensated  !! keep the low parts of q and p (Kahan's summation)
+
+      self%nlane = nlane
+      self%ndof = ndof
+      allocate (self%q(nlane, ndof), self%p(nlane, ndof), self%bad(nlane))
+      allocate (self%status(nlane), self%failed_step(nlane))
+      if (compensated) allocate (self%q_low(nlane, ndof), self%p_low(nlane, ndof))
+      self%status = 0
+      self%failed_step = -1
+   end subroutine new_lane_state
+
+   !> Add the increments of one step where the result is finite and the lane is still ok. Where that is not so in a lane
+   !> that went on until now, refused says so, for someone to rescue it and to `record` what became of it.
+   subroutine advance(self, step, dq, dp, refused)
+      class(lane_state), intent(inout) :: self
+      integer(i8), intent(in) :: step                        !! absolute step, for the record of a failure
+      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
+      logical, intent(out), optional :: refused              !! absent: nobody rescues, and it is recorded here
+      integer :: nbad
+
+      if (self%ndof == 1 .and. .not. allocated(self%q_low)) then
+         call advance_one(self%nlane, dq, dp, self%q, self%p, self%status, nbad)
+      else
+         call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
+         call add_increments(self, dq, dp)
+      end if
+      if (present(refused)) then
+         refused = nbad > self%nfailed
+      else if (nbad > self%nfailed) then
+         call self%record(step, dq, dp)
+      end if
+   end subroutine advance
+
+   !> Add the increments in lanes that had a status in this step and have none now.
+   subroutine take_rescued(self, status, dq, dp)
+      class(lane_state), intent(inout) :: self
+      integer(i8), intent(in) :: status(self%nlane)          !! as the step left it
+      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
+      integer :: nbad
+
+      call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
+      self%bad = merge(self%bad, 1.0_wp, status /= 0)
+      call add_increments(self, dq, dp)
+   end subroutine take_rescued
+
+   !> Add the increments in lanes that are not bad.
+   subroutine add_increments(self, dq, dp)
+      type(lane_state), intent(inout) :: self
+      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
+
+      if (allocated(self%q_low)) then
+         call add_compensated(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
+         call add_compensated(self%nlane, self%ndof, dp, self%bad, self%p, self%p_low)
+      else
+         call add(self%nlane, self%ndof, dq, self%bad, self%q)
+         call add(self%nlane, self%ndof, dp, self%bad, self%p)
+      end if
+   end subroutine add_increments
+
+   !> Whether lanes have got a status since failures were last counted: asked after every step, so that lanes are only
+   !> counted where some have one.
+   pure logical function has_new_failures(self)
+      class(lane_state), intent(in) :: self
+
+      has_new_failures = any_status(self%nlane, self%status)
+      if (has_new_failures .and. self%nfailed > 0) has_new_failures = count(self%status /= 0) > self%nfailed
+   end function has_new_failures
+
+   !> Judge states that a model took whole steps to, before they are shown: taken says that no further lane has failed.
+   !> Lanes that had failed keep their last good state in all of them. What is not taken is left to single steps: of
+   !> several it is not known in which a lane failed.
+   subroutine judge(self, nreal, nout, status, q, p, taken)
+      class(lane_state), intent(inout) :: self
+      integer, intent(in) :: nreal, nout
+      integer(i8), intent(in) :: status(self%nlane)         !! as the model left it
+      real(wp), intent(inout) :: q(self%nlane, self%ndof, nout), p(self%nlane, self%ndof, nout)
+      logical, intent(out) :: taken
+      integer :: nbad
+
+      if (nreal == 1) then
+         nbad = merge(0, 1, are_finite(self%ndof*nout, q(1, :, :), p(1, :, :)) .and. status(1) == 0)
+      else
+         call find_bad_states(self%nlane, self%ndof*nout, nreal, status, q, p, self%bad, nbad)
+      end if
+      taken = nbad == self%nfailed - (self%nlane - nreal)
+      if (taken .and. nbad > 0) call keep(self%nlane, self%ndof, nout, self%q, self%p, self%status, q, p)
+   end subroutine judge
+
+   !> The same of the one path of a block: whether it has not failed.
+   pure logical function is_sound_alone(self, nout, status, q, p) result(is_sound)
+      class(lane_state), intent(in) :: self
+      integer, intent(in) :: nout
+      integer(i8), intent(in) :: status(1)                  !! as the model left it
+      real(wp), intent(in) :: q(1, self%ndof, nout), p(1, self%ndof, nout)
+
+      is_sound = status(1) == 0 .and. are_finite(self%ndof*nout, q, p)
+   end function is_sound_alone
+
+   !> Take the states after one step where they are finite and the lane is still ok.
+   subroutine settle(self, step, q, p)
+      class(lane_state), intent(inout) :: self
+      integer(i8), intent(in) :: step                       !! absolute step, for the record of a failure
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      integer :: lane
+
+      do lane = 1, self%nlane
+         if (self%failed_step(lane) >= 0) cycle
+         if (self%status(lane) == 0) then
+            if (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p))) then
+               self%q(lane, :) = q(lane, :)
+               self%p(lane, :) = p(lane, :)
+               cycle
+            end if
+            self%status(lane) = nonfinite
+         end if
+         self%failed_step(lane) = step
+      end do
+      self%nfailed = count(self%status /= 0)
+   end subroutine settle
+
+   !> Take lanes out that are ok: from here on they are like those that failed, with a status of their own.
+   subroutine retire(self, leaves, status, step)
+      class(lane_state), intent(inout) :: self
+      logical, intent(in) :: leaves(self%nlane)
+      integer(i8), intent(in) :: status, step               !! absolute step that they would have taken next
+
+      where (leaves .and. self%status == 0)
+         self%status = status
+         self%failed_step = step
+      end where
+      self%nfailed = count(self%status /= 0)
+   end subroutine retire
+
+   !> Padding is looked at again: it repeats the last real path, which came here without it.
+   subroutine repeat_last(self, nreal)
+      class(lane_state), intent(inout) :: self
+      integer, intent(in) :: nreal
+      integer :: i
+
+      do i = 1, self%ndof
+         self%q(nreal + 1:, i) = self%q(nreal, i)
+         self%p(nreal + 1:, i) = self%p(nreal, i)
+      end do
+   end subroutine repeat_last
+
+   !> The states of the first lanes, from where these alone are.
+   pure subroutine take_first(self, nlane, q, p)
+      class(lane_state), intent(inout) :: self
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: q(nlane, self%ndof), p(nlane, self%ndof)
+      integer :: i
+
+      do i = 1, self%ndof
+         self%q(:nlane, i) = q(:, i)
+         self%p(:nlane, i) = p(:, i)
+      end do
+   end subroutine take_first
+
+   !> Give the lanes that failed in this step their status and step.
+   subroutine record(self, step, dq, dp)
+      class(lane_state), intent(inout) :: self
+      integer(i8), intent(in) :: step
+      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
+      integer :: lane
+
+      do lane = 1, self%nlane
+         if (self%failed_step(lane) >= 0) cycle
+         if (self%status(lane) == 0) then
+            if (all(abs(self%q(lane, :) + dq(lane, :)) <= huge(dq)) .and. &
+                all(abs(self%p(lane, :) + dp(lane, :)) <= huge(dp))) cycle
+            self%status(lane) = nonfinite
+         end if
+         self%failed_step(lane) = step
+      end do
+      self%nfailed = count(self%status /= 0)
+   end subroutine record
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC One degree of freedom: check and add in one pass.
+   pure subroutine advance_one(nlane, dq, dp, q, p, status, nbad)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: dq(nlane), dp(nlane)
+      real(wp), intent(inout) :: q(nlane), p(nlane)
+      integer(i8), intent(in) :: status(nlane)
+      integer, intent(out) :: nbad
+      real(wp) :: qn, pn
+      integer(i8) :: count
+      logical :: ok
+      integer :: lane
+
+      count = 0
+      do lane = 1, nlane
+         qn = q(lane) + dq(lane)
+         pn = p(lane) + dp(lane)
+         ok = status(lane) == 0 .and. abs(qn) <= huge(qn) .and. abs(pn) <= huge(pn)
+         q(lane) = merge(qn, q(lane), ok)
+         p(lane) = merge(pn, p(lane), ok)
+         count = count + merge(0_i8, 1_i8, ok)
+      end do
+      nbad = int(count)
+   end subroutine advance_one
+
+   !> VEC Whether a lane has a status.
+   pure logical function any_status(nlane, status)
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: status(nlane)
+      integer(i8) :: bits
+      integer :: lane
+
+      bits = 0
+      do lane = 1, nlane
+         bits = ior(bits, status(lane))
+      end do
+      any_status = bits /= 0
+   end function any_status
+
+   !> VEC How many of the real lanes have a status, or a state among the n that is not finite.
+   pure subroutine find_bad_states(nlane, n, nreal, status, q, p, bad, nbad)
+      integer, intent(in) :: nlane, n, nreal
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(in) :: q(nlane, n), p(nlane, n)
+      real(wp), intent(out) :: bad(nlane)
+      integer, intent(out) :: nbad
+      integer(i8) :: count
+      integer :: lane, i
+
+      bad = 0
+      do i = 1, n
+         do lane = 1, nlane
+            bad(lane) = bad(lane) + (0*q(lane, i) + 0*p(lane, i))  ! NaN where one is not finite
+         end do
+      end do
+      count = 0
+      do lane = 1, nreal
+         bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
+         count = count + merge(0_i8, 1_i8, bad(lane) <= 0)
+      end do
+      nbad = int(count)
+   end subroutine find_bad_states
+
+   !> VEC As integers the bits of |x| are ordered as |x|, with infinities and NaNs above all.
+   pure logical function are_finite(n, q, p)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: q(n), p(n)
+      integer(i8), parameter :: huge_bits = transfer(huge(1.0_wp), 0_i8)
+      integer(i8) :: bad
+      integer :: i
+
+      bad = 0
+      do i = 1, n
+         bad = ior(bad, ior(huge_bits - iand(transfer(q(i), 0_i8), huge(bad)), &
+                            huge_bits - iand(transfer(p(i), 0_i8), huge(bad))))
+      end do
+      are_finite = bad >= 0
+   end function are_finite
+
+   !> VEC The last good state in lanes with a status.
+   pure subroutine keep(nlane, ndof, nout, q, p, status, qn, pn)
+      integer, intent(in) :: nlane, ndof, nout
+      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(inout) :: qn(nlane, ndof, nout), pn(nlane, ndof, nout)
+      integer :: lane, i, k
+
+      do k = 1, nout
+         do i = 1, ndof
+            do lane = 1, nlane
+               qn(lane, i, k) = merge(qn(lane, i, k), q(lane, i), status(lane) == 0)
+               pn(lane, i, k) = merge(pn(lane, i, k), p(lane, i), status(lane) == 0)
+            end do
+         end do
+      end do
+   end subroutine keep
+
+   !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0.
+   pure subroutine find_bad(nlane, ndof, dq, dp, q, p, status, bad, nbad)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: dq(nlane, ndof), dp(nlane, ndof), q(nlane, ndof), p(nlane, ndof)
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(out) :: bad(nlane)
+      integer, intent(out) :: nbad
+      integer :: lane, i
+
+      ! 0*x is 0 where x is finite and NaN where it is not, and NaN stays: no comparison for each value
+      bad = 0
+      do i = 1, ndof
+         do lane = 1, nlane
+            bad(lane) = bad(lane) + (0*(q(lane, i) + dq(lane, i)) + 0*(p(lane, i) + dp(lane, i)))
+         end do
+      end do
+      do lane = 1, nlane
+         bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
+      end do
+      nbad = nint(sum(bad))
+   end subroutine find_bad
+
+   !> VEC
+   pure subroutine add(nlane, ndof, d, bad, x)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
+      real(wp), intent(inout) :: x(nlane, ndof)
+      integer :: lane, i
+
+      do i = 1, ndof
+         do lane = 1, nlane
+            x(lane, i) = merge(x(lane, i) + d(lane, i), x(lane, i), bad(lane) <= 0)
+         end do
+      end do
+   end subroutine add
+
+   !> VEC Kahan's summation: what rounding took from x is kept in low and given back in the next step.
+   pure subroutine add_compensated(nlane, ndof, d, bad, x, low)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
+      real(wp), intent(inout) :: x(nlane, ndof), low(nlane, ndof)
+      real(wp) :: y, s
+      integer :: lane, i
+
+      do i = 1, ndof
+         do lane = 1, nlane
+            y = d(lane, i) + low(lane, i)
+            s = x(lane, i) + y
+            low(lane, i) = merge(y - (s - x(lane, i)), low(lane, i), bad(lane) <= 0)
+            x(lane, i) = merge(s, x(lane, i), bad(lane) <= 0)
+         end do
+      end do
+   end subroutine add_compensated
+
+end module symsde_step_block_state

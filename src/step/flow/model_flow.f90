@@ -1,0 +1,215 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The stepper of models that define whole steps of a scheme themselves (model_type%flow).
+!>
+!> The model solves the equations of a step; this stepper finds the name of the scheme, handles failures, and makes
+!> increments for callers that want these. A flow agrees with the general stepper to
+!> rounding, and gives the bits of single steps (tests/verification/test_whole.pf).
+module symsde_step_flow_model_flow
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_laws, only: law_gaussian
+   use symsde_base_record, only: step_record, steps_record
+   use symsde_base_status, only: error_type
+   use symsde_base_text, only: name_length
+   use symsde_scheme_catalogue, only: get_scheme, scheme_names
+   use symsde_model_abstract, only: corrected
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms, correction_none, correction_increments, tableau_form, &
+                                   splitting_form, frame_none
+   use symsde_step_implicit_euler_pair, only: is_one_sided
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: whole_stepper, whole_fits, name_of_flow
+
+   type, extends(stepper_type) :: whole_stepper
+      private
+      character(:), allocatable :: scheme   !! as the model knows it
+      integer, public :: max_iter = 0
+   contains
+      procedure :: make
+      procedure :: increment
+      procedure :: flow
+   end type whole_stepper
+
+contains
+
+   !> Whether this stepper executes the task.
+   logical function whole_fits(task) result(fits)
+      type(stepper_task), intent(in) :: task
+      character(:), allocatable :: name
+
+      fits = task%newton%fixed_point == 0 .and. .not. task%as_increments
+      if (fits .and. task%correction /= correction_none) &
+         fits = task%correction == correction_increments .and. is_one_sided(task%scheme)
+      if (.not. fits) return
+      call find_flow(task, name)
+      fits = name /= ''
+   end function whole_fits
+
+   !> The name of the model's flow that serves a task; blank where there is none. One that is meant for the scheme comes
+   !> first. Where equations are linear, so that a step has one root, the steps of one of the four also serve discrete
+   !> increments, and brackets that vanish for the model.
+   subroutine find_flow(task, name)
+      type(stepper_task), intent(in) :: task
+      character(:), allocatable, intent(out) :: name
+      logical :: found
+
+      call name_of_flow(task%scheme, name)
+      found = task%model%has_flow(name//suffix(task))
+      if (usual_name(task%scheme, task%scheme%brackets%are_added()) == '') then
+         if (found) found = is_of_catalogue(task%scheme, name)
+         if (.not. found .and. task%scheme%has_tableau()) call find_by_coefficients(task, name, found)
+      else
+         found = found .and. (task%scheme%law == law_gaussian .or. task%model%traits%quadratic)
+      end if
+      if (found) return
+      name = trim(merge(usual_name(task%scheme, task%has_brackets()), usual_name(task%scheme, .true.), &
+                        task%model%traits%quadratic))
+      if (name /= '' .and. .not. task%model%has_flow(name//suffix(task))) name = ''
+   end subroutine find_flow
+
+   !> What stands behind the name of a scheme where it is corrected.
+   pure function suffix(task)
+      type(stepper_task), intent(in) :: task
+      character(len=merge(len(corrected), 0, task%correction /= correction_none)) :: suffix
+
+      suffix = corrected
+   end function suffix
+
+   subroutine make(self, task)
+      class(whole_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+      logical :: plain
+
+      plain = task%correction == correction_none
+      call find_flow(task, self%scheme)
+      self%name = 'whole steps of '//self%scheme//' by the model'
+      if (.not. plain) self%name = 'whole corrected steps of '//self%scheme//' by the model'
+      self%scheme = self%scheme//suffix(task)
+      self%max_iter = task%newton%max_iter
+      self%explicit = plain .and. (task%follows .or. task%scheme%form == splitting_form)
+      self%one_solve = task%model%traits%one_solve(.false.) .and. .not. self%explicit
+      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, task%correction, &
+                                    merge(0.0_wp, task%scheme%correction_coefficient(), plain))
+   end subroutine make
+
+   !> Of the model's flows, that of the catalogue's scheme with this tableau: nothing depends on what users call it.
+   subroutine find_by_coefficients(task, name, found)
+      type(stepper_task), intent(in) :: task
+      character(:), allocatable, intent(inout) :: name
+      logical, intent(out) :: found
+      character(len=name_length), allocatable :: known(:)
+      integer :: i
+
+      found = .false.
+      known = scheme_names()
+      do i = 1, size(known)
+         if (.not. task%model%has_flow(trim(known(i))//suffix(task))) cycle
+         found = is_of_catalogue(task%scheme, trim(known(i)))
+         if (.not. found) cycle
+         name = trim(known(i))
+         return
+      end do
+   end subroutine find_by_coefficients
+
+   !> The name by which a model has the flow of a scheme of the catalogue: four go by their coefficients.
+   subroutine name_of_flow(scheme, name)
+      type(scheme_type), intent(in) :: scheme
+      character(:), allocatable, intent(out) :: name
+
+      name = trim(usual_name(scheme, scheme%brackets%are_added()))
+      if (name == '') name = scheme%name
+   end subroutine name_of_flow
+
+   !> The name in the catalogue of one of the four, known by its coefficients; blank for others.
+   pure character(len=name_length) function usual_name(scheme, has_brackets) result(name)
+      type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: has_brackets
+
+      name = ''
+      if (scheme%form /= tableau_form .or. scheme%frame /= frame_none .or. has_brackets) return
+      if (scheme%is_midpoint()) then
+         name = 'midpoint'
+      else if (is_one_sided(scheme)) then
+         name = 'symplectic_euler'
+         if (scheme%a(1, 1) > 0.5_wp) name = 'symplectic_euler_adjoint'
+      else if (is_verlet(scheme)) then
+         name = 'stormer_verlet'
+      end if
+   end function usual_name
+
+   !> Whether a scheme is the one that the catalogue has under this name: users may name theirs as they like.
+   logical function is_of_catalogue(scheme, name)
+      type(scheme_type), intent(in) :: scheme
+      character(*), intent(in) :: name
+      type(scheme_type) :: known
+      type(error_type), allocatable :: error
+
+      is_of_catalogue = .false.
+      call get_scheme(known, name, error)
+      if (allocated(error)) return
+      if (known%form /= scheme%form .or. known%frame /= scheme%frame .or. known%nstage /= scheme%nstage) return
+      if (known%law /= scheme%law .or. .not. same_brackets(known%brackets, scheme%brackets)) return
+      is_of_catalogue = .true.
+      if (.not. known%has_tableau()) return
+      is_of_catalogue = all(abs(known%a - scheme%a) <= 0) .and. all(abs(known%abar - scheme%abar) <= 0) .and. &
+                        all(abs(known%b - scheme%b) <= 0) .and. all(abs(known%bbar - scheme%bbar) <= 0) .and. &
+                        all(abs(known%alpha - scheme%alpha) <= 0) .and. all(abs(known%beta - scheme%beta) <= 0) .and. &
+                        all(abs(known%c - scheme%c) <= 8*epsilon(1.0_wp))  ! of a user's, sums of a
+   end function is_of_catalogue
+
+   pure logical function same_brackets(a, b)
+      type(bracket_terms), intent(in) :: a, b
+
+      same_brackets = (a%single .eqv. b%single) .and. (a%areas .eqv. b%areas) .and. (a%nested .eqv. b%nested) .and. &
+                      (a%crossed .eqv. b%crossed)
+   end function same_brackets
+
+   !> Half a kick, a drift, half a kick.
+   pure logical function is_verlet(scheme)
+      type(scheme_type), intent(in) :: scheme
+      real(wp), parameter :: a(2, 2) = reshape([0.0_wp, 0.5_wp, 0.0_wp, 0.5_wp], [2, 2])
+
+      is_verlet = .false.
+      if (scheme%nstage /= 2 .or. .not. scheme%noise_coefficients_equal()) return
+      is_verlet = all(abs(scheme%a - a) <= 0) .and. all(abs(scheme%abar(:, 1) - 0.5_wp) <= 0) .and. &
+                  all(abs(scheme%abar(:, 2)) <= 0) .and. all(abs(scheme%alpha - 0.5_wp) <= 0) .and. &
+                  all(abs(scheme%c - [0, 1]) <= 0)
+   end function is_verlet
+
+   !> Several steps from (q, p) to the states after every steps%every-th of them.
+   subroutine flow(self, steps, q, p, qn, pn, status)
+      class(whole_stepper), intent(inout) :: self
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: q(steps%nlane, self%ham%ndof), p(steps%nlane, self%ham%ndof)
+      real(wp), intent(out) :: qn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+
+      associate (ham => self%ham)
+         call ham%model%flow(self%scheme, steps, ham%ndof, q, p, qn, pn, status, ham%counters)
+      end associate
+   end subroutine flow
+
+   !> One step as an increment, for those who ask for one: the last place is that of the states.
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(whole_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      type(steps_record) :: steps
+      integer :: f
+
+      steps = steps_record(nlane=self%ham%nlane, nnoise=self%ham%nnoise, nreal=self%ham%nreal, nstep=1, t=step%t, &
+                           h=step%h, max_iter=self%max_iter)
+      steps%w(1:steps%nlane, 0:steps%nnoise, 1:1) => step%w
+      do f = 1, size(step%of)
+         if (associated(step%of(f)%x)) steps%of(f)%x(1:steps%nlane, 1:size(step%of(f)%x, 2), 1:1) => step%of(f)%x
+      end do
+      call self%flow(steps, q, p, dq, dp, status)
+      dq = dq - q
+      dp = dp - p
+   end subroutine increment
+
+end module symsde_step_flow_model_flow

@@ -1,0 +1,411 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What is added to the random Hamiltonian of one step for orders beyond one (docs/method.md):
+!>
+!>    sum_k (h dW_k/2 - dZ_k) {H_k,H}  +  sum_{k<l} A_kl {H_l,H_k}  +  (|h|/12) sum_k {{F,H_k},H_k}
+!>
+!> with F = h H, or F = h H + sum_l dW_l H_l where the brackets are crossed,
+!>
+!> each part only where the scheme asks for it and the model's traits do not prove it without effect.
+!> Every part is a Hamiltonian of which the exact gradient is taken, so a symplectic scheme stays one.
+!>
+!> Single brackets need gradients and Hessian-vector products. The nested one would need third
+!> derivatives; with u, v the fields of H and H_k, (H_p, -H_q) and (H_k,p, -H_k,q), it is replaced by
+!>
+!>    [H(x+bv) + H(x-bv) - 2H(x)]/b^2
+!>    - [H_k(x+au+bv) + H_k(x-au-bv) - H_k(x+au-bv) - H_k(x-au+bv)]/(4ab),   a = r |h|, b = r sqrt|h|
+!>
+!> (H stands for F/h) differences over r times the step's own moves by drift and by noise. It differs from the bracket
+!> by O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2. Noise that
+!> depends on position alone with H = p.p/2 + U(q) needs no difference: the bracket is H_k,q . H_k,q. Nor do models
+!> that offer third derivatives, or have none (step/hamiltonian/brackets_exact).
+!>
+!> H may depend on time. Noises that do join with what the brackets are in the phase space with time,
+!> {H_k,H} + H_{k,t}: with the ends t_0 and t_1 of the step
+!>
+!>    sum_k (dW_k/2 - dZ_k/h) [H_k(t_1) - H_k(t_0)]  -  (|h|/12) sum_k {H_k(t_1),H_k(t_0)}
+!>
+!> of which the first belongs to the single bracket. The second belongs to the nested one; it vanishes for noise in
+!> position and has no gradient for additive noise.
+module symsde_step_hamiltonian_brackets
+   use symsde_base_counters, only: counters_type
+   use symsde_base_functionals, only: functionals, functional_set, area_index, path_dz, path_areas
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: step_record
+   use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: model_type
+   use symsde_model_probe_noise_time, only: noise_changes_in_time
+   use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
+   use symsde_scheme_scheme, only: bracket_terms
+   use symsde_step_hamiltonian_brackets_exact, only: exact_bracket, new_exact_bracket, has_exact_bracket
+   implicit none
+   private
+   public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets, reach
+
+   real(wp), parameter :: reach = 0.5_wp  !! r
+
+   type, extends(exact_bracket) :: modified_hamiltonian
+      type(bracket_terms) :: active               !! parts that have an effect on this model
+      logical :: simple = .false.        !! position noise, H = p.p/2 + U(q)
+      logical :: time_dependent = .false.                 !! some noise changes in time, in a way that has an effect
+      logical, private :: turning = .false.       !! {H_k(t_1),H_k(t_0)} has an effect
+      real(wp), allocatable, private :: nested(:, :)       !! weights of F/h in the nested brackets (nlane, 0:nnoise)
+      real(wp), allocatable, private :: g(:, :)            !! weights of a sum (nlane, 0:nnoise)
+      real(wp), allocatable, private :: c(:, :)            !! weights of the single bracket, c_0 = 0 (nlane, 0:nnoise)
+      real(wp), allocatable, dimension(:, :), private :: bq, bp, sq, sp, xp  !! (nlane, ndof)
+      type(algebra_work), private :: work
+   contains
+      procedure :: add_gradient
+      procedure :: add_rest
+   end type modified_hamiltonian
+
+contains
+
+   !> The brackets that have an effect on a model with these traits: those of functionals that have one. The
+   !> nested one of a noise that is linear in q is constant where H = p.p/2 + U(q).
+   pure type(bracket_terms) function active_brackets(brackets, traits) result(active)
+      type(bracket_terms), intent(in) :: brackets   !! of scheme_type
+      type(model_traits), intent(in) :: traits
+      type(functional_set) :: needed
+
+      needed = functionals([path_dz, path_areas])
+      needed = needed%needed_for(traits)
+      active%single = brackets%single .and. needed%has(path_dz)
+      active%areas = brackets%areas .and. needed%has(path_areas)
+      active%nested = brackets%nested .and. traits%nnoise > 0 .and. &
+                      .not. (traits%additive .and. traits%position_noise .and. traits%identity_mass)
+      active%crossed = brackets%crossed .and. active%areas
+   end function active_brackets
+
+   !> Room for blocks of nlane lanes.
+   subroutine new_modified_hamiltonian(self, model, brackets, nlane)
+      type(modified_hamiltonian), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      type(bracket_terms), intent(in) :: brackets   !! of scheme_type
+      integer, intent(in) :: nlane
+
+      call new_exact_bracket(self, model, nlane)
+      self%active = active_brackets(brackets, model%traits)
+      self%simple = model%traits%position_noise .and. model%traits%identity_mass
+      self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
+      if (self%active%single .or. self%turning) self%time_dependent = noise_changes_in_time(model)
+      associate (n => self%ndof, m => self%nnoise)
+         allocate (self%g(nlane, 0:m), self%c(nlane, 0:m), self%nested(nlane, 0:m), source=0.0_wp)
+         self%nested(:, 0) = 1
+         allocate (self%bq(nlane, n), self%bp(nlane, n), self%sq(nlane, n), self%sp(nlane, n), self%xp(nlane, n))
+         call new_algebra_work(self%work, nlane, n)
+      end associate
+   end subroutine new_modified_hamiltonian
+
+   !> Add the gradient of all active parts to the wanted outputs.
+   subroutine add_gradient(self, t, step, q, p, hq, hp, counters, nreal)
+      class(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t                                 !! where H and H_k are taken [time]
+      type(step_record), intent(in) :: step                     !! with the functionals of active brackets
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal                              !! real paths of the block
+
+      self%sq = 0
+      self%sp = 0
+      if (self%active%single) call add_single(self, t, step, q, p)
+      if (self%active%areas) call add_areas(self, t, step, q, p)
+      if (self%active%nested) call add_nested(self, t, step, q, p)
+      if (self%time_dependent) call add_motion(self, step, q, p)
+      if (present(hq)) hq = hq + self%sq
+      if (present(hp)) hp = hp + self%sp
+      call count_up(self, counters, nreal)
+   end subroutine add_gradient
+
+   !> Add what derivatives at one point do not give: nested brackets by differences, and noises that change in time.
+   subroutine add_rest(self, t, step, q, p, hq, hp, counters, nreal)
+      class(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout) :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+
+      self%sq = 0
+      self%sp = 0
+      if (self%active%nested .and. .not. has_exact_bracket(self%model%traits)) &
+         call add_nested(self, t, step, q, p)
+      call find_single_weights(self, step)
+      if (self%time_dependent) call add_motion(self, step, q, p)
+      hq = hq + self%sq
+      hp = hp + self%sp
+      call count_up(self, counters, nreal)
+   end subroutine add_rest
+
+   !> What was asked of the model, of so many paths.
+   subroutine count_up(self, counters, nreal)
+      type(modified_hamiltonian), intent(inout) :: self
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+
+      counters%gradients = counters%gradients + self%ngradient*nreal
+      counters%hessian_vectors = counters%hessian_vectors + self%nproduct*nreal
+      self%ngradient = 0
+      self%nproduct = 0
+   end subroutine count_up
+
+   !> The nested brackets, in the cheapest form that the traits allow.
+   subroutine add_nested(self, t, step, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+
+      if (self%active%crossed) self%nested(:, 1:) = step%w(:, 1:)/step%h
+      if (self%simple) then
+         call add_squares(self, t, step%h, q, p)
+      else if (has_exact_bracket(self%model%traits)) then
+         call self%add_exact(self%nested, t, step%h, q, p, self%sq, self%sp)
+      else if (self%model%traits%additive) then
+         call add_shifts(self, t, step%h, q, p)
+      else
+         call add_differences(self, t, step%h, q, p)
+      end if
+   end subroutine add_nested
+
+   !> c_k = h dW_k/2 - dZ_k, zero where the single bracket is not active.
+   subroutine find_single_weights(self, step)
+      type(modified_hamiltonian), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      integer :: k
+
+      if (.not. self%active%single) return
+      do k = 1, self%nnoise
+         self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)
+      end do
+   end subroutine find_single_weights
+
+   !> {F,H} with F = sum_k (h dW_k/2 - dZ_k) H_k. For F(q) and H = p.p/2 + U(q) it is F_q . p.
+   subroutine add_single(self, t, step, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+
+      call find_single_weights(self, step)
+      associate (n => self%nlane, d => self%ndof, m => self%nnoise)
+         if (self%simple) then
+            call self%model%gradient(n, d, m, t, self%c, q, p, hq=self%bp)
+            self%ngradient = self%ngradient + 1
+            self%sp = self%sp + self%bp
+            if (self%model%traits%additive) return
+            self%vp = 0
+            call self%add_product(t, self%c, 1.0_wp, p, self%vp, q, p, self%sq, self%sp)
+         else
+            self%g = 0
+            self%g(:, 0) = 1
+            call add_bracket(self, t, self%c, q, p)
+         end if
+      end associate
+   end subroutine add_single
+
+   !> What noises that change in time add.
+   subroutine add_motion(self, step, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp) :: t1
+      integer :: k
+
+      t1 = step%t + step%h
+      if (self%active%single) then
+         self%g = self%c/step%h
+         call add_sum(self, t1, q, p, 0.0_wp, 0.0_wp, 1.0_wp)
+         call add_sum(self, step%t, q, p, 0.0_wp, 0.0_wp, -1.0_wp)
+      end if
+      if (.not. self%turning) return
+      do k = 1, self%nnoise
+         if (self%noisy(k)) call add_change(self, step%t, t1, k, -abs(step%h)/12, q, p)
+      end do
+   end subroutine add_motion
+
+   !> c grad {F,G} with F = H_k(t1), G = H_k(t0): Hess F (G_p, -G_q) - Hess G (F_p, -F_q).
+   subroutine add_change(self, t0, t1, k, c, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t0, t1, c
+      integer, intent(in) :: k
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+
+      call self%field_of(t0, k, q, p)
+      call self%add_product(t1, self%f, c, self%vq, self%vp, q, p, self%sq, self%sp)
+      call self%field_of(t1, k, q, p)
+      call self%add_product(t0, self%f, -c, self%vq, self%vp, q, p, self%sq, self%sp)
+   end subroutine add_change
+
+   !> sum_l {H_l, sum_{k<l} A_kl H_k}
+   subroutine add_areas(self, t, step, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      integer :: k, l
+
+      do l = 2, self%nnoise
+         if (.not. self%noisy(l)) cycle
+         self%f = 0
+         self%f(:, l) = 1
+         self%g = 0
+         do k = 1, l - 1
+            if (self%noisy(k)) self%g(:, k) = step%of(path_areas)%x(:, area_index(k, l))
+         end do
+         call add_bracket(self, t, self%f, q, p)
+      end do
+   end subroutine add_areas
+
+   !> {F,G} for the sums with the weights f and g.
+   subroutine add_bracket(self, t, f, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: f(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+
+      call bracket_gradient(self%model, self%nlane, self%ndof, self%nnoise, t, f, self%g, q, p, &
+                            self%bq, self%bp, self%work)
+      self%ngradient = self%ngradient + 2
+      self%nproduct = self%nproduct + 2
+      self%sq = self%sq + self%bq
+      self%sp = self%sp + self%bp
+   end subroutine add_bracket
+
+   !> Position noise, identity mass: (h|h|/12) sum_k H_k,q . H_k,q
+   subroutine add_squares(self, t, h, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp) :: c
+      integer :: k
+
+      c = h*abs(h)/6
+      self%f = 0
+      self%vp = 0
+      do k = 1, self%nnoise
+         if (.not. self%noisy(k)) cycle
+         self%f(:, k) = 1
+         associate (n => self%nlane, d => self%ndof, m => self%nnoise)
+            call self%model%gradient(n, d, m, t, self%f, q, p, hq=self%vq)
+            self%ngradient = self%ngradient + 1
+         end associate
+         call self%add_product(t, self%f, c, self%vq, self%vp, q, p, self%sq, self%sp)
+         self%f(:, k) = 0
+      end do
+   end subroutine add_squares
+
+   !> Additive noise: the fields v are constant, the second difference of H along them is all.
+   subroutine add_shifts(self, t, h, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp) :: b, c
+      integer :: k
+
+      b = reach*sqrt(abs(h))
+      c = h/(12*reach**2)
+      self%g = 0
+      self%g(:, 0) = 1
+      call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*count(self%noisy))
+      do k = 1, self%nnoise
+         if (.not. self%noisy(k)) cycle
+         call self%field_of(t, k, q, p)
+         call add_sum(self, t, q, p, 0.0_wp, b, c)
+         call add_sum(self, t, q, p, 0.0_wp, -b, c)
+      end do
+   end subroutine add_shifts
+
+   !> The general case, H and u of F/h. With G(e,f) = grad H_k at x + e u + f v, and alike g(f) of H at x + f v,
+   !>
+   !>    c [g(b) + g(-b) - 2 g(0)] + (Dv)^T c b [g(b) - g(-b)]                     c = (h|h|/12)/b^2
+   !>    - c' sum_{s,r=+-1} s r [1 + s a (Du)^T + r b (Dv)^T] G(s a, r b)          c' = (h|h|/12)/(4ab)
+   !>
+   !> and (Dv)^T y = Hess H_k (-y_p, y_q).
+   subroutine add_differences(self, t, h, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp) :: a, b, c, c2
+      integer :: k
+
+      a = reach*abs(h)
+      b = reach*sqrt(abs(h))
+      c = h/(12*reach**2)
+      c2 = h*abs(h)/(48*a*b)
+      call self%field_of_sum(t, self%nested, q, p, self%uq, self%up)
+      self%yq = 0
+      self%yp = 0
+      do k = 1, self%nnoise
+         if (.not. self%noisy(k)) cycle
+         call self%field_of(t, k, q, p)
+         self%rq = 0
+         self%rp = 0
+         call second_difference(self, t, b, c, q, p)
+         call mixed_difference(self, t, k, a, b, c2, q, p)
+         call self%add_transposed(t, self%f, self%rq, self%rp, q, p, self%sq, self%sp)
+      end do
+      call self%add_transposed(t, self%nested, self%yq, self%yp, q, p, self%sq, self%sp)
+      ! -2c sum_k grad H, from the field of H
+      self%sq = self%sq + (2*c*count(self%noisy))*self%up
+      self%sp = self%sp - (2*c*count(self%noisy))*self%uq
+   end subroutine add_differences
+
+   !> c [g(b) + g(-b)], and what the field of H_k adds, c b [g(b) - g(-b)], into r.
+   subroutine second_difference(self, t, b, c, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, b, c
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      integer :: sign
+
+      self%g = self%nested
+      do sign = -1, 1, 2
+         call add_sum(self, t, q, p, 0.0_wp, sign*b, c)
+         self%rq = self%rq + (sign*c*b)*self%gq
+         self%rp = self%rp + (sign*c*b)*self%gp
+      end do
+   end subroutine second_difference
+
+   !> The four gradients of H_k; what the fields add goes into y (that of H) and r (that of H_k).
+   subroutine mixed_difference(self, t, k, a, b, c, q, p)
+      type(modified_hamiltonian), intent(inout) :: self
+      integer, intent(in) :: k
+      real(wp), intent(in) :: t, a, b, c
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      integer :: s, r
+
+      self%g = 0
+      self%g(:, k) = 1
+      do r = -1, 1, 2
+         do s = -1, 1, 2
+            call add_sum(self, t, q, p, s*a, r*b, -s*r*c)
+            self%yq = self%yq - (r*a*c)*self%gq
+            self%yp = self%yp - (r*a*c)*self%gp
+            self%rq = self%rq - (s*b*c)*self%gq
+            self%rp = self%rp - (s*b*c)*self%gp
+         end do
+      end do
+   end subroutine mixed_difference
+
+   !> (gq, gp) = gradient of the sum with weights g at x + e u + f v; c times it is added to the result.
+   subroutine add_sum(self, t, q, p, e, f, c)
+      type(modified_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, e, f, c
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+
+      self%xq = q
+      self%xp = p
+      if (abs(e) > 0) then
+         self%xq = self%xq + e*self%uq
+         self%xp = self%xp + e*self%up
+      end if
+      if (abs(f) > 0) then
+         self%xq = self%xq + f*self%vq
+         self%xp = self%xp + f*self%vp
+      end if
+      call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, self%g, self%xq, self%xp, self%gq, self%gp)
+      self%ngradient = self%ngradient + 1
+      self%sq = self%sq + c*self%gq
+      self%sp = self%sp + c*self%gp
+   end subroutine add_sum
+
+end module symsde_step_hamiltonian_brackets

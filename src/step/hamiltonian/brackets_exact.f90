@@ -1,0 +1,156 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The nested brackets of step/hamiltonian/brackets as they are, for models that offer third derivatives, or whose
+!> third derivatives vanish; and the fields and products that brackets are made of. With u, v the fields of H (or F/h)
+!> and H_k
+!>
+!>    {{H,H_k},H_k} = H''[v,v] - H_k''[u,v]
+!>    gradient      = H'''[v,v] - H_k'''[u,v] + (Dv)^T (2 H''v - H_k''u) - (Du)^T H_k''v
+!>
+!> with (Dv)^T r = H_k'' (-r_p, r_q). Where noise is additive v is constant, and H'''[v,v] is all.
+module symsde_step_hamiltonian_brackets_exact
+   use symsde_base_kinds, only: wp
+   use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: model_type
+   implicit none
+   private
+   public :: exact_bracket, new_exact_bracket, has_exact_bracket
+
+   type :: exact_bracket
+      class(model_type), pointer :: model => null()
+      integer :: nlane = 0, ndof = 0, nnoise = 0
+      logical, allocatable :: noisy(:)    !! noises that are not silent (nnoise)
+      integer :: ngradient = 0, nproduct = 0  !! asked of the model for every path, since they were counted
+      real(wp), allocatable :: f(:, :)    !! weights of one Hamiltonian (nlane, 0:nnoise)
+      real(wp), allocatable, dimension(:, :) :: uq, up, vq, vp, rq, rp, yq, yp, gq, gp, xq  !! (nlane, ndof)
+   contains
+      procedure :: add_exact
+      procedure :: add_product
+      procedure :: add_transposed
+      procedure :: field_of
+      procedure :: field_of_sum
+   end type exact_bracket
+
+contains
+
+   !> Whether a model with these traits needs no difference quotients.
+   pure logical function has_exact_bracket(traits) result(has)
+      type(model_traits), intent(in) :: traits
+
+      has = traits%has_third_derivative .or. traits%quadratic
+   end function has_exact_bracket
+
+   !> Room for blocks of nlane lanes.
+   subroutine new_exact_bracket(self, model, nlane)
+      class(exact_bracket), intent(inout) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+
+      self%model => model
+      self%nlane = nlane
+      self%ndof = model%traits%ndof
+      self%nnoise = model%traits%nnoise
+      allocate (self%noisy(self%nnoise), source=.true.)
+      if (allocated(model%traits%silent)) self%noisy = .not. model%traits%silent
+      allocate (self%f(nlane, 0:self%nnoise), source=0.0_wp)
+      associate (n => self%ndof)
+         allocate (self%uq(nlane, n), self%up(nlane, n), self%vq(nlane, n), self%vp(nlane, n), self%xq(nlane, n))
+         allocate (self%rq(nlane, n), self%rp(nlane, n), self%yq(nlane, n), self%yp(nlane, n))
+         allocate (self%gq(nlane, n), self%gp(nlane, n))
+      end associate
+   end subroutine new_exact_bracket
+
+   !> Add the gradient of (h|h|/12) sum_k {{H,H_k},H_k}, H with these weights.
+   subroutine add_exact(self, weights, t, h, q, p, hq, hp)
+      class(exact_bracket), intent(inout) :: self
+      real(wp), intent(in) :: weights(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in), dimension(self%nlane, self%ndof) :: q, p
+      real(wp), intent(inout), dimension(self%nlane, self%ndof) :: hq, hp
+      real(wp) :: c
+      logical :: additive
+      integer :: k
+
+      c = h*abs(h)/12
+      additive = self%model%traits%additive
+      self%yq = 0
+      self%yp = 0
+      if (.not. additive) call self%field_of_sum(t, weights, q, p, self%uq, self%up)
+      do k = 1, self%nnoise
+         if (.not. self%noisy(k)) cycle
+         call self%field_of(t, k, q, p)
+         call add_third(self, t, weights, c, self%vq, self%vp, q, p, hq, hp)
+         if (additive) cycle
+         call add_third(self, t, self%f, -c, self%uq, self%up, q, p, hq, hp)
+         self%rq = 0
+         self%rp = 0
+         call self%add_product(t, weights, 2*c, self%vq, self%vp, q, p, self%rq, self%rp)
+         call self%add_product(t, self%f, -c, self%uq, self%up, q, p, self%rq, self%rp)
+         call self%add_product(t, self%f, -c, self%vq, self%vp, q, p, self%yq, self%yp)
+         call self%add_transposed(t, self%f, self%rq, self%rp, q, p, hq, hp)
+      end do
+      if (.not. additive) call self%add_transposed(t, weights, self%yq, self%yp, q, p, hq, hp)
+   end subroutine add_exact
+
+   !> Add c S'''[a,v], S the sum with weights w.
+   subroutine add_third(self, t, w, c, aq, ap, q, p, hq, hp)
+      type(exact_bracket), intent(inout) :: self
+      real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in), dimension(self%nlane, self%ndof) :: aq, ap, q, p
+      real(wp), intent(inout), dimension(self%nlane, self%ndof) :: hq, hp
+
+      if (self%model%traits%quadratic) return
+      call self%model%third_derivative(self%nlane, self%ndof, self%nnoise, t, w, q, p, aq, ap, self%vq, self%vp, &
+                                       self%gq, self%gp)
+      hq = hq + c*self%gq
+      hp = hp + c*self%gp
+   end subroutine add_third
+
+   !> Add c S'' a.
+   subroutine add_product(self, t, w, c, aq, ap, q, p, hq, hp)
+      class(exact_bracket), intent(inout) :: self
+      real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in), dimension(self%nlane, self%ndof) :: aq, ap, q, p
+      real(wp), intent(inout), dimension(self%nlane, self%ndof) :: hq, hp
+
+      call self%model%hessian_vector(self%nlane, self%ndof, self%nnoise, t, w, q, p, aq, ap, self%gq, self%gp)
+      self%nproduct = self%nproduct + 1
+      hq = hq + c*self%gq
+      hp = hp + c*self%gp
+   end subroutine add_product
+
+   !> Add (D field of S)^T r = S'' (-r_p, r_q).
+   subroutine add_transposed(self, t, w, rq, rp, q, p, hq, hp)
+      class(exact_bracket), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in), dimension(self%nlane, self%ndof) :: rq, rp, q, p
+      real(wp), intent(inout), dimension(self%nlane, self%ndof) :: hq, hp
+
+      self%xq = -rp
+      call self%add_product(t, w, 1.0_wp, self%xq, rq, q, p, hq, hp)
+   end subroutine add_transposed
+
+   !> v = the Hamiltonian field (H_k,p, -H_k,q); its weights stay in f.
+   subroutine field_of(self, t, k, q, p)
+      class(exact_bracket), intent(inout) :: self
+      integer, intent(in) :: k
+      real(wp), intent(in) :: t
+      real(wp), intent(in), dimension(self%nlane, self%ndof) :: q, p
+
+      self%f = 0
+      self%f(:, k) = 1
+      call self%field_of_sum(t, self%f, q, p, self%vq, self%vp)
+   end subroutine field_of
+
+   !> The same of the sum with weights w.
+   subroutine field_of_sum(self, t, w, q, p, vq, vp)
+      class(exact_bracket), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in), dimension(self%nlane, self%ndof) :: q, p
+      real(wp), intent(out), dimension(self%nlane, self%ndof) :: vq, vp
+
+      call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, vp, vq)
+      self%ngradient = self%ngradient + 1
+      vp = -vp
+   end subroutine field_of_sum
+
+end module symsde_step_hamiltonian_brackets_exact

@@ -1,0 +1,368 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The random Hamiltonian of one step with its brackets (step/hamiltonian/brackets), for one degree of freedom.
+!>
+!> With all derivatives of every H_j at a point, brackets there are sums of products: those of order r of {F,G} are made
+!> of those of order r + 1 of F and G. So one evaluation asks the model for the derivatives of each H_j once, up to the
+!> third where it has them, and nested brackets are brackets of brackets. Where every H_j = e_j p^2/2 + U_j(q), few of
+!> these are left (step/hamiltonian/brackets_one_dof_kinetic). Models that have no third derivatives are asked for
+!> nested brackets by differences (step/hamiltonian/brackets).
+!>
+!> The gradient is exact. The Hessian is without what the model does not have, and without fourth derivatives but of an
+!> angle: Newton's iteration finds the same root, and more slowly by the factor that these have in the equations.
+module symsde_step_hamiltonian_brackets_one_dof
+   use symsde_base_counters, only: counters_type
+   use symsde_base_functionals, only: area_index, path_areas, path_dz
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: step_record
+   use symsde_base_vectors, only: add_times
+   use symsde_model_abstract, only: model_type
+   use symsde_step_hamiltonian_brackets_exact, only: has_exact_bracket
+   use symsde_step_hamiltonian_brackets_one_dof_kinetic, only: kinetic_brackets, new_kinetic_brackets, are_kinetic
+   use symsde_step_hamiltonian_brackets, only: modified_hamiltonian
+   implicit none
+   private
+   public :: single_brackets, new_single_brackets
+
+   !> Places of derivatives. A separable Hamiltonian has two third ones, and brackets of two have the other two, but for
+   !> fourth derivatives.
+   integer, parameter :: q_ = 1, p_ = 2, qq = 3, qp = 4, pp = 5, qqq = 6, ppp = 7, qqp = 6, qpp = 7
+   integer, parameter :: wanted = pp, all = ppp  !! gradient and Hessian; third derivatives, too
+
+   type :: single_brackets
+      private
+      integer :: nlane = 0, nnoise = 0
+      logical, public :: exact = .false.            !! the Hessian is the derivative of the gradient
+      logical :: thirds = .false.                   !! third derivatives are asked for, of separable Hamiltonians
+      logical :: along = .false.                    !! .. and of others along their fields
+      integer :: top = wanted                       !! derivatives that do not vanish
+      logical :: nested = .false.                   !! nested brackets are brackets of brackets
+      logical :: partly = .false.                   !! something is left to step/hamiltonian/brackets
+      integer, public :: asked = 0                  !! gradients and Hessians of the model in one evaluation
+      real(wp), allocatable, public :: c(:, :)      !! h dW_k/2 - dZ_k; c_0 = 0 (nlane, 0:nnoise)
+      real(wp), allocatable, public :: rate(:, :)   !! c/h (nlane, 0:nnoise)
+      type(kinetic_brackets), allocatable :: kinetic
+      real(wp), allocatable :: unit(:, :, :)        !! weights of H_j alone (nlane, 0:nnoise, 0:nnoise)
+      real(wp), allocatable :: d(:, :, :)           !! derivatives of H_j (nlane, all, 0:nnoise)
+      real(wp), allocatable, dimension(:, :) :: b, bb, h  !! of a bracket, of one of it, of the sum
+      real(wp), allocatable :: whole(:, :)          !! weights of F (nlane, 0:nnoise)
+      real(wp), allocatable :: factor(:), v(:, :), g(:, :)  !! (nlane), (nlane, 2)
+      real(wp), allocatable :: one(:)               !! (max(nlane, nnoise + 1))
+      real(wp), allocatable :: x(:), y(:), beside(:, :)  !! one lane, H_j beside each other (0:nnoise), (0:nnoise, all)
+   contains
+      procedure :: begin
+      procedure :: evaluate
+   end type single_brackets
+
+contains
+
+   !> For the brackets and lanes of `parts`.
+   subroutine new_single_brackets(self, parts)
+      type(single_brackets), intent(out) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      integer :: j
+
+      self%nlane = parts%nlane
+      self%nnoise = parts%nnoise
+      associate (n => parts%nlane, m => parts%nnoise, traits => parts%model%traits)
+         allocate (self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
+         self%nested = parts%active%nested .and. has_exact_bracket(traits)
+         self%partly = parts%time_dependent .or. (parts%active%nested .and. .not. self%nested)
+         self%exact = traits%quadratic .and. .not. self%partly
+         self%asked = 1 + count(parts%noisy)
+         if (are_kinetic(parts)) then
+            if (parts%time_dependent) self%asked = 1 + 3*count(parts%noisy)
+            self%exact = self%exact .or. traits%has_angle_terms
+            allocate (self%kinetic)
+            call new_kinetic_brackets(self%kinetic, parts)
+            return
+         end if
+         self%thirds = self%nested .and. .not. traits%quadratic .and. traits%separable
+         self%along = self%nested .and. .not. traits%quadratic .and. .not. traits%separable
+         if (self%thirds) self%top = all
+         allocate (self%unit(n, 0:m, 0:m), self%d(n, all, 0:m), self%b(n, all), self%bb(n, all), self%h(n, wanted), &
+                   self%factor(n), self%v(n, 2), self%g(n, 2), self%whole(n, 0:m), self%beside(0:m, all), source=0.0_wp)
+         allocate (self%one(max(n, m + 1)), source=1.0_wp)
+         allocate (self%x(0:m), self%y(0:m))
+         self%whole(:, 0) = 1
+         do j = 0, m
+            self%unit(:, j, j) = 1
+         end do
+      end associate
+   end subroutine new_single_brackets
+
+   !> Begin a step: what stays the same in it.
+   subroutine begin(self, parts, step)
+      class(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      type(step_record), intent(in) :: step
+      integer :: k
+
+      if (allocated(self%kinetic)) call self%kinetic%begin(parts%model, step)
+      if (.not. parts%active%single) return
+      do k = 1, self%nnoise
+         self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)
+      end do
+      if (parts%time_dependent) self%rate = self%c/step%h
+   end subroutine begin
+
+   !> Gradient and Hessian of all at (q, p).
+   subroutine evaluate(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, counters, nreal)
+      class(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(inout) :: parts
+      real(wp), intent(in) :: t
+      type(step_record), intent(in) :: step
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
+      type(counters_type), intent(inout) :: counters
+      integer, intent(in) :: nreal
+
+      if (allocated(self%kinetic)) then
+         call self%kinetic%evaluate(parts, t, step, self%c, self%rate, q, p, hq, hp, hqq, hqp, hpp)
+      else
+         call ask(self, parts, t, q, p)
+         if (self%thirds) counters%hessian_vectors = counters%hessian_vectors + nreal*self%asked
+         call add_up(self, parts, step)
+         if (self%nested) call add_nested(self, parts, t, step, q, p)
+         hq = self%h(:, q_)
+         hp = self%h(:, p_)
+         hqq = self%h(:, qq)
+         hqp = self%h(:, qp)
+         hpp = self%h(:, pp)
+         if (self%partly) call parts%add_rest(t, step, q, p, hq, hp, counters, nreal)
+      end if
+      counters%gradients = counters%gradients + nreal*self%asked
+      counters%hessians = counters%hessians + nreal*self%asked
+   end subroutine evaluate
+
+   !> The derivatives of every H_j from the model, H_j by H_j; for one lane all at once, H_j as lane j.
+   subroutine ask(self, parts, t, q, p)
+      type(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      real(wp), intent(in) :: t
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      integer :: j
+
+      associate (n => self%nlane, m => self%nnoise, model => parts%model)
+         if (n == 1) then
+            self%x = q(1)
+            self%y = p(1)
+            call ask_lanes(model, self%thirds, m + 1, m, t, self%unit, self%x, self%y, self%one, self%beside)
+            do j = 0, m
+               self%d(1, :, j) = self%beside(j, :)
+            end do
+            return
+         end if
+         call ask_lanes(model, self%thirds, n, m, t, self%unit, q, p, self%one, self%d)
+         do j = 1, m
+            if (parts%noisy(j)) &
+               call ask_lanes(model, self%thirds .and. .not. model%traits%additive, n, m, t, self%unit(:, :, j), q, p, &
+                              self%one, self%d(:, :, j))
+         end do
+      end associate
+   end subroutine ask
+
+   !> The derivatives of sums with weights w in n lanes.
+   subroutine ask_lanes(model, thirds, n, m, t, w, q, p, one, d)
+      class(model_type), intent(in) :: model
+      logical, intent(in) :: thirds
+      integer, intent(in) :: n, m
+      real(wp), intent(in) :: t, w(n, 0:m)
+      real(wp), intent(in), dimension(n) :: q, p, one
+      real(wp), intent(inout) :: d(n, all)
+
+      call model%gradient_hessian(n, 1, m, t, w, q, p, d(:, q_), d(:, p_), d(:, qq), d(:, qp), d(:, pp))
+      if (thirds) &
+         call model%third_derivative(n, 1, m, t, w, q, p, one, one, one, one, d(:, qqq), d(:, ppp))
+   end subroutine ask_lanes
+
+   !> sum_j w_j H_j, sum_k c_k {H_k,H} and sum_{k<l} A_kl {H_l,H_k}.
+   subroutine add_up(self, parts, step)
+      type(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      type(step_record), intent(in) :: step
+      integer :: k, l
+
+      associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b)
+         self%h = 0
+         call add_multiple(n, wanted, step%w(:, 0), d, self%h)
+         do l = 1, self%nnoise
+            if (.not. noisy(l)) cycle
+            call add_multiple(n, wanted, step%w(:, l), d(:, :, l), self%h)
+            if (parts%active%single) then
+               call find_bracket(n, self%thirds, d(:, :, l), d, b)
+               call add_multiple(n, wanted, self%c(:, l), b, self%h)
+            end if
+            if (.not. parts%active%areas) cycle
+            do k = 1, l - 1
+               if (.not. noisy(k)) cycle
+               call find_bracket(n, self%thirds, d(:, :, l), d(:, :, k), b)
+               call add_multiple(n, wanted, step%of(path_areas)%x(:, area_index(k, l)), b, self%h)
+            end do
+         end do
+      end associate
+   end subroutine add_up
+
+   !> (h|h|/12) sum_k {{F,H_k},H_k}. From here on H_0 is F: H, or the whole of the step over h where they are crossed.
+   subroutine add_nested(self, parts, t, step, q, p)
+      type(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: t
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      integer :: k
+
+      associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b, bb => self%bb)
+         if (parts%active%crossed) then
+            do k = 1, self%nnoise
+               self%whole(:, k) = step%w(:, k)/step%h
+               if (noisy(k)) call add_multiple(n, self%top, self%whole(:, k), d(:, :, k), d)
+            end do
+         end if
+         self%factor = step%h*abs(step%h)/12
+         do k = 1, self%nnoise
+            if (.not. noisy(k)) cycle
+            if (parts%model%traits%additive) then
+               bb = 0
+               if (self%thirds) call find_along_constant(n, d, d(:, :, k), bb)
+            else
+               call find_bracket(n, self%thirds, d, d(:, :, k), b)
+               call find_seconds(n, b, d(:, :, k), bb)
+               if (self%thirds) call add_mixed_thirds(n, b, d(:, :, k), bb)
+            end if
+            if (self%along) call add_along(self, parts, t, k, q, p, bb)
+            call add_multiple(n, wanted, self%factor, bb, self%h)
+         end do
+      end associate
+   end subroutine add_nested
+
+   !> The gradient of {{F,H_k},H_k} by third derivatives: F'''[v,v] - H_k'''[u,v], u the field of F, v that of H_k.
+   subroutine add_along(self, parts, t, k, q, p, bb)
+      type(single_brackets), intent(inout) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      real(wp), intent(in) :: t
+      integer, intent(in) :: k
+      real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(inout) :: bb(self%nlane, all)
+
+      associate (n => self%nlane, m => self%nnoise, d => self%d, model => parts%model, v => self%v, g => self%g)
+         v(:, 1) = d(:, p_, k)
+         v(:, 2) = -d(:, q_, k)
+         call model%third_derivative(n, 1, m, t, self%whole, q, p, v(:, 1), v(:, 2), v(:, 1), v(:, 2), g(:, 1), g(:, 2))
+         bb(:, :p_) = bb(:, :p_) + g
+         if (model%traits%additive) return
+         call model%third_derivative(n, 1, m, t, self%unit(:, :, k), q, p, d(:, p_, 0), -d(:, q_, 0), v(:, 1), &
+                                     v(:, 2), g(:, 1), g(:, 2))
+         bb(:, :p_) = bb(:, :p_) - g
+      end associate
+   end subroutine add_along
+
+   ! ---- kernels: products are added one after another, since of a sum of two either may be fused -------------------
+
+   !> VEC The first n derivatives of w F, F with d, to those of a sum.
+   pure subroutine add_multiple(nlane, n, w, d, total)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: w(nlane), d(nlane, n)
+      real(wp), intent(inout) :: total(nlane, n)
+      integer :: i, lane
+
+      if (nlane == 1) then  ! one loop instead of n
+         call add_times(n, w(1), d, total)
+         return
+      end if
+      do i = 1, n
+         do lane = 1, nlane
+            total(lane, i) = total(lane, i) + w(lane)*d(lane, i)
+         end do
+      end do
+   end subroutine add_multiple
+
+   !> The derivatives of {F,G} of two of the model's own.
+   pure subroutine find_bracket(nlane, thirds, f, g, b)
+      integer, intent(in) :: nlane
+      logical, intent(in) :: thirds
+      real(wp), intent(in), dimension(nlane, all) :: f, g
+      real(wp), intent(inout) :: b(nlane, all)
+
+      call find_seconds(nlane, f, g, b)
+      if (thirds) call add_thirds(nlane, f, g, b)
+   end subroutine find_bracket
+
+   !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and what second derivatives have of its Hessian.
+   pure subroutine find_seconds(nlane, f, g, b)
+      integer, intent(in) :: nlane
+      real(wp), intent(in), dimension(nlane, pp) :: f, g
+      real(wp), intent(inout) :: b(nlane, pp)
+      integer :: l
+
+      do l = 1, nlane
+         b(l, q_) = difference(f(l, qq), g(l, p_), f(l, q_), g(l, qp), f(l, qp), g(l, q_), f(l, p_), g(l, qq))
+         b(l, p_) = difference(f(l, qp), g(l, p_), f(l, q_), g(l, pp), f(l, pp), g(l, q_), f(l, p_), g(l, qp))
+         b(l, qq) = 2*difference_of_two(f(l, qq), g(l, qp), f(l, qp), g(l, qq))
+         b(l, qp) = difference_of_two(f(l, qq), g(l, pp), f(l, pp), g(l, qq))
+         b(l, pp) = 2*difference_of_two(f(l, qp), g(l, pp), f(l, pp), g(l, qp))
+      end do
+   end subroutine find_seconds
+
+   !> VEC What third derivatives of two separable ones have of the Hessian, and their bracket's third ones.
+   pure subroutine add_thirds(nlane, f, g, b)
+      integer, intent(in) :: nlane
+      real(wp), intent(in), dimension(nlane, all) :: f, g
+      real(wp), intent(inout) :: b(nlane, all)
+      integer :: l
+
+      do l = 1, nlane
+         b(l, qq) = b(l, qq) + difference_of_two(f(l, qqq), g(l, p_), f(l, p_), g(l, qqq))
+         b(l, pp) = b(l, pp) + difference_of_two(f(l, q_), g(l, ppp), f(l, ppp), g(l, q_))
+         b(l, qqp) = difference_of_two(f(l, qqq), g(l, pp), f(l, pp), g(l, qqq))
+         b(l, qpp) = difference_of_two(f(l, qq), g(l, ppp), f(l, ppp), g(l, qq))
+      end do
+   end subroutine add_thirds
+
+   !> VEC What third derivatives have of the Hessian of {B,G}, B a bracket of separable ones.
+   pure subroutine add_mixed_thirds(nlane, b, g, bb)
+      integer, intent(in) :: nlane
+      real(wp), intent(in), dimension(nlane, all) :: b, g
+      real(wp), intent(inout) :: bb(nlane, all)
+      integer :: l
+
+      do l = 1, nlane
+         bb(l, qq) = bb(l, qq) - b(l, qqp)*g(l, q_)
+         bb(l, qq) = bb(l, qq) - b(l, p_)*g(l, qqq)
+         bb(l, qp) = bb(l, qp) + difference_of_two(b(l, qqp), g(l, p_), b(l, qpp), g(l, q_))
+         bb(l, pp) = bb(l, pp) + b(l, qpp)*g(l, p_)
+         bb(l, pp) = bb(l, pp) + b(l, q_)*g(l, ppp)
+      end do
+   end subroutine add_mixed_thirds
+
+   !> VEC The gradient of {{F,G},G} where F is separable and the field of G constant.
+   pure subroutine find_along_constant(nlane, f, g, bb)
+      integer, intent(in) :: nlane
+      real(wp), intent(in), dimension(nlane, all) :: f, g
+      real(wp), intent(inout) :: bb(nlane, all)
+      integer :: l
+
+      do l = 1, nlane
+         bb(l, q_) = f(l, qqq)*g(l, p_)*g(l, p_)
+         bb(l, p_) = f(l, ppp)*g(l, q_)*g(l, q_)
+      end do
+   end subroutine find_along_constant
+
+   !> a b + c d - e f - g h
+   pure real(wp) function difference(a, b, c, d, e, f, g, h) result(r)
+      real(wp), intent(in) :: a, b, c, d, e, f, g, h
+
+      r = 0 + a*b
+      r = r + c*d
+      r = r - e*f
+      r = r - g*h
+   end function difference
+
+   !> a b - c d
+   pure real(wp) function difference_of_two(a, b, c, d) result(r)
+      real(wp), intent(in) :: a, b, c, d
+
+      r = 0 + a*b
+      r = r - c*d
+   end function difference_of_two
+
+end module symsde_step_hamiltonian_brackets_one_dof

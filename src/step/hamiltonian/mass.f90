@@ -1,0 +1,164 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The velocity M^-1 p of a constant mass that is not the identity.
+!>
+!> Where M is diagonal its numbers are found once, from the model: what a user's function computes beside them, the
+!> force, is not computed again for every velocity. Otherwise the model is asked, by H_p with the weight of H alone.
+module symsde_step_hamiltonian_mass
+   use symsde_base_kinds, only: wp
+   use symsde_base_vectors, only: add_vectors => add
+   use symsde_model_abstract, only: model_type
+   implicit none
+   private
+   public :: constant_mass, new_constant_mass
+
+   integer, parameter :: nmomentum = 8  !! that velocities are looked at for
+
+   type :: constant_mass
+      logical :: diagonal = .false.
+      integer :: asked = 0                                !! gradients that a velocity costs
+      real(wp), allocatable :: inverse(:)                 !! the diagonal of M^-1 (ndof)
+      logical, private :: known = .false.                 !! it was looked at
+      real(wp), allocatable, private :: unit(:, :)        !! the weight of H alone (nlane, 0:nnoise)
+      real(wp), allocatable, private :: hp(:, :)          !! H_p (nlane, ndof)
+   contains
+      procedure :: look
+      procedure :: velocity
+      procedure :: drift
+      procedure :: add
+   end type constant_mass
+
+contains
+
+   !> For blocks of nlane lanes.
+   subroutine new_constant_mass(self, nlane, ndof, nnoise)
+      type(constant_mass), intent(out) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+
+      allocate (self%inverse(ndof), source=0.0_wp)
+      allocate (self%unit(nlane, 0:nnoise), source=0.0_wp)
+      self%unit(:, 0) = 1
+      self%asked = 1
+   end subroutine new_constant_mass
+
+   !> Look once at a place where some path is.
+   subroutine look(self, model, nlane, t, q)
+      class(constant_mass), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, q(nlane, size(self%inverse))
+
+      if (.not. self%known) call find_numbers(self, model, nlane, t, q)
+   end subroutine look
+
+   !> Whether every velocity is a number times its momentum. That is so where numbers found for one momentum are those
+   !> of seven others, to rounding. The place itself does not matter: the numbers are the same for all paths, blocks and
+   !> threads. One momentum after the other: a view of the real lanes of a block (model/user/real_lanes) does not look
+   !> at more than there are paths.
+   subroutine find_numbers(self, model, nlane, t, q)
+      class(constant_mass), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, q(nlane, size(self%inverse))
+      real(wp), dimension(1, size(self%inverse)) :: x, p, v
+      integer :: i, j, lane
+
+      do lane = 1, nlane
+         if (all(abs(q(lane, :)) <= huge(t))) exit
+      end do
+      if (lane > nlane) return  ! no path is anywhere
+      self%known = .true.
+      self%diagonal = .true.
+      x(1, :) = q(lane, :)
+      p = 1
+      do j = 1, nmomentum
+         call model%gradient(1, size(self%inverse), model%traits%nnoise, t, self%unit(1, :), x, p, hp=v)
+         if (j == 1) self%inverse = v(1, :)
+         do i = 1, size(self%inverse)
+            self%diagonal = self%diagonal .and. abs(self%inverse(i)) <= huge(t) .and. &
+                            abs(v(1, i) - self%inverse(i)*p(1, i)) <= 4*epsilon(t)*abs(v(1, i))
+            p(1, i) = 1.5_wp + sin(1.7_wp*i*(j + 1) + (j + 1))  ! no two masses have the same ones
+         end do
+      end do
+      if (self%diagonal) self%asked = 0
+   end subroutine find_numbers
+
+   !> M^-1 p
+   subroutine velocity(self, model, nlane, t, q, p, v)
+      class(constant_mass), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, q(nlane, size(self%inverse)), p(nlane, size(self%inverse))  !! where the path is
+      real(wp), intent(out) :: v(nlane, size(self%inverse))
+
+      call self%drift(model, nlane, t, self%unit, q, p, v)
+   end subroutine velocity
+
+   !> h M^-1 p with the step of each path.
+   subroutine drift(self, model, nlane, t, w, q, p, dq)
+      class(constant_mass), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, w(nlane, 0:model%traits%nnoise)
+      real(wp), intent(in) :: q(nlane, size(self%inverse)), p(nlane, size(self%inverse))
+      real(wp), intent(out) :: dq(nlane, size(self%inverse))
+      integer :: i
+
+      call self%look(model, nlane, t, q)
+      if (.not. self%diagonal) then
+         call model%gradient(nlane, size(self%inverse), model%traits%nnoise, t, w, q, p, hp=dq)
+         return
+      end if
+      do i = 1, size(self%inverse)
+         dq(:, i) = (w(:, 0)*self%inverse(i))*p(:, i)
+      end do
+   end subroutine drift
+
+   !> start + M^-1 p
+   subroutine add(self, model, nlane, t, q, p, start, total)
+      class(constant_mass), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t, q(nlane, size(self%inverse)), p(nlane, size(self%inverse))
+      real(wp), intent(in) :: start(nlane, size(self%inverse))
+      real(wp), intent(out) :: total(nlane, size(self%inverse))
+
+      if (.not. self%diagonal) then
+         if (.not. allocated(self%hp)) allocate (self%hp, mold=start)
+         call self%velocity(model, nlane, t, q, p, self%hp)
+         call add_vectors(size(start), self%hp, start, total)
+      else if (nlane == 1) then
+         call add_lone(size(start), self%inverse, p, start, total)
+      else
+         call add_times(nlane, size(self%inverse), self%inverse, p, start, total)
+      end if
+   end subroutine add
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC Of one path.
+   pure subroutine add_lone(n, c, x, start, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c(n), x(n), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = start(i) + c(i)*x(i)
+      end do
+   end subroutine add_lone
+
+   !> VEC
+   pure subroutine add_times(nlane, n, c, x, start, total)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: c(n), x(nlane, n), start(nlane, n)
+      real(wp), intent(out) :: total(nlane, n)
+      integer :: i, lane
+
+      do i = 1, n
+         do lane = 1, nlane
+            total(lane, i) = start(lane, i) + c(i)*x(lane, i)
+         end do
+      end do
+   end subroutine add_times
+
+end module symsde_step_hamiltonian_mass

@@ -1,0 +1,91 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Shifts along the fields of additive noises, for a block of paths or for one:
+!>
+!>    x + sum_k v_k B_k,   v_k = a dW_k + b dZ_k/h,   B_k = (H_k,p, -H_k,q)
+!>
+!> B does not depend on where it is read. The coefficients a and b are zero, one and one half, either sign, which
+!> multiply without rounding: all ways to carry this out have the same bits.
+module symsde_step_hamiltonian_noise_shift
+   use symsde_base_functionals, only: path_dz
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: step_record
+   use symsde_base_vectors, only: add_times, scale
+   use symsde_model_abstract, only: model_type
+   implicit none
+   private
+   public :: noise_shift, new_noise_shift
+
+   type :: noise_shift
+      private
+      integer :: nlane = 0, n = 0, m = 0    !! lanes, degrees of freedom, noises
+      real(wp), allocatable :: v(:, :)      !! weights, v_0 = 0 (nlane, 0:m)
+      real(wp), allocatable, dimension(:, :) :: hq, hp  !! (nlane, n)
+      integer, public :: asked = 0          !! gradients, since the caller has counted
+   contains
+      procedure :: weigh
+      procedure :: add
+   end type noise_shift
+
+contains
+
+   pure subroutine new_noise_shift(self, model, nlane)
+      type(noise_shift), intent(out) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+
+      self%nlane = nlane
+      self%n = model%traits%ndof
+      self%m = model%traits%nnoise
+      allocate (self%v(nlane, 0:self%m), source=0.0_wp)
+      allocate (self%hq(nlane, self%n), self%hp(nlane, self%n))
+   end subroutine new_noise_shift
+
+   !> The weights of the shifts to come. Where no noise has an effect there is no dZ.
+   subroutine weigh(self, a, b, step)
+      class(noise_shift), intent(inout) :: self
+      real(wp), intent(in) :: a, b
+      type(step_record), intent(in) :: step
+
+      real(wp), pointer, contiguous :: w(:, :), dz(:, :)  ! names that gfortran 12 knows to be contiguous
+
+      if (self%m == 0) return
+      w => step%w
+      if (abs(b) > 0 .and. associated(step%of(path_dz)%x)) then
+         dz => step%of(path_dz)%x
+         call weigh_both(self%nlane*self%m, a, b, step%h, w(:, 1:), dz, self%v(:, 1:))
+      else
+         call scale(self%nlane*self%m, a, w(:, 1:), self%v(:, 1:))
+      end if
+   end subroutine weigh
+
+   !> The shift with B at this time, or against it where sign = -1.
+   subroutine add(self, model, t, sign, q, p)
+      class(noise_shift), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      real(wp), intent(in) :: t, sign
+      real(wp), intent(inout) :: q(self%nlane, self%n), p(self%nlane, self%n)
+
+      if (self%m == 0) return
+      if (model%traits%position_noise) then
+         call model%gradient(self%nlane, self%n, self%m, t, self%v, q, p, hq=self%hq)
+      else
+         call model%gradient(self%nlane, self%n, self%m, t, self%v, q, p, self%hq, self%hp)
+         call add_times(self%nlane*self%n, sign, self%hp, q)
+      end if
+      call add_times(self%nlane*self%n, -sign, self%hq, p)
+      self%asked = self%asked + 1
+   end subroutine add
+
+   !> VEC v = a dW + b dZ/h
+   pure subroutine weigh_both(n, a, b, h, dw, dz, v)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: a, b, h, dw(n), dz(n)
+      real(wp), intent(out) :: v(n)
+      integer :: i
+
+      do i = 1, n
+         v(i) = a*dw(i) + b*(dz(i)/h)
+      end do
+   end subroutine weigh_both
+
+end module symsde_step_hamiltonian_noise_shift

@@ -1,0 +1,277 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The random Hamiltonian of one step: model, increments and correction joined.
+!>
+!>    Hhat(q,p) = h H + sum_k dW_k H_k  (+ correction),   weights w = (h, dW_1, .., dW_m)
+!>
+!> Any symplectic scheme applied to Hhat with frozen increments is symplectic path by path. One-sided
+!> schemes (lambda /= 1/2) need a correction to solve the Stratonovich equation (docs/method.md):
+!>
+!>    mean         (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}, |h| because it stands for dW_k^2
+!>    increments   (1/2-lambda) F_p.F_q,  F = sum_k dW_k H_k
+!>
+!> Its gradient needs Hessian-vector products only: grad(F_p.F_q) = Hess F (F_p; F_q), q-part first. Its
+!> Hessian is (D F_p)^T D F_q + (D F_q)^T D F_p and a part with third derivatives. That part is left out:
+!> it vanishes for quadratic F, and Newton's iteration finds the same root without it. Leaving out all of
+!> the correction would lose paths: on the Kubo oscillator such an iteration diverges where
+!> |sigma dW| > sqrt 2.
+!> Schemes beyond strong order one add the brackets of step/hamiltonian/brackets.
+module symsde_step_hamiltonian_one_step
+   use symsde_base_kinds, only: wp
+   use symsde_base_counters, only: counters_type
+   use symsde_base_record, only: step_record
+   use symsde_model_abstract, only: model_type
+   use symsde_model_algebra, only: algebra_work, new_algebra_work, correction_gradient
+   use symsde_scheme_scheme, only: bracket_terms, correction_none, correction_mean
+   use symsde_step_hamiltonian_mass, only: constant_mass, new_constant_mass
+   use symsde_step_hamiltonian_brackets, only: modified_hamiltonian, new_modified_hamiltonian, active_brackets
+   implicit none
+   private
+   public :: one_step_hamiltonian, new_one_step_hamiltonian
+
+   type :: one_step_hamiltonian
+      class(model_type), pointer :: model => null()
+      integer :: nlane = 0, ndof = 0, nnoise = 0
+      integer :: nreal = 0                    !! real paths of the block, what the counters count
+      integer :: correction = correction_none
+      real(wp) :: coefficient = 0             !! 1/2 - lambda
+      logical :: mass_alone = .false.         !! H = p.p/2 + U(q), noise in position: Hhat_p = h p, correction apart
+      type(constant_mass), allocatable :: mass  !! H = p.M^-1 p/2 + U(q), noise in position: Hhat_p = h M^-1 p
+      type(counters_type) :: counters
+      type(modified_hamiltonian), allocatable :: modified  !! brackets of schemes beyond order one
+      real(wp), allocatable, private :: v(:, :)       !! weights of the noise alone (nlane, 0:nnoise)
+      real(wp), allocatable, private :: factor(:)     !! of the product of gradients (nlane)
+      type(algebra_work), private :: work
+      real(wp), allocatable, private :: uq(:, :), up(:, :)  !! gradient of the product (nlane, ndof)
+      real(wp), allocatable, private :: fqq(:, :, :), fqp(:, :, :), fpp(:, :, :)  !! (nlane, ndof, ndof)
+   contains
+      procedure :: gradient
+      procedure :: velocity
+      procedure :: hessian_vector
+      procedure :: gradient_hessian
+   end type one_step_hamiltonian
+
+contains
+
+   !> Room for blocks of nlane lanes.
+   subroutine new_one_step_hamiltonian(self, model, nlane, correction, coefficient, brackets)
+      type(one_step_hamiltonian), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      integer, intent(in) :: nlane
+      integer, intent(in) :: correction      !! correction_none, correction_mean or correction_increments
+      real(wp), intent(in) :: coefficient    !! 1/2 - lambda
+      type(bracket_terms), intent(in), optional :: brackets  !! to add, of scheme_type; none if absent
+      type(bracket_terms) :: active
+
+      self%model => model
+      self%nlane = nlane
+      self%ndof = model%traits%ndof
+      self%nnoise = model%traits%nnoise
+      self%nreal = nlane
+      self%correction = correction
+      self%coefficient = coefficient
+      associate (t => model%traits)
+         self%mass_alone = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
+         if (t%divides_by_mass() .and. .not. t%has_angle_terms) then
+            allocate (self%mass)
+            call new_constant_mass(self%mass, nlane, t%ndof, t%nnoise)
+         end if
+      end associate
+      if (present(brackets)) active = active_brackets(brackets, model%traits)
+      if (active%are_added()) then
+         allocate (self%modified)
+         call new_modified_hamiltonian(self%modified, model, active, nlane)
+      end if
+      if (correction == correction_none) return
+      allocate (self%v(nlane, 0:self%nnoise), self%factor(nlane))
+      call new_algebra_work(self%work, nlane, self%ndof)
+      allocate (self%uq(nlane, self%ndof), self%up(nlane, self%ndof))
+   end subroutine new_one_step_hamiltonian
+
+   !> Gradient of Hhat; an absent output is not computed. Where brackets are added the step they belong to
+   !> must be given: its functionals are their coefficients.
+   subroutine gradient(self, t, w, q, p, hq, hp, step)
+      class(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      type(step_record), intent(in), optional :: step
+
+      if (allocated(self%mass) .and. present(hp) .and. .not. present(hq)) then
+         call self%mass%drift(self%model, self%nlane, t, w, q, p, hp)
+      else if (self%mass_alone .and. present(hp) .and. .not. present(hq)) then
+         call find_velocity(self%nlane, self%ndof, w, p, hp)
+      else
+         call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hq, hp)
+      end if
+      self%counters%gradients = self%counters%gradients + self%nreal
+      if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
+      if (allocated(self%modified)) call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
+   end subroutine gradient
+
+   !> Hhat_p of separable Hamiltonians alone, without correction and brackets.
+   subroutine velocity(self, t, w, q, p, hp)
+      class(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(out) :: hp(self%nlane, self%ndof)
+
+      if (self%mass_alone) then
+         call find_velocity(self%nlane, self%ndof, w, p, hp)
+      else
+         call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hp=hp)
+      end if
+      self%counters%gradients = self%counters%gradients + self%nreal
+   end subroutine velocity
+
+   !> VEC Hhat_p where it is h p: a user's function would compute the force, too.
+   pure subroutine find_velocity(nlane, ndof, w, p, hp)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: w(nlane), p(nlane, ndof)
+      real(wp), intent(out) :: hp(nlane, ndof)
+      integer :: i, lane
+
+      do i = 1, ndof
+         do lane = 1, nlane
+            hp(lane, i) = w(lane)*p(lane, i)
+         end do
+      end do
+   end subroutine find_velocity
+
+   !> Hessian of sum_j w_j H_j times (vq, vp), without correction and brackets.
+   subroutine hessian_vector(self, t, w, q, p, vq, vp, uq, up)
+      class(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(in) :: vq(self%nlane, self%ndof), vp(self%nlane, self%ndof)
+      real(wp), intent(out) :: uq(self%nlane, self%ndof), up(self%nlane, self%ndof)
+
+      call self%model%hessian_vector(self%nlane, self%ndof, self%nnoise, t, w, q, p, vq, vp, uq, up)
+      self%counters%hessian_vectors = self%counters%hessian_vectors + self%nreal
+   end subroutine hessian_vector
+
+   !> Gradient of Hhat with correction and brackets; Hessian without brackets and third derivatives: Newton
+   !> converges to the same root, linearly where these matter.
+   subroutine gradient_hessian(self, t, w, q, p, hq, hp, hqq, hqp, hpp, step)
+      class(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      real(wp), intent(out), optional :: hqq(self%nlane, self%ndof, self%ndof)
+      real(wp), intent(out), optional :: hqp(self%nlane, self%ndof, self%ndof)
+      real(wp), intent(out), optional :: hpp(self%nlane, self%ndof, self%ndof)
+      type(step_record), intent(in), optional :: step
+
+      call self%model%gradient_hessian(self%nlane, self%ndof, self%nnoise, t, w, q, p, &
+                                       hq, hp, hqq, hqp, hpp)
+      self%counters%gradients = self%counters%gradients + self%nreal
+      self%counters%hessians = self%counters%hessians + self%nreal
+      if (self%correction /= correction_none) then
+         call add_correction(self, t, w, q, p, hq, hp)
+         call add_correction_hessian(self, t, w, q, p, hqq, hqp, hpp)
+      end if
+      if (allocated(self%modified)) &
+         call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
+   end subroutine gradient_hessian
+
+   !> Add the gradient of the correction to the wanted outputs.
+   subroutine add_correction(self, t, w, q, p, hq, hp)
+      type(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      integer :: k
+
+      do k = 1, nterm(self)
+         call choose_term(self, k, w)
+         call add_product(self, t, q, p, hq, hp)
+      end do
+   end subroutine add_correction
+
+   !> Add the Hessian of the correction, without third derivatives, to the wanted blocks.
+   subroutine add_correction_hessian(self, t, w, q, p, hqq, hqp, hpp)
+      type(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout), optional :: hqq(self%nlane, self%ndof, self%ndof)
+      real(wp), intent(inout), optional :: hqp(self%nlane, self%ndof, self%ndof)
+      real(wp), intent(inout), optional :: hpp(self%nlane, self%ndof, self%ndof)
+      integer :: k
+
+      associate (nlane => self%nlane, n => self%ndof)
+         if (.not. allocated(self%fqq)) &
+            allocate (self%fqq(nlane, n, n), self%fqp(nlane, n, n), self%fpp(nlane, n, n))
+         do k = 1, nterm(self)
+            call choose_term(self, k, w)
+            call self%model%hessian(nlane, n, self%nnoise, t, self%v, q, p, self%fqq, self%fqp, self%fpp)
+            self%counters%hessians = self%counters%hessians + self%nreal
+            call add_blocks(nlane, n, self%factor, self%fqq, self%fqp, self%fpp, hqq, hqp, hpp)
+         end do
+      end associate
+   end subroutine add_correction_hessian
+
+   !> The correction is a sum of so many terms factor*F_p.F_q.
+   pure integer function nterm(self)
+      type(one_step_hamiltonian), intent(in) :: self
+
+      nterm = merge(self%nnoise, 1, self%correction == correction_mean)
+   end function nterm
+
+   !> F = sum_j v_j H_j of one term, and its factor.
+   subroutine choose_term(self, k, w)
+      type(one_step_hamiltonian), intent(inout) :: self
+      integer, intent(in) :: k
+      real(wp), intent(in) :: w(self%nlane, 0:self%nnoise)
+
+      self%v = 0
+      if (self%correction == correction_mean) then
+         self%v(:, k) = 1
+         self%factor = self%coefficient*abs(w(:, 0))
+      else
+         self%v(:, 1:) = w(:, 1:)
+         self%factor = self%coefficient
+      end if
+   end subroutine choose_term
+
+   !> Add factor*grad(F_p.F_q) for F = sum_j v_j H_j.
+   subroutine add_product(self, t, q, p, hq, hp)
+      type(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
+      integer :: i
+
+      associate (n => self%nlane, d => self%ndof, m => self%nnoise, c => self%counters)
+         call correction_gradient(self%model, n, d, m, t, self%v, q, p, self%uq, self%up, self%work)
+         c%gradients = c%gradients + self%nreal
+         c%hessian_vectors = c%hessian_vectors + self%nreal
+      end associate
+      do i = 1, self%ndof
+         if (present(hq)) hq(:, i) = hq(:, i) + self%factor*self%uq(:, i)
+         if (present(hp)) hp(:, i) = hp(:, i) + self%factor*self%up(:, i)
+      end do
+   end subroutine add_product
+
+   !> Add factor*((D F_p)^T D F_q + (D F_q)^T D F_p), with D F_p = (F_pq, F_pp) and D F_q = (F_qq, F_qp).
+   pure subroutine add_blocks(nlane, ndof, factor, fqq, fqp, fpp, hqq, hqp, hpp)
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: factor(nlane), fqq(nlane, ndof, ndof), fqp(nlane, ndof, ndof)
+      real(wp), intent(in) :: fpp(nlane, ndof, ndof)
+      real(wp), intent(inout), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
+      real(wp), intent(inout), optional :: hpp(nlane, ndof, ndof)
+      integer :: i, j, l
+
+      do j = 1, ndof
+         do i = 1, ndof
+            do l = 1, ndof
+               if (present(hqq)) hqq(:, i, j) = hqq(:, i, j) + factor* &
+                                                (fqp(:, i, l)*fqq(:, l, j) + fqq(:, i, l)*fqp(:, j, l))
+               if (present(hqp)) hqp(:, i, j) = hqp(:, i, j) + factor* &
+                                                (fqp(:, i, l)*fqp(:, l, j) + fqq(:, i, l)*fpp(:, l, j))
+               if (present(hpp)) hpp(:, i, j) = hpp(:, i, j) + factor* &
+                                                (fpp(:, i, l)*fqp(:, l, j) + fqp(:, l, i)*fpp(:, l, j))
+            end do
+         end do
+      end do
+   end subroutine add_blocks
+
+end module symsde_step_hamiltonian_one_step

@@ -1,0 +1,155 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The Euler pair where it is implicit: a corrected or non-separable one-step Hamiltonian Hhat.
+!>
+!>    lambda = 0  p_{n+1} = p_n - Hhat_q(p_{n+1},q_n),  q_{n+1} = q_n + Hhat_p(p_{n+1},q_n)   [WHSB] (89)-(90)
+!>    lambda = 1  q_{n+1} = q_n + Hhat_p(p_n,q_{n+1}),  p_{n+1} = p_n - Hhat_q(p_n,q_{n+1})   [WHSB] (91)-(92)
+!>
+!> The unknown is dp or dq: half as many as the general stepper has.
+module symsde_step_implicit_euler_pair
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_scheme_scheme, only: scheme_type, tableau_form
+   use symsde_solve_newton, only: newton_type, new_newton
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: one_sided_stepper, one_sided_fits, is_one_sided
+
+   type, extends(stepper_type) :: one_sided_stepper
+      private
+      logical :: adjoint = .false.         !! lambda = 1
+      type(newton_type) :: newton
+      real(wp), allocatable :: x(:, :)     !! the end that is unknown, p_{n+1} or q_{n+1} (nlane, ndof)
+      real(wp), allocatable :: hqp(:, :, :)
+   contains
+      procedure :: make
+      procedure :: increment
+   end type one_sided_stepper
+
+contains
+
+   !> Whether this stepper executes the task.
+   logical function one_sided_fits(task) result(fits)
+      type(stepper_task), intent(in) :: task
+
+      fits = task%is_tableau() .and. .not. task%has_brackets()
+      if (fits) fits = is_one_sided(task%scheme)
+   end function one_sided_fits
+
+   subroutine make(self, task)
+      class(one_sided_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      self%name = 'one-sided'
+      self%takes_one_lane = .true.
+      self%adjoint = task%scheme%a(1, 1) > 0.5_wp
+      associate (t => task%model%traits, n => task%model%traits%ndof, nlane => task%nlane)
+         call new_one_step_hamiltonian(self%ham, task%model, nlane, task%correction, &
+                                       task%scheme%correction_coefficient())
+         call new_newton(self%newton, nlane, n, task%newton, t%one_solve(.false.), -1, -1)
+         allocate (self%x(nlane, n), self%hqp(nlane, n, n))
+      end associate
+      self%one_solve = self%newton%affine
+   end subroutine make
+
+   !> Whether the scheme is one of the pair: one stage, lambda = 0 or 1, drift and noise alike.
+   pure logical function is_one_sided(scheme)
+      type(scheme_type), intent(in) :: scheme
+
+      is_one_sided = .false.
+      if (scheme%form /= tableau_form .or. scheme%nstage /= 1) return
+      if (.not. scheme%noise_coefficients_equal() .or. abs(scheme%alpha(1) - 1) > 0) return
+      if (abs(scheme%c(1) - scheme%a(1, 1)) > 0) return  ! a time of the user's own
+      is_one_sided = (abs(scheme%a(1, 1)) <= 0 .and. abs(scheme%abar(1, 1) - 1) <= 0) .or. &
+                     (abs(scheme%a(1, 1) - 1) <= 0 .and. abs(scheme%abar(1, 1)) <= 0)
+   end function is_one_sided
+
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(one_sided_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      if (self%adjoint) then
+         call solve_end(self, step%t + step%h, step%w, q, p, dq, status)
+         self%x = q + dq
+         call self%ham%gradient(step%t + step%h, step%w, self%x, p, hq=dp)
+         dp = -dp
+      else
+         call solve_end(self, step%t, step%w, q, p, dp, status)
+         self%x = p + dp
+         call self%ham%gradient(step%t, step%w, q, self%x, hp=dq)
+      end if
+   end subroutine increment
+
+   !> Newton for the increment of the implicit end: F = d + Hhat_q(p_n+d,q_n), or d - Hhat_p(p_n,q_n+d).
+   subroutine solve_end(self, t, w, q, p, d, status)
+      type(one_sided_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: d(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      d = 0
+      call self%newton%start(status)
+      do while (self%newton%running)
+         if (self%adjoint) then
+            self%x = q + d
+            call evaluate_adjoint(self, t, w, p)
+         else
+            self%x = p + d
+            call evaluate(self, t, w, q)
+         end if
+         if (self%ham%ndof == 1) then
+            call self%newton%update_scalar(merge(-1.0_wp, 1.0_wp, self%adjoint), merge(-1.0_wp, 1.0_wp, self%adjoint), &
+                                           d, status, self%ham%counters)
+         else
+            self%newton%r = merge(d - self%newton%r, d + self%newton%r, self%adjoint)
+            call self%newton%update(d, status, self%ham%counters)
+         end if
+      end do
+   end subroutine solve_end
+
+   !> Hhat_q and I + Hhat_qp at (q_n, p_{n+1}).
+   subroutine evaluate(self, t, w, q)
+      type(one_sided_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, self%ham%ndof)
+      integer :: i
+
+      if (self%newton%options%fixed_point > 0) then
+         call self%ham%gradient(t, w, q, self%x, hq=self%newton%r)
+         return
+      end if
+      call self%ham%gradient_hessian(t, w, q, self%x, hq=self%newton%r, hqp=self%newton%a)
+      if (self%ham%ndof == 1) return  ! the scalar update adds the 1 itself
+      do i = 1, self%ham%ndof
+         self%newton%a(:, i, i) = self%newton%a(:, i, i) + 1
+      end do
+   end subroutine evaluate
+
+   !> Hhat_p and I - Hhat_pq at (q_{n+1}, p_n).
+   subroutine evaluate_adjoint(self, t, w, p)
+      type(one_sided_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise), p(self%ham%nlane, self%ham%ndof)
+      integer :: i, j
+
+      if (self%newton%options%fixed_point > 0) then
+         call self%ham%gradient(t, w, self%x, p, hp=self%newton%r)
+         return
+      end if
+      if (self%ham%ndof == 1) then  ! the scalar update takes the slope as it is
+         call self%ham%gradient_hessian(t, w, self%x, p, hp=self%newton%r, hqp=self%newton%a)
+         return
+      end if
+      call self%ham%gradient_hessian(t, w, self%x, p, hp=self%newton%r, hqp=self%hqp)
+      do j = 1, self%ham%ndof
+         do i = 1, self%ham%ndof
+            self%newton%a(:, i, j) = -self%hqp(:, j, i)
+         end do
+         self%newton%a(:, j, j) = self%newton%a(:, j, j) + 1
+      end do
+   end subroutine evaluate_adjoint
+
+end module symsde_step_implicit_euler_pair

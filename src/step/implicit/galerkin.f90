@@ -1,0 +1,218 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The Galerkin stepper: polynomials of degree s, r quadrature nodes, momenta free at every node.
+!>
+!>    L_h(q_n,q_{n+1}) = ext sum_i [alpha_i P_i . q_d'(c_i) - S_i(P_i,q_d(c_i))],  q_d = sum_mu q^mu l_mu
+!>
+!> with the weighted sum S_i = alpha_i h H + beta_i sum_k dW_k H_k. Stationarity and the Legendre transform
+!> at the left end give (r+s) n equations:
+!>
+!>    alpha_i q_d'(c_i) - S_{i,p}(P_i,Q_i) = 0                                     i = 1..r
+!>    sum_i [alpha_i P_i l_mu'(c_i) - S_{i,q} l_mu(c_i)] + delta_{mu 0} p_n = 0    mu = 0..s-1
+!>
+!> Unknowns are D^mu = q^mu - q_n (mu = 1..s) and E_i = P_i - p_n. Then dq = D^s and, since the basis adds
+!> up to one, dp = -sum_i S_{i,q}. The matrix is not near the identity: LAPACK solves what it must. The oracle of these
+!> schemes, which are executed as tableaus where the mass is constant (scheme/galerkin_tableau).
+module symsde_step_implicit_galerkin
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_scheme_scheme, only: correction_none
+   use symsde_solve_newton, only: newton_type, new_newton
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: galerkin_stepper
+
+   !> Unknowns are ordered D^1 .. D^s, E_1 .. E_r, ndof columns each.
+   type, extends(stepper_type) :: galerkin_stepper
+      private
+      type(newton_type) :: newton
+      integer :: s = 0, r = 0
+      real(wp), allocatable :: c(:), alpha(:), beta(:)      !! (r)
+      real(wp), allocatable :: basis(:, :), slope(:, :)     !! l_mu(c_i), l_mu'(c_i) (r, 0:s)
+      real(wp), allocatable :: moment(:)                    !! sum_i alpha_i l_mu'(c_i) + delta_{mu 0} (0:s-1)
+      real(wp), allocatable :: x(:, :)                      !! unknowns (nlane, (r+s) ndof)
+      real(wp), allocatable :: v(:, :, :)                   !! weights at each node (nlane, 0:nnoise, r)
+      real(wp), allocatable :: qs(:, :), ps(:, :), sq(:, :), sp(:, :)  !! one node (nlane, ndof)
+      real(wp), allocatable :: sqq(:, :, :), sqp(:, :, :), spp(:, :, :)
+   contains
+      procedure :: make
+      procedure :: increment
+   end type galerkin_stepper
+
+contains
+
+   subroutine make(self, task)
+      class(galerkin_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+      integer :: mu
+
+      self%name = 'Galerkin'
+      self%takes_one_lane = .true.
+      associate (scheme => task%scheme)
+         self%s = scheme%degree
+         self%r = scheme%nstage
+         self%c = scheme%c
+         self%alpha = scheme%alpha
+         self%beta = scheme%beta
+         allocate (self%basis(self%r, 0:self%s), source=scheme%basis)
+         allocate (self%slope(self%r, 0:self%s), source=scheme%slope)
+      end associate
+      allocate (self%moment(0:self%s - 1))
+      do mu = 0, self%s - 1
+         self%moment(mu) = dot_product(self%alpha, self%slope(:, mu)) + merge(1, 0, mu == 0)
+      end do
+      where (abs(self%moment) < 16*epsilon(1.0_wp)) self%moment = 0  ! exact for every consistent quadrature
+      associate (t => task%model%traits, n => task%model%traits%ndof, nlane => task%nlane, both => self%r + self%s)
+         call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
+         call new_newton(self%newton, nlane, both*n, task%newton, t%one_solve(.false.), -1, -1)
+         allocate (self%x(nlane, both*n), self%v(nlane, 0:t%nnoise, self%r))
+         allocate (self%qs(nlane, n), self%ps(nlane, n), self%sq(nlane, n), self%sp(nlane, n))
+         allocate (self%sqq(nlane, n, n), self%sqp(nlane, n, n), self%spp(nlane, n, n))
+      end associate
+      self%one_solve = self%newton%affine
+   end subroutine make
+
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(galerkin_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      integer :: i, n
+
+      n = self%ham%ndof
+      do i = 1, self%r
+         self%v(:, 0, i) = self%alpha(i)*step%w(:, 0)
+         self%v(:, 1:, i) = self%beta(i)*step%w(:, 1:)
+      end do
+      self%x = 0
+      call self%newton%start(status)
+      do while (self%newton%running)
+         call linearise(self, step%t, step%h, q, p)
+         call self%newton%update(self%x, status, self%ham%counters)
+      end do
+      dq = self%x(:, (self%s - 1)*n + 1:self%s*n)
+      dp = 0
+      do i = 1, self%r
+         call node_point(self, i, q, p)
+         call self%ham%gradient(step%t + self%c(i)*step%h, self%v(:, :, i), self%qs, self%ps, hq=self%sq)
+         dp = dp - self%sq
+      end do
+   end subroutine increment
+
+   !> First column of D^mu, mu = 1..s.
+   pure integer function column_d(self, mu)
+      type(galerkin_stepper), intent(in) :: self
+      integer, intent(in) :: mu
+
+      column_d = (mu - 1)*self%ham%ndof + 1
+   end function column_d
+
+   !> First column of E_i, i = 1..r.
+   pure integer function column_e(self, i)
+      type(galerkin_stepper), intent(in) :: self
+      integer, intent(in) :: i
+
+      column_e = (self%s + i - 1)*self%ham%ndof + 1
+   end function column_e
+
+   !> (Q_i, P_i) from the unknowns.
+   subroutine node_point(self, i, q, p)
+      type(galerkin_stepper), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      integer :: mu, at, n
+
+      n = self%ham%ndof
+      self%qs = q
+      do mu = 1, self%s
+         at = column_d(self, mu)
+         self%qs = self%qs + self%basis(i, mu)*self%x(:, at:at + n - 1)
+      end do
+      at = column_e(self, i)
+      self%ps = p + self%x(:, at:at + n - 1)
+   end subroutine node_point
+
+   !> Residuals and matrix. Rows: the momentum equations mu = 0..s-1 first, then the velocities of the nodes.
+   subroutine linearise(self, t, h, q, p)
+      type(galerkin_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, h
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      integer :: i, mu, n, row
+
+      n = self%ham%ndof
+      do mu = 0, self%s - 1
+         row = mu*n + 1
+         self%newton%r(:, row:row + n - 1) = self%moment(mu)*p
+      end do
+      if (allocated(self%newton%a)) self%newton%a = 0
+      do i = 1, self%r
+         call node_point(self, i, q, p)
+         if (allocated(self%newton%a)) then
+            call self%ham%gradient_hessian(t + self%c(i)*h, self%v(:, :, i), self%qs, self%ps, &
+                                           self%sq, self%sp, self%sqq, self%sqp, self%spp)
+            call add_matrix(self, i)
+         else
+            call self%ham%gradient(t + self%c(i)*h, self%v(:, :, i), self%qs, self%ps, self%sq, self%sp)
+         end if
+         call add_residual(self, i)
+      end do
+   end subroutine linearise
+
+   !> What node i adds to the residuals.
+   subroutine add_residual(self, i)
+      type(galerkin_stepper), intent(inout) :: self
+      integer, intent(in) :: i
+      integer :: mu, n, row, at
+
+      n = self%ham%ndof
+      associate (r => self%newton%r, x => self%x)
+         at = column_e(self, i)
+         do mu = 0, self%s - 1
+            row = mu*n + 1
+            r(:, row:row + n - 1) = r(:, row:row + n - 1) + self%alpha(i)*self%slope(i, mu)*x(:, at:at + n - 1) &
+                                    - self%basis(i, mu)*self%sq
+         end do
+         row = (self%s + i - 1)*n + 1
+         r(:, row:row + n - 1) = -self%sp
+         do mu = 1, self%s
+            at = column_d(self, mu)
+            r(:, row:row + n - 1) = r(:, row:row + n - 1) + self%alpha(i)*self%slope(i, mu)*x(:, at:at + n - 1)
+         end do
+      end associate
+   end subroutine add_residual
+
+   !> What node i adds to the matrix.
+   subroutine add_matrix(self, i)
+      type(galerkin_stepper), intent(inout) :: self
+      integer, intent(in) :: i
+      integer :: mu, nu, n, k, l, row, col, own
+      real(wp) :: one
+
+      n = self%ham%ndof
+      own = (self%s + i - 1)*n
+      associate (m => self%newton%a)
+         do l = 1, n
+            do k = 1, n
+               one = merge(self%alpha(i), 0.0_wp, k == l)
+               do mu = 0, self%s - 1
+                  row = mu*n + k
+                  do nu = 1, self%s
+                     col = column_d(self, nu) + l - 1
+                     m(:, row, col) = m(:, row, col) - self%basis(i, mu)*self%basis(i, nu)*self%sqq(:, k, l)
+                  end do
+                  col = column_e(self, i) + l - 1
+                  m(:, row, col) = one*self%slope(i, mu) - self%basis(i, mu)*self%sqp(:, k, l)
+               end do
+               do nu = 1, self%s
+                  col = column_d(self, nu) + l - 1
+                  m(:, own + k, col) = one*self%slope(i, nu) - self%basis(i, nu)*self%sqp(:, l, k)
+               end do
+               m(:, own + k, column_e(self, i) + l - 1) = -self%spp(:, k, l)
+            end do
+         end do
+      end associate
+   end subroutine add_matrix
+
+end module symsde_step_implicit_galerkin

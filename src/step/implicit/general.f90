@@ -1,0 +1,287 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The general stepper: any partitioned Runge-Kutta tableau, by Newton on all its stages. The oracle.
+!>
+!> Unknowns are the slopes of the stages, F_i = Hhat_p and G_i = -Hhat_q at (Q_i, P_i):
+!>
+!>    F_i - Hhat_p(Q_i,P_i) = 0,   Q_i = q_n + sum_j a_ij F_j        dq = sum_i alpha_i F_i
+!>    G_i + Hhat_q(Q_i,P_i) = 0,   P_i = p_n + sum_j abar_ij G_j     dp = sum_i alpha_i G_i
+!>
+!> Where noise and drift have coefficients of their own, each of the two parts has its own slopes.
+module symsde_step_implicit_general
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_base_status, only: not_converged
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: general_stepper, new_general_stepper
+
+   !> Slopes are ordered x(:, 1:n) = F of stage 1 and part 1, x(:, n+1:2n) = G of the same, and so on.
+   type, extends(stepper_type) :: general_stepper
+      private
+      type(newton_type) :: newton
+      integer :: nstage = 0, npart = 1         !! one part, or two: drift and noise
+      real(wp), allocatable :: c(:)            !! nodes (nstage)
+      real(wp), allocatable :: a(:, :, :), abar(:, :, :), alpha(:, :) !! (.., npart)
+      real(wp), allocatable :: v(:, :, :)      !! weights of each part (nlane, 0:nnoise, npart)
+      real(wp), allocatable, public :: x(:, :) !! slopes (nlane, 2 ndof nstage npart)
+      real(wp), allocatable :: qs(:, :), ps(:, :)               !! one stage (nlane, ndof)
+      real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
+   contains
+      procedure :: make
+      procedure :: increment
+      procedure :: solve_stages
+      procedure :: add_up
+   end type general_stepper
+
+contains
+
+   subroutine make(self, task)
+      class(general_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      call new_general_stepper(self, task%model, task%scheme, task%correction, task%nlane, task%newton)
+      self%one_solve = self%newton%affine
+   end subroutine make
+
+   !> A general stepper for blocks of nlane lanes.
+   subroutine new_general_stepper(self, model, scheme, correction, nlane, options)
+      type(general_stepper), intent(out) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme   !! in tableau form
+      integer, intent(in) :: correction         !! resolved: never correction_auto
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+      integer :: n, nstage
+
+      n = model%traits%ndof
+      nstage = scheme%nstage
+      self%name = 'general'
+      self%takes_one_lane = .true.
+      self%nstage = nstage
+      self%npart = merge(1, 2, scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)
+      self%c = scheme%c
+      allocate (self%a(nstage, nstage, self%npart), self%abar(nstage, nstage, self%npart))
+      allocate (self%alpha(nstage, self%npart))
+      self%a(:, :, 1) = scheme%a
+      self%abar(:, :, 1) = scheme%abar
+      self%alpha(:, 1) = scheme%alpha
+      if (self%npart == 2) then
+         self%a(:, :, 2) = scheme%b
+         self%abar(:, :, 2) = scheme%bbar
+         self%alpha(:, 2) = scheme%beta
+      end if
+      call new_one_step_hamiltonian(self%ham, model, nlane, correction, scheme%correction_coefficient(), &
+                                    scheme%brackets)
+      call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, &
+                      model%traits%one_solve(.false.) .and. &
+                      .not. allocated(self%ham%modified), -1, -1)
+      allocate (self%v(nlane, 0:model%traits%nnoise, self%npart))
+      allocate (self%x(nlane, 2*n*nstage*self%npart), self%qs(nlane, n), self%ps(nlane, n))
+      allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
+   end subroutine new_general_stepper
+
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(general_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      self%x = 0
+      call self%solve_stages(step, q, p, status)
+      call self%add_up(dq, dp)
+   end subroutine increment
+
+   !> Newton for the slopes, from those in x on. The nodes stand where step%h places them, whatever the
+   !> weights are.
+   subroutine solve_stages(self, step, q, p, status)
+      class(general_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp) :: near(self%ham%nlane)
+      logical :: begun
+
+      call split_weights(self, step%w)
+      call self%newton%start(status)
+      begun = .false.
+      near = 0
+      do while (self%newton%running)
+         call linearise_all(self, step, q, p)
+         if (.not. begun) near = max(maxval(abs(self%newton%r), dim=2), maxval(abs(self%x), dim=2))
+         begun = .true.
+         call self%newton%update(self%x, status, self%ham%counters)
+      end do
+      call look_back(self, step, q, p, near, status)
+   end subroutine solve_stages
+
+   !> Residuals and matrix at the slopes x, all stages.
+   subroutine linearise_all(self, step, q, p)
+      type(general_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      integer :: i, part
+
+      if (allocated(self%newton%a)) self%newton%a = 0
+      do i = 1, self%nstage
+         call stage_point(self, i, q, p)
+         do part = 1, self%npart
+            call linearise(self, i, part, step)
+         end do
+      end do
+   end subroutine linearise_all
+
+   !> Newton's iteration ends by corrections against the largest slope. Where it went astray, one slope may be larger
+   !> than the others by so many powers of ten (q^3 of a q of 1e31) that these are not solved at all. So lanes whose
+   !> slopes have grown far beyond those at the beginning are asked once more: every slope of every stage by itself.
+   subroutine look_back(self, step, q, p, near, status)
+      type(general_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(in) :: near(self%ham%nlane)   !! largest slope at the beginning
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp), parameter :: far = 1e6_wp, solved = 1e-6_wp
+      logical :: grown(self%ham%nlane)
+      real(wp) :: largest
+      integer :: lane, at
+
+      if (self%newton%affine .or. self%newton%options%fixed_point > 0) return
+      grown = status == 0 .and. maxval(abs(self%x), dim=2) > far*near
+      if (.not. any(grown)) return
+      call linearise_all(self, step, q, p)
+      associate (n => self%ham%ndof, x => self%x, r => self%newton%r)
+         do lane = 1, self%ham%nlane
+            if (.not. grown(lane)) cycle
+            do at = 1, size(x, 2), n
+               largest = max(near(lane), maxval(abs(x(lane, at:at + n - 1))))
+               if (all(abs(r(lane, at:at + n - 1)) <= solved*largest)) cycle
+               status(lane) = not_converged
+               self%ham%counters%failures = self%ham%counters%failures + 1
+               exit
+            end do
+         end do
+      end associate
+
+   end subroutine look_back
+
+   !> dq = sum_i alpha_i F_i, dp = sum_i alpha_i G_i.
+   subroutine add_up(self, dq, dp)
+      class(general_stepper), intent(in) :: self
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer :: i, part, at
+
+      dq = 0
+      dp = 0
+      associate (n => self%ham%ndof)
+         do part = 1, self%npart
+            do i = 1, self%nstage
+               at = first(self, i, part)
+               dq = dq + self%alpha(i, part)*self%x(:, at:at + n - 1)
+               dp = dp + self%alpha(i, part)*self%x(:, at + n:at + 2*n - 1)
+            end do
+         end do
+      end associate
+   end subroutine add_up
+
+   !> Where the slopes of a stage and part begin in x.
+   pure integer function first(self, i, part)
+      type(general_stepper), intent(in) :: self
+      integer, intent(in) :: i, part
+
+      first = 2*self%ham%ndof*((part - 1)*self%nstage + i - 1) + 1
+   end function first
+
+   !> One part: all weights. Two parts: (h, 0, .., 0) and (0, dW_1, .., dW_m).
+   subroutine split_weights(self, w)
+      type(general_stepper), intent(inout) :: self
+      real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
+
+      self%v(:, :, 1) = w
+      if (self%npart == 2) then
+         self%v(:, 1:, 1) = 0
+         self%v(:, :, 2) = w
+         self%v(:, 0, 2) = 0
+      end if
+   end subroutine split_weights
+
+   !> (Q_i, P_i) from the slopes.
+   subroutine stage_point(self, i, q, p)
+      type(general_stepper), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      integer :: j, part, at
+
+      associate (n => self%ham%ndof)
+         self%qs = q
+         self%ps = p
+         do part = 1, self%npart
+            do j = 1, self%nstage
+               at = first(self, j, part)
+               self%qs = self%qs + self%a(i, j, part)*self%x(:, at:at + n - 1)
+               self%ps = self%ps + self%abar(i, j, part)*self%x(:, at + n:at + 2*n - 1)
+            end do
+         end do
+      end associate
+   end subroutine stage_point
+
+   !> Rows of residual and matrix that belong to one stage and part.
+   subroutine linearise(self, i, part, step)
+      type(general_stepper), intent(inout) :: self
+      integer, intent(in) :: i, part
+      type(step_record), intent(in) :: step
+      real(wp) :: t
+      integer :: n, at, k
+
+      t = step%t + self%c(i)*step%h
+      n = self%ham%ndof
+      at = first(self, i, part)
+      associate (r => self%newton%r, hp => at, hq => at + n)
+         if (.not. allocated(self%newton%a)) then
+            call self%ham%gradient(t, self%v(:, :, part), self%qs, self%ps, &
+                                   hq=r(:, hq:hq + n - 1), hp=r(:, hp:hp + n - 1), step=step)
+         else
+            call self%ham%gradient_hessian(t, self%v(:, :, part), self%qs, self%ps, &
+                                           hq=r(:, hq:hq + n - 1), hp=r(:, hp:hp + n - 1), &
+                                           hqq=self%hqq, hqp=self%hqp, hpp=self%hpp, step=step)
+            call matrix_rows(self, i, at)
+         end if
+         do k = 0, n - 1
+            r(:, hp + k) = self%x(:, hp + k) - r(:, hp + k)
+            r(:, hq + k) = self%x(:, hq + k) + r(:, hq + k)
+         end do
+      end associate
+   end subroutine linearise
+
+   !> Rows at .. at+2n-1 of the matrix, from the Hessian at stage i.
+   subroutine matrix_rows(self, i, at)
+      type(general_stepper), intent(inout) :: self
+      integer, intent(in) :: i, at
+      integer :: n, j, part, to, k, l
+
+      n = self%ham%ndof
+      associate (m => self%newton%a)
+         do part = 1, self%npart
+            do j = 1, self%nstage
+               to = first(self, j, part)
+               do l = 0, n - 1
+                  do k = 0, n - 1
+                     m(:, at + k, to + l) = -self%a(i, j, part)*self%hqp(:, l + 1, k + 1)
+                     m(:, at + k, to + n + l) = -self%abar(i, j, part)*self%hpp(:, k + 1, l + 1)
+                     m(:, at + n + k, to + l) = self%a(i, j, part)*self%hqq(:, k + 1, l + 1)
+                     m(:, at + n + k, to + n + l) = self%abar(i, j, part)*self%hqp(:, k + 1, l + 1)
+                  end do
+               end do
+            end do
+         end do
+         do k = at, at + 2*n - 1
+            m(:, k, k) = m(:, k, k) + 1
+         end do
+      end associate
+   end subroutine matrix_rows
+
+end module symsde_step_implicit_general

@@ -1,0 +1,284 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Newton's corrections for many degrees of freedom and dense Hessians: no matrix is ever formed.
+!>
+!> The caller multiplies, as it alone knows its matrices, and they are as many as the stages of its scheme:
+!>
+!>    call products%begin(newton, r)      A x = r in the running lanes
+!>    do while (products%wanted > 0)      in so many of them
+!>       ... krylov%v(:, :, krylov%k + 1) = A krylov%v(:, :, krylov%k) ...
+!>       call products%take()
+!>    end do
+!>    call products%finish(newton, x, status, counters)
+!>
+!> Corrections come from GMRES with Hessian-vector products, of the model or, where it has none,
+!> differences of two gradients. The matrices are close to I unless h is large against the frequencies, so
+!> that a handful of products does. The first solve is a loose one; the later ones go as far as Newton's
+!> convergence does (Eisenstat & Walker, SIAM J. Sci. Comput. 17 (1996) 16), never below rounding. The
+!> iteration ends as everywhere. Lanes that GMRES cannot solve get their matrices after all, by products
+!> with the unit vectors, and are solved by LAPACK: counted as such.
+module symsde_step_implicit_newton_krylov
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_status, only: status_ok, nonfinite, not_converged
+   use symsde_base_traits, only: model_traits, dense
+   use symsde_model_abstract, only: difference_default
+   use symsde_solve_blocks, only: max_lane_unknowns
+   use symsde_solve_krylov, only: krylov_type, new_krylov
+   use symsde_solve_lapack, only: solve_dense_lapack
+   use symsde_solve_newton, only: newton_type, newton_options
+   use symsde_solve_stagnation, only: correct_lanes
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
+   implicit none
+   private
+   public :: newton_by_products, new_newton_by_products, pays_by_products, does_without_matrices
+   public :: iterates_first, hessian_product
+
+   !> Unknowns of a lane from which no matrix is the faster way. With analytic second derivatives: where
+   !> elimination across lanes ends. Without them a matrix costs two gradients for each unknown.
+   integer, parameter :: least_analytic = max_lane_unknowns + 1, least_differenced = 8
+
+   !> Unknowns q and p of a lane up to which Newton's iteration is as fast as a dozen of sweeps.
+   integer, parameter :: small = 4
+
+   real(wp), parameter :: loose = 1.0e-4_wp                      !! first solve, relative to its right-hand side
+   real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)     !! no solve goes further, relative to the unknowns
+
+   integer(i8), parameter :: most_numbers = 2_i8**18  !! of matrices that are formed at once, if more than one
+
+   type :: newton_by_products
+      type(krylov_type) :: krylov
+      integer :: wanted = 0                             !! lanes for which a product is asked for
+      real(wp), allocatable :: uq(:, :), up(:, :)       !! room for one of the Hessian (nlane, ndof)
+      real(wp), allocatable, private :: before(:), goal(:)  !! sizes of the last residual, and to be reached (nlane)
+      real(wp), allocatable, private :: right(:, :)     !! A x (nlane, unknowns)
+      integer(i4), allocatable, private :: outcome(:)   !! of lanes that need their matrix (nlane)
+      integer, allocatable, private :: lanes(:)         !! those whose matrices are being formed, a few at once
+      real(wp), allocatable, private :: matrices(:, :, :)  !! (unknowns, unknowns, few)
+      integer, private :: column = 0                    !! of these
+      integer, private :: nsolved = 0                   !! calls of LAPACK
+   contains
+      procedure :: begin
+      procedure :: take
+      procedure :: finish
+   end type newton_by_products
+
+contains
+
+   !> Whether to do without matrices: they would be dense, and large or made of differences.
+   pure logical function pays_by_products(traits, unknowns)
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: unknowns  !! of a lane
+      logical :: full
+
+      full = traits%bandwidth == dense .or. 2*traits%bandwidth + 1 >= traits%ndof
+      pays_by_products = full .and. unknowns >= merge(least_analytic, least_differenced, &
+                                                      traits%has_hessian .or. traits%has_hessian_vector)
+   end function pays_by_products
+
+   !> Whether Newton's iteration of a midpoint does: damping and given numbers of iterations are those of matrices.
+   pure logical function does_without_matrices(traits, unknowns, options)
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: unknowns
+      type(newton_options), intent(in) :: options
+
+      does_without_matrices = pays_by_products(traits, unknowns) .and. options%is_free()
+   end function does_without_matrices
+
+   !> Whether a midpoint of unknown q and p is iterated before Newton's matrices or products are asked for: they are
+   !> many, or made of differences, and more than one solve.
+   pure logical function iterates_first(traits, options)
+      type(model_traits), intent(in) :: traits
+      type(newton_options), intent(in) :: options
+
+      associate (unknowns => 2*traits%ndof)
+         iterates_first = options%is_free() .and. traits%ndof > 1 .and. &
+                          (pays_by_products(traits, unknowns) .or. traits%differences_alone() .or. &
+                           (unknowns > small .and. .not. traits%quadratic))
+      end associate
+   end function iterates_first
+
+   !> Room for nlane lanes of so many unknowns.
+   subroutine new_newton_by_products(self, nlane, ndof, unknowns)
+      type(newton_by_products), intent(out) :: self
+      integer, intent(in) :: nlane, ndof, unknowns
+
+      call new_krylov(self%krylov, nlane, unknowns)
+      allocate (self%uq(nlane, ndof), self%up(nlane, ndof), self%before(nlane), self%goal(nlane))
+      allocate (self%right(nlane, unknowns), self%outcome(nlane))
+   end subroutine new_newton_by_products
+
+   !> Seek corrections of the running lanes for the residual r.
+   subroutine begin(self, newton, r)
+      class(newton_by_products), intent(inout) :: self
+      type(newton_type), intent(in) :: newton
+      real(wp), intent(in) :: r(self%krylov%nlane, self%krylov%n)
+
+      self%right = r
+      associate (krylov => self%krylov)
+         call krylov%start(r, newton%last)
+         call set_goals(krylov%nlane, newton%iteration, krylov%norm, newton%size, self%before, self%goal)
+         call krylov%seek(self%goal)
+         self%wanted = krylov%nrunning
+         if (.not. krylov%running) call begin_matrices(self)
+      end associate
+   end subroutine begin
+
+   !> Take in a product, and say which is wanted next.
+   subroutine take(self)
+      class(newton_by_products), intent(inout) :: self
+
+      if (allocated(self%matrices)) then
+         call take_column(self)
+         return
+      end if
+      call self%krylov%advance()
+      self%wanted = self%krylov%nrunning
+      if (.not. self%krylov%running) call begin_matrices(self)
+   end subroutine take
+
+   !> Correct the unknowns x of the running lanes, and judge them.
+   subroutine finish(self, newton, x, status, counters)
+      class(newton_by_products), intent(inout) :: self
+      type(newton_type), intent(inout) :: newton
+      real(wp), intent(inout) :: x(self%krylov%nlane, self%krylov%n)
+      integer(i8), intent(inout) :: status(self%krylov%nlane)
+      type(counters_type), intent(inout) :: counters
+
+      associate (krylov => self%krylov)
+         if (any(krylov%unsolved)) call settle_unsolved(self, newton, status, counters)
+         call correct_lanes(krylov%nlane, krylov%n, krylov%x, newton%last, x, newton%step, newton%size)
+         call newton%judge(status, counters)
+      end associate
+   end subroutine finish
+
+   !> The lanes that GMRES has not solved are solved by their matrices.
+   subroutine begin_matrices(self)
+      type(newton_by_products), intent(inout) :: self
+
+      self%nsolved = 0
+      associate (krylov => self%krylov)
+         self%outcome = merge(not_converged, nonfinite, krylov%norm <= huge(1.0_wp))
+         self%lanes = [integer ::]
+         if (any(krylov%unsolved)) call form_more(self, 1)
+      end associate
+   end subroutine begin_matrices
+
+   !> Of some lanes from this one on, as many as may be large at once, the columns of their matrices are asked for, if
+   !> there is memory.
+   subroutine form_more(self, lane)
+      type(newton_by_products), intent(inout) :: self
+      integer, intent(in) :: lane
+      integer :: i, few, memory
+
+      memory = 0
+      associate (krylov => self%krylov)
+         few = int(max(1_i8, most_numbers/int(krylov%n, i8)**2))
+         self%lanes = pack([(i, i=lane, krylov%nlane)], &
+                           krylov%unsolved(lane:) .and. self%outcome(lane:) == not_converged)
+         self%lanes = self%lanes(:min(few, size(self%lanes)))
+         self%wanted = size(self%lanes)
+         if (allocated(self%matrices)) deallocate (self%matrices)
+         if (self%wanted > 0) allocate (self%matrices(krylov%n, krylov%n, self%wanted), stat=memory)
+      end associate
+      if (memory /= 0) self%wanted = 0
+      self%column = 0
+      if (self%wanted > 0) call ask_column(self)
+   end subroutine form_more
+
+   !> The next one: the product with a unit vector.
+   subroutine ask_column(self)
+      type(newton_by_products), intent(inout) :: self
+
+      self%column = self%column + 1
+      self%krylov%k = 1
+      self%krylov%v(:, :, 1) = 0
+      self%krylov%v(:, self%column, 1) = 1
+   end subroutine ask_column
+
+   subroutine take_column(self)
+      type(newton_by_products), intent(inout) :: self
+      integer :: i
+
+      do i = 1, size(self%lanes)
+         self%matrices(:, self%column, i) = self%krylov%v(self%lanes(i), :, 2)
+      end do
+      if (self%column < self%krylov%n) then
+         call ask_column(self)
+      else
+         call solve_lanes(self)
+         call form_more(self, self%lanes(size(self%lanes)) + 1)
+      end if
+   end subroutine take_column
+
+   !> One by one.
+   subroutine solve_lanes(self)
+      type(newton_by_products), intent(inout) :: self
+      real(wp) :: x(self%krylov%n)
+      integer :: i
+
+      do i = 1, size(self%lanes)
+         associate (lane => self%lanes(i))
+            x = self%right(lane, :)
+            call solve_dense_lapack(size(x), self%matrices(:, :, i), x, self%outcome(lane))
+            if (self%outcome(lane) == status_ok) self%krylov%x(lane, :) = x
+         end associate
+      end do
+      self%nsolved = self%nsolved + size(self%lanes)
+   end subroutine solve_lanes
+
+   !> Lanes that cannot be solved by their matrices fail, or whose matrices find no memory.
+   subroutine settle_unsolved(self, newton, status, counters)
+      type(newton_by_products), intent(inout) :: self
+      type(newton_type), intent(inout) :: newton
+      integer(i8), intent(inout) :: status(self%krylov%nlane)
+      type(counters_type), intent(inout) :: counters
+      integer :: lane
+
+      do lane = 1, self%krylov%nlane
+         if (self%krylov%unsolved(lane) .and. self%outcome(lane) /= status_ok) &
+            call newton%fail(lane, int(self%outcome(lane), i8), status, counters)
+      end do
+      counters%lapack_solves = counters%lapack_solves + self%nsolved
+   end subroutine settle_unsolved
+
+   !> Hessian of Hhat at (q, p) times (vq, vp). A model with a Hessian and no product would form the one for
+   !> the other: then too a difference of gradients is cheaper.
+   subroutine hessian_product(ham, nlane, n, wanted, t, w, q, p, vq, vp, uq, up)
+      type(one_step_hamiltonian), intent(inout) :: ham
+      integer, intent(in) :: nlane, n, wanted   !! lanes, degrees of freedom, lanes that count
+      real(wp), intent(in) :: t, w(nlane, 0:ham%nnoise), q(nlane, n), p(nlane, n), vq(nlane, n), vp(nlane, n)
+      real(wp), intent(out) :: uq(nlane, n), up(nlane, n)
+
+      associate (model => ham%model, m => ham%nnoise, counters => ham%counters)
+         if (model%traits%has_hessian_vector) then
+            call model%hessian_vector(nlane, n, m, t, w, q, p, vq, vp, uq, up)
+            counters%hessian_vectors = counters%hessian_vectors + wanted
+         else
+            call difference_default(model, nlane, n, m, t, w, q, p, vq, vp, uq, up)
+            counters%gradients = counters%gradients + 2*wanted
+         end if
+      end associate
+   end subroutine hessian_product
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> Sizes of the residual that GMRES is to reach: as far as Newton's convergence went squared, and not below
+   !> rounding of the unknowns.
+   pure subroutine set_goals(nlane, iteration, norm, size, before, goal)
+      integer, intent(in) :: nlane, iteration  !! lanes, iterations done
+      real(wp), intent(in) :: norm(nlane), size(nlane)
+      real(wp), intent(inout) :: before(nlane)
+      real(wp), intent(out) :: goal(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         if (iteration == 0) then
+            goal(lane) = loose*norm(lane)
+         else
+            goal(lane) = max(rounding*size(lane), min(loose, (norm(lane)/before(lane))**2)*norm(lane))
+         end if
+         before(lane) = norm(lane)
+      end do
+   end subroutine set_goals
+
+end module symsde_step_implicit_newton_krylov

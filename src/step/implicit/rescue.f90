@@ -1,0 +1,213 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What happens to a path whose implicit equations Newton could not solve from zero increments.
+!>
+!> The ladder, the same for every scheme in tableau form, bounded and counted:
+!>
+!>    1. Newton from zero increments        the stepper itself
+!>    2. damped Newton                      here, on the general stepper's equations
+!>    3. continuation in the increments     (h, dW) scaled by k/16, k = 1..16, each from the last solution
+!>    4. the path fails, with the status of rung 1
+!>
+!> The step is never divided: that would be another scheme and another noise. The general stepper solves
+!> the same equations as every special one. Failed lanes are gathered into small blocks of eight.
+module symsde_step_implicit_rescue
+   use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lane_unit
+   use symsde_base_record, only: step_record
+   use symsde_base_status, only: not_converged, singular, nonfinite
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, tableau_form
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_implicit_general, only: general_stepper, new_general_stepper
+   use symsde_step_block_state, only: lane_state
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: rescue_type, new_rescue
+
+   integer, parameter :: parts = 16           !! of the continuation
+   integer, parameter :: max_unknowns = 512   !! of a lane: matrices are dense here
+
+   type :: rescue_type
+      private
+      logical, public :: available = .false.  !! the scheme and the size of the system allow it
+      class(model_type), pointer :: model => null()
+      type(scheme_type), pointer :: scheme => null()
+      integer :: correction = 0
+      integer :: max_iter = 0
+      type(general_stepper), allocatable :: stepper  !! made when the first path needs it
+      real(wp), allocatable :: w(:, :), q(:, :), p(:, :), dq(:, :), dp(:, :)  !! of eight lanes
+      real(wp), allocatable :: part(:, :)     !! a fraction of w
+      type(counters_type) :: counters         !! path-steps saved
+   contains
+      procedure :: settle
+      procedure :: attempt
+      procedure :: tally
+   end type rescue_type
+
+contains
+
+   !> Prepare for runs of this stepper; nothing large is allocated before it is needed.
+   subroutine new_rescue(self, task, stepper)
+      type(rescue_type), intent(out) :: self
+      type(stepper_task), intent(in), target :: task   !! must live as long as the rescue
+      class(stepper_type), intent(in) :: stepper       !! rung 1
+
+      self%scheme => task%scheme
+      if (allocated(task%tableau)) self%scheme => task%tableau
+      if (self%scheme%form /= tableau_form .or. task%newton%fixed_point > 0) return
+      if (stepper%explicit) return              ! no equations
+      if (allocated(stepper%ham%modified)) return  ! its brackets have increments of their own
+      if (4*task%model%traits%ndof*self%scheme%nstage > max_unknowns) return
+      self%available = .true.
+      self%model => task%model
+      self%correction = stepper%ham%correction
+      self%max_iter = task%newton%max_iter
+   end subroutine new_rescue
+
+   !> Increments with which a lane could not go on: it is rescued where that is possible, or gets its status and step.
+   subroutine settle(self, n, step, state, dq, dp)
+      class(rescue_type), intent(inout) :: self
+      integer(i8), intent(in) :: n                   !! absolute step
+      type(step_record), intent(in) :: step
+      type(lane_state), intent(inout) :: state       !! others have taken the step
+      real(wp), intent(inout) :: dq(:, :), dp(:, :)
+      integer(i8) :: status(state%nlane)
+
+      if (self%available .and. state%has_new_failures()) then
+         status = state%status
+         call self%attempt(state%nlane, step, state%q, state%p, state%failed_step, dq, dp, state%status)
+         call state%take_rescued(status, dq, dp)
+      end if
+      call state%record(n, dq, dp)
+   end subroutine settle
+
+   !> Try the lanes that failed in this step; those that are saved get their increments and status ok.
+   subroutine attempt(self, nlane, step, q, p, failed_step, dq, dp, status)
+      class(rescue_type), intent(inout) :: self
+      integer, intent(in) :: nlane
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(:, :), p(:, :)
+      integer(i8), intent(in) :: failed_step(nlane)  !! >= 0: the lane had failed in an earlier step
+      real(wp), intent(inout) :: dq(:, :), dp(:, :)
+      integer(i8), intent(inout) :: status(nlane)
+      integer :: lanes(lane_unit), lane, n
+
+      if (.not. self%available) return
+      if (.not. allocated(self%stepper)) call make_stepper(self)
+      n = 0
+      do lane = 1, nlane
+         if (failed_step(lane) >= 0 .or. .not. any(status(lane) == [not_converged, singular, nonfinite])) cycle
+         n = n + 1
+         lanes(n) = lane
+         if (n == lane_unit) then
+            call rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
+            n = 0
+         end if
+      end do
+      if (n > 0) call rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
+   end subroutine attempt
+
+   subroutine make_stepper(self)
+      type(rescue_type), intent(inout) :: self
+      integer :: n, m
+
+      n = self%model%traits%ndof
+      m = self%model%traits%nnoise
+      allocate (self%stepper)
+      call new_general_stepper(self%stepper, self%model, self%scheme, self%correction, lane_unit, &
+                               newton_options(max_iter=self%max_iter, damped=.true.))
+      allocate (self%w(lane_unit, 0:m), self%part(lane_unit, 0:m))
+      allocate (self%q(lane_unit, n), self%p(lane_unit, n))
+      allocate (self%dq(lane_unit, n), self%dp(lane_unit, n))
+   end subroutine make_stepper
+
+   !> Rungs 2 and 3 for up to eight lanes.
+   subroutine rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
+      type(rescue_type), intent(inout), target :: self
+      integer, intent(in) :: n, lanes(lane_unit)
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(:, :), p(:, :)
+      real(wp), intent(inout) :: dq(:, :), dp(:, :)
+      integer(i8), intent(inout) :: status(:)
+      type(step_record) :: few
+      integer(i8) :: lane_status(lane_unit)
+      integer :: i, saved
+
+      do i = 1, lane_unit
+         self%w(i, :) = step%w(lanes(min(i, n)), :)
+         self%q(i, :) = q(lanes(min(i, n)), :)
+         self%p(i, :) = p(lanes(min(i, n)), :)
+      end do
+      few%t = step%t
+      few%h = step%h
+      few%w(1:, 0:) => self%w
+      self%stepper%ham%nreal = n
+      lane_status = nonfinite
+      lane_status(:n) = 0
+      call self%stepper%increment(few, self%q, self%p, self%dq, self%dp, lane_status)
+      call keep(self, n, lanes, lane_status, dq, dp, status, saved)
+      self%counters%damped = self%counters%damped + saved
+      if (any(lane_status(:n) /= 0)) then
+         call continue_increments(self, n, few, lane_status)
+         call keep(self, n, lanes, lane_status, dq, dp, status, saved)
+         self%counters%continued = self%counters%continued + saved
+      end if
+   end subroutine rescue_lanes
+
+   !> Scale (h, dW) by k/16, k = 1..16, starting from the slopes found for k-1. Lanes already solved rest.
+   subroutine continue_increments(self, n, step, lane_status)
+      type(rescue_type), intent(inout), target :: self
+      integer, intent(in) :: n    !! lanes in use
+      type(step_record), intent(in) :: step
+      integer(i8), intent(inout) :: lane_status(lane_unit)
+      type(step_record) :: fraction
+      integer :: k
+
+      fraction = step
+      fraction%w(1:, 0:) => self%part
+      lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! only what rung 2 left is tried
+      self%stepper%x = 0
+      do k = 1, parts
+         if (k > 1) self%stepper%x = self%stepper%x*(real(k, wp)/(k - 1))
+         self%part = self%w*(real(k, wp)/parts)
+         call self%stepper%solve_stages(fraction, self%q, self%p, lane_status)
+      end do
+      call self%stepper%add_up(self%dq, self%dp)
+   end subroutine continue_increments
+
+   !> Add what was counted. Lanes that fail here failed before, and are not counted as failures again.
+   subroutine tally(self, total)
+      class(rescue_type), intent(in) :: self
+      type(counters_type), intent(inout) :: total
+      type(counters_type) :: own
+
+      call add_counters(total, self%counters)
+      if (.not. allocated(self%stepper)) return
+      own = self%stepper%ham%counters
+      own%failures = 0
+      call add_counters(total, own)
+   end subroutine tally
+
+   !> Hand back the lanes whose lane_status is ok, and how many these are.
+   subroutine keep(self, n, lanes, lane_status, dq, dp, status, saved)
+      type(rescue_type), intent(in) :: self
+      integer, intent(in) :: n, lanes(lane_unit)
+      integer(i8), intent(in) :: lane_status(lane_unit)
+      real(wp), intent(inout) :: dq(:, :), dp(:, :)
+      integer(i8), intent(inout) :: status(:)
+      integer, intent(out) :: saved
+      integer :: i
+
+      saved = 0
+      do i = 1, n
+         if (lane_status(i) /= 0) cycle
+         dq(lanes(i), :) = self%dq(i, :)
+         dp(lanes(i), :) = self%dp(i, :)
+         status(lanes(i)) = 0
+         saved = saved + 1
+      end do
+   end subroutine keep
+
+end module symsde_step_implicit_rescue

@@ -1,0 +1,243 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Midpoint around the mean of the path, for any H with additive noise: strong order 3/2.
+!>
+!> With x = z + B (W - W_n), B_k the constant field of H_k, z has no noise but a time_dependent Hamiltonian, and
+!>
+!>    z' = z + h J^{-1} grad H*((z + z')/2 + B dZ/h),   H* = H + (|h|/12) sum_k B_k^T Hess H B_k,
+!>    x_{n+1} = z' + B dW
+!>
+!> that is the midpoint rule for H* between two constant shifts: symplectic for every h, dW, dZ. Where B changes
+!> in time it is taken at the middle of the step, B dW becomes B dW + c, c = -(B_{n+1} - B_n) (dZ/h - dW/2), and B dZ/h,
+!> the mean of the shift, B dZ/h + c/2: as much of c before the middle as after it, so the step is symmetric. The second
+!> difference of H that stands for B^T Hess H B is a Hamiltonian itself (step/hamiltonian/brackets). For noise in
+!> position and H = p.p/2 + U(q) it is constant: the step is then that of step/midpoint/eliminated, which eliminates
+!> momenta.
+module symsde_step_midpoint_mean_path
+   use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_functionals, only: path_dz
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_model_abstract, only: model_type
+   use symsde_model_probe_noise_time, only: noise_changes_in_time
+   use symsde_scheme_scheme, only: bracket_terms, correction_none
+   use symsde_step_lone, only: lone_stepper, few_of
+   use symsde_step_midpoint_eliminated, only: midpoint_stepper, new_midpoint_stepper, midpoint_serves
+   use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
+   use symsde_step_hamiltonian_brackets, only: active_brackets
+   use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_implicit_rescue, only: rescue_type, new_rescue
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: averaged_shift_stepper
+
+   !> What is around the midpoint, for a block of paths or for one.
+   type :: mean_path
+      integer :: nlane = 0, n = 0
+      type(noise_shift) :: shift
+      logical :: time_dependent = .false.            !! B changes in time
+      real(wp), allocatable :: drift(:, :)           !! weights h, 0 (nlane, 0:nnoise)
+   end type mean_path
+
+   type, extends(stepper_type) :: averaged_shift_stepper
+      private
+      type(mean_path) :: mean
+      class(stepper_type), allocatable :: inner      !! under h H*, without noise
+      type(rescue_type) :: rescue                    !! of its failed lanes
+      real(wp), allocatable :: qs(:, :), ps(:, :)    !! (nlane, ndof)
+   contains
+      procedure :: make
+      procedure :: increment
+      procedure :: offer_lone
+      procedure :: tally
+   end type averaged_shift_stepper
+
+   !> A path by itself.
+   type, extends(lone_stepper) :: lone_averaged_shift
+      private
+      type(mean_path) :: mean
+      class(lone_stepper), allocatable :: inner
+      real(wp), allocatable, dimension(:) :: x, y    !! (n)
+   contains
+      procedure :: lead
+      procedure :: collect
+      procedure :: take
+   end type lone_averaged_shift
+
+contains
+
+   subroutine make(self, task)
+      class(averaged_shift_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+      type(midpoint_stepper), allocatable :: eliminated
+      type(midpoint_full_stepper), allocatable :: full
+      type(bracket_terms) :: brackets
+
+      self%name = 'midpoint, averaged shift'
+      brackets = active_brackets(bracket_terms(nested=.true.), task%model%traits)
+      if (midpoint_serves(task%model, task%newton) .and. .not. brackets%are_added()) then
+         self%left_out = 'half of the unknowns: identity mass'
+         allocate (eliminated)
+         call new_midpoint_stepper(eliminated, task%model, task%nlane, task%newton)
+         call move_alloc(eliminated, self%inner)
+      else
+         allocate (full)
+         call new_midpoint_full_stepper(full, task%model, task%nlane, task%newton, brackets=brackets)
+         call move_alloc(full, self%inner)
+      end if
+      self%takes_one_lane = self%inner%takes_one_lane
+      call new_rescue(self%rescue, task, self%inner)
+      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
+      call new_mean_path(self%mean, task%model, task%nlane, noise_changes_in_time(task%model))
+      allocate (self%qs(task%nlane, task%model%traits%ndof), self%ps(task%nlane, task%model%traits%ndof))
+   end subroutine make
+
+   subroutine new_mean_path(self, model, nlane, time_dependent)
+      type(mean_path), intent(out) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      logical, intent(in) :: time_dependent
+
+      self%nlane = nlane
+      self%n = model%traits%ndof
+      call new_noise_shift(self%shift, model, nlane)
+      self%time_dependent = time_dependent
+      allocate (self%drift(nlane, 0:model%traits%nnoise), source=0.0_wp)
+   end subroutine new_mean_path
+
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(averaged_shift_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      self%qs = q
+      self%ps = p
+      call begin(self%mean, self%ham%model, step, self%qs, self%ps)
+      call drift_midpoint(self, step, dq, dp, status)
+      call finish(self%mean, self%ham%model, step, dq, dp)
+      self%ham%counters%gradients = self%ham%counters%gradients + self%mean%shift%asked*self%ham%nreal
+      self%mean%shift%asked = 0
+   end subroutine increment
+
+   !> The step of H* from (qs, ps), without noise.
+   subroutine drift_midpoint(self, step, dq, dp, status)
+      type(averaged_shift_stepper), intent(inout), target :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      type(step_record) :: drift
+      integer(i8) :: failed(self%ham%nlane)
+
+      drift = step
+      failed = merge(-1_i8, 1_i8, status == 0)
+      drift%w(1:, 0:) => self%mean%drift
+      self%inner%ham%nreal = self%ham%nreal
+      call self%inner%increment(drift, self%qs, self%ps, dq, dp, status)
+      if (any(status /= 0 .and. failed < 0)) &
+         call self%rescue%attempt(self%ham%nlane, drift, self%qs, self%ps, failed, dq, dp, status)
+   end subroutine drift_midpoint
+
+   !> From the path to its mean, x + B dZ/h + c/2.
+   subroutine begin(self, model, step, q, p)
+      type(mean_path), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      type(step_record), intent(in) :: step
+      real(wp), intent(inout), dimension(self%nlane, self%n) :: q, p
+
+      self%drift(:, 0) = step%h
+      call self%shift%weigh(0.0_wp, 1.0_wp, step)
+      call self%shift%add(model, step%t + 0.5_wp*step%h, 1.0_wp, q, p)
+      call add_change(self, model, step, 0.5_wp, q, p)
+   end subroutine begin
+
+   !> To the increments of z those of the path.
+   subroutine finish(self, model, step, dq, dp)
+      type(mean_path), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      type(step_record), intent(in) :: step
+      real(wp), intent(inout), dimension(self%nlane, self%n) :: dq, dp
+
+      call self%shift%weigh(1.0_wp, 0.0_wp, step)
+      call self%shift%add(model, step%t + 0.5_wp*step%h, 1.0_wp, dq, dp)
+      call add_change(self, model, step, 1.0_wp, dq, dp)
+   end subroutine finish
+
+   !> A share of c, where B changes in time.
+   subroutine add_change(self, model, step, share, q, p)
+      type(mean_path), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: share
+      real(wp), intent(inout), dimension(self%nlane, self%n) :: q, p
+
+      if (.not. (self%time_dependent .and. associated(step%of(path_dz)%x))) return
+      call self%shift%weigh(0.5_wp, -1.0_wp, step)
+      call self%shift%add(model, step%t + step%h, share, q, p)
+      call self%shift%add(model, step%t, -share, q, p)
+   end subroutine add_change
+
+   !> What this stepper and the one within have counted.
+   subroutine tally(self, total)
+      class(averaged_shift_stepper), intent(in) :: self
+      type(counters_type), intent(inout) :: total
+
+      call add_counters(total, self%ham%counters)
+      call self%inner%tally(total)
+      call self%rescue%tally(total)
+   end subroutine tally
+
+   ! ---- a path by itself -------------------------------------------------------------------------
+
+   !> Paths one by one, where those of the midpoint within are.
+   subroutine offer_lone(self, lone)
+      class(averaged_shift_stepper), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+      type(lone_averaged_shift), allocatable :: made
+
+      allocate (made)
+      call self%inner%offer_lone(made%inner)
+      if (.not. allocated(made%inner)) return
+      made%wants_record = .true.
+      made%most = few_of(self%ham%ndof, 3, 6)  ! four take 1.1 of the time
+      call new_mean_path(made%mean, self%ham%model, 1, self%mean%time_dependent)
+      call move_alloc(made, lone)
+   end subroutine offer_lone
+
+   subroutine lead(self, model)
+      class(lone_averaged_shift), intent(inout) :: self
+      class(model_type), intent(in), target :: model
+
+      self%model => model
+      self%n = model%traits%ndof
+      self%m = model%traits%nnoise
+      allocate (self%x(self%n), self%y(self%n))
+      call self%inner%lead(model)
+   end subroutine lead
+
+   subroutine collect(self)
+      class(lone_averaged_shift), intent(inout) :: self
+
+      call add_counters(self%counters, self%inner%counters)
+      self%inner%counters = counters_type()
+      self%counters%gradients = self%counters%gradients + self%mean%shift%asked
+      self%mean%shift%asked = 0
+   end subroutine collect
+
+   subroutine take(self, t, h, w, q, p, dq, dp, taken)
+      class(lone_averaged_shift), intent(inout) :: self
+      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
+      real(wp), intent(out) :: dq(self%n), dp(self%n)
+      logical, intent(out) :: taken
+
+      self%step%t = t
+      self%x = q
+      self%y = p
+      call begin(self%mean, self%model, self%step, self%x, self%y)
+      call self%inner%take(t, h, self%mean%drift, self%x, self%y, dq, dp, taken)
+      if (taken) call finish(self%mean, self%model, self%step, dq, dp)
+   end subroutine take
+
+end module symsde_step_midpoint_mean_path

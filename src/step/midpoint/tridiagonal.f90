@@ -1,0 +1,285 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The eliminated midpoint for chains: the matrix I + (h/4) Hhat_qq is symmetric and tridiagonal.
+!>
+!> Lanes are eliminated in strips whose number the compiler knows, so that what a row hands to the next one
+!> stays in registers. Where the model gives its rows (chain_rows), a strip takes the whole step alone, in arrays
+!> that stay in the nearest caches, 640 bytes a row, and the rows are eliminated a panel at a time, as they come, from
+!> both ends: neither force nor matrix is ever stored as a whole. Other models are asked for the bands of all lanes of a
+!> block at once, which their calls are better shared by, and are then eliminated in the same strips.
+module symsde_step_midpoint_tridiagonal
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_status, only: status_ok
+   use symsde_base_traits, only: strip_lanes
+   use symsde_base_vectors, only: add_times
+   use symsde_model_abstract, only: model_type
+   use symsde_solve_lapack, only: solve_banded_lane_lapack
+   use symsde_solve_newton, only: newton_options, new_newton
+   use symsde_solve_tridiagonal, only: upper_rows, eliminate_down_strip, eliminate_up_strip, meet_strip, &
+                                       correct_strip, before_first_row, nfront
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
+   implicit none
+   private
+   public :: midpoint_by_rows, new_midpoint_by_rows
+
+   integer, parameter :: panel = 32  !! rows asked of the model at once
+
+   type, extends(midpoint_part) :: midpoint_by_rows
+      private
+      logical :: gives_rows = .false.
+      integer :: nrow = 0                             !! rows evaluated at once: a panel, or all
+      real(wp), allocatable :: q(:, :)                !! Q of these and of three around them (nlane, nrow+3)
+      real(wp), allocatable :: hq(:, :), hqq(:, :, :) !! force and stiffness (nlane, 0:nrow), (nlane, 0:1, 0:nrow)
+      real(wp), allocatable :: factor(:, :), rhs(:, :)  !! of a strip, eliminated (strip_lanes, ndof)
+      real(wp), allocatable :: x(:, :), f(:, :), k(:, :, :)  !! a strip of a block (strip_lanes, [0:1,] 0:ndof)
+      real(wp) :: fronts(strip_lanes, nfront, 2) = 0  !! of the rows before, upper and lower
+      real(wp) :: meeting(strip_lanes, 2) = 0         !! corrections where these meet
+      real(wp) :: trusted(strip_lanes) = 0
+   contains
+      procedure :: solve
+      procedure :: iterate
+   end type midpoint_by_rows
+
+contains
+
+   !> For nlane lanes, a multiple of strip_lanes; strip_lanes where the model gives its rows. Room is made for the first
+   !> step.
+   subroutine new_midpoint_by_rows(self, model, nlane, options)
+      type(midpoint_by_rows), intent(out) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
+      type(newton_options), intent(in) :: options
+
+      associate (t => model%traits, n => model%traits%ndof, &
+                 exact => model%traits%has_chain_rows .or. model%traits%has_hessian_vector)
+         self%gives_rows = t%has_chain_rows
+         self%nrow = merge(min(panel, n), n, self%gives_rows)
+         call new_newton(self%newton, nlane, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., &
+                         exact=exact)
+      end associate
+   end subroutine new_midpoint_by_rows
+
+   !> Room for its lanes.
+   subroutine make_room(self, nlane, n)
+      type(midpoint_by_rows), intent(inout) :: self
+      integer, intent(in) :: nlane, n
+
+      allocate (self%q(nlane, self%nrow + 3), self%hq(nlane, 0:self%nrow), self%hqq(nlane, 0:1, 0:self%nrow))
+      allocate (self%factor(strip_lanes, n), self%rhs(strip_lanes, n))
+      if (self%gives_rows) return
+      allocate (self%x(strip_lanes, n), self%f(strip_lanes, n), self%k(strip_lanes, 0:1, 0:n))
+   end subroutine make_room
+
+   !> As any part does it, in room that the first step makes.
+   subroutine solve(self, ham, eq, w, status)
+      class(midpoint_by_rows), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer(i8), intent(inout) :: status(eq%nlane)
+
+      if (.not. allocated(self%q)) call make_room(self, eq%nlane, eq%n)
+      call solve_by_iterations(self, ham, eq, w, status)
+   end subroutine solve
+
+   subroutine iterate(self, ham, eq, w, status)
+      class(midpoint_by_rows), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer(i8), intent(inout) :: status(eq%nlane)
+      integer :: first, last, before, h
+
+      h = upper_rows(eq%n)
+      if (self%nrow == eq%n) call linearise(self, ham%model, eq, w, 1, eq%n, self%hq(1, 1), self%hqq(1, 0, 1))
+      if (self%gives_rows .and. self%nrow == eq%n) then
+         call eliminate_all(self, eq, eq%x, self%hq(1, 1), self%hqq)
+         call correct(self, ham, eq, w, 0, eq%x, status)
+      else if (self%gives_rows) then
+         self%fronts = spread(before_first_row, 3, 2)
+         do first = 1, h, self%nrow
+            last = min(first + self%nrow - 1, h)
+            call linearise(self, ham%model, eq, w, first, last, self%hq(1, 1), self%hqq(1, 0, 1))
+            call eliminate(self, eq, first, last, eq%x, self%hq(1, 1), self%hqq)
+         end do
+         do first = h + 1 + self%nrow*((eq%n - h + self%nrow - 1)/self%nrow - 1), h + 1, -self%nrow
+            last = min(first + self%nrow - 1, eq%n)
+            call linearise(self, ham%model, eq, w, first - 1, last, self%hq, self%hqq)
+            call eliminate(self, eq, first, last, eq%x, self%hq(1, 1), self%hqq)
+         end do
+         call correct(self, ham, eq, w, 0, eq%x, status)
+      else
+         do before = 0, eq%nlane - strip_lanes, strip_lanes
+            call take_strip(eq%nlane, eq%n, before, eq%x, self%hq(1, 1), self%hqq(1, 0, 1), self%x, self%f, &
+                            self%k(1, 0, 1))
+            call eliminate_all(self, eq, self%x, self%f, self%k)
+            call correct(self, ham, eq, w, before, self%x, status)
+            eq%x(before + 1:before + strip_lanes, :) = self%x
+         end do
+      end if
+      ham%counters%gradients = ham%counters%gradients + eq%nreal
+      ham%counters%hessians = ham%counters%hessians + eq%nreal
+      call self%newton%judge(status, ham%counters)
+   end subroutine iterate
+
+   !> All rows of a strip.
+   subroutine eliminate_all(self, eq, x, f, k)
+      type(midpoint_by_rows), intent(inout) :: self
+      type(midpoint_equation), intent(in) :: eq
+      real(wp), intent(in) :: x(strip_lanes, eq%n), f(strip_lanes, eq%n), k(strip_lanes, 0:1, 0:eq%n)
+
+      associate (h => upper_rows(eq%n))
+         self%fronts = spread(before_first_row, 3, 2)
+         call eliminate(self, eq, 1, h, x, f, k)
+         call eliminate(self, eq, h + 1, eq%n, x, f(1, h + 1), k(1, 0, h))
+      end associate
+   end subroutine eliminate_all
+
+   !> Rows first .. last of a strip, after those before them in their front.
+   subroutine eliminate(self, eq, first, last, x, f, k)
+      type(midpoint_by_rows), intent(inout) :: self
+      type(midpoint_equation), intent(in) :: eq
+      integer, intent(in) :: first, last
+      real(wp), intent(in) :: x(strip_lanes, eq%n)
+      real(wp), intent(in) :: f(strip_lanes, first:last), k(strip_lanes, 0:1, first - 1:last)
+
+      if (first <= upper_rows(eq%n)) then
+         call eliminate_down_strip(last - first + 1, 0.25_wp*eq%h, x(1, first), f, k, self%fronts(1, 1, 1), &
+                                   self%factor(1, first), self%rhs(1, first))
+      else
+         call eliminate_up_strip(last - first + 1, 0.25_wp*eq%h, x(1, first), f, k, self%fronts(1, 1, 2), &
+                                 self%factor(1, first), self%rhs(1, first))
+      end if
+   end subroutine eliminate
+
+   !> Force and stiffness in rows first .. last at the point of x.
+   subroutine linearise(self, model, eq, w, first, last, hq, hqq)
+      type(midpoint_by_rows), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      type(midpoint_equation), intent(in) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer, intent(in) :: first, last
+      real(wp), intent(inout) :: hq(eq%nlane, first:last), hqq(eq%nlane, 0:1, first:last)
+
+      if (eq%starts(self%newton)) then
+         call evaluate(model, self%gives_rows, eq, w, first, last, eq%base(1, first - 1), hq, hqq)
+      else
+         call place(eq, first, last, self%q)
+         call evaluate(model, self%gives_rows, eq, w, first, last, self%q, hq, hqq)
+      end if
+      call eq%weigh(first, last, hq)
+   end subroutine linearise
+
+   !> Correct the unknowns of a strip, and tell how stiff its equations are.
+   subroutine correct(self, ham, eq, w, before, x, status)
+      type(midpoint_by_rows), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer, intent(in) :: before  !! lanes before the strip
+      real(wp), intent(inout) :: x(strip_lanes, eq%n)
+      integer(i8), intent(inout) :: status(eq%nlane)
+
+      call meet_strip(self%fronts(1, 1, 1), self%fronts(1, 1, 2), self%meeting, self%trusted)
+      associate (newton => self%newton, first => before + 1, last => before + strip_lanes)
+         if (eq%starts(newton)) then
+            eq%stiff_ratio(first:last) = max(self%fronts(:, 5, 1), self%fronts(:, 5, 2)) - 1
+            eq%stiff = eq%stiff .or. any(eq%stiff_ratio(first:last) > 1)
+         end if
+         if (any(self%trusted <= 0 .and. newton%last(first:last) >= 0)) &
+            call solve_suspects(self, ham, eq, w, before, status)
+         call correct_strip(eq%n, self%meeting, self%factor, self%rhs, newton%last(first), x, &
+                            newton%step(first), newton%size(first))
+      end associate
+   end subroutine correct
+
+   !> Q in rows first-1 .. last+1
+   pure subroutine place(eq, first, last, q)
+      type(midpoint_equation), intent(in) :: eq
+      integer, intent(in) :: first, last
+      real(wp), intent(inout) :: q(eq%nlane, first - 1:last + 1)
+      integer :: low, high
+
+      low = max(first - 1, 1)
+      high = min(last + 1, eq%n)
+      call position((high - low + 1)*eq%nlane, eq%c, eq%base(1, low), eq%x(1, low), q(1, low))
+      if (first == 1) q(:, 0) = 0
+      if (last == eq%n) q(:, eq%n + 1) = 0
+   end subroutine place
+
+   !> Force and stiffness in rows first .. last.
+   subroutine evaluate(model, gives_rows, eq, w, first, last, q, hq, hqq)
+      class(model_type), intent(in) :: model
+      logical, intent(in) :: gives_rows
+      type(midpoint_equation), intent(in) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer, intent(in) :: first, last
+      real(wp), intent(in) :: q(eq%nlane, first - 1:last + 1)
+      real(wp), intent(inout) :: hq(eq%nlane, first:last), hqq(eq%nlane, 0:1, first:last)
+
+      if (gives_rows) then
+         call model%chain_rows(eq%n, eq%m, first, last, eq%t, w, q, hq, hqq)
+      else
+         call model%force_stiffness(eq%nlane, eq%n, eq%m, 1, eq%t, w, q(:, 1:eq%n), eq%still, hq, hqq)
+      end if
+   end subroutine evaluate
+
+   !> Running lanes of a strip whose pivots are not trusted are solved by LAPACK from their matrix, computed once
+   !> more: their right-hand sides become the solution and their factors those of the identity.
+   subroutine solve_suspects(self, ham, eq, w, before, status)
+      type(midpoint_by_rows), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(in) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer, intent(in) :: before
+      integer(i8), intent(inout) :: status(eq%nlane)
+      real(wp), allocatable :: q(:, :), r(:, :), hqq(:, :, :), bands(:, :, :)
+      integer(i4) :: info
+      integer :: i, lane
+
+      associate (nlane => eq%nlane, n => eq%n, c => 0.25_wp*eq%h, newton => self%newton)
+         allocate (q(nlane, 0:n + 1), r(nlane, n), hqq(nlane, 0:1, n), bands(nlane, -1:1, n))
+         if (eq%starts(newton)) then
+            q = eq%base
+         else
+            call place(eq, 1, n, q)
+         end if
+         call evaluate(ham%model, self%gives_rows, eq, w, 1, n, q, r, hqq)
+         call eq%weigh(1, n, r)
+         if (.not. eq%starts(newton)) call add_times(nlane*n, 1.0_wp, eq%x, r)
+         bands(:, 0, :) = 1 + c*hqq(:, 0, :)
+         bands(:, 1, :) = c*hqq(:, 1, :)
+         bands(:, -1, 2:) = bands(:, 1, :n - 1)
+         bands(:, -1, 1) = 0
+         do i = 1, strip_lanes
+            lane = before + i
+            if (self%trusted(i) > 0 .or. .not. newton%last(lane) >= 0) cycle
+            call solve_banded_lane_lapack(nlane, n, 1, 1, lane, bands, r, info)
+            ham%counters%lapack_solves = ham%counters%lapack_solves + 1
+            self%meeting(i, :) = 0
+            self%factor(i, :) = 0
+            self%rhs(i, :) = r(lane, :)
+            if (info == status_ok) cycle
+            self%rhs(i, :) = 0
+            call newton%fail(lane, int(info, i8), status, ham%counters)
+         end do
+      end associate
+   end subroutine solve_suspects
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> Unknowns, force and stiffness of a strip of a block.
+   pure subroutine take_strip(nlane, n, before, x, hq, hqq, xs, f, k)
+      integer, intent(in) :: nlane, n, before
+      real(wp), intent(in) :: x(nlane, n), hq(nlane, n), hqq(nlane, 0:1, n)
+      real(wp), intent(out) :: xs(strip_lanes, n), f(strip_lanes, n), k(strip_lanes, 0:1, n)
+      integer :: i
+
+      do i = 1, n
+         xs(:, i) = x(before + 1:before + strip_lanes, i)
+         f(:, i) = hq(before + 1:before + strip_lanes, i)
+         k(:, :, i) = hqq(before + 1:before + strip_lanes, :, i)
+      end do
+   end subroutine take_strip
+
+end module symsde_step_midpoint_tridiagonal

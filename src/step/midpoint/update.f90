@@ -1,0 +1,75 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The states after a step of the midpoint rule, from V, while the lanes that went together are near.
+!>
+!> They have the bits of states to which increments are added from memory, so this file is compiled without
+!> contraction: no product is fused with the sum.
+module symsde_step_midpoint_update
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lane_unit
+   use symsde_base_status, only: nonfinite
+   implicit none
+   private
+   public :: find_bad_sums, add_in_place, find_bad
+
+contains
+
+   !> A status where q + dq or p + dp is not finite, dp = V and dq = h (p + V/2).
+   pure subroutine find_bad_sums(nlane, n, before, together, h, q, p, v, status)
+      integer, intent(in) :: nlane, n, before, together
+      real(wp), intent(in) :: h, q(nlane, n), p(nlane, n), v(together, n)
+      integer(i8), intent(inout) :: status(together)
+      real(wp) :: x, y, zero(lane_unit)
+      integer :: i, done, lane
+
+      do done = 0, together - lane_unit, lane_unit
+         zero = 0
+         do i = 1, n
+            !GCC$ unroll 8
+            do lane = 1, lane_unit
+               x = q(before + done + lane, i) + h*(p(before + done + lane, i) + 0.5_wp*v(done + lane, i))
+               y = p(before + done + lane, i) + v(done + lane, i)
+               zero(lane) = zero(lane) + (0*x + 0*y)  ! NaN where one is not finite
+            end do
+         end do
+         do lane = 1, lane_unit
+            if (.not. abs(zero(lane)) <= 0 .and. status(done + lane) == 0) status(done + lane) = nonfinite
+         end do
+      end do
+   end subroutine find_bad_sums
+
+   !> VEC These increments added in lanes without a status.
+   pure subroutine add_in_place(nlane, n, before, together, h, v, status, q, p)
+      integer, intent(in) :: nlane, n, before, together
+      real(wp), intent(in) :: h, v(together, n)
+      integer(i8), intent(in) :: status(together)
+      real(wp), intent(inout) :: q(nlane, n), p(nlane, n)
+      real(wp) :: x, y
+      integer :: i, done, lane
+
+      do i = 1, n
+         do done = 0, together - lane_unit, lane_unit
+            !GCC$ unroll 8
+            do lane = done + 1, done + lane_unit
+               x = q(before + lane, i) + h*(p(before + lane, i) + 0.5_wp*v(lane, i))
+               y = p(before + lane, i) + v(lane, i)
+               q(before + lane, i) = merge(x, q(before + lane, i), status(lane) == 0)
+               p(before + lane, i) = merge(y, p(before + lane, i), status(lane) == 0)
+            end do
+         end do
+      end do
+   end subroutine add_in_place
+
+   !> A status where states are not finite.
+   pure subroutine find_bad(nlane, n, q, p, status)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: q(nlane, n), p(nlane, n)
+      integer(i8), intent(inout) :: status(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         if (status(lane) /= 0) cycle
+         if (.not. (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p)))) status(lane) = nonfinite
+      end do
+   end subroutine find_bad
+
+end module symsde_step_midpoint_update

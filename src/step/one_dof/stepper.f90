@@ -1,0 +1,191 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Implicit schemes of several stages (Gauss 2 above all) for one degree of freedom, by Newton's iteration for all
+!> slopes (step/one_dof/newton), few passes. Agrees with the general stepper to a few ulps
+!> (tests/verification/test_beyond_one_maps.pf, test_stages.pf).
+!>
+!> Lanes differ in how many corrections they need, above all where brackets are added, whose second derivatives are not
+!> all known. As soon as few lanes go on they are gathered into a small block and finished there, with the same bits.
+module symsde_step_one_dof_stepper
+   use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record, step_store, new_step_store
+   use symsde_base_status, only: not_converged
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_lone, only: lone_stepper
+   use symsde_step_one_dof_lone_brackets, only: lone_brackets
+   use symsde_step_one_dof_lone_newton, only: lone_single_newton, most_stages
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
+   use symsde_step_one_dof_newton, only: single_newton, new_single_newton
+   use symsde_step_stages_slope_sums, only: add_slopes
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: stages_single_stepper, stages_single_fits
+
+   integer, parameter :: few_lanes = 64   !! of the small block
+
+   !> The small block.
+   type :: last_lanes
+      type(one_step_hamiltonian) :: ham
+      type(single_newton) :: solver
+      type(step_store) :: store
+      integer(i8) :: status(few_lanes) = 0
+      real(wp), dimension(few_lanes) :: q = 0, p = 0
+   end type last_lanes
+
+   type, extends(stepper_type) :: stages_single_stepper
+      private
+      type(single_newton) :: solver
+      type(last_lanes), allocatable :: few         !! where a block is larger
+      real(wp), allocatable :: alpha(:), zero(:)   !! weights; (nlane)
+   contains
+      procedure :: make
+      procedure :: increment
+      procedure :: offer_lone
+   end type stages_single_stepper
+
+contains
+
+   !> Whether this stepper executes the task: drift and noise alike, one degree of freedom, solved by Newton; two
+   !> stages, or more of a separable or quadratic model whose momenta step/stages/stepper does not eliminate.
+   logical function stages_single_fits(task) result(fits)
+      type(stepper_task), intent(in) :: task
+
+      fits = .false.
+      if (.not. task%is_tableau() .or. task%correction /= correction_none .or. task%scheme%nstage < 2) return
+      associate (t => task%model%traits)
+         fits = t%ndof == 1 .and. task%newton%is_free()
+         if (fits) fits = task%scheme%noise_coefficients_equal()
+         if (fits .and. task%scheme%nstage > 2) &
+            fits = (t%separable .or. t%one_solve(.false.)) .and. .not. (t%eliminates_momenta() .or. task%has_brackets())
+      end associate
+   end function stages_single_fits
+
+   subroutine make(self, task)
+      class(stages_single_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+
+      self%name = 'stages, one degree of freedom'
+      self%takes_one_lane = .true.
+      self%alpha = task%scheme%alpha
+      allocate (self%zero(task%nlane), source=0.0_wp)
+      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp, task%scheme%brackets)
+      call new_single_newton(self%solver, self%ham, task%scheme, task%newton)
+      self%one_solve = self%solver%newton%affine
+      if (self%one_solve .or. task%nlane <= few_lanes) return
+      allocate (self%few)
+      call new_last_lanes(self%few, task%model, task%scheme, task%newton)
+   end subroutine make
+
+   subroutine new_last_lanes(self, model, scheme, options)
+      type(last_lanes), intent(inout) :: self
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(newton_options), intent(in) :: options
+      type(functional_set) :: asked
+
+      call new_one_step_hamiltonian(self%ham, model, few_lanes, correction_none, 0.0_wp, scheme%brackets)
+      call new_single_newton(self%solver, self%ham, scheme, options)
+      if (allocated(self%ham%modified)) then
+         asked%has(path_dz) = self%ham%modified%active%single
+         asked%has(path_areas) = self%ham%modified%active%areas
+      end if
+      call new_step_store(self%store, few_lanes, model%traits%nnoise, 2, 0.0_wp, asked)
+   end subroutine new_last_lanes
+
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(stages_single_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      associate (s => self%solver%s, solver => self%solver)
+         call solver%begin(self%ham, step, q, p, status)
+         do while (solver%newton%running)
+            if (allocated(self%few) .and. solver%newton%nrunning <= few_lanes) then
+               call finish(self, self%few, step, q, p, status)
+               exit
+            end if
+            call solver%iterate(self%ham, step, q, p, status)
+         end do
+         call add_slopes(self%ham%nlane, s, 1, 1.0_wp, self%alpha, solver%x, self%zero, dq)
+         call add_slopes(self%ham%nlane, s, 1, 1.0_wp, self%alpha, solver%x(:, s + 1:), self%zero, dp)
+      end associate
+   end subroutine increment
+
+   !> Go on with the lanes that are running, gathered.
+   subroutine finish(self, few, step, q, p, status)
+      type(stages_single_stepper), intent(inout) :: self
+      type(last_lanes), intent(inout), target :: few
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane), p(self%ham%nlane)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      type(step_record) :: gathered
+      integer :: lanes(few_lanes), n, i, f
+
+      n = 0
+      do i = 1, self%ham%nlane
+         if (.not. self%solver%newton%last(i) >= 0) cycle
+         n = n + 1
+         lanes(n) = i
+      end do
+      lanes(n + 1:) = lanes(n)
+      few%q = q(lanes)
+      few%p = p(lanes)
+      few%store%h = step%h
+      few%store%w(:, :, 0) = step%w(lanes, :)
+      do f = 1, nfunctional
+         if (allocated(few%store%of(f)%x)) few%store%of(f)%x(:, :, 0) = step%of(f)%x(lanes, :)
+      end do
+      call few%store%show(0, step%t, gathered)
+      few%status = not_converged  ! lanes that fill up the block rest
+      few%status(:n) = status(lanes(:n))
+      few%ham%nreal = count(lanes(:n) <= self%ham%nreal)
+      call few%solver%resume(few%ham, self%solver, lanes, gathered, few%status)
+      do while (few%solver%newton%running)
+         call few%solver%iterate(few%ham, gathered, few%q, few%p, few%status)
+      end do
+      self%solver%x(lanes(:n), :) = few%solver%x(:n, :)
+      status(lanes(:n)) = few%status(:n)
+      call add_counters(self%ham%counters, few%ham%counters)
+      few%ham%counters = counters_type()
+   end subroutine finish
+
+   !> Paths one by one: where brackets are added, and where there are two to four stages, the Hamiltonians are separable
+   !> or one solve is all, and have their derivatives.
+   subroutine offer_lone(self, lone)
+      class(stages_single_stepper), intent(in) :: self
+      class(lone_stepper), allocatable, intent(out) :: lone
+      type(lone_single_newton), allocatable :: made
+      type(lone_brackets), allocatable :: bracketed
+
+      if (allocated(self%ham%modified)) then
+         allocate (bracketed)
+         bracketed%most = 2  ! three take 1.0 to 1.2 of the time
+         bracketed%wants_record = .true.
+         bracketed%a = self%solver%a
+         bracketed%abar = self%solver%abar
+         bracketed%alpha = self%alpha
+         bracketed%c = self%solver%c
+         bracketed%test = self%solver%newton%test
+         bracketed%max_iter = self%solver%newton%options%max_iter
+         bracketed%wanted = self%ham%modified%active
+         call move_alloc(bracketed, lone)
+         return
+      end if
+      if (.not. self%ham%model%traits%has_hessian .or. self%solver%s > most_stages) return
+      if (.not. (self%solver%separable .or. self%solver%newton%affine)) return
+      allocate (made)
+      made%most = merge(3, 4, self%solver%s == 2)  ! one more takes up to 1.3 of the time
+      made%affine = self%solver%newton%affine
+      made%mass_alone = self%ham%mass_alone
+      call made%set(self%solver%a, self%solver%abar, self%alpha, self%solver%c)
+      made%max_iter = self%solver%newton%options%max_iter
+      call move_alloc(made, lone)
+   end subroutine offer_lone
+
+end module symsde_step_one_dof_stepper

@@ -1,0 +1,121 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The flow between two kicks: of p.p/2 (p is constant), or of a declared linear part,
+!> p.p/2 + sum_i omega_i^2 q_i^2/2, an exact rotation. Increments are moved, not states, so that rounding stays that
+!> of increments.
+module symsde_step_splitting_drift
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: drift_flow, new_drift_flow
+
+   type :: drift_flow
+      private
+      logical, public :: rotates = .false.
+      real(wp), allocatable :: omega(:)            !! (ndof)
+      real(wp), allocatable :: duration(:)         !! that the columns below belong to (nleg)
+      real(wp), allocatable :: cosine_less_one(:, :), sine(:, :), sine_over(:, :)
+      !! cos(omega tau) - 1, omega sin(omega tau), sin(omega tau)/omega (ndof, nleg)
+   contains
+      procedure :: move
+      procedure :: remove_linear
+   end type drift_flow
+
+contains
+
+   !> Drifts of nleg different durations in a step; rotations where omega is given.
+   pure subroutine new_drift_flow(self, nleg, omega)
+      type(drift_flow), intent(out) :: self
+      integer, intent(in) :: nleg
+      real(wp), intent(in), optional :: omega(:)  !! frequencies (ndof)
+
+      if (.not. present(omega)) return
+      self%rotates = .true.
+      self%omega = omega
+      allocate (self%duration(nleg), source=0.0_wp)
+      allocate (self%cosine_less_one(size(omega), nleg), self%sine(size(omega), nleg), source=0.0_wp)
+      allocate (self%sine_over(size(omega), nleg), source=0.0_wp)
+   end subroutine new_drift_flow
+
+   !> Move (q + dq, p + dp) over the time tau, the leg-th of the step.
+   subroutine move(self, leg, tau, nlane, ndof, q, p, dq, dp)
+      class(drift_flow), intent(inout) :: self
+      integer, intent(in) :: leg, nlane, ndof
+      real(wp), intent(in) :: tau                                   !! with its sign [time]
+      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
+      integer :: i
+
+      if (.not. self%rotates) then
+         call fly(nlane*ndof, tau, p, dp, dq)
+         return
+      end if
+      if (abs(tau - self%duration(leg)) > 0) call rotate_over(self, leg, tau)
+      do i = 1, ndof
+         call rotate(nlane, self%cosine_less_one(i, leg), self%sine(i, leg), self%sine_over(i, leg), &
+                     q(:, i), p(:, i), dq(:, i), dp(:, i))
+      end do
+   end subroutine move
+
+   !> Take the linear part out of the gradient of weight*U: the rotation has it.
+   pure subroutine remove_linear(self, weight, nlane, ndof, x, f)
+      class(drift_flow), intent(in) :: self
+      real(wp), intent(in) :: weight
+      integer, intent(in) :: nlane, ndof
+      real(wp), intent(in) :: x(nlane, ndof)
+      real(wp), intent(inout) :: f(nlane, ndof)
+      integer :: i
+
+      if (.not. self%rotates) return
+      do i = 1, ndof
+         f(:, i) = f(:, i) - weight*self%omega(i)**2*x(:, i)
+      end do
+   end subroutine remove_linear
+
+   !> Coefficients of the rotation over tau, which may be negative. cos - 1 without cancellation; omega = 0 leaves p
+   !> constant.
+   pure subroutine rotate_over(self, leg, tau)
+      type(drift_flow), intent(inout) :: self
+      integer, intent(in) :: leg
+      real(wp), intent(in) :: tau
+
+      self%duration(leg) = tau
+      self%cosine_less_one(:, leg) = -2*sin(0.5_wp*tau*self%omega)**2
+      self%sine(:, leg) = self%omega*sin(tau*self%omega)
+      where (self%omega > 0)
+         self%sine_over(:, leg) = sin(tau*self%omega)/self%omega
+      else where
+         self%sine_over(:, leg) = tau
+      end where
+   end subroutine rotate_over
+
+   ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC dq = dq + tau (p + dp)
+   pure subroutine fly(n, tau, p, dp, dq)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: tau, p(n), dp(n)
+      real(wp), intent(inout) :: dq(n)
+      integer :: i
+
+      do i = 1, n
+         dq(i) = dq(i) + tau*(p(i) + dp(i))
+      end do
+   end subroutine fly
+
+   !> VEC
+   pure subroutine rotate(nlane, cosine_less_one, sine, sine_over, q, p, dq, dp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: cosine_less_one, sine, sine_over, q(nlane), p(nlane)
+      real(wp), intent(inout) :: dq(nlane), dp(nlane)
+      real(wp) :: x, y
+      integer :: lane
+
+      do lane = 1, nlane
+         x = q(lane) + dq(lane)
+         y = p(lane) + dp(lane)
+         dq(lane) = dq(lane) + (cosine_less_one*x + (sine_over*y))
+         dp(lane) = dp(lane) + (cosine_less_one*y - (sine*x))
+      end do
+   end subroutine rotate
+
+end module symsde_step_splitting_drift

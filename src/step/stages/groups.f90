@@ -1,0 +1,234 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> In which order the stages of a tableau are solved for, and with which coefficients.
+!>
+!> Where H = p.p/2 + U(q), the momenta of the stages P_j = p_n + sum_k abar_jk G_k are eliminated from
+!> Q_i = q_n + sum_j a_ij (h P_j + g_j):
+!>
+!>    Q_i = q_n + r_i h p_n + sum_j a_ij g_j + h sum_k B_ik G_k      r_i = sum_j a_ij,  B = a abar
+!>    dq  =       h p_n + sum_j alpha_j g_j  + h sum_k v_k G_k       v = alpha abar
+!>
+!> so stage i waits for stage k where B_ik is not zero (elsewhere: where a_ik or abar_ik is not). Stages that
+!> wait for each other are a group, and groups are solved one after the other: the two stages of gauss2 are
+!> one; of the three of lobatto3 only the second is implicit; a composition is a sequence of its parts.
+module symsde_step_stages_groups
+   use symsde_base_kinds, only: wp
+   use symsde_scheme_scheme, only: scheme_type
+   implicit none
+   private
+   public :: stage_plan, stage_group, new_stage_plan
+
+   !> Stages that wait for each other.
+   type :: stage_group
+      integer :: nmember = 0
+      integer, allocatable :: stage(:)         !! which they are (nmember)
+      logical :: explicit = .false.            !! one stage that does not wait for itself
+      real(wp), allocatable :: b(:, :)         !! B of these stages (nmember, nmember)
+      real(wp), allocatable :: earlier(:, :)   !! B of each of these with others alone, in a column (nstage, nmember)
+      real(wp), allocatable :: inverse(:, :)   !! of b; not allocated where it is singular
+      real(wp), allocatable :: e(:), f(:)      !! b_ik = e_i f_k where it is singular and of rank one (nmember)
+   end type stage_group
+
+   !> The coefficients that make a stage or an increment stand in a column.
+   type :: stage_plan
+      integer :: nstage = 0, ngroup = 0
+      real(wp), allocatable :: c(:), alpha(:)          !! nodes and weights (nstage)
+      real(wp), allocatable :: a(:, :), abar(:, :)     !! a_ij and abar_ij of stage i in column i (nstage, nstage)
+      real(wp), allocatable :: r(:), v(:)              !! as above (nstage)
+      real(wp), allocatable :: b(:, :)                 !! B_ik of stage i in column i (nstage, nstage)
+      !> The same for the first sweep of an iteration: slopes of the group that are not known yet are taken to be those
+      !> of the member before, or zero (nstage, nstage).
+      real(wp), allocatable, dimension(:, :) :: first_b, first_a, first_abar
+      type(stage_group), allocatable :: group(:)       !! (ngroup)
+   contains
+      procedure :: in_order
+   end type stage_plan
+
+contains
+
+   !> The plan of a tableau whose drift and noise share their coefficients.
+   pure subroutine new_stage_plan(self, scheme, eliminated)
+      type(stage_plan), intent(out) :: self
+      type(scheme_type), intent(in) :: scheme
+      logical, intent(in) :: eliminated   !! the momenta of the stages are
+      logical :: waits(scheme%nstage, scheme%nstage)
+      integer :: i, k
+
+      self%nstage = scheme%nstage
+      self%c = scheme%c
+      self%alpha = scheme%alpha
+      self%a = transpose(scheme%a)
+      self%abar = transpose(scheme%abar)
+      allocate (self%r(self%nstage), self%v(self%nstage), self%b(self%nstage, self%nstage))
+      do k = 1, self%nstage
+         self%r(k) = sum(self%a(:, k))
+         self%v(k) = dot_product(self%alpha, self%abar(k, :))
+         do i = 1, self%nstage
+            self%b(k, i) = dot_product(self%a(:, i), self%abar(k, :))
+            waits(i, k) = abs(self%b(k, i)) > 0
+            if (.not. eliminated) waits(i, k) = waits(i, k) .or. abs(self%a(k, i)) > 0 .or. abs(self%abar(k, i)) > 0
+         end do
+      end do
+      call find_groups(self, waits)
+      call find_first_sweep(self)
+   end subroutine new_stage_plan
+
+   !> The groups, each after those it waits for.
+   pure subroutine find_groups(self, waits)
+      type(stage_plan), intent(inout) :: self
+      logical, intent(in) :: waits(self%nstage, self%nstage)  !! stage i for stage k
+      logical :: reaches(self%nstage, self%nstage), same(self%nstage), done(self%nstage)
+      integer :: first(self%nstage)  ! stage of each group
+      integer :: i, k
+
+      reaches = waits
+      do k = 1, self%nstage
+         do i = 1, self%nstage
+            if (reaches(i, k)) reaches(i, :) = reaches(i, :) .or. reaches(k, :)
+         end do
+      end do
+      done = .false.
+      do while (.not. all(done))
+         do i = 1, self%nstage
+            if (done(i)) cycle
+            same = mates(reaches, i)
+            if (any(reaches(i, :) .and. .not. (same .or. done))) cycle
+            self%ngroup = self%ngroup + 1
+            first(self%ngroup) = i
+            done = done .or. same
+         end do
+      end do
+      allocate (self%group(self%ngroup))
+      do k = 1, self%ngroup
+         same = mates(reaches, first(k))
+         call fill_group(self%group(k), self%b, same)
+         self%group(k)%explicit = .not. reaches(first(k), first(k))
+      end do
+   end subroutine find_groups
+
+   !> Coefficients of the first sweep.
+   pure subroutine find_first_sweep(self)
+      type(stage_plan), intent(inout) :: self
+      integer :: k, m
+
+      self%first_b = self%b
+      self%first_a = self%a
+      self%first_abar = self%abar
+      do k = 1, self%ngroup
+         associate (stage => self%group(k)%stage)
+            do m = 1, size(stage)
+               call move_to_known(stage, m, self%first_b(:, stage(m)))
+               call move_to_known(stage, m, self%first_a(:, stage(m)))
+               call move_to_known(stage, m, self%first_abar(:, stage(m)))
+            end do
+         end associate
+      end do
+   end subroutine find_first_sweep
+
+   !> Add the coefficients of members m and later to the one of member m-1.
+   pure subroutine move_to_known(stage, m, coefficient)
+      integer, intent(in) :: stage(:), m
+      real(wp), intent(inout) :: coefficient(:)
+      integer :: k
+
+      do k = m, size(stage)
+         if (m > 1) coefficient(stage(m - 1)) = coefficient(stage(m - 1)) + coefficient(stage(k))
+         coefficient(stage(k)) = 0
+      end do
+   end subroutine move_to_known
+
+   !> Whether the stages of every group follow each other.
+   pure logical function in_order(self)
+      class(stage_plan), intent(in) :: self
+      integer :: k
+
+      in_order = .true.
+      do k = 1, self%ngroup
+         associate (group => self%group(k))
+            in_order = in_order .and. maxval(group%stage) - minval(group%stage) == group%nmember - 1
+         end associate
+      end do
+   end function in_order
+
+   !> The stages that stage i waits for and that wait for it, and itself.
+   pure function mates(reaches, i) result(same)
+      logical, intent(in) :: reaches(:, :)
+      integer, intent(in) :: i
+      logical :: same(size(reaches, 1))
+      integer :: k
+
+      do k = 1, size(same)
+         same(k) = k == i .or. (reaches(i, k) .and. reaches(k, i))
+      end do
+   end function mates
+
+   pure subroutine fill_group(group, b, same)
+      type(stage_group), intent(inout) :: group
+      real(wp), intent(in) :: b(:, :)
+      logical, intent(in) :: same(:)      !! stages of the group
+      integer :: i, k, m
+
+      m = count(same)
+      group%nmember = m
+      allocate (group%stage(m), group%b(m, m))
+      m = 0
+      do i = 1, size(same)
+         if (.not. same(i)) cycle
+         m = m + 1
+         group%stage(m) = i
+      end do
+      group%earlier = b(:, group%stage)
+      do k = 1, m
+         do i = 1, m
+            group%b(i, k) = b(group%stage(k), group%stage(i))
+            group%earlier(group%stage(k), i) = 0
+         end do
+      end do
+      call invert(m, group%b, group%inverse)
+      if (.not. allocated(group%inverse)) call factorise(group)
+   end subroutine fill_group
+
+   !> b_ik = e_i f_k, if there are such numbers.
+   pure subroutine factorise(group)
+      type(stage_group), intent(inout) :: group
+      real(wp), dimension(group%nmember) :: e, f
+      integer :: at(2), k
+
+      at = maxloc(abs(group%b))
+      e = group%b(:, at(2))
+      if (.not. any(abs(e) > 0)) return
+      f = group%b(at(1), :)/e(at(1))
+      do k = 1, group%nmember
+         if (any(abs(group%b(:, k) - e*f(k)) > 8*epsilon(e)*maxval(abs(e)))) return
+      end do
+      group%e = e
+      group%f = f
+   end subroutine factorise
+
+   !> The inverse of a small matrix by elimination with exchange of rows; not allocated where a pivot vanishes
+   !> against the largest entry.
+   pure subroutine invert(n, matrix, inverse)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: matrix(n, n)
+      real(wp), allocatable, intent(out) :: inverse(:, :)
+      real(wp) :: work(n, 2*n), row(2*n)
+      integer :: i, k
+
+      work = 0
+      work(:, :n) = matrix
+      do i = 1, n
+         work(i, n + i) = 1
+      end do
+      do k = 1, n
+         i = k - 1 + maxloc(abs(work(k:, k)), 1)
+         if (abs(work(i, k)) <= 1e-10_wp*maxval(abs(matrix))) return
+         row = work(i, :)
+         work(i, :) = work(k, :)
+         work(k, :) = row/row(k)
+         do i = 1, n
+            if (i /= k) work(i, :) = work(i, :) - work(i, k)*work(k, :)
+         end do
+      end do
+      inverse = work(:, n + 1:)
+   end subroutine invert
+
+end module symsde_step_stages_groups

@@ -1,0 +1,178 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Sums of the slopes of stages. A slope whose coefficient is zero is never read: it may not be known yet.
+!>
+!> Products are added one after the other to what the sum starts with. So nothing is left to choose for a compiler that
+!> contracts, and a coefficient of zero changes nothing: a path by itself adds them all, and has the same bits.
+module symsde_step_stages_slope_sums
+   use symsde_base_kinds, only: wp
+   use symsde_base_vectors, only: add_times
+   implicit none
+   private
+   public :: add_slopes, weigh_slopes, take_slopes
+
+   integer, parameter :: nbeside = 8  !! numbers of a path by itself that are compared side by side
+   integer, parameter :: few = 4      !! numbers of a path from which vectors pay
+   integer, parameter :: at_once = 3  !! slopes that are added in one pass
+
+contains
+
+   !> total = start + factor sum_j coefficient_j slope_j, from slope `first` on and around: of a stage itself, so that
+   !> the newest slope, of the stage before it, is added last. A path by itself waits for that alone.
+   pure subroutine add_slopes(n, nstage, first, factor, coefficient, slope, start, total)
+      integer, intent(in) :: n, nstage, first
+      real(wp), intent(in) :: factor, coefficient(nstage), slope(n, nstage), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: used(at_once), m, k, j
+
+      m = 0
+      used = first
+      do k = first, first + nstage - 1
+         j = merge(k - nstage, k, k > nstage)
+         if (abs(coefficient(j)) <= 0) cycle
+         m = m + 1
+         if (m > at_once) exit
+         used(m) = j
+      end do
+      associate (i => used(1), j => used(2), l => used(3), c => coefficient)
+         select case (m)
+         case (0)
+            total = start
+         case (1)
+            call add_one(n, factor*c(i), slope(1, i), start, total)
+         case (2)
+            call add_two(n, factor*c(i), slope(1, i), factor*c(j), slope(1, j), start, total)
+         case default
+            call add_three(n, factor*c(i), slope(1, i), factor*c(j), slope(1, j), factor*c(l), slope(1, l), start, &
+                           total)
+         end select
+      end associate
+      if (m <= at_once) return
+      do k = k, first + nstage - 1
+         j = merge(k - nstage, k, k > nstage)
+         if (abs(coefficient(j)) > 0) call add_times(n, factor*coefficient(j), slope(1, j), total)
+      end do
+   end subroutine add_slopes
+
+   !> The same of slopes that are all known, with coefficients that hold the factor, for a path by itself.
+   pure subroutine weigh_slopes(n, nstage, first, c, slope, start, total)
+      integer, intent(in) :: n, nstage, first
+      real(wp), intent(in) :: c(nstage), slope(n, nstage), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i, j, k, m
+
+      i = first
+      j = merge(1, i + 1, i == nstage)
+      k = merge(1, j + 1, j == nstage)
+      if (n < few) then
+         !GCC$ novector  ! few numbers
+         do m = 1, n
+            total(m) = start(m) + c(i)*slope(m, i)
+            if (nstage > 1) total(m) = total(m) + c(j)*slope(m, j)
+            if (nstage > 2) total(m) = total(m) + c(k)*slope(m, k)
+         end do
+      else if (nstage == 1) then
+         call add_one(n, c(i), slope(1, i), start, total)
+      else if (nstage == 2) then
+         call add_two(n, c(i), slope(1, i), c(j), slope(1, j), start, total)
+      else
+         call add_three(n, c(i), slope(1, i), c(j), slope(1, j), c(k), slope(1, k), start, total)
+      end if
+      do m = at_once + 1, nstage
+         k = merge(1, k + 1, k == nstage)
+         call add_times(n, c(k), slope(1, k), total)
+      end do
+   end subroutine weigh_slopes
+
+   !> slope = -f of a path by itself, with the largest change and slope beside those so far; the change is no number
+   !> where one of f is not finite.
+   pure subroutine take_slopes(n, first, f, slope, change, extent)
+      integer, intent(in) :: n
+      logical, intent(in) :: first   !! no slope was known
+      real(wp), intent(in) :: f(n)
+      real(wp), intent(inout) :: slope(n), change, extent
+      real(wp) :: d, zero
+      integer :: beside, i
+
+      beside = n - modulo(n, nbeside)
+      if (first) slope = 0
+      zero = 0*change
+      if (beside > 0) call take_beside(beside, f, slope, change, extent, zero)
+      !GCC$ novector  ! few numbers
+      do i = beside + 1, n
+         d = abs(f(i) + slope(i))
+         slope(i) = -f(i)
+         change = max(change, d)
+         extent = max(extent, abs(f(i)))
+         zero = zero + 0*d
+      end do
+      change = change + zero  ! NaN stays
+   end subroutine take_slopes
+
+   !> The same of nbeside at a time, each of which has its own largest: one for all would wait for itself.
+   pure subroutine take_beside(n, f, slope, change, extent, zero)
+      integer, intent(in) :: n   !! a multiple of nbeside
+      real(wp), intent(in) :: f(n)
+      real(wp), intent(inout) :: slope(n), change, extent, zero
+      real(wp), dimension(nbeside) :: moved, largest, nothing
+      real(wp) :: d
+      integer :: done, i
+
+      moved = 0
+      largest = 0
+      nothing = 0
+      !GCC$ novector
+      do done = 0, n - nbeside, nbeside
+         !GCC$ unroll 1  ! vectors before all
+         do i = 1, nbeside
+            d = abs(f(done + i) + slope(done + i))
+            slope(done + i) = -f(done + i)
+            moved(i) = max(moved(i), d)
+            largest(i) = max(largest(i), abs(f(done + i)))
+            nothing(i) = nothing(i) + 0*d
+         end do
+      end do
+      !GCC$ novector
+      do i = 1, nbeside
+         change = max(change, moved(i))
+         extent = max(extent, largest(i))
+         zero = zero + nothing(i)
+      end do
+   end subroutine take_beside
+
+   !> VEC
+   pure subroutine add_one(n, c, x, start, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: c, x(n), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = start(i) + c*x(i)
+      end do
+   end subroutine add_one
+
+   !> VEC
+   pure subroutine add_two(n, a, x, b, y, start, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: a, b, x(n), y(n), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = start(i) + a*x(i) + b*y(i)
+      end do
+   end subroutine add_two
+
+   !> VEC
+   pure subroutine add_three(n, a, x, b, y, c, z, start, total)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: a, b, c, x(n), y(n), z(n), start(n)
+      real(wp), intent(out) :: total(n)
+      integer :: i
+
+      do i = 1, n
+         total(i) = start(i) + a*x(i) + b*y(i) + c*z(i)
+      end do
+   end subroutine add_three
+
+end module symsde_step_stages_slope_sums
