@@ -14,7 +14,7 @@ module symsde_step_midpoint_dense
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position, &
                                             correct_pair
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
-   use symsde_step_stages_fixed_point, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, done
+   use symsde_solve_fixed_point, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, done
    implicit none
    private
    public :: midpoint_by_matrix, new_midpoint_by_matrix, solve_mildly

@@ -9,7 +9,7 @@ module symsde_step_midpoint_full_fixed_point
    use symsde_base_lanes, only: lane_unit
    use symsde_step_midpoint_equation, only: position
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
-   use symsde_step_stages_fixed_point, only: take, judge_sweep, most_sweeps, stiff_rate, done
+   use symsde_solve_fixed_point, only: take, judge_sweep, most_sweeps, stiff_rate, done
    implicit none
    private
    public :: midpoint_sweeps, new_midpoint_sweeps

@@ -11,8 +11,7 @@ module symsde_step_midpoint_lone_eliminated
    use symsde_solve_stagnation, only: quadratic, ends_exact, verdict_of
    use symsde_step_lone, only: lone_stepper
    use symsde_step_midpoint_equation, only: solve_pair
-   use symsde_step_stages_slope_sums, only: take_slopes
-   use symsde_step_stages_fixed_point, only: sweep_verdict, most_sweeps, stiff_rate, done
+   use symsde_solve_fixed_point, only: take_alone, sweep_verdict, most_sweeps, stiff_rate, done
    implicit none
    private
    public :: lone_midpoint
@@ -225,7 +224,7 @@ contains
             call self%model%gradient(1, n, self%m, t, w, x, self%still, hq=f)
             change = 0
             extent = 0
-            call take_slopes(n, .false., f, v, change, extent)
+            call take_alone(n, .false., f, v, change, extent)
             do i = 1, n
                x(i) = base(i) + c*v(i)  ! for the next sweep
             end do

@@ -10,8 +10,7 @@ module symsde_step_midpoint_lone_full
    use symsde_solve_elimination, only: solve_lone
    use symsde_solve_stagnation, only: stopping_test, quadratic, verdict_of
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_stages_slope_sums, only: take_slopes
-   use symsde_step_stages_fixed_point, only: sweep_verdict, most_sweeps, stiff_rate, done
+   use symsde_solve_fixed_point, only: take_alone, sweep_verdict, most_sweeps, stiff_rate, done
    implicit none
    private
    public :: lone_midpoint_full
@@ -76,7 +75,7 @@ contains
             call self%model%gradient(1, n, self%m, t, w, x, y, hq=f(:n), hp=f(n + 1:))
             change = 0
             extent = 0
-            call take_slopes(2*n, sweep == 1, f, slope, change, extent)
+            call take_alone(2*n, sweep == 1, f, slope, change, extent)
             !GCC$ novector  ! few numbers
             do i = 1, n
                x(i) = q(i) - 0.5_wp*slope(n + i)

@@ -7,8 +7,7 @@ module symsde_step_midpoint_lone_mean_force
    use symsde_step_lone, only: lone_stepper
    use symsde_step_midpoint_equation, only: correction_of, position
    use symsde_step_hamiltonian_noise_shift, only: noise_shift
-   use symsde_step_stages_slope_sums, only: take_slopes
-   use symsde_step_stages_fixed_point, only: sweep_verdict, most_sweeps, stiff_rate, done
+   use symsde_solve_fixed_point, only: take_alone, sweep_verdict, most_sweeps, stiff_rate, done
    implicit none
    private
    public :: lone_drift_preserving
@@ -157,7 +156,7 @@ contains
             end do
             change = 0
             extent = 0
-            call take_slopes(n, .false., f, x, change, extent)
+            call take_alone(n, .false., f, x, change, extent)
             last = sweep_verdict(sweep, self%too_stiff, self%too_stiff, change, extent, last)
          end do
       end associate

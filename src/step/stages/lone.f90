@@ -13,8 +13,8 @@ module symsde_step_stages_lone
    use symsde_step_lone, only: lone_stepper
    use symsde_step_stages_lone_newton, only: lone_stage_newton
    use symsde_step_hamiltonian_noise_shift, only: noise_shift
-   use symsde_step_stages_slope_sums, only: weigh_slopes, take_slopes
-   use symsde_step_stages_fixed_point, only: sweep_verdict, judge_ahead, most_sweeps, stiff_rate, done
+   use symsde_step_stages_slope_sums, only: weigh_slopes
+   use symsde_solve_fixed_point, only: take_alone, sweep_verdict, judge_ahead, most_sweeps, stiff_rate, done
    use symsde_step_stages_groups, only: stage_plan, stage_group
    implicit none
    private
@@ -423,9 +423,9 @@ contains
             end if
             change = 0
             extent = 0
-            call take_slopes(n*group%nmember, sweep == 1, f(1, first), self%was(1, first, 1), change, extent)
+            call take_alone(n*group%nmember, sweep == 1, f(1, first), self%was(1, first, 1), change, extent)
             if (.not. self%eliminated) &
-               call take_slopes(n*group%nmember, sweep == 1, c(1, first), self%was(1, first, 2), change, extent)
+               call take_alone(n*group%nmember, sweep == 1, c(1, first), self%was(1, first, 2), change, extent)
             last = sweep_verdict(sweep, too_slow, self%too_stiff, change, extent, last)
             if (group%explicit) last = done
          end do

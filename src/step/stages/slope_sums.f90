@@ -8,9 +8,8 @@ module symsde_step_stages_slope_sums
    use symsde_base_vectors, only: add_times
    implicit none
    private
-   public :: add_slopes, weigh_slopes, take_slopes
+   public :: add_slopes, weigh_slopes
 
-   integer, parameter :: nbeside = 8  !! numbers of a path by itself that are compared side by side
    integer, parameter :: few = 4      !! numbers of a path from which vectors pay
    integer, parameter :: at_once = 3  !! slopes that are added in one pass
 
@@ -82,62 +81,6 @@ contains
          call add_times(n, c(k), slope(1, k), total)
       end do
    end subroutine weigh_slopes
-
-   !> slope = -f of a path by itself, with the largest change and slope beside those so far; the change is no number
-   !> where one of f is not finite.
-   pure subroutine take_slopes(n, first, f, slope, change, extent)
-      integer, intent(in) :: n
-      logical, intent(in) :: first   !! no slope was known
-      real(wp), intent(in) :: f(n)
-      real(wp), intent(inout) :: slope(n), change, extent
-      real(wp) :: d, zero
-      integer :: beside, i
-
-      beside = n - modulo(n, nbeside)
-      if (first) slope = 0
-      zero = 0*change
-      if (beside > 0) call take_beside(beside, f, slope, change, extent, zero)
-      !GCC$ novector  ! few numbers
-      do i = beside + 1, n
-         d = abs(f(i) + slope(i))
-         slope(i) = -f(i)
-         change = max(change, d)
-         extent = max(extent, abs(f(i)))
-         zero = zero + 0*d
-      end do
-      change = change + zero  ! NaN stays
-   end subroutine take_slopes
-
-   !> The same of nbeside at a time, each of which has its own largest: one for all would wait for itself.
-   pure subroutine take_beside(n, f, slope, change, extent, zero)
-      integer, intent(in) :: n   !! a multiple of nbeside
-      real(wp), intent(in) :: f(n)
-      real(wp), intent(inout) :: slope(n), change, extent, zero
-      real(wp), dimension(nbeside) :: moved, largest, nothing
-      real(wp) :: d
-      integer :: done, i
-
-      moved = 0
-      largest = 0
-      nothing = 0
-      !GCC$ novector
-      do done = 0, n - nbeside, nbeside
-         !GCC$ unroll 1  ! vectors before all
-         do i = 1, nbeside
-            d = abs(f(done + i) + slope(done + i))
-            slope(done + i) = -f(done + i)
-            moved(i) = max(moved(i), d)
-            largest(i) = max(largest(i), abs(f(done + i)))
-            nothing(i) = nothing(i) + 0*d
-         end do
-      end do
-      !GCC$ novector
-      do i = 1, nbeside
-         change = max(change, moved(i))
-         extent = max(extent, largest(i))
-         zero = zero + nothing(i)
-      end do
-   end subroutine take_beside
 
    !> VEC
    pure subroutine add_one(n, c, x, start, total)

@@ -29,7 +29,8 @@ module symsde_step_stages_stepper
    use symsde_step_hamiltonian_noise_shift, only: new_noise_shift
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stages_equations, only: stage_equations, new_stage_equations
-   use symsde_step_stages_fixed_point, only: iterate_group, solved, untried, stiff_rate
+   use symsde_solve_fixed_point, only: stiff_rate
+   use symsde_step_stages_fixed_point, only: iterate_group, solved, untried
    use symsde_step_stages_groups, only: stage_group
    use symsde_step_stages_newton, only: stage_newton, new_stage_newton
    use symsde_step_stages_tridiagonal, only: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once
