@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How the areas of a run are drawn, chosen by user and model, and whether the counters suffice.
+!>
+!> Private to its family.
 module symsde_ensemble_run_areas
    use symsde_base_area_rule, only: area_rule, areas_in_law, most_paired
    use symsde_base_functionals, only: functional_set, path_areas

@@ -2,6 +2,8 @@
 !> Which probes a run makes: none of models of the catalogue, which the tests probe, all of a user's, and of one whose
 !> functions are derived from formulas those that it has not passed yet. A probe that decides nothing, where the
 !> model is not finite or gives up, is not passed.
+!>
+!> Private to its family.
 module symsde_ensemble_run_probes
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type

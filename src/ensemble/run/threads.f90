@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Blocks on threads: the loop over them, which is the only parallel region of the library, and how many threads.
+!>
+!> Private to its family.
 module symsde_ensemble_run_threads
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_max_threads, omp_get_thread_num

@@ -3,6 +3,8 @@
 !>
 !> Bounds that the model declares (max_frequency, noise_lipschitz) are used as they are; otherwise they
 !> are estimated from Hessians at the initial state of the first path, and called estimates.
+!>
+!> Private to its family.
 module symsde_ensemble_run_warnings
    use symsde_base_kinds, only: wp
    use symsde_base_text, only: to_text

@@ -6,6 +6,8 @@
 !>
 !> With M = I + x a abar of the tableau and 1 a column of ones, D = det M, C = D alpha M^-1 1, B = D alpha M^-1 a 1,
 !> and A is C with a and abar exchanged, which leaves B as it is where a scheme is symplectic.
+!>
+!> Private to its family.
 module symsde_model_flows_oscillator_quotients
    use symsde_base_kinds, only: wp
    implicit none

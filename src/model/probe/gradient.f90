@@ -8,6 +8,8 @@
 !>
 !> A model that is none of this runs, and what it gives obeys no Hamiltonian equations. Thirteen gradients in
 !> all, whatever the numbers of degrees of freedom and noises.
+!>
+!> Private to its family.
 module symsde_model_probe_gradient
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait

@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The probe of what a model declares of its kinetic energy: H_p = p, or H_p = M^-1 p with a constant M.
+!>
+!> Private to its family.
 module symsde_model_probe_mass
    use symsde_base_kinds, only: wp
    use symsde_base_text, only: to_text

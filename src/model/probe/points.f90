@@ -4,6 +4,8 @@
 !> Three points are probed at once, one a lane: the initial state and two displaced from it by fixed
 !> pseudo-random amounts of order one. The other lanes repeat the last point. Nothing here is
 !> random: the same model is always probed in the same way.
+!>
+!> Private to its family.
 module symsde_model_probe_points
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: nlane => lane_unit

@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The probe of the rows of a chain: their force is the gradient, their stiffness its derivative.
+!>
+!> Private to its family.
 module symsde_model_probe_rows
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait

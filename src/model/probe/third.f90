@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The probe of third derivatives: they are second differences of the gradient.
+!>
+!> Private to its family.
 module symsde_model_probe_third
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait

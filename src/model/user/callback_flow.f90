@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Flows of a user's model: C functions, one for each scheme (model_type%flow says what they promise).
+!>
+!> Private to its family.
 module symsde_model_user_callback_flow
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_int64_t
    use, intrinsic :: iso_c_binding, only: c_loc, c_null_ptr, c_ptr

@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The C functions of a user's model: what each of them is given and gives (symsde_gradient and so on in symsde.h).
+!>
+!> Private to its family.
 module symsde_model_user_callback_functions
    use, intrinsic :: iso_c_binding, only: c_double, c_int, c_ptr
    implicit none

@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Outputs of a user's functions: room for those that nobody wants, and NaN in those of a function that failed.
+!>
+!> Private to its family.
 module symsde_model_user_outputs
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc

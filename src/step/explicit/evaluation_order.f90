@@ -3,6 +3,8 @@
 !>
 !> Q_i waits for the Hhat_p of the stages with a_ij /= 0, P_i for the Hhat_q of those with abar_ij /= 0. Stages that ask
 !> for the same slope at the same place share it: theirs is the sum of their coefficients.
+!>
+!> Private to its family.
 module symsde_step_explicit_evaluation_order
    use symsde_base_kinds, only: wp
    use symsde_scheme_scheme, only: scheme_type

@@ -3,6 +3,8 @@
 !>
 !> Their coefficients are one and one half, which multiply without rounding: all ways to carry them out have the same
 !> bits.
+!>
+!> Private to its family.
 module symsde_step_explicit_kick_drift
    use symsde_base_kinds, only: wp
    implicit none

@@ -7,6 +7,8 @@
 !>    gradient      = H'''[v,v] - H_k'''[u,v] + (Dv)^T (2 H''v - H_k''u) - (Du)^T H_k''v
 !>
 !> with (Dv)^T r = H_k'' (-r_p, r_q). Where noise is additive v is constant, and H'''[v,v] is all.
+!>
+!> Private to its family.
 module symsde_step_hamiltonian_brackets_exact
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits

@@ -5,6 +5,8 @@
 !> Where more unknowns are not solved at once, or two by differences of gradients, V = -f(base + (h/4) V) is iterated
 !> first, in the lanes where the step is mild, by the test of step/stages/fixed_point: a few gradients cost less than
 !> one matrix.
+!>
+!> Private to its family.
 module symsde_step_midpoint_dense
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense

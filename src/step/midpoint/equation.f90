@@ -10,6 +10,8 @@
 !>
 !> A part takes this for some lanes and finds x by Newton's iteration with matrices I + (h/4) Hhat_qq: how it
 !> solves these is all that the parts differ in (step/midpoint/dense, _by_rows, _by_products).
+!>
+!> Private to its family.
 module symsde_step_midpoint_equation
    use symsde_base_kinds, only: wp, i8
    use symsde_model_abstract, only: model_type

@@ -4,6 +4,8 @@
 !>    dq = Hhat_p(q + dq/2, p + dp/2),  dp = -Hhat_q(q + dq/2, p + dp/2)
 !>
 !> from none, by the test of step/stages/fixed_point. Lanes are taken in parts that stay in cache.
+!>
+!> Private to its family.
 module symsde_step_midpoint_full_fixed_point
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit

@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The eliminated midpoint without matrices, for many degrees of freedom and dense Hessians.
+!>
+!> Private to its family.
 module symsde_step_midpoint_krylov
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense

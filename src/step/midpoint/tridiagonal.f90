@@ -6,6 +6,8 @@
 !> that stay in the nearest caches, 640 bytes a row, and the rows are eliminated a panel at a time, as they come, from
 !> both ends: neither force nor matrix is ever stored as a whole. Other models are asked for the bands of all lanes of a
 !> block at once, which their calls are better shared by, and are then eliminated in the same strips.
+!>
+!> Private to its family.
 module symsde_step_midpoint_tridiagonal
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok

@@ -3,6 +3,8 @@
 !>
 !> They have the bits of states to which increments are added from memory, so this file is compiled without
 !> contraction: no product is fused with the sum.
+!>
+!> Private to its family.
 module symsde_step_midpoint_update
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit

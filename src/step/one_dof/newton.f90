@@ -11,6 +11,8 @@
 !> Newton correction from (q_n, p_n), with a single evaluation in the middle of the step for all stages.
 !>
 !> Two stages are solved in closed form (step/one_dof/two_stages), more by elimination across lanes.
+!>
+!> Private to its family.
 module symsde_step_one_dof_newton
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8

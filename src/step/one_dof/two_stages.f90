@@ -4,6 +4,8 @@
 !>
 !> Newton's matrix of four rows is inverted by its minors of two, which needs no pivots; for separable
 !> Hamiltonians the F are eliminated first, and two rows remain.
+!>
+!> Private to its family.
 module symsde_step_one_dof_two_stages
    use symsde_base_kinds, only: wp
    implicit none

@@ -4,6 +4,8 @@
 !>
 !> Of a sum of two products the first is contracted: parentheses around the other say so, or a path by itself would have
 !> other bits than one of a block.
+!>
+!> Private to its family.
 module symsde_step_splitting_coefficients
    use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, pair_index
    use symsde_base_kinds, only: wp

@@ -2,6 +2,8 @@
 !> The flow between two kicks: of p.p/2 (p is constant), or of a declared linear part,
 !> p.p/2 + sum_i omega_i^2 q_i^2/2, an exact rotation. Increments are moved, not states, so that rounding stays that
 !> of increments.
+!>
+!> Private to its family.
 module symsde_step_splitting_drift
    use symsde_base_kinds, only: wp
    implicit none

@@ -1,6 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The flow of H between kicks by the implicit midpoint rule, which large forces do not limit: by whatever stepper
 !> takes a midpoint step of the model, with noises of weight zero.
+!>
+!> Private to its family.
 module symsde_step_splitting_midpoint_drift
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8

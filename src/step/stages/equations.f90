@@ -18,6 +18,8 @@
 !> unknown (`eliminated`). The bracket {H_k,H} of additive noise in position that does not change in time moves all
 !> velocities alike: it is a shift of p_n, by sum_k (dW_k/2 - dZ_k/h) H_k,q, in the equations of Q_i and dq.
 !> Other brackets of schemes beyond order one make C small; elsewhere it is all of Hhat_p.
+!>
+!> Private to its family.
 module symsde_step_stages_equations
    use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
    use symsde_base_kinds, only: wp

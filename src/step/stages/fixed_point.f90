@@ -5,6 +5,8 @@
 !> contracts errors by about (h omega)^2 times a diagonal entry of B (gauss2: 1/24), so that a few sweeps do.
 !> In the first one a slope that is not known yet is replaced by the last one that is.
 !> When a lane is done, left or given up is told by solve/fixed_point.
+!>
+!> Private to its family.
 module symsde_step_stages_fixed_point
    use symsde_base_kinds, only: wp, i8
    use symsde_solve_fixed_point, only: take_first, take, judge_sweep, most_sweeps, done, left

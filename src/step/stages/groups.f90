@@ -10,6 +10,8 @@
 !> so stage i waits for stage k where B_ik is not zero (elsewhere: where a_ik or abar_ik is not). Stages that
 !> wait for each other are a group, and groups are solved one after the other: the two stages of gauss2 are
 !> one; of the three of lobatto3 only the second is implicit; a composition is a sequence of its parts.
+!>
+!> Private to its family.
 module symsde_step_stages_groups
    use symsde_base_kinds, only: wp
    use symsde_scheme_scheme, only: scheme_type

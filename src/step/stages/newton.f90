@@ -10,6 +10,8 @@
 !> the end takes an iteration or some more. Unknowns are ordered by degree of freedom, then stage: a Hessian with
 !> b bands beside the diagonal gives a matrix with (b + 1) s - 1, for s stages; many in a dense one are found by
 !> products, without matrices. The slopes follow from h B G = Z - d.
+!>
+!> Private to its family.
 module symsde_step_stages_newton
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: model_traits, dense

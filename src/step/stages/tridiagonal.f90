@@ -19,6 +19,8 @@
 !> the slopes of Q = q_n: from there on the iterates are those of the general stepper from slopes zero. A lane that
 !> fails here, or whose pivots say that its matrix might not be eliminated in this order, is left to the caller, who
 !> has another way.
+!>
+!> Private to its family.
 module symsde_step_stages_tridiagonal
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: singular

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The rooms of the library: which families of modules use which, and what they keep to themselves.
+
+check_rooms.py ROOT         one line per finding; exit 1 where there is one
+check_rooms.py ROOT --draw  write the picture of CONTRIBUTING.md anew
+check_rooms.py --self-test  plants a violation of every rule and requires that each is found
+
+A room is a folder below an area (src/step/midpoint); a file that stands directly in an area is a room of its own.
+Arrows between rooms make no circle. An area that has rooms holds at most five files beside them. A module whose
+header says "Private to its family." is used in its room alone.
+"""
+
+import re
+import sys
+import tempfile
+from collections import defaultdict
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+MOST_BESIDE = 5
+PRIVATE = re.compile(r"^!> Private to its family\.$", re.M)
+BEGIN, END = "<!-- rooms: written by tests/house/check_rooms.py -->\n", "<!-- end of rooms -->\n"
+
+
+def read(root):
+    """The modules below src: name -> (area, room, text)."""
+    found = {}
+    for file in sorted((root / "src").rglob("*.f90")):
+        parts = file.relative_to(root / "src").parts
+        if len(parts) > 1:
+            room = parts[1] if len(parts) > 2 else file.stem
+            name = "_".join(("symsde", *parts[:-1], file.stem))
+            found[name] = (parts[0], room, file.read_text(encoding="utf-8"))
+    return found
+
+
+def used(text):
+    """The modules of the library that a file uses."""
+    return re.findall(r"^\s*use\s+(symsde_\w+)", text, re.M)
+
+
+def arrows(modules):
+    """Room -> the rooms that it uses, as (area, room)."""
+    graph = defaultdict(set)
+    for area, room, text in modules.values():
+        graph[area, room] |= {modules[name][:2] for name in used(text) if name in modules} - {(area, room)}
+    return graph
+
+
+def folders(root):
+    """The folders below each area."""
+    areas = sorted(path for path in (root / "src").iterdir() if path.is_dir())
+    return {area.name: sorted(path.name for path in area.iterdir() if path.is_dir()) for area in areas}
+
+
+def reached(graph, start):
+    """The rooms that a room uses through others."""
+    found, left = set(), [room for first in graph[start] for room in graph[first]]
+    while left:
+        room = left.pop()
+        if room not in found:
+            found.add(room)
+            left += graph[room]
+    return found
+
+
+def picture(root):
+    """The areas that have rooms, each with the arrows between these that no others imply, as a diagram in Mermaid."""
+    graph = arrows(read(root))
+    lines = ["```mermaid", "flowchart BT"]
+    for area, rooms in folders(root).items():
+        if not rooms:
+            continue
+        lines.append(f"   subgraph {area}")
+        lines += [f"      {area}_{room}[{room}]" for room in rooms]
+        lines += [
+            f"      {area}_{room} --> {area}_{to}"
+            for room in rooms
+            for to in rooms
+            if (area, to) in graph[area, room] - reached(graph, (area, room))
+        ]
+        lines.append("   end")
+    return "\n".join([*lines, "```", ""])
+
+
+def with_picture(root):
+    """CONTRIBUTING.md with the picture as it is now."""
+    before, rest = (root / "CONTRIBUTING.md").read_text(encoding="utf-8").split(BEGIN)
+    return before + BEGIN + picture(root) + END + rest.split(END)[1]
+
+
+def findings(root):
+    """Every finding, as text."""
+    modules = read(root)
+    try:
+        TopologicalSorter(arrows(modules)).prepare()
+    except CycleError as error:
+        yield "rooms in a circle: " + " -> ".join("/".join(room) for room in error.args[1])
+    for area, rooms in folders(root).items():
+        beside = sum(path.suffix in {".f90", ".inc", ".c"} for path in (root / "src" / area).iterdir())
+        if rooms and beside > MOST_BESIDE:
+            yield f"src/{area} holds {beside} files beside its rooms, allowed are {MOST_BESIDE}"
+    for name, (area, room, text) in modules.items():
+        for other in used(text):
+            if other in modules and modules[other][:2] != (area, room) and PRIVATE.search(modules[other][2]):
+                yield f"{name} uses {other}, which is private to its family"
+    if with_picture(root) != (root / "CONTRIBUTING.md").read_text(encoding="utf-8"):
+        yield "CONTRIBUTING.md: the picture of the rooms is not as the tree is: run tests/house/check_rooms.py . --draw"
+
+
+def planted(root, files):
+    """A tree of these modules, path -> what they use; those in capitals are private."""
+    for path, uses in files.items():
+        file = root / "src" / path.lower()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        head = "!> Private to its family.\n" if path != path.lower() else ""
+        file.write_text(head + "".join(f"   use symsde_{name}, only: x\n" for name in uses))
+    (root / "CONTRIBUTING.md").write_text(BEGIN + END)
+    (root / "CONTRIBUTING.md").write_text(with_picture(root))
+
+
+def self_test():
+    """A sound tree gives no finding, and every planted violation is found by its own rule."""
+    sound = {"step/a/X.f90": (), "step/a/y.f90": ("step_a_x",), "step/b/z.f90": ("step_a_y",), "step/c.f90": ()}
+    cases = {
+        "": sound,
+        "in a circle": {**sound, "step/a/y.f90": ("step_c",), "step/c.f90": ("step_b_z",)},
+        "6 files beside": {**sound, **{f"step/d{i}.f90": () for i in range(5)}},
+        "is private": {**sound, "step/b/z.f90": ("step_a_x",)},
+    }
+    for wanted, files in cases.items():
+        with tempfile.TemporaryDirectory() as folder:
+            planted(Path(folder), files)
+            found = list(findings(Path(folder)))
+            if (found != []) if wanted == "" else not any(wanted in line for line in found):
+                yield f"planted '{wanted}', found {found}"
+            (Path(folder) / "src/step/b/z.f90").write_text("")
+            if wanted == "" and not any("--draw" in line for line in findings(Path(folder))):
+                yield "a picture of another tree was not found"
+
+
+def main():
+    """Run the check, its self-test, or draw."""
+    if sys.argv[1:] == ["--self-test"]:
+        found = list(self_test())
+    elif "--draw" in sys.argv:
+        root = Path(sys.argv[1])
+        (root / "CONTRIBUTING.md").write_text(with_picture(root), encoding="utf-8")
+        return 0
+    else:
+        found = list(findings(Path(sys.argv[1])))
+    print("\n".join(found) if found else "nothing to report")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
