@@ -8,25 +8,25 @@ module symsde_step_factory
    use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_needs, only: find_missing
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_auto, correction_none, correction_mean, &
-                                   correction_increments, frame_shift, frame_mean_path, frame_rotation, &
-                                   ito_form, galerkin_form, splitting_form
+                                   correction_increments, frame_shift, frame_mean_path, frame_rotation, ito_form, &
+                                   galerkin_form, splitting_form
    use symsde_solve_newton, only: newton_options, check_newton
-   use symsde_step_midpoint_mean_path, only: averaged_shift_stepper
-   use symsde_step_midpoint_mean_force, only: drift_preserving_stepper, drift_preserving_fits
+   use symsde_step_midpoint_mean_path, only: mean_path_stepper
+   use symsde_step_midpoint_mean_force, only: mean_force_stepper, mean_force_fits
    use symsde_step_explicit_euler_maruyama, only: euler_maruyama_stepper
    use symsde_step_explicit_tableau, only: explicit_stepper, explicit_fits
    use symsde_step_implicit_galerkin, only: galerkin_stepper
    use symsde_step_implicit_general, only: general_stepper
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, midpoint_fits
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
-   use symsde_step_midpoint_one_dof, only: midpoint_single_stepper, midpoint_single_fits
-   use symsde_step_implicit_euler_pair, only: one_sided_stepper, one_sided_fits
+   use symsde_step_midpoint_one_dof, only: midpoint_one_dof_stepper, midpoint_one_dof_fits
+   use symsde_step_implicit_euler_pair, only: euler_pair_stepper, euler_pair_fits
    use symsde_step_splitting_stepper, only: splitting_stepper
    use symsde_step_stages_stepper, only: stages_stepper, stages_fits
-   use symsde_step_one_dof_stepper, only: stages_single_stepper, stages_single_fits
+   use symsde_step_one_dof_stepper, only: one_dof_stepper, one_dof_fits
    use symsde_step_stepper, only: stepper_type, stepper_task
    use symsde_step_explicit_verlet_dz, only: verlet_dz_stepper
-   use symsde_step_flow_model_flow, only: whole_stepper, whole_fits
+   use symsde_step_flow_model_flow, only: model_flow_stepper, model_flow_fits
    implicit none
    private
    public :: stepper_options, new_stepper, resolve_task, make_stepper, resolve_correction
@@ -40,8 +40,8 @@ module symsde_step_factory
 
    !> The order in which steppers are asked, the most special ones first and the oracles last.
    enum, bind(c)
-      enumerator :: whole = 1, verlet_dz, averaged_shift, explicit, drift_preserving, midpoint, midpoint_single
-      enumerator :: midpoint_full, one_sided, stages_single, stages
+      enumerator :: model_flow = 1, verlet_dz, mean_path, explicit, mean_force, midpoint, midpoint_one_dof
+      enumerator :: midpoint_full, euler_pair, one_dof, stages
       enumerator :: first_oracle, general = first_oracle, euler_maruyama, galerkin, splitting, last_stepper = splitting
    end enum
 
@@ -51,21 +51,21 @@ contains
    !> equations as they stand: what the others are tested against. Only one that fits is allocated, since a run of few
    !> steps would notice the time of allocating all.
    subroutine offer(i, task, stepper)
-      integer, intent(in) :: i   !! whole .. last_stepper
+      integer, intent(in) :: i   !! model_flow .. last_stepper
       type(stepper_task), intent(in) :: task
       class(stepper_type), allocatable, intent(inout) :: stepper  !! not allocated; still so if it does not fit
 
       select case (i)
-      case (whole); if (whole_fits(task)) allocate (whole_stepper :: stepper)
+      case (model_flow); if (model_flow_fits(task)) allocate (model_flow_stepper :: stepper)
       case (verlet_dz); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
-      case (averaged_shift); if (task%scheme%frame == frame_mean_path) allocate (averaged_shift_stepper :: stepper)
+      case (mean_path); if (task%scheme%frame == frame_mean_path) allocate (mean_path_stepper :: stepper)
       case (explicit); if (explicit_fits(task)) allocate (explicit_stepper :: stepper)
-      case (drift_preserving); if (drift_preserving_fits(task)) allocate (drift_preserving_stepper :: stepper)
+      case (mean_force); if (mean_force_fits(task)) allocate (mean_force_stepper :: stepper)
       case (midpoint); if (midpoint_fits(task)) allocate (midpoint_stepper :: stepper)
-      case (midpoint_single); if (midpoint_single_fits(task)) allocate (midpoint_single_stepper :: stepper)
+      case (midpoint_one_dof); if (midpoint_one_dof_fits(task)) allocate (midpoint_one_dof_stepper :: stepper)
       case (midpoint_full); if (midpoint_full_fits(task)) allocate (midpoint_full_stepper :: stepper)
-      case (one_sided); if (one_sided_fits(task)) allocate (one_sided_stepper :: stepper)
-      case (stages_single); if (stages_single_fits(task)) allocate (stages_single_stepper :: stepper)
+      case (euler_pair); if (euler_pair_fits(task)) allocate (euler_pair_stepper :: stepper)
+      case (one_dof); if (one_dof_fits(task)) allocate (one_dof_stepper :: stepper)
       case (stages); if (stages_fits(task)) allocate (stages_stepper :: stepper)
       case (general); if (task%is_tableau()) allocate (general_stepper :: stepper)
       case (euler_maruyama); if (task%scheme%form == ito_form) allocate (euler_maruyama_stepper :: stepper)
@@ -128,7 +128,7 @@ contains
       task = wanted
       task%model => model
       task%nlane = nlane
-      do i = merge(first_oracle, whole, task%general), last_stepper
+      do i = merge(first_oracle, model_flow, task%general), last_stepper
          call offer(i, task, stepper)
          if (.not. allocated(stepper)) cycle
          call stepper%make(task)

@@ -14,7 +14,7 @@ module symsde_ensemble_block_few
    use symsde_step_lone, only: lone_stepper, most_lone
    use symsde_step_block_state, only: lane_state
    use symsde_step_stepper, only: stepper_type
-   use symsde_step_flow_model_flow, only: whole_stepper
+   use symsde_step_flow_model_flow, only: model_flow_stepper
    implicit none
    private
    public :: few_paths, has_few, most_alone, lone_numbers
@@ -54,7 +54,7 @@ contains
       most_alone = 0
       if (allocated(lone)) most_alone = lone%most
       select type (stepper)
-      class is (whole_stepper)
+      class is (model_flow_stepper)
          most_alone = 1
       end select
    end function most_alone
@@ -109,7 +109,7 @@ contains
    !> and self%pn, side by side, if it does not fail on the way.
    subroutine flow(self, stepper, place, t, nout, every, state, qn, pn, status, taken)
       class(few_paths), intent(inout) :: self
-      class(whole_stepper), intent(inout) :: stepper
+      class(model_flow_stepper), intent(inout) :: stepper
       integer, intent(in) :: place           !! where in the store the first step stands
       real(wp), intent(in) :: t              !! when it begins
       integer, intent(in) :: nout, every

@@ -10,9 +10,9 @@ module symsde_ensemble_block_noise_buffer
    use symsde_noise_source, only: noise_type
    implicit none
    private
-   public :: drawn_steps, new_drawn_steps
+   public :: noise_buffer, new_noise_buffer
 
-   type :: drawn_steps
+   type :: noise_buffer
       class(noise_type), pointer :: noise => null()
       type(step_request) :: request        !! paths of the block, and the pairs of steps in the store
       type(step_store) :: store            !! steps drawn ahead, or brought one by one; without room at first
@@ -24,13 +24,13 @@ module symsde_ensemble_block_noise_buffer
       procedure :: ahead
       procedure :: left
       procedure :: show
-   end type drawn_steps
+   end type noise_buffer
 
 contains
 
    !> For blocks of nlane lanes, and so many noises, steps of a run and functionals beside increments.
-   subroutine new_drawn_steps(self, nlane, nnoise, nstep, h, asked, brings)
-      type(drawn_steps), intent(inout) :: self
+   subroutine new_noise_buffer(self, nlane, nnoise, nstep, h, asked, brings)
+      type(noise_buffer), intent(inout) :: self
       integer, intent(in) :: nlane, nnoise
       integer(i8), intent(in) :: nstep
       real(wp), intent(in) :: h                      !! step with its sign [time]
@@ -41,11 +41,11 @@ contains
       call describe_step_store(self%store, nlane, nnoise, 2*self%npair, h, asked)
       self%request%nlane = nlane
       allocate (self%request%path(nlane))
-   end subroutine new_drawn_steps
+   end subroutine new_noise_buffer
 
    !> A block of these paths, the first nreal of them real, of which nothing is drawn.
    subroutine begin(self, nreal, path)
-      class(drawn_steps), intent(inout) :: self
+      class(noise_buffer), intent(inout) :: self
       integer, intent(in) :: nreal
       integer(i8), intent(in) :: path(self%request%nlane)
 
@@ -57,7 +57,7 @@ contains
    !> Have what drives a step: drawn ahead, or asked for, several pairs from an even one on; few paths have stores of
    !> their own. Nothing is had where the interrupt is wanted.
    subroutine draw(self, step, nstep, few, alone, interrupt)
-      class(drawn_steps), intent(inout) :: self
+      class(noise_buffer), intent(inout) :: self
       integer(i8), intent(in) :: step, nstep       !! absolute, counted from 0; that with which the run ends
       type(few_paths), intent(inout) :: few
       logical, intent(in) :: alone                 !! the paths are those
@@ -85,7 +85,7 @@ contains
 
    !> Steps from the first one that was drawn to this one.
    pure integer function ahead(self, step)
-      class(drawn_steps), intent(in) :: self
+      class(noise_buffer), intent(in) :: self
       integer(i8), intent(in) :: step
 
       ahead = int(step - 2*self%request%pair)
@@ -93,7 +93,7 @@ contains
 
    !> Steps from this one on that were drawn.
    pure integer(i8) function left(self, step)
-      class(drawn_steps), intent(in) :: self
+      class(noise_buffer), intent(in) :: self
       integer(i8), intent(in) :: step
 
       left = 2*(self%request%pair + self%nahead) - step
@@ -101,7 +101,7 @@ contains
 
    !> A step of the block, which begins at the time t; that of few paths is brought to its store.
    subroutine show(self, step, t, few, alone, record)
-      class(drawn_steps), intent(inout) :: self
+      class(noise_buffer), intent(inout) :: self
       integer(i8), intent(in) :: step
       real(wp), intent(in) :: t
       type(few_paths), intent(in) :: few

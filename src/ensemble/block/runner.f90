@@ -13,7 +13,7 @@ module symsde_ensemble_block_runner
    use symsde_base_record, only: step_record, steps_record
    use symsde_base_status, only: stopped
    use symsde_ensemble_block_prefetch, only: states_ahead, most_shown
-   use symsde_ensemble_block_noise_buffer, only: drawn_steps, new_drawn_steps
+   use symsde_ensemble_block_noise_buffer, only: noise_buffer, new_noise_buffer
    use symsde_ensemble_block_few, only: few_paths
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_observe_observer, only: observer_type
@@ -25,7 +25,7 @@ module symsde_ensemble_block_runner
    use symsde_step_implicit_rescue, only: rescue_type
    use symsde_step_block_state, only: lane_state, new_lane_state
    use symsde_step_stepper, only: stepper_type
-   use symsde_step_flow_model_flow, only: whole_stepper
+   use symsde_step_flow_model_flow, only: model_flow_stepper
    implicit none
    private
    public :: block_runner, new_block_runner
@@ -41,7 +41,7 @@ module symsde_ensemble_block_runner
       type(lane_state) :: state
       integer :: nreal = 0
       integer(i8) :: step = 0              !! absolute step that comes next
-      type(drawn_steps) :: drawn           !! what drives the steps
+      type(noise_buffer) :: drawn           !! what drives the steps
       integer(i8), private :: begun = 0    !! the one that the block began with
       integer(i8) :: chunk = 1             !! steps of a chunk, for the caller to choose
       type(counters_type) :: counters      !! steps and normals
@@ -84,10 +84,10 @@ contains
       self%options = options
       call move_alloc(stepper, self%stepper)
       associate (n => self%stepper%ham%ndof, nout => states_ahead(nlane, self%stepper%ham%ndof))
-         call new_drawn_steps(self%drawn, nlane, self%stepper%ham%nnoise, options%nstep, options%step, asked, brings)
+         call new_noise_buffer(self%drawn, nlane, self%stepper%ham%nnoise, options%nstep, options%step, asked, brings)
          call new_lane_state(self%state, nlane, n, options%compensated)
          select type (stepper => self%stepper)
-         class is (whole_stepper)
+         class is (model_flow_stepper)
             self%whole = .true.
             self%steps%max_iter = stepper%max_iter
             allocate (self%qn(nlane, n, nout), self%pn(nlane, n, nout), self%status(nlane))
@@ -315,7 +315,7 @@ contains
 
       self%status = state%status
       select type (stepper => self%stepper)
-      class is (whole_stepper)
+      class is (model_flow_stepper)
          if (self%alone) then
             call self%few%flow(stepper, self%drawn%ahead(step), time_of(self, step), nout, every, state, self%qn, &
                                self%pn, self%status, taken)

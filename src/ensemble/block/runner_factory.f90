@@ -18,22 +18,22 @@ module symsde_ensemble_block_runner_factory
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: runner_recipe
+   public :: runner_factory
 
-   type :: runner_recipe
+   type :: runner_factory
       type(stepper_task) :: task        !! for any lanes
       type(run_options) :: options
       type(functional_set) :: asked     !! of the path, beside its increments
       logical :: narrows = .false.      !! there is memory for narrower blocks, too
    contains
       procedure :: new_runner
-   end type runner_recipe
+   end type runner_factory
 
 contains
 
    !> A runner for blocks of nlane lanes.
    subroutine new_runner(self, runner, nlane, has_padding, error, takes_few)
-      class(runner_recipe), intent(in), target :: self   !! must live as long as the runner
+      class(runner_factory), intent(in), target :: self   !! must live as long as the runner
       type(block_runner), intent(out) :: runner
       integer, intent(in) :: nlane
       logical, intent(in) :: has_padding        !! some block will not be full
@@ -65,7 +65,7 @@ contains
 
    !> What takes the paths of a block of few one by one, and how many are few; none where the run has no such block.
    subroutine offer_few(self, stepper, nlane, lone, most, error)
-      type(runner_recipe), intent(in) :: self
+      type(runner_factory), intent(in) :: self
       class(stepper_type), intent(in) :: stepper
       integer, intent(in) :: nlane
       class(lone_stepper), allocatable, intent(out) :: lone
@@ -81,7 +81,7 @@ contains
 
    !> A path by itself by a stepper of one lane, where that has the bits of others.
    subroutine offer_lane(self, stepper, lone, error)
-      class(runner_recipe), intent(in) :: self
+      class(runner_factory), intent(in) :: self
       class(stepper_type), intent(in) :: stepper  !! of the block
       class(lone_stepper), allocatable, intent(out) :: lone
       type(error_type), allocatable, intent(inout) :: error

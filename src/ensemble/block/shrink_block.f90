@@ -12,7 +12,7 @@ module symsde_ensemble_block_shrink_block
    use symsde_base_status, only: error_type, stopped
    use symsde_ensemble_block_runner, only: block_runner
    use symsde_ensemble_observe_observer, only: observer_type
-   use symsde_ensemble_block_runner_factory, only: runner_recipe
+   use symsde_ensemble_block_runner_factory, only: runner_factory
    use symsde_step_block_state, only: lane_state
    implicit none
    private
@@ -41,7 +41,7 @@ contains
 
    !> Give the paths of a block to a narrower runner if half of its lanes have a status; else say when that will be.
    subroutine narrow_down(recipe, wide, active)
-      type(runner_recipe), intent(in) :: recipe
+      type(runner_factory), intent(in) :: recipe
       type(block_runner), intent(inout), target :: wide            !! the runner of the whole block
       type(block_runner), pointer, intent(inout) :: active  !! the one that has its paths now
       type(block_runner), pointer :: next
@@ -83,7 +83,7 @@ contains
 
    !> The runner of this width, made if there is none yet; null where it cannot be made.
    subroutine find_runner(recipe, wide, width, runner)
-      type(runner_recipe), intent(in) :: recipe
+      type(runner_factory), intent(in) :: recipe
       type(block_runner), intent(inout), target :: wide
       integer, intent(in) :: width
       type(block_runner), pointer, intent(out) :: runner

@@ -22,7 +22,7 @@ module symsde_ensemble_run_driver
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_run_probes, only: probe_declared, probe_whole_steps
    use symsde_ensemble_options, only: run_options, check_options, steppers_of
-   use symsde_ensemble_block_runner_factory, only: runner_recipe
+   use symsde_ensemble_block_runner_factory, only: runner_factory
    use symsde_ensemble_run_report, only: run_report, describe_left_out
    use symsde_ensemble_run_memory, only: fit_threads
    use symsde_ensemble_run_threads, only: shared_state, run_blocks, choose_nthread, usable_threads
@@ -51,7 +51,7 @@ module symsde_ensemble_run_driver
       type(run_report) :: report     !! totals of all drives; the outcome of the last one
       class(model_type), pointer, private :: model => null()
       class(noise_type), allocatable, private :: noise         !! where a drive is not given its own
-      type(runner_recipe), private :: recipe
+      type(runner_factory), private :: recipe
       type(block_runner), allocatable, private :: runners(:)   !! one for every thread
    contains
       procedure :: drive

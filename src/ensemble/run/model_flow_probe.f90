@@ -16,7 +16,7 @@ module symsde_ensemble_run_model_flow_probe
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_factory, only: stepper_options, new_stepper
    use symsde_step_stepper, only: stepper_type
-   use symsde_step_flow_model_flow, only: whole_stepper
+   use symsde_step_flow_model_flow, only: model_flow_stepper
    implicit none
    private
    public :: probe_flow
@@ -47,7 +47,7 @@ contains
 
       decided = .false.
       select type (stepper)
-      type is (whole_stepper)
+      type is (model_flow_stepper)
       class default
          return
       end select
@@ -159,7 +159,7 @@ contains
       steps%every = 1
       steps%nreal = nlane
       select type (stepper)
-      type is (whole_stepper)
+      type is (model_flow_stepper)
          steps%max_iter = stepper%max_iter
          do first = 1, nstep, n
             call store%show_several(first - 1, n, t + (first - 1)*store%h, steps)

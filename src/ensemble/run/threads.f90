@@ -15,7 +15,7 @@ module symsde_ensemble_run_threads
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_block_shrink_block, only: narrow_down, come_back
    use symsde_ensemble_options, only: run_options
-   use symsde_ensemble_block_runner_factory, only: runner_recipe
+   use symsde_ensemble_block_runner_factory, only: runner_factory
    implicit none
    private
    public :: shared_state, run_blocks, choose_nthread, usable_threads
@@ -71,7 +71,7 @@ contains
    !> began, or as the host's own parallel regions wish, to whom they are given back as they were.
    subroutine run_blocks(runners, recipe, options, start, monitor, shared)
       type(block_runner), intent(inout), target :: runners(:)
-      type(runner_recipe), intent(in) :: recipe
+      type(runner_factory), intent(in) :: recipe
       type(run_options), intent(in) :: options
       type(initial_state), intent(in) :: start
       class(monitor_type), intent(inout), target :: monitor
@@ -96,7 +96,7 @@ contains
    subroutine run_share(me, runners, recipe, options, start, monitor, shared)
       integer, intent(in) :: me   !! 1 is the thread that called the library
       type(block_runner), intent(inout), target :: runners(:)
-      type(runner_recipe), intent(in) :: recipe
+      type(runner_factory), intent(in) :: recipe
       type(run_options), intent(in) :: options
       type(initial_state), intent(in) :: start
       class(monitor_type), intent(inout), target :: monitor
@@ -185,7 +185,7 @@ contains
    !> the clock decides about nothing else.
    subroutine run_block(runner, recipe, chunk, flag, shared)
       type(block_runner), intent(inout), target :: runner
-      type(runner_recipe), intent(in) :: recipe
+      type(runner_factory), intent(in) :: recipe
       integer(i8), intent(in) :: chunk   !! steps of each, as the monitor wants; 0 = those of a moment
       type(stop_flag), intent(inout) :: flag
       type(shared_state), intent(inout) :: shared

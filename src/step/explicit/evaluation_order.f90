@@ -10,7 +10,7 @@ module symsde_step_explicit_evaluation_order
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: explicit_plan, evaluation, new_explicit_plan, add_slopes, to_q, to_p
+   public :: evaluation_order, evaluation, new_explicit_plan, add_slopes, to_q, to_p
 
    integer, parameter :: narrow = 4  !! numbers that are summed one by one
 
@@ -29,19 +29,19 @@ module symsde_step_explicit_evaluation_order
    !> Sums are of slopes times coefficients that are not zero; the slopes of others are never read. Sum i leads to stage
    !> i, sum 0 is the increment of the step. Both kinds stand in one array: a type for each, as two components, was not
    !> freed as a whole by gfortran 12.
-   type :: explicit_plan
+   type :: evaluation_order
       integer :: nstage = 0
       real(wp), allocatable :: c(:)               !! nodes (nstage)
       integer, allocatable :: many(:, :)          !! slopes of a sum (0:nstage, 2)
       integer, allocatable :: stage(:, :, :)      !! whose they are (nstage, 0:nstage, 2)
       real(wp), allocatable :: weight(:, :, :)    !! their coefficients (nstage, 0:nstage, 2)
       type(evaluation), allocatable :: order(:)
-   end type explicit_plan
+   end type evaluation_order
 
 contains
 
    subroutine new_explicit_plan(self, scheme, separable, still_force, still_velocity)
-      type(explicit_plan), intent(out) :: self
+      type(evaluation_order), intent(out) :: self
       type(scheme_type), intent(in) :: scheme
       logical, intent(in) :: separable                    !! H_j = T_j(p) + U_j(q)
       logical, intent(in) :: still_force, still_velocity  !! known not to depend on time
@@ -148,7 +148,7 @@ contains
    !> total = start + sum k of a kind, without start sum k alone, of at least one slope.
    pure subroutine add_slopes(n, plan, kind, k, slope, total, start)
       integer, intent(in) :: n, kind, k
-      type(explicit_plan), intent(in) :: plan
+      type(evaluation_order), intent(in) :: plan
       real(wp), intent(in) :: slope(n, plan%nstage)
       real(wp), intent(inout) :: total(n)
       real(wp), intent(in), optional :: start(n)

@@ -6,7 +6,7 @@ module symsde_step_explicit_lone_swing
    use symsde_base_sincos, only: sincos_one
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: angle_terms
-   use symsde_step_explicit_evaluation_order, only: explicit_plan, to_q, to_p
+   use symsde_step_explicit_evaluation_order, only: evaluation_order, to_q, to_p
    use symsde_step_lone, only: few_of
    use symsde_step_explicit_lone_tableau, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick, &
                                                 drift_kick_drift, two_slopes, by_plan
@@ -28,7 +28,7 @@ contains
       class(lone_explicit), allocatable, intent(out) :: self
       integer, intent(in) :: kind
       type(model_traits), intent(in) :: traits
-      type(explicit_plan), intent(in), optional :: plan  !! none: one slope
+      type(evaluation_order), intent(in), optional :: plan  !! none: one slope
       type(lone_swing), allocatable :: swing
 
       if (traits%has_angle_terms .or. traits%has_linear_terms) then
@@ -133,7 +133,7 @@ contains
    !> The same by the plan.
    subroutine follow(self, plan, t, h, w, q, p, f, v, dq, dp)
       type(lone_swing), intent(inout) :: self
-      type(explicit_plan), intent(in) :: plan
+      type(evaluation_order), intent(in) :: plan
       real(wp), intent(in) :: t, h, w(0:self%m)
       real(wp), value :: q, p
       real(wp), intent(inout), dimension(plan%nstage) :: f, v  !! room
@@ -154,7 +154,7 @@ contains
 
    !> One number of add_slopes (step/explicit/evaluation_order).
    pure real(wp) function sum_of(plan, kind, k, slope, start) result(total)
-      type(explicit_plan), intent(in) :: plan
+      type(evaluation_order), intent(in) :: plan
       integer, intent(in) :: kind, k
       real(wp), intent(in) :: slope(plan%nstage)
       real(wp), intent(in), optional :: start

@@ -7,7 +7,7 @@
 module symsde_step_explicit_lone_tableau
    use symsde_base_kinds, only: wp
    use symsde_step_hamiltonian_mass, only: constant_mass
-   use symsde_step_explicit_evaluation_order, only: explicit_plan, evaluation, add_slopes, to_q, to_p
+   use symsde_step_explicit_evaluation_order, only: evaluation_order, evaluation, add_slopes, to_q, to_p
    use symsde_step_explicit_kick_drift, only: kick, kick_and_drift, kick_and_drift_each, kick_again, move
    use symsde_step_lone, only: lone_stepper
    implicit none
@@ -25,7 +25,7 @@ module symsde_step_explicit_lone_tableau
       integer :: ngradient = 0       !! evaluations of a step
       logical :: shares = .false.    !! both stages of drift_kick_drift have one force
       real(wp) :: c(2) = 0           !! nodes of one or two stages
-      type(explicit_plan) :: plan    !! of any number of them
+      type(evaluation_order) :: plan    !! of any number of them
       type(constant_mass), allocatable :: mass  !! the velocity is h M^-1 p
       logical, private :: by_numbers = .false.  !! which M^-1 is
       real(wp), allocatable, dimension(:), private :: x, first, second, force  !! (n)
@@ -211,7 +211,7 @@ contains
    !> The evaluations of a plan, as step/explicit/tableau takes them.
    subroutine follow(self, plan, n, t, h, w, q, p, moved_q, moved_p, f, v, dq, dp)
       type(lone_explicit), intent(inout) :: self
-      type(explicit_plan), intent(in) :: plan
+      type(evaluation_order), intent(in) :: plan
       integer, intent(in) :: n
       real(wp), intent(in) :: t, h, w(0:self%m)
       real(wp), intent(in), target :: q(n), p(n)

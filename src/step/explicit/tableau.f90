@@ -11,13 +11,14 @@ module symsde_step_explicit_tableau
    use symsde_base_traits, only: model_traits
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_hamiltonian_mass, only: new_constant_mass
-   use symsde_step_explicit_evaluation_order, only: explicit_plan, evaluation, new_explicit_plan, add_slopes, to_q, to_p
+   use symsde_step_explicit_evaluation_order, only: evaluation_order, evaluation, new_explicit_plan, add_slopes, to_q, &
+                                                    to_p
    use symsde_step_explicit_kick_drift, only: kick, kick_and_drift, kick_again, move
    use symsde_step_lone, only: lone_stepper
    use symsde_step_explicit_lone_tableau, only: lone_explicit, kick_drift, drift_kick, kick_drift_kick, &
                                                 drift_kick_drift, two_slopes, by_plan
    use symsde_step_explicit_lone_swing, only: new_lone_explicit
-   use symsde_step_implicit_euler_pair, only: is_one_sided
+   use symsde_step_implicit_euler_pair, only: is_euler_pair
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -28,7 +29,7 @@ module symsde_step_explicit_tableau
       private
       integer :: kind = by_plan       !! of lone steps
       logical :: is_verlet = .false.  !! Stormer-Verlet, where the velocity is h p or h M^-1 p whenever it is asked for
-      type(explicit_plan) :: plan
+      type(evaluation_order) :: plan
       real(wp), allocatable :: hq(:, :, :), hp(:, :, :)  !! of each stage (nlane, ndof, nstage)
       real(wp), allocatable :: qs(:, :), ps(:, :)        !! one stage (nlane, ndof)
    contains
@@ -94,7 +95,7 @@ contains
                              heun(2, 2) = reshape([0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp], [2, 2])
 
       kind = by_plan
-      if (is_one_sided(scheme)) then
+      if (is_euler_pair(scheme)) then
          kind = merge(kick_drift, drift_kick, scheme%abar(1, 1) > 0.5_wp)  ! explicit, so separable
       else if (has_halves(scheme, heun, heun)) then
          if (.not. has_mass) kind = two_slopes
@@ -135,7 +136,7 @@ contains
    !> The evaluations of the plan. A point that is where the step began is not copied.
    subroutine follow(self, plan, t, h, w, q, p, dq, dp)
       class(explicit_stepper), intent(inout), target :: self
-      type(explicit_plan), intent(in) :: plan
+      type(evaluation_order), intent(in) :: plan
       real(wp), intent(in) :: t, h, w(self%ham%nlane, 0:self%ham%nnoise)
       real(wp), intent(in), target :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)

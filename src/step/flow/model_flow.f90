@@ -14,14 +14,14 @@ module symsde_step_flow_model_flow
    use symsde_model_abstract, only: corrected
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, correction_none, correction_increments, tableau_form, &
                                    splitting_form, frame_none
-   use symsde_step_implicit_euler_pair, only: is_one_sided
+   use symsde_step_implicit_euler_pair, only: is_euler_pair
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: whole_stepper, whole_fits, name_of_flow
+   public :: model_flow_stepper, model_flow_fits, name_of_flow
 
-   type, extends(stepper_type) :: whole_stepper
+   type, extends(stepper_type) :: model_flow_stepper
       private
       character(:), allocatable :: scheme   !! as the model knows it
       integer, public :: max_iter = 0
@@ -29,22 +29,22 @@ module symsde_step_flow_model_flow
       procedure :: make
       procedure :: increment
       procedure :: flow
-   end type whole_stepper
+   end type model_flow_stepper
 
 contains
 
    !> Whether this stepper executes the task.
-   logical function whole_fits(task) result(fits)
+   logical function model_flow_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
       character(:), allocatable :: name
 
       fits = task%newton%fixed_point == 0 .and. .not. task%as_increments
       if (fits .and. task%correction /= correction_none) &
-         fits = task%correction == correction_increments .and. is_one_sided(task%scheme)
+         fits = task%correction == correction_increments .and. is_euler_pair(task%scheme)
       if (.not. fits) return
       call find_flow(task, name)
       fits = name /= ''
-   end function whole_fits
+   end function model_flow_fits
 
    !> The name of the model's flow that serves a task; blank where there is none. One that is meant for the scheme comes
    !> first. Where equations are linear, so that a step has one root, the steps of one of the four also serve discrete
@@ -77,7 +77,7 @@ contains
    end function suffix
 
    subroutine make(self, task)
-      class(whole_stepper), intent(inout) :: self
+      class(model_flow_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
       logical :: plain
 
@@ -130,7 +130,7 @@ contains
       if (scheme%form /= tableau_form .or. scheme%frame /= frame_none .or. has_brackets) return
       if (scheme%is_midpoint()) then
          name = 'midpoint'
-      else if (is_one_sided(scheme)) then
+      else if (is_euler_pair(scheme)) then
          name = 'symplectic_euler'
          if (scheme%a(1, 1) > 0.5_wp) name = 'symplectic_euler_adjoint'
       else if (is_verlet(scheme)) then
@@ -179,7 +179,7 @@ contains
 
    !> Several steps from (q, p) to the states after every steps%every-th of them.
    subroutine flow(self, steps, q, p, qn, pn, status)
-      class(whole_stepper), intent(inout) :: self
+      class(model_flow_stepper), intent(inout) :: self
       type(steps_record), intent(in) :: steps
       real(wp), intent(in) :: q(steps%nlane, self%ham%ndof), p(steps%nlane, self%ham%ndof)
       real(wp), intent(out) :: qn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)
@@ -193,7 +193,7 @@ contains
 
    !> One step as an increment, for those who ask for one: the last place is that of the states.
    subroutine increment(self, step, q, p, dq, dp, status)
-      class(whole_stepper), intent(inout) :: self
+      class(model_flow_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)

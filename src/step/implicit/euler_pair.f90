@@ -14,9 +14,9 @@ module symsde_step_implicit_euler_pair
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: one_sided_stepper, one_sided_fits, is_one_sided
+   public :: euler_pair_stepper, euler_pair_fits, is_euler_pair
 
-   type, extends(stepper_type) :: one_sided_stepper
+   type, extends(stepper_type) :: euler_pair_stepper
       private
       logical :: adjoint = .false.         !! lambda = 1
       type(newton_type) :: newton
@@ -25,20 +25,20 @@ module symsde_step_implicit_euler_pair
    contains
       procedure :: make
       procedure :: increment
-   end type one_sided_stepper
+   end type euler_pair_stepper
 
 contains
 
    !> Whether this stepper executes the task.
-   logical function one_sided_fits(task) result(fits)
+   logical function euler_pair_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_tableau() .and. .not. task%has_brackets()
-      if (fits) fits = is_one_sided(task%scheme)
-   end function one_sided_fits
+      if (fits) fits = is_euler_pair(task%scheme)
+   end function euler_pair_fits
 
    subroutine make(self, task)
-      class(one_sided_stepper), intent(inout) :: self
+      class(euler_pair_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
       self%name = 'one-sided'
@@ -54,19 +54,19 @@ contains
    end subroutine make
 
    !> Whether the scheme is one of the pair: one stage, lambda = 0 or 1, drift and noise alike.
-   pure logical function is_one_sided(scheme)
+   pure logical function is_euler_pair(scheme)
       type(scheme_type), intent(in) :: scheme
 
-      is_one_sided = .false.
+      is_euler_pair = .false.
       if (scheme%form /= tableau_form .or. scheme%nstage /= 1) return
       if (.not. scheme%noise_coefficients_equal() .or. abs(scheme%alpha(1) - 1) > 0) return
       if (abs(scheme%c(1) - scheme%a(1, 1)) > 0) return  ! a time of the user's own
-      is_one_sided = (abs(scheme%a(1, 1)) <= 0 .and. abs(scheme%abar(1, 1) - 1) <= 0) .or. &
-                     (abs(scheme%a(1, 1) - 1) <= 0 .and. abs(scheme%abar(1, 1)) <= 0)
-   end function is_one_sided
+      is_euler_pair = (abs(scheme%a(1, 1)) <= 0 .and. abs(scheme%abar(1, 1) - 1) <= 0) .or. &
+                      (abs(scheme%a(1, 1) - 1) <= 0 .and. abs(scheme%abar(1, 1)) <= 0)
+   end function is_euler_pair
 
    subroutine increment(self, step, q, p, dq, dp, status)
-      class(one_sided_stepper), intent(inout) :: self
+      class(euler_pair_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
@@ -86,7 +86,7 @@ contains
 
    !> Newton for the increment of the implicit end: F = d + Hhat_q(p_n+d,q_n), or d - Hhat_p(p_n,q_n+d).
    subroutine solve_end(self, t, w, q, p, d, status)
-      type(one_sided_stepper), intent(inout) :: self
+      type(euler_pair_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: d(self%ham%nlane, self%ham%ndof)
@@ -114,7 +114,7 @@ contains
 
    !> Hhat_q and I + Hhat_qp at (q_n, p_{n+1}).
    subroutine evaluate(self, t, w, q)
-      type(one_sided_stepper), intent(inout) :: self
+      type(euler_pair_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, self%ham%ndof)
       integer :: i
 
@@ -131,7 +131,7 @@ contains
 
    !> Hhat_p and I - Hhat_pq at (q_{n+1}, p_n).
    subroutine evaluate_adjoint(self, t, w, p)
-      type(one_sided_stepper), intent(inout) :: self
+      type(euler_pair_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise), p(self%ham%nlane, self%ham%ndof)
       integer :: i, j
 

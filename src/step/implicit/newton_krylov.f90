@@ -30,7 +30,7 @@ module symsde_step_implicit_newton_krylov
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: newton_by_products, new_newton_by_products, pays_by_products, does_without_matrices
+   public :: newton_krylov, new_newton_krylov, pays_by_products, does_without_matrices
    public :: iterates_first, hessian_product
 
    !> Unknowns of a lane from which no matrix is the faster way. With analytic second derivatives: where
@@ -45,7 +45,7 @@ module symsde_step_implicit_newton_krylov
 
    integer(i8), parameter :: most_numbers = 2_i8**18  !! of matrices that are formed at once, if more than one
 
-   type :: newton_by_products
+   type :: newton_krylov
       type(krylov_type) :: krylov
       integer :: wanted = 0                             !! lanes for which a product is asked for
       real(wp), allocatable :: uq(:, :), up(:, :)       !! room for one of the Hessian (nlane, ndof)
@@ -60,7 +60,7 @@ module symsde_step_implicit_newton_krylov
       procedure :: begin
       procedure :: take
       procedure :: finish
-   end type newton_by_products
+   end type newton_krylov
 
 contains
 
@@ -98,18 +98,18 @@ contains
    end function iterates_first
 
    !> Room for nlane lanes of so many unknowns.
-   subroutine new_newton_by_products(self, nlane, ndof, unknowns)
-      type(newton_by_products), intent(out) :: self
+   subroutine new_newton_krylov(self, nlane, ndof, unknowns)
+      type(newton_krylov), intent(out) :: self
       integer, intent(in) :: nlane, ndof, unknowns
 
       call new_krylov(self%krylov, nlane, unknowns)
       allocate (self%uq(nlane, ndof), self%up(nlane, ndof), self%before(nlane), self%goal(nlane))
       allocate (self%right(nlane, unknowns), self%outcome(nlane))
-   end subroutine new_newton_by_products
+   end subroutine new_newton_krylov
 
    !> Seek corrections of the running lanes for the residual r.
    subroutine begin(self, newton, r)
-      class(newton_by_products), intent(inout) :: self
+      class(newton_krylov), intent(inout) :: self
       type(newton_type), intent(in) :: newton
       real(wp), intent(in) :: r(self%krylov%nlane, self%krylov%n)
 
@@ -125,7 +125,7 @@ contains
 
    !> Take in a product, and say which is wanted next.
    subroutine take(self)
-      class(newton_by_products), intent(inout) :: self
+      class(newton_krylov), intent(inout) :: self
 
       if (allocated(self%matrices)) then
          call take_column(self)
@@ -138,7 +138,7 @@ contains
 
    !> Correct the unknowns x of the running lanes, and judge them.
    subroutine finish(self, newton, x, status, counters)
-      class(newton_by_products), intent(inout) :: self
+      class(newton_krylov), intent(inout) :: self
       type(newton_type), intent(inout) :: newton
       real(wp), intent(inout) :: x(self%krylov%nlane, self%krylov%n)
       integer(i8), intent(inout) :: status(self%krylov%nlane)
@@ -153,7 +153,7 @@ contains
 
    !> The lanes that GMRES has not solved are solved by their matrices.
    subroutine begin_matrices(self)
-      type(newton_by_products), intent(inout) :: self
+      type(newton_krylov), intent(inout) :: self
 
       self%nsolved = 0
       associate (krylov => self%krylov)
@@ -166,7 +166,7 @@ contains
    !> Of some lanes from this one on, as many as may be large at once, the columns of their matrices are asked for, if
    !> there is memory.
    subroutine form_more(self, lane)
-      type(newton_by_products), intent(inout) :: self
+      type(newton_krylov), intent(inout) :: self
       integer, intent(in) :: lane
       integer :: i, few, memory
 
@@ -187,7 +187,7 @@ contains
 
    !> The next one: the product with a unit vector.
    subroutine ask_column(self)
-      type(newton_by_products), intent(inout) :: self
+      type(newton_krylov), intent(inout) :: self
 
       self%column = self%column + 1
       self%krylov%k = 1
@@ -196,7 +196,7 @@ contains
    end subroutine ask_column
 
    subroutine take_column(self)
-      type(newton_by_products), intent(inout) :: self
+      type(newton_krylov), intent(inout) :: self
       integer :: i
 
       do i = 1, size(self%lanes)
@@ -212,7 +212,7 @@ contains
 
    !> One by one.
    subroutine solve_lanes(self)
-      type(newton_by_products), intent(inout) :: self
+      type(newton_krylov), intent(inout) :: self
       real(wp) :: x(self%krylov%n)
       integer :: i
 
@@ -228,7 +228,7 @@ contains
 
    !> Lanes that cannot be solved by their matrices fail, or whose matrices find no memory.
    subroutine settle_unsolved(self, newton, status, counters)
-      type(newton_by_products), intent(inout) :: self
+      type(newton_krylov), intent(inout) :: self
       type(newton_type), intent(inout) :: newton
       integer(i8), intent(inout) :: status(self%krylov%nlane)
       type(counters_type), intent(inout) :: counters

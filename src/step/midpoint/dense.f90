@@ -19,9 +19,9 @@ module symsde_step_midpoint_dense
    use symsde_solve_fixed_point, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, done
    implicit none
    private
-   public :: midpoint_by_matrix, new_midpoint_by_matrix, solve_mildly
+   public :: dense_midpoint, new_dense_midpoint, solve_mildly
 
-   type, extends(midpoint_part) :: midpoint_by_matrix
+   type, extends(midpoint_part) :: dense_midpoint
       private
       integer, public :: band = dense
       logical, public :: iterates = .false.  !! mild steps need no matrix
@@ -35,13 +35,13 @@ module symsde_step_midpoint_dense
       procedure :: iterate
       procedure :: find_force
       procedure :: linearise
-   end type midpoint_by_matrix
+   end type dense_midpoint
 
 contains
 
    !> Room for nlane lanes.
-   subroutine new_midpoint_by_matrix(self, model, nlane, options)
-      type(midpoint_by_matrix), intent(out) :: self
+   subroutine new_dense_midpoint(self, model, nlane, options)
+      type(dense_midpoint), intent(out) :: self
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
@@ -57,12 +57,12 @@ contains
          self%pairs = n == 2 .and. b == dense .and. options%is_free()
          if (self%iterates) allocate (self%last(nlane), self%change(nlane), self%extent(nlane), self%kept(nlane, n))
       end associate
-   end subroutine new_midpoint_by_matrix
+   end subroutine new_dense_midpoint
 
    !> One degree of freedom begins by one pass over the lanes that does the first iteration from V = 0, several by
    !> iterating without matrices.
    subroutine solve(self, ham, eq, w, status)
-      class(midpoint_by_matrix), intent(inout) :: self
+      class(dense_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
@@ -89,7 +89,7 @@ contains
 
    !> V by iteration without matrices; in lanes where that does not converge fast, by Newton's from V = 0.
    subroutine solve_mildly(self, ham, eq, w, status)
-      class(midpoint_by_matrix), intent(inout) :: self
+      class(dense_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
@@ -113,7 +113,7 @@ contains
 
    !> Sweeps until every lane is done or has been given up; what becomes of it stands in last.
    subroutine sweep_lanes(self, ham, eq, w, status)
-      class(midpoint_by_matrix), intent(inout) :: self
+      class(dense_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
@@ -144,7 +144,7 @@ contains
    end subroutine sweep_lanes
 
    subroutine iterate(self, ham, eq, w, status)
-      class(midpoint_by_matrix), intent(inout) :: self
+      class(dense_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
@@ -175,7 +175,7 @@ contains
 
    !> Force at q.
    subroutine find_force(self, ham, eq, w, q, force)
-      class(midpoint_by_matrix), intent(inout) :: self
+      class(dense_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m), q(eq%nlane, eq%n)
@@ -187,7 +187,7 @@ contains
 
    !> Force and stiffness at q, in the newton's right-hand side and matrix.
    subroutine linearise(self, ham, eq, w, q)
-      class(midpoint_by_matrix), intent(inout) :: self
+      class(dense_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m), q(eq%nlane, eq%n)
@@ -210,7 +210,7 @@ contains
    !> By the diagonals of the Hessians: where these are positive, h omega stays below 2 sqrt(ndof) in a lane
    !> that they call mild.
    subroutine find_stiff_ratio(self, eq)
-      class(midpoint_by_matrix), intent(in) :: self
+      class(dense_midpoint), intent(in) :: self
       type(midpoint_equation), intent(inout) :: eq
       integer :: i
 

@@ -27,9 +27,9 @@ module symsde_step_midpoint_eliminated
    use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_midpoint_lone_eliminated, only: lone_midpoint
    use symsde_step_midpoint_lone_tridiagonal, only: lone_midpoint_rows
-   use symsde_step_midpoint_dense, only: midpoint_by_matrix, new_midpoint_by_matrix
-   use symsde_step_midpoint_krylov, only: midpoint_by_products, new_midpoint_by_products
-   use symsde_step_midpoint_tridiagonal, only: midpoint_by_rows, new_midpoint_by_rows
+   use symsde_step_midpoint_dense, only: dense_midpoint, new_dense_midpoint
+   use symsde_step_midpoint_krylov, only: krylov_midpoint, new_krylov_midpoint
+   use symsde_step_midpoint_tridiagonal, only: tridiagonal_midpoint, new_tridiagonal_midpoint
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
    use symsde_step_midpoint_update, only: find_bad_sums, add_in_place, find_bad
    use symsde_step_implicit_newton_krylov, only: does_without_matrices
@@ -102,20 +102,20 @@ contains
       case (by_rows)
          self%name = 'midpoint, momenta eliminated, tridiagonal'
          if (model%traits%has_chain_rows .or. modulo(nlane, strip_lanes) /= 0) together = strip_lanes
-         allocate (midpoint_by_rows :: self%part)
+         allocate (tridiagonal_midpoint :: self%part)
       case (by_products)
          self%name = 'midpoint, momenta eliminated, matrix-free'
-         allocate (midpoint_by_products :: self%part)
+         allocate (krylov_midpoint :: self%part)
       case default
-         allocate (midpoint_by_matrix :: self%part)
+         allocate (dense_midpoint :: self%part)
       end select
       select type (part => self%part)
-      type is (midpoint_by_rows)
-         call new_midpoint_by_rows(part, model, together, options)
-      type is (midpoint_by_products)
-         call new_midpoint_by_products(part, model, together, options)
-      type is (midpoint_by_matrix)
-         call new_midpoint_by_matrix(part, model, together, options)
+      type is (tridiagonal_midpoint)
+         call new_tridiagonal_midpoint(part, model, together, options)
+      type is (krylov_midpoint)
+         call new_krylov_midpoint(part, model, together, options)
+      type is (dense_midpoint)
+         call new_dense_midpoint(part, model, together, options)
       end select
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
       associate (n => model%traits%ndof, m => model%traits%nnoise)
@@ -149,7 +149,7 @@ contains
 
       if (self%has_shift) return
       select type (part => self%part)
-      type is (midpoint_by_matrix)
+      type is (dense_midpoint)
          if (.not. part%newton%options%is_free()) return
          if (self%eq%n == 1 .and. .not. self%ham%model%traits%has_hessian) return
          if (self%eq%n == 2 .and. .not. (part%iterates .or. self%ham%model%traits%has_hessian)) return
@@ -161,7 +161,7 @@ contains
          made%iterates = part%iterates
          made%max_iter = part%newton%options%max_iter
          call move_alloc(made, lone)
-      type is (midpoint_by_rows)
+      type is (tridiagonal_midpoint)
          if (self%ham%model%traits%has_chain_rows .and. .not. self%ham%model%traits%has_lone_rows) return
          allocate (rows)
          rows%most = few_of(self%eq%n, 4, 6)  ! five take 0.9 to 1.0

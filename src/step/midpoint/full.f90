@@ -16,8 +16,8 @@ module symsde_step_midpoint_full
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_midpoint_lone_full, only: lone_midpoint_full
-   use symsde_step_midpoint_full_fixed_point, only: midpoint_sweeps, new_midpoint_sweeps
-   use symsde_step_implicit_newton_krylov, only: newton_by_products, new_newton_by_products, hessian_product, &
+   use symsde_step_midpoint_full_fixed_point, only: midpoint_fixed_point, new_midpoint_fixed_point
+   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, hessian_product, &
                                                  does_without_matrices, iterates_first
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -28,8 +28,8 @@ module symsde_step_midpoint_full
    type, extends(stepper_type) :: midpoint_full_stepper
       private
       type(newton_type) :: newton
-      type(newton_by_products), allocatable :: products  !! where no matrices are formed
-      type(midpoint_sweeps), allocatable :: sweeps       !! where mild steps need neither
+      type(newton_krylov), allocatable :: products  !! where no matrices are formed
+      type(midpoint_fixed_point), allocatable :: sweeps       !! where mild steps need neither
       integer(i8), allocatable :: left(:)                !! 0 in lanes that these leave, then their status (nlane)
       integer :: band = dense
       real(wp), allocatable :: x(:, :)             !! F_1, G_1, F_2, G_2, ..; by products F, then G (nlane, 2 ndof)
@@ -67,7 +67,7 @@ contains
       associate (t => task%model%traits)
          if (.not. iterates_first(t, task%newton)) return
          allocate (self%sweeps, self%left(task%nlane))
-         call new_midpoint_sweeps(self%sweeps, task%nlane, t%ndof, t%nnoise)
+         call new_midpoint_fixed_point(self%sweeps, task%nlane, t%ndof, t%nnoise)
       end associate
    end subroutine make
 
@@ -96,7 +96,7 @@ contains
          self%name = 'midpoint, matrix-free'
          allocate (self%products)
          call new_newton(self%newton, nlane, 2*n, options, .false., dense, dense, judge_only=.true.)
-         call new_newton_by_products(self%products, nlane, n, 2*n)
+         call new_newton_krylov(self%products, nlane, n, 2*n)
          allocate (self%r(nlane, 2*n))
          return
       end if

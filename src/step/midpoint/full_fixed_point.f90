@@ -14,11 +14,11 @@ module symsde_step_midpoint_full_fixed_point
    use symsde_solve_fixed_point, only: take, judge_sweep, most_sweeps, stiff_rate, done
    implicit none
    private
-   public :: midpoint_sweeps, new_midpoint_sweeps
+   public :: midpoint_fixed_point, new_midpoint_fixed_point
 
    integer, parameter :: cached_values = 1024  !! of one array of a part
 
-   type :: midpoint_sweeps
+   type :: midpoint_fixed_point
       integer :: width = 0                               !! lanes of a part
       integer, private :: n = 0, m = 0
       real(wp), allocatable, dimension(:, :), private :: w                     !! (width, 0:nnoise)
@@ -26,13 +26,13 @@ module symsde_step_midpoint_full_fixed_point
       real(wp), allocatable, dimension(:), private :: last, change, extent     !! (width)
    contains
       procedure :: attempt
-   end type midpoint_sweeps
+   end type midpoint_fixed_point
 
 contains
 
    !> Room for parts of nlane lanes.
-   subroutine new_midpoint_sweeps(self, nlane, ndof, nnoise)
-      type(midpoint_sweeps), intent(out) :: self
+   subroutine new_midpoint_fixed_point(self, nlane, ndof, nnoise)
+      type(midpoint_fixed_point), intent(out) :: self
       integer, intent(in) :: nlane, ndof, nnoise
 
       self%n = ndof
@@ -46,11 +46,11 @@ contains
          allocate (self%q(width, ndof), self%p(width, ndof), self%x(width, ndof), self%y(width, ndof))
          allocate (self%f(width, ndof), self%v(width, ndof), self%dq(width, ndof), self%dp(width, ndof))
       end associate
-   end subroutine new_midpoint_sweeps
+   end subroutine new_midpoint_fixed_point
 
    !> Increments of the lanes without a status where sweeps converge fast; in the others left = 0, else -1.
    subroutine attempt(self, ham, t, w, q, p, dq, dp, status, left)
-      class(midpoint_sweeps), intent(inout) :: self
+      class(midpoint_fixed_point), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham   !! model and counters
       real(wp), intent(in) :: t
       real(wp), intent(in) :: w(ham%nlane, 0:self%m), q(ham%nlane, self%n), p(ham%nlane, self%n)
@@ -75,7 +75,7 @@ contains
 
    !> Sweeps until every lane of a part is done or has been given up; what becomes of it stands in last.
    subroutine sweep_part(self, ham, t, nreal, status)
-      type(midpoint_sweeps), intent(inout) :: self
+      type(midpoint_fixed_point), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       real(wp), intent(in) :: t
       integer, intent(in) :: nreal

@@ -9,38 +9,38 @@ module symsde_step_midpoint_krylov
    use symsde_model_abstract, only: model_type
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position
-   use symsde_step_implicit_newton_krylov, only: newton_by_products, new_newton_by_products, hessian_product
+   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, hessian_product
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: midpoint_by_products, new_midpoint_by_products
+   public :: krylov_midpoint, new_krylov_midpoint
 
-   type, extends(midpoint_part) :: midpoint_by_products
+   type, extends(midpoint_part) :: krylov_midpoint
       private
-      type(newton_by_products) :: products
+      type(newton_krylov) :: products
       real(wp), allocatable :: q(:, :), r(:, :)  !! Q and residual (nlane, ndof)
    contains
       procedure :: iterate
-   end type midpoint_by_products
+   end type krylov_midpoint
 
 contains
 
    !> Room for nlane lanes and two degrees of freedom or more.
-   subroutine new_midpoint_by_products(self, model, nlane, options)
-      type(midpoint_by_products), intent(out) :: self
+   subroutine new_krylov_midpoint(self, model, nlane, options)
+      type(krylov_midpoint), intent(out) :: self
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
 
       associate (n => model%traits%ndof)
          call new_newton(self%newton, nlane, n, options, .false., dense, dense, judge_only=.true.)
-         call new_newton_by_products(self%products, nlane, n, n)
+         call new_newton_krylov(self%products, nlane, n, n)
          allocate (self%q(nlane, n), self%r(nlane, n))
       end associate
-   end subroutine new_midpoint_by_products
+   end subroutine new_krylov_midpoint
 
    subroutine iterate(self, ham, eq, w, status)
-      class(midpoint_by_products), intent(inout) :: self
+      class(krylov_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)

@@ -10,9 +10,9 @@ module symsde_step_midpoint_lone_mean_force
    use symsde_solve_fixed_point, only: take_alone, sweep_verdict, most_sweeps, stiff_rate, done
    implicit none
    private
-   public :: lone_drift_preserving
+   public :: lone_mean_force
 
-   type, extends(lone_stepper) :: lone_drift_preserving
+   type, extends(lone_stepper) :: lone_mean_force
       logical :: iterates = .false.   !! without matrices
       real(wp) :: too_stiff = stiff_rate  !! contraction from which a step is not mild
       type(stopping_test) :: test
@@ -23,12 +23,12 @@ module symsde_step_midpoint_lone_mean_force
       real(wp), allocatable, dimension(:), private :: start, kick, psi, at, hq, f, still  !! (n)
    contains
       procedure :: take
-   end type lone_drift_preserving
+   end type lone_mean_force
 
 contains
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
-      class(lone_drift_preserving), intent(inout) :: self
+      class(lone_mean_force), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
@@ -56,7 +56,7 @@ contains
    end subroutine take
 
    subroutine make_room(self)
-      type(lone_drift_preserving), intent(inout) :: self
+      type(lone_mean_force), intent(inout) :: self
 
       associate (n => self%n)
          allocate (self%v(0:self%m), self%still(n), source=0.0_wp)
@@ -66,7 +66,7 @@ contains
 
    !> X + f(p + X) = 0 by Newton's iteration from X = 0.
    subroutine solve_two(self, t, h, q, p, x, taken)
-      type(lone_drift_preserving), intent(inout) :: self
+      type(lone_mean_force), intent(inout) :: self
       real(wp), intent(in) :: t, h, q(2), p(2)
       real(wp), intent(out) :: x(2)
       logical, intent(out) :: taken
@@ -102,7 +102,7 @@ contains
 
    !> f and K of two unknowns.
    subroutine find_mean(self, t, h, q, psi1, psi2, f1, f2, k11, k21, k12, k22)
-      type(lone_drift_preserving), intent(in) :: self
+      type(lone_mean_force), intent(in) :: self
       real(wp), intent(in) :: t, h, q(2)
       real(wp), value :: psi1, psi2
       real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
@@ -130,7 +130,7 @@ contains
 
    !> X = -f(p + X), again and again.
    subroutine iterate(self, t, h, p, x, taken)
-      type(lone_drift_preserving), intent(inout) :: self
+      type(lone_mean_force), intent(inout) :: self
       real(wp), intent(in) :: t, h, p(self%n)
       real(wp), intent(out) :: x(self%n)
       logical, intent(out) :: taken

@@ -20,21 +20,21 @@ module symsde_step_midpoint_mean_force
    use symsde_base_vectors, only: add_times
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_lone, only: lone_stepper, few_of
-   use symsde_step_midpoint_lone_mean_force, only: lone_drift_preserving
-   use symsde_step_midpoint_dense, only: midpoint_by_matrix, new_midpoint_by_matrix, solve_mildly
+   use symsde_step_midpoint_lone_mean_force, only: lone_mean_force
+   use symsde_step_midpoint_dense, only: dense_midpoint, new_dense_midpoint, solve_mildly
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, solve_by_iterations, position
    use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: drift_preserving_stepper, drift_preserving_fits
+   public :: mean_force_stepper, mean_force_fits
 
    !> Contraction from which bands are solved for: a sweep asks for the forces of all nodes.
    real(wp), parameter :: stiff_rate_banded = 0.05_wp
 
    !> The midpoint's part with the mean of forces in place of one.
-   type, extends(midpoint_by_matrix) :: mean_part
+   type, extends(dense_midpoint) :: mean_part
       real(wp), allocatable :: node(:), weight(:)      !! s_j, w_j
       real(wp), allocatable, dimension(:, :) :: start, kick   !! q_n and g (nlane, ndof)
       real(wp), allocatable :: at(:, :), hq(:, :)      !! a node, and the force there (nlane, ndof)
@@ -45,7 +45,7 @@ module symsde_step_midpoint_mean_force
       procedure :: linearise
    end type mean_part
 
-   type, extends(stepper_type) :: drift_preserving_stepper
+   type, extends(stepper_type) :: mean_force_stepper
       private
       type(mean_part) :: part
       type(midpoint_equation) :: eq
@@ -55,12 +55,12 @@ module symsde_step_midpoint_mean_force
       procedure :: make
       procedure :: increment
       procedure :: offer_lone
-   end type drift_preserving_stepper
+   end type mean_force_stepper
 
 contains
 
    !> Whether this stepper executes the task.
-   logical function drift_preserving_fits(task) result(fits)
+   logical function mean_force_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = .false.
@@ -68,7 +68,7 @@ contains
          if (t%nnoise > 0 .and. .not. (t%additive .and. t%position_noise)) return
          if (t%identity_mass .and. task%is_plain()) fits = averages_forces(task%scheme)
       end associate
-   end function drift_preserving_fits
+   end function mean_force_fits
 
    !> Whether a tableau is that of averaged forces: a_ij = c_i w_j, abar_ij = w_j/2, bbar_ij = w_j.
    pure logical function averages_forces(scheme)
@@ -87,13 +87,13 @@ contains
    end function averages_forces
 
    subroutine make(self, task)
-      class(drift_preserving_stepper), intent(inout) :: self
+      class(mean_force_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
       self%name = 'drift preserving'
       self%takes_one_lane = .true.
       self%left_out = 'half of the unknowns: identity mass'
-      call new_midpoint_by_matrix(self%part%midpoint_by_matrix, task%model, task%nlane, task%newton)
+      call new_dense_midpoint(self%part%dense_midpoint, task%model, task%nlane, task%newton)
       self%one_solve = self%part%newton%affine
       associate (part => self%part, n => task%model%traits%ndof, m => task%model%traits%nnoise, nlane => task%nlane)
          part%node = task%scheme%c
@@ -114,7 +114,7 @@ contains
    end subroutine make
 
    subroutine increment(self, step, q, p, dq, dp, status)
-      class(drift_preserving_stepper), intent(inout) :: self
+      class(mean_force_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
@@ -140,9 +140,9 @@ contains
 
    !> Paths one by one: by Newton's iteration of two unknowns, by iteration of more.
    subroutine offer_lone(self, lone)
-      class(drift_preserving_stepper), intent(in) :: self
+      class(mean_force_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
-      type(lone_drift_preserving), allocatable :: made
+      type(lone_mean_force), allocatable :: made
 
       associate (part => self%part, t => self%ham%model%traits)
          if (.not. (part%iterates .or. (part%pairs .and. t%has_hessian))) return
@@ -189,7 +189,7 @@ contains
       force = -self%kick
       do j = 1, size(self%node)
          call position(size(q), self%node(j)*eq%h, self%start, q, self%at)
-         call self%midpoint_by_matrix%find_force(ham, eq, w, self%at, self%hq)
+         call self%dense_midpoint%find_force(ham, eq, w, self%at, self%hq)
          call add_times(size(q), 0.5_wp*self%weight(j), self%hq, force)
       end do
    end subroutine find_force

@@ -30,7 +30,7 @@ module symsde_step_midpoint_mean_path
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: averaged_shift_stepper
+   public :: mean_path_stepper
 
    !> What is around the midpoint, for a block of paths or for one.
    type :: mean_path
@@ -40,7 +40,7 @@ module symsde_step_midpoint_mean_path
       real(wp), allocatable :: drift(:, :)           !! weights h, 0 (nlane, 0:nnoise)
    end type mean_path
 
-   type, extends(stepper_type) :: averaged_shift_stepper
+   type, extends(stepper_type) :: mean_path_stepper
       private
       type(mean_path) :: mean
       class(stepper_type), allocatable :: inner      !! under h H*, without noise
@@ -51,10 +51,10 @@ module symsde_step_midpoint_mean_path
       procedure :: increment
       procedure :: offer_lone
       procedure :: tally
-   end type averaged_shift_stepper
+   end type mean_path_stepper
 
    !> A path by itself.
-   type, extends(lone_stepper) :: lone_averaged_shift
+   type, extends(lone_stepper) :: lone_mean_path
       private
       type(mean_path) :: mean
       class(lone_stepper), allocatable :: inner
@@ -63,12 +63,12 @@ module symsde_step_midpoint_mean_path
       procedure :: lead
       procedure :: collect
       procedure :: take
-   end type lone_averaged_shift
+   end type lone_mean_path
 
 contains
 
    subroutine make(self, task)
-      class(averaged_shift_stepper), intent(inout) :: self
+      class(mean_path_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
       type(midpoint_stepper), allocatable :: eliminated
       type(midpoint_full_stepper), allocatable :: full
@@ -107,7 +107,7 @@ contains
    end subroutine new_mean_path
 
    subroutine increment(self, step, q, p, dq, dp, status)
-      class(averaged_shift_stepper), intent(inout) :: self
+      class(mean_path_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
@@ -124,7 +124,7 @@ contains
 
    !> The step of H* from (qs, ps), without noise.
    subroutine drift_midpoint(self, step, dq, dp, status)
-      type(averaged_shift_stepper), intent(inout), target :: self
+      type(mean_path_stepper), intent(inout), target :: self
       type(step_record), intent(in) :: step
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
@@ -181,7 +181,7 @@ contains
 
    !> What this stepper and the one within have counted.
    subroutine tally(self, total)
-      class(averaged_shift_stepper), intent(in) :: self
+      class(mean_path_stepper), intent(in) :: self
       type(counters_type), intent(inout) :: total
 
       call add_counters(total, self%ham%counters)
@@ -193,9 +193,9 @@ contains
 
    !> Paths one by one, where those of the midpoint within are.
    subroutine offer_lone(self, lone)
-      class(averaged_shift_stepper), intent(in) :: self
+      class(mean_path_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
-      type(lone_averaged_shift), allocatable :: made
+      type(lone_mean_path), allocatable :: made
 
       allocate (made)
       call self%inner%offer_lone(made%inner)
@@ -207,7 +207,7 @@ contains
    end subroutine offer_lone
 
    subroutine lead(self, model)
-      class(lone_averaged_shift), intent(inout) :: self
+      class(lone_mean_path), intent(inout) :: self
       class(model_type), intent(in), target :: model
 
       self%model => model
@@ -218,7 +218,7 @@ contains
    end subroutine lead
 
    subroutine collect(self)
-      class(lone_averaged_shift), intent(inout) :: self
+      class(lone_mean_path), intent(inout) :: self
 
       call add_counters(self%counters, self%inner%counters)
       self%inner%counters = counters_type()
@@ -227,7 +227,7 @@ contains
    end subroutine collect
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
-      class(lone_averaged_shift), intent(inout) :: self
+      class(lone_mean_path), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken

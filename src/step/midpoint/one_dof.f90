@@ -21,9 +21,9 @@ module symsde_step_midpoint_one_dof
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: midpoint_single_stepper, midpoint_single_fits
+   public :: midpoint_one_dof_stepper, midpoint_one_dof_fits
 
-   type, extends(stepper_type) :: midpoint_single_stepper
+   type, extends(stepper_type) :: midpoint_one_dof_stepper
       private
       type(newton_type) :: newton
       logical :: separable = .false.
@@ -36,28 +36,28 @@ module symsde_step_midpoint_one_dof
       procedure :: make
       procedure :: increment
       procedure :: offer_lone
-   end type midpoint_single_stepper
+   end type midpoint_one_dof_stepper
 
    !> The same iteration for a path by itself, where the Hamiltonians are separable.
-   type, extends(lone_stepper) :: lone_midpoint_single
+   type, extends(lone_stepper) :: lone_midpoint_one_dof
       private
       integer :: max_iter = 0
       real(wp) :: mixed = 0  !! Hhat_qp: not a constant, or products with it would not be contracted as in lanes
    contains
       procedure :: take
-   end type lone_midpoint_single
+   end type lone_midpoint_one_dof
 
 contains
 
    !> Whether this stepper executes the task.
-   logical function midpoint_single_fits(task) result(fits)
+   logical function midpoint_one_dof_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. task%model%traits%ndof == 1
-   end function midpoint_single_fits
+   end function midpoint_one_dof_fits
 
    subroutine make(self, task)
-      class(midpoint_single_stepper), intent(inout) :: self
+      class(midpoint_one_dof_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
       self%name = 'midpoint, one degree of freedom'
@@ -76,7 +76,7 @@ contains
    end subroutine make
 
    subroutine increment(self, step, q, p, dq, dp, status)
-      class(midpoint_single_stepper), intent(inout) :: self
+      class(midpoint_one_dof_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
@@ -128,9 +128,9 @@ contains
 
    !> Paths one by one, where two derivatives of each Hamiltonian are there and one solve does not do.
    subroutine offer_lone(self, lone)
-      class(midpoint_single_stepper), intent(in) :: self
+      class(midpoint_one_dof_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
-      type(lone_midpoint_single), allocatable :: made
+      type(lone_midpoint_one_dof), allocatable :: made
 
       associate (newton => self%newton)
          if (.not. (self%flies .and. self%ham%model%traits%has_hessian)) return
@@ -142,7 +142,7 @@ contains
    end subroutine offer_lone
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
-      class(lone_midpoint_single), intent(inout) :: self
+      class(lone_midpoint_one_dof), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
@@ -198,7 +198,7 @@ contains
 
    !> Gradient and Hessian at (q, p): zero for a fixed-point iteration, as the mixed derivative of a separable model is.
    subroutine evaluate(self, tm, w, q, p)
-      type(midpoint_single_stepper), intent(inout) :: self
+      type(midpoint_one_dof_stepper), intent(inout) :: self
       real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, 1), p(self%ham%nlane, 1)
 
       if (self%newton%options%fixed_point > 0) then

@@ -22,11 +22,11 @@ module symsde_step_midpoint_tridiagonal
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: midpoint_by_rows, new_midpoint_by_rows
+   public :: tridiagonal_midpoint, new_tridiagonal_midpoint
 
    integer, parameter :: panel = 32  !! rows asked of the model at once
 
-   type, extends(midpoint_part) :: midpoint_by_rows
+   type, extends(midpoint_part) :: tridiagonal_midpoint
       private
       logical :: gives_rows = .false.
       integer :: nrow = 0                             !! rows evaluated at once: a panel, or all
@@ -40,14 +40,14 @@ module symsde_step_midpoint_tridiagonal
    contains
       procedure :: solve
       procedure :: iterate
-   end type midpoint_by_rows
+   end type tridiagonal_midpoint
 
 contains
 
    !> For nlane lanes, a multiple of strip_lanes; strip_lanes where the model gives its rows. Room is made for the first
    !> step.
-   subroutine new_midpoint_by_rows(self, model, nlane, options)
-      type(midpoint_by_rows), intent(out) :: self
+   subroutine new_tridiagonal_midpoint(self, model, nlane, options)
+      type(tridiagonal_midpoint), intent(out) :: self
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
@@ -59,11 +59,11 @@ contains
          call new_newton(self%newton, nlane, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., &
                          exact=exact)
       end associate
-   end subroutine new_midpoint_by_rows
+   end subroutine new_tridiagonal_midpoint
 
    !> Room for its lanes.
    subroutine make_room(self, nlane, n)
-      type(midpoint_by_rows), intent(inout) :: self
+      type(tridiagonal_midpoint), intent(inout) :: self
       integer, intent(in) :: nlane, n
 
       allocate (self%q(nlane, self%nrow + 3), self%hq(nlane, 0:self%nrow), self%hqq(nlane, 0:1, 0:self%nrow))
@@ -74,7 +74,7 @@ contains
 
    !> As any part does it, in room that the first step makes.
    subroutine solve(self, ham, eq, w, status)
-      class(midpoint_by_rows), intent(inout) :: self
+      class(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
@@ -85,7 +85,7 @@ contains
    end subroutine solve
 
    subroutine iterate(self, ham, eq, w, status)
-      class(midpoint_by_rows), intent(inout) :: self
+      class(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
@@ -126,7 +126,7 @@ contains
 
    !> All rows of a strip.
    subroutine eliminate_all(self, eq, x, f, k)
-      type(midpoint_by_rows), intent(inout) :: self
+      type(tridiagonal_midpoint), intent(inout) :: self
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: x(strip_lanes, eq%n), f(strip_lanes, eq%n), k(strip_lanes, 0:1, 0:eq%n)
 
@@ -139,7 +139,7 @@ contains
 
    !> Rows first .. last of a strip, after those before them in their front.
    subroutine eliminate(self, eq, first, last, x, f, k)
-      type(midpoint_by_rows), intent(inout) :: self
+      type(tridiagonal_midpoint), intent(inout) :: self
       type(midpoint_equation), intent(in) :: eq
       integer, intent(in) :: first, last
       real(wp), intent(in) :: x(strip_lanes, eq%n)
@@ -156,7 +156,7 @@ contains
 
    !> Force and stiffness in rows first .. last at the point of x.
    subroutine linearise(self, model, eq, w, first, last, hq, hqq)
-      type(midpoint_by_rows), intent(inout) :: self
+      type(tridiagonal_midpoint), intent(inout) :: self
       class(model_type), intent(in) :: model
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
@@ -174,7 +174,7 @@ contains
 
    !> Correct the unknowns of a strip, and tell how stiff its equations are.
    subroutine correct(self, ham, eq, w, before, x, status)
-      type(midpoint_by_rows), intent(inout) :: self
+      type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
@@ -229,7 +229,7 @@ contains
    !> Running lanes of a strip whose pivots are not trusted are solved by LAPACK from their matrix, computed once
    !> more: their right-hand sides become the solution and their factors those of the identity.
    subroutine solve_suspects(self, ham, eq, w, before, status)
-      type(midpoint_by_rows), intent(inout) :: self
+      type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)

@@ -27,9 +27,9 @@ module symsde_step_one_dof_newton
    use symsde_step_one_dof_two_stages, only: stage_point, correct_separable, solve_lanes
    implicit none
    private
-   public :: single_newton, new_single_newton
+   public :: one_dof_newton, new_one_dof_newton
 
-   type :: single_newton
+   type :: one_dof_newton
       type(newton_type) :: newton
       integer :: nlane = 0, s = 0                  !! lanes, stages
       logical :: separable = .false.               !! Hhat_qp = 0, and the F are eliminated
@@ -49,13 +49,13 @@ module symsde_step_one_dof_newton
       procedure :: begin
       procedure :: resume
       procedure :: iterate
-   end type single_newton
+   end type one_dof_newton
 
 contains
 
    !> An iteration for the lanes of this Hamiltonian.
-   subroutine new_single_newton(self, ham, scheme, options)
-      type(single_newton), intent(out) :: self
+   subroutine new_one_dof_newton(self, ham, scheme, options)
+      type(one_dof_newton), intent(out) :: self
       type(one_step_hamiltonian), intent(in) :: ham
       type(scheme_type), intent(in) :: scheme
       type(newton_options), intent(in) :: options
@@ -87,12 +87,12 @@ contains
          allocate (self%matrix(nlane, n, n), self%active(nlane), self%verdict(nlane))
          call new_block_solver(self%solver, nlane, n, -1, -1)
       end associate
-   end subroutine new_single_newton
+   end subroutine new_one_dof_newton
 
    !> Begin a step: the first guess. It is not judged: a gradient that vanishes here need not vanish at the stages.
    !> As one order of the step more is right of the velocity's, it needs no evaluation of the force.
    subroutine begin(self, ham, step, q, p, status)
-      class(single_newton), intent(inout) :: self
+      class(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane), p(self%nlane)
@@ -117,9 +117,9 @@ contains
 
    !> Begin where another block has come in these lanes; those with a status rest.
    subroutine resume(self, ham, from, lanes, step, status)
-      class(single_newton), intent(inout) :: self
+      class(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(in) :: ham
-      type(single_newton), intent(in) :: from
+      type(one_dof_newton), intent(in) :: from
       integer, intent(in) :: lanes(self%nlane)
       type(step_record), intent(in) :: step
       integer(i8), intent(inout) :: status(self%nlane)
@@ -135,7 +135,7 @@ contains
 
    !> One correction of the slopes, and the test of every lane.
    subroutine iterate(self, ham, step, q, p, status)
-      class(single_newton), intent(inout) :: self
+      class(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane), p(self%nlane)
@@ -163,7 +163,7 @@ contains
 
    !> Gradient and Hessian of stage i.
    subroutine evaluate(self, ham, i, t, step, q, p)
-      type(single_newton), intent(inout) :: self
+      type(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       integer, intent(in) :: i
       real(wp), intent(in) :: t
@@ -184,7 +184,7 @@ contains
 
    !> One correction of the slopes, with the gradient and Hessian that stand in column at(i) for stage i.
    subroutine correct(self, at, status, counters)
-      type(single_newton), intent(inout) :: self
+      type(one_dof_newton), intent(inout) :: self
       integer, intent(in) :: at(self%s)
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
@@ -208,7 +208,7 @@ contains
 
    !> The correction d of more than two stages; a lane whose matrix is singular fails.
    subroutine eliminate(self, at, status, counters)
-      type(single_newton), intent(inout) :: self
+      type(one_dof_newton), intent(inout) :: self
       integer, intent(in) :: at(self%s)
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters

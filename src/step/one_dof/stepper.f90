@@ -16,42 +16,42 @@ module symsde_step_one_dof_stepper
    use symsde_solve_newton, only: newton_options
    use symsde_step_lone, only: lone_stepper
    use symsde_step_one_dof_lone_brackets, only: lone_brackets
-   use symsde_step_one_dof_lone_newton, only: lone_single_newton, most_stages
+   use symsde_step_one_dof_lone_newton, only: lone_one_dof_newton, most_stages
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
-   use symsde_step_one_dof_newton, only: single_newton, new_single_newton
+   use symsde_step_one_dof_newton, only: one_dof_newton, new_one_dof_newton
    use symsde_step_stages_slope_sums, only: add_slopes
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: stages_single_stepper, stages_single_fits
+   public :: one_dof_stepper, one_dof_fits
 
    integer, parameter :: few_lanes = 64   !! of the small block
 
    !> The small block.
    type :: last_lanes
       type(one_step_hamiltonian) :: ham
-      type(single_newton) :: solver
+      type(one_dof_newton) :: solver
       type(step_store) :: store
       integer(i8) :: status(few_lanes) = 0
       real(wp), dimension(few_lanes) :: q = 0, p = 0
    end type last_lanes
 
-   type, extends(stepper_type) :: stages_single_stepper
+   type, extends(stepper_type) :: one_dof_stepper
       private
-      type(single_newton) :: solver
+      type(one_dof_newton) :: solver
       type(last_lanes), allocatable :: few         !! where a block is larger
       real(wp), allocatable :: alpha(:), zero(:)   !! weights; (nlane)
    contains
       procedure :: make
       procedure :: increment
       procedure :: offer_lone
-   end type stages_single_stepper
+   end type one_dof_stepper
 
 contains
 
    !> Whether this stepper executes the task: drift and noise alike, one degree of freedom, solved by Newton; two
    !> stages, or more of a separable or quadratic model whose momenta step/stages/stepper does not eliminate.
-   logical function stages_single_fits(task) result(fits)
+   logical function one_dof_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = .false.
@@ -62,10 +62,10 @@ contains
          if (fits .and. task%scheme%nstage > 2) &
             fits = (t%separable .or. t%one_solve(.false.)) .and. .not. (t%eliminates_momenta() .or. task%has_brackets())
       end associate
-   end function stages_single_fits
+   end function one_dof_fits
 
    subroutine make(self, task)
-      class(stages_single_stepper), intent(inout) :: self
+      class(one_dof_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
       self%name = 'stages, one degree of freedom'
@@ -73,7 +73,7 @@ contains
       self%alpha = task%scheme%alpha
       allocate (self%zero(task%nlane), source=0.0_wp)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp, task%scheme%brackets)
-      call new_single_newton(self%solver, self%ham, task%scheme, task%newton)
+      call new_one_dof_newton(self%solver, self%ham, task%scheme, task%newton)
       self%one_solve = self%solver%newton%affine
       if (self%one_solve .or. task%nlane <= few_lanes) return
       allocate (self%few)
@@ -88,7 +88,7 @@ contains
       type(functional_set) :: asked
 
       call new_one_step_hamiltonian(self%ham, model, few_lanes, correction_none, 0.0_wp, scheme%brackets)
-      call new_single_newton(self%solver, self%ham, scheme, options)
+      call new_one_dof_newton(self%solver, self%ham, scheme, options)
       if (allocated(self%ham%modified)) then
          asked%has(path_dz) = self%ham%modified%active%single
          asked%has(path_areas) = self%ham%modified%active%areas
@@ -97,7 +97,7 @@ contains
    end subroutine new_last_lanes
 
    subroutine increment(self, step, q, p, dq, dp, status)
-      class(stages_single_stepper), intent(inout) :: self
+      class(one_dof_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
@@ -119,7 +119,7 @@ contains
 
    !> Go on with the lanes that are running, gathered.
    subroutine finish(self, few, step, q, p, status)
-      type(stages_single_stepper), intent(inout) :: self
+      type(one_dof_stepper), intent(inout) :: self
       type(last_lanes), intent(inout), target :: few
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane), p(self%ham%nlane)
@@ -158,9 +158,9 @@ contains
    !> Paths one by one: where brackets are added, and where there are two to four stages, the Hamiltonians are separable
    !> or one solve is all, and have their derivatives.
    subroutine offer_lone(self, lone)
-      class(stages_single_stepper), intent(in) :: self
+      class(one_dof_stepper), intent(in) :: self
       class(lone_stepper), allocatable, intent(out) :: lone
-      type(lone_single_newton), allocatable :: made
+      type(lone_one_dof_newton), allocatable :: made
       type(lone_brackets), allocatable :: bracketed
 
       if (allocated(self%ham%modified)) then

@@ -13,7 +13,7 @@ module symsde_step_splitting_midpoint_drift
    use symsde_step_implicit_general, only: general_stepper
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, midpoint_fits
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
-   use symsde_step_midpoint_one_dof, only: midpoint_single_stepper, midpoint_single_fits
+   use symsde_step_midpoint_one_dof, only: midpoint_one_dof_stepper, midpoint_one_dof_fits
    use symsde_step_implicit_rescue, only: rescue_type, new_rescue
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -50,8 +50,8 @@ contains
          allocate (general_stepper :: self%stepper)
       else if (midpoint_fits(task)) then
          allocate (midpoint_stepper :: self%stepper)
-      else if (midpoint_single_fits(task)) then
-         allocate (midpoint_single_stepper :: self%stepper)
+      else if (midpoint_one_dof_fits(task)) then
+         allocate (midpoint_one_dof_stepper :: self%stepper)
       else if (midpoint_full_fits(task)) then
          allocate (midpoint_full_stepper :: self%stepper)
       else

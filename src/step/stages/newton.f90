@@ -17,8 +17,7 @@ module symsde_step_stages_newton
    use symsde_base_traits, only: model_traits, dense
    use symsde_solve_blocks, only: max_lane_unknowns
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_step_implicit_newton_krylov, only: newton_by_products, new_newton_by_products, hessian_product, &
-                                                 pays_by_products
+   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, hessian_product, pays_by_products
    use symsde_step_stages_equations, only: stage_equations
    use symsde_step_stages_groups, only: stage_group
    implicit none
@@ -28,7 +27,7 @@ module symsde_step_stages_newton
    type :: stage_newton
       private
       type(newton_type) :: newton
-      type(newton_by_products), allocatable :: products  !! where no matrix is formed
+      type(newton_krylov), allocatable :: products  !! where no matrix is formed
       integer :: nmember = 0, band = dense      !! stages, bands of the Hessian
       real(wp), allocatable :: z(:, :, :)       !! displacements (nlane, nmember, ndof)
       real(wp), allocatable :: d(:, :, :)       !! what they have of known slopes (nlane, ndof, nmember)
@@ -57,7 +56,7 @@ contains
          if (pays_by_products(t, n*self%nmember)) then
             allocate (self%products, self%r(nlane, n*self%nmember))
             allocate (self%still(nlane, n), source=0.0_wp)
-            call new_newton_by_products(self%products, nlane, n, n*self%nmember)
+            call new_newton_krylov(self%products, nlane, n, n*self%nmember)
             call new_newton(self%newton, nlane, n*self%nmember, options, .false., dense, dense, judge_only=.true.)
             return
          end if

@@ -33,7 +33,8 @@ module symsde_step_stages_stepper
    use symsde_step_stages_fixed_point, only: iterate_group, solved, untried
    use symsde_step_stages_groups, only: stage_group
    use symsde_step_stages_newton, only: stage_newton, new_stage_newton
-   use symsde_step_stages_tridiagonal, only: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once
+   use symsde_step_stages_tridiagonal, only: tridiagonal_stages, new_tridiagonal_stages, fits_tridiagonal_stages, &
+                                             solves_at_once
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
@@ -51,7 +52,7 @@ module symsde_step_stages_stepper
    type :: solver_slot
       logical :: has_rows = .false.                     !! lanes go to the rows before the matrices
       logical :: at_once = .false.                      !! .. and need no iteration before
-      type(stage_rows), allocatable :: rows
+      type(tridiagonal_stages), allocatable :: rows
       type(stage_newton), allocatable :: newton
    end type solver_slot
 
@@ -107,7 +108,7 @@ contains
          allocate (self%solver(self%equations%plan%ngroup))
          do g = 1, size(self%solver)
             self%solver(g)%has_rows = self%equations%eliminated .and. .not. allocated(self%equations%mass) .and. &
-                                      fits_stage_rows(traits, self%equations%plan%group(g))
+                                      fits_tridiagonal_stages(traits, self%equations%plan%group(g))
             self%solver(g)%at_once = self%solver(g)%has_rows .and. solves_at_once(traits) .and. &
                                      .not. self%equations%plan%group(g)%explicit
          end do
@@ -278,7 +279,7 @@ contains
       if (solver%has_rows) then
          if (.not. allocated(solver%rows)) then
             allocate (solver%rows)
-            call new_stage_rows(solver%rows, self%equations, group, self%options)
+            call new_tridiagonal_stages(solver%rows, self%equations, group, self%options)
          end if
          call solver%rows%solve(self%equations, group, self%outcome, self%wanted)
          if (.not. any(self%wanted)) return

@@ -34,7 +34,7 @@ module symsde_step_stages_tridiagonal
    use symsde_step_stages_groups, only: stage_group
    implicit none
    private
-   public :: stage_rows, new_stage_rows, fits_stage_rows, solves_at_once
+   public :: tridiagonal_stages, new_tridiagonal_stages, fits_tridiagonal_stages, solves_at_once
 
    integer, parameter :: panel = 16          !! sites asked of the model at once
    integer, parameter :: most_stages = 3     !! of a group
@@ -42,7 +42,7 @@ module symsde_step_stages_tridiagonal
 
    integer, parameter :: fewest_rows = 4  !! chains that are shorter are taken as dense systems
 
-   type :: stage_rows
+   type :: tridiagonal_stages
       private
       type(newton_type) :: newton
       integer(i8), allocatable :: status(:)     !! (newton%nlane)
@@ -67,18 +67,18 @@ module symsde_step_stages_tridiagonal
       real(wp) :: fronts(strip_lanes, nfront, 2) = 0  !! of one unknown a site
    contains
       procedure :: solve
-   end type stage_rows
+   end type tridiagonal_stages
 
 contains
 
    !> Whether this way serves a group of stages; momenta must be eliminated.
-   pure logical function fits_stage_rows(traits, group)
+   pure logical function fits_tridiagonal_stages(traits, group)
       type(model_traits), intent(in) :: traits
       type(stage_group), intent(in) :: group
 
-      fits_stage_rows = traits%bandwidth == 1 .and. traits%ndof >= fewest_rows .and. &
-                        group%nmember <= most_stages .and. (allocated(group%inverse) .or. allocated(group%e))
-   end function fits_stage_rows
+      fits_tridiagonal_stages = traits%bandwidth == 1 .and. traits%ndof >= fewest_rows .and. &
+                                group%nmember <= most_stages .and. (allocated(group%inverse) .or. allocated(group%e))
+   end function fits_tridiagonal_stages
 
    !> Whether the equations are linear and their matrix exact: one solve from slopes zero finds the root.
    pure logical function solves_at_once(traits)
@@ -88,8 +88,8 @@ contains
    end function solves_at_once
 
    !> A solver for one group of stages.
-   subroutine new_stage_rows(self, equations, group, options)
-      type(stage_rows), intent(out) :: self
+   subroutine new_tridiagonal_stages(self, equations, group, options)
+      type(tridiagonal_stages), intent(out) :: self
       type(stage_equations), intent(in) :: equations
       type(stage_group), intent(in) :: group
       type(newton_options), intent(in) :: options
@@ -122,11 +122,11 @@ contains
          if (self%gives_rows) return
          allocate (self%force(self%nlane, n, r), self%stiffness(self%nlane, 0:1, n, r))
       end associate
-   end subroutine new_stage_rows
+   end subroutine new_tridiagonal_stages
 
    !> The slopes of the group's stages in lanes where they are wanted. Lanes that are not solved stay wanted.
    subroutine solve(self, equations, group, outcome, wanted)
-      class(stage_rows), intent(inout) :: self
+      class(tridiagonal_stages), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer(i8), intent(in) :: outcome(self%nlane)   !! where the iteration before has left it
@@ -158,7 +158,7 @@ contains
 
    !> What goes with the matrix of the group and this step.
    pure subroutine find_coefficients(self, group, h)
-      type(stage_rows), intent(inout) :: self
+      type(tridiagonal_stages), intent(inout) :: self
       type(stage_group), intent(in) :: group
       real(wp), intent(in) :: h
       integer :: m
@@ -178,7 +178,7 @@ contains
 
    !> Weights, bases and first slopes of all strips. Lanes that fill up the last one stay zero, and rest.
    subroutine take_lanes(self, equations, group, outcome)
-      type(stage_rows), intent(inout) :: self
+      type(tridiagonal_stages), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer(i8), intent(in) :: outcome(self%nlane)
@@ -212,7 +212,7 @@ contains
 
    !> The slopes of Q = q_n in stiff lanes.
    subroutine stand_still(self, equations, strip, before, until, outcome)
-      type(stage_rows), intent(inout) :: self
+      type(tridiagonal_stages), intent(inout) :: self
       type(stage_equations), intent(in) :: equations
       integer, intent(in) :: strip, before, until
       integer(i8), intent(in) :: outcome(until)
@@ -233,7 +233,7 @@ contains
 
    !> The lanes before a strip, and how many it has.
    pure subroutine find_strip(self, strip, before, until)
-      type(stage_rows), intent(in) :: self
+      type(tridiagonal_stages), intent(in) :: self
       integer, intent(in) :: strip
       integer, intent(out) :: before, until
 
@@ -243,7 +243,7 @@ contains
 
    !> Force and stiffness of all lanes, from a model that is better called for many at once.
    subroutine evaluate_lanes(self, equations, group)
-      type(stage_rows), intent(inout) :: self
+      type(tridiagonal_stages), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer :: m, strip, before, until
@@ -265,7 +265,7 @@ contains
 
    !> One correction of a strip.
    subroutine correct_one(self, equations, group, strip)
-      type(stage_rows), intent(inout) :: self
+      type(tridiagonal_stages), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer, intent(in) :: strip
@@ -304,7 +304,7 @@ contains
 
    !> One unknown a site: the rows of a strip, from both ends.
    subroutine eliminate_fronts(self, equations, group, strip)
-      type(stage_rows), intent(inout) :: self
+      type(tridiagonal_stages), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer, intent(in) :: strip
@@ -330,7 +330,7 @@ contains
 
    !> Force and stiffness of a strip in sites first .. last, from row `at` of the panel on.
    subroutine linearise(self, equations, group, strip, first, last, at)
-      type(stage_rows), intent(inout) :: self
+      type(tridiagonal_stages), intent(inout) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer, intent(in) :: strip, first, last, at
@@ -363,7 +363,7 @@ contains
 
    !> Slopes back to the lanes that are solved.
    subroutine give_slopes(self, equations, group)
-      type(stage_rows), intent(in) :: self
+      type(tridiagonal_stages), intent(in) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer :: strip, m, i, before, until
@@ -386,7 +386,7 @@ contains
 
    !> The same where their sum was unknown.
    subroutine find_slopes(self, equations, group)
-      type(stage_rows), intent(in) :: self
+      type(tridiagonal_stages), intent(in) :: self
       type(stage_equations), intent(inout) :: equations
       type(stage_group), intent(in) :: group
       integer :: strip, m, i, before, until
