@@ -23,7 +23,7 @@ headers, are planted in a copy of them. Neither the tree nor the build is touche
 
 The named test runs first, then, where it passes, every other suite that is not long, the quickest first. Faults made by
 rules meet the suites of under three minutes, by the times of the last run of ctest: first those named after the file,
-then those that use its module, that share a word with its name, or with its folder, then all others. The exit code
+then those that use its module, that share a word with its name, that use its folder, then all others. The exit code
 tells of an entry that does not fit, of a survivor without a reason, of a reason without a survivor, of less than 95 %
 caught (90 % of faults made by rules).
 """
@@ -193,11 +193,13 @@ class Build:
         of_python = mutant.file.startswith("python/")
         module = re.compile(rf"symsde[._]{folder}[._]{stem}\b" if folder != "symsde" else rf"symsde.*\b{stem}\b")
         beside = re.compile(rf"symsde[._]{folder}[._]")
+        folders = {one.name for one in (ROOT / mutant.file).parents[1].iterdir()}
 
         def distance(name: str) -> tuple[int, float]:
             source = next((ROOT / "tests").rglob(f"{name.removeprefix('python_')}.[p]*"), None)
             text, words = source.read_text() if source is not None else "", set(name.split("_")) - {"test"}
-            near = (stem in name, module.search(text), words & {folder, *stem.split("_")}, beside.search(text), True)
+            near = [stem in name, module.search(text), words & {folder, *stem.split("_")}, beside.search(text)]
+            near += [not words & folders, True]  # those of another folder come last
             return [bool(one) for one in near].index(True), self.cost[name]
 
         fit = {name for name in self.tests if self.cost[name] < self.short}
