@@ -2,12 +2,16 @@
 """Coverage and cost of the intervals of `symsde.expect` on scenes whose mean is known.
 
     .venv/bin/python bench/expect_coverage.py [--repeats 1000] [--pilots 250] [--narrower N] [--scenes WORD]
+    .venv/bin/python bench/expect_coverage.py --long [--repeats 160] [--pilots 40] [--narrower N] [--scenes WORD]
     .venv/bin/python bench/expect_coverage.py --cost 8 [--repeats 5] [--scenes WORD] [--out FILE.json]
 
 All means but one are known exactly; the reference of the last scene is a run of 2^24 paths by another scheme, whose own
 error is told. Coverage is the share of answers whose interval holds the mean, with its standard error. A pilot takes
 longer than most answers here, so each serves several, which have seeds and paths of their own; the standard error
 reckons with what they share. --narrower N asks for intervals N times as narrow, by quasi-Monte Carlo then more often.
+
+--long takes scenes of horizons from 1 to 1000 and of rare events instead. Their references, where there is no formula,
+are runs of 2^16 paths by chin4a at fine steps.
 
 --cost N asks for intervals N times as narrow, and tells what answers cost, pilot and all, over the best choice by hand:
 the cheapest of all schemes, methods and steps that a pilot of eight times the paths lets in, carried out and timed.
@@ -115,6 +119,63 @@ def cases(log2_paths: int) -> list[Case]:
     return found
 
 
+def long_cases(word: str) -> list[Case]:
+    """Means at short and long horizons, where phases turn, and of what happens seldom; those of this name."""
+    found = []
+
+    def add(name, model, f, exact, wanted, where, known_to=0.0):  # noqa: PLR0917
+        found.append(Case(name, model, f, where, wanted, exact, known_to))
+
+    def start(t, q0=1.0, p0=0.0):
+        return {"q0": q0, "p0": p0, "horizon": t}
+
+    def spread(t, omega=1.0):  # of q, over sigma^2
+        return (t / 2 - math.sin(2 * omega * t) / (4 * omega)) / omega**2
+
+    sigma = math.sqrt(1 / 32)
+    for t, wanted in ((1.0, 5e-3), (10.0, 2e-2), (50.0, 0.05), (100.0, 0.1), (150.0, 0.1), (200.0, 0.1), (250.0, 0.1),
+                      (1000.0, 0.5)):  # fmt: skip
+        model, exact = ss.models.linear_oscillator(sigma=sigma), math.cos(t) ** 2 + sigma**2 * spread(t)
+        add(f"linear oscillator, E q^2, T = {t:g}", model, "q**2", exact, wanted, start(t))
+    fast = ss.model_from_sympy("p**2/2 + omega**2*q**2/2", noise=["-sigma*q"], params={"omega": 2.0, "sigma": 0.5})
+    for t, wanted in ((10.0, 0.02), (100.0, 0.1), (1000.0, 1.0)):
+        exact = math.cos(2 * t) ** 2 + 0.25 * spread(t, 2.0)
+        add(f"omega = 2, E q^2, T = {t:g}", fast, "q**2", exact, wanted, start(t))
+    for t, wanted in ((10.0, 1e-2), (100.0, 0.02), (1000.0, 0.05)):
+        model, decay = ss.models.kubo(sigma=0.05), math.exp(-0.0025 * t / 2)
+        add(f"Kubo, E q, T = {t:g}", model, "q", decay * math.cos(t), wanted, start(t))
+        squared = 0.5 + decay**4 * math.cos(2 * t) / 2
+        add(f"Kubo, E q^2, T = {t:g}", model, "q**2", squared, wanted, start(t))
+    for t, wanted in ((10.0, 5e-3), (100.0, 2e-2)):
+        model = ss.models.synchrotron(omega=2.0, sigma1=0.1, sigma2=0.1)
+        add(f"synchrotron, E H, T = {t:g}", model, model.value, -4 * math.cos(1.0) + 0.005 * t, wanted, start(t))
+    chain = np.sin(np.arange(1, 9) * math.pi / 9)
+    for name, model, f, at, horizons in (
+        ("synchrotron, E cos q", ss.models.synchrotron(sigma1=0.02, sigma2=0.01), lambda q, p: np.cos(q[0]), (1.0, 0.0),
+         ((30.0, 0.01), (100.0, 0.02), (300.0, 0.03))),
+        ("Henon-Heiles, E q1^2", ss.models.henon_heiles(sigma1=0.002, sigma2=0.002), lambda q, p: q[0] ** 2,
+         ([0.3, 0.1], [0.1, 0.2]), ((30.0, 2e-3), (100.0, 3e-3), (200.0, 5e-3))),
+        ("FPU chain of 8, E q1^2", ss.models.fpu_chain(n=8, sigma=0.05), lambda q, p: q[0] ** 2, (chain, 0.0),
+         ((10.0, 5e-3), (100.0, 2e-2))),
+    ):  # fmt: skip
+        for t, wanted in horizons:
+            where = start(t, *at)
+            if word in (label := f"{name}, T = {t:g}"):
+                exact, error = long_reference(model, f, where, scheme="chin4a", steps=round(10 * t), log2_paths=16)
+                add(label, model, f, exact, wanted, where, error)
+    for name, model, omega, size in (("linear oscillator", ss.models.linear_oscillator(), 1.0, 1.0),
+                                     ("omega = 2", fast, 2.0, 0.5)):  # fmt: skip
+        for p, z in ((3e-3, 2.747781), (1e-3, 3.090232), (1e-4, 3.719016)):
+            edge = math.cos(3 * omega) + z * size * math.sqrt(spread(3.0, omega))
+            for kind, f in (("", lambda q, p, edge=edge: q[0] > edge), (", floats", _floats_above(edge))):
+                add(f"{name}, P = {p:g}{kind}", model, f, p, p / 4, start(3.0))
+    return found
+
+
+def _floats_above(edge: float):
+    return lambda q, p: np.where(q[0] > edge, 1.0, 0.0)
+
+
 def repeat(case: Case, repeats: int, pilots: int) -> dict:
     """Answers of so many seeds; every pilot serves repeats/pilots of them, which have paths of their own."""
     chosen, found = collections.Counter(), []
@@ -142,6 +203,7 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
         "pilots": pilots,
         "coverage": float(held.mean()),
         "coverage_error": float(max(shares.std(ddof=1) / math.sqrt(pilots), math.sqrt(0.01 / len(found)))),
+        "reached": float(np.mean([x.reached for x in found])),
         "bounds": int(bounds.sum()),
         "coverage_of_the_others": float(held[~bounds].mean()) if not bounds.all() else math.nan,
         "mean_half_width": float(np.mean([x.half_width for x in found])),
@@ -226,8 +288,9 @@ def told(row: dict) -> str:
     return (
         f"{row['scene']:34s} {100 * row['coverage']:5.1f} % +- {100 * row['coverage_error']:.1f} "
         f"({100 * row['coverage_of_the_others']:.1f} but for {row['bounds']} bounds)  half width "
-        f"{row['mean_half_width']:.2e} of {row['abs']:.0e}  rms error {row['rms_error']:.2e}, mean "
-        f"{row['mean_error']:+.1e}  {row['median_seconds']:.4f} s + {row['pilot_seconds']:.2f} s  {row['chosen']}"
+        f"{row['mean_half_width']:.2e} of {row['abs']:.0e} ({100 * row['reached']:.0f} % reached)  rms error "
+        f"{row['rms_error']:.2e}, mean {row['mean_error']:+.1e}  {row['median_seconds']:.4f} s + "
+        f"{row['pilot_seconds']:.2f} s  {row['chosen']}"
     )
 
 
@@ -235,7 +298,8 @@ def main() -> None:
     """Print a table; write it as JSON on request."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, help="answers: 1000, with --cost 5")
-    parser.add_argument("--pilots", type=int, default=250)
+    parser.add_argument("--pilots", type=int, help="250, with --long 40")
+    parser.add_argument("--long", action="store_true", help="the scenes of long horizons and rare events")
     parser.add_argument("--scenes", default="")
     parser.add_argument("--log2-paths", type=int, default=24)
     parser.add_argument("--cost", metavar="N", type=float, help="cost of intervals N times as narrow, not coverage")
@@ -244,14 +308,15 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("error", ss.PathsFailedWarning)
     rows = []
-    for case in cases(0 if options.cost else options.log2_paths):
+    many, pilots = (160, options.pilots or 40) if options.long else (1000, options.pilots or 250)
+    for case in long_cases(options.scenes) if options.long else cases(0 if options.cost else options.log2_paths):
         if options.scenes not in case.name:
             continue
         if options.cost:
             row = cost(case, options.cost, options.repeats or 5)
         else:
             narrow = dataclasses.replace(case, abs=case.abs / options.narrower)
-            row = repeat(narrow, options.repeats or 1000, options.pilots)
+            row = repeat(narrow, options.repeats or many, pilots)
         rows.append(row)
         print(told(row), flush=True)
         if options.out:

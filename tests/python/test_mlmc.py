@@ -235,7 +235,8 @@ def test_a_function_that_jumps_is_not_trusted_with_few_paths():
     )
     draw = sampler.draw(3, 200)
     assert draw.difference.m2 == 0 and draw.fine.variance > 0
-    assert draw.error == pytest.approx(math.sqrt(draw.fine.variance) / 200)
+    assert draw.error == pytest.approx(draw.fine.size / 200) and draw.fine.size == pytest.approx(0.5, rel=1e-2)
+    assert draw.error_by(1.0) == pytest.approx(1 / 200)  # of an event that these paths did not show
 
 
 def test_time_that_is_over_gives_the_interval_so_far():

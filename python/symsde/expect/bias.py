@@ -3,13 +3,27 @@
 
 E f(x_h) - E f(x_{h/2}) falls as h^a, a the weak order: so the finer of the two is off by that over 2^a - 1, and every
 coarser difference tells the same of it after another factor 2^-a. What coarser steps tell is trusted less: the powers
-of h beyond the first may change it by a half for every halving in between. Where differences contradict each other, as
-such that change their sign, their mean may be small by chance: its error is then as large as they are apart.
+of h beyond the first may change it by a half for every halving in between, of the largest that any difference tells,
+so that differences which cancel leave their doubt. Where they contradict each other, as such that change their sign,
+their mean may be small by chance: its error is then as large as they are apart.
+
+When may a power of h be counted on? A phase that a step h turns by x = c h^a T too far changes a mean by
+A (cos(phi + x) - cos(phi)): as h^a where x is small, else by anything up to 2 A, at one step more, at the next less,
+and differences of either sign cancel. The means alone do not tell the one from the other where noise hides them. The
+paths do: |E f(x_h) - E f(x_2h)| <= D = (E (f(x_h) - f(x_2h))^2)^(1/2), a mean of squares, in which nothing cancels.
+Paths that are turned by (2^a - 1) x have D^2 = 2 (1 - cos((2^a - 1) x)) Var f, about: up to 1/8 of the variance x is
+small, a tenth where a is two, and each halving leaves 2^-a of it. Levels are then settled. What x^2 adds to the means
+may still hide what x does: d/(2^a - 1) is off by 2^(a-1) x^2 A, by D^2/sqrt(Var f) 2^(a-1)/(2^a - 1)^2 for A^2 = Var f,
+which is a doubt of its own where the differences are not seen well enough to tell two powers of h from three.
+Without noise, too, levels are settled where three differences in turn are seen and fall with one sign as the order
+says, which those of numbers of any size and sign seldom do. Where they are not settled, no power of h is counted on:
+a step is off by as much as the last halving changed, or half of what the one before did, and finer ones by no less.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -17,6 +31,8 @@ import numpy as np
 
 _DOUBT = 0.5  #: relative change for each halving between a difference and the step it is used for
 _EXACT = 1e300  #: weight of a difference without noise
+CLOSE = 1 / 8  #: of the variance of f, up to which the mean square of its change at the last halving is small
+_NEARLY = 0.5  #: powers of h by which differences may fall less than they should
 TERMS = 3  #: differences of a pilot, and powers of h that they tell
 _SURE = 4.0  #: standard errors above which a difference counts as seen
 _APART = 4.0  #: mean square of what differences tell around their mean, in units of their errors, that is no chance
@@ -32,30 +48,51 @@ def estimate(means: Sequence[float], errors: Sequence[float], order: float, extr
     told = [m * s for m, s in zip(means, scale, strict=True)]
     noise = [e * s for e, s in zip(errors, scale, strict=True)]
     doubts = [_DOUBT * (len(means) - 1 - i + extra) for i in range(len(means))]
-    best = told[-1]
-    for _ in range(8):  # the doubt of a coarse step is a share of what is estimated
-        weights = [1 / max(e**2 + (d * best) ** 2, 1 / _EXACT) for e, d in zip(noise, doubts, strict=True)]
-        total = sum(weights)
-        best = sum(w * x for w, x in zip(weights, told, strict=True)) / total
+    most = max(map(abs, told))
+    weights = [1 / max(e**2 + (d * most) ** 2, 1 / _EXACT) for e, d in zip(noise, doubts, strict=True)]
+    total = sum(weights)
+    best = sum(w * x for w, x in zip(weights, told, strict=True)) / total
     apart = sum(w * (x - best) ** 2 for w, x in zip(weights, told, strict=True)) / max(len(told) - 1, 1)
     wider = apart if apart > _APART else 1.0  # (Birge 1932)
     return best, math.sqrt(wider / total) if total < _EXACT else 0.0
 
 
-def left(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> tuple[float, float]:
-    """The same where the two finest of three or more are seen: by two powers of h, as far as a third changes it.
+def left(
+    means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0, *,
+    settled: bool = True, second: float = 0.0,
+) -> tuple[float, float]:  # fmt: skip
+    """The same, of levels that are settled or not; second: what second powers of phases may hide at the finest step.
 
-    A scheme of weak order one may have the errors of one of order two on all steps that were tried: the differences
-    then fall by four, and what falls by two is hidden in how this number changes.
+    Where the two finest of three or more are seen, it is told by two powers of h, as far as a third changes it. A
+    scheme of weak order one may have the errors of one of order two on all steps that were tried: the differences then
+    fall by four, and what falls by two is hidden in how this number changes.
     """
     finest = list(zip(means, errors, strict=True))[1 - TERMS :]
+    if not settled:
+        return max([means[-1], *(x / 2 for x in means[-2:-1])], key=abs), errors[-1]
     if len(means) < TERMS or any(abs(m) <= _SURE * e for m, e in finest):
-        return estimate(means, errors, order, extra)
+        value, error = estimate(means, errors, order, extra)
+        return value, math.hypot(error, second * 2.0 ** (-order * extra))
     means, errors = means[-TERMS:], errors[-TERMS:]
     two, three = (_weights(order, extra, terms) for terms in (TERMS - 1, TERMS))
     value, other = (math.fsum(w * m for w, m in zip(weights, means, strict=True)) for weights in (two, three))
     noise = math.sqrt(math.fsum((w * e) ** 2 for w, e in zip(two, errors, strict=True)))
     return value, math.hypot(noise, value - other)
+
+
+def settled(square: float, variance: float, means: Sequence[float], errors: Sequence[float], order: float) -> bool:
+    """The mean square of the finest change is small beside the variance of f; or the last differences are seen, of one
+    sign, and fall as the order says."""
+    if square <= CLOSE * variance:
+        return True
+    last = list(zip(means, errors, strict=True))[-TERMS:]
+    seen = len(last) == TERMS and all(math.fabs(m) > _SURE * e for m, e in last)
+    return seen and all(0 < y / x < 2.0 ** (_NEARLY - order) for (x, _), (y, _) in itertools.pairwise(last))
+
+
+def second_powers(square: float, variance: float, order: float) -> float:
+    """What they may hide, by the mean square of the finest change."""
+    return 2 ** (order - 1) / (2**order - 1) ** 2 * square / math.sqrt(variance) if variance > 0 else 0.0
 
 
 @functools.lru_cache(maxsize=1024)

@@ -20,6 +20,7 @@ EVEN_LEVELS = "multilevel quasi-Monte Carlo"
 _BEGUN_WITH = 256  #: paths of every level, before anything is known of it
 _A_LEVEL = 1.5e-3  #: seconds that a level takes beside its paths, about: calls, tallies, allocation
 _NEAR = 1.5  #: levels below a step, at which the variance of its units is not known from theirs
+_BISECTIONS = 10  #: of a halving of the step
 _FEWEST = 5  #: log2 of the points of a level
 
 
@@ -89,18 +90,26 @@ def _allowed(error: float) -> float:
 def coarse_enough(left: Callable[[int], tuple[float, float]], error: float, first: int = 0) -> int | None:
     """The longest step of the ladder that leaves little beside this error; None where none does."""
     for level in range(first, LEVELS + MOST_HALVINGS):
-        if math.hypot(*left(level)) <= math.sqrt(BIAS_SHARE) * error:
+        if _small(left(level), error):
             return level
     return None
 
 
 def longest(left: Callable[[float], tuple[float, float]], error: float) -> float | None:
-    """The same between the steps of the ladder, where what is left falls as a power from one to the next."""
+    """The same between the steps of the ladder, to a thousandth of a halving."""
     level = coarse_enough(left, error)
     if not level:
         return level
-    above, below = (math.hypot(*left(x)) for x in (level - 1, level))
-    return level - 1 + math.log(above / (math.sqrt(BIAS_SHARE) * error)) / math.log(above / max(below, 1e-300))
+    low, high = float(level - 1), float(level)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if _small(left(middle), error) else (middle, high)
+    return high
+
+
+def _small(left: tuple[float, float], error: float) -> bool:
+    """What is left, noise in it included, keeps its share of this error."""
+    return math.hypot(*left) <= math.sqrt(BIAS_SHARE) * error
 
 
 def plain(trial: Trial, error: float) -> Plan | None:

@@ -44,6 +44,7 @@ _LITTLE = 0.1  #: of the variance of f, below which a control variate tells chan
 _CHEAP = 1e-2  #: seconds that it may take to know changes where nothing is known to reach the tolerance
 _NEAR = 0.5  #: levels, within which the variance of a method is taken to be the same
 _DOUBLINGS = 12
+_WIDER = 20  #: doublings of the error that is asked for
 _LONG = 600.0  #: seconds of a plan, above which the pilot is made no longer
 _SEEN = 3.0  #: standard errors by which a mean is told from 0
 _FIRST = 2**45 + 2**44  #: path that values of f are looked at from
@@ -109,7 +110,7 @@ class Pilot:
         if trial.usable:
             self.trials.append(trial)
             if len(self.trials) > 1:
-                trial.known_variance = self.looked_at.units.variance
+                trial.known = self.looked_at.units
 
     def _look_at_f(self) -> None:
         """Values of f at a trustworthy step: their variance, their mean, their tails."""
@@ -127,7 +128,7 @@ class Pilot:
                 )
             self.looked_at += plain.draw(self.looked_at.units.n)
         for x in self.trials:
-            x.known_variance = self.looked_at.units.variance
+            x.known = self.looked_at.units
 
     def _may_be_zero(self) -> bool:
         seen = self.looked_at.units
@@ -154,9 +155,16 @@ class Pilot:
             task()
             plans = self.plans()
         self.seconds = self.watch.seconds
-        if not plans:
-            raise NumericalError(self._hopeless())
-        return plans
+        return plans or self._best_known()
+
+    def _best_known(self) -> list[Plan]:
+        """Where the bias is not known as well as asked for: the plans for the least error that there are any for."""
+        error = self.error
+        for _ in range(_WIDER):
+            error *= 2
+            if found := self.plans(error):
+                return found
+        raise NumericalError(self._hopeless())
 
     def _hopeless(self) -> str:
         way = f"by {self.method} " if self.method else ""
@@ -166,11 +174,12 @@ class Pilot:
             f"tells: give a larger tolerance, a shorter horizon, or another scheme{_NEEDS.get(self.method, '')}"
         )
 
-    def plans(self) -> list[Plan]:
-        """Plans of every trial by all that was measured, of the method that is asked for; the cheapest first."""
+    def plans(self, error: float | None = None) -> list[Plan]:
+        """Plans of every trial by all that was measured, of the method that is asked for; the cheapest first. They keep
+        the error that the tolerance allows, or one that is given."""
         ways = [choice.plain, choice.extrapolated, choice.multilevel, choice.even, choice.even_levels]
         ways += [partial(choice.of_variant, method=method) for method in MEASURED]
-        found = [way(trial, error=self.error) for trial in self.trials for way in ways]
+        found = [way(trial, error=error or self.error) for trial in self.trials for way in ways]
         wanted = [plan for plan in found if plan is not None and self.method in (None, plan.method)]
         return sorted(wanted, key=lambda plan: plan.seconds)
 
@@ -269,8 +278,11 @@ class Pilot:
         if self._untried:
             higher = self._highest() > max(_order(x.scheme) for x in self.trials)
             return [*cheap, (0.0, self._try_highest if higher else self._try_next)]
-        trial = min(self.trials, key=lambda x: x.seconds_spent)
-        return [*cheap, (0.0, trial.double)] if trial.doubled < _DOUBLINGS else cheap
+        ways = [x for x in self.trials if x.may_go_finer or x.doubled < _DOUBLINGS]
+        if not ways or self.watch.seconds > _LONG or not self.plans(self.error * 2**_WIDER):
+            return cheap
+        best = min(ways, key=lambda x: x.seconds_to_tell(self.error))
+        return [*cheap, (0.0, best.go_finer if best.may_go_finer else best.double)]
 
 
 def _order(scheme: Scheme) -> float:

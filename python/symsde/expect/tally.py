@@ -68,6 +68,11 @@ class Tally:
         return self.n * (self.m4 / self.m2) / self.m2 if self.m2 > 0 else 0.0
 
     @property
+    def size(self) -> float:
+        """How far the values that differ lie from the rest, where these are few; the standard deviation at least."""
+        return math.sqrt(self.m4 / self.m2) if self.m2 > 0 else 0.0
+
+    @property
     def few(self) -> bool:
         """So few values differ from the rest that their scatter tells too little.
 

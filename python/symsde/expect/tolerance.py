@@ -76,9 +76,9 @@ def half_width(error: float, bias: float, units: int) -> float:
     """Of a 95 % interval with this standard error, of so many units, and a bias of this size, of unknown sign.
 
     Both enter squared: the bias is at most a third of the error where BIAS_SHARE is kept, and the interval then holds
-    with 94.9 to 95.9 %, whatever part of that bias is really there.
+    with 94.9 to 95.9 %, whatever part of that bias is really there. Few units tell less of the error, not of the bias.
     """
-    return quantile(units) * math.hypot(error, bias)
+    return math.hypot(quantile(units) * error, NORMAL * bias)
 
 
 def half_width_when_stopped(error: float, bias: float, units: int, wanted: float) -> float:

@@ -13,6 +13,7 @@ from . import quasi
 from .candidates import weak_order
 from .estimators import Estimator, Plain
 from .problem import Problem
+from .stability import SHARPEST, fewest_steps
 from .tally import Tally
 from .variants import LONG, Even, Variant, measure, measure_changes, measure_even
 
@@ -22,6 +23,8 @@ _NEARLY = 1 - 1e-12  #: rounding of powers of two is no step more
 _LEAST_TIMED, _TIMED = 256, 1024  #: paths of a call that is timed
 _LONG_ENOUGH = 5e-4  #: seconds of such a call, beyond which it is made no longer
 _TIMES = 2  #: that short calls are timed, whose difference tells what a path takes
+_TURNED = 2.0  #: omega T (omega h)^a, below which no phase is a tenth of a radian off
+_NEARER = 0.75  #: times the mean square at one halving, that at the next may be
 UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
 
 
@@ -33,7 +36,7 @@ class Trial:
         self.problem, self.scheme = problem, scheme
         self.order = weak_order(problem, scheme)
         self.seconds_spent = 0.0
-        self.known_variance = 0.0
+        self.known = Tally()  #: values of f that were looked at
         self.loading = 0.0  #: seconds of packages, once a process
         self.usable = False
         self.doubled = 0  #: times
@@ -42,7 +45,7 @@ class Trial:
         self.even: dict[int, Even | None] = {}  #: by level
         self.changes: dict[int, Tally | None] = {}  #: of f from the level before, with a control variate
         for _ in range(UNSTABLE):
-            self.sampler = LevelSampler(problem, scheme, coarsest)
+            self.sampler, self._first = LevelSampler(problem, scheme, coarsest), 0
             self.draws: list[Draw] = [NOTHING] * LEVELS
             self.more(paths)
             if self._holds():
@@ -69,15 +72,45 @@ class Trial:
         for level in range(1, LEVELS):
             self._draw(level, self.draws[level].difference.n)
 
+    def go_finer(self) -> None:
+        """The ladder goes on by one step that is half of the finest, and begins one later."""
+        self._first += 1
+        self.draws = [*self.draws[1:], NOTHING]
+        self.even, self.changes, self.measured = {}, {}, {}
+        self._draw(LEVELS - 1, self.draws[-2].difference.n)
+
+    @property
+    def may_go_finer(self) -> bool:
+        """Its levels are not settled, but may be by finer steps: paths come nearer to each other, or phases differ.
+
+        What a step leaves of a phase is (omega h)^a/20 a radian and less; if all of that is small to the horizon, and
+        paths end elsewhere still, they part by themselves.
+        """
+        fewest = fewest_steps(self.problem)
+        turned = fewest * SHARPEST * (SHARPEST * fewest / self.steps(LEVELS - 1)) ** max(self.order, 2.0)
+        nearer = self._apart(LEVELS - 1) < _NEARER * self._apart(LEVELS - 2)
+        return not self.settled and self._first < MOST_HALVINGS and (turned > _TURNED or nearer)
+
+    def seconds_to_tell(self, error: float) -> float:
+        """What it takes until the bias is known to this error, about: by finer steps, or by more paths."""
+        seconds = sum(draw.seconds for draw in self.draws[1:])
+        noise = self.bias(LEVELS - 1)[1]
+        return seconds if self.may_go_finer else seconds * (noise / error) ** 2
+
+    def _apart(self, level: int) -> float:
+        """Mean square of the change of f from the level before."""
+        draw = self.draws[level]
+        return draw.error_by(self.known.size) ** 2 * draw.difference.n + draw.difference.mean**2
+
     def _draw(self, level: int, paths: int) -> None:
         self._biases.clear()
-        drawn = self.sampler.draw(level, paths)
+        drawn = self.sampler.draw(self._first + level, paths)
         self.draws[level] += drawn
         self.seconds_spent += drawn.seconds
 
     def _time(self) -> None:
         """Seconds of a path as a + b steps, those of a call apart."""
-        few, many = (self.sampler.steps(level) for level in (0, LEVELS - 1))
+        few, many = (self.steps(level) for level in (0, LEVELS - 1))
         drawn = self.draws[-1]
         enough = _LONG_ENOUGH * drawn.difference.n / max(drawn.seconds, 1e-9)
         paths = _TIMED if enough > _TIMED else _LEAST_TIMED
@@ -115,22 +148,27 @@ class Trial:
 
     def seconds(self, level: float) -> float:
         """Of a path at a level of the ladder."""
-        return self._once + self._slope * self.sampler.coarsest * 2.0**level
+        return self._once + self._slope * self.sampler.coarsest * 2.0 ** (self._first + level)
 
     def steps(self, level: float) -> int:
         """Steps to the horizon at a level."""
-        return math.ceil(self.sampler.coarsest * 2.0**level * _NEARLY)
+        return math.ceil(self.sampler.coarsest * 2.0 ** (self._first + level) * _NEARLY)
 
     @property
     def variance(self) -> float:
         """Of f; at least that of the values looked at, where few of the trial's own differ."""
         own = self.draws[-1].fine
-        return max(own.variance, self.known_variance) if own.few else own.variance
+        return max(own.variance, self.known.variance) if own.few and self.known.n else own.variance
+
+    @property
+    def settled(self) -> bool:
+        """Powers of h may be counted on: paths of the two finest levels end near each other, or means fall so."""
+        return weak.settled(self._apart(LEVELS - 1), self.variance, *self._differences(), self.order)
 
     def bias(self, level: float) -> tuple[float, float]:
         """E f - E f(x_h) at a level of the ladder, and the standard error of this estimate.
 
-        Between two levels it falls as a power, with the sign and the relative error of the finer one.
+        Between two levels it is taken for a multiple of h^a and a number, a the weak order.
         """
         if level not in self._biases:
             self._biases[level] = self._bias(level)
@@ -140,12 +178,12 @@ class Trial:
         if level != int(level):
             begin = math.floor(level)
             coarse, fine = self.bias(begin), self.bias(begin + 1)
-            ends = [max(math.hypot(*x), 1e-300) for x in (coarse, fine)]
-            larger = (ends[0] / ends[1]) ** (begin + 1 - level)
-            return fine[0] * larger, fine[1] * larger
-        level = int(level)
+            if not self.settled:
+                return coarse
+            share = (2 ** (self.order * (begin + 1 - level)) - 1) / (2**self.order - 1)
+            return tuple(y + share * (x - y) for x, y in zip(coarse, fine, strict=True))
         means, errors = self._differences()
-        return _left(means, errors, self.order, level)
+        return self._left(means, errors, int(level))
 
     def rest(self, level: int) -> tuple[float, float]:
         """The same of what extrapolation from this level and the one before leaves; its order is taken as no higher."""
@@ -153,12 +191,12 @@ class Trial:
         up, whole = 2**self.order, 2**self.order - 1
         pairs = range(1, len(means))
         changes = [(up * means[i] - means[i - 1]) / whole for i in pairs]
-        return _left(changes, [math.hypot(up * errors[i], errors[i - 1]) / whole for i in pairs], self.order, level)
+        return self._left(changes, [math.hypot(up * errors[i], errors[i - 1]) / whole for i in pairs], level)
 
     def _differences(self) -> tuple[list[float], list[float]]:
         """Means of f(x_h) - f(x_2h) at levels above 0, and their errors."""
         means = [draw.difference.mean for draw in self.draws[1:]]
-        errors = [draw.error for draw in self.draws[1:]]
+        errors = [draw.error_by(self.known.size) for draw in self.draws[1:]]
         known = [(level, x.change[x.most].mean, x.error) for level, x in self.even.items() if x and x.error > 0]
         known += [(level, x.mean, x.error) for level, x in self.changes.items() if x is not None]
         for level, mean, error in known:  # the best known
@@ -174,11 +212,10 @@ class Trial:
         fall = known[-1] / known[-2] if known[-2] > 0 else 1.0
         return known[-1] * min(fall, 1.0) ** (level - LEVELS + 1)
 
-
-def _left(means: list[float], errors: list[float], order: float, level: int) -> tuple[float, float]:
-    """What all finer levels add to a level, and its error, from differences up to the last level that was tried."""
-    if level >= LEVELS - 1:
-        return weak.left(means, errors, order, level - LEVELS + 1)
-    tail, noise = weak.left(means, errors, order)
-    finer = len(means) - (LEVELS - 1 - level)
-    return tail + sum(means[finer:]), math.hypot(noise, *errors[finer:])
+    def _left(self, means: list[float], errors: list[float], level: int) -> tuple[float, float]:
+        """What all finer levels add to a level, and its error, from differences up to the last level that was tried."""
+        extra = max(level - LEVELS + 1, 0)
+        second = weak.second_powers(self._apart(LEVELS - 1), self.variance, self.order)
+        tail, noise = weak.left(means, errors, self.order, extra, settled=self.settled, second=second)
+        finer = LEVELS - 1 - level
+        return (tail + sum(means[-finer:]), math.hypot(noise, *errors[-finer:])) if finer > 0 else (tail, noise)

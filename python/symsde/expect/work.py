@@ -24,7 +24,7 @@ from .pilot import Pilot
 from .quasi import MOST_POINTS, Quasi
 from .tails import Doubt
 from .tally import Tally
-from .tolerance import BIAS_SHARE, half_width_when_stopped, quantile
+from .tolerance import BIAS_SHARE, NORMAL, half_width_when_stopped, quantile
 from .unseen import doubt, unseen
 
 FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
@@ -264,11 +264,17 @@ class Work:
     def _finished(self, found: _Outcome) -> Answer:
         horizon = self.pilot.problem.horizon
         wanted = self.tolerance.half_width(found.value)
-        reached = found.half <= _NEARLY * wanted
+        reached, unknown = found.half <= _NEARLY * wanted, NORMAL * found.bias > wanted
         if not reached and not any("asked was" in note for note in found.notes):
             over = self.watch.why if self.watch.over else "paths were too few"
+            if unknown:
+                over = (
+                    f"the error that the step leaves is known to {found.bias:.2g} alone: halving it changes the ends "
+                    "of paths too much, or too few paths show that; give a larger tolerance, a shorter horizon or "
+                    "another scheme"
+                )
             found.notes.append(f"{over}: the half width is {found.half:.3g}, asked was {wanted:.3g}")
-        if found.error < _SILENT * found.bias and self.pilot.problem.model.nnoise:
+        if found.error < _SILENT * found.bias and not unknown and self.pilot.problem.model.nnoise:
             found.notes.append(
                 f"the method leaves no noise beside the bias of the step ({found.error:.1g} of {found.bias:.1g}): the "
                 "interval is a bound, which holds whatever the seed, not with 95 %"

@@ -160,7 +160,8 @@ class Estimate:
         seen, noise = self._left()
         if math.hypot(seen, noise) <= allowed:
             return False
-        if noise > _NOISE_SHARE * allowed and math.fabs(seen) < 2 * noise and self._finest_is_cheap():
+        more = self.draws[-1].difference.few or self._finest_is_cheap()  # of few that differ, a finer level tells less
+        if noise > _NOISE_SHARE * allowed and math.fabs(seen) < 2 * noise and more:
             self._draw(len(self.draws) - 1, self.draws[-1].difference.n)
             return True
         if len(self.draws) == self.most:
@@ -243,7 +244,7 @@ class Estimate:
         """Of a value; of level 0 at least that of the values looked at, where few of its own differ."""
         draw = self.draws[level]
         known = self.known.variance if level == 0 and draw.difference.few and self.known.n > 1 else 0.0
-        return max(draw.variance, known)
+        return max(draw.error_by(self.known.size) ** 2 * draw.difference.n, known)
 
     def _error(self, level: int) -> float:
         """Standard error of the mean of a level."""
@@ -267,16 +268,16 @@ class Estimate:
         """Size of the bias that may be left."""
         return math.sqrt(BIAS_SHARE) * self._error_wanted()
 
-    def _means(self) -> tuple[list[float], list[float]]:
-        """Of the differences, and their errors."""
-        finer = self.draws[1 : max(self._begun(), 1)]
-        return [draw.difference.mean for draw in finer], [draw.error for draw in finer]
-
     def _left(self) -> tuple[float, float]:
         """What is left of the error of the step, and its standard error."""
-        means, errors = self._means()
+        finer = range(1, max(self._begun(), 1))
+        means, errors = [self.draws[i].difference.mean for i in finer], [self._error(i) for i in finer]
         order = self.order if len(means) >= weak.TERMS else weak.order_of(means, errors, self.order)
-        return weak.left(means, errors, order)
+        square, fine = self._variance(finer[-1]) + means[-1] ** 2, self.draws[finer[-1]].fine
+        variance = max(fine.variance, self.known.variance) if fine.few and self.known.n > 1 else fine.variance
+        settled = weak.settled(square, variance, means, errors, order)
+        second = weak.second_powers(square, variance, order)
+        return weak.left(means, errors, order, settled=settled, second=second)
 
     @property
     def value(self) -> float:

@@ -39,17 +39,21 @@ class Draw:
     seconds: float  #: of the processor
     failed: int  #: paths that failed at one of the two steps, left out
 
-    @property
-    def error(self) -> float:
-        """Standard error of the mean difference.
+    def error_by(self, size: float) -> float:
+        """Standard error of the mean difference, of an f whose values that differ lie so far from the rest.
 
-        Where f jumps, few paths differ or none, and their scatter tells too little: then as if one more differed, by a
-        standard deviation of f.
+        Where f jumps, few paths differ or none, and their scatter tells too little: then as if one more differed, by as
+        much as those do; where none does, by as much as values of f.
         """
         d = self.difference
         if d.n < 2 or not d.few:
             return d.error
-        return math.hypot(d.error, math.sqrt(self.fine.variance) / d.n)
+        return math.hypot(d.error, (d.size or max(size, self.fine.size)) / d.n)
+
+    @property
+    def error(self) -> float:
+        """The same by these paths alone."""
+        return self.error_by(0.0)
 
     @property
     def variance(self) -> float:
