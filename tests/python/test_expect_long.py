@@ -88,7 +88,7 @@ def test_second_powers_of_a_phase_are_in_the_doubt():
     x, worst = 0.1, 0.0
     for phi in np.linspace(0.0, 2 * math.pi, 100):
         mean = [math.cos(phi + turned) for turned in (0.0, x, 4 * x)]
-        second = bias.second_powers(2 * (1 - math.cos(3 * x)), 1.0, 2.0)
+        second = bias.second_powers(2 * (1 - math.cos(3 * x)), 1.0, 2.0, 0.5)
         told, doubt = bias.left([mean[1] - mean[2]], [1e-9], 2.0, second=second)
         worst = max(worst, abs(mean[0] - mean[1] - told) / doubt)
     assert 0.8 < worst < 1.2

@@ -32,6 +32,7 @@ import numpy as np
 _DOUBT = 0.5  #: relative change for each halving between a difference and the step it is used for
 _EXACT = 1e300  #: weight of a difference without noise
 CLOSE = 1 / 8  #: of the variance of f, up to which the mean square of its change at the last halving is small
+_JUMP = 1.75  #: standard deviations of f that it changes by on few paths: two where it is 0 or 1 with even chances
 _NEARLY = 0.5  #: powers of h by which differences may fall less than they should
 TERMS = 3  #: differences of a pilot, and powers of h that they tell
 _SURE = 4.0  #: standard errors above which a difference counts as seen
@@ -90,9 +91,12 @@ def settled(square: float, variance: float, means: Sequence[float], errors: Sequ
     return seen and all(0 < y / x < 2.0 ** (_NEARLY - order) for (x, _), (y, _) in itertools.pairwise(last))
 
 
-def second_powers(square: float, variance: float, order: float) -> float:
-    """What they may hide, by the mean square of the finest change."""
-    return 2 ** (order - 1) / (2**order - 1) ** 2 * square / math.sqrt(variance) if variance > 0 else 0.0
+def second_powers(square: float, variance: float, order: float, size: float) -> float:
+    """What they may hide, by the mean square of the finest change, and by the size of the largest changes: an f that
+    jumps changes on few paths by as much as it varies at all, and in proportion to what its paths are off."""
+    if variance <= 0 or size > _JUMP * math.sqrt(variance):
+        return 0.0
+    return 2 ** (order - 1) / (2**order - 1) ** 2 * square / math.sqrt(variance)
 
 
 @functools.lru_cache(maxsize=1024)

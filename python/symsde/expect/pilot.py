@@ -14,14 +14,13 @@ from ..schemes import Scheme
 from . import choice, variants
 from .choice import Plan
 from .control import MOST_ROWS, Control
-from .estimators import Antithetic, Drawn, Plain
+from .estimators import Antithetic, Plain
 from .problem import Problem
 from .quasi import Quasi
 from .stability import fewest_steps
-from .tails import require_variance
-from .tally import Tally
 from .tolerance import Tolerance
 from .trial import LEVELS, UNSTABLE, Trial
+from .unseen import look
 from .watch import Watch
 
 METHODS = (
@@ -35,8 +34,7 @@ METHODS = (
 )
 MEASURED = {Antithetic.name: Antithetic, Control.name: Control}
 _PATHS = 256  #: of each level of a trial, to begin with
-_LOOKED_AT = 4096  #: values of f that tell of its tails
-_MOST_LOOKED_AT = 2**17  #: the same where the mean is to be told from 0
+_MOST_LOOKED_AT = 2**17  #: values of f, where the mean is to be told from 0
 _SHARE = 0.2  #: of the seconds of the best plan so far that all measurements beyond the first scheme may take
 _HOPE = 0.1  #: of the seconds of the best plan, below which a way is worth to know its bias better
 _FURTHER = 3  #: log2 of the points of a plan, over those that were looked at: a sixteenth of its seconds tells more
@@ -116,10 +114,9 @@ class Pilot:
         """Values of f at a trustworthy step: their variance, their mean, their tails."""
         trial = min(self.trials, key=lambda x: x.spread(LEVELS - 1) + x.seconds(LEVELS - 1) * 1e-12)
         plain = Plain(trial.problem, trial.scheme, trial.steps(LEVELS - 1), _FIRST)
-        values, ok = plain.sample(_LOOKED_AT if self.problem.model.nnoise else 2)
-        require_variance(values[ok], self.problem.target.name)
-        self.looked_at = Drawn(Tally.of(values[ok]), 0.0, int((~ok).sum()), values.size)
-        self.tolerance.check(self.looked_at.units.mean, float(np.sqrt(np.mean(values[ok] ** 2))))
+        self.looked_at = look(plain, self.tolerance, self.watch)
+        seen = self.looked_at.units
+        self.tolerance.check(seen.mean, math.sqrt(seen.mean**2 + seen.m2 / seen.n))
         while self._may_be_zero():
             if self.looked_at.units.n > _MOST_LOOKED_AT or self.watch.over:
                 raise InvalidArgumentError(

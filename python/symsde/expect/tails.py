@@ -9,10 +9,12 @@ import numpy as np
 
 from ..errors import InvalidArgumentError, NumericalError
 from ..schemes import Scheme
-from .estimators import Plain
+from .estimators import Drawn, Plain
 from .problem import Problem
 from .tally import Tally
 
+_LOOKED_AT = 4096  #: values of f that tell of its tails
+_AGAIN, _OF_THESE = 2**16, 256  #: values, of which these outermost decide where the first ones seem to have no variance
 _MANY = 2**15  #: values, of which a few that differ are looked at again
 _OUTERMOST = 32  #: of these
 _FIRST = 2**45 + 2**42  #: path that they begin at
@@ -49,6 +51,21 @@ def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
             f"x^-{index:.2g} (below 2), and the variance grows with the number of paths, so that no interval would "
             "hold; bound f, as by np.clip, or take another one"
         )
+
+
+def first_values(plain: Plain) -> Drawn:
+    """Some values of f; refused where they have no variance.
+
+    A lognormal law falls off as a power where few values show it, of an index that grows further out: so where the
+    first values seem to have no variance, the outermost of many more decide.
+    """
+    values, ok = plain.sample(_LOOKED_AT if plain.problem.model.nnoise else 2)
+    drawn, count, good = Drawn(Tally.of(values[ok]), 0.0, int((~ok).sum()), values.size), 0, values[ok]
+    if good.size >= LEAST and tail_index(good)[0] < 2:
+        parts = [plain.sample(_LOOKED_AT) for _ in range(_AGAIN // _LOOKED_AT)]
+        good, count = np.concatenate([values[ok] for values, ok in parts]), _OF_THESE
+    require_variance(good, plain.problem.target.name, count)
+    return drawn
 
 
 class Doubt:

@@ -78,4 +78,8 @@ class Tally:
 
         Of n values, j of them not 0, the kurtosis is n/j. Fourth powers of 0 tell nothing of it: those of 1e-90 are.
         """
-        return self.m4 == 0 or self.kurtosis * _FEW > self.n
+        return self.m4 == 0 or self.few_of(self.n)
+
+    def few_of(self, count: int) -> bool:
+        """As few of so many values differ, if they do so as often as these."""
+        return self.kurtosis * _FEW > count

@@ -215,7 +215,7 @@ class Trial:
     def _left(self, means: list[float], errors: list[float], level: int) -> tuple[float, float]:
         """What all finer levels add to a level, and its error, from differences up to the last level that was tried."""
         extra = max(level - LEVELS + 1, 0)
-        second = weak.second_powers(self._apart(LEVELS - 1), self.variance, self.order)
+        second = weak.second_powers(self._apart(LEVELS - 1), self.variance, self.order, self.draws[-1].difference.size)
         tail, noise = weak.left(means, errors, self.order, extra, settled=self.settled, second=second)
         finer = LEVELS - 1 - level
         return (tail + sum(means[-finer:]), math.hypot(noise, *errors[-finer:])) if finer > 0 else (tail, noise)

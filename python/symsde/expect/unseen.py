@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What paths may not have shown of f: where few or none of them carry its variation, their scatter tells nothing."""
+"""What paths may not have shown of f: where few or none of them carry its variation, their scatter tells nothing.
+
+Of n paths j are those that differ, by about a size s: then f is off its mean by up to s (z^2/2 + z sqrt(j + z^2/4))/n
+with 97.5 % on that side, z = 1.96 (Wilson 1927, for small j/n): 3.8 s/n where none was seen, 11 s/n where 20 were.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,14 @@ import math
 import numpy as np
 
 from ..schemes import Scheme
+from .estimators import Drawn, Plain
 from .problem import Problem
+from .tails import first_values
 from .tally import Tally
+from .tolerance import NORMAL, Tolerance
+from .watch import Watch
 
-_RULE = 3.0  #: what no path of n shows has a probability below 3/n, with 95 %
+_MOST, _LONG = 2**24, 60.0  #: values that are looked at, and seconds, where few differ
 _PATHS = 256  #: whose ends f is tried around
 _FIRST = 2**45 + 2**43  #: path that these begin at
 _MOVED = 1e-3  #: shift of these ends, in widths of the box around them
@@ -19,8 +27,20 @@ _RESPONDS = 1e-6  #: change of f by this shift, over its range in the box, that 
 _ROUNDING = 1e-13  #: relative variation of f that is none
 
 
+def look(plain: Plain, tolerance: Tolerance, watch: Watch) -> Drawn:
+    """Values of f that have a variance, and so many that what they did not show is no more than the half width asked
+    for, or that enough of them differ: of what happens seldom fewer tell neither its mean nor its bias."""
+    drawn = first_values(plain)
+    while drawn.units.n and drawn.paths <= _MOST and not watch.over and watch.seconds <= _LONG:
+        hidden = unseen(plain.problem, plain.scheme, plain.steps, drawn.units)
+        if hidden <= tolerance.half_width(drawn.units.mean):
+            break
+        drawn += plain.draw(drawn.units.n)
+    return drawn
+
+
 def unseen(problem: Problem, scheme: Scheme, steps: int, seen: Tally) -> float:
-    """Half width that an interval must have for what these values of f did not show: 3/n of its scale; 0 mostly.
+    """Half width that an interval must have for what these values of f did not show; 0 mostly.
 
     It counts where fewer than about 20 values differ from the rest. The scale is that of those values; where f is flat
     around the ends of most paths, so that it may jump elsewhere, that of f between and beside them, 1 for truth values.
@@ -28,15 +48,20 @@ def unseen(problem: Problem, scheme: Scheme, steps: int, seen: Tally) -> float:
     """
     if not problem.model.nnoise or not seen.few:
         return 0.0
-    apart = math.sqrt(seen.m4 / seen.m2) if seen.m2 > 0 else 0.0
-    apart = apart if apart > _ROUNDING * math.fabs(seen.mean) else 0.0
+    apart = seen.size if seen.size > _ROUNDING * math.fabs(seen.mean) else 0.0
     scale = max(apart, _scale(problem, scheme, steps, seen.mean, beside=apart == 0))
-    return _RULE / seen.n * scale
+    return _share(seen) * scale
+
+
+def _share(seen: Tally) -> float:
+    """Probability by which what differs may be off the share of it that was seen."""
+    differ = seen.n / seen.kurtosis if seen.kurtosis > 0 else 0.0
+    return (NORMAL**2 / 2 + NORMAL * math.sqrt(differ + NORMAL**2 / 4)) / seen.n
 
 
 def doubt(seen: Tally, hidden: float) -> str:
     """The same as a sentence."""
-    below = f"what happens with a probability below {_RULE / seen.n:.1g} was not seen"
+    below = f"what happens with a probability below {_share(seen):.1g} was not seen"
     if seen.m2 == 0:
         text = f"f was {seen.mean:g} on all of {seen.n} paths: {below}"
     else:

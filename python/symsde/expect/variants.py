@@ -77,7 +77,10 @@ def measure(trial: Trial, kind: type[Estimator], level: float) -> Variant | None
         drawn += estimator.draw(_MORE)
     if drawn.units.n < UNITS / 2:
         return None
-    return Variant(level, drawn.units.variance, unit, prepared + many.seconds - unit * UNITS)
+    variance = drawn.units.variance
+    if trial.known.few_of(drawn.units.n):  # of f itself: what its units vary by was hardly seen
+        variance = max(variance, trial.variance)
+    return Variant(level, variance, unit, prepared + many.seconds - unit * UNITS)
 
 
 def measure_even(trial: Trial, level: int, most: int = LONG) -> Even | None:
@@ -95,7 +98,7 @@ def measure_even(trial: Trial, level: int, most: int = LONG) -> Even | None:
         seconds[points] = time.process_time() - begin
         if not ok.all():
             return None
-        fine[points] = Tally.of(both[0])
+        fine[points] = _as_if_one_differed(Tally.of(both[0]), points, trial.variance)
         change[points] = _as_if_one_differed(Tally.of(both[int(level > 0)]), points, trial.variance)
     path = max((seconds[most] - seconds[SHORT]) / (SCRAMBLINGS * (2**most - 2**SHORT)), trial.seconds(level))
     once += max(seconds[most] - path * SCRAMBLINGS * 2**most, 0.0)

@@ -18,11 +18,11 @@ from ..expect.estimators import Plain
 from ..expect.keep import inputs_of, open_folder
 from ..expect.problem import make_problem
 from ..expect.stability import fewest_steps
-from ..expect.tails import Doubt, require_variance
+from ..expect.tails import Doubt
 from ..expect.tally import Tally
 from ..expect.target import Function
 from ..expect.tolerance import BIAS_SHARE, Tolerance, half_width, make_tolerance, quantile
-from ..expect.unseen import doubt, unseen
+from ..expect.unseen import doubt, look, unseen
 from ..expect.watch import Watch
 from ..model import Model
 from ..schemes import Scheme, as_scheme
@@ -31,7 +31,6 @@ from .rates import fall
 from .sampler import MOST_LEVELS, NOTHING, Draw, LevelSampler
 
 FIRST_LEVELS = 3  #: that are drawn before anything is judged, where so many are allowed
-_LOOKED_AT = 4096  #: values of f that tell of its tails
 _LOOKED_AT_FROM = 2**46 + 2**45  #: path that these begin at
 _HEAVY = 100.0  #: kurtosis above which the variance of a level is doubtful
 _INCONSISTENT = 1.5  #: 4.5 standard errors
@@ -137,9 +136,7 @@ class Estimate:
         """Values of f at a step of moderate length; refused where they have no variance."""
         sampler, level = self.sampler, min(FIRST_LEVELS, self.most) - 1
         plain = Plain(sampler.problem, sampler.scheme, sampler.steps(level), _LOOKED_AT_FROM)
-        values, ok = plain.sample(_LOOKED_AT if sampler.problem.model.nnoise else 2)
-        require_variance(values[ok], sampler.problem.target.name)
-        return Tally.of(values[ok])
+        return look(plain, self.tolerance, self.watch).units
 
     def _begun(self) -> int:
         """Levels that have values: all, but for the last one where it was interrupted."""
@@ -276,7 +273,7 @@ class Estimate:
         square, fine = self._variance(finer[-1]) + means[-1] ** 2, self.draws[finer[-1]].fine
         variance = max(fine.variance, self.known.variance) if fine.few and self.known.n > 1 else fine.variance
         settled = weak.settled(square, variance, means, errors, order)
-        second = weak.second_powers(square, variance, order)
+        second = weak.second_powers(square, variance, order, self.draws[finer[-1]].difference.size)
         return weak.left(means, errors, order, settled=settled, second=second)
 
     @property
