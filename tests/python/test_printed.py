@@ -36,8 +36,9 @@ def test_every_member_of_a_report():
     for i, name in enumerate(_abi.COUNTERS):
         setattr(given, name, 100 + i)
     result = report.Reported()
+    result._keep_report(given)
     with pytest.warns(ss.PathsFailedWarning, match="^11 paths failed"):
-        result._take_report(given)
+        result._warn_of_failures()
     found = result.report
     expected = {"outcome": "some paths failed", "status": 6, "stepper": "a stepper", "correction": "mean"}
     expected |= {"left_out": ("one", "two"), "warnings": ("first", "second"), "failed": 11, "stopped": 12}
