@@ -87,7 +87,7 @@ class Mutant:
     @property
     def folder(self) -> str:
         """What it is counted with."""
-        return "/".join(self.file.split("/")[:-1][:3])
+        return "/".join(self.file.split("/")[:-1][: 2 if self.file.startswith("src/") else 3])
 
     def apply(self) -> str:
         """The text of the file with the fault; the old text must be there, once."""
@@ -189,17 +189,18 @@ class Build:
         if mutant.test:
             spared = {mutant.test} | (set() if mutant.file.startswith("python/") else LINKED)
             return [mutant.test, *(name for name in self.tests if name not in spared and not named)]
-        stem, folder = Path(mutant.file).stem.strip("_"), Path(mutant.file).parent.name
         of_python = mutant.file.startswith("python/")
-        module = re.compile(rf"symsde[._]{folder}[._]{stem}\b" if folder != "symsde" else rf"symsde.*\b{stem}\b")
-        beside = re.compile(rf"symsde[._]{folder}[._]")
-        folders = {one.name for one in (ROOT / mutant.file).parents[1].iterdir()}
+        place = Path(mutant.file).relative_to("python/symsde" if of_python else "src").with_suffix("")
+        stem, parts = place.name.strip("_"), place.parts[:-1]
+        beside = re.compile("[._]".join(["symsde", *parts, ""]))
+        module = re.compile(rf"{beside.pattern}{stem}\b")
+        others = {one.name for one in (ROOT / mutant.file).parents[len(parts)].rglob("*") if one.is_dir()} - {*parts}
 
         def distance(name: str) -> tuple[int, float]:
             source = next((ROOT / "tests").rglob(f"{name.removeprefix('python_')}.[p]*"), None)
             text, words = source.read_text() if source is not None else "", set(name.split("_")) - {"test"}
-            near = [stem in name, module.search(text), words & {folder, *stem.split("_")}, beside.search(text)]
-            near += [not words & folders, True]  # those of another folder come last
+            near = [stem in name, module.search(text), words & {*parts, *stem.split("_")}, beside.search(text)]
+            near += [not words & others, True]  # those of another folder come last
             return [bool(one) for one in near].index(True), self.cost[name]
 
         fit = {name for name in self.tests if self.cost[name] < self.short}
