@@ -249,6 +249,10 @@ def setup_of(given: dict[str, Any]) -> Setup:
     )
 
 
+class Lent(np.ndarray):
+    """Increments that the library has made for one run and never writes again: they need no copy."""
+
+
 def increments_array(value: object, *, kept: bool = True) -> np.ndarray:
     """Prescribed increments as C-contiguous (row, noise, 1 or path); a copy where they are kept."""
     array = _checks.real_array("increments", value)
@@ -259,7 +263,7 @@ def increments_array(value: object, *, kept: bool = True) -> np.ndarray:
             f"increments has shape {array.shape}: give (steps*2**refine, noise, path), or "
             "(steps*2**refine, noise) for all paths"
         )
-    return (np.array if kept else np.asarray)(array, order="C")
+    return (np.array if kept and not isinstance(value, Lent) else np.asarray)(array, order="C")
 
 
 def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray | None:

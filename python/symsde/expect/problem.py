@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import _checks
+from .._setup import Lent
 from ..errors import InvalidArgumentError, PathsFailedWarning, WrongTypeError
 from ..model import Model, require_model
 from ..moments import try_out
@@ -45,6 +46,8 @@ class Problem:
     def run(self, scheme: str | Scheme, steps: int, **more: Any) -> Run:
         """Paths to the horizon, of which the last state is kept."""
         options = {"save_every": steps, "seed": self.seed, **self.options, **more}
+        if "increments" in more:
+            options["increments"] = more["increments"].view(Lent)
         step = self.horizon / steps
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PathsFailedWarning)  # counted, and judged by who asked
