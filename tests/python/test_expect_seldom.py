@@ -9,6 +9,7 @@ import symsde as ss
 from symsde.expect import tails, unseen, variants
 from symsde.expect.estimators import Antithetic, Plain
 from symsde.expect.problem import make_problem
+from symsde.expect.stability import mild_steps
 from symsde.expect.tally import Tally
 from symsde.expect.tolerance import make_tolerance
 from symsde.expect.trial import Trial
@@ -92,3 +93,26 @@ def test_lognormal_tails_are_looked_at_further_out():
     for seed in range(5):
         with pytest.raises(ss.errors.NumericalError, match="no finite variance"):
             tails.first_values(Values(seed, lambda rng, n: rng.pareto(1.5, n)))
+
+
+def test_the_first_level_is_one_that_implicit_steps_hold():
+    """dq = 0.7 q dW: midpoint has a pole at dW = 2/0.7, which one step meets with 4e-3, and values near it have no
+    variance; five steps meet it with 1e-10. E q = exp(0.245), at two half widths (8e-5 each). From one step on, the
+    planted twin, the first values are refused."""
+    model = ss.model_from_sympy("0*p", noise=["sigma*q*p"], params={"sigma": 0.7})
+    given = {"q0": 1.0, "p0": 0.0, "horizon": 1.0, "abs": 0.04}
+    assert mild_steps(make_problem(model, "q", q0=1.0, p0=0.0, horizon=1.0)) == 5
+    assert mild_steps(make_problem(ss.models.synchrotron(), "q", q0=1.0, p0=0.0, horizon=1.0)) == 1
+    for seed in range(3):
+        found = ss.mlmc(model, "q", **given, seed=seed)
+        assert found.reached and found.half_width <= 0.042 and found.levels[0].steps == 5
+        assert abs(found.value - math.exp(0.245)) < 2 * found.half_width
+    with pytest.raises(ss.errors.NumericalError, match="no finite variance"):
+        ss.mlmc(model, "q", **given, steps=1)
+
+
+def test_products_of_noises_that_do_not_commute_are_not_refused():
+    """E q p, refused for its tails at each of these seeds before."""
+    for seed in range(5):
+        found = ss.mlmc(ss.models.noncommutative_oscillator(), "q*p", q0=1.0, p0=0.0, horizon=1.0, abs=0.02, seed=seed)
+        assert found.reached

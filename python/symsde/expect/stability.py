@@ -7,6 +7,7 @@ With `paths`, along the ways of so many paths with noise, too: these may come to
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -19,16 +20,29 @@ _POINTS = 9  #: of the way
 
 def frequency(problem: Problem, paths: int = 0) -> float:
     """The largest frequency of the linearised equations, on a few points of the way; at least 1/horizon."""
-    model = problem.model
-    declared = model.traits.max_frequency
-    known = [declared] if declared > 0 else []
-    ways = [*_way(problem), *(_ways(problem, paths) if paths and model.nnoise else ())]
-    blocks = zip(*(model.hessian(q, p, t=t) for t, q, p in ways), strict=True)
+    declared = problem.model.traits.max_frequency
+    ways = [*_way(problem), *(_ways(problem, paths) if paths and problem.model.nnoise else ())]
+    return max(_fastest(problem, ways), declared, 1 / problem.horizon)
+
+
+def mild_steps(problem: Problem) -> int:
+    """Steps to the horizon in which noise that multiplies the state leaves an implicit step regular.
+
+    I - dW J H''/2 is singular where dW times a frequency of the noise is 2, and values near that have no variance:
+    increments of six standard deviations come to no more than that where 3 omega sqrt(h) <= 1.
+    """
+    noises = problem.model.nnoise
+    omega = _fastest(problem, [*_way(problem)], np.minimum(np.arange(noises + 1.0), 1.0)) if noises else 0.0
+    return max(1, math.ceil(9 * omega**2 * problem.horizon))
+
+
+def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> float:
+    """Frequency of sum_j w_j H_j, by default of H, along these ways."""
+    blocks = zip(*(problem.model.hessian(q, p, w, t) for t, q, p in ways), strict=True)
     qq, qp, pp = (np.moveaxis(np.concatenate(block, axis=2), 2, 0) for block in blocks)
     flow = np.block([[qp, pp], [-qq, -qp.transpose(0, 2, 1)]])
     flow = flow[np.isfinite(flow).all(axis=(1, 2))]
-    known += np.abs(np.linalg.eigvals(flow)).ravel().tolist()
-    return max([*known, 1 / problem.horizon])
+    return float(np.abs(np.linalg.eigvals(flow)).max(initial=0.0))
 
 
 def fewest_steps(problem: Problem) -> int:

@@ -17,7 +17,7 @@ from ..expect.candidates import best_coupled, weak_order
 from ..expect.estimators import Plain
 from ..expect.keep import inputs_of, open_folder
 from ..expect.problem import make_problem
-from ..expect.stability import fewest_steps
+from ..expect.stability import fewest_steps, mild_steps
 from ..expect.tails import Doubt
 from ..expect.tally import Tally
 from ..expect.target import Function
@@ -64,7 +64,8 @@ def mlmc(
     - q0, p0: initial state of all paths, a number or (dof,)
     - abs, rel: half width of the interval, or that over the value; one of the two
     - scheme: default gauss_dkdkd where noises depend on position and H = p.p/2 + U(q), else midpoint
-    - steps: of level 0, by default as few as the fastest frequency allows; level l has steps 2^l
+    - steps: of level 0, by default as few as the fastest frequency and the noise in implicit steps allow; level l has
+      steps 2^l
     - levels: the most there may be, 2 .. 31; first: paths that a new level begins with, 16 .. 2^30
     - antithetic: fine paths in pairs with the halves of each coarse step exchanged, for noises that do not commute
     - max_time: seconds of the clock after which the interval is given as it is then
@@ -82,7 +83,7 @@ def mlmc(
         problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
         tolerance = make_tolerance(abs, rel)
         chosen = best_coupled(problem) if scheme is None else as_scheme(scheme)
-        coarsest = fewest_steps(problem) if steps is None else steps
+        coarsest = max(fewest_steps(problem), mild_steps(problem)) if steps is None else steps
         most = _checks.integer("levels", levels, (2, MOST_LEVELS))
         first = _checks.integer("first", first, (16, 2**30))
         sampler = LevelSampler(problem, chosen, coarsest, antithetic=antithetic)
