@@ -14,7 +14,7 @@ import numpy as np
 
 
 class Ridges:
-    """H_j(t, x) = sum over ridges of s (1 + e sin(nu t + j)) f(a.x + b), f = sin or a power, j = 0 .. m."""
+    """H_j(t, x) = sum over ridges of s (1 + e sin(nu t + phase)) f(a.x + b), f = sin or a power, j = 0 .. m."""
 
     def __init__(self, ndof, nnoise, ridges):
         """Ridges are (j, f, s, e, nu, a, b), f = "sin" or an exponent."""
@@ -23,7 +23,7 @@ class Ridges:
         self.j, self.sines = np.array(j), sum(x == "sin" for x in f)
         self.power = np.array(f[self.sines :], float)[:, None]
         self.s, self.e, self.nu, self.b = (np.array(x, float)[:, None] for x in (s, e, nu, b))
-        self.a, self.phase = np.array(a, float), self.j[:, None]
+        self.a, self.phase = np.array(a, float), 1.7 * np.arange(len(a))[:, None]
         self.powers = [self.a[:, :0].sum(axis=1, keepdims=True) + 1]  # a, a a, a a a, one row a ridge
         for _ in range(3):
             self.powers.append((self.powers[-1][:, :, None] * self.a[:, None, :]).reshape(len(self.a), -1))
@@ -34,7 +34,7 @@ class Ridges:
 
     def along(self, order, t, x):
         """Derivatives of every ridge along its own a, (ridge, lane)."""
-        y = self.a @ x + self.b
+        y = _product(self.a, x) + self.b
         power = y[self.sines :] ** np.maximum(self.power - order, 0)
         for i in range(order):
             power = power * (self.power - i)
@@ -45,11 +45,11 @@ class Ridges:
         """Of every Hamiltonian, (hamiltonian, .. order times 2 dof .., lane)."""
         return (self.sums[order] @ self.along(order, t, x)).reshape(-1, *len(x) * np.ones(order, int), x.shape[1])
 
-    # ---- the same as functions of the library: sums with weights w ---------------------------------
+    # ---- the same as functions of the library: sums with weights w -------------------------------------------
 
     def _sum(self, order, t, w, q, p):
         x = np.concatenate([q, p])
-        total = self.powers[order].T @ (w[self.j] * self.along(order, t, x))
+        total = _product(self.powers[order].T, w[self.j] * self.along(order, t, x))
         return total.reshape(*len(x) * np.ones(order, int), x.shape[1])
 
     def _parts(self, g):
@@ -66,14 +66,19 @@ class Ridges:
         return hess[:n, :n], hess[n:, :n], hess[n:, n:]
 
     def hessian_vector(self, t, w, q, p, *v):
-        moved = self.a @ np.concatenate(v) * w[self.j] * self.along(2, t, np.concatenate([q, p]))
-        return self._parts(self.a.T @ moved)
+        moved = _product(self.a, np.concatenate(v)) * w[self.j] * self.along(2, t, np.concatenate([q, p]))
+        return self._parts(_product(self.a.T, moved))
 
     def third_derivative(self, t, w, q, p, *vectors):
         moved = w[self.j] * self.along(3, t, np.concatenate([q, p]))
         for place in (0, 2):
-            moved = moved * (self.a @ np.concatenate(vectors[place : place + 2]))
-        return self._parts(self.a.T @ moved)
+            moved = moved * _product(self.a, np.concatenate(vectors[place : place + 2]))
+        return self._parts(_product(self.a.T, moved))
+
+
+def _product(matrix, x):
+    """With the same bits of a lane beside any others, which matrix products do not promise."""
+    return (matrix[:, :, None] * x).sum(axis=1)
 
 
 @dataclass
