@@ -11,7 +11,7 @@ import pytest
 import symsde as ss
 from clock import WorkClock
 from symsde import scene
-from symsde.advise.advise import _fewest_steps, candidates, stable_up_to
+from symsde.advise.advise import _fewest_steps, candidates, scheme_names, stable_up_to
 from symsde.advise.wants import Invariants, Seen
 from symsde.expect.candidates import commutes
 from symsde.expect.problem import make_problem
@@ -213,3 +213,16 @@ def test_kicks_keep_h_without_noise_in_the_figure_of_horizons():
             energy = still.value(run.q[:, :, 0].T, run.p[:, :, 0].T)
             changes.append(np.abs(energy / energy[0] - 1).max())
         assert changes[0] > 0.01 > changes[1]
+
+
+def bent_gradient(t, w, q, p):
+    """H = p^2 (1 + q^2)/2 + q^2/2, H_1 = sin q."""
+    return w[0] * (q * p**2 + q) + w[1] * np.cos(q), w[0] * p * (1 + q**2)
+
+
+def test_kicks_are_tried_where_noise_is_in_position_and_h_is_not_separable():
+    """gauss_dkdkd_midpoint takes any H, of strong order 3/2 by three solves a step."""
+    bent = ss.Model(ndof=1, nnoise=1, gradient=bent_gradient, position_noise=True)
+    assert "gauss_dkdkd_midpoint" in scheme_names(bent)
+    assert "gauss_dkdkd_midpoint" not in scheme_names(ss.models.pendulum())  # kicked: gauss_dkdkd is
+    assert "gauss_dkdkd_midpoint" not in scheme_names(ss.Model(ndof=1, nnoise=1, gradient=bent_gradient))

@@ -6,8 +6,10 @@ import pytest
 import symsde as ss
 from clock import calls_of
 from symsde import errors
+from symsde.formulas import emit_flow
+from symsde.formulas.derivatives import Derivatives
 from symsde.formulas.problem import make_problem
-from symsde.formulas.structure import structure_of
+from symsde.formulas.structure import Prover, structure_of
 
 pytest.importorskip("sympy")
 
@@ -97,6 +99,19 @@ def test_a_noise_for_each_of_many_degrees_of_freedom():
     (structure,) = found
     assert structure.noises_commute and not structure.flows_commute
     assert structure.nonzero == {"qq": 3 * n - 2, "qp": 0, "pp": n}
+
+
+def test_what_leaves_floating_point_is_not_simplified():
+    """35 exp in each other: sympy knows no largest number, and did not come back; whole steps of 12 took gcc 13 s."""
+    nested = {n: f"p**2/2 + {'exp(' * n}q/9{')' * n}" for n in (12, 35)}
+    made = {n: make_problem(H=h, noise="sin(q)", q=None, p=None, params=None, t=None) for n, h in nested.items()}
+    prover = Prover(made[35])
+    structure = prover.structure()
+    assert structure.identity_mass and structure.separable and structure.rotation is None
+    assert Derivatives(made[35], prover.vanishing()).third() is None  # too many operations: differences do
+    assert emit_flow.flows(Derivatives(made[12])) == []
+    few = make_problem(H="p**2/2 - cos(q)", noise="sin(q)", q=None, p=None, params=None, t=None)
+    assert "midpoint" in emit_flow.flows(Derivatives(few))
 
 
 def test_too_many_noises():

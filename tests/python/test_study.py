@@ -289,3 +289,19 @@ def test_every_scene_is_expected():
     assert {file.stem for file in SCENES.glob("*.toml")} == set(LEFT_OUT)
     for file in SCENES.glob("*.toml"):
         assert len(file.read_text().splitlines()) <= 40
+
+
+def test_the_reference_where_flows_commute_is_above_the_scheme():
+    """gauss3 is of strong order 3 there, gauss2_strong32 of 2; so is it without noise."""
+    given = {"q0": 0.5, "p0": 0.3, "steps": [1, 2, 4], "paths": 40, "horizon": 2.0}
+    for noises in (1, 0):
+
+        def gradient(t, w, q, p, noises=noises):
+            rate = w[0] * (q**2 + p**2) + (w[1] if noises else 0)
+            return rate * q, rate * p
+
+        spin = ss.Model(ndof=1, nnoise=noises, gradient=gradient)  # H = (q^2 + p^2)^2/4, H_1 = (q^2 + p^2)/2
+        found = ss.convergence(spin, "gauss3", **given)
+        assert found.reference.startswith("gauss4") and found.reference_error < found.error.min() / 4, str(found)
+    still = ss.convergence(ss.models.pendulum(), "midpoint", **given)
+    assert still.reference.startswith("chin4a_strong2")

@@ -137,6 +137,8 @@ def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
         names.append("symplectic_euler")
     if traits.kicked:
         names += ["gauss_dkdkd", "chin4a"]
+    elif traits.position_noise and model.nnoise:
+        names.append("gauss_dkdkd_midpoint")
     if traits.additive:
         names += ["verlet_dz"] if traits.kicked and traits.identity_mass else ["averaged_shift_midpoint"]
     brackets = commutator(model, t=t0) if model.nnoise else None

@@ -118,7 +118,10 @@ class Derivatives:
                 along = self.graph.multiply(a[0], b[1])
                 if j != k:
                     along = self.graph.sum((along, self.graph.multiply(a[1], b[0])))
-                terms[z].append(self.graph.multiply(self._weighted(self.of(x, y, z), x + y + z), along))
+                try:
+                    terms[z].append(self.graph.multiply(self._weighted(self.of(x, y, z), x + y + z), along))
+                except InvalidArgumentError:  # more operations than a graph holds
+                    return None
         n = self.problem.ndof
         nodes = [self.graph.sum(terms[x]) for x in names]
         return {"tq": nodes[:n], "tp": nodes[n:]} if count else None

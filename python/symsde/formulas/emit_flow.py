@@ -16,6 +16,7 @@ from .graph import Graph
 
 MAX_DOF = 4
 MAX_OPERATIONS = 400  #: of gradient and Hessian: above, the callbacks are not what takes the time
+OF_FUNCTION = 20  #: operations of an elementary function, inlined in every place
 STRIP = 128  #: lanes whose states stay in the nearest cache
 EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
 HEAD = """
@@ -47,7 +48,8 @@ typedef struct {{
 def flows(made: Derivatives) -> list[str]:
     """The schemes whose steps are generated."""
     separable = all(made.graph.is_number(x, 0.0) for x in made.outputs["hqp"])
-    few = made.problem.ndof <= MAX_DOF and len(_needed(made, BLOCKS)) <= MAX_OPERATIONS
+    nodes = [made.graph.nodes[x] for x in _needed(made, BLOCKS)] if made.problem.ndof <= MAX_DOF else []
+    few = 0 < sum(OF_FUNCTION if x.lane and x.what in NEAR else 1 for x in nodes) <= MAX_OPERATIONS
     if not few or "t" in _leaves(made, BLOCKS):
         return []
     schemes = list(EXPLICIT) if separable else []

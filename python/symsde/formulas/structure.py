@@ -8,8 +8,10 @@ strength zero is none; all others stay letters.
 
 from __future__ import annotations
 
+import cmath
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -72,6 +74,20 @@ def count_terms(e: Any) -> float:
     return 1.0
 
 
+def _value(e: Any, at: Mapping[Any, float]) -> complex:
+    """An expression of sympy in floating point, which ends where numbers grow beyond it."""
+    if e.is_Symbol:
+        return complex(at[e])
+    if not e.args:
+        return complex(e)
+    parts = [_value(x, at) for x in e.args]
+    if e.is_Add:
+        return sum(parts)
+    if e.is_Mul:
+        return math.prod(parts)
+    return parts[0] ** parts[1] if e.is_Pow else getattr(cmath, type(e).__name__)(*parts)
+
+
 class Prover:
     """Hamiltonians with their derivatives, in sympy."""
 
@@ -100,15 +116,18 @@ class Prover:
         return self.sympy.expand(e) == 0 or bool(self.sympy.simplify(e).is_zero)
 
     def _refuted(self, e: Any) -> bool:
-        """Whether some point shows that an expression is not zero: far sooner than it is simplified."""
+        """Whether some point shows that an expression is not zero: far sooner than it is simplified. One that leaves
+        floating point there, as exp(exp(exp(exp(2)))), is not shown to vanish, either."""
+        overflows = False
         for shift in (0, 1):
-            points = {x: self.sympy.Float(_POINTS[(_place(x) + shift) % len(_POINTS)]) for x in e.free_symbols}
             try:
-                if abs(complex(e.xreplace(points))) > 1e-6:  # rounding stays below, where it is near one
-                    return True
-            except (TypeError, ValueError, OverflowError, ZeroDivisionError, RecursionError):
+                if abs(_value(e, {x: _POINTS[(_place(x) + shift) % len(_POINTS)] for x in e.free_symbols})) > 1e-6:
+                    return True  # rounding stays below, where it is near one
+            except OverflowError:
+                overflows = True
+            except (AttributeError, TypeError, ValueError, ZeroDivisionError, RecursionError):
                 continue
-        return False
+        return overflows
 
     def diff(self, j: int, *variables: Any) -> Any:
         """A derivative of H_j; zero where it is shown to vanish."""
@@ -186,8 +205,9 @@ class Prover:
         for x in self.q:
             at = {**dict.fromkeys([*self.q, *self.p, self.t], 0), **self.values}
             try:
+                _value(self.diff(0, x, x), {s: at[s] for s in self.diff(0, x, x).free_symbols})  # sympy knows no bound
                 square = float(self.diff(0, x, x).subs(at))
-            except (TypeError, ValueError):
+            except (ArithmeticError, AttributeError, TypeError, ValueError):
                 return None
             if not 0 <= square < math.inf:
                 return None

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .. import _checks, diagnose, provenance
+from ..commutator import commutator
 from ..errors import InvalidArgumentError, MissingOperationError, PathsFailedWarning, SymsdeError
 from ..model import Model
 from ..moments import try_out
@@ -267,7 +268,7 @@ def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Re
         if steps is not None and wanted == "exact":
             raise InvalidArgumentError("reference_steps is for a scheme: the exact solution needs none, leave it out")
         return Reference("exact", finest)
-    name = _better(plan.model, scheme) if wanted == "auto" else as_scheme(wanted).name
+    name = _better(plan, scheme) if wanted == "auto" else as_scheme(wanted).name
     extra = _halvings_of(scheme, as_scheme(name))
     count = finest << extra if steps is None else _checks.integer("reference_steps", steps, (1, 2**40))
     if count <= finest or count % finest or (count // finest).bit_count() != 1:
@@ -295,8 +296,9 @@ def _has_exact(plan: Plan) -> bool:
     return True
 
 
-def _better(model: Model, scheme: Scheme) -> str:
+def _better(plan: Plan, scheme: Scheme) -> str:
     """The best affordable scheme on the Brownian paths of another."""
+    model = plan.model
     commutative = model.nnoise < 2 or model.traits.additive or model.traits.position_noise
     if model.ndof <= SMALL and model.traits.kicked:
         return "gauss_dkdkd_strong2" if scheme.name == "chin4a_strong2" else "chin4a_strong2"
@@ -304,6 +306,8 @@ def _better(model: Model, scheme: Scheme) -> str:
         if model.traits.additive and model.traits.position_noise and model.traits.identity_mass:
             return "verlet_dz"
         return "stormer_verlet" if model.traits.separable else "midpoint"
+    if not model.nnoise or commutator(model, t=plan.options.get("t0", 0.0)).flows_commute:
+        return "gauss4"  # of strong order 4 there, by increments alone
     if commutative:
         return "gauss2_strong32"
     return "gauss2_strong32_areas"
