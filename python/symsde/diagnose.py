@@ -136,8 +136,9 @@ def _guess(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray | Non
 def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """Exact solution q, p on the Brownian path of a run, each (time, dof, path), for the models that have one.
 
-    kubo, linear_oscillator and additive_oscillator; MissingOperationError for the others. It takes the very dW, and
-    dZ, that drive the run. IncompatibleError for schemes with two- or three-point increments.
+    kubo, linear_oscillator, additive_oscillator, and all quadratic models whose flows commute, from formulas and of a
+    user's own too; MissingOperationError for the others. It takes the very dW, and dZ, that drive the run.
+    IncompatibleError for schemes with two- or three-point increments.
     """
     return exact_of(_setup_of(run))
 

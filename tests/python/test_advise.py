@@ -224,5 +224,5 @@ def test_kicks_are_tried_where_noise_is_in_position_and_h_is_not_separable():
     """gauss_dkdkd_midpoint takes any H, of strong order 3/2 by three solves a step."""
     bent = ss.Model(ndof=1, nnoise=1, gradient=bent_gradient, position_noise=True)
     assert "gauss_dkdkd_midpoint" in scheme_names(bent)
-    assert "gauss_dkdkd_midpoint" not in scheme_names(ss.models.pendulum())  # kicked: gauss_dkdkd is
+    assert "gauss_dkdkd_midpoint" not in scheme_names(ss.models.driven_pendulum())  # kicked: gauss_dkdkd is
     assert "gauss_dkdkd_midpoint" not in scheme_names(ss.Model(ndof=1, nnoise=1, gradient=bent_gradient))
