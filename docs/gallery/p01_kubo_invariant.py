@@ -25,7 +25,7 @@ plt.ylabel(r"mean of $p^2+q^2$ of 200 paths")
 plt.legend()
 
 # %%
-# To rounding, near, and not at all:
+# Midpoint keeps it to rounding, Störmer-Verlet within 0.1, Euler-Maruyama loses it:
 
 assert moved["midpoint"] < 1e-12
 assert moved["stormer_verlet"] < 0.1
