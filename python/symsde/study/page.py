@@ -19,14 +19,14 @@ INTRODUCTION = """\
 All schemes follow the same Brownian paths at all steps. The *strong error* is the root mean square distance in (q, p)
 at the horizon from the exact solution. If the model has no exact solution, a better scheme with a finer step serves as
 reference; the dotted line is its own error. *Run time* is the processor time of one path on one thread, with
-increments of its own step: the median of {repeats} warm repeats with quartiles as bars. What is set up once a run is not
-counted. Error runs and timed runs are separate. The slopes leave out points on a plateau (hollow markers) and points
-that failed or diverged (crosses); they are slopes over the measured steps, not asymptotic orders. In the tables, "us
-to 0.1" is the lowest run time of a path, in microseconds, at which the error is at most 0.1; the fastest is bold. "E H
-error" is the error of the mean energy at the longest step that counts. The *weak error* is the largest of the errors
-of E q, E p (means over degrees of freedom) and E H, with 95 % intervals. Errors with hollow markers are not
-significantly different from zero. `symsde study SCENE.toml` writes every point to work-precision.csv. The panels of
-other packages show one run of [peers.md](peers.md), with symsde's rows of that run: the equations are the same, the
+increments of its own step: the median of {repeats} warm repeats with quartiles as bars. What is set up once a run is
+not counted. Error runs and timed runs are separate. The slopes leave out points on a plateau (hollow markers) and
+points that failed or diverged (crosses); they are slopes over the measured steps, not asymptotic orders. In the
+tables, "us to 0.1" is the lowest run time of a path, in microseconds, at which the error is at most 0.1; the fastest
+is bold. "E H error" is the error of the mean energy at the longest step that counts. The *weak error* is the largest
+of the errors of E q, E p (means over degrees of freedom) and E H, with 95 % intervals. Errors with hollow markers are
+not significantly different from zero. `symsde study SCENE.toml` writes every point to work-precision.csv. The panels
+of other packages show one run of [peers.md](peers.md), with symsde's rows of that run: the equations are the same, the
 machine is another one. On synchrotron and linear_oscillator they start from another initial state; on the latter they
 end at T = 4.
 
