@@ -7,14 +7,15 @@ of h beyond the first may change it by a half for every halving in between, of t
 so that differences which cancel leave their doubt. Where they contradict each other, as such that change their sign,
 their mean may be small by chance: its error is then as large as they are apart.
 
-When may a power of h be counted on? A phase that a step h turns by x = c h^a T too far changes a mean by
-A (cos(phi + x) - cos(phi)): as h^a where x is small, else by anything up to 2 A, at one step more, at the next less,
-and differences of either sign cancel. The means alone do not tell the one from the other where noise hides them. The
-paths do: |E f(x_h) - E f(x_2h)| <= D = (E (f(x_h) - f(x_2h))^2)^(1/2), a mean of squares, in which nothing cancels.
-Paths that are turned by (2^a - 1) x have D^2 = 2 (1 - cos((2^a - 1) x)) Var f, about: up to 1/8 of the variance x is
-small, a tenth where a is two, and each halving leaves 2^-a of it. Levels are then settled. What x^2 adds to the means
-may still hide what x does: d/(2^a - 1) is off by 2^(a-1) x^2 A, by D^2/sqrt(Var f) 2^(a-1)/(2^a - 1)^2 for A^2 = Var f,
-which is a doubt of its own where the differences are not seen well enough to tell two powers of h from three.
+When may a power of h be counted on? A phase that a step h turns by x = c h^a T too far, a here the order without
+noise, changes a mean by A (cos(phi + x) - cos(phi)): as h^a where x is small, else by anything up to 2 A, at one step
+more, at the next less, and differences of either sign cancel. The means alone do not tell the one from the other where
+noise hides them. The paths do: |E f(x_h) - E f(x_2h)| <= D = (E (f(x_h) - f(x_2h))^2)^(1/2), a mean of squares, in
+which nothing cancels. Paths that are turned by (2^a - 1) x have D^2 = 2 (1 - cos((2^a - 1) x)) Var f, about: up to 1/8
+of the variance x is small, a tenth where a is two, and each halving leaves 2^-a of it. Levels are then settled. What
+x^2 adds to the means may still hide what x does: d/(2^a - 1) is off by 2^(a-1) x^2 A, by D^2/sqrt(Var f) 2^(a-1)/(2^a
+- 1)^2 for A^2 = Var f, which is a doubt of its own where the differences are not seen well enough to tell two powers
+of h from three.
 Without noise, too, levels are settled where three differences in turn are seen and fall with one sign as the order
 says, which those of numbers of any size and sign seldom do. Where they are not settled, no power of h is counted on:
 a step is off by as much as the last halving changed, or half of what the one before did, and finer ones by no less.

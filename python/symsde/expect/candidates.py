@@ -29,6 +29,11 @@ def weak_order(problem: Problem, scheme: Scheme) -> float:
     return order if order <= 1 or commutes(problem.model, problem.options.get("t0", 0.0)) else 1.0
 
 
+def of_phases(scheme: Scheme, weak: float) -> float:
+    """The power of a step by which phases are off: the order without noise, at least the weak one."""
+    return max(float(scheme.info.order_noise_free or 0), weak)
+
+
 def _splits_evenly(traits: Traits, name: str) -> bool:
     """Drifts and kicks of order two whose kicks have the mean of the noise's second Magnus term right (method.md)."""
     if not traits.kicked:

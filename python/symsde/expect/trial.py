@@ -10,7 +10,7 @@ from ..mlmc.sampler import NOTHING, Draw, LevelSampler
 from ..schemes import Scheme
 from . import bias as weak
 from . import quasi
-from .candidates import weak_order
+from .candidates import of_phases, weak_order
 from .estimators import Estimator, Plain
 from .problem import Problem
 from .stability import SHARPEST, fewest_steps
@@ -87,7 +87,7 @@ class Trial:
         paths end elsewhere still, they part by themselves.
         """
         fewest = fewest_steps(self.problem)
-        turned = fewest * SHARPEST * (SHARPEST * fewest / self.steps(LEVELS - 1)) ** max(self.order, 2.0)
+        turned = fewest * SHARPEST * (SHARPEST * fewest / self.steps(LEVELS - 1)) ** of_phases(self.scheme, self.order)
         nearer = self._apart(LEVELS - 1) < _NEARER * self._apart(LEVELS - 2)
         return not self.settled and self._first < MOST_HALVINGS and (turned > _TURNED or nearer)
 

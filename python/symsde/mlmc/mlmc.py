@@ -13,7 +13,7 @@ from .._progress import Progress
 from .._signals import carry
 from ..errors import InvalidArgumentError, NumericalError
 from ..expect import bias as weak
-from ..expect.candidates import best_coupled, weak_order
+from ..expect.candidates import best_coupled, of_phases, weak_order
 from ..expect.estimators import Plain
 from ..expect.keep import inputs_of, open_folder
 from ..expect.problem import make_problem
@@ -274,7 +274,9 @@ class Estimate:
         square, fine = self._variance(finer[-1]) + means[-1] ** 2, self.draws[finer[-1]].fine
         variance = max(fine.variance, self.known.variance) if fine.few and self.known.n > 1 else fine.variance
         settled = weak.settled(square, variance, means, errors, order)
-        second = weak.second_powers(square, variance, order, self.draws[finer[-1]].difference.size)
+        second = weak.second_powers(
+            square, variance, of_phases(self.sampler.scheme, order), self.draws[finer[-1]].difference.size
+        )
         return weak.left(means, errors, order, settled=settled, second=second)
 
     @property
