@@ -22,43 +22,43 @@ KINDS = {
 USE = {
     "midpoint": "the first choice: any model, any noise, stiff or not; keeps every quadratic invariant",
     "symplectic_euler": "separable models with noise in position or additive: the cheapest step",
-    "symplectic_euler_adjoint": "the adjoint of symplectic_euler: compositions, checks",
+    "symplectic_euler_adjoint": "the adjoint of symplectic_euler: for compositions and checks",
     "stormer_verlet": "separable models that are not stiff: explicit, second order without noise",
     "gauss2": "flows that commute (Kubo), or little noise: order 4 without noise",
     "gauss3": "as gauss2 for small tolerances: order 6 without noise",
     "gauss4": "as gauss3 at tolerances near rounding: order 8 without noise",
-    "lobatto2": "stormer_verlet by its tableau",
+    "lobatto2": "stormer_verlet as a tableau",
     "lobatto2_swapped": "the same with q and p exchanged",
-    "lobatto3": "little noise where stages at the ends of a step are wanted; order 4 without noise",
+    "lobatto3": "little noise, if you want stages at the ends of a step; order 4 without noise",
     "lobatto3_swapped": "the same with q and p exchanged",
     "lobatto4": "as lobatto3 with order 6 without noise",
     "lobatto4_swapped": "the same with q and p exchanged",
     "gauss2_strong32": "paths under commuting noise at small tolerances: order 3/2, with dZ",
-    "gauss2_strong32_areas": "paths at small tolerances under any noise: order 1 where it does not commute, else 3/2",
+    "gauss2_strong32_areas": "paths at small tolerances under any noise: order 1 if it does not commute, else 3/2",
     "gauss2_weak2": "means under commuting noise, no paths: weak order 2 with three-point increments",
     "gauss2_weak2_areas": "means under any noise, no paths: weak order 2, three-point increments, two-point areas",
     "midpoint_areas": "paths under noise that does not commute: order 1 instead of 1/2, with areas",
-    "midpoint_weak1": "means, no paths: bounded two-point increments, so implicit steps always have their solution",
+    "midpoint_weak1": "means, no paths: bounded two-point increments, so implicit steps always have a solution",
     "verlet_dz": "additive noise on momenta, separable: explicit, strong order 2, with dZ",
     "averaged_shift_midpoint": "additive noise on q and p, or stiff: strong order 3/2, with dZ",
     "drift_preserving": "the exact growth of E H under additive noise; not symplectic",
     "exact_rotation": "a stiff linear part whose frequencies are declared, noise in position: explicit at any h omega",
     "gauss_dkdkd": "H = p.M^-1 p/2 + U(q), noise in position: explicit, orders 2 (additive) and 3/2",
-    "verlet_kdk": "the same with kicks at the ends of the step",
+    "verlet_kdk": "as gauss_dkdkd, with kicks at the ends of the step",
     "chin4a": "H = p.M^-1 p/2 + U(q), noise in position, small tolerances or long horizons: the cheapest measured",
     "gauss_dkdkd_strong2": "as gauss_dkdkd with strong order 2 for every noise in position",
     "verlet_kdk_strong2": "as verlet_kdk with strong order 2 for every noise in position",
-    "chin4a_strong2": "the finest explicit paths under noise in position: references for other schemes",
+    "chin4a_strong2": "the most accurate explicit paths under noise in position: a reference for others",
     "gauss_dkdkd_rotation": "as gauss_dkdkd around the exact flow of a stiff linear part",
-    "gauss_dkdkd_midpoint": "any H, noise in position, stiff or not: strong order 3/2 by three midpoint steps",
-    "verlet_kdk_midpoint": "H = p.M^-1 p/2 + U(q), noise in position, stiff: as gauss_dkdkd by one midpoint step",
-    "verlet_dkd_weak2": "means, no paths, noise in position: weak order 2 for one force and three-point dW",
+    "gauss_dkdkd_midpoint": "any H, noise in position, stiff or not: strong order 3/2 with three midpoint steps",
+    "verlet_kdk_midpoint": "H = p.M^-1 p/2 + U(q), noise in position, stiff: as gauss_dkdkd, with one midpoint step",
+    "verlet_dkd_weak2": "means, no paths, noise in position: weak order 2 with one force a step and three-point dW",
     "heun": "comparison only: not symplectic, its second moments grow",
     "euler_maruyama": "comparison only: not symplectic, second moments grow, strong order 1/2",
     "dirk:0.25": "two midpoint steps of unequal length: comparisons within the family",
-    "lambda:0.3": "between the two Euler schemes: what the correction of one-sided schemes does",
+    "lambda:0.3": "between the two Euler schemes: shows what the correction of one-sided schemes does",
 }
-GALERKIN = "a Galerkin scheme of the action: variational experiments; where r = s it is a tableau of the rows above"
+GALERKIN = "a Galerkin scheme of the action: variational experiments; if r = s, it is a tableau of the rows above"
 
 
 def page():
@@ -182,8 +182,9 @@ _HEAD = """\
 
 # Which scheme for my problem
 
-In one line: **midpoint**, unless the model is separable and not stiff; then **stormer_verlet**, or **chin4a** where
-H = p.p/2 + U(q), noise depends on position alone and the paths themselves are wanted. The library measures it:
+Take **midpoint**, unless the model is separable and not stiff. Then take **stormer_verlet**, or **chin4a** if
+H = p.p/2 + U(q), the noise depends on position alone and you want the paths themselves. The library can also measure
+what is best for your model:
 
 ```python
 import symsde as ss
@@ -191,38 +192,40 @@ import symsde as ss
 print(ss.advise(ss.models.synchrotron(), q0=1.0, p0=0.0, horizon=4.0, tolerance=1e-3))
 ```
 
-It tries the schemes that the traits let in at three steps on the same Brownian paths, and takes the cheapest one at its
-longest step ([how](expect.md#scheme-and-step-for-a-tolerance)); `want="moments"` and `want="invariants"` ask for
-other errors. The tables below are what was measured on the models of the catalogue; each number leads to its
-measurement.
+It tries the schemes that suit the traits of the model, with three steps on the same Brownian paths. For each it finds
+the longest step that keeps the tolerance, and then it takes the cheapest
+([how](expect.md#scheme-and-step-for-a-tolerance)). `want="moments"` and `want="invariants"` ask for other errors. The
+tables below were measured on the built-in models; each number links to its measurement.
 """
 _BY_NOISE = """\
 ## By noise, for paths
 
-The cheapest symplectic scheme that was measured whose paths end within the tolerance (root mean square, with its 95 %
-bound), its step, and microseconds a path on one thread. A dash: none of those measured, at steps that were measured.
+Each cell gives the cheapest symplectic scheme that keeps the tolerance, its step, and the time of a path on one thread,
+in microseconds (us a path). A tolerance is kept if the 95 % bound of the root mean square error of the paths at the end
+is within it. A dash means that no measured scheme keeps it at a measured step.
 """
 _BY_HORIZON = """\
 ## By horizon
 
-A synchrotron with little noise, and for the invariant law Kubo's oscillator. Schemes that are not symplectic cost about
-the same over one period, and more and more beyond. A dash: no affordable step keeps the tolerance, or it was not
-measured.
+The model is a synchrotron with little noise; for the invariant law it is the Kubo oscillator. Schemes that are not
+symplectic cost about the same over one period, and more and more over longer times. A dash means that no affordable
+step keeps the tolerance, or that it was not measured.
 """
 _BY_STIFFNESS = """\
 ## By stiffness
 
-Largest omega h, omega the fastest frequency, up to which a step adds less than 1 % to the growth of the second
-moments of linear equations, for sigma sqrt(h) = 0.01, 0.1 and 0.32; "all" is up to 3.2, a dash: a scheme for other
-noise. How far each scheme goes without noise
-[stability.md](stability.md#how-long-a-step-may-be) tells. A step that is stable resolves nothing beyond
-omega h = 1: `report.warnings` says so.
+The table gives the largest omega h, where omega is the fastest frequency, up to which a step adds less than 1 % to the
+growth of the second moments of linear equations. The three numbers are for sigma sqrt(h) = 0.01, 0.1 and 0.32; one
+number holds for all three. "all" means up to 3.2; a dash means that the scheme does not take this noise.
+[Stability](stability.md#how-long-a-step-may-be) gives the limits without noise. A stable step does not resolve a motion
+beyond omega h = 1: `report.warnings` says so.
 """
 _BY_WANT = """\
 ## By what is wanted
 
-Paths: strong order for the noise at hand. Means: weak order; the cost of sampling decides more often than the step, see
-[an answer with an error bar](expect.md). Invariants: quadratic ones (norms, Casimirs, p^2 + q^2 of Kubo's oscillator)
-are kept to rounding by schemes with equal tableaux for q and p; q^T D p (angular momentum) by every symplectic one
-here.
+- **Paths**: the strong order for your kind of noise counts.
+- **Means**: the weak order counts. But the cost of sampling matters more often than the step, see [an answer with an
+  error bar](expect.md).
+- **Invariants**: schemes with equal tableaux for q and p keep quadratic invariants to rounding (norms, Casimirs,
+  p^2 + q^2 of the Kubo oscillator). Every symplectic scheme here keeps q^T D p (angular momentum).
 """
