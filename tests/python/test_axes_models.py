@@ -168,3 +168,21 @@ def test_what_is_exact_is_so_to_rounding(name):
     assert made.info.symplectic and not made.info.symmetric and not made.info.keeps_quadratic
     with pytest.raises(ss.errors.IncompatibleError, match="symmetric"):
         ss.schemes.triple_jump(made)
+
+
+MIRRORED = [(x, s) for x in ("synchrotron", "henon_heiles", "fpu_chain of 3") for s in KINDS if (x, s) in PAIRS]
+
+
+@pytest.mark.parametrize(("name", "scheme"), MIRRORED)
+def test_steps_back_are_steps_with_momenta_turned(name, scheme):
+    """H and noise in position are even in p: q the same, p turned, in as many solves, steep steps among them."""
+    _, model, nnoise, ridges, _ = MODELS[name]
+    q0, p0 = axes.start(len(ridges[0][5]) // 2, 40)
+    for h in (0.2, 0.9):
+        rows = axes.rows_of(0.05, STEPS, ROWS, nnoise, 40)
+        given = {"steps": STEPS, "scheme": scheme, "refine": 2, "paths": 40}
+        one = ss.simulate(model, q0=q0, p0=p0, step=h, increments=rows, **given)
+        two = ss.simulate(model, q0=q0, p0=-p0, step=-h, increments=-rows, **given)
+        np.testing.assert_allclose([two.q, -two.p], [one.q, one.p], rtol=0, atol=1e-12)
+        solves = [run.report.counters["solves"] for run in (one, two)]
+        assert abs(solves[0] - solves[1]) <= 0.02 * max(solves)
