@@ -205,6 +205,21 @@ def test_a_step_whose_draws_take_an_hour_can_be_left(scheme, options):
     assert run.q[0, 0, 0] == 1.0 and np.isnan(run.q[1:]).all() and (run.last_p == 0.5).all()
 
 
+@pytest.mark.parametrize(
+    ("scheme", "refine", "paths"),
+    [("midpoint", 8, 64), ("midpoint", 12, 2), ("gauss2_strong32", 6, 64), ("midpoint_weak1", 8, 64)],
+)
+def test_draws_that_were_left_are_not_counted(kubo, scheme, refine, paths):
+    """Wherever a run is stopped, its normals are those of the pairs of steps that its paths began."""
+    options = {"q0": 0.3, "p0": 0.1, "step": 0.1, "scheme": scheme, "paths": paths, "refine": refine, "threads": 1}
+    of_pair = ss.simulate(kubo, steps=2, **options).report.counters["normals"] // paths
+    long = {"steps": 4_000_000, "save_every": 4_000_000, **options}
+    run = ss.simulate(kubo, progress=lambda done, total: done > 0, **long)
+    assert run.report.stopped == paths and (run.failed_step > 0).all()
+    assert run.report.counters["path_steps"] == run.failed_step.sum()
+    assert run.report.counters["normals"] == ((run.failed_step + 1) // 2).sum() * of_pair
+
+
 @pytest.mark.parametrize("refine", [12, 15])
 def test_increments_that_take_an_hour_can_be_left(refine):
     model = ss.models.noncommutative_oscillator()

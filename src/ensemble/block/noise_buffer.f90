@@ -78,9 +78,13 @@ contains
          call self%store%make_room()
          if (self%noise%nnoise > 0) call self%noise%fill(self%request, self%store, drawn, interrupt)
       end if
+      if (present(interrupt)) then
+         if (interrupt%wanted) then
+            self%nahead = 0
+            return  ! what a pair takes is not known of draws that were left
+         end if
+      end if
       self%normals_of_pair = drawn/self%nahead
-      if (.not. present(interrupt)) return
-      if (interrupt%wanted) self%nahead = 0
    end subroutine draw
 
    !> Steps from the first one that was drawn to this one.
