@@ -5,7 +5,7 @@
 !> observables. What it keeps is of two kinds, each of which merges to the same bits in any order:
 !>
 !>   integers, and numbers that belong to single paths (extremes, lists), which `join` puts together;
-!>   a table of means over paths, whose sums merge on the dyadic tree of symsde_ensemble_statistics.
+!>   a table of means over paths, whose sums merge on the dyadic tree of symsde_ensemble_statistics_path_tree.
 !>
 !> Every thread has its own copy; what the copies share is the store, which they reach one at a time.
 module symsde_ensemble_observe_streaming
@@ -25,7 +25,7 @@ module symsde_ensemble_observe_streaming
 
    !> One observer that a caller wants. Which members mean something depends on its kind.
    type :: observer_request
-      integer :: kind = 0                     !! a parameter of symsde_ensemble_observer_list
+      integer :: kind = 0                     !! a parameter of symsde_ensemble_observe_observers
       integer, allocatable :: values(:)       !! numbers of the values it looks at, q_1 is 1
       real(wp) :: low = 0, high = 0           !! an interval
       integer :: bins = 0                     !! bins, parts or lags
