@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Build the site: .venv/bin/python docs/site/build.py [--out DIR]; ./bootstrap docs sets up what it needs.
 
-The pages are docs/*.md as they stand, references made here, and a gallery whose programs are run. Warnings are errors.
+The pages are those of docs/ as they stand, references made here, and a gallery whose programs are run. Warnings are
+errors.
 """
 
 import argparse
@@ -35,8 +36,6 @@ def assemble(tree):
     docs = tree / "docs"
     shutil.copytree(ROOT / "docs", docs, ignore=shutil.ignore_patterns("*.py", "site", "gallery"))
     shutil.copytree(ROOT / "docs" / "gallery", docs / "gallery")
-    method = docs / "method.md"  # the one page that links to the README, whose place the index takes
-    method.write_text(method.read_text(encoding="utf-8").replace("(../README.md)", "(index.md)"), encoding="utf-8")
     for name in LINKED:
         (tree / name).symlink_to(ROOT / name)
     reference = docs / "reference"

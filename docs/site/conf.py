@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sphinx: how the site is built. `./bootstrap docs` calls build.py beside this file."""
 
+import re
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import symsde
+from docutils import nodes
 from plain import as_rest
 
 project = "symsde"
@@ -18,6 +20,8 @@ extensions += ["sphinx-mathjax-offline"]  # formulas show without a network
 exclude_patterns = ["gallery/*"]  # programs; their pages are made in examples/
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
+numfig = True  # formulas carry the number of their chapter
+numfig_secnum_depth = 1
 html_theme = "furo"
 html_title = f"symsde {release}"
 html_show_sphinx = False
@@ -49,6 +53,14 @@ def _docstring(_app, _what, _name, _obj, _options, lines):
     lines[:] = as_rest("\n".join(lines)).splitlines()
 
 
+def _anchors(app, doctree):
+    """What a page marks by <a id=".."></a> is a place that links may name, as headings are."""
+    slugs = app.env.metadata[app.env.docname].setdefault("myst_slugs", {})
+    for node in doctree.findall(nodes.raw):
+        slugs.update({name: (node.line, name, name) for name in re.findall(r'<a id="([^"]+)">', node.astext())})
+
+
 def setup(app):
-    """Connect the reader of docstrings."""
+    """Connect the reader of docstrings, and that of anchors."""
     app.connect("autodoc-process-docstring", _docstring)
+    app.connect("doctree-read", _anchors)

@@ -152,9 +152,9 @@ _SCHEMES_INTRODUCTION = """\
 Every row is asked of the library (`symsde.schemes.get(name).info`, printed by `.certificate()`). What carries no star
 is derived: computed from the coefficients that the stepper executes. A star marks what is claimed, by the authors of
 a scheme or of this library, on arguments that no program here checks; tests hold it. The mathematics is in
-[method.md](method.md). Beside these names there are PsNrQu with Gau, Lob or Otr for other degrees s, nodes r and
-quadrature orders u (as `P2N4Q8Gau`), quadratures of your own (`from_quadrature`), and tableaux of your own
-(`from_tableau`).
+the [method chapters](method/index.md). Beside these names there are PsNrQu with Gau, Lob or Otr for other degrees s,
+nodes r and quadrature orders u (as `P2N4Q8Gau`), quadratures of your own (`from_quadrature`), and tableaux of your
+own (`from_tableau`).
 """
 _ORDERS_INTRODUCTION = """\
 Strong orders by class of noise: additive (every H_k linear), commutative (one noise, or all {H_k,H_l} constant),
@@ -170,7 +170,8 @@ Nothing in parentheses: refused by these models. "no noise" is the order of the 
 _STRUCTURE_INTRODUCTION = """\
 "invariants kept", exactly: all quadratic ones; bilinear ones, q^T D p, as angular momentum; none. "correction":
 coefficient 1/2 - lambda of the drift correction that makes the scheme one of the Stratonovich equation
-([method.md](method.md)). "beside dW": what a step takes beside Gaussian increments. "explicit": for which models a
-step needs no solver. "gradients; unknowns": gradients of the one-step Hamiltonian in each iteration; unknowns of the
-solver for each degree of freedom, in parentheses where the model is separable; special steppers need fewer.
+([why](method/noise.md#the-correction-of-the-euler-pair)). "beside dW": what a step takes beside Gaussian increments.
+"explicit": for which models a step needs no solver. "gradients; unknowns": gradients of the one-step Hamiltonian in
+each iteration; unknowns of the solver for each degree of freedom, in parentheses where the model is separable; special
+steppers need fewer.
 """

@@ -4,7 +4,7 @@
 !>    path_dz      dZ_k = int_t^{t+h} (W_k(s) - W_k(t)) ds                          one a noise  [time^(3/2)]
 !>    path_areas   A_kl = 1/2 int (W_k o dW_l - W_l o dW_k), k < l, at area_index   one a pair   [time]
 !>    path_stt_area    K_k = int (s^2 - s + 1/6) dW_k /2, s = time in the step over h   one a noise  [time^(1/2)]
-!>    path_magnus  J_kl = int W_k (dW_l - W_l ds), symmetrised, k <= l, pair_index  one a pair   [time^2]
+!>    path_magnus  J_kl = int W_k (dW_l - W_l) ds, symmetrised, k <= l, pair_index  one a pair   [time^2]
 !>
 !> (K is the space-time-time Levy area, J the second Magnus term of kicks that a drift separates; both want dZ.)
 !>

@@ -5,7 +5,7 @@
 !>    {F,G} = F_q.G_p - F_p.G_q            grad {F,G} = Hess F (G_p, -G_q) - Hess G (F_p, -F_q)
 !>    F_p.F_q                              grad (F_p.F_q) = Hess F (F_p, F_q)
 !>
-!> (arguments of a Hessian: q-part first; docs/method.md). The gradients are exact where the model's
+!> (arguments of a Hessian: q-part first; docs/method/beyond-order-one.md). The gradients are exact where the model's
 !> products are, so a map that uses them stays symplectic to rounding.
 module symsde_model_algebra
    use symsde_base_kinds, only: wp

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Schemes for some noise alone, additive or a function of position: a tableau, what surrounds its step, and
-!> what a model must be (docs/method.md).
+!> what a model must be (docs/method/beyond-order-one.md).
 !>
 !>    verlet_dz                 position Verlet with dZ: strong 2, explicit, symplectic
 !>    averaged_shift_midpoint   midpoint around the mean of the path with dZ: strong 3/2, symplectic
@@ -48,7 +48,7 @@ contains
          scheme%frame = frame_mean_path
          scheme%needs = model_needs(additive=.true., instead=plain)
          scheme%asks = functionals([path_dz])
-         scheme%reference = 'midpoint of z = x - B (W - W_n) under a modified Hamiltonian (docs/method.md)'
+         scheme%reference = 'midpoint of x - B (W - W_n) under a modified Hamiltonian; docs/method/beyond-order-one.md'
       case ('exact_rotation')
          ! with frequencies zero the rotation is a drift at constant p: the tableau of Verlet
          call scheme_from_tableau(scheme, abar, a, halves, name, .false., error, c=ends)

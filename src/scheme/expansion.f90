@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Schemes beyond strong order one, and weak schemes: a symplectic tableau applied to the modified
-!> Hamiltonian of one step, with the law of increments that it is meant for (docs/method.md).
+!> Hamiltonian of one step, with the law of increments that it is meant for (docs/method/beyond-order-one.md).
 !>
 !>    gauss2_strong32         with dZ: strong 3/2 for commutative noises
 !>    midpoint_areas          with areas: strong 1 for every noise
@@ -34,7 +34,7 @@ contains
    !> Orders are those of the truncated logarithm of the flow (Castell 1993, adapted): dZ and the nested
    !> bracket leave a local error of size h^2 for commutative noises, areas alone one of size h^(3/2) with
    !> mean h^2. The mean of the flow with three-point increments and areas +-h/2 is that of the equation to h^2
-   !> (docs/method.md). Brackets of commuting Hamiltonians vanish: such flows keep the order of the plain scheme.
+   !> (docs/method/weak.md). Brackets of commuting Hamiltonians vanish: such flows keep the order of the plain scheme.
    !> What commutes with every H_j commutes with their brackets: quadratic invariants stay.
    pure subroutine expand_scheme(scheme, name)
       type(scheme_type), intent(inout) :: scheme
@@ -67,7 +67,7 @@ contains
       scheme%reference = 'modified one-step Hamiltonian on '//base_of(name)//' (log-ODE; Castell 1993)'
       if (scheme%law /= law_gaussian) then
          call set_order(scheme%order(commuting_flows), 0.0_wp, evidence_none)
-         scheme%reference = 'weak scheme on '//base_of(name)//', derived in docs/method.md'
+         scheme%reference = 'weak scheme on '//base_of(name)//', derived in docs/method/weak.md'
       end if
    end subroutine expand_scheme
 

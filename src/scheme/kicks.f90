@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Kicks between flows of the rest, as data: explicit, symplectic, of strong order 3/2 or 2 for any
-!> number of noises in position (docs/method.md derives it).
+!> number of noises in position (docs/method/explicit.md derives it).
 !>
 !> For H = p.M^-1 p/2 + U(t,q), M constant, and H_k(t,q) a step is a sequence of drifts and kicks. Kick i comes
 !> where the drift has arrived at t_n + c_i h, and is the flow of
@@ -12,7 +12,7 @@
 !>    V    = h U + sum_k (dW_k + zeta K_k) H_k
 !>
 !> What the kicks of a noise leave of its second Magnus term, sum_kl J_kl H_k,q . M^-1 H_l,q /2 with
-!> J_kl = int W_k (dW_l - W_l ds) symmetrised, is made good by the last part:
+!> J_kl = int W_k (dW_l - W_l) ds symmetrised, is made good by the last part:
 !>
 !>    D_kl = h sum_{i<j} (c_j - c_i) (w_ik w_jl + w_il w_jk)/2 - 2 kappa h v_k v_l - J_kl,   v_k = dW_k + zeta K_k
 !>

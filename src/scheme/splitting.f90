@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Splitting schemes by name: drifts and kicks for H = p.M^-1 p/2 + U(t,q) with noise in position, explicit and
-!> symplectic (scheme/kicks says what the coefficients mean, docs/method.md derives them).
+!> symplectic (scheme/kicks says what the coefficients mean, docs/method/explicit.md derives them).
 !>
 !>    gauss_dkdkd            kicks at Gauss' two nodes: c = 0, two forces and nothing else
 !>    verlet_kdk             kicks at both ends
@@ -48,18 +48,18 @@ contains
       select case (name)
       case ('gauss_dkdkd', 'gauss_dkdkd_strong2', 'gauss_dkdkd_rotation', 'gauss_dkdkd_midpoint')
          call new_kicks(kicks, [x, 1 - x], half, sqrt(3.0_wp)*[1, -1], flow=flow)
-         scheme%reference = 'kicks at Gauss'' nodes; docs/method.md'
+         scheme%reference = 'kicks at Gauss'' nodes; docs/method/explicit.md'
       case ('verlet_kdk', 'verlet_kdk_strong2', 'verlet_kdk_midpoint')
          call new_kicks(kicks, ends, half, [1.0_wp, -1.0_wp], flow=flow)
-         scheme%reference = 'velocity Verlet with dZ; docs/method.md'
+         scheme%reference = 'velocity Verlet with dZ; docs/method/explicit.md'
       case ('chin4a', 'chin4a_strong2')
          call new_kicks(kicks, [0.0_wp, 0.5_wp, 1.0_wp], [sixth, 2*third, sixth], [1.0_wp, 0.0_wp, -1.0_wp], &
                         eta=[4.0_wp, -8.0_wp, 4.0_wp], kappa=[0.0_wp, -1/72.0_wp, 0.0_wp], zeta=-12.0_wp, &
                         share=[0.0_wp, 1.0_wp, 0.0_wp])
-         scheme%reference = 'forward flow 4A (Chin 1997) with dZ and K; docs/method.md'
+         scheme%reference = 'forward flow 4A (Chin 1997) with dZ and K; docs/method/explicit.md'
       case ('verlet_dkd_weak2')
          call new_kicks(kicks, [0.5_wp], [1.0_wp])
-         scheme%reference = 'position Verlet with three-point dW; docs/method.md'
+         scheme%reference = 'position Verlet with three-point dW; docs/method/weak.md'
       case default
          known = .false.
          return

@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md")
+PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/*.md", "docs/method/*.md")
 PAPER_MAP, ERRORS, STATUS = "docs/paper-map.md", "docs/errors.md", "src/base/status.f90"
 EQUATIONS = {f"({number})" for number in range(1, 93)}
 RESULTS = {"Theorem 2.1", "Lemma 2.2", "Theorem 2.3", "Theorem 3.1", "Theorem 3.2", "Example 2.1", "Example 4.1"}
@@ -29,8 +29,8 @@ def prose(text):
 
 
 def anchors(text):
-    """Anchors that GitHub gives to the headings of a page."""
-    found = set()
+    """Anchors that GitHub gives to the headings of a page, and those that it has itself."""
+    found = set(re.findall(r'<a id="([^"]+)">', text))
     for heading in re.findall(r"^#+ (.*)$", prose(text), re.M):
         found.add(re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-"))
     return found
@@ -47,6 +47,25 @@ def links(root, page, text):
             yield f"links to {target}, which does not exist"
         elif anchor and anchor not in anchors(file.read_text(encoding="utf-8")):
             yield f"links to {target}, but there is no such heading"
+
+
+def printed(root, page, text):
+    """A link that shows an equation of the paper, [(3)-(4)](paper-map.md#eq-3), leads to the row of this equation."""
+    for shown, anchor in re.findall(r"\[([^\[\]]*)\]\([^)\s]*paper-map\.md#eq-(\d+)\)", prose(text)):
+        row = re.search(rf'<a id="eq-{anchor}"></a>(.*?) \|', (root / PAPER_MAP).read_text(encoding="utf-8"))
+        if row and not set(numbers(shown)) <= set(numbers(row[1])):
+            yield f"shows {shown}, and links to the row of {row[1]}"
+
+
+def equations(texts):
+    """Labels of formulas are given once, and what refers to one finds it."""
+    given = [label for text in texts.values() for label in re.findall(r"^\$\$ \(([\w-]+)\)$", text, re.M)]
+    for label in sorted({label for label in given if given.count(label) > 1}):
+        yield f"docs: formulas share the label {label}"
+    for page, text in texts.items():
+        for label in re.findall(r"\{eq\}`([^`]+)`", text):
+            if label not in given:
+                yield f"{page}: refers to the formula {label}, which does not exist"
 
 
 def paths(root, text):
@@ -142,19 +161,21 @@ def status_codes(root):
 
 def findings(root):
     """Every finding, as text."""
-    for pattern in PAGES:
-        for file in sorted(root.glob(pattern)):
-            page = file.relative_to(root).as_posix()
-            text = file.read_text(encoding="utf-8")
-            for rule in (links(root, page, text), paths(root, text)):
-                yield from (f"{page}: {finding}" for finding in rule)
+    files = (file for pattern in PAGES for file in sorted(root.glob(pattern)))
+    texts = {file.relative_to(root).as_posix(): file.read_text(encoding="utf-8") for file in files}
+    for page, text in texts.items():
+        for rule in (links(root, page, text), printed(root, page, text), paths(root, text)):
+            yield from (f"{page}: {finding}" for finding in rule)
+    yield from equations(texts)
     yield from (f"{PAPER_MAP}: {finding}" for finding in paper_map(root))
     yield from (f"{ERRORS}: {finding}" for finding in status_codes(root))
 
 
-ROW = f"| (1)-(92), {', '.join(RESULTS)} | `src/a.f90` `solve` `kind` | remark | `tests/test_a.pf` `test_it` |\n"
+EVERY = f'<a id="eq-1"></a>(1)-(92), {", ".join(RESULTS)}'
+ROW = f"| {EVERY} | `src/a.f90` `solve` `kind` | remark | `tests/test_a.pf` `test_it` |\n"
 GOOD = {
     "README.md": "# Title\n\n[map](docs/paper-map.md), `src/a.f90`, `src/<area>/x.f90`, [here](#title)\n",
+    "docs/method/a.md": "[(2)-(3)](../paper-map.md#eq-1), {eq}`eq-a`\n\n$$\nx\n$$ (eq-a)\n\n$$\ny\n$$ (eq-b)\n",
     "docs/paper-map.md": f"| paper | where | remark | test |\n|---|---|---|---|\n{ROW}",
     "docs/errors.md": "| code | name | text |\n|---|---|---|\n| -1 | `bad` | no good |\n",
     "src/a.f90": "type, extends(other) :: kind\nend type kind\npure subroutine solve(x)\nend subroutine solve\n",
@@ -165,6 +186,10 @@ PLANTED = (
     ("README.md", "docs/paper-map.md", "docs/map.md", "links to docs/map.md"),
     ("README.md", "#title", "#titel", "no such heading"),
     ("README.md", "`src/a.f90`", "`src/b.f90`", "names src/b.f90"),
+    ("docs/method/a.md", "#eq-1", "#eq-2", "no such heading"),
+    ("docs/method/a.md", "[(2)-(3)]", "[(2)-(93)]", "shows (2)-(93)"),
+    ("docs/method/a.md", "{eq}`eq-a`", "{eq}`eq-c`", "refers to the formula eq-c"),
+    ("docs/method/a.md", "(eq-b)", "(eq-a)", "share the label eq-a"),
     ("docs/paper-map.md", "(1)-(92)", "(1)-(91)", "no row for (92)"),
     ("docs/paper-map.md", "Lemma 2.2", "Lemma 2.1", "no row for Lemma 2.2"),
     ("docs/paper-map.md", "`src/a.f90`", "`src/b.f90`", "names src/b.f90"),

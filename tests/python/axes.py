@@ -128,7 +128,7 @@ def rows_of(step, steps, rows, nnoise, paths):
 
 
 def philox(seed, path, draw, purpose, noise=0):
-    """Four words of Philox4x32-10 at the places of the counter map (docs/method.md), level 0: (4, ..)."""
+    """Four words of Philox4x32-10 at the places of the counter map (docs/method/noise.md), level 0: (4, ..)."""
     path, draw = (np.asarray(x, np.uint64) for x in (path, draw))
     low, word = np.uint64(0xFFFFFFFF), np.uint64(32)
     c = [path & low, (path >> word) + ((draw >> word) << np.uint64(16)), draw & low, np.uint64(noise + (purpose << 26))]

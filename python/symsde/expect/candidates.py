@@ -35,7 +35,7 @@ def of_phases(scheme: Scheme, weak: float) -> float:
 
 
 def _splits_evenly(traits: Traits, name: str) -> bool:
-    """Drifts and kicks of order two whose kicks have the mean of the noise's second Magnus term right (method.md)."""
+    """Drifts and kicks of order two; the kicks have the mean of the second Magnus term right (docs/method/weak.md)."""
     if not traits.kicked:
         return False
     return name == "lobatto2_swapped" or (name == "stormer_verlet" and traits.additive)

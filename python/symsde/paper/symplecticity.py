@@ -47,7 +47,7 @@ def _one_sided(matrix, correction):
 
 
 def _cases():
-    """Every scheme and contrast: the table of the method notes."""
+    """Every scheme and contrast: their defects in one table."""
     exact = 1e-10  # round-off of 2000 steps, with room
     cases = [
         Case("midpoint", "midpoint", _tableau("midpoint"), keeps=exact),

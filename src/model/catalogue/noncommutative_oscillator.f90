@@ -3,7 +3,7 @@
 !>
 !>    H = (p^2 + q^2)/2,   H_1 = s1 p^2/2,   H_2 = s2 q^2/2
 !>
-!> With increments alone no scheme has a strong order above 1/2 here (docs/method.md).
+!> With increments alone no scheme has a strong order above 1/2 here (docs/method/setting.md).
 module symsde_model_catalogue_noncommutative_oscillator
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What is added to the random Hamiltonian of one step for orders beyond one (docs/method.md):
+!> What is added to the random Hamiltonian of one step for orders beyond one (docs/method/beyond-order-one.md):
 !>
 !>    sum_k (h dW_k/2 - dZ_k) {H_k,H}  +  sum_{k<l} A_kl {H_l,H_k}  +  (|h|/12) sum_k {{F,H_k},H_k}
 !>

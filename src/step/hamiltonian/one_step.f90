@@ -4,7 +4,7 @@
 !>    Hhat(q,p) = h H + sum_k dW_k H_k  (+ correction),   weights w = (h, dW_1, .., dW_m)
 !>
 !> Any symplectic scheme applied to Hhat with frozen increments is symplectic path by path. One-sided
-!> schemes (lambda /= 1/2) need a correction to solve the Stratonovich equation (docs/method.md):
+!> schemes (lambda /= 1/2) need a correction to solve the Stratonovich equation (docs/method/noise.md):
 !>
 !>    mean         (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}, |h| because it stands for dW_k^2
 !>    increments   (1/2-lambda) F_p.F_q,  F = sum_k dW_k H_k
