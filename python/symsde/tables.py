@@ -141,37 +141,46 @@ def _yes(truth: bool) -> str:
 
 
 _MODELS_INTRODUCTION = """\
-All are made by `symsde.models.<name>(...)`, by `new_<name>` in Fortran, by `symsde_model_get` in C, and by
-`name = "<name>"` in the table `[model]` of a scene. They integrate (Stratonovich, everything dimensionless)
+You get a built-in model by `symsde.models.<name>(...)` in Python, by `new_<name>` in Fortran, by `symsde_model_get`
+in C, and by `name = "<name>"` in the table `[model]` of a scene. The equations are
 
     dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k
 
-[WHSB] are equation numbers of the paper; see [paper-map.md](paper-map.md). A model of your own: [python.md](python.md).
+in the sense of Stratonovich; all quantities are dimensionless. The column [WHSB] gives equation numbers of the paper,
+see the [paper map](paper-map.md). [A model of your own](own-model.md) says how to add one.
 """
 _SCHEMES_INTRODUCTION = """\
-Every row is asked of the library (`symsde.schemes.get(name).info`, printed by `.certificate()`). What carries no star
-is derived: computed from the coefficients that the stepper executes. A star marks what is claimed, by the authors of
-a scheme or of this library, on arguments that no program here checks; tests hold it. The mathematics is in
-the [method chapters](method/index.md). Beside these names there are PsNrQu with Gau, Lob or Otr for other degrees s,
-nodes r and quadrature orders u (as `P2N4Q8Gau`), quadratures of your own (`from_quadrature`), and tableaux of your
-own (`from_tableau`).
+The tables print what the library says of its schemes (`symsde.schemes.get(name).info`; `.certificate()` prints it).
+An entry without a star is derived: the library computes it from the coefficients that it executes. An entry with a
+star is claimed by the authors of the scheme or of this library. No program here checks the proof, but tests check the
+claim. The [method chapters](method/index.md) explain the mathematics.
+
+There are more schemes than these names. PsNrQu with Gau, Lob or Otr stands for other degrees s, nodes r and
+quadrature orders u (such as `P2N4Q8Gau`). You can also make schemes from your own quadratures (`from_quadrature`) and
+tableaux (`from_tableau`).
 """
 _ORDERS_INTRODUCTION = """\
-Strong orders by class of noise: additive (every H_k linear), commutative (one noise, or all {H_k,H_l} constant),
-general, and flows that commute with each other and the drift's (Kubo oscillator). In parentheses what
-`docs/measure_orders.py` measured, with the half-width of the 95 % interval and, where the reference is not exact, its
-own error over the smallest error that counted ([measured.json](measured.json) has the problems and the references).
-Additive noise was measured on a pendulum with noise in q and p, where no bracket is constant; schemes that refuse it
-on a chain of one mass. Weak orders were measured without sampling, on second moments of linear problems against exp(T
-L): an order above the claim holds for these problems only (no drift of third order, one noise). One-sided schemes have
-their orders with the correction "increments". A dash: does not converge path by path, or is not made for such noise.
-Nothing in parentheses: refused by these models. "no noise" is the order of the deterministic scheme.
+The first four columns give strong orders for classes of noise. The noise is additive if every H_k is linear. It is
+commutative if there is one noise or all {H_k,H_l} are constant. General noise is any other. In the fourth column, the
+flows commute with each other and with that of the drift (Kubo oscillator). Then follow the weak order, and the order
+of the deterministic scheme ("no noise"). A dash means that the scheme does not converge path by path, or that it is
+not made for such noise. One-sided schemes have their orders with the correction "increments".
+
+The parentheses give the orders that `docs/measure_orders.py` measured, with the half-width of the 95 % interval. If
+the reference is not exact, its own error over the smallest error that counted follows ([measured.json](measured.json)
+has the problems and the references). Nothing in parentheses means that the scheme does not take these models.
+Additive noise was measured on a pendulum with noise in q and p, where no bracket is constant; schemes that refuse
+this pendulum were measured on a chain of one mass. Weak orders were measured without sampling, on second moments of
+linear problems against exp(T L). If a measured weak order is above the claimed one, this holds for these problems
+only (no drift of third order, one noise).
 """
 _STRUCTURE_INTRODUCTION = """\
-"invariants kept", exactly: all quadratic ones; bilinear ones, q^T D p, as angular momentum; none. "correction":
-coefficient 1/2 - lambda of the drift correction that makes the scheme one of the Stratonovich equation
-([why](method/noise.md#the-correction-of-the-euler-pair)). "beside dW": what a step takes beside Gaussian increments.
-"explicit": for which models a step needs no solver. "gradients; unknowns": gradients of the one-step Hamiltonian in
-each iteration; unknowns of the solver for each degree of freedom, in parentheses where the model is separable; special
-steppers need fewer.
+- "invariants kept" says which invariants the scheme keeps exactly: all quadratic ones, the bilinear ones q^T D p
+  (such as angular momentum), or none.
+- "correction" is the coefficient 1/2 - lambda of the drift correction. With it the scheme solves the Stratonovich
+  equation ([why](method/noise.md#the-correction-of-the-euler-pair)).
+- "beside dW" says what a step needs in addition to Gaussian increments.
+- "explicit" says for which models a step needs no solver.
+- "gradients; unknowns" gives the gradients of the one-step Hamiltonian in each iteration, and the unknowns of the
+  solver for each degree of freedom, in parentheses those for separable models. Special implementations need fewer.
 """
