@@ -8,9 +8,13 @@ module symsde_base_interrupt
    !> Whoever works looks at it now and then, and where it is wanted returns at once: nothing of the result may be used.
    type, abstract :: interrupt_type
       logical :: wanted = .false.
+      integer, private :: nunseen = 0  !! parts of work since it was looked at
    contains
+      procedure, non_overridable :: after_part
       procedure(look_interface), deferred :: look
    end type interrupt_type
+
+   integer, parameter :: until_look = 64
 
    abstract interface
       !> See whether it is wanted.
@@ -19,5 +23,17 @@ module symsde_base_interrupt
          class(interrupt_type), intent(inout) :: self
       end subroutine look_interface
    end interface
+
+contains
+
+   !> One more part of work is done, which may take as long as a look: see after every so many.
+   subroutine after_part(self)
+      class(interrupt_type), intent(inout) :: self
+
+      self%nunseen = self%nunseen + 1
+      if (self%nunseen < until_look) return
+      self%nunseen = 0
+      call self%look()
+   end subroutine after_part
 
 end module symsde_base_interrupt

@@ -131,7 +131,7 @@ contains
             else
                call halve_coarser(normals, nlane, first, nstep, levels, self%h, dw, drawn)
             end if
-            if (normals%is_left(1_i8)) return
+            if (normals%is_left()) return
             do step = 0, nstep - 1
                if (self%bound < huge(1.0_wp)) call clip_increments(nlane, self%bound, dw(:, step))
                w(:, k, step) = dw(:, step)
@@ -410,7 +410,7 @@ contains
       allocate (partial(nlane, max(self%refine - 1, 0)))
       do step = 0, nstep - 1, merge(2, 1, self%refine == 0)
          do i = 0, npair - 1
-            if (of%is_left(i)) return
+            if (of%is_left()) return
             call discrete_pairs(nlane, self%seed, of%path, (first + step)*2_i8**self%refine/2 + i, of%noise, self%law, &
                                 even, odd)
             drawn = drawn + 2

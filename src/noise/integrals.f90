@@ -38,7 +38,6 @@ module symsde_noise_integrals
    public :: fill_pair
 
    integer, parameter :: magnus_levels = 2      !! halvings of a step whose J is wanted
-   integer(i8), parameter :: until_look = 64    !! pairs of intervals between two looks at the interrupt
    integer, parameter :: levels_unseen = 6      !! of halvings below which it is not looked at
 
    !> What is known of the path on an interval: dW, H and, where it is asked for, K (nlane, nnoise); the rest of
@@ -85,7 +84,7 @@ contains
       fine = d%h/2.0_wp**d%refine
       first = step*2_i8**(d%refine - 1)  ! pairs of draws
       do i = 0, 2_i8**(d%refine - 1) - 1
-         if (mod(i, until_look) == 0) call d%look()
+         if (associated(d%interrupt)) call d%interrupt%after_part()
          call finest_pair(d, nlane, path, first + i, fine, even, odd, drawn)
          if (d%is_left()) return
          call merge_intervals(nlane, d%nnoise, even, odd, whole)

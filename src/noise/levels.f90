@@ -12,7 +12,6 @@ module symsde_noise_levels
    public :: normals_of, sum_finer, halve_coarser, carry
 
    integer, parameter :: most_ahead = 64  !! lanes of the generator for few paths
-   integer(i8), parameter :: until_look = 64  !! parts of a sum between two looks at the interrupt
    integer, parameter :: purpose_increment = 0    !! counter word of the draws of increments
    integer, parameter :: purpose_bridge = 1       !! counter word of the bridge's draws
 
@@ -29,14 +28,13 @@ module symsde_noise_levels
 
 contains
 
-   !> Whether the sums are to be left after i of their parts: then nothing that was made of them may be used.
-   logical function is_left(self, i)
+   !> Whether the sums are to be left, asked for each of their parts: then nothing that was made of them may be used.
+   logical function is_left(self)
       class(normals_of), intent(in) :: self
-      integer(i8), intent(in) :: i
 
       is_left = .false.
       if (.not. associated(self%interrupt)) return
-      if (mod(i, until_look) == 0) call self%interrupt%look()
+      call self%interrupt%after_part()
       is_left = self%interrupt%wanted
    end function is_left
 
@@ -61,7 +59,7 @@ contains
       do step = 0, nstep - 1, 2**(levels_at_once(self) - levels)
          count = min(2**(levels_at_once(self) - levels), nstep - step)
          do i = 0, 2_i8**(refine - levels) - 1
-            if (self%is_left(i)) return
+            if (self%is_left()) return
             n = count*2**levels
             call draw_steps(self, nlane, (first + step)*2_i8**refine + i*n, n, 0, scale, fine)
             drawn = drawn + n
