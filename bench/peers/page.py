@@ -11,13 +11,14 @@ from symsde.study.peers import TITLES, curves, draw, sentence
 
 COMMAND = "bench/peers/run.py --page docs/peers.md"
 INTRODUCTION = """\
-Error against run time of other packages beside symsde, on five problems, by one thread of one machine, in double
-precision. Packages that take increments get those of one set of paths, and so does symsde in the rows "given": there
-errors are those of the same paths, and no random number is timed. In rows "own" symsde draws what its scheme takes, as
-ShARK of diffrax, jitcsde and XMDS2 do in theirs. *Error* is the root mean square distance in (q, p) at the horizon to
-symsde's best scheme at many steps; of ShARK and jitcsde, whose paths are their own, to their own finest run. XMDS2
-tells means alone: its error is that of the same rule in NumPy on the paths of all. *Run time* is seconds of the
-processor for a path, warm; what is compiled first is told below.
+This page compares the error of other packages and of symsde over run time, on five problems, on one thread of one
+machine, in double precision. Packages that take increments get those of one set of paths. So does symsde in the rows
+"given"; there all errors are for the same paths, and the generation of random numbers is not timed. In the rows "own"
+symsde draws its random numbers itself, as ShARK of diffrax, jitcsde and XMDS2 do in their rows. *Error* is the root
+mean square distance in (q, p) at the horizon from symsde's best scheme with many steps. ShARK and jitcsde have paths
+of their own, so their reference is their own finest run. XMDS2 returns means only; its error is that of the same rule
+in NumPy on the common paths. *Run time* is the processor time of a path after a warm-up; the time of compilation is
+given below.
 """
 
 
