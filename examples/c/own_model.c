@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  *
- * A model of one's own in C: the Duffing oscillator with noise in its stiffness.
+ * Your own model in C: the Duffing oscillator with noise in its stiffness.
  *
  *    H = p^2/2 + q^2/2 + q^4/4,   H_1 = sigma q^2/2      (noise that depends on position alone)
  *
@@ -13,7 +13,7 @@
 
 enum { PATHS = 1000, STEPS = 500 };
 
-/* Gradient of w[0] H + w[1] H_1 for a whole block: arrays are [..][nlane], one lane a path. */
+/* Gradient of w[0] H + w[1] H_1 for a block of paths: arrays are [..][nlane], one lane for each path. */
 static int gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                     double *hq, double *hp, void *user) {
    const double sigma = *(const double *)user;
@@ -42,7 +42,7 @@ int main(void) {
    symsde_model model = NULL;
    symsde_scheme scheme = NULL;
 
-   /* What the model declares decides what is left out; false declarations are refused. */
+   /* Declared traits decide which work is skipped. A false trait is refused by name. */
    symsde_traits traits;
    symsde_traits_init(&traits);
    traits.ndof = 1;
@@ -65,7 +65,7 @@ int main(void) {
    input.p0 = &p0;
    input.q0_paths = input.p0_paths = 1;
 
-   symsde_paths paths; /* the results go straight into our arrays */
+   symsde_paths paths; /* the results are written into our arrays */
    symsde_paths_init(&paths);
    paths.t = t;
    paths.q = &q[0][0][0];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause
  *
- * A model of one's own in C++: the Duffing oscillator with noise in its stiffness, as in own_model.c.
+ * Your own model in C++: the Duffing oscillator with noise in its stiffness, as in own_model.c.
  *
  *    H = p^2/2 + q^2/2 + q^4/4,   H_1 = sigma q^2/2      (noise that depends on position alone)
  *
@@ -13,11 +13,11 @@
 int main() {
    const double sigma = 0.2;
 
-   // What the model declares decides what is left out; false declarations are refused.
+   // Declared traits decide which work is skipped. A false trait is refused by name.
    symsde::traits declared(1, 1);
    declared.separable = declared.position_noise = declared.identity_mass = 1;
 
-   // Gradient of w[0] H + w[1] H_1 for a whole block of lanes, each a path.
+   // Gradient of w[0] H + w[1] H_1 for a block of paths, one lane for each path.
    symsde::functions duffing;
    duffing.gradient = [sigma](const symsde::block &at, auto hq, auto hp) {
       const auto q = at.q[0], p = at.p[0], h = at.w[0], dw = at.w[1];

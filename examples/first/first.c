@@ -49,7 +49,7 @@ int main(void) {
    input.p0 = &p0;
    input.q0_paths = input.p0_paths = 1;
 
-   symsde_moments_init(&moments); /* results go straight into our arrays */
+   symsde_moments_init(&moments); /* the results are written into our arrays */
    moments.t = t;
    moments.n_ok = n_ok;
    moments.mean = &mean[0][0];
@@ -69,7 +69,7 @@ int main(void) {
    paths.p = &p[0][0][0];
    paths.status = path_status;
    paths.failed_step = failed_step;
-   options.paths = PATHS; /* the first 100 of these paths, saved: q is [time][dof][path] */
+   options.paths = PATHS; /* save the first 100 of these paths: q is [time][dof][path] */
    check(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error), &error);
    double moved = 0.0;
    for (int n = 0; n < TIMES; n++)

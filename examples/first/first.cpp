@@ -29,7 +29,7 @@ int main() {
       std::printf("E q = %.8f +- %.8f at t = %.1f, exact %.8f\n", moments.mean(last)[0], moments.se_mean(last)[0], t,
                   std::exp(-0.045 * t) * std::cos(t));
 
-      options.paths = 100; // the first 100 of these paths, saved: run.q(time) holds all paths
+      options.paths = 100; // save the first 100 of these paths: run.q(time) holds all paths
       const auto run = symsde::simulate(model, scheme, options, {q0, p0});
       double moved = 0.0;
       for (std::size_t n = 0; n <= last; n++) {

@@ -21,10 +21,10 @@ program first
    options = run_options(step=0.02_wp, nstep=500_i8, save_every=50_i8, npath=10000_i8, seed=1_i8)
    call moments(model, scheme, options, q0=[1.0_wp], p0=[0.0_wp], result=mean, error=error)
 
-   options%npath = 100  ! the first 100 of these paths, saved: run%q is (path, dof, time)
+   options%npath = 100  ! save the first 100 of these paths: run%q is (path, dof, time)
    call simulate(model, scheme, options, q0=[1.0_wp], p0=[0.0_wp], run=run, error=error)
 
-   ! An error is kept, and later calls do nothing: one check at the end serves them all.
+   ! After an error the later calls do nothing, so one check at the end is enough.
    if (allocated(error)) then
       print '(a)', error%message
       error stop 1

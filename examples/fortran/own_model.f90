@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A model of one's own in Fortran: extend model_type and give the gradient.
+!> Your own model in Fortran: extend model_type and give the gradient.
 !>
 !>    H = p^2/2 + q^4/4,   H_1 = -sigma q   (a quartic oscillator driven by additive noise)
 !>
@@ -21,7 +21,7 @@ module quartic
 
 contains
 
-   !> Gradient of w_0 H + w_1 H_1, lane by lane. An absent output is not wanted.
+   !> Gradient of w_0 H + w_1 H_1, lane by lane. An output that is absent is not needed.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(quartic_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -32,7 +32,7 @@ contains
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
    end subroutine gradient
 
-   !> Value of w_0 H + w_1 H_1: optional, here so that the energy is averaged.
+   !> Value of w_0 H + w_1 H_1. It is optional: with it runs average the energy.
    subroutine energy(self, nlane, ndof, nnoise, t, w, q, p, value)
       class(quartic_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -56,7 +56,7 @@ program own_model
    real(wp) :: exact
    integer :: last
 
-   ! Traits say what the scheme may leave out. They are probed: a false one is refused by name.
+   ! Traits decide which work the scheme may skip. A false trait is refused by name.
    model%name = 'quartic'
    model%traits = model_traits(ndof=1, nnoise=1, separable=.true., additive=.true., position_noise=.true., &
                                identity_mass=.true., has_value=.true.)

@@ -35,7 +35,7 @@ def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917 - th
 
 @numba.cfunc(ss.numba_signature("hessian"))
 def hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user):  # noqa: PLR0917
-    """Its second derivatives; without them they are formed by differences of gradients."""
+    """Second derivatives; without this function they are approximated by differences of gradients."""
     sine, cosine = np.empty(nlane), np.empty(nlane)
     sincos(nlane, q, sine.ctypes, cosine.ctypes)
     for i in range(nlane):
@@ -47,7 +47,7 @@ def hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user):  # noqa: PLR091
 
 
 def slow_gradient(t, w, q, p):
-    """The same as a NumPy function."""
+    """The same gradient as a NumPy function."""
     return w[0] * np.sin(q) + w[1] * SIGMA * np.cos(q), w[0] * p
 
 
@@ -65,7 +65,7 @@ for model in (compiled, plain):
     print(f"{model.name:9s} E q = {found.mean_q[-1, 0]:.6f} +- {found.se_mean_q[-1, 0]:.1g}, {seconds:.2f} s")
 assert abs(means["compiled"] - means["plain"]) < 1e-9
 
-# A function of another signature is refused, instead of computing nonsense or ending the process.
+# A function with another signature is refused. It would compute nonsense or end the process.
 wrong = numba.cfunc("float64(float64)")(lambda x: x)
 try:
     ss.Model(gradient=wrong, **traits)

@@ -20,12 +20,12 @@ def gradient(t, w, q, p):
 
 
 def value(t, w, q, p):
-    """Value of w[0] H + w[1] H_1, (lane,): optional, so that the energy is averaged."""
+    """Value of w[0] H + w[1] H_1, (lane,). It is optional: with it runs average the energy."""
     h, dw = w
     return h * (p[0] ** 2 / 2 - np.cos(q[0])) + dw * SIGMA * np.sin(q[0])
 
 
-# Declared traits decide what is left out; a false one is refused by name.
+# Declared traits decide which work is skipped. A false trait is refused by name.
 model = ss.Model(
     ndof=1,
     nnoise=1,
@@ -36,16 +36,16 @@ model = ss.Model(
     identity_mass=True,
 )
 
-# 500 paths, saved: run.q and run.p are (time, dof, path).
+# Save 500 paths: run.q and run.p are (time, dof, path).
 run = ss.simulate(model, q0=1.0, p0=0.0, step=0.05, steps=200, paths=500, seed=3, save_every=20)
 print(run.report)
 print(f"q of path 0 at t = {run.t[-1]:.1f}: {run.q[-1, 0, 0]:.4f}")
 
-# 20 000 paths, averaged: nothing is stored.
+# Average 20 000 paths: no path is stored.
 mom = ss.moments(model, q0=1.0, p0=0.0, step=0.05, steps=200, paths=20_000, seed=3, save_every=20)
 print(f"E H at t = {mom.t[-1]:.1f}: {mom.mean_energy[-1]:.4f} +- {mom.se_mean_energy[-1]:.4f}")
 
-# The scheme is symplectic for every sample of the noise: the tangent map of one step says so.
+# The scheme is symplectic for every sample of the noise: the tangent map of one step shows it.
 defect = ss.diagnose.symplecticity(model, "midpoint", q=1.0, p=0.0, step=0.05, dw=0.1)
 print(f"symplecticity defect of one step: {np.max(defect):.1e}")
 assert np.max(defect) < 1e-11
