@@ -4,8 +4,8 @@ The growth of a noisy oscillator
 ================================
 
 The linear stochastic oscillator of the paper, dp = -q dt + sigma dW, dq = p dt: :math:`E(p^2+q^2) = 1 +
-\\sigma^2 t`. The midpoint rule grows with the slope :math:`\\sigma^2/(1+h^2/4)`, for ever; Euler-Maruyama's
-grows exponentially.
+\\sigma^2 t`. With the midpoint rule it grows for ever with the slope :math:`\\sigma^2/(1+h^2/4)`; with
+Euler-Maruyama it grows exponentially.
 """
 
 import matplotlib.pyplot as plt

@@ -3,8 +3,9 @@
 Synchrotron oscillations
 ========================
 
-The paper's third experiment: particles in the bucket of an accelerating field with noise in its phase and
-amplitude. One path in the phase plane under a symplectic scheme and under Euler-Maruyama, on the same noise.
+This is the paper's third experiment: particles in the bucket of an accelerating field with noise in its phase and
+amplitude. The figure shows one path in the phase plane, by a symplectic scheme and by Euler-Maruyama, with the
+same noise.
 """
 
 import matplotlib.pyplot as plt

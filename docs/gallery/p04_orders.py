@@ -3,8 +3,8 @@
 Error against the step
 ======================
 
-Strong errors of symplectic schemes on one model, each step on the same Brownian paths. Increments alone give
-order one; one more integral of the path, dZ, gives more.
+The figure shows strong errors of symplectic schemes on one model; all steps follow the same Brownian paths.
+Schemes that take increments alone have order one. With one more integral of the path, dZ, they have a higher order.
 """
 
 import matplotlib.pyplot as plt

@@ -3,9 +3,8 @@
 Error against run time
 ======================
 
-What a path costs that is right to a given error: the measure that counts when a scheme is chosen. The curve
-of the catalogue's models, measured in quiet, is on the page :doc:`/work-precision`; this one is measured
-while the site is built.
+To choose a scheme, compare what a path costs at a given error. This figure is measured while the site is built.
+The page :doc:`/work-precision` has such figures for the built-in models, measured on a quiet machine.
 """
 
 import matplotlib.pyplot as plt
@@ -24,7 +23,7 @@ plt.ylabel("root mean square error")
 plt.legend()
 
 # %%
-# At one step, the fourth-order kicks are far below the others:
+# At the same step, the fourth-order splitting has a far smaller error than the others:
 
 finest = {row["scheme"]: row["err_strong"] for row in study.rows if row["steps"] == 64}
 assert finest["chin4a"] < 0.1 * finest["midpoint"]

@@ -3,8 +3,8 @@
 Long times beside Heun's rule
 =============================
 
-Ten thousand time units of a pendulum with little noise. Symplectic schemes let the energy wander as the
-equation does; Heun's rule, of the same order, heats it until the pendulum turns over.
+A pendulum with little noise runs for ten thousand time units. With symplectic schemes the energy wanders as in the
+exact equation; Heun's rule, of the same order, heats it until the pendulum turns over.
 """
 
 import matplotlib.pyplot as plt

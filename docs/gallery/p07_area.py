@@ -3,8 +3,8 @@
 The area of a loop of particles
 ===============================
 
-Noise that all particles share moves them by one random symplectic map: whatever the loop is stretched to, its
-area stays. A symplectic scheme does the same, another one does not.
+If all particles share the noise, one random symplectic map moves them all. It may stretch a loop of particles,
+but keeps its area. A symplectic scheme keeps it, too; other schemes do not.
 """
 
 import matplotlib.pyplot as plt

@@ -4,8 +4,8 @@ Loss of a beam
 ==============
 
 Particles of a bunch scatter until they reach the edge of the chamber at \\|q\\| = 1, where they are lost. The
-passage observer looks after every step, and between two steps by the law of a Brownian bridge where noise
-acts on q; the paths themselves are never stored.
+passage observer checks q after every step. If noise acts on q, it also checks between two steps, by the law of a
+Brownian bridge. The paths themselves are never stored.
 """
 
 import matplotlib.pyplot as plt
@@ -36,6 +36,6 @@ plt.ylabel("lost until t [%]")
 plt.legend()
 
 # %%
-# Steps ten times as long tell the same losses with the bridge; without it they miss the excursions between two steps.
+# With the bridge, steps ten times as long give the same losses; without it they miss excursions between two steps.
 
 assert 0.1 < exact < 0.95 and np.all(np.diff(lost) >= 0)

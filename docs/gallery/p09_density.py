@@ -3,8 +3,9 @@
 Phase-space density of an ensemble
 ==================================
 
-A hundred thousand particles start at one place in the bucket of a synchrotron. Frequency falls with
-amplitude: noise spreads them along the orbit first, into a ring, and across orbits slowly.
+A hundred thousand particles start at one place in the bucket of a synchrotron. The
+frequency falls with the amplitude. So the noise first spreads them along the orbit into a ring, and then slowly
+across orbits.
 """
 
 import matplotlib.pyplot as plt
@@ -24,7 +25,7 @@ for panel, n in zip(panels, (1, 2, 3), strict=True):
 panels[0].set_ylabel("p")
 
 # %%
-# All particles are there, the ring closes, and its energy has hardly changed:
+# No particle has failed, the ring has closed, and its energy has hardly changed:
 
 assert (run.status == 0).all()
 angle = np.arctan2(run.p[-1, 0], run.q[-1, 0])

@@ -3,8 +3,8 @@
 A chain driven by noise
 =======================
 
-A Fermi-Pasta-Ulam chain of 64 masses, each shaken by its own noise: the mean energy grows by
-:math:`n\\sigma^2/2` in a unit of time, whatever the nonlinearity. Left one path, right the ensemble.
+Each of the 64 masses of a Fermi-Pasta-Ulam chain is shaken by its own noise. The mean energy grows by
+:math:`n\\sigma^2/2` in a unit of time, for any nonlinearity. The left panel shows one path, the right one the ensemble.
 """
 
 import matplotlib.pyplot as plt

@@ -3,8 +3,8 @@
 Noise that does not commute
 ===========================
 
-Two noises whose Hamiltonians do not commute: with increments alone no scheme does better than the square root
-of the step; Lévy areas of the same paths bring order one.
+The Hamiltonians of the two noises do not commute. Then no scheme that takes increments alone has an order above
+1/2. With the Lévy areas of the same paths the order is one.
 """
 
 import matplotlib.pyplot as plt

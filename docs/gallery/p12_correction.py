@@ -3,8 +3,8 @@
 The correction of one-sided schemes
 ===================================
 
-Symplectic Euler takes the noise at one end of the step: with noise in q and p it solves another equation,
-whatever the step. One more Hamiltonian mends that, and the step stays symplectic.
+Symplectic Euler evaluates the noise at one end of the step. So with noise in q and p it solves another equation, for
+any step. A correction of the Hamiltonian mends this, and the step stays symplectic.
 """
 
 import matplotlib.pyplot as plt
@@ -36,7 +36,7 @@ panel.set_ylabel("E q")
 panel.legend()
 
 # %%
-# Without the correction an eighth of the step leaves the error where it is:
+# Without the correction, the error remains even at an eighth of the step:
 
 assert gap["none", 0.0125] > 0.05
 assert gap["increments", 0.1] < 0.5 * gap["none", 0.0125]

@@ -3,8 +3,8 @@
 Three point vortices, from a formula
 ====================================
 
-A Hamiltonian that is not separable, given as a text: derivatives and compiled code are derived. Vortices in a
-frame that turns at random; the midpoint rule keeps their moment of inertia to rounding.
+The Hamiltonian is not separable. It is given as a text, from which symsde derives derivatives and compiled code.
+The vortices are in a frame that rotates at random. The midpoint rule keeps their moment of inertia to rounding.
 """
 
 import matplotlib.pyplot as plt

@@ -4,7 +4,7 @@ A path by its two ends
 ======================
 
 The scheme comes from a discrete stochastic action: the path that makes the action stationary between two
-given positions, on a given Brownian path, is a path of the scheme. Here it is solved for as a whole, not step
+given positions, on a given Brownian path, is a path of the scheme. Here the whole path is solved for at once, not step
 by step.
 """
 
@@ -21,7 +21,7 @@ plt.xlabel("t")
 plt.ylabel("q")
 
 # %%
-# Started with the momentum that was found, the scheme ends where it should:
+# From the initial momentum that was found, the scheme ends at the given position:
 
 again = ss.simulate(model, q0=0.0, p0=found.p[0], scheme="midpoint", **common)
 assert (found.status == 0).all()
