@@ -52,10 +52,10 @@ def page(results: dict) -> str:
     described = "\n".join(f"- {key}: {value}" for key, value in results["machine"].items())
     sections = [topic.section(results[name]) for name, topic in TOPICS.items() if name in results]
     return (
-        "# Performance\n\nWritten by `./bootstrap bench --markdown docs/performance.md`; all "
-        "numbers are of one run on one\nmachine. Compare ratios, not nanoseconds, between "
-        "machines. What is not said to be processor time is\ntimed by the clock: with a load "
-        f"near or above the number of cores, other work disturbed it.\n\n{described}\n\n" + "\n\n".join(sections) + "\n"
+        "# Performance\n\n`./bootstrap bench --markdown docs/performance.md` writes this page; all numbers are of one "
+        "run on one\nmachine. Compare ratios, not nanoseconds, between machines. Times are wall-clock times if they "
+        "are not called\nprocessor times; if the load was near or above the number of cores, other work disturbed "
+        f"these.\n\n{described}\n\n" + "\n\n".join(sections) + "\n"
     )
 
 

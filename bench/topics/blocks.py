@@ -17,8 +17,9 @@ def section(found: list[dict]) -> str:
     blocks = [[b["name"], spread(b["values"])] for b in found if b["kind"] == "block"]
     rates = [[b["name"], spread(b["values"])] for b in found if b["kind"] == "machine"]
     return (
-        "## Building blocks\n\nBlocks of 256 lanes, one thread, ns of processor time each.\n\n"
+        "## Building blocks\n\n"
+        "The times are ns of processor time for each item, in blocks of 256 lanes on one thread.\n\n"
         + table(["block", "ns"], blocks)
-        + "\n\nThe machine, one thread:\n\n"
+        + "\n\nRates of the machine on one thread:\n\n"
         + table(["machine", "rate"], rates)
     )

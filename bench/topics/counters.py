@@ -28,4 +28,8 @@ def section(found: list[dict]) -> str:
         for c in found
     ]
     heads = ["claim", "model", "scheme", *COUNTERS, "verdict"]
-    return "## What is left out\n\nCounters per path-step.\n\n" + table(heads, rows)
+    return (
+        "## What is left out\n\n"
+        "The counters show, for a step of a path, what the library skips because a problem does not need it.\n\n"
+        + table(heads, rows)
+    )

@@ -97,8 +97,9 @@ def mkl_draws() -> list[tuple]:
 def section(found: list[dict]) -> str:
     """Write the section."""
     rows = [[g["name"], str(g["block"] or ""), spread(g["ns"])] for g in found]
-    note = f"\n\nMKL comes by `pip install mkl`: {ABSENT}." if any(g["name"] == "MKL" for g in found) else ""
+    note = f"\n\nMKL (`pip install mkl`): {ABSENT}." if any(g["name"] == "MKL" for g in found) else ""
     return (
-        "## Normals beside other libraries\n\nns of processor time each, one thread, all in turn; a block is what one "
-        "call fills.\n\n" + table(["generator", "block", "ns"], rows) + note
+        "## Normals beside other libraries\n\n"
+        "The table gives ns of processor time for one normal number, on one thread. "
+        "All generators alternate. One call fills a block.\n\n" + table(["generator", "block", "ns"], rows) + note
     )

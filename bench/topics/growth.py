@@ -61,4 +61,4 @@ def section(found: list[dict]) -> str:
             + "\n\n"
             + table([axis["axis"], "seconds", "least", "largest"], rows)
         )
-    return "## Growth\n\nSeconds of a run.\n\n" + "\n\n".join(parts)
+    return "## Growth\n\nThe tables show how the time of a run grows, in seconds.\n\n" + "\n\n".join(parts)

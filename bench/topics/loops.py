@@ -55,12 +55,12 @@ def section(rows: list[dict]) -> str:
         by_pointer = [f"{through[0]:.4g}", f"{through[1]:.2f}"] if through else ["", ""]
         cells.append([GROUPS[row["group"]], row["name"], *figures, *at_most(judged, row["target"]), *by_pointer])
     return (
-        title
-        + "ns of processor time per path-step on one thread, library and loop in turn: the least of the repeats. The\n"
-        "loops of `bench/loops.py` are what a user of numba would write: scalar loops over paths and steps, normals\n"
-        "drawn in the loop by NumPy's generator (PCG64, ziggurat), no -ffast-math; one unknown by Newton's method to\n"
-        "rounding, several by fixed-point iteration until positions change by 1e-14, if not said otherwise. The\n"
-        "library iterates until its slopes no longer change, and draws its own normals. By pointer: the same loop\n"
-        "where it calls the compiled callback that the library is given, instead of a force that numba inlines.\n\n"
+        title + "The table gives ns of processor time for a step of a path on one thread, the least of repeats that\n"
+        "alternate between library and loop. The loops of `bench/loops.py` are what a user of numba would write:\n"
+        "scalar loops over paths and steps, with normal numbers drawn in the loop by NumPy's generator (PCG64,\n"
+        "ziggurat), and without -ffast-math. If not said otherwise, they solve for one unknown by Newton's method\n"
+        "to rounding, and for several by fixed-point iteration until positions change by 1e-14. The library\n"
+        'iterates until its slopes no longer change, and draws its own normal numbers. "By pointer" is the same\n'
+        "loop with a call of the compiled callback that the library gets, instead of a force that numba inlines.\n\n"
         + table(heads, cells)
     )

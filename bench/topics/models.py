@@ -48,18 +48,17 @@ def section(found: dict) -> str:
     """Write the section."""
     return (
         "## Models of one's own\n\n"
-        "Models of the catalogue and the same ones written by a user, 4096 paths, one thread, ns of processor time\n"
-        "per path-step, all of one model in turn. The ratio is to the built-in model in the same program; for NumPy\n"
-        "functions to the same loop of NumPy by hand, with arrays of the library's size.\n\n"
-        + table_of(found["Fortran"])
-        + "\n\n"
+        "The tables compare built-in models with the same models written by a user: ns of processor time for a step\n"
+        "of a path, with 4096 paths on one thread. All variants of a model alternate. The ratio is to the built-in\n"
+        "model in the same program; for NumPy functions it is to the same NumPy loop written by hand, with arrays of\n"
+        "the library's size.\n\n" + table_of(found["Fortran"]) + "\n\n"
         "`bench/user_models.f90` and `bench/user_models.c` are compiled with -O3 -march=native, without -ffast-math.\n"
         "The synchrotron takes sine and cosine from the library (`sincos_lanes`, `symsde_sincos`, `numba_sincos`) and\n"
-        "gives gradient and Hessian in one function, which an implicit scheme calls in every iteration; the plain one\n"
-        "has two functions and the sine and cosine of its compiler. Those in one statement become a scalar `sincos` a\n"
-        "lane. In statements of their own, as here, gfortran takes the vector versions of the C library; gcc does so\n"
-        'with -ffast-math, or after `double sin(double) __attribute__((simd("notinbranch")));` and the same for\n'
-        "`cos`; numba calls the scalar ones.\n\n"
+        "gives gradient and Hessian in one function, which an implicit scheme calls in every iteration. The plain\n"
+        "variant has two functions, and takes sine and cosine from its compiler. If sine and cosine are in one\n"
+        "statement, compilers call a scalar `sincos` for each lane. In separate statements, as here, gfortran calls\n"
+        "the vector versions of the C library. gcc does so with -ffast-math, or after `double sin(double)\n"
+        '__attribute__((simd("notinbranch")));` and the same for `cos`. numba calls the scalar ones.\n\n'
         + (table_of(found["Python"]) if found["Python"] else f"NumPy: {ABSENT}.")
         + ("" if found.get("numba") else f"\n\nnumba: {ABSENT}.")
     )

@@ -43,17 +43,16 @@ def section(found: list[list[str]]) -> str:
             memory.append([words[1].replace("_", " "), f"{numbers[0]:.0f}", *ratio])
     return (
         "## Calls from Python\n\n"
-        "ms of processor time of a run of one path and one step, in turn with a call of the C interface "
-        "prepared beforehand.\n\n"
+        "The table gives ms of processor time for a run of one path and one step. Runs alternate with a call of the C "
+        "interface that was prepared beforehand.\n\n"
         + table(["function", "from Python [ms]", "C interface [ms]", "added [ms]", "target", ""], calls)
         + "\n\n"
-        "us of processor time of one step of one path (kubo, midpoint), the least of all repeats.\n\n"
-        + table(["call", "time [us]", "target", ""], steps)
-        + "\n\n"
-        "ns a path-step of moments of 1000 paths (kubo, midpoint), 500 steps.\n\n"
+        "The next table gives us of processor time for one step of one path (kubo, midpoint), the least of all "
+        "repeats.\n\n" + table(["call", "time [us]", "target", ""], steps) + "\n\n"
+        "The next table gives ns for a step of a path, for moments of 1000 paths (kubo, midpoint) over 500 steps.\n\n"
         + table(["what is saved", "time [ns]", "target", ""], observed)
         + "\n\n"
-        "By how much the peak memory of the process grows in a large run, over the size of the arrays it returns:\n"
-        "1 means that nothing large is copied but what is given, once, into the result.\n\n"
+        "The last table gives the growth of the peak memory of the process in a large run, over the size of the arrays "
+        "that it returns. If it is 1, results are copied once, and nothing else that is large.\n\n"
         + table(["run", "returned [MB]", "growth of peak / returned", "target", ""], memory)
     )

@@ -48,11 +48,10 @@ def section(scenes: list[dict]) -> str:
     heads = ["scene", "library [ns]", "limit [ns]", "library/limit", "fraction", "target", ""]
     return (
         "## Scenes beside hand-fused programs\n\n"
-        "ns of processor time per path-step on one thread: median (least .. largest), both in turn.\n"
-        "Fraction is the limit program's time over the library's. The limit programs of\n"
-        "`bench/limits/` have the same scheme, generator and arithmetic and none of the machinery\n"
-        "(no status, checks, observers). `synchrotron_midpoint_fused` is the same scene beside a\n"
-        "limit program with a copy of sine and cosine in its one loop.\n"
-        "`kubo_single_path` and `synchrotron_single_path` are one path beside a plain scalar loop with a ziggurat\n"
-        "generator.\n\n" + table(heads, rows)
+        "The table gives ns of processor time for a step of a path on one thread: the median (least .. largest) of\n"
+        "runs that alternate between library and limit program. The limit programs of `bench/limits/` have the same\n"
+        "scheme, generator and arithmetic, but no status, checks and observers. The fraction is the time of the limit\n"
+        "program over that of the library. The limit program of `synchrotron_midpoint_fused` has a copy of sine and\n"
+        "cosine in its single loop. `kubo_single_path` and `synchrotron_single_path` compare one path with a plain\n"
+        "scalar loop with a ziggurat generator.\n\n" + table(heads, rows)
     )

@@ -48,8 +48,8 @@ def section(found: list[dict]) -> str:
     inside = min(f["inside"] for f in found)
     return (
         "## Threads\n\n"
-        "Two threads beside two processes of one thread, in turn, the same work for each thread. The ratio is of\n"
-        "throughputs. By the clock it feels all else that runs on the machine; by processor time (per path-step) it\n"
-        f"shows what the threads cost each other. The threads run for {100 * inside:.2f} % of the time of a run.\n\n"
-        + table(heads, rows)
+        "The table compares two threads with two processes of one thread each, in alternating runs with the same work\n"
+        "for each thread. The ratio is that of throughputs. In wall-clock time it depends on everything else that\n"
+        "runs on the machine. In processor time (for a step of a path) it shows what the threads cost each other. The\n"
+        f"threads run for {100 * inside:.2f} % of the time of a run.\n\n" + table(heads, rows)
     )

@@ -112,7 +112,7 @@ def test_blocks_counters_generators_and_builds(topics):
              {"kind": "machine", "name": "triad", "values": [5.0, 4.0, 6.0]}]  # fmt: skip
     text = topics("blocks").section(kinds)
     assert rows_of(text) == [["normal", "2 (1 .. 3)"], ["triad", "5 (4 .. 6)"]]
-    assert text.index("normal") < text.index("The machine") < text.index("triad")
+    assert text.index("normal") < text.index("the machine") < text.index("triad")
     counts = {"claim": "no_normals", "model": "kubo", "scheme": "midpoint", "counts": [0.0, 2.5, 3, 4, 5],
               "verdict": "ok"}  # fmt: skip
     text = topics("counters").section([counts])
