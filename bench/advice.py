@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import symsde as ss
-from symsde import scene
+from symsde.batch import scene
 
 ROOT = Path(__file__).resolve().parents[1]
 CASES = {

@@ -32,16 +32,16 @@ from typing import Any
 
 import numpy as np
 import symsde as ss
-from symsde.expect import choice, variants
-from symsde.expect.candidates import suitable
-from symsde.expect.choice import Plan
-from symsde.expect.pilot import MEASURED, Pilot
-from symsde.expect.problem import make_problem
-from symsde.expect.quasi import Quasi
-from symsde.expect.tolerance import Tolerance, make_tolerance
-from symsde.expect.trial import LEVELS
-from symsde.expect.watch import Watch
-from symsde.expect.work import Work
+from symsde.answers.expectation import choice, variants
+from symsde.answers.expectation.candidates import suitable
+from symsde.answers.expectation.carry_out import Work
+from symsde.answers.expectation.choice import Plan
+from symsde.answers.expectation.pilot import MEASURED, Pilot
+from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.quasi import Quasi
+from symsde.answers.expectation.tolerance import Tolerance, make_tolerance
+from symsde.answers.expectation.trial import LEVELS
+from symsde.answers.expectation.watch import Watch
 
 
 @dataclass(frozen=True)

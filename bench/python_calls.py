@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 import symsde as ss
-from symsde import _abi, _handles
-from symsde._checks import address
-from symsde._library import library
+from symsde.native import abi, handles
+from symsde.native.checks import address
+from symsde.native.library import library
 
 MODEL = ss.models.kubo()
 HOW = {"q0": 1.0, "p0": 0.0, "step": 0.02, "steps": 1, "threads": 1}
@@ -30,8 +30,8 @@ CALLS = 200
 def prepared_simulate():
     """The same run as a bare call of the C interface."""
     run = ss.simulate(MODEL, **HOW)
-    paths = _handles.new(_abi.Paths, "paths")
-    for name, *_ in _abi.Paths._fields_[1:]:
+    paths = handles.new(abi.Paths, "paths")
+    for name, *_ in abi.Paths._fields_[1:]:
         setattr(paths, name, address(getattr(run, name)))
     return prepared(run, library.symsde_simulate, paths)
 
@@ -39,7 +39,7 @@ def prepared_simulate():
 def prepared_moments():
     """The same moments as a bare call of the C interface."""
     run = ss.moments(MODEL, **HOW)
-    moments = _handles.new(_abi.Moments, "moments")
+    moments = handles.new(abi.Moments, "moments")
     moments.t, moments.n_ok = address(run.t), address(run.n_ok)
     for member, kind in (("mean", "mean"), ("variance", "var"), ("se_mean", "se_mean")):
         setattr(moments, member, address(run._tables[kind]))
@@ -48,7 +48,7 @@ def prepared_moments():
 
 def prepared(run, function, result):
     """A call without arguments of one function of the C interface."""
-    setup, report = run.setup, _handles.new(_abi.Report, "report")
+    setup, report = run.setup, handles.new(abi.Report, "report")
     given, model = setup.input(), setup.model._handles.take()
     arguments = (model.pointer, *setup.handles(), *(ctypes.byref(struct) for struct in (given, result, report)), None)
 

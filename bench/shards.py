@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 import symsde as ss
-from symsde import cli
+from symsde.cli import command_line
 
 REPEATS = int(os.environ.get("SYMSDE_REPEATS", "5"))
 PATHS, STEPS, EVERY = 131072, 4000, 200
@@ -66,7 +66,7 @@ def shards(paths: int = PATHS, repeats: int = REPEATS) -> None:
             scene = Path(place) / "scene.toml"
             scene.write_text(SCENE.format(STEPS=STEPS, EVERY=EVERY, paths=paths))
             chosen = ["--shard-paths", str(size)] if size else []
-            assert cli.main(["run", str(scene), "--out", f"{place}/out", *chosen, "--quiet"]) == 0
+            assert command_line.main(["run", str(scene), "--out", f"{place}/out", *chosen, "--quiet"]) == 0
 
     ways = {
         "one call": lambda: ss.moments(model, threads=1, **run),

@@ -14,11 +14,11 @@ import json
 import sys
 from pathlib import Path
 
-from symsde import _files, study
-from symsde.paper import symplecticity
-from symsde.stability import bifurcation, long_time, mean_square_map
-from symsde.stability import figure as stability_figure
-from symsde.study import horizons
+from symsde.native import files
+from symsde.reports import study
+from symsde.reports.paper import symplecticity
+from symsde.reports.stability import bifurcation, long_time, mean_square_map, stability_figure
+from symsde.reports.study import horizons
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -50,10 +50,10 @@ def draw(data: Path, picture: Path) -> None:
 
 def measure() -> None:
     """Compute the data of the README's figure and of weak orders (seconds), and of mean-square stability (a minute)."""
-    text = _files.json_text(symplecticity.invariant_curves())
+    text = files.json_text(symplecticity.invariant_curves())
     (FOLDER / "kubo_invariant.json").write_text(text, encoding="utf-8")
     for name, module in (("mean-square", mean_square_map), ("weak-orders", weak_orders)):
-        (FOLDER / f"{name}.json").write_text(_files.json_text(module.compute()), encoding="utf-8")
+        (FOLDER / f"{name}.json").write_text(files.json_text(module.compute()), encoding="utf-8")
 
 
 def main() -> None:
@@ -61,7 +61,7 @@ def main() -> None:
     if "--measure" in sys.argv[1:]:
         measure()
     if "--horizons" in sys.argv[1:]:
-        (FOLDER / "horizons.json").write_text(_files.json_text(horizons.compute()), encoding="utf-8")
+        (FOLDER / "horizons.json").write_text(files.json_text(horizons.compute()), encoding="utf-8")
     for data in sorted(FOLDER.glob("*.json")):
         draw(data, data.with_suffix(".png"))
 

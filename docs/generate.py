@@ -12,7 +12,7 @@ from pathlib import Path
 
 import measured_module
 import which_scheme
-from symsde import tables
+from symsde.reports import tables
 
 PAGES = {
     "models.md": tables.models_markdown,

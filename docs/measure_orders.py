@@ -26,9 +26,9 @@ from pathlib import Path
 import numba
 import numpy as np
 import symsde as ss
-from symsde.study import orders
-from symsde.study.errors import References, end, measure, rms, squares, strong_error
-from symsde.study.plan import halvings, make_plan
+from symsde.answers.coupled_errors import References, end, measure, rms, squares, strong_error
+from symsde.answers.error_plan import halvings, make_plan
+from symsde.reports.study import orders
 
 FILE = Path(__file__).with_name("measured.json")
 FAMILIES = ("dirk:0.25", "lambda:0.3")

@@ -5,9 +5,9 @@ import json
 from pathlib import Path
 
 import symsde as ss
-from symsde.advise import advise
-from symsde.pages import markdown
-from symsde.study import of_data, words
+from symsde.answers.advice import advise
+from symsde.reports.pages import markdown
+from symsde.reports.study import of_data, study_words
 
 FIGURES = Path(__file__).with_name("figures")
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-5)
@@ -89,7 +89,7 @@ def _noise_table(studies):
         for scene in scenes:
             study = studies[scene]
             usable = [r for r in study.rows if r["status"] == "ok" and ss.schemes.get(r["scheme"]).info.symplectic]
-            cells = [_cell(scene, words.cheapest(usable, tolerance)) for tolerance in TOLERANCES]
+            cells = [_cell(scene, study_words.cheapest(usable, tolerance)) for tolerance in TOLERANCES]
             rows.append([kind, f"{scene}, to t = {study.horizon:g}", *cells])
             tried.append([kind, f"`{study.model}`", _candidates(study.model)])
     missing = set(studies) - {scene for scenes in KINDS.values() for scene in scenes}

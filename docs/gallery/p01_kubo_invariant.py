@@ -10,7 +10,7 @@ the midpoint rule. Symplectic schemes that keep no quadratic invariant stay near
 import matplotlib.pyplot as plt
 import numpy as np
 import symsde as ss
-from symsde.look import of_scheme
+from symsde.reports.look import of_scheme
 
 model = ss.models.kubo(a=1.0, sigma=0.5)
 moved = {}

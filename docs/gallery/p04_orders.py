@@ -9,7 +9,7 @@ Schemes that take increments alone have order one. With one more integral of the
 
 import matplotlib.pyplot as plt
 import symsde as ss
-from symsde.look import of_scheme
+from symsde.reports.look import of_scheme
 
 model = ss.models.synchrotron(omega=1.0, sigma1=0.2, sigma2=0.1)
 for scheme, low, high in (

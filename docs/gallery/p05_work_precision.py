@@ -9,7 +9,7 @@ The page :doc:`/work-precision` has such figures for the built-in models, measur
 
 import matplotlib.pyplot as plt
 import symsde as ss
-from symsde.look import of_scheme
+from symsde.reports.look import of_scheme
 
 schemes = ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "heun")
 study = ss.work_precision(

@@ -9,7 +9,7 @@ exact equation; Heun's rule, of the same order, heats it until the pendulum turn
 
 import matplotlib.pyplot as plt
 import symsde as ss
-from symsde.look import of_scheme
+from symsde.reports.look import of_scheme
 
 model = ss.models.synchrotron(omega=1.0, sigma1=0.001, sigma2=0.0)
 end = {}

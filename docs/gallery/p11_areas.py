@@ -9,7 +9,7 @@ The Hamiltonians of the two noises do not commute. Then no scheme that takes inc
 
 import matplotlib.pyplot as plt
 import symsde as ss
-from symsde.look import of_scheme
+from symsde.reports.look import of_scheme
 
 model = ss.models.noncommutative_oscillator(s1=0.5, s2=0.5)
 print(ss.commutator(model))

@@ -12,32 +12,47 @@ Everything is dimensionless. The path is the last axis of every array. [WHSB] in
 paper "Dynamics and variational integrators of stochastic Hamiltonian systems" with its equation numbers.
 """
 
+import importlib
+import warnings
+from types import ModuleType
+
 from . import diagnose, errors, models, observe, schemes
-from ._callbacks import numba_signature, numba_sincos
-from ._handles import status_text
-from ._selftest import selftest
-from ._setup import build_info
-from .advise.advise import Advice, advise
+from .answers.advice.advise import Advice, advise
+from .answers.expectation.answer import Alternative, Answer
+from .answers.expectation.expect import expect
+from .answers.mean_square import MeanSquare, mean_square
+from .answers.multilevel.mlmc import mlmc
+from .answers.multilevel.multilevel_answer import Multilevel
+from .answers.multilevel.sampler import LevelSampler, level_sampler
 from .batch.ensemble import ensemble
 from .batch.opened import OpenRun, open_run
-from .commutator import Commutator, commutator
-from .convergence import Convergence, convergence
+from .cli.selftest import selftest
 from .errors import BudgetWarning, NotANumberWarning, PathsFailedWarning, ReferenceWarning, SymsdeError
-from .expect.answer import Alternative, Answer
-from .expect.expect import expect
-from .formulas import FormulaModel, model_from_sympy
-from .mean_square import MeanSquare, mean_square
-from .mlmc.answer import Multilevel
-from .mlmc.mlmc import mlmc
-from .mlmc.sampler import LevelSampler, level_sampler
-from .model import Model, Traits
-from .moments import Moments, moments
-from .prepared import PreparedRun, prepare
-from .report import Report
+from .model.commutator import Commutator, commutator
+from .model.definition import Model, Traits
+from .model.formulas import FormulaModel, model_from_sympy
+from .native.build import build_info
+from .native.callbacks import numba_signature, numba_sincos
+from .native.handles import status_text
+from .reports.convergence import Convergence, convergence
+from .reports.study import WorkPrecision, work_precision
+from .run.moments import Moments, moments
+from .run.prepared import PreparedRun, prepare
+from .run.report import Report
+from .run.simulate import Run, simulate
+from .run.step import increments, step
 from .schemes import Scheme
-from .simulate import Run, simulate
-from .step import increments, step
-from .study import WorkPrecision, work_precision
+
+_MOVED = {"scene": "symsde.batch.scene", "stability": "symsde.reports.stability", "study": "symsde.reports.study"}
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Modules that have moved: their old names work until 0.2, with a warning that says the new ones."""
+    if name not in _MOVED:
+        raise AttributeError(f"module 'symsde' has no attribute {name!r}")
+    warnings.warn(f"symsde.{name} is now {_MOVED[name]}: import that", DeprecationWarning, stacklevel=2)
+    return importlib.import_module(_MOVED[name])
+
 
 __version__ = build_info()["version"]
 

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from . import _abi, _checks
-from ._checks import address
-from ._progress import Monitor
-from ._setup import Setup, increments_array, make_options
 from .errors import IncompatibleError, WrongShapeError, WrongTypeError
-from .model import Model
+from .model.definition import Model
+from .native import abi, checks
+from .native.checks import address
+from .native.progress import Monitor
+from .run.setup import Setup, increments_array, make_options
+from .run.simulate import Run
+from .run.step import increments_at, of_options
 from .schemes import Scheme, as_scheme
-from .simulate import Run
-from .step import increments_at, of_options
 
 
 def symplecticity(
@@ -38,10 +38,10 @@ def symplecticity(
     Zero up to rounding for symplectic schemes.
     """
     decided = {"steps": "it makes one", "paths": "the points are those of q, p and dw", "t0": "give t"}
-    _checks.not_given("symplecticity", options, decided)
-    points = _checks.columns(q=q, p=p, **({} if dw is None else {"dw": dw}))
+    checks.not_given("symplecticity", options, decided)
+    points = checks.columns(q=q, p=p, **({} if dw is None else {"dw": dw}))
     chosen = make_options(model, step=step, steps=1, paths=points, seed=seed, t0=t, **options)
-    q, p = (_checks.points(name, x, model.ndof, points) for name, x in (("q", q), ("p", p)))
+    q, p = (checks.points(name, x, model.ndof, points) for name, x in (("q", q), ("p", p)))
     chosen_scheme = as_scheme(scheme)
     drive = of_options(model, chosen, chosen_scheme)[0] if dw is None else increments_at(model, dw, points)
     defect = np.empty(points)
@@ -100,15 +100,15 @@ def stationary_path(
     """
     chosen = make_options(model, **options)
     shape = (chosen.steps + 1, model.ndof, chosen.paths)
-    _checks.room((2, *shape), "the paths (q and p; time, dof, path)")
+    checks.room((2, *shape), "the paths (q and p; time, dof, path)")
     given = (("q_start", q_start), ("q_end", q_end))
-    ends = [_checks.points(name, x, model.ndof, chosen.paths) for name, x in given]
+    ends = [checks.points(name, x, model.ndof, chosen.paths) for name, x in given]
     dw = _prescribed(increments, (chosen.steps * 2 ** max(0, chosen.refine), model.nnoise, chosen.paths))
     guesses = [_guess(name, x, shape) for name, x in (("guess_q", guess_q), ("guess_p", guess_p))]
     q, p, status = np.empty(shape), np.empty(shape), np.zeros(chosen.paths, dtype=np.int32)
     scheme = as_scheme(scheme)
     arrays = (address(x) for x in (*ends, dw, *guesses, q, p, status))
-    _call("stationary_path", model, scheme, chosen, *arrays, allow=(_abi.PATHS_FAILED,))
+    _call("stationary_path", model, scheme, chosen, *arrays, allow=(abi.PATHS_FAILED,))
     t = chosen.t0 + (chosen.first_step + np.arange(chosen.steps + 1)) * chosen.step
     return StationaryPath(t, q, p, status)
 
@@ -120,14 +120,14 @@ def _prescribed(increments: object, shape: tuple[int, int, int]) -> np.ndarray |
     array = increments_array(increments, kept=False)
     if array.shape[:2] != shape[:2] or array.shape[2] not in {1, shape[2]}:
         raise WrongShapeError(f"increments has shape {array.shape}: give {shape}, or one path for all")
-    return _checks.full(array, shape[2])
+    return checks.full(array, shape[2])
 
 
 def _guess(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray | None:
     """A path to begin with."""
     if value is None:
         return None
-    array = np.ascontiguousarray(_checks.real_array(name, value))
+    array = np.ascontiguousarray(checks.real_array(name, value))
     if array.shape != shape:
         raise WrongShapeError(f"{name} has shape {array.shape}: give {shape} (time, dof, path)")
     return array
@@ -146,7 +146,7 @@ def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:
 def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
     """Exact solution of a run that need not have been made."""
     shape = (setup.ntime, setup.model.ndof, setup.paths)
-    _checks.room((2, *shape), "the exact solution (q and p; time, dof, path)")
+    checks.room((2, *shape), "the exact solution (q and p; time, dof, path)")
     q, p = np.empty(shape), np.empty(shape)
     arrays = (ctypes.byref(setup.input()), address(q), address(p))
     _call("exact_solution", setup.model, setup.scheme, setup.options, *arrays)
@@ -165,19 +165,19 @@ def driving_increments(run: Run) -> np.ndarray:
         raise IncompatibleError(
             "the run truncated increments of your own: truncate them yourself and leave truncation out"
         )
-    return _checks.full(dw, setup.paths)
+    return checks.full(dw, setup.paths)
 
 
 def _setup_of(run: object) -> Setup:
     """What made a run."""
     if not isinstance(run, Run):
-        raise WrongTypeError(f"run = {_checks.shown(run)} is not a run: give the result of symsde.simulate")
+        raise WrongTypeError(f"run = {checks.shown(run)} is not a run: give the result of symsde.simulate")
     return run.setup
 
 
 def _states(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """The states of a run, which its owner may have replaced."""
-    array = np.ascontiguousarray(_checks.real_array("the states of the run", values))
+    array = np.ascontiguousarray(checks.real_array("the states of the run", values))
     if array.shape != shape:
         raise WrongShapeError(f"the states of the run have shape {array.shape}: give {shape}, as simulate did")
     return array
@@ -195,9 +195,9 @@ def _examine(name: str, run: Run, values: np.ndarray) -> None:
     _call(name, setup.model, setup.scheme, setup.options, *(address(x) for x in arrays))
 
 
-def _call(name: str, model: Model, scheme: Scheme, options: _abi.Options, *arguments, allow: tuple[int, ...] = ()):
+def _call(name: str, model: Model, scheme: Scheme, options: abi.Options, *arguments, allow: tuple[int, ...] = ()):
     """Call a diagnostic of the library; Ctrl-C stops it as it stops a run."""
     with Monitor(progress=False) as monitor:
-        chosen = _abi.Options.from_buffer_copy(options)
+        chosen = abi.Options.from_buffer_copy(options)
         chosen.progress = monitor.callback
-        model.call(name, scheme._handle.pointer, ctypes.byref(chosen), *arguments, allow=(*allow, _abi.STOPPED))
+        model.call(name, scheme._handle.pointer, ctypes.byref(chosen), *arguments, allow=(*allow, abi.STOPPED))

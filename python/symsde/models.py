@@ -10,19 +10,19 @@ Parameters that are not finite raise InvalidArgumentError.
 
 from __future__ import annotations
 
-from . import _checks, _handles
-from .model import Model
+from .model.definition import Model
+from .native import checks, handles
 
 
 def names() -> list[str]:
     """Names of the built-in models."""
-    return _handles.text("model_names").split()
+    return handles.text("model_names").split()
 
 
 def parameters(name: str) -> dict[str, float]:
     """Parameters of a built-in model with their defaults; UnknownNameError lists the nearest names."""
-    given = _handles.encode(_checks.name_of("model", name))
-    lines = _handles.text("model_parameters", given, has_error=True).splitlines()
+    given = handles.encode(checks.name_of("model", name))
+    lines = handles.text("model_parameters", given, has_error=True).splitlines()
     pairs = (line.split("=") for line in lines if line.strip())
     return {key.strip(): float(value) for key, value in pairs}
 

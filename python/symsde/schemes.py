@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import _abi, _checks, _handles
 from .errors import MissingOperationError, WrongShapeError, WrongTypeError
+from .native import abi, checks
+from .native import handles as _handles
 
 _FORMS = {1: "tableau", 2: "Galerkin", 3: "Euler-Maruyama", 4: "drifts and kicks"}
 _EVIDENCE = ("none", "claimed", "derived")
@@ -110,7 +111,7 @@ class Scheme:
         self.info: SchemeInfo = self._read_info()
 
     def _read_info(self) -> SchemeInfo:
-        given = _handles.new(_abi.SchemeInfo, "scheme_info")
+        given = _handles.new(abi.SchemeInfo, "scheme_info")
         _handles.call("scheme_get_info", self._handle.pointer, ctypes.byref(given))
         made = ("orders", "crosses_noises")
         fields = {name: getattr(given, name) for name in SchemeInfo.__dataclass_fields__ if name not in made}
@@ -146,7 +147,7 @@ class Scheme:
         size = self.info.nstage
         arrays = [np.empty((size,) * rank) for rank in (1, 2, 2, 1, 2, 2, 1)]
         try:
-            _handles.call("scheme_tableau", self._handle.pointer, *map(_checks.address, arrays))
+            _handles.call("scheme_tableau", self._handle.pointer, *map(checks.address, arrays))
         except MissingOperationError:
             return None
         return Tableau(*arrays, self._beside())
@@ -170,7 +171,7 @@ class Scheme:
 
     def _repr_html_(self) -> str:
         """For notebooks: structure, tableau, orders."""
-        return importlib.import_module("._html", __package__).scheme(self)
+        return importlib.import_module("symsde.reports.html").scheme(self)
 
     def __reduce__(self) -> tuple:
         """For pickle: made again."""
@@ -192,7 +193,7 @@ class Scheme:
         return f"<scheme {self.name}: {self.info.form}, {self.info.nstage} stages, {kind}{more}>"
 
 
-def _order(given: _abi.SchemeInfo, i: int) -> Order:
+def _order(given: abi.SchemeInfo, i: int) -> Order:
     """One order of the struct of the C interface."""
     numbers = (given.measured_order[i], given.measured_half_width[i], given.measured_floor[i])
     measured = None if np.isnan(numbers[0]) else Measured(*numbers)
@@ -207,13 +208,13 @@ def names() -> list[str]:
 def get(name: str) -> Scheme:
     """A scheme of the catalogue; UnknownNameError lists the nearest names."""
     pointer = ctypes.c_void_p()
-    _handles.call("scheme_get", _handles.encode(_checks.name_of("scheme", name)), ctypes.byref(pointer))
+    _handles.call("scheme_get", _handles.encode(checks.name_of("scheme", name)), ctypes.byref(pointer))
     return Scheme(pointer, (get, (name,)))
 
 
 def as_scheme(scheme: str | Scheme) -> Scheme:
     """A scheme given as such or by name."""
-    return scheme if isinstance(scheme, Scheme) else _by_name(_checks.name_of("scheme", scheme))
+    return scheme if isinstance(scheme, Scheme) else _by_name(checks.name_of("scheme", scheme))
 
 
 @functools.lru_cache(maxsize=256)
@@ -231,7 +232,7 @@ def from_quadrature(nodes, weights, degree: int, name: str | None = None, noise_
     """
     nodes, weights = (_vector(key, x) for key, x in (("nodes", nodes), ("weights", weights)))
     own = None if noise_weights is None else _vector("noise_weights", noise_weights)
-    degree = _checks.integer("degree", degree, _checks.INT32)
+    degree = checks.integer("degree", degree, checks.INT32)
     for what, given in (("weights", weights), ("noise weights", own)):
         if given is not None and len(given) != len(nodes):
             raise WrongShapeError(
@@ -241,7 +242,7 @@ def from_quadrature(nodes, weights, degree: int, name: str | None = None, noise_
     _handles.call(
         "scheme_from_quadrature",
         len(nodes),
-        *(_checks.address(x) for x in (nodes, weights, own)),
+        *(checks.address(x) for x in (nodes, weights, own)),
         degree,
         _name(name),
         ctypes.byref(pointer),
@@ -275,9 +276,9 @@ def from_tableau(  # noqa: PLR0917 - a tableau reads like its formula
     _handles.call(
         "scheme_from_tableau",
         size,
-        *(_checks.address(x) for x in (*matrices, alpha, *own, noise_weights)),
+        *(checks.address(x) for x in (*matrices, alpha, *own, noise_weights)),
         _name(name),
-        _checks.flag("allow_nonsymplectic", allow_nonsymplectic),
+        checks.flag("allow_nonsymplectic", allow_nonsymplectic),
         ctypes.byref(pointer),
     )
     arguments = (*matrices, alpha, name, allow_nonsymplectic, *own, noise_weights)
@@ -305,14 +306,14 @@ def composition(parts: Sequence[str | Scheme], fractions, name: str = "compositi
     fractions: (part,), their sum is one.
     """
     if isinstance(parts, str) or not isinstance(parts, Sequence):
-        raise WrongTypeError(f"parts = {_checks.shown(parts)} is not a list of schemes: give names or schemes")
+        raise WrongTypeError(f"parts = {checks.shown(parts)} is not a list of schemes: give names or schemes")
     chain = [as_scheme(part) for part in parts]
     gamma = _vector("fractions", fractions)
     if len(chain) != len(gamma):
         raise WrongShapeError(f"there are {len(chain)} parts and {len(gamma)} fractions: give one for each part")
     handles = (ctypes.c_void_p * len(chain))(*(part._handle.pointer for part in chain))
     pointer = ctypes.c_void_p()
-    _handles.call("scheme_compose", len(chain), handles, _checks.address(gamma), _name(name), ctypes.byref(pointer))
+    _handles.call("scheme_compose", len(chain), handles, checks.address(gamma), _name(name), ctypes.byref(pointer))
     return Scheme(pointer, (composition, (chain, gamma, name)))
 
 
@@ -326,18 +327,18 @@ def _derived(maker: Callable[..., Scheme], scheme: str | Scheme, name: str | Non
 
 
 def _matrix(key: str, value: object, size: int) -> np.ndarray:
-    matrix = np.array(_checks.real_array(key, value), order="C")
+    matrix = np.array(checks.real_array(key, value), order="C")
     if matrix.shape != (size, size):
         raise WrongShapeError(f"{key} has shape {matrix.shape}: give {(size, size)}, one row for each weight in alpha")
     return matrix
 
 
 def _vector(key: str, value: object) -> np.ndarray:
-    array = np.array(_checks.real_array(key, value), order="C")
+    array = np.array(checks.real_array(key, value), order="C")
     if array.ndim != 1 or array.size == 0:
         raise WrongShapeError(f"{key} has shape {array.shape}: give a list of at least one number")
     return array
 
 
 def _name(name: str | None) -> bytes:
-    return _handles.encode("user" if name is None else _checks.name_of("name", name))
+    return _handles.encode("user" if name is None else checks.name_of("name", name))

@@ -32,7 +32,7 @@ SCENES = [
 # The version, the library that was loaded, and a digest of paths of every kind of stepper.
 TRIAL = f"""
 import hashlib, symsde
-from symsde import _cpu, _library
+from symsde.native import cpu as _cpu; from symsde.native import library as _library
 digest = hashlib.sha256()
 for name, scheme in {SCENES}:
     model = symsde.models.get(name)

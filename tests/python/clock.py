@@ -5,8 +5,8 @@ import sys
 import time
 
 import numpy as np
-from symsde.moments import Moments
-from symsde.simulate import Run
+from symsde.run.moments import Moments
+from symsde.run.simulate import Run
 
 
 class Clock:

@@ -8,7 +8,7 @@ import threading
 from contextlib import contextmanager
 
 import pytest
-from symsde._progress import Monitor
+from symsde.native.progress import Monitor
 
 
 class Sender:

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import symsde as ss
 from clock import WorkClock
-from symsde import scene
-from symsde.advise.advise import _fewest_steps, candidates, scheme_names, stable_up_to
-from symsde.advise.wants import Invariants, Seen
-from symsde.expect.candidates import commutes
-from symsde.expect.problem import make_problem
-from symsde.expect.stability import frequency
+from symsde.answers.advice.advise import _fewest_steps, candidates, scheme_names, stable_up_to
+from symsde.answers.advice.wants import Invariants, Seen
+from symsde.answers.expectation.candidates import commutes
+from symsde.answers.expectation.longest_step import frequency
+from symsde.answers.expectation.problem import make_problem
+from symsde.batch import scene
+from symsde.reports.study import horizons
 from symsde.schemes import as_scheme
-from symsde.study import horizons
 
 ROOT = Path(__file__).resolve().parents[2]
 DEARER = 2.5  #: times the cheapest of the front

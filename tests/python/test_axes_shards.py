@@ -7,11 +7,13 @@ import axes
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _abi, _callbacks, observe
-from symsde.batch import error_check, plan, results, work
-from symsde.expect.estimators import Antithetic, Extrapolated
-from symsde.expect.problem import make_problem
-from symsde.mlmc.sampler import LevelSampler
+from symsde import observe
+from symsde.answers.expectation.estimators import Antithetic, Extrapolated
+from symsde.answers.expectation.problem import make_problem
+from symsde.answers.multilevel.sampler import LevelSampler
+from symsde.batch import error_check, execute, merged_results
+from symsde.batch import pieces as plan
+from symsde.native import abi, callbacks
 from symsde.schemes import as_scheme
 from test_batch_pieces import interrupted
 
@@ -44,16 +46,16 @@ def test_shards_are_the_run(row):
         np.testing.assert_array_equal(many.kept[name].counts, part.counts)
         np.testing.assert_array_equal(many.kept[name].sums, part.sums)
 
-    whole, task = ss.simulate(model, **how), work.Task(model, how)
+    whole, task = ss.simulate(model, **how), execute.Task(model, how)
     first = how["first_path"]
     saved = [first + i for i in (250, 251, 257, 259, 260, 599)]
     extent = plan.Extent(first, 600, STEPS, STEPS // row["save_every"] + 1, row["ndof"])
     pieces = plan.plan(extent, 256, moments=False, saved=saved)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(work, "_FIRST", 2 * row["ndof"])
-        patched.setattr(work._Clock, "next_length", lambda _, length: 3 - length % 3)
+        patched.setattr(execute, "_FIRST", 2 * row["ndof"])
+        patched.setattr(execute._Clock, "next_length", lambda _, length: 3 - length % 3)
         shards = {piece.name: interrupted(task, piece, 2)[0] for piece in pieces}
-    found = results.run_of(task, pieces, lambda piece: shards[piece.name], seconds=0.0, threads=1)
+    found = merged_results.run_of(task, pieces, lambda piece: shards[piece.name], seconds=0.0, threads=1)
     at = np.array(saved) - first
     np.testing.assert_array_equal(found.path, saved)
     np.testing.assert_array_equal(found.t, whole.t)
@@ -71,7 +73,7 @@ def test_the_error_check_is_half_the_step_of_the_same_paths(row):
     how |= {"save_every": row["save_every"]}
     first = how["first_step"]
     extent = plan.Extent(how["first_path"], 30, STEPS, STEPS // row["save_every"] + 1, row["ndof"])
-    found = error_check.error_check(work.Task(model, how), extent)
+    found = error_check.error_check(execute.Task(model, how), extent)
     draws = {"seed": 5, "paths": 30, "first_path": how["first_path"]}
     full = ss.increments(model, step=how["step"], steps=STEPS, first_step=first, **draws)
     half = ss.increments(model, step=how["step"] / 2, steps=2 * STEPS, first_step=2 * first, refine=-1, **draws)
@@ -148,7 +150,7 @@ def test_a_code_of_a_function_ends_the_run(row):
     kinds = ("gradient", "value", "hessian", "hessian_vector", "third_derivative")
 
     def compiled(kind):
-        inner = _callbacks.from_python(kind, getattr(ridges, kind), _callbacks.Failures())
+        inner = callbacks.from_python(kind, getattr(ridges, kind), callbacks.Failures())
 
         def function(*given):
             code = inner(*given)
@@ -157,7 +159,7 @@ def test_a_code_of_a_function_ends_the_run(row):
                 return 7 if calls[0] == bad[0] else code
             return code
 
-        return _abi.CALLBACKS[kind](function)
+        return abi.CALLBACKS[kind](function)
 
     model = ss.Model(ndof=row["ndof"], nnoise=row["nnoise"], **{kind: compiled(kind) for kind in kinds})
     run = {"q0": 0.3, "p0": 0.2, "step": 0.1, "steps": 20, "paths": 3, "threads": 1}

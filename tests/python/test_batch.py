@@ -16,9 +16,9 @@ import pytest
 import symsde as ss
 from conftest import table_of, told
 from sent_at import PLACED, words
-from symsde import cli, scene
-from symsde.batch import dispatch, shard_file, stop
+from symsde.batch import dispatch, scene, shard_file, stop
 from symsde.batch.tree import Node, Tree
+from symsde.cli import command_line
 from symsde.errors import InvalidArgumentError
 
 SCENE = """
@@ -66,7 +66,7 @@ def file(tmp_path):
 
 
 def run(*arguments):
-    return cli.main(["run", *map(str, arguments), "--quiet"])
+    return command_line.main(["run", *map(str, arguments), "--quiet"])
 
 
 def command(*arguments, **options):
@@ -97,7 +97,7 @@ def is_known(folder, known):
 @pytest.mark.parametrize("threads", [1, 3])
 def test_any_division_has_the_bits_of_one_run(size, threads, known, tmp_path):
     file = write(tmp_path / "scene.toml", ("seed = 9", f"seed = 9\nthreads = {threads}"))
-    assert run(file, "--out", tmp_path / "out", "--shard-paths", size) == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "out", "--shard-paths", size) == command_line.PATHS_FAILED
     count = sum(path.name.startswith("moments") for path in (tmp_path / "out" / "shards").iterdir())
     assert count == -(-3768 // size) - 768 // size
     is_known(tmp_path / "out", known)
@@ -150,10 +150,10 @@ def test_parts_that_are_added_up_in_a_row_have_other_bits(parts):
 
 
 def test_a_second_run_computes_nothing(known, file, tmp_path, monkeypatch):
-    assert run(file, "--out", tmp_path / "out", "--shard-paths", 512) == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "out", "--shard-paths", 512) == command_line.PATHS_FAILED
     before = digest(tmp_path / "out")
     monkeypatch.setattr("symsde.batch.dispatch.compute", lambda *_: pytest.fail("computed again"))
-    assert run(file, "--out", tmp_path / "out") == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "out") == command_line.PATHS_FAILED
     assert digest(tmp_path / "out") == before
 
 
@@ -168,44 +168,50 @@ def test_a_second_run_computes_nothing(known, file, tmp_path, monkeypatch):
     ],
 )
 def test_another_scene_in_the_same_folder_is_refused(change, said, file, tmp_path, capsys):
-    assert run(file, "--out", tmp_path / "out", "--shard-paths", 1024) == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "out", "--shard-paths", 1024) == command_line.PATHS_FAILED
     before = digest(tmp_path / "out")
     capsys.readouterr()
     other = write(tmp_path / "other.toml", change)
-    assert run(other, "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert run(other, "--out", tmp_path / "out") == command_line.BAD_INPUT
     shown = capsys.readouterr().err
     assert "holds another run" in shown and said in shown and "--out" in shown
     assert digest(tmp_path / "out") == before
     same = write(tmp_path / "same.toml", ("steps = 120", "steps = 120\nthreads = 2\nlanes = 64\nt0 = 0.0"))
-    assert run(same, "--out", tmp_path / "out") == cli.PATHS_FAILED
+    assert run(same, "--out", tmp_path / "out") == command_line.PATHS_FAILED
 
 
 def test_results_of_an_unknown_run_are_not_overwritten(file, tmp_path, capsys):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "moments.csv").write_text("mine\n")
-    assert run(file, "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert run(file, "--out", tmp_path / "out") == command_line.BAD_INPUT
     assert "holds moments.csv but no manifest.json" in capsys.readouterr().err
     assert (tmp_path / "out" / "moments.csv").read_text() == "mine\n"
 
 
 def test_another_version_is_refused(file, tmp_path, capsys):
-    assert run(file, "--out", tmp_path / "out") == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "out") == command_line.PATHS_FAILED
     manifest = tmp_path / "out" / "manifest.json"
     manifest.write_text(manifest.read_text().replace(f'"version": "{ss.__version__}"', '"version": "0.0.1"'))
-    assert run(file, "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert run(file, "--out", tmp_path / "out") == command_line.BAD_INPUT
     assert f"version = '0.0.1' there, '{ss.__version__}' here" in capsys.readouterr().err
     manifest.write_text("{")
-    assert run(file, "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert run(file, "--out", tmp_path / "out") == command_line.BAD_INPUT
     assert "is no manifest of a run" in capsys.readouterr().err
 
 
 def test_parts_on_their_own_merge_to_the_same_bits(known, file, tmp_path):
-    assert run(file, "--out", tmp_path / "whole", "--shard-paths", 256) == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "whole", "--shard-paths", 256) == command_line.PATHS_FAILED
     parts = [tmp_path / f"part{i}" for i in range(1, 8)]
     for i, part in enumerate(parts, 1):
-        assert run(file, "--out", part, "--shard-paths", 256, "--shard", f"{i}/7") in (cli.OK, cli.PATHS_FAILED)
+        assert run(file, "--out", part, "--shard-paths", 256, "--shard", f"{i}/7") in (
+            command_line.OK,
+            command_line.PATHS_FAILED,
+        )
         assert not (part / "moments.csv").exists()
-    assert cli.main(["merge", *map(str, parts[::-1]), "--out", str(tmp_path / "out")]) == cli.PATHS_FAILED
+    assert (
+        command_line.main(["merge", *map(str, parts[::-1]), "--out", str(tmp_path / "out")])
+        == command_line.PATHS_FAILED
+    )
     assert digest(tmp_path / "out") == digest(tmp_path / "whole")
     is_known(tmp_path / "out", known)
 
@@ -221,12 +227,12 @@ def test_a_part_that_is_missing_is_named(file, tmp_path, capsys):
         run(file, "--out", tmp_path / str(i), "--shard-paths", 512, "--shard", f"{i}/3")
     capsys.readouterr()
     arguments = ["merge", str(tmp_path / "1"), str(tmp_path / "3"), "--out", str(tmp_path / "out"), "--quiet"]
-    assert cli.main(arguments) == cli.BAD_INPUT
+    assert command_line.main(arguments) == command_line.BAD_INPUT
     shown = capsys.readouterr().err
     assert "4 of 11 shards" in shown and "moments-000002, moments-000005, paths-000001, paths-000004" in shown
     assert not (tmp_path / "out" / "moments.csv").exists()
     again = shown.partition("`symsde run ")[2].partition("`")[0].split()
-    assert run(*again) == cli.PATHS_FAILED  # as it says
+    assert run(*again) == command_line.PATHS_FAILED  # as it says
     assert (tmp_path / "out" / "moments.csv").exists()
 
 
@@ -238,10 +244,12 @@ def test_merging_what_does_not_fit_is_refused(file, tmp_path, capsys):
     capsys.readouterr()
     for one, two, said in (("1", "2", "seed = 9 there, 8 here"), ("1", "3", "shard_paths = 512 there, 1024 here")):
         folders = [str(tmp_path / name) for name in (one, two)]
-        assert cli.main(["merge", *folders, "--out", str(tmp_path / "out")]) == cli.BAD_INPUT
+        assert command_line.main(["merge", *folders, "--out", str(tmp_path / "out")]) == command_line.BAD_INPUT
         assert said in capsys.readouterr().err
         assert not (tmp_path / "out").exists()
-    assert cli.main(["merge", str(tmp_path / "none"), "--out", str(tmp_path / "out")]) == cli.BAD_INPUT
+    assert (
+        command_line.main(["merge", str(tmp_path / "none"), "--out", str(tmp_path / "out")]) == command_line.BAD_INPUT
+    )
     assert "none holds no run" in capsys.readouterr().err
 
 
@@ -249,20 +257,20 @@ def test_merging_what_does_not_fit_is_refused(file, tmp_path, capsys):
 def test_parts_that_do_not_exist_are_refused(text, file, tmp_path, capsys):
     code = run(file, "--out", tmp_path / "out", f"--shard={text}")
     if text:
-        assert code == cli.BAD_INPUT
+        assert code == command_line.BAD_INPUT
         assert "give i" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("text", ["100", "300", "many", "0", "1e3"])
 def test_sizes_of_shards_that_do_not_fit_the_tree_are_refused(text, file, tmp_path, capsys):
-    assert run(file, "--out", tmp_path / "out", "--shard-paths", text) == cli.BAD_INPUT
+    assert run(file, "--out", tmp_path / "out", "--shard-paths", text) == command_line.BAD_INPUT
     assert "shard-paths" in capsys.readouterr().err
 
 
 def test_a_damaged_shard_is_computed_anew(file, tmp_path, capsys):
     """Whatever byte it is; what was there is kept aside."""
     out = tmp_path / "out"
-    assert run(file, "--out", out, "--shard-paths", 1024) == cli.PATHS_FAILED
+    assert run(file, "--out", out, "--shard-paths", 1024) == command_line.PATHS_FAILED
     before = digest(out)
     shard = out / "shards" / "moments-000002.npz"
     content = shard.read_bytes()
@@ -275,7 +283,7 @@ def test_a_damaged_shard_is_computed_anew(file, tmp_path, capsys):
     for rest in (content[:-1], b"", content[: len(content) // 2], bytes(damaged)):
         shard.write_bytes(rest)
         capsys.readouterr()
-        assert run(file, "--out", out) == cli.PATHS_FAILED
+        assert run(file, "--out", out) == command_line.PATHS_FAILED
         assert "moments-000002.npz is damaged" in capsys.readouterr().err
         (out / "shards" / "moments-000002.damaged").unlink()
         assert digest(out) == before
@@ -284,12 +292,12 @@ def test_a_damaged_shard_is_computed_anew(file, tmp_path, capsys):
 def test_a_shard_of_another_run_is_not_taken(file, tmp_path, capsys):
     other = write(tmp_path / "other.toml", ("seed = 9", "seed = 8"))
     for name, which in (("out", file), ("other", other)):
-        assert run(which, "--out", tmp_path / name, "--shard-paths", 1024) == cli.PATHS_FAILED
+        assert run(which, "--out", tmp_path / name, "--shard-paths", 1024) == command_line.PATHS_FAILED
     before = digest(tmp_path / "out")
     strange = tmp_path / "other" / "shards" / "moments-000002.npz"
     shutil.copy(strange, tmp_path / "out" / "shards" / "moments-000002.npz")
     capsys.readouterr()
-    assert run(file, "--out", tmp_path / "out") == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "out") == command_line.PATHS_FAILED
     assert "it is the shard of another run" in capsys.readouterr().err
     (tmp_path / "out" / "shards" / "moments-000002.damaged").unlink()
     assert digest(tmp_path / "out") == before
@@ -303,10 +311,10 @@ def test_two_writers_share_the_work(tmp_path):
     environment = {**os.environ, "SYMSDE_NUM_THREADS": "1"}
     arguments = ("run", file, "--out", tmp_path / "out", "--shard-paths", "512")
     both = [command(*arguments, env=environment) for _ in range(2)]
-    assert [process.wait() for process in both] == [cli.PATHS_FAILED] * 2
+    assert [process.wait() for process in both] == [command_line.PATHS_FAILED] * 2
     shards = tmp_path / "out" / "shards"
     assert len([path for path in shards.iterdir() if path.suffix != ".npz"]) == 0
-    assert run(file, "--out", tmp_path / "alone", "--shard-paths", 512) == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "alone", "--shard-paths", 512) == command_line.PATHS_FAILED
     assert digest(tmp_path / "out") == digest(tmp_path / "alone")
 
 
@@ -317,13 +325,13 @@ def test_a_signal_ends_the_run_cleanly(number, tmp_path):
     given = words(int(number), 3, "shards/moments-", PLACED, "symsde", "run", file, "--out", out, "--shard-paths", 256)
     done = subprocess.run(given, capture_output=True, text=True, check=False)
     shown = done.stderr
-    assert done.returncode == cli.STOPPED
+    assert done.returncode == command_line.STOPPED
     assert f"stopped by {number.name}; " in shown and "go on with `symsde run " in shown and "Traceback" not in shown
     assert not (out / "moments.csv").exists()
     assert all(path.suffix == ".npz" for path in (out / "shards").iterdir())
     again = shown.partition("`symsde run ")[2].partition("`")[0].split()
-    assert run(*again) == cli.PATHS_FAILED
-    assert run(file, "--out", tmp_path / "alone", "--shard-paths", 256) == cli.PATHS_FAILED
+    assert run(*again) == command_line.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "alone", "--shard-paths", 256) == command_line.PATHS_FAILED
     assert digest(out) == digest(tmp_path / "alone")
 
 
@@ -343,14 +351,14 @@ def test_a_long_piece_of_moments_gives_back_what_it_has(tmp_path, monkeypatch, c
 
     with monkeypatch.context() as change:
         change.setattr(stop.Stop, "gives_up", gives_up)
-        assert run(file, "--out", out) == cli.STOPPED
+        assert run(file, "--out", out) == command_line.STOPPED
     assert "moments.partial.csv holds moments" in capsys.readouterr().err
     rows = np.genfromtxt(table_of(out / "moments.partial.csv"), delimiter=",", skip_header=1)
     assert told(out / "moments.partial.csv")["paths_ok"] == "0"  # none to the end
     known = rows[:, 1] == 8
     assert 1 <= known.sum() < 101 and known[: known.sum()].all() and (rows[known.sum() :, 1] == 0).all()
     assert np.isfinite(rows[known, 2:]).all() and np.isnan(rows[~known, 2]).all()
-    assert run(file, "--out", out) == cli.OK
+    assert run(file, "--out", out) == command_line.OK
     whole = np.genfromtxt(table_of(out / "moments.csv"), delimiter=",", skip_header=1)
     np.testing.assert_array_equal(rows[known], whole[known])
     assert not (out / "moments.partial.csv").exists()
@@ -370,7 +378,7 @@ def test_the_time_that_is_given_is_kept(tmp_path, capsys, monkeypatch):
         monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now[0], sleep=None))
     file = write(tmp_path / "scene.toml", ("seed = 9", "seed = 9\nthreads = 1"))
     out = tmp_path / "out"
-    assert run(file, "--out", out, "--shard-paths", 256, "--max-walltime", "4.5s") == cli.STOPPED
+    assert run(file, "--out", out, "--shard-paths", 256, "--max-walltime", "4.5s") == command_line.STOPPED
     assert "stopped by --max-walltime" in capsys.readouterr().err
     assert 1 <= len(list((out / "shards").glob("*.npz"))) <= now[0] <= 5  # of 13, one in work beside one that waits
 
@@ -400,7 +408,7 @@ def test_wall_times_that_are_none(text):
 
 FULL = """
 import resource, sys
-from symsde import cli
+from symsde.cli import command_line as cli
 resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
 sys.exit(cli.main(["run", sys.argv[1], "--out", sys.argv[2], "--shard-paths", "256"]))
 """
@@ -410,17 +418,17 @@ def test_a_full_disk_ends_the_run_and_costs_what_was_in_work(file, known, tmp_pa
     """As full as a disk is to a process whose files may have 3000 bytes, of which one is larger."""
     given = [sys.executable, "-c", FULL, file, str(tmp_path / "out")]
     done = subprocess.run(given, capture_output=True, text=True, check=False)
-    assert done.returncode == cli.NOT_WRITTEN, done.stderr
+    assert done.returncode == command_line.NOT_WRITTEN, done.stderr
     assert "cannot be written: File too large" in done.stderr and "Traceback" not in done.stderr
     names = {path.name for path in (tmp_path / "out" / "shards").iterdir()}
     assert all(name.endswith(".npz") for name in names)
-    assert run(file, "--out", tmp_path / "out") == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "out") == command_line.PATHS_FAILED
     is_known(tmp_path / "out", known)
 
 
 @pytest.mark.skipif(os.geteuid() == 0 and not Path("/proc/self").exists(), reason="root may write everywhere")
 def test_a_folder_that_takes_no_files_is_said(file, capsys):
-    assert run(file, "--out", "/proc/self/deeper") == cli.NOT_WRITTEN
+    assert run(file, "--out", "/proc/self/deeper") == command_line.NOT_WRITTEN
     assert "nothing can be written to /proc/self/deeper" in capsys.readouterr().err
 
 
@@ -429,7 +437,9 @@ def test_the_time_of_day_does_not_matter(file, known, tmp_path, monkeypatch):
     times = iter(range(10**9, 0, -1000))
     monkeypatch.setattr(time, "time", lambda: float(next(times)))
     monkeypatch.setattr(time, "time_ns", lambda: next(times) * 10**9)
-    assert run(file, "--out", tmp_path / "out", "--shard-paths", 512, "--max-walltime", "1h") == cli.PATHS_FAILED
+    assert (
+        run(file, "--out", tmp_path / "out", "--shard-paths", 512, "--max-walltime", "1h") == command_line.PATHS_FAILED
+    )
     is_known(tmp_path / "out", known)
 
 
@@ -472,13 +482,13 @@ def test_models_in_python_are_part_of_the_run(tmp_path, capsys):
     text = '[model]\npython = "own_of_batch:make"\nstiffness = 2.0\n[run]\nstep = 0.1\nsteps = 10\npaths = 600\n'
     file = write(tmp_path / "scene.toml", text=text + "q0 = 1.0\np0 = 0.0\n")
     (tmp_path / "own_of_batch.py").write_text(OWN)
-    assert run(file, "--allow-python", "--out", tmp_path / "out", "--shard-paths", 256) == cli.OK
+    assert run(file, "--allow-python", "--out", tmp_path / "out", "--shard-paths", 256) == command_line.OK
     assert (tmp_path / "out" / "own_of_batch.py").read_text() == OWN
     merged = ["merge", str(tmp_path / "out"), "--out", str(tmp_path / "merged"), "--quiet"]
-    assert cli.main(merged) == cli.BAD_INPUT
+    assert command_line.main(merged) == command_line.BAD_INPUT
     assert "--allow-python" in capsys.readouterr().err
-    assert cli.main([*merged, "--allow-python"]) == cli.OK
+    assert command_line.main([*merged, "--allow-python"]) == command_line.OK
     assert digest(tmp_path / "merged") == digest(tmp_path / "out")
     (tmp_path / "own_of_batch.py").write_text(OWN + "# otherwise\n")
-    assert run(file, "--allow-python", "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert run(file, "--allow-python", "--out", tmp_path / "out") == command_line.BAD_INPUT
     assert "python_sha256" in capsys.readouterr().err

@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import cli, observe, scene
-from symsde.batch import manifest
+from symsde.batch import manifest, scene
+from symsde.cli import command_line
+from symsde.run.observers import requests
 
 SCENE = """
 [model]
@@ -61,7 +62,7 @@ def same_kept(found, whole):
 
 
 def run(*arguments):
-    return cli.main(["run", *map(str, arguments), "--quiet"])
+    return command_line.main(["run", *map(str, arguments), "--quiet"])
 
 
 @pytest.mark.filterwarnings("ignore::symsde.PathsFailedWarning")
@@ -69,7 +70,7 @@ def test_any_division_keeps_the_same(file, tmp_path):
     whole = scene.load(file).compute_moments()
     for size in (256, 1024, 4096):
         out = tmp_path / f"out{size}"
-        assert run(file, "--out", out, "--shard-paths", size) == cli.PATHS_FAILED
+        assert run(file, "--out", out, "--shard-paths", size) == command_line.PATHS_FAILED
         same_kept(ss.open_run(out).moments, whole)
     data = pytest.importorskip("xarray").open_dataset(out / "moments.nc")
     np.testing.assert_array_equal(data["x_count"], whole.observed["x"].counts)
@@ -84,7 +85,10 @@ def test_parts_on_their_own_merge(file, tmp_path):
     parts = [tmp_path / f"part{i}" for i in (1, 2, 3)]
     for i, part in enumerate(parts):
         run(file, "--shard", f"{i + 1}/3", "--out", part, "--shard-paths", 256)
-    assert cli.main(["merge", *map(str, parts), "--out", str(tmp_path / "whole"), "--quiet"]) == cli.PATHS_FAILED
+    assert (
+        command_line.main(["merge", *map(str, parts), "--out", str(tmp_path / "whole"), "--quiet"])
+        == command_line.PATHS_FAILED
+    )
     same_kept(ss.open_run(tmp_path / "whole").moments, whole)
 
 
@@ -98,9 +102,9 @@ def test_ensembles(file):
 
 
 def test_other_observers_are_another_run(file, tmp_path, capsys):
-    assert run(file, "--out", tmp_path / "out") == cli.PATHS_FAILED
+    assert run(file, "--out", tmp_path / "out") == command_line.PATHS_FAILED
     file.write_text(SCENE.replace("within = 0.9", "within = 0.8"))
-    assert run(file, "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert run(file, "--out", tmp_path / "out") == command_line.BAD_INPUT
     assert "holds another run" in capsys.readouterr().err
     plain = SCENE.split("[[observe]]", maxsplit=1)[0]
     file.write_text(plain)
@@ -122,21 +126,21 @@ def test_other_observers_are_another_run(file, tmp_path, capsys):
 )
 def test_bad_tables_are_refused(change, said, file, capsys):
     file.write_text(SCENE.replace(*change, 1))
-    assert cli.main(["check", str(file)]) == cli.BAD_INPUT
+    assert command_line.main(["check", str(file)]) == command_line.BAD_INPUT
     assert said in capsys.readouterr().err
 
 
 def test_a_single_table_is_refused(file, capsys):
     file.write_text(SCENE.split("[[observe]]", maxsplit=1)[0] + '[observe]\nkind = "extremes"\nof = "q_1"\n')
-    assert cli.main(["check", str(file)]) == cli.BAD_INPUT
+    assert command_line.main(["check", str(file)]) == command_line.BAD_INPUT
     assert "as a table [[observe]]" in capsys.readouterr().err
 
 
 def test_dry_runs_count_observers(file, tmp_path, capsys):
-    assert cli.main(["run", str(file), "--dry-run", "--out", str(tmp_path / "out")]) == cli.OK
+    assert command_line.main(["run", str(file), "--dry-run", "--out", str(tmp_path / "out")]) == command_line.OK
     assert "shards" in capsys.readouterr().out
 
 
 def test_observers_by_name():
-    assert set(observe.requests.KINDS) == {"histogram", "quantiles", "covariance", "autocorrelation", "extremes",
+    assert set(requests.KINDS) == {"histogram", "quantiles", "covariance", "autocorrelation", "extremes",
                                            "passage", "paths"}  # fmt: skip

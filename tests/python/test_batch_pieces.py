@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import cli
-from symsde.batch import command, plan, shard_file, share, work
+from symsde.batch import execute, shard_file, share
+from symsde.batch import pieces as plan
+from symsde.cli import command_line, run_command
 
 
 class Memory:
@@ -37,7 +38,7 @@ def interrupted(task, piece, after):
 
         sittings += 1
         assert sittings < 1000
-        if (found := work.compute(task, piece, 1, tell, store)) is not None:
+        if (found := execute.compute(task, piece, 1, tell, store)) is not None:
             return found, sittings
 
 
@@ -45,8 +46,8 @@ def interrupted(task, piece, after):
 @pytest.mark.parametrize(("steps", "every"), [(600, 50), (601, 601), (600, 1)])
 def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monkeypatch):
     """Stopped at every segment, of which some end between saved points; paths that failed stay so."""
-    monkeypatch.setattr(work, "_FIRST", 7 * 4 * 2)
-    monkeypatch.setattr(work._Clock, "next_length", lambda _, length: 11 - length % 5)
+    monkeypatch.setattr(execute, "_FIRST", 7 * 4 * 2)
+    monkeypatch.setattr(execute._Clock, "next_length", lambda _, length: 11 - length % 5)
     q0 = np.full((2, 4), 0.1)
     q0[:, 2] = 0.75
     options = {"q0": q0, "p0": 0.0, "step": 0.05, "steps": steps, "save_every": every, "seed": 5, "t0": 0.3}
@@ -55,7 +56,7 @@ def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monk
     piece = plan.Piece("paths-000001", "paths", 0, 4, 4 * steps)
     with pytest.warns(ss.PathsFailedWarning):
         known = ss.simulate(model, **options)
-        found, sittings = interrupted(work.Task(model, options), piece, 4)
+        found, sittings = interrupted(execute.Task(model, options), piece, 4)
     assert sittings > 10 and known.failed_step[2] > 30 and (known.status == 0).sum() == 3
     names = ["t", "q", "p", "status", "failed_step", "last_q", "last_p", *(["q_low", "p_low"] if compensated else [])]
     for name in names:
@@ -101,7 +102,7 @@ def test_a_path_that_failed_stays_where_it_was():
     first.status[1], first.failed_step[1] = 3, 1
     later = ss.simulate(ss.models.kubo(), q0=first.last_q, p0=first.last_p, first_step=2, **run)
     known = later.q[1:, :, 0].copy()
-    saved = work._Saved()
+    saved = execute._Saved()
     saved.add(first, 2, keeps_last=True)
     saved.add(later, 2, keeps_last=True)
     found = saved.shard(**saved.counted(0))
@@ -116,11 +117,11 @@ def test_a_path_that_failed_stays_where_it_was():
 def test_the_line_that_goes_on_trusts_what_the_first_one_did(tmp_path, capsys):
     options = SimpleNamespace(scene="a b.toml", shard="1/2", allow_python=True, error_check=False)
     folder = SimpleNamespace(pieces=[1, 2], path=tmp_path)
-    assert command._stopped(SimpleNamespace(reason="SIGTERM"), options, folder, [1], None) == 4
+    assert run_command._stopped(SimpleNamespace(reason="SIGTERM"), options, folder, [1], None) == 4
     assert f"`symsde run 'a b.toml' --out {tmp_path} --shard 1/2 --allow-python`" in capsys.readouterr().err
 
 
 def test_an_empty_part_is_refused(tmp_path, capsys):
     (tmp_path / "a.toml").write_text('[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 1\nq0 = 1.0\np0 = 0.0\n')
-    assert cli.main(["run", str(tmp_path / "a.toml"), "--shard", "", "--out", str(tmp_path / "out")]) == 2
+    assert command_line.main(["run", str(tmp_path / "a.toml"), "--shard", "", "--out", str(tmp_path / "out")]) == 2
     assert "is no part of a run" in capsys.readouterr().err and not (tmp_path / "out").exists()

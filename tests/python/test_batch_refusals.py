@@ -8,10 +8,10 @@ import signal
 
 import pytest
 import symsde as ss
-from symsde import cli
 from symsde.batch import error_check
-from symsde.batch.plan import Piece
+from symsde.batch.pieces import Piece
 from symsde.batch.share import Share, parts_of
+from symsde.cli import command_line
 
 SCENE = """
 [model]
@@ -35,7 +35,7 @@ def parts(tmp_path_factory):
     (place / "scene.toml").write_text(SCENE)
     for i in (1, 2):
         given = [place / "scene.toml", "--out", place / f"part{i}", "--shard", f"{i}/2", "--shard-paths", 256]
-        assert cli.main(["run", *map(str, given), "--quiet"]) == 0
+        assert command_line.main(["run", *map(str, given), "--quiet"]) == 0
     return place
 
 
@@ -47,7 +47,9 @@ def place(parts, tmp_path):
 
 def merge(place, *folders):
     folders = folders or ("part1", "part2")
-    return cli.main(["merge", *(str(place / name) for name in folders), "--out", str(place / "out"), "--quiet"])
+    return command_line.main(
+        ["merge", *(str(place / name) for name in folders), "--out", str(place / "out"), "--quiet"]
+    )
 
 
 def edit(folder, **changes):
@@ -58,7 +60,7 @@ def edit(folder, **changes):
 
 def test_a_part_tells_how_many_shards_are_there(parts, tmp_path, capsys):
     given = [parts / "scene.toml", "--out", tmp_path / "one", "--shard", "1/3", "--shard-paths", 256]
-    assert cli.main(["run", *map(str, given)]) == 0
+    assert command_line.main(["run", *map(str, given)]) == 0
     there = len(list((tmp_path / "one" / "shards").iterdir()))
     assert there in (3, 4) and f"part 1/3 is done: {there} of 10 shards are in {tmp_path}" in capsys.readouterr().out
 
@@ -80,7 +82,7 @@ def test_parts_that_fit(place):
 )
 def test_parts_of_another_make_are_not_merged(changes, sentence, place, capsys):
     edit(place / "part1", **changes)
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     shown = capsys.readouterr().err
     assert "part1 and " in shown and "part2 hold parts of different runs: " in shown and sentence in shown
     assert "merge parts of one scene, made with one version and build" in shown
@@ -99,7 +101,7 @@ NO_MANIFEST = {
 @pytest.mark.parametrize("content", NO_MANIFEST.values(), ids=NO_MANIFEST)
 def test_what_is_no_manifest(content, place, capsys):
     (place / "part1" / "manifest.json").write_bytes(content)
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     assert "manifest.json is no manifest of a run: give another folder, or remove this one" in capsys.readouterr().err
     with pytest.raises(ss.errors.SceneError, match="is no manifest of a run"):
         ss.open_run(place / "part1")
@@ -108,84 +110,86 @@ def test_what_is_no_manifest(content, place, capsys):
 @pytest.mark.parametrize("size", [300, -256, 0, "256", None, 128, True])
 def test_a_manifest_with_a_size_that_is_none(size, place, capsys):
     edit(place / "part1", shard_paths=size)
-    assert cli.main(["run", str(place / "scene.toml"), "--out", str(place / "part1")]) == cli.BAD_INPUT
+    assert (
+        command_line.main(["run", str(place / "scene.toml"), "--out", str(place / "part1")]) == command_line.BAD_INPUT
+    )
     assert "is no manifest of a run" in capsys.readouterr().err
 
 
 def test_a_manifest_of_another_format(place, capsys):
     edit(place / "part1", format=3)
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     assert "manifest.json has format 3, this symsde knows 2: use the version that made it" in capsys.readouterr().err
 
 
 def test_a_manifest_whose_inputs_were_changed(place, capsys):
     path = place / "part1" / "manifest.json"
     path.write_text(path.read_text().replace('"steps": 10', '"steps": 20'))
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     assert "is no manifest of a run" in capsys.readouterr().err
 
 
 def test_a_manifest_that_cannot_be_read(place, capsys):
     (place / "part1" / "manifest.json").unlink()
     (place / "part1" / "manifest.json").mkdir()
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     assert "manifest.json cannot be read: Is a directory: give another folder" in capsys.readouterr().err
 
 
 def test_folders_that_hold_no_run(place, capsys):
     for name in ("nowhere", "scene.toml"):
-        assert merge(place, name, "part2") == cli.BAD_INPUT
+        assert merge(place, name, "part2") == command_line.BAD_INPUT
         shown = capsys.readouterr().err
         assert f"{name} holds no run (no manifest.json): give folders that `symsde run` has written" in shown
 
 
 def test_no_folder_at_all(place, capsys):
     with pytest.raises(SystemExit) as stopped:
-        cli.main(["merge", "--out", str(place / "out")])
-    assert stopped.value.code == cli.BAD_INPUT and "DIR" in capsys.readouterr().err
+        command_line.main(["merge", "--out", str(place / "out")])
+    assert stopped.value.code == command_line.BAD_INPUT and "DIR" in capsys.readouterr().err
 
 
 def test_a_scene_that_is_not_that_of_its_shards(place, capsys):
     path = place / "part1" / "scene.toml"
     path.write_text(SCENE.replace("step = 0.1", "step = 0.2"))
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     assert "part1 holds another run: run.step = 0.1 there, 0.2 here" in capsys.readouterr().err
     with pytest.raises(
         ss.errors.SceneError, match=r"not the scene that the shards are of: run.step = 0.1 there, 0.2 in"
     ):
         ss.open_run(place / "part1")
     path.unlink()
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     assert "part1/scene.toml cannot be read: No such file" in capsys.readouterr().err
 
 
 def test_a_whole_that_is_another_run(place, capsys):
     (place / "other.toml").write_text(SCENE.replace("paths = 2000", "paths = 2000\nseed = 4"))
-    assert cli.main(["run", str(place / "other.toml"), "--out", str(place / "out"), "--quiet"]) == 0
+    assert command_line.main(["run", str(place / "other.toml"), "--out", str(place / "out"), "--quiet"]) == 0
     before = (place / "out" / "moments.csv").read_bytes()
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     assert "out holds another run: run.seed = 4 there, 0 here" in capsys.readouterr().err
     assert (place / "out" / "moments.csv").read_bytes() == before
 
 
 def test_a_whole_that_holds_something_else(place, capsys):
     (place / "out" / "shards").mkdir(parents=True)
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     assert "out holds shards but no manifest.json" in capsys.readouterr().err
 
 
 def test_a_whole_that_cannot_be_written(place, capsys):
     given = ["merge", str(place / "part1"), str(place / "part2"), "--out", "/proc/self/whole"]
-    assert cli.main(given) == cli.NOT_WRITTEN
+    assert command_line.main(given) == command_line.NOT_WRITTEN
     assert "nothing can be written to /proc/self/whole" in capsys.readouterr().err
 
 
 def test_missing_shards_are_named_with_what_makes_them(place, capsys):
-    assert merge(place, "part1") == cli.BAD_INPUT
+    assert merge(place, "part1") == command_line.BAD_INPUT
     shown = capsys.readouterr().err
     assert "5 of 10 shards are in none of the folders: moments-000002, moments-000004, moments-000006" in shown
     again = re.search("`symsde (run [^`]*)` computes them and ends the run; they are what `--shard 2/2` of", shown)
-    assert cli.main([*again[1].split(), "--quiet"]) == 0  # as it says
+    assert command_line.main([*again[1].split(), "--quiet"]) == 0  # as it says
     assert merge(place) == 0
 
 
@@ -195,12 +199,12 @@ def test_many_missing_shards_are_counted(place, capsys):
     (place / "part2" / "shards" / "moments-000002.npz").unlink()
     (place / "part2" / "shards" / "moments-000004.npz").unlink()
     (place / "part2" / "shards" / "paths-000002.npz").unlink()
-    assert merge(place, "part1", "part2") == cli.BAD_INPUT
+    assert merge(place, "part1", "part2") == command_line.BAD_INPUT
     shown = capsys.readouterr().err
     assert "8 of 10 shards" in shown and "moments-000007, paths-000001, paths-000002" in shown and " more" not in shown
     (place / "part2" / "shards" / "moments-000006.npz").unlink()
     shutil.rmtree(place / "out")
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     assert "9 of 10 shards" in (shown := capsys.readouterr().err) and " and 1 more: " in shown
 
 
@@ -226,7 +230,7 @@ DAMAGES = {
 def test_a_damaged_part_is_named_and_counts_as_missing(damage, place, capsys):
     path = place / "part1" / "shards" / "moments-000003.npz"
     path.write_bytes(damage(path.read_bytes()))
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     shown = capsys.readouterr().err
     assert "moments-000003.npz is damaged: its checksum is not that of its" in shown and "it is left out" in shown
     assert "1 of 10 shards are in none of the folders: moments-000003: `symsde run" in shown
@@ -243,7 +247,7 @@ def test_a_damaged_part_that_another_folder_has_is_taken_from_there(place, capsy
 def test_a_shard_of_another_name(place, capsys):
     shards = place / "part1" / "shards"
     shutil.copy(shards / "moments-000001.npz", shards / "moments-000003.npz")
-    assert merge(place) == cli.BAD_INPUT
+    assert merge(place) == command_line.BAD_INPUT
     assert "moments-000003.npz is damaged: it is the shard of another run or piece" in capsys.readouterr().err
 
 
@@ -253,9 +257,9 @@ def test_a_shard_that_cannot_be_read(place, capsys):
     path.mkdir()
     for verb in (
         lambda: merge(place),
-        lambda: cli.main(["run", str(place / "scene.toml"), "--out", str(path.parents[1])]),
+        lambda: command_line.main(["run", str(place / "scene.toml"), "--out", str(path.parents[1])]),
     ):
-        assert verb() == cli.NOT_WRITTEN
+        assert verb() == command_line.NOT_WRITTEN
         assert "moments-000003.npz cannot be read: Is a directory: remove it" in capsys.readouterr().err
 
 
@@ -280,7 +284,7 @@ def test_a_shard_that_cannot_be_read(place, capsys):
 )
 def test_options_that_mean_nothing(options, sentence, place, capsys):
     given = ["run", str(place / "scene.toml"), "--out", str(place / "out"), *options]
-    assert cli.main(given) == cli.BAD_INPUT
+    assert command_line.main(given) == command_line.BAD_INPUT
     assert sentence in capsys.readouterr().err
     assert not (place / "out").exists()
 
@@ -288,12 +292,12 @@ def test_options_that_mean_nothing(options, sentence, place, capsys):
 def test_a_part_of_more_than_there_are_shards(place, capsys):
     """Nothing is done, which is said; the part does not fail, since the others do the work."""
     given = ["run", str(place / "scene.toml"), "--out", str(place / "out"), "--shard", "11/12"]
-    assert cli.main([*given, "--shard-paths", "256"]) == cli.OK
+    assert command_line.main([*given, "--shard-paths", "256"]) == command_line.OK
     told = "symsde: part 11/12 has nothing to do: the run is cut into 10: give as many parts at most\n"
     shown = capsys.readouterr()
     assert told in shown.err and "is done" not in shown.out
     given[3] = str(place / "other")
-    assert cli.main([*given, "--shard-paths", "512"]) == cli.OK
+    assert command_line.main([*given, "--shard-paths", "512"]) == command_line.OK
     assert (
         "cut into 6: give as many parts at most, or --shard-paths 256 or less in all parts" in capsys.readouterr().err
     )
@@ -313,27 +317,27 @@ def test_a_signal_ends_the_error_check(place, capsys, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(error_check, "simulate", simulate)
-        assert cli.main(given) == cli.STOPPED
+        assert command_line.main(given) == command_line.STOPPED
     said = capsys.readouterr().err
     assert "stopped by SIGTERM" in said and "--error-check`" in said
     assert (place / "checked" / "moments.csv").exists() and not (place / "checked" / "error-check.csv").exists()
-    assert cli.main(given) == cli.OK and (place / "checked" / "error-check.csv").exists()
+    assert command_line.main(given) == command_line.OK and (place / "checked" / "error-check.csv").exists()
 
 
 def test_the_error_check_is_not_left_out_silently(place, capsys):
     given = ["run", str(place / "scene.toml"), "--out", str(place / "part1"), "--quiet", "--error-check"]
-    assert cli.main([*given, "--shard", "1/2"]) == cli.OK
+    assert command_line.main([*given, "--shard", "1/2"]) == command_line.OK
     assert "symsde: --error-check is made of the whole: give it to `symsde run`" in capsys.readouterr().err
-    assert cli.main([*given[:4], "--dry-run", "--error-check"]) == cli.OK
+    assert command_line.main([*given[:4], "--dry-run", "--error-check"]) == command_line.OK
     assert "not counted: --error-check" in capsys.readouterr().out
-    assert cli.main([*given, "--max-walltime", "0"]) == cli.STOPPED
+    assert command_line.main([*given, "--max-walltime", "0"]) == command_line.STOPPED
     assert "part1 --error-check`" in capsys.readouterr().err
     assert not (place / "part1" / "error-check.csv").exists()
-    assert cli.main(given) == cli.OK and (place / "part1" / "error-check.csv").exists()
+    assert command_line.main(given) == command_line.OK and (place / "part1" / "error-check.csv").exists()
 
 
 def test_a_refusal_leaves_the_output_of_the_program_alone(place, capfd):
     """A command that fails in a program does not take its standard output away."""
-    assert cli.main(["merge", str(place / "part1"), "--out", "/proc/self/whole"]) == cli.NOT_WRITTEN
+    assert command_line.main(["merge", str(place / "part1"), "--out", "/proc/self/whole"]) == command_line.NOT_WRITTEN
     print("still there", flush=True)
     assert "still there" in capfd.readouterr().out

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 from symsde import errors
-from symsde.formulas import cache, compiler
+from symsde.model.formulas import cache, compiler
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
@@ -19,7 +19,7 @@ OTHER = 12345  #: a user that is not this one
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to others")
 ASK = """
 import ctypes, sys
-from symsde.formulas import compiler
+from symsde.model.formulas import compiler
 made = compiler.build(sys.argv[1])
 made.library.formula_value.restype = ctypes.c_double
 print(made.library.formula_value(), made.seconds > 0)

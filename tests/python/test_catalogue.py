@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import tables
+from symsde.reports import tables
 
 SCHEMES = [
     "midpoint",

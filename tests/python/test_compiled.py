@@ -218,7 +218,7 @@ def test_careless_compiled_functions_are_safe(offer, careless, kubo, options):
 
 def counting(wanted):
     """A gradient in ctypes that counts calls with and without NULL."""
-    from symsde._abi import CALLBACKS
+    from symsde.native.abi import CALLBACKS
 
     def function(nlane, ndof, nham, t, w, q, p, hq, hp, user):
         wanted["NULL" if hq is None or hp is None else "whole"] += 1
@@ -241,7 +241,7 @@ def test_null_only_where_it_is_accepted(accepts):
 
 
 def c_gradient():
-    from symsde._abi import CALLBACKS
+    from symsde.native.abi import CALLBACKS
 
     def function(nlane, ndof, nham, t, w, q, p, hq, hp, user):
         arrays = [np.ctypeslib.as_array((ctypes.c_double * nlane).from_address(a)) for a in (w, q, p)]
@@ -387,10 +387,10 @@ def test_any_number_of_lanes(scheme):
             run = ss.simulate(model, paths=paths, **how)
             np.testing.assert_array_equal(run.q, many.q[:, :, :paths])
             np.testing.assert_array_equal(run.p, many.p[:, :, :paths])
-    assert ss._callbacks.takes_any_lanes([gradient])
+    assert ss.native.callbacks.takes_any_lanes([gradient])
     fast = numba.cfunc(ss.numba_signature("gradient"), fastmath=True)(gradient._pyfunc)
-    assert not ss._callbacks.takes_any_lanes([gradient, fast])
-    assert not ss._callbacks.takes_any_lanes([lambda: 0])
+    assert not ss.native.callbacks.takes_any_lanes([gradient, fast])
+    assert not ss.native.callbacks.takes_any_lanes([lambda: 0])
 
 
 @pytest.mark.parametrize("scheme", ["gauss3", "midpoint_areas", "stormer_verlet"])
@@ -442,8 +442,8 @@ def test_lanes_of_the_librarys_sine():
         return gradient
 
     mine, other = pendulum(ss.numba_sincos()), pendulum(type(ss.numba_sincos())(lambda n, x, s, c: 0))
-    assert ss._callbacks.takes_any_lanes([mine])
-    assert not ss._callbacks.takes_any_lanes([other])
+    assert ss.native.callbacks.takes_any_lanes([mine])
+    assert not ss.native.callbacks.takes_any_lanes([other])
     traits = {"separable": True, "position_noise": True, "identity_mass": True}
     model = ss.Model(ndof=1, nnoise=1, gradient=mine, **traits)
     how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 60, "seed": 5, "scheme": "stormer_verlet"}
@@ -478,7 +478,7 @@ def test_one_path_of_a_quadratic_model():
         return 0
 
     functions = {"gradient": gradient, "gradient_hessian": gradient_hessian}
-    assert ss._callbacks.takes_any_lanes(functions.values())
+    assert ss.native.callbacks.takes_any_lanes(functions.values())
     model = ss.Model(ndof=1, nnoise=1, quadratic=True, **functions)
     for scheme in ("gauss2", "gauss3", "gauss4", "lobatto3", "lobatto4_swapped"):
         how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 60, "seed": 5, "scheme": scheme}

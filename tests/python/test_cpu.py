@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from symsde import _cpu
 from symsde.errors import InvalidArgumentError, LibraryNotFoundError
+from symsde.native import cpu
 
 NEHALEM = {"cx16", "lahf_lm", "popcnt", "sse4_1", "sse4_2", "ssse3", "sse2"}
 HASWELL = NEHALEM | {"abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "xsave"}
@@ -18,12 +18,12 @@ SKYLAKE = HASWELL | {"avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"}
 
 
 def test_the_flags_of_the_first_processor_are_read():
-    assert _cpu.flags("processor : 0\nflags\t\t: sse2 avx fma\nvmx flags : vnmi\nflags : sse2\n") == {
+    assert cpu.flags("processor : 0\nflags\t\t: sse2 avx fma\nvmx flags : vnmi\nflags : sse2\n") == {
         "sse2",
         "avx",
         "fma",
     }
-    assert _cpu.flags("Features : fp asimd\n") == set()
+    assert cpu.flags("Features : fp asimd\n") == set()
 
 
 @pytest.mark.parametrize(
@@ -38,43 +38,43 @@ def test_the_flags_of_the_first_processor_are_read():
     ],
 )
 def test_levels_of_a_processor(have, levels):
-    assert _cpu.supported(have) == levels
-    assert _cpu.wanted(None, have) == levels
+    assert cpu.supported(have) == levels
+    assert cpu.wanted(None, have) == levels
 
 
 def test_a_choice_is_taken_or_refused():
-    assert _cpu.wanted("v3", SKYLAKE) == ["v3"] and _cpu.wanted("baseline", set()) == ["baseline"]
+    assert cpu.wanted("v3", SKYLAKE) == ["v3"] and cpu.wanted("baseline", set()) == ["baseline"]
     with pytest.raises(InvalidArgumentError, match=r"SYMSDE_CPU = 'avx2': give one of baseline, v3, v4"):
-        _cpu.wanted("avx2", SKYLAKE)
+        cpu.wanted("avx2", SKYLAKE)
     with pytest.raises(InvalidArgumentError, match=r"lacks .*avx512f.*: give v3 or baseline"):
-        _cpu.wanted("v4", HASWELL)
+        cpu.wanted("v4", HASWELL)
 
 
 def test_folders_in_the_order_to_look_in(monkeypatch):
-    monkeypatch.setattr(_cpu.platform, "machine", lambda: "x86_64")
-    monkeypatch.setattr(_cpu, "_flags_here", lambda: HASWELL)
+    monkeypatch.setattr(cpu.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(cpu, "_flags_here", lambda: HASWELL)
     monkeypatch.delenv("SYMSDE_CPU", raising=False)
     package = Path("p")
-    assert [str(folder) for folder in _cpu.folders(package)] == ["p/glibc-hwcaps/x86-64-v3", "p"]
+    assert [str(folder) for folder in cpu.folders(package)] == ["p/glibc-hwcaps/x86-64-v3", "p"]
     monkeypatch.setenv("SYMSDE_CPU", "baseline")
-    assert _cpu.folders(package) == [package]
-    monkeypatch.setattr(_cpu.platform, "machine", lambda: "aarch64")
-    assert _cpu.folders(package) == [package] and _cpu.levels() == []
+    assert cpu.folders(package) == [package]
+    monkeypatch.setattr(cpu.platform, "machine", lambda: "aarch64")
+    assert cpu.folders(package) == [package] and cpu.levels() == []
 
 
 def test_a_processor_below_all_variants_is_told_so(monkeypatch, tmp_path):
     """Not by an illegal instruction; outside of wheels the library may have been built for it."""
-    monkeypatch.setattr(_cpu.platform, "machine", lambda: "x86_64")
-    monkeypatch.setattr(_cpu, "_flags_here", lambda: NEHALEM - {"popcnt"})
+    monkeypatch.setattr(cpu.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(cpu, "_flags_here", lambda: NEHALEM - {"popcnt"})
     monkeypatch.delenv("SYMSDE_CPU", raising=False)
-    assert _cpu.folders(tmp_path) == [tmp_path]
+    assert cpu.folders(tmp_path) == [tmp_path]
     (tmp_path / "glibc-hwcaps").mkdir()
     with pytest.raises(LibraryNotFoundError, match=r"lacks popcnt, which .* \(x86-64-v2\)"):
-        _cpu.folders(tmp_path)
-    monkeypatch.setattr(_cpu, "_flags_here", lambda: NEHALEM)
-    assert _cpu.folders(tmp_path) == [tmp_path]
-    monkeypatch.setattr(_cpu, "_flags_here", set)  # no /proc: nothing is known
-    assert _cpu.folders(tmp_path) == [tmp_path]
+        cpu.folders(tmp_path)
+    monkeypatch.setattr(cpu, "_flags_here", lambda: NEHALEM)
+    assert cpu.folders(tmp_path) == [tmp_path]
+    monkeypatch.setattr(cpu, "_flags_here", set)  # no /proc: nothing is known
+    assert cpu.folders(tmp_path) == [tmp_path]
 
 
 #: Variables and what is said; {folder} holds other.so, a library that is not this one.
@@ -90,11 +90,11 @@ BROKEN = {
 @pytest.mark.parametrize("case", BROKEN)
 def test_a_command_says_in_one_line_what_is_wrong_with_the_library(case, tmp_path):
     """By python -m symsde and by the script that pip makes, with exit code 2; Python code gets the exception."""
-    if sys.platform != "linux" or (case == "no such level" and not _cpu.levels()):
+    if sys.platform != "linux" or (case == "no such level" and not cpu.levels()):
         pytest.skip("libraries have other names here, or processors no levels")
     shutil.copy(next(Path(np.__file__).parent.glob("linalg/_umath_linalg*.so")), tmp_path / "other.so")
     script = tmp_path / "symsde"
-    script.write_text("import sys\nfrom symsde.cli import main\nsys.exit(main())\n")
+    script.write_text("import sys\nfrom symsde.cli.command_line import main\nsys.exit(main())\n")
     name, value, sentence = (text.replace("{folder}", str(tmp_path)) for text in BROKEN[case])
     environment = {key: old for key, old in os.environ.items() if key not in ("SYMSDE_LIBRARY", "SYMSDE_CPU")}
     environment[name] = value

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import cli, pages, tables
+from symsde.cli import command_line
+from symsde.reports import pages, tables
 
 ROOT = Path(__file__).parents[2]
 
@@ -35,7 +36,7 @@ def elsewhere(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("page", ["models", "schemes"])
 def test_generated_page_is_current(page, capsys):
-    assert cli.main(["list", page, "--markdown"]) == 0
+    assert command_line.main(["list", page, "--markdown"]) == 0
     shown = capsys.readouterr().out
     committed = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
     assert shown.rstrip("\n") == committed.rstrip("\n"), ".venv/bin/python docs/generate.py writes it again"
@@ -208,10 +209,10 @@ def test_command_lines(elsewhere, capsys):
     for command in commands:
         if command[-1] == "--help":
             with pytest.raises(SystemExit) as caught:
-                cli.main(command)
+                command_line.main(command)
             assert caught.value.code == 0
         elif command[0] != "paper":
-            assert cli.main(command) == 0, command
+            assert command_line.main(command) == 0, command
     assert "mean" in capsys.readouterr().out
     assert (elsewhere / "kubo" / "moments.csv").exists()
 
@@ -242,7 +243,9 @@ def test_figures_show_their_data(data, tmp_path):
 
 def test_pages_of_measurements_say_what_their_data_say():
     """Tables and words that a change of the programs would write otherwise: no number is measured again for that."""
-    page, bifurcation = (importlib.import_module(f"symsde.{x}") for x in ("study.page", "stability.bifurcation"))
+    page, bifurcation = (
+        importlib.import_module(f"symsde.reports.{x}") for x in ("study.study_page", "stability.bifurcation")
+    )
     text = (ROOT / "docs/work-precision.md").read_text(encoding="utf-8")
     studies = []
     for file in sorted((ROOT / "docs/figures").glob("work-precision-*.json")):
@@ -279,7 +282,7 @@ def shift_numbers(found):
 def test_the_first_figure_shows_what_the_library_computes():
     pytest.importorskip("matplotlib")
     kept = json.loads((ROOT / "docs" / "figures" / "kubo_invariant.json").read_text(encoding="utf-8"))
-    found = importlib.import_module("symsde.paper.symplecticity").invariant_curves()
+    found = importlib.import_module("symsde.reports.paper.symplecticity").invariant_curves()
     assert set(kept) == set(found)
     for label, (t, mean) in found.items():
         np.testing.assert_allclose(kept[label][0], t, rtol=1e-6)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import rotation_gradient, rotation_value, table_of
-from symsde import cli
+from symsde.cli import command_line
 from symsde.errors import InvalidArgumentError, SymsdeError
 
 RUN = {"q0": [0.45, 0.4], "p0": [0.1, 0.0], "step": 0.05, "steps": 120, "save_every": 40, "seed": 9}
@@ -199,7 +199,7 @@ def test_ranks_give_the_bits_of_one_process(ranks, file, tmp_path):
     if importlib.util.find_spec("mpi4py") is None or launcher() is None:
         pytest.skip("mpi4py and mpirun are not installed: pip install mpi4py mpich")
     given = ["run", str(file), "--shard-paths", "256", "--out"]
-    assert cli.main([*given, str(tmp_path / "alone"), "--quiet"]) == 0
+    assert command_line.main([*given, str(tmp_path / "alone"), "--quiet"]) == 0
     command = [launcher(), "-n", str(ranks), sys.executable, "-m", "symsde", *given, str(tmp_path / "out")]
     done = subprocess.run(command, env={**os.environ, **ALLOWED}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -213,12 +213,12 @@ def test_ranks_give_the_bits_of_one_process(ranks, file, tmp_path):
 
 def test_what_a_run_takes(file, tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("SYMSDE_NUM_THREADS", "1")
-    assert cli.main(["run", str(file), "--out", str(tmp_path / "out"), "--dry-run"]) == 0
+    assert command_line.main(["run", str(file), "--out", str(tmp_path / "out"), "--dry-run"]) == 0
     shown = dict(line.split(None, 1) for line in capsys.readouterr().out.splitlines())
     assert not (tmp_path / "out").exists()
     assert float(shown["path-steps"]) == pytest.approx(3003 * 400, rel=1e-3)
     assert re.match(r"3, of 4096 paths at most", shown["shards"]), shown
-    assert cli.main(["run", str(file), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert command_line.main(["run", str(file), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     disk = sum(path.stat().st_size for path in (tmp_path / "out").rglob("*") if path.is_file())
     text, unit = shown["disk"].split()[1:3]
     assert 0.2 * disk < float(text) * {"bytes": 1, "kB": 1e3}[unit] < 2 * disk
@@ -233,7 +233,7 @@ def test_half_the_step_on_the_same_paths(file, tmp_path, capsys):
         file.write_text(text.replace("save_every = 100", f"save_every = {every}"))
         out = tmp_path / str(step)
         capsys.readouterr()
-        assert cli.main(["run", str(file), "--out", str(out), "--error-check"]) == 0
+        assert command_line.main(["run", str(file), "--out", str(out), "--error-check"]) == 0
         shown = capsys.readouterr().out
         assert "half the step on the same paths (3000 of them" in shown and "mean q_1^2" in shown
         names, *rows = csv.reader(table_of(out / "error-check.csv"))
@@ -276,7 +276,10 @@ def test_observables_are_compared_too(tmp_path, capsys):
         '[[observe]]\nkind = "passage"\nname = "loss"\nof = "q_1"\nwithin = 5.0\n'
         '[[observe]]\nkind = "extremes"\nof = "p_1"\n'
     )
-    assert cli.main(["run", str(file), "--out", str(tmp_path / "out"), "--error-check"]) == cli.PATHS_FAILED
+    assert (
+        command_line.main(["run", str(file), "--out", str(tmp_path / "out"), "--error-check"])
+        == command_line.PATHS_FAILED
+    )
     shown = capsys.readouterr().out
     names, *rows = csv.reader(table_of(tmp_path / "out" / "error-check.csv"))
     kinds = ["q_1", "p_1", "energy", "observable q_1^2", "log", "q_1^2", "p_1^2"]

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 import symsde as ss
 from clock import Clock, WorkClock
-from symsde.expect import choice, control, quasi, tails, tolerance
-from symsde.expect.answer import Answer
-from symsde.expect.choice import Plan
-from symsde.expect.estimators import Antithetic, Drawn, Extrapolated, Plain
-from symsde.expect.pilot import Pilot
-from symsde.expect.problem import make_problem
-from symsde.expect.stability import frequency
-from symsde.expect.tally import Tally
-from symsde.expect.trial import Trial
-from symsde.expect.watch import Watch
-from symsde.expect.work import Work
+from symsde.answers.expectation import choice, control, quasi, tails, tolerance
+from symsde.answers.expectation.answer import Answer
+from symsde.answers.expectation.carry_out import Work
+from symsde.answers.expectation.choice import Plan
+from symsde.answers.expectation.estimators import Antithetic, Drawn, Extrapolated, Plain
+from symsde.answers.expectation.longest_step import frequency
+from symsde.answers.expectation.pilot import Pilot
+from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.tally import Tally
+from symsde.answers.expectation.trial import Trial
+from symsde.answers.expectation.watch import Watch
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}

@@ -8,18 +8,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.expect import choice, variants
-from symsde.expect.candidates import suitable
-from symsde.expect.control import Control
-from symsde.expect.estimators import Drawn, Plain
-from symsde.expect.pilot import Pilot
-from symsde.expect.problem import make_problem
-from symsde.expect.quasi import Quasi
-from symsde.expect.tally import Tally
-from symsde.expect.tolerance import make_tolerance
-from symsde.expect.watch import Watch
-from symsde.expect.work import Work, _more
-from symsde.mlmc.sampler import LevelSampler
+from symsde.answers.expectation import choice, variants
+from symsde.answers.expectation.candidates import suitable
+from symsde.answers.expectation.carry_out import Work, _more
+from symsde.answers.expectation.control import Control
+from symsde.answers.expectation.estimators import Drawn, Plain
+from symsde.answers.expectation.pilot import Pilot
+from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.quasi import Quasi
+from symsde.answers.expectation.tally import Tally
+from symsde.answers.expectation.tolerance import make_tolerance
+from symsde.answers.expectation.watch import Watch
+from symsde.answers.multilevel.sampler import LevelSampler
 from symsde.schemes import as_scheme
 
 START = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}

@@ -8,7 +8,7 @@ import re
 
 import pytest
 import symsde as ss
-from symsde.cli import main
+from symsde.cli.command_line import main
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
 
@@ -66,7 +66,7 @@ def test_ctrl_c_prints_what_is_known(tmp_path, capsys, monkeypatch):
         stop.partial = answer
         raise stop
 
-    monkeypatch.setattr(importlib.import_module("symsde.expect.command"), "expect", stopped)
+    monkeypatch.setattr(importlib.import_module("symsde.cli.expect_command"), "expect", stopped)
     assert main(["expect", str(scene), "--quiet"]) == 4
     assert [line.split(" = ")[0] for line in capsys.readouterr().out.splitlines()] == ["E q", "E p"]
 
@@ -85,7 +85,7 @@ def asked(tmp_path, monkeypatch):
         calls.append((f, arguments))
         return dataclasses.replace(answer, reached=f != "q")
 
-    monkeypatch.setattr(importlib.import_module("symsde.expect.command"), "expect", given)
+    monkeypatch.setattr(importlib.import_module("symsde.cli.expect_command"), "expect", given)
     return str(scene), calls
 
 

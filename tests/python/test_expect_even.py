@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.expect import bias, choice, quasi, variants
-from symsde.expect.candidates import suitable
-from symsde.expect.estimators import Plain
-from symsde.expect.problem import make_problem
-from symsde.expect.stability import SHARPEST
-from symsde.expect.tally import Tally
-from symsde.expect.trial import Trial
+from symsde.answers.expectation import bias, choice, quasi, variants
+from symsde.answers.expectation.candidates import suitable
+from symsde.answers.expectation.estimators import Plain
+from symsde.answers.expectation.longest_step import SHARPEST
+from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.tally import Tally
+from symsde.answers.expectation.trial import Trial
+from symsde.reports.stability.limits import stable_up_to
 from symsde.schemes import as_scheme
-from symsde.stability.limits import stable_up_to
 from test_expect import FakeTrial, units
 
 

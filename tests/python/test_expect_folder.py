@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 import symsde as ss
 from sent_at import PLACED, words
+from symsde.answers.expectation import choice, draw_store
+from symsde.answers.expectation.carry_out import FIRST
+from symsde.answers.expectation.draw_store import InFolder, open_folder
+from symsde.answers.expectation.estimators import Drawn, Plain
+from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.tally import Tally
+from symsde.answers.expectation.watch import Watch
+from symsde.answers.multilevel.sampler import LevelSampler
 from symsde.batch.folder import RunFolder
 from symsde.batch.shard_file import read
-from symsde.cli import main
-from symsde.expect import choice, keep
-from symsde.expect.estimators import Drawn, Plain
-from symsde.expect.keep import InFolder, open_folder
-from symsde.expect.problem import make_problem
-from symsde.expect.tally import Tally
-from symsde.expect.watch import Watch
-from symsde.expect.work import FIRST
-from symsde.mlmc.sampler import LevelSampler
+from symsde.cli.command_line import main
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
@@ -75,7 +75,7 @@ def test_what_is_there_is_not_drawn_again(model, tmp_path, monkeypatch, method):
         raise AssertionError("drawn again")
 
     monkeypatch.setattr(LevelSampler, "_pair", drawn)
-    monkeypatch.setattr(importlib.import_module("symsde.expect.estimators").Estimator, "draw", drawn)
+    monkeypatch.setattr(importlib.import_module("symsde.answers.expectation.estimators").Estimator, "draw", drawn)
     again = ss.expect(model, "q**2", **asked)
     assert (again.value, again.interval, again.paths) == (whole.value, whole.interval, whole.paths)
     assert again.method == method and again.cost > again.pilot == whole.pilot > 0
@@ -87,7 +87,7 @@ def test_units_from_one_on_are_those_of_the_whole(model):
     for method in ("plain", "antithetic", "control variate", "extrapolated"):
         options = {"order": 2.0} if method == "extrapolated" else {}
         scheme, more = as_scheme("stormer_verlet"), {"first": FIRST, "options": options}
-        made = [keep.estimator_of(method, problem, scheme, 8, **more) for _ in range(2)]
+        made = [draw_store.estimator_of(method, problem, scheme, 8, **more) for _ in range(2)]
         parts = made[0].draw_from(300, 200).units + made[0].draw_from(0, 300).units
         assert parts.mean == pytest.approx(made[1].draw(500).units.mean, rel=1e-13)
 
@@ -137,7 +137,7 @@ def test_while_others_draw_a_part_later_ones_are_drawn_here(tmp_path, monkeypatc
             return Drawn(Tally.of(np.full(count, float(first))), 0.5, 0, count)
 
         monkeypatch.setattr(store.folder, "claim", not_the_first)
-        monkeypatch.setattr(keep, "_ELSEWHERE", 0.01)
+        monkeypatch.setattr(draw_store, "_ELSEWHERE", 0.01)
         parts = [store.part("units", first, 10, 30 - first, draw) for first in (0, 10, 20)]
     assert [part.units.mean for part in parts] == [0.0, 10.0, 20.0]
     assert drawn == [10, 20, 0] and len(refused) == 3
@@ -245,15 +245,15 @@ def test_the_command_says_how_to_go_on(tmp_path, capsys):
 def test_claims_of_parts_are_by_name(tmp_path):
     """Two parts have two locks."""
     with open_folder(tmp_path, {"expect": {}}, 0, Watch(None, False)) as store:
-        names = [keep.Piece(f"units-{i:012d}-5", "draws", i, 5, 5) for i in range(50)]
+        names = [draw_store.Piece(f"units-{i:012d}-5", "draws", i, 5, 5) for i in range(50)]
         assert len({store.folder._number(piece) for piece in names}) == 50
         assert isinstance(store.folder, RunFolder) and math.isfinite(store.folder._number(names[0]))
 
 
 def test_parts_are_read_as_they_were_written():
     tallies = [Tally(7, 0.1, 2.0, -3.0, 5.0), Tally(8, 1.1, 2.5, 3.5, 4.5), Tally(9, -1.0, 0.0, 0.25, 0.5)]
-    for part in (Drawn(tallies[0], 0.25, 2, 18), keep.Draw(*tallies, 0.5, 3)):
-        assert keep._part_of(keep._shard_of(part, "me")) == part
+    for part in (Drawn(tallies[0], 0.25, 2, 18), draw_store.Draw(*tallies, 0.5, 3)):
+        assert draw_store._part_of(draw_store._shard_of(part, "me")) == part
 
 
 def test_processes_share_a_folder(tmp_path):

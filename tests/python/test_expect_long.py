@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.expect import bias, choice, pilot
-from symsde.expect.problem import make_problem
-from symsde.expect.tolerance import half_width
-from symsde.expect.trial import Trial
+from symsde.answers.expectation import bias, choice, pilot
+from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.tolerance import half_width
+from symsde.answers.expectation.trial import Trial
 from symsde.schemes import as_scheme
 
 SIGMA, LONG = math.sqrt(1 / 32), 200.0

@@ -6,14 +6,14 @@ import math
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.expect import tails, unseen, variants
-from symsde.expect.estimators import Antithetic, Plain
-from symsde.expect.problem import make_problem
-from symsde.expect.stability import mild_steps
-from symsde.expect.tally import Tally
-from symsde.expect.tolerance import make_tolerance
-from symsde.expect.trial import Trial
-from symsde.expect.watch import Watch
+from symsde.answers.expectation import tails, unseen, variants
+from symsde.answers.expectation.estimators import Antithetic, Plain
+from symsde.answers.expectation.longest_step import mild_steps
+from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.tally import Tally
+from symsde.answers.expectation.tolerance import make_tolerance
+from symsde.answers.expectation.trial import Trial
+from symsde.answers.expectation.watch import Watch
 from symsde.schemes import as_scheme
 
 SELDOM, TIME = 1e-3, 3.0

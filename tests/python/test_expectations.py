@@ -8,8 +8,10 @@ import os
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _files, errors, expectations, look, pages
-from symsde.expectations import Check, Expectations
+from symsde import errors
+from symsde.native import files
+from symsde.reports import expectations, look, pages
+from symsde.reports.expectations import Check, Expectations
 
 E = 0.1  # a standard error
 
@@ -142,9 +144,9 @@ def test_who_made_it():
 def test_values_of_files():
     given = {"a": np.float64(1.23456789), 2: np.arange(3), "b": (np.bool_(True), False, None), "c": math.inf, "d": "x"}
     expected = {"a": 1.234568, "2": [0, 1, 2], "b": [True, False, None], "c": None, "d": "x"}
-    assert json.loads(_files.json_text(given)) == expected
-    assert json.loads(_files.json_text(given, digits=None, indent=1)) == expected | {"a": 1.23456789}
-    assert json.loads(_files.json_text({"n": np.int32(3), "m": math.nan})) == {"n": 3, "m": None}
+    assert json.loads(files.json_text(given)) == expected
+    assert json.loads(files.json_text(given, digits=None, indent=1)) == expected | {"a": 1.23456789}
+    assert json.loads(files.json_text({"n": np.int32(3), "m": math.nan})) == {"n": 3, "m": None}
 
 
 def test_panels_have_letters_and_a_pdf(tmp_path):

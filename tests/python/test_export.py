@@ -6,13 +6,14 @@ import subprocess
 
 import numpy as np
 import pytest
-from symsde import cli, scene
+from symsde.batch import scene
+from symsde.cli import command_line
 
 pytest.importorskip("sympy")
 
 from symsde.export import given
 from symsde.export.expressions import Expressions
-from symsde.formulas.graph import Graph
+from symsde.model.formulas.graph import Graph
 
 if shutil.which("cc") is None:
     pytest.skip("no C compiler", allow_module_level=True)
@@ -52,7 +53,7 @@ def export(folder, name, language, capsys):
     (folder / f"{name}.toml").write_text(SCENES[name])
     ending = {"fortran": "f90", "c": "c"}[language]
     target = folder / f"{name}.{ending}"
-    assert cli.main(["export", str(folder / f"{name}.toml"), "--to", language, "--out", str(target)]) == 0
+    assert command_line.main(["export", str(folder / f"{name}.toml"), "--to", language, "--out", str(target)]) == 0
     return capsys.readouterr().out.strip(), target.read_text()
 
 
@@ -156,12 +157,12 @@ def test_what_cannot_be_exported_gets_a_sentence(text, language, words, tmp_path
     file = tmp_path / "scene.toml"
     file.write_text(text)
     out = tmp_path / f"out.{'f90' if language == 'fortran' else 'c'}"
-    assert cli.main(["export", str(file), "--to", language, "--out", str(out)]) == 2
+    assert command_line.main(["export", str(file), "--to", language, "--out", str(out)]) == 2
     assert words in capsys.readouterr().err and not out.exists()
-    assert cli.main(["export", str(file), "--to", language, "--out", str(tmp_path / "out.txt")]) == 2
+    assert command_line.main(["export", str(file), "--to", language, "--out", str(tmp_path / "out.txt")]) == 2
     assert "ends in" in capsys.readouterr().err
     for name in ("a b.c", "a;b.c", "1.c", "a\nb.c", "$(x).c"):
-        assert cli.main(["export", str(file), "--to", "c", "--out", str(tmp_path / name)]) == 2
+        assert command_line.main(["export", str(file), "--to", "c", "--out", str(tmp_path / name)]) == 2
         assert "name programs by a letter" in capsys.readouterr().err
 
 
@@ -189,6 +190,6 @@ def test_what_programs_leave_out_is_said(tmp_path, capsys):
     more = '[output]\npaths = [0]\n[observables]\nr = "q**2"\n[[observe]]\nkind = "covariance"\nof = ["q_1", "r"]\n'
     for given_text, said in ((text, ""), (text + more, "H alone: [observables], [[observe]], paths of [output]\n")):
         file.write_text(given_text)
-        assert cli.main(["export", str(file), "--to", "c", "--out", str(tmp_path / "a.c")]) == 0
+        assert command_line.main(["export", str(file), "--to", "c", "--out", str(tmp_path / "a.c")]) == 0
         error = capsys.readouterr().err
         assert error.endswith(said) and bool(error) == bool(said)

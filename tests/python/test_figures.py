@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from symsde import look
-from symsde.stability import bifurcation, figure, long_time, mean_square_map
-from symsde.stability.nonlinear import MOST
+from symsde.reports import look
+from symsde.reports.stability import bifurcation, long_time, mean_square_map, stability_figure
+from symsde.reports.stability.nonlinear import MOST
 
 pytest.importorskip("matplotlib")
 
@@ -45,7 +45,7 @@ CURVES = {
 
 
 def test_expected_and_observed(drawn):
-    energy, resonances, quartic, signs, drift = drawn(figure.save, CURVES)
+    energy, resonances, quartic, signs, drift = drawn(stability_figure.save, CURVES)
     for name, factor in (("midpoint", lambda x: 1 / (1 + x**2 / 4)), ("Euler pair", lambda x: 1 / (1 - x**2 / 4))):
         x, y = lines(energy)[f"{name}, expected"].get_data()
         np.testing.assert_allclose(y, factor(x), rtol=1e-12)

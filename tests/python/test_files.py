@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import rotation_gradient, rotation_value, table_of, told
-from symsde import cli
-from symsde._files import json_text
+from symsde.cli import command_line
+from symsde.native.files import json_text
 
 START = np.full((2, 300), 0.1)
 START[:, [5, 270]] = 20.0  # these two escape
@@ -276,7 +276,7 @@ def free(t, w, q, p):
 
 
 def test_compiled_functions_cannot_be_pickled():
-    from symsde._abi import CALLBACKS
+    from symsde.native.abi import CALLBACKS
 
     pointer = CALLBACKS["gradient"](lambda *_: 0)
     model = ss.Model(ndof=1, nnoise=0, gradient=pointer, name="mine")
@@ -299,10 +299,10 @@ def test_what_is_no_file_is_refused_before_it_is_opened(kind, tmp_path, capsys):
             os.chdir(path.parent)  # names of sockets are short
             socket.socket(socket.AF_UNIX).bind(path.name)
     for verb in ("check", "run", "expect", "study"):
-        assert cli.main([verb, str(made[".toml"])]) == cli.BAD_INPUT
+        assert command_line.main([verb, str(made[".toml"])]) == command_line.BAD_INPUT
         assert f"x.toml cannot be read: it is {kind}, give a file" in capsys.readouterr().err
     for given in (["study", "--all", str(tmp_path)], ["plot", str(made[".csv"])], ["plot", str(tmp_path / "run")]):
-        assert cli.main(given) in (cli.BAD_INPUT, cli.NOT_WRITTEN)
+        assert command_line.main(given) in (command_line.BAD_INPUT, command_line.NOT_WRITTEN)
         assert f"it is {kind}, give a file" in capsys.readouterr().err
     with pytest.raises(ss.errors.SceneError, match=f"x.toml cannot be read: it is {kind}"):
-        ss.scene.load(made[".toml"])
+        ss.batch.scene.load(made[".toml"])

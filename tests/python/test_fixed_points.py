@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.stability import bifurcation, fixed_points
-from symsde.stability.systems import double_well
+from symsde.reports.stability import bifurcation, fixed_points
+from symsde.reports.stability.systems import double_well
 
 
 def test_multipliers_of_a_turn():

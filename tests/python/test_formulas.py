@@ -13,12 +13,13 @@ import sys
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _abi, errors
+from symsde import errors
+from symsde.native import abi
 
 sp = pytest.importorskip("sympy")
 
-from symsde.formulas import compiler  # noqa: E402
-from symsde.formulas.graph import Graph  # noqa: E402
+from symsde.model.formulas import compiler  # noqa: E402
+from symsde.model.formulas.graph import Graph  # noqa: E402
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
@@ -142,7 +143,7 @@ def call(model, kind, names, outputs, at, vectors=()):
     shapes = {"value": (lanes,), "hq": (n, lanes), "hp": (n, lanes), "uq": (n, lanes), "up": (n, lanes)}
     made = {name: np.full(shapes.get(name, (n, n, lanes)), np.nan) for name in names if name in outputs}
     library = ctypes.CDLL(model.formula.file)
-    function = ctypes.cast(getattr(library, f"formula_{kind}"), _abi.CALLBACKS[kind])
+    function = ctypes.cast(getattr(library, f"formula_{kind}"), abi.CALLBACKS[kind])
     values = np.array([*model.parameters.values(), 0.0])
     addresses = [made[name].ctypes.data if name in made else None for name in names]
     given = [v.ctypes.data for v in (weights, x, y, *vectors)]
@@ -220,17 +221,17 @@ def test_a_far_lane_changes_no_other():
 
 def in_numpy_of(model):
     """The functions that a model without a compiler calls."""
-    from symsde.formulas import derivatives, in_numpy, problem
+    from symsde.model.formulas import derivatives, in_numpy, named_formulas
 
     _, (given,) = model._remade
     chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends")}
-    return in_numpy.InNumpy(derivatives.Derivatives(problem.make_problem(**chosen)), model.parameters)
+    return in_numpy.InNumpy(derivatives.Derivatives(named_formulas.make_problem(**chosen)), model.parameters)
 
 
 def test_without_a_compiler_numpy_computes_the_same(monkeypatch):
     known = mixed()
     monkeypatch.setattr(compiler, "command", lambda: None)
-    monkeypatch.setattr("symsde.formulas.llvm.engine.binding", lambda: None)
+    monkeypatch.setattr("symsde.model.formulas.llvm.engine.binding", lambda: None)
     with pytest.warns(errors.SlowFormulaWarning, match="there is no C compiler.* 40 to 70 times as long .*: install"):
         mine = mixed()
     assert mine.formula.backend == "NumPy" and mine.in_python and mine.traits == known.traits

@@ -6,11 +6,13 @@ import ctypes
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _abi, errors, scene
+from symsde import errors
+from symsde.batch import scene
+from symsde.native import abi
 
 pytest.importorskip("sympy")
 
-from symsde.formulas import compiler
+from symsde.model.formulas import compiler
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
@@ -111,7 +113,7 @@ def product(blocks, vector):
 
 def hessian_vector(model, at, vq, vp):
     library = ctypes.CDLL(model.formula.file)
-    function = ctypes.cast(library.formula_hessian_vector, _abi.CALLBACKS["hessian_vector"])
+    function = ctypes.cast(library.formula_hessian_vector, abi.CALLBACKS["hessian_vector"])
     x, y, weights = (np.ascontiguousarray(v) for v in at)
     uq, up, values = np.full_like(x, np.nan), np.full_like(x, np.nan), np.array([*model.parameters.values(), 0.0])
     arrays = [v.ctypes.data for v in (weights, x, y, vq, vp, uq, up, values)]
@@ -206,7 +208,7 @@ def test_one_path_of_a_chain_is_that_of_a_block(scheme, n):
 
 def rows(model, q, w, first, last):
     """Force and stiffness as the library asks for them."""
-    function = ctypes.cast(ctypes.CDLL(model.formula.file).formula_chain_rows, _abi.CALLBACKS["chain_rows"])
+    function = ctypes.cast(ctypes.CDLL(model.formula.file).formula_chain_rows, abi.CALLBACKS["chain_rows"])
     q, w, values = np.ascontiguousarray(q), np.ascontiguousarray(w), np.array([*model.parameters.values(), 0.0])
     f, k = np.full((last - first + 1, q.shape[1]), np.nan), np.full((last - first + 1, 2, q.shape[1]), np.nan)
     arrays = [v.ctypes.data for v in (w, q, f, k, values)]

@@ -6,12 +6,12 @@ import ctypes
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _abi
+from symsde.native import abi
 
 pytest.importorskip("sympy")
 
-from symsde.formulas import compiler
-from symsde.formulas.sites import make_chain
+from symsde.model.formulas import compiler
+from symsde.model.formulas.sites import make_chain
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
@@ -98,7 +98,7 @@ def times(blocks, vector):
 def product_by(model, at, vq, vp):
     """The generated product of the Hessian and a vector."""
     library = ctypes.CDLL(model.formula.file)
-    function = ctypes.cast(library.formula_hessian_vector, _abi.CALLBACKS["hessian_vector"])
+    function = ctypes.cast(library.formula_hessian_vector, abi.CALLBACKS["hessian_vector"])
     x, y, weights = (np.ascontiguousarray(v) for v in at)
     uq, up, values = np.full_like(x, np.nan), np.full_like(x, np.nan), np.array([*model.parameters.values(), 0.0])
     arrays = [v.ctypes.data for v in (weights, x, y, vq, vp, uq, up, values)]

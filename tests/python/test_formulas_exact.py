@@ -6,10 +6,10 @@ import pytest
 import symsde as ss
 from clock import calls_of
 from symsde import errors
-from symsde.formulas import emit_flow
-from symsde.formulas.derivatives import Derivatives
-from symsde.formulas.problem import make_problem
-from symsde.formulas.structure import Prover, structure_of
+from symsde.model.formulas import emit_flow
+from symsde.model.formulas.derivatives import Derivatives
+from symsde.model.formulas.named_formulas import make_problem
+from symsde.model.formulas.structure import Prover, structure_of
 
 pytest.importorskip("sympy")
 

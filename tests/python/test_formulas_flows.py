@@ -13,7 +13,7 @@ from symsde import errors
 
 pytest.importorskip("sympy")
 
-from symsde.formulas import compiler, emit_flow
+from symsde.model.formulas import compiler, emit_flow
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)

@@ -12,8 +12,8 @@ import pytest
 pytest.importorskip("sympy")
 mpmath = pytest.importorskip("mpmath")
 
-from symsde.formulas import compiler, in_numpy  # noqa: E402
-from symsde.formulas.graph import FUNCTIONS  # noqa: E402
+from symsde.model.formulas import compiler, in_numpy  # noqa: E402
+from symsde.model.formulas.graph import FUNCTIONS  # noqa: E402
 
 HEADER = Path(compiler.__file__).with_name("lane_functions.h").read_text(encoding="utf-8")
 CALLS = {

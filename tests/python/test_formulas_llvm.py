@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import errors, scene
+from symsde import errors
+from symsde.batch import scene
 
 pytest.importorskip("sympy")
 pytest.importorskip("llvmlite", reason="llvmlite is not installed: pip install llvmlite")
 
-from symsde.formulas import compiler, observables
-from symsde.formulas.llvm import engine, text
+from symsde.model.formulas import compiler, formula_observables
+from symsde.model.formulas.llvm import engine, llvm_text
 
 if compiler.command() is None:
     pytest.skip("no C compiler to compare with", allow_module_level=True)
@@ -36,10 +37,10 @@ def no_compiler(monkeypatch):
 
     def leave_out():
         monkeypatch.setattr(compiler, "command", lambda: None)
-        observables._read.cache_clear()
+        formula_observables._read.cache_clear()
 
     yield leave_out
-    observables._read.cache_clear()
+    formula_observables._read.cache_clear()
 
 
 @pytest.mark.parametrize("paths", [1, 45])
@@ -111,7 +112,7 @@ def test_loops_over_lanes_become_vectors():
 def test_what_is_not_read_gets_a_sentence():
     for source in ("int f(int n) { goto end; }", "int f(int n) { return m; }", "union x { int a; };"):
         with pytest.raises(errors.InvalidArgumentError, match=r"generated code holds '.*', which llvm does not read"):
-            text.translated(source)
+            llvm_text.translated(source)
 
 
 OPERATIONS = """

@@ -10,10 +10,10 @@ from symsde import errors
 sympy = pytest.importorskip("sympy")
 mpmath = pytest.importorskip("mpmath")
 
-from symsde.formulas import backends  # noqa: E402
-from symsde.formulas.derivatives import Derivatives  # noqa: E402
-from symsde.formulas.in_numpy import InNumpy  # noqa: E402
-from symsde.formulas.problem import make_problem  # noqa: E402
+from symsde.model.formulas import backends  # noqa: E402
+from symsde.model.formulas.derivatives import Derivatives  # noqa: E402
+from symsde.model.formulas.in_numpy import InNumpy  # noqa: E402
+from symsde.model.formulas.named_formulas import make_problem  # noqa: E402
 
 TAME = (
     "1/(1 + exp((q - 1)/0.05))",

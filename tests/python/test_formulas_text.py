@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 import symsde as ss
 from clock import calls_of
-from symsde import cli, errors, scene
+from symsde import errors
+from symsde.batch import scene
+from symsde.cli import command_line
 
 sp = pytest.importorskip("sympy")
 
-from symsde.formulas import compiler  # noqa: E402
-from symsde.formulas.parse import FormulaTextError, parse  # noqa: E402
+from symsde.model.formulas import compiler  # noqa: E402
+from symsde.model.formulas.parse import FormulaTextError, parse  # noqa: E402
 
 q, p, w = sp.symbols("q p omega", real=True)
 NAMES = {"q": q, "p": p, "omega": w}
@@ -317,10 +319,10 @@ def test_hostile_texts_get_a_sentence_soon(text, tmp_path, monkeypatch):
 
 
 def test_what_is_costly_but_allowed_is_derived_soon():
-    from symsde.formulas import derivatives, problem, structure
+    from symsde.model.formulas import derivatives, named_formulas, structure
 
     def derived(text):
-        given = problem.make_problem(H=text, noise=[], q=None, p=None, params=None, t=None)
+        given = named_formulas.make_problem(H=text, noise=[], q=None, p=None, params=None, t=None)
         structure.structure_of(given)
         derivatives.Derivatives(given)
 
@@ -398,17 +400,17 @@ def test_a_scene_with_formulas_is_that_of_the_catalogue(tmp_path):
     known.write_text(f'[model]\nname = "synchrotron"\n{params}[run]' + SCENE.split("[run]")[1])
     first, second = (scene.load(x).compute_moments() for x in (mine, known))
     np.testing.assert_allclose(first.mean_energy, second.mean_energy, rtol=1e-13)
-    assert cli.main(["check", str(mine)]) == 0
+    assert command_line.main(["check", str(mine)]) == 0
 
 
 @needs_compiler
 def test_the_template_of_a_formula_runs(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["template", "formula"]) == 0
+    assert command_line.main(["template", "formula"]) == 0
     text = capsys.readouterr().out
     (tmp_path / "mine.toml").write_text(text.replace("5000", "100").replace("1000", "100"))
-    assert cli.main(["run", "mine.toml", "--quiet"]) == 0
-    assert cli.main(["study", "mine.toml", "--quiet", "--out", "study"]) in (0, 2)
+    assert command_line.main(["run", "mine.toml", "--quiet"]) == 0
+    assert command_line.main(["study", "mine.toml", "--quiet", "--out", "study"]) in (0, 2)
 
 
 @pytest.mark.parametrize(
@@ -439,9 +441,9 @@ def test_python_models_only_where_allowed(tmp_path, capsys, monkeypatch):
     file = tmp_path / "scene.toml"
     run = "[run]" + SCENE.split("[run]")[1]
     file.write_text('[model]\npython = "own_models_of_a_test:shaken"\nsigma = 0.25\n' + run)
-    assert cli.main(["check", str(file)]) == 2
+    assert command_line.main(["check", str(file)]) == 2
     assert "--allow-python" in capsys.readouterr().err and not list(tmp_path.glob("*.ran"))
-    assert cli.main(["check", "--allow-python", str(file)]) == 0
+    assert command_line.main(["check", "--allow-python", str(file)]) == 0
     assert "pendulum(sigma=0.25)" in capsys.readouterr().out
     for named, words in (
         ("own_models_of_a_test:wrong", "is no model"),
@@ -449,7 +451,7 @@ def test_python_models_only_where_allowed(tmp_path, capsys, monkeypatch):
         ("json", "python = 'json': write module:function"),
     ):
         file.write_text(f'[model]\npython = "{named}"\n' + run)
-        assert cli.main(["check", "--allow-python", str(file)]) == 2
+        assert command_line.main(["check", "--allow-python", str(file)]) == 2
         assert words in capsys.readouterr().err
 
 

@@ -11,7 +11,7 @@ from symsde import errors
 
 pytest.importorskip("sympy")
 
-from symsde.formulas.in_numpy import InNumpy
+from symsde.model.formulas.in_numpy import InNumpy
 
 PARAMS = {"a": 0.7, "b": 0.4, "s": 0.3}
 TWO = {"q": ["x", "y"], "p": ["u", "v"]}

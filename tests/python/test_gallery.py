@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import scene
+from symsde.batch import scene
 
 pytest.importorskip("sympy")
 
-from symsde.formulas import compiler
+from symsde.model.formulas import compiler
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 import symsde as ss
 import test_inputs
-from symsde import cli, scene
+from symsde.batch import scene
+from symsde.cli import command_line
 
 LONGEST = 2100
 
@@ -204,7 +205,7 @@ def test_a_sentence_keeps_its_beginning_and_its_end():
 )  # fmt: skip
 def test_the_command_line_repeats_no_page(verb, capsys):
     try:
-        code = cli.main([*verb.split(), "x" * 100_000])
+        code = command_line.main([*verb.split(), "x" * 100_000])
     except SystemExit as stop:
         code = stop.code
     assert code == 2 and len(capsys.readouterr().err) < 3000

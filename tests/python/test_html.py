@@ -7,7 +7,8 @@ import re
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _html, schemes
+from symsde import schemes
+from symsde.reports import html
 
 
 def cells(text):
@@ -29,7 +30,7 @@ def arrays(tableau):
     ],
 )  # fmt: skip
 def test_numbers(x, text):
-    assert _html.number(x) == text
+    assert html.number(x) == text
 
 
 def test_every_number_of_the_catalogue_is_what_it_says():
@@ -37,7 +38,7 @@ def test_every_number_of_the_catalogue_is_what_it_says():
     for name in schemes.names():
         found = schemes.get(name).tableau()
         for x in [] if found is None else np.concatenate([np.ravel(value) for value in arrays(found).values()]):
-            text = _html.number(x)
+            text = html.number(x)
             python = re.sub(r"√(\d+)", r"math.sqrt(\1)", text)
             assert abs(eval(python) - x) < (1e-14 if "/" in text or "√" in text else 1e-6), (name, text)
             seen.add(text)
@@ -127,7 +128,7 @@ def test_schemes_say_their_orders():
 def test_models_show_their_hamiltonians():
     for name in ss.models.names():
         model = ss.models.get(name)
-        lines = _html.hamiltonians(model)
+        lines = html.hamiltonians(model)
         assert len(lines) == (2 if name == "fpu_chain" else 1 + model.nnoise), (name, lines)
         assert lines[0].startswith("H = ") and all(line in model._repr_html_() for line in lines if "<" not in line)
     text = ss.models.kubo(a=1.5, sigma=0.25)._repr_html_()
@@ -149,4 +150,4 @@ def test_texts_are_escaped():
 def test_certificates_are_texts():
     text = schemes.get("midpoint").certificate()
     assert isinstance(text, str) and "symplectic" in text
-    assert text._repr_html_() == f"<pre>{_html.html.escape(text)}</pre>"
+    assert text._repr_html_() == f"<pre>{html.html.escape(text)}</pre>"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from sender import HandledError, handled, raises, sent
-from symsde import _setup
+from symsde.run import setup
 
 LONG = {"q0": 1.0, "p0": 0.0, "step": 1e-3, "steps": 10**9, "save_every": 10**8}
 
@@ -36,7 +36,7 @@ def test_ctrl_c_with_python_callbacks(user_kubo):
 def test_ctrl_c_in_what_takes_long(what, kubo):
     """By a Ctrl-C and by a signal whose handler raises something else."""
     chain = ss.models.fpu_chain(n=1000)
-    endless = _setup.make_setup(kubo, q0=1.0, p0=0.0, step=1e-7, steps=10**9, save_every=10**9)
+    endless = setup.make_setup(kubo, q0=1.0, p0=0.0, step=1e-7, steps=10**9, save_every=10**9)
     places = {"q_start": 0.1, "q_end": 0.2, "step": 0.01, "steps": 40, "paths": 20000}
     long = {
         "exact": lambda: ss.diagnose.exact_of(endless),

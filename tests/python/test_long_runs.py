@@ -9,8 +9,8 @@ import sys
 import numpy as np
 import pytest
 from conftest import table_of
-from symsde import cli
 from symsde.batch import shard_file, stop
+from symsde.cli import command_line
 
 STEPS, STOPS = 10**8, 14
 LONG = f"""
@@ -34,7 +34,7 @@ def test_a_path_of_many_steps_is_resumed_to_the_same_bits(tmp_path, monkeypatch)
     """Stopped wherever a fifteenth of the steps is over; |q|^2 + |p|^2 moves by rounding alone."""
     (tmp_path / "scene.toml").write_text(LONG)
     given = ["run", str(tmp_path / "scene.toml"), "--quiet", "--checkpoint", "0.02", "--out"]
-    assert cli.main([*given, str(tmp_path / "whole")]) == cli.OK
+    assert command_line.main([*given, str(tmp_path / "whole")]) == command_line.OK
     stopped = 0
     for part in range(1, STOPS + 1):
 
@@ -45,9 +45,9 @@ def test_a_path_of_many_steps_is_resumed_to_the_same_bits(tmp_path, monkeypatch)
 
         with monkeypatch.context() as change:
             change.setattr(stop.Stop, "gives_up", gives_up)
-            stopped += cli.main([*given, str(tmp_path / "out")]) == cli.STOPPED
+            stopped += command_line.main([*given, str(tmp_path / "out")]) == command_line.STOPPED
     assert stopped >= 10
-    assert cli.main([*given, str(tmp_path / "out")]) == cli.OK
+    assert command_line.main([*given, str(tmp_path / "out")]) == command_line.OK
     shards = [tmp_path / name / "shards" / "paths-000001.npz" for name in ("whole", "out")]
     assert shards[0].read_bytes() == shards[1].read_bytes()
     arrays = shard_file.read(shards[0]).arrays
@@ -106,21 +106,24 @@ def test_a_full_file_system(tmp_path, capsys):
     """It ends with a sentence; what is there is whole; with room it goes on to the bits of a run that had it."""
     (tmp_path / "scene.toml").write_text(MANY)
     given = ["run", str(tmp_path / "scene.toml"), "--quiet", "--shard-paths", "256", "--out"]
-    assert cli.main([*given, str(tmp_path / "known")]) == cli.OK
+    assert command_line.main([*given, str(tmp_path / "known")]) == command_line.OK
     with mounted(tmp_path / "small", "size=200k") as small:
-        assert cli.main([*given, str(small / "out")]) == cli.NOT_WRITTEN
+        assert command_line.main([*given, str(small / "out")]) == command_line.NOT_WRITTEN
         assert "cannot be written: No space left on device" in capsys.readouterr().err
         there = sorted((small / "out" / "shards").iterdir())
         assert 2 < len(there) < 79 and all(path.suffix == ".npz" for path in there)
         for path in there:
             shard_file.read(path)
         subprocess.run(["mount", "-o", "remount,size=8m", str(small)], check=True)
-        assert cli.main([*given, str(small / "out")]) == cli.OK
+        assert command_line.main([*given, str(small / "out")]) == command_line.OK
         assert table_of(small / "out" / "moments.csv") == table_of(tmp_path / "known" / "moments.csv")
 
 
 def test_a_file_system_that_cannot_be_written(tmp_path, capsys):
     (tmp_path / "scene.toml").write_text(MANY)
     with mounted(tmp_path / "still", "ro,size=1m") as still:
-        assert cli.main(["run", str(tmp_path / "scene.toml"), "--out", str(still / "out")]) == cli.NOT_WRITTEN
+        assert (
+            command_line.main(["run", str(tmp_path / "scene.toml"), "--out", str(still / "out")])
+            == command_line.NOT_WRITTEN
+        )
         assert "out: Read-only file system: give another one" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import sys
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _groups
+from symsde.native import groups
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of the address space are Linux's")
 
@@ -163,14 +163,14 @@ def group(tmp_path):
             for file, text in files.items():
                 (folder / file).write_text(text + "\n")
         (tmp_path / "list").write_text(listed)
-        return _groups.memory(tmp_path / "list", tmp_path / "root")
+        return groups.memory(tmp_path / "list", tmp_path / "root")
 
     return left
 
 
 def test_what_control_groups_leave(group, tmp_path):
     """As tests/capi/test_capi_groups.c has it: the lowest limit on the way, without what is kept of files."""
-    assert group("0::/\n") == math.inf and _groups.memory(tmp_path / "nowhere", tmp_path) == math.inf
+    assert group("0::/\n") == math.inf and groups.memory(tmp_path / "nowhere", tmp_path) == math.inf
     assert group("0::/job\n", job={"memory.max": "max"}) == math.inf
     assert group("0::/job/task\n", job=VERSION_2) == 4e9
     assert group("0::/job/step\n", job_step={"memory.max": "3000000000"}) == 3e9
@@ -188,7 +188,7 @@ def test_what_control_groups_leave(group, tmp_path):
 def test_results_that_a_group_forbids(group, monkeypatch):
     """A refusal, where the process would be killed when the arrays are filled."""
     left = group("0::/job\n", job=VERSION_2)
-    monkeypatch.setattr(_groups, "memory", lambda: left)
+    monkeypatch.setattr(groups, "memory", lambda: left)
     told = r"need 4\.8 GB, more than the 4 GB that this process can have: save"
     with pytest.raises(ss.errors.TooLargeError, match=told):
         ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=2999, paths=100000, threads=1)

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import table_of
-from symsde import cli, scene
+from symsde.batch import scene
+from symsde.cli import command_line
 from symsde.errors import InvalidArgumentError, SceneError
 
 OWN = """
@@ -84,13 +85,13 @@ def allowed():
 
 
 def run(*arguments):
-    return cli.main(["run", *map(str, arguments), "--allow-python", "--quiet"])
+    return command_line.main(["run", *map(str, arguments), "--allow-python", "--quiet"])
 
 
 def test_values_in_runs_and_shards(file, module, tmp_path, allowed):
     """Those of the paths, whatever the shards; beside formulas, in order; told in the table."""
     for size in (256, 1024):
-        assert run(file, "--out", tmp_path / str(size), "--shard-paths", size) == cli.OK
+        assert run(file, "--out", tmp_path / str(size), "--shard-paths", size) == command_line.OK
     found = ss.open_run(tmp_path / "256").moments
     paths = ss.simulate(ss.models.kubo(), **RUN)
     radius = np.sqrt(paths.q[:, 0] ** 2 + paths.p[:, 0] ** 2)
@@ -108,34 +109,34 @@ def test_values_in_runs_and_shards(file, module, tmp_path, allowed):
 def test_resumed_merged_and_compared(file, module, tmp_path, capsys):
     """The file goes with the folder, which another process goes on in, and merges, and is an input of the run."""
     whole, part = tmp_path / "whole", tmp_path / "part"
-    assert run(file, "--out", whole, "--shard-paths", 256) == cli.OK
-    assert run(file, "--out", part, "--shard-paths", 256, "--shard", "1/2") == cli.OK
+    assert run(file, "--out", whole, "--shard-paths", 256) == command_line.OK
+    assert run(file, "--out", part, "--shard-paths", 256, "--shard", "1/2") == command_line.OK
     assert (part / f"{module}.py").read_text() == OWN
     given = [sys.executable, "-m", "symsde", "run", str(part / "scene.toml"), "--out", str(part), "--quiet"]
     ended = subprocess.run([*given, "--allow-python"], capture_output=True, text=True, check=False, cwd="/")
     assert ended.returncode == 0, ended.stderr
     assert table_of(part / "moments.csv") == table_of(whole / "moments.csv")
     merged = ["merge", str(part), "--out", str(tmp_path / "merged"), "--quiet"]
-    assert cli.main(merged) == cli.BAD_INPUT
+    assert command_line.main(merged) == command_line.BAD_INPUT
     assert "say --allow-python" in capsys.readouterr().err
-    assert cli.main([*merged, "--allow-python"]) == cli.OK
+    assert command_line.main([*merged, "--allow-python"]) == command_line.OK
     assert table_of(tmp_path / "merged" / "moments.csv") == table_of(whole / "moments.csv")
-    assert run(file, "--out", whole, "--error-check") == cli.OK
+    assert run(file, "--out", whole, "--error-check") == command_line.OK
     assert "mean r" in table_of(whole / "error-check.csv")[0]
     (tmp_path / f"{module}.py").write_text(OWN + "# otherwise\n")
     ended = subprocess.run(
         [*given[:4], str(file), "--out", str(whole), "--allow-python"], capture_output=True, text=True, check=False
     )
-    assert ended.returncode == cli.BAD_INPUT and f"python_sha256.{module}.py = " in ended.stderr
+    assert ended.returncode == command_line.BAD_INPUT and f"python_sha256.{module}.py = " in ended.stderr
 
 
 def test_only_where_allowed(file, module, tmp_path, capsys):
     (tmp_path / f"{module}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\n" + OWN)
     for verb in (["run"], ["check"], ["run", "--dry-run"], ["expect"], ["study"]):
-        assert cli.main([*verb, str(file)]) == cli.BAD_INPUT, verb
+        assert command_line.main([*verb, str(file)]) == command_line.BAD_INPUT, verb
         sentence = f"[observables] r: python = '{module}:radius' would execute code: say --allow-python"
         assert sentence in capsys.readouterr().err
-    with pytest.raises(SceneError, match=r"in Python symsde.scene.PYTHON_ALLOWED.set\(True\)"):
+    with pytest.raises(SceneError, match=r"in Python symsde.batch.scene.PYTHON_ALLOWED.set\(True\)"):
         scene.load(file)
     assert not (tmp_path / "ran").exists()
 
@@ -154,7 +155,7 @@ BAD = {
 @pytest.mark.parametrize(("name", "sentence"), BAD.items())
 def test_functions_that_do_not_fit(name, sentence, file, module, capsys):
     file.write_text(SCENE.replace("MODULE:radius", f"MODULE:{name}").replace("MODULE", module))
-    assert cli.main(["check", str(file), "--allow-python"]) == cli.BAD_INPUT
+    assert command_line.main(["check", str(file), "--allow-python"]) == command_line.BAD_INPUT
     told = capsys.readouterr().err
     assert "[observables]" in told and sentence.replace("MODULE", module) in told
 
@@ -180,11 +181,11 @@ def test_files_that_cannot_be_loaded(file, module, tmp_path, capsys):
         name = f"{module}_{number}"
         (tmp_path / f"{name}.py").write_text(content)
         file.write_text(SCENE.replace("MODULE", name))
-        assert cli.main(["check", str(file), "--allow-python"]) == cli.BAD_INPUT
+        assert command_line.main(["check", str(file), "--allow-python"]) == command_line.BAD_INPUT
         assert sentence.replace("NAME", name) in capsys.readouterr().err
     (tmp_path / "json.py").write_text(OWN)
     file.write_text(SCENE.replace("MODULE", "json"))
-    assert cli.main(["check", str(file), "--allow-python"]) == cli.BAD_INPUT
+    assert command_line.main(["check", str(file), "--allow-python"]) == command_line.BAD_INPUT
     assert f"{tmp_path / 'json.py'} is not what json is here already" in capsys.readouterr().err
 
 
@@ -193,7 +194,7 @@ def test_a_function_that_fails_on_the_way(file, module, tmp_path, capsys):
     file.write_text(
         SCENE.replace("MODULE:radius", "MODULE:late").replace("MODULE", module).replace("= 0.1\n", "= 0.6\n")
     )
-    assert run(file, "--out", tmp_path / "out") == cli.BAD_INPUT
+    assert run(file, "--out", tmp_path / "out") == command_line.BAD_INPUT
     told = capsys.readouterr().err
     assert f"python = '{module}:late' failed: RuntimeError: too far ({module}.py, line 9)" in told
     assert "Traceback" not in told and not list((tmp_path / "out" / "shards").glob("*.npz"))
@@ -209,10 +210,10 @@ def test_other_processes_load_it_again(file, module, tmp_path, allowed):
     np.testing.assert_array_equal(found.m2, chosen.compute_moments().m2)
     assert os.path.basename(chosen.file) == "scene.toml"
     with pytest.raises(InvalidArgumentError, match="say --allow-python"):
-        from symsde import _named
+        from symsde.batch import named_functions
 
         token = scene.PYTHON_ALLOWED.set(False)
         try:
-            _named.function_of(tmp_path, f"{module}:radius")
+            named_functions.function_of(tmp_path, f"{module}:radius")
         finally:
             scene.PYTHON_ALLOWED.reset(token)

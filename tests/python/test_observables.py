@@ -8,7 +8,9 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import cli, observe, scene
+from symsde import observe
+from symsde.batch import scene
+from symsde.cli import command_line
 from symsde.errors import FalseTraitError, InvalidArgumentError, SceneError, WrongShapeError, WrongTypeError
 
 RUN = {"q0": [0.3, 0.2], "p0": [0.1, 0.0], "step": 0.05, "steps": 60, "save_every": 20, "paths": 1500, "seed": 3}
@@ -111,7 +113,7 @@ def test_bridges_that_are_missing_are_told(found, tmp_path, capsys):
     without = ss.model_from_sympy("p**2/2 + q**2/2")
     assert ss.moments(without, observables={"r": "q*p"}, observers=watched, **start).remarks() == []
     file = write(tmp_path / "scene.toml")
-    assert cli.main(["run", file, "--out", str(tmp_path / "out")]) == 0
+    assert command_line.main(["run", file, "--out", str(tmp_path / "out")]) == 0
     assert f"symsde: loss: {sentence}" in capsys.readouterr().err
     if pytest.importorskip("netCDF4"):
         assert sentence in pytest.importorskip("xarray").open_dataset(tmp_path / "out" / "moments.nc").attrs["remarks"]
@@ -168,15 +170,15 @@ def test_functions_are_watched_too(found):
 
 def test_without_a_compiler(found, monkeypatch):
     monkeypatch.setenv("SYMSDE_CC", "")
-    monkeypatch.setattr("symsde.formulas.compiler.command", lambda: None)
-    monkeypatch.setattr("symsde.formulas.llvm.engine.binding", lambda: None)
-    from symsde.formulas import observables
+    monkeypatch.setattr("symsde.model.formulas.compiler.command", lambda: None)
+    monkeypatch.setattr("symsde.model.formulas.llvm.engine.binding", lambda: None)
+    from symsde.model.formulas import formula_observables
 
-    observables._read.cache_clear()
+    formula_observables._read.cache_clear()
     try:
         slow = ss.moments(model(), observables=FORMULAS, **RUN)
     finally:
-        observables._read.cache_clear()
+        formula_observables._read.cache_clear()
     for name in FORMULAS:
         np.testing.assert_allclose(slow.mean[name], found.mean[name], rtol=1e-13, atol=1e-15, err_msg=name)
 
@@ -304,7 +306,7 @@ def test_a_function_gives_a_number_for_each_path(function, words):
 def test_tables_of_observers_with_lists_for_names(line, tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(f'[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 4\nq0 = 1.0\np0 = 0.0\n[[observe]]\n{line}\n')
-    assert cli.main(["check", str(file)]) == cli.BAD_INPUT
+    assert command_line.main(["check", str(file)]) == command_line.BAD_INPUT
 
 
 SCENE = """
@@ -342,7 +344,7 @@ def test_scenes_with_formulas(found, tmp_path, capsys):
     file = write(tmp_path / "scene.toml")
     for size in (256, 2048):
         out = tmp_path / f"out{size}"
-        assert cli.main(["run", file, "--out", str(out), "--shard-paths", str(size), "--quiet"]) == 0
+        assert command_line.main(["run", file, "--out", str(out), "--shard-paths", str(size), "--quiet"]) == 0
         mine = ss.open_run(out).moments
         for name in ("r^2", "angle"):
             np.testing.assert_array_equal(mine.mean[name], found.mean[name])
@@ -350,7 +352,7 @@ def test_scenes_with_formulas(found, tmp_path, capsys):
         np.testing.assert_array_equal(mine.observed["loss"].lost, found.observed["loss"].lost)
     np.testing.assert_array_equal(scene.load(file).compute_moments().m2, mine.m2)
     other = write(tmp_path / "other.toml", old="q_2**2", new="q_2**4")
-    assert cli.main(["run", other, "--out", str(out), "--quiet"]) == cli.BAD_INPUT
+    assert command_line.main(["run", other, "--out", str(out), "--quiet"]) == command_line.BAD_INPUT
     assert "observables.r^2 = 'q1**2 + q_2**2' there, 'q1**2 + q_2**4' here" in capsys.readouterr().err
 
 
@@ -358,7 +360,7 @@ def test_scenes_say_what_is_no_number(tmp_path, capsys):
     file = write(tmp_path / "scene.toml", old="q1**2 + q_2**2", new="log(q1 - 0.3)")
     text = (tmp_path / "scene.toml").read_text().partition("[[observe]]")[0]
     file = write(tmp_path / "scene.toml", text)
-    assert cli.main(["run", file, "--out", str(tmp_path / "out"), "--quiet"]) == cli.PATHS_FAILED
+    assert command_line.main(["run", file, "--out", str(tmp_path / "out"), "--quiet"]) == command_line.PATHS_FAILED
     assert "symsde: r^2 is no finite number for some paths at 4 of 4 saved times" in capsys.readouterr().err
 
 

@@ -10,7 +10,7 @@ import pytest
 import symsde as ss
 from symsde import observe
 from symsde.errors import InvalidArgumentError, SymsdeError, UnknownNameError, WrongTypeError
-from symsde.observe import kept
+from symsde.run.observers import kept
 
 RUN = {"q0": [0.1, 0.2], "p0": [0.1, 0.0], "step": 0.1, "steps": 120, "save_every": 20, "paths": 700, "seed": 3}
 OBSERVERS = {

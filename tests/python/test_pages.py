@@ -18,7 +18,7 @@ import fortran_reference  # noqa: E402
 import plain  # noqa: E402
 import python_reference  # noqa: E402
 import which_scheme  # noqa: E402
-from symsde.advise import advise  # noqa: E402
+from symsde.answers.advice import advise  # noqa: E402
 
 WORDS = {
     "first-ten-minutes": ("(501, 1, 100)", "midpiont", "save_every"),

@@ -29,7 +29,7 @@ SYMPLECTIC = (
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory):
-    from symsde import paper
+    from symsde.reports import paper
 
     out = tmp_path_factory.mktemp("paper")
     printed = io.StringIO()
@@ -60,7 +60,7 @@ def test_every_experiment_says_where_its_numbers_come_from(results):
 
 def test_seeds_are_those_of_the_runs(results):
     """The first normals of the paths of an experiment, from the seed in the file, give its numbers again."""
-    from symsde.paper import figure_4_1
+    from symsde.reports.paper import figure_4_1
 
     part = results["euler_lagrange"]
     given, case = part["parameters"], part["synchrotron, midpoint"]
@@ -224,7 +224,7 @@ def test_residuals_vanish_on_paths_and_grow_beside_them(results, case):
 
 def test_failed_expectation_gives_a_failing_exit_code(tmp_path, monkeypatch, capsys):
     """The command notices a wrong library: here a midpoint rule that does one fixed-point iteration."""
-    from symsde import paper
+    from symsde.reports import paper
 
     simulate = ss.simulate
 
@@ -238,9 +238,10 @@ def test_failed_expectation_gives_a_failing_exit_code(tmp_path, monkeypatch, cap
 
 
 def test_command_line_passes_arguments_on(tmp_path, monkeypatch, capsys):
-    from symsde import cli, paper
+    from symsde.cli import command_line
+    from symsde.reports import paper
 
     monkeypatch.setattr(paper, "EXPERIMENTS", (paper.euler_lagrange,))
-    assert cli.main(["paper", "--out", str(tmp_path / "deep" / "er"), "--quick"]) == 0
+    assert command_line.main(["paper", "--out", str(tmp_path / "deep" / "er"), "--quick"]) == 0
     assert list(json.loads((tmp_path / "deep" / "er" / "results.json").read_text())) == ["euler_lagrange"]
     assert "(47)" in capsys.readouterr().out

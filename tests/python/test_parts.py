@@ -9,13 +9,14 @@ import threading
 
 import pytest
 import symsde as ss
-from symsde import _durable, _files, _parts, cli
+from symsde.cli import command_line
+from symsde.native import durable, files, parts
 
 LEFT = """
 import os, signal, sys
 from pathlib import Path
-from symsde import _files
-from symsde import _durable
+from symsde.native import files as _files
+from symsde.native import durable as _durable
 def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 folder = Path(sys.argv[1])
@@ -32,10 +33,10 @@ def test_a_writer_inside_another_of_the_same_target(tmp_path):
 
     def outer(part):
         part.write_text("outer")
-        _files.replace(target, lambda other: other.write_text("inner"))
+        files.replace(target, lambda other: other.write_text("inner"))
         assert target.read_text() == "inner" and part.read_text() == "outer"
 
-    _files.replace(target, outer)
+    files.replace(target, outer)
     assert target.read_text() == "outer" and os.listdir(tmp_path) == ["moments.csv"]
 
 
@@ -46,11 +47,11 @@ def test_a_durable_writer_inside_another(keep, tmp_path, monkeypatch):
 
     def meanwhile(handle):
         monkeypatch.setattr(os, "fsync", sync)
-        assert _durable.write(target, b"inner", keep=keep)
+        assert durable.write(target, b"inner", keep=keep)
         sync(handle)
 
     monkeypatch.setattr(os, "fsync", meanwhile)
-    assert _durable.write(target, b"outer", keep=keep) is not keep
+    assert durable.write(target, b"outer", keep=keep) is not keep
     assert target.read_bytes() == (b"inner" if keep else b"outer") and os.listdir(tmp_path) == ["shard.npz"]
 
 
@@ -87,9 +88,9 @@ def test_what_a_killed_writer_leaves(writer, tmp_path):
     """Gone with the next one, but for what somebody works on."""
     ended = subprocess.run([sys.executable, "-c", LEFT, str(tmp_path), writer], check=False)
     assert ended.returncode == -signal.SIGKILL and len(os.listdir(tmp_path)) == 1
-    with _parts.beside(tmp_path / "alive") as part:
+    with parts.beside(tmp_path / "alive") as part:
         part.write_text("mine")
-        _files.replace(tmp_path / "name", lambda other: other.write_text("whole"))
+        files.replace(tmp_path / "name", lambda other: other.write_text("whole"))
         assert sorted(os.listdir(tmp_path)) == sorted([part.parent.name, "name"])
         assert part.read_text() == "mine"
     assert os.listdir(tmp_path) == ["name"] and (tmp_path / "name").read_text() == "whole"
@@ -98,31 +99,31 @@ def test_what_a_killed_writer_leaves(writer, tmp_path):
 def test_the_next_run_clears_its_folder(tmp_path):
     """Also below shards, where only shards and their checkpoints are."""
     scene = tmp_path / "scene.toml"
-    scene.write_text(ss.scene.template("kubo").replace("steps = 5000", "steps = 50").replace("paths = 1000", ""))
+    scene.write_text(ss.batch.scene.template("kubo").replace("steps = 5000", "steps = 50").replace("paths = 1000", ""))
     given = ["run", str(scene), "--out", str(tmp_path / "out"), "--quiet"]
-    assert cli.main(given) == cli.OK
+    assert command_line.main(given) == command_line.OK
     for folder in ("out", "out/shards"):
         subprocess.run([sys.executable, "-c", LEFT, str(tmp_path / folder), "durable"], check=False)
         assert any(name.startswith(".part-") for name in os.listdir(tmp_path / folder))
-    assert cli.main(given) == cli.OK
+    assert command_line.main(given) == command_line.OK
     for folder in ("out", "out/shards"):
         assert not any(name.startswith(".part-") for name in os.listdir(tmp_path / folder))
 
 
 def test_parts_of_another_machine(tmp_path):
     """There a lock that is free proves nothing: a day must have passed, and even then it must be free."""
-    with _parts.beside(tmp_path / "name") as part:
+    with parts.beside(tmp_path / "name") as part:
         held = part.parent.rename(tmp_path / ".part-elsewhere-held")
         for name in (".part-elsewhere-young", ".part-elsewhere-old", ".part-elsewhere-bare", ".other"):
             (tmp_path / name).mkdir()
             if name != ".part-elsewhere-bare":
                 (tmp_path / name / "lock").touch()
-        link = tmp_path / f"{_parts._OWN}link"  # as of this machine, to a folder with a lock that is free
+        link = tmp_path / f"{parts._OWN}link"  # as of this machine, to a folder with a lock that is free
         link.symlink_to(tmp_path / ".other")
         for folder in (held, *(tmp_path / f".part-elsewhere-{x}" for x in ("old", "bare"))):
             then = folder.stat().st_mtime - 90000
             os.utime(folder, (then, then))
-        _parts.sweep(tmp_path)
+        parts.sweep(tmp_path)
         found = {folder.name for folder in tmp_path.iterdir()}
         assert found == {".other", link.name, ".part-elsewhere-held", ".part-elsewhere-young"}
         assert (tmp_path / ".other" / "lock").exists()
@@ -131,25 +132,25 @@ def test_parts_of_another_machine(tmp_path):
 @pytest.mark.parametrize("is_over", [True, False])
 def test_a_part_that_is_taken_before_it_is_locked(is_over, tmp_path, monkeypatch):
     """Between making the folder and locking it: who sweeps has its lock, or is done. The writer makes another one."""
-    lock, calls = _parts._locked, []
+    lock, calls = parts._locked, []
 
     def late(handle):
         calls.append(handle)
         if len(calls) == 1 and is_over:
-            _parts.sweep(tmp_path)
+            parts.sweep(tmp_path)
         return lock(handle) if is_over or len(calls) > 1 else False
 
-    monkeypatch.setattr(_parts, "_locked", late)
-    _files.replace(tmp_path / "name", lambda part: part.write_text("whole"))
+    monkeypatch.setattr(parts, "_locked", late)
+    files.replace(tmp_path / "name", lambda part: part.write_text("whole"))
     assert len(calls) == (3 if is_over else 2)
     assert (tmp_path / "name").read_text() == "whole" and os.listdir(tmp_path) == ["name"]
 
 
 def test_locks_that_nobody_can_have(tmp_path, monkeypatch):
     """A file system that says so of every lock is told, not waited for."""
-    monkeypatch.setattr(_parts, "_locked", lambda _: False)
+    monkeypatch.setattr(parts, "_locked", lambda _: False)
     with pytest.raises(ss.errors.NotWrittenError, match=r"name cannot be written: locks in .* held by somebody"):
-        _files.replace(tmp_path / "name", lambda part: part.write_text("whole"))
+        files.replace(tmp_path / "name", lambda part: part.write_text("whole"))
     assert os.listdir(tmp_path) == []
 
 
@@ -159,10 +160,10 @@ def test_without_locks_only_age_counts(tmp_path, monkeypatch):
     def none(*_):
         raise OSError(38, "Function not implemented")
 
-    monkeypatch.setattr(_parts.fcntl, "flock", none)
-    with _parts.beside(tmp_path / "name") as part:
+    monkeypatch.setattr(parts.fcntl, "flock", none)
+    with parts.beside(tmp_path / "name") as part:
         part.write_text("mine")
-        thread = threading.Thread(target=_files.replace, args=(tmp_path / "other", lambda x: x.write_text("whole")))
+        thread = threading.Thread(target=files.replace, args=(tmp_path / "other", lambda x: x.write_text("whole")))
         thread.start()
         thread.join()
         assert part.read_text() == "mine" and (tmp_path / "other").read_text() == "whole"

@@ -18,9 +18,8 @@ from peers import page as peers_page  # noqa: E402
 from peers.equations import PROBLEMS  # noqa: E402
 from peers.models import MODELS  # noqa: E402
 from peers.numpy_steps import heun_step, integrated, rk4_step  # noqa: E402
-from symsde import study  # noqa: E402
-from symsde.study import page as study_page  # noqa: E402
-from symsde.study import peers  # noqa: E402
+from symsde.reports import study  # noqa: E402
+from symsde.reports.study import peers, study_page  # noqa: E402
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.expect.problem import make_problem
-from symsde.study import horizons, plain_rules
+from symsde.answers.expectation.problem import make_problem
+from symsde.reports.study import horizons, plain_rules
 
 STRONG = (2.0, 0.4, 0.3)
 
@@ -102,7 +102,7 @@ def test_the_figure_of_horizons_shows_its_rows(monkeypatch, tmp_path):
     pytest.importorskip("matplotlib")
     data = json.loads((Path(__file__).resolve().parents[2] / "docs/figures/horizons.json").read_text(encoding="utf-8"))
     pages = []
-    monkeypatch.setattr("symsde.look.readable", pages.append)
+    monkeypatch.setattr("symsde.reports.look.readable", pages.append)
     horizons.save(tmp_path / "figure.png", data)
     assert [axes.get_title() for axes in pages[0].axes] == [words for _, _, words in horizons.WANTS]
     for axes in pages[0].axes:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import table_of
-from symsde import cli, observe
+from symsde import observe
+from symsde.cli import command_line
 from symsde.errors import InvalidArgumentError, SceneError, UnknownNameError
-from symsde.plot import draw
+from symsde.reports.plot import draw
 
 pytest.importorskip("matplotlib")
 
@@ -232,20 +233,20 @@ bins = 6
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("drawn")
     (place / "scene.toml").write_text(SCENE)
-    assert cli.main(["run", str(place / "scene.toml"), "--out", str(place / "out"), "--quiet"]) == 0
+    assert command_line.main(["run", str(place / "scene.toml"), "--out", str(place / "out"), "--quiet"]) == 0
     return place / "out"
 
 
 def drawn_by(monkeypatch):
     """The figures that the command writes, by the names of their files."""
     figures = {}
-    monkeypatch.setattr("symsde.plot.draw.write", lambda page, target: figures.__setitem__(target.name, page))
+    monkeypatch.setattr("symsde.reports.plot.draw.write", lambda page, target: figures.__setitem__(target.name, page))
     return figures
 
 
 def test_the_command_draws_a_folder(folder, monkeypatch, capsys):
     figures = drawn_by(monkeypatch)
-    assert cli.main(["plot", str(folder)]) == 0
+    assert command_line.main(["plot", str(folder)]) == 0
     assert list(figures) == ["paths.png", "phase.png", "energy.png", "moments.png", "observed-histogram.png"]
     assert capsys.readouterr().out.count("written to") == 5
     found = ss.open_run(folder)
@@ -265,7 +266,7 @@ def test_the_command_draws_files(name, folder, tmp_path, monkeypatch):
     found = ss.open_run(folder)
     (found.run if name.startswith("run") else found.moments).save(tmp_path / name)
     figures = drawn_by(monkeypatch)
-    assert cli.main(["plot", str(tmp_path / name)]) == 0
+    assert command_line.main(["plot", str(tmp_path / name)]) == 0
     if name.startswith("run"):
         assert list(figures) == ["run-paths.png", "run-phase.png"]
         np.testing.assert_array_equal(lines(figures["run-paths.png"])[0][1], found.run.q[:, 0, 0])
@@ -281,7 +282,7 @@ def test_the_command_draws_files(name, folder, tmp_path, monkeypatch):
 
 def test_one_figure_of_the_command(folder, tmp_path, capsys):
     given = ["plot", str(folder), "--what", "phase", "--most", "1", "--of", "q_1", "--out", str(tmp_path / "x.svg")]
-    assert cli.main(given) == 0
+    assert command_line.main(given) == 0
     assert capsys.readouterr().out == f"written to {tmp_path / 'x.svg'}\n"
     assert (tmp_path / "x.svg").read_text().count("<svg") == 1
     refused = {
@@ -291,7 +292,7 @@ def test_one_figure_of_the_command(folder, tmp_path, capsys):
         ("--what", "observed-histogram", "--at", "9"): "at = 9",
     }
     for options, sentence in refused.items():
-        assert cli.main(["plot", str(folder), *options]) == cli.BAD_INPUT
+        assert command_line.main(["plot", str(folder), *options]) == command_line.BAD_INPUT
         assert sentence in capsys.readouterr().err
     (tmp_path / "bad.npz").write_bytes(b"nothing")
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
@@ -303,7 +304,7 @@ def test_one_figure_of_the_command(folder, tmp_path, capsys):
         "x.txt": "no file",
     }
     for name, sentence in {**sentences, ".": "holds no run"}.items():
-        assert cli.main(["plot", str(tmp_path / name)]) == cli.BAD_INPUT, name
+        assert command_line.main(["plot", str(tmp_path / name)]) == command_line.BAD_INPUT, name
         assert sentence in capsys.readouterr().err, name
 
 
@@ -316,7 +317,7 @@ def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
         '[[observe]]\nkind = "covariance"\nof = ["q_1", "r"]\n[output]\npaths = [0]\n'
     )
     out = tmp_path / "out"
-    assert cli.main(["run", str(file), "--out", str(out), "--quiet"]) == 0
+    assert command_line.main(["run", str(file), "--out", str(out), "--quiet"]) == 0
     figures = drawn_by(monkeypatch)
     chosen = {
         ("r",): ["moments", "observed-extremes", "observed-covariance"],
@@ -326,10 +327,10 @@ def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
     }
     for names, known in chosen.items():
         figures.clear()
-        assert cli.main(["plot", str(out), *(word for name in names for word in ("--of", name))]) == 0
+        assert command_line.main(["plot", str(out), *(word for name in names for word in ("--of", name))]) == 0
         assert list(figures) == [f"{name}.png" for name in known], names
     figures.clear()
-    assert cli.main(["plot", str(out), "--of", "r"]) == 0
+    assert command_line.main(["plot", str(out), "--of", "r"]) == 0
     mean = ss.open_run(out).moments.mean["r"]
     np.testing.assert_array_equal(lines(figures["moments.png"])[0][1], mean)
     capsys.readouterr()
@@ -341,13 +342,13 @@ def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
         ("--of", "r", "--out", "x.png"): "say which by --what, one of moments, observed-extremes, observed-covariance",
     }
     for options, sentence in refused.items():
-        assert cli.main(["plot", str(out), *options]) == cli.BAD_INPUT
+        assert command_line.main(["plot", str(out), *options]) == command_line.BAD_INPUT
         assert sentence in capsys.readouterr().err, options
-    assert cli.main(["plot", str(out / "moments.csv"), "--of", "r"]) == 0
+    assert command_line.main(["plot", str(out / "moments.csv"), "--of", "r"]) == 0
     (out / "shards" / "moments-000001.npz").unlink()
-    assert cli.main(["plot", str(out), "--of", "r"]) == cli.BAD_INPUT
+    assert command_line.main(["plot", str(out), "--of", "r"]) == command_line.BAD_INPUT
     assert "there is no value 'r': there are q_1, p_1, energy" in capsys.readouterr().err
-    assert cli.main(["plot", str(out), "--what", "observed-extremes"]) == cli.BAD_INPUT
+    assert command_line.main(["plot", str(out), "--what", "observed-extremes"]) == command_line.BAD_INPUT
 
 
 def test_data_frames(run, moments, tmp_path):
@@ -392,7 +393,7 @@ def test_a_folder_without_shards_has_nothing_to_draw(folder, tmp_path):
     for name in ("manifest.json", "scene.toml"):
         (empty / name).write_bytes((folder / name).read_bytes())
     with pytest.raises(SceneError, match="holds no shard yet: there is nothing to draw"):
-        options = cli._parser().parse_args(["plot", str(empty)])
+        options = command_line._parser().parse_args(["plot", str(empty)])
         options.verb(options)
 
 
@@ -406,4 +407,4 @@ def test_names_are_drawn_as_they_are(tmp_path):
     page.canvas.draw()
     assert "mean $x^{2$" in {text for axes in page.axes for text in (axes.get_ylabel(), axes.get_title())}
     found.save(tmp_path / "moments.npz")
-    assert cli.main(["plot", str(tmp_path / "moments.npz"), "--out", str(tmp_path / "figure.png")]) == 0
+    assert command_line.main(["plot", str(tmp_path / "moments.npz"), "--out", str(tmp_path / "figure.png")]) == 0

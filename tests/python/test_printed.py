@@ -13,27 +13,30 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _abi, _files, cli, look, report
-from symsde.advise.advise import Advice, Option
+from symsde.answers.advice.advise import Advice, Option
+from symsde.answers.expectation.answer import Alternative, Answer
+from symsde.answers.multilevel.multilevel_answer import Level, Multilevel
+from symsde.answers.multilevel.rates import Rate
 from symsde.batch import dry, show
-from symsde.batch.command import print_moments
-from symsde.batch.plan import Piece
-from symsde.batch.work import Task
+from symsde.batch.execute import Task
+from symsde.batch.pieces import Piece
+from symsde.cli import command_line
+from symsde.cli.run_command import print_moments
 from symsde.errors import MissingPackageError
-from symsde.expect.answer import Alternative, Answer
-from symsde.mlmc.answer import Level, Multilevel
-from symsde.mlmc.rates import Rate
-from symsde.paper import figure_4_1
-from symsde.paper.experiment import Experiment
-from symsde.stability.scenario import says
+from symsde.native import abi, files
+from symsde.reports import look
+from symsde.reports.paper import figure_4_1
+from symsde.reports.paper.experiment import Experiment
+from symsde.reports.stability.scenario import says
+from symsde.run import report
 
 
 def test_every_member_of_a_report():
     """A struct whose members all differ, and what Python makes of it."""
-    given = _abi.Report(status=6, correction=2, failed=11, stopped=12, threads=13, lanes=16)
+    given = abi.Report(status=6, correction=2, failed=11, stopped=12, threads=13, lanes=16)
     given.lost_variance, given.seconds_setup, given.seconds_run = 0.015, 1.25, 2.5
     given.stepper, given.left_out, given.warnings = b"a stepper", b"one; two", b"first\nsecond"
-    for i, name in enumerate(_abi.COUNTERS):
+    for i, name in enumerate(abi.COUNTERS):
         setattr(given, name, 100 + i)
     result = report.Reported()
     result._keep_report(given)
@@ -151,7 +154,7 @@ def test_logarithmic_axes_have_at_least_two_labels(low, high):
 
 
 def test_lists_say_what_the_library_says(capsys):
-    assert cli.main(["list"]) == 0
+    assert command_line.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     for name in ss.models.names():
         (line,) = [line for line in lines if line.startswith(f"  {name}(")]
@@ -169,7 +172,7 @@ def test_lists_say_what_the_library_says(capsys):
 
 
 def test_info_lists_versions_and_packages(capsys):
-    assert cli.main(["info"]) == 0
+    assert command_line.main(["info"]) == 0
     lines = dict(line.split(": ", 1) for line in capsys.readouterr().out.splitlines())
     for key, value in ss.build_info().items():
         assert lines[key] == value
@@ -194,7 +197,7 @@ def test_status_texts():
 
 def test_texts_longer_than_any_buffer():
     """What does not fit the first buffer is asked for again."""
-    from symsde import _handles
+    from symsde.native import handles
 
     sizes = []
 
@@ -207,12 +210,12 @@ def test_texts_longer_than_any_buffer():
             ctypes.cast(needed, ctypes.POINTER(ctypes.c_size_t))[0] = 3001
             return 0
 
-    before = _handles.library
-    _handles.library = Library
+    before = handles.library
+    handles.library = Library
     try:
-        assert _handles.text("long") == "x" * 3000
+        assert handles.text("long") == "x" * 3000
     finally:
-        _handles.library = before
+        handles.library = before
     assert sizes == [1024, 3001]
 
 
@@ -220,7 +223,7 @@ def test_texts_longer_than_any_buffer():
 def test_completion_in_a_shell(capsys, monkeypatch):
     """A shell that reads the script completes verbs and options; without shtab a sentence says what to install."""
     pytest.importorskip("shtab")
-    assert cli.main(["completion", "bash"]) == 0
+    assert command_line.main(["completion", "bash"]) == 0
     script = capsys.readouterr().out
     ask = 'COMP_WORDS=(symsde "$@"); COMP_CWORD=$#; _shtab_symsde; echo "${COMPREPLY[@]}"'
 
@@ -232,7 +235,7 @@ def test_completion_in_a_shell(capsys, monkeypatch):
     assert sorted(completed("st")) == ["stability", "study"]
     assert sorted(completed("plot", "--o")) == ["--of", "--out"]
     monkeypatch.setitem(sys.modules, "shtab", None)
-    assert cli.main(["completion", "zsh"]) == cli.BAD_INPUT
+    assert command_line.main(["completion", "zsh"]) == command_line.BAD_INPUT
     said = capsys.readouterr().err
     assert f"pip install '.[completion]' in {Path(__file__).parents[2]}" in said or "'symsde[completion]'" in said
 
@@ -240,12 +243,12 @@ def test_completion_in_a_shell(capsys, monkeypatch):
 def test_how_a_missing_package_is_installed(tmp_path, monkeypatch):
     """In a source tree by the tree, elsewhere by the name of what is installed there."""
     place = tmp_path / "python" / "symsde" / "_files.py"
-    monkeypatch.setattr(_files, "__file__", str(place))
+    monkeypatch.setattr(files, "__file__", str(place))
     with pytest.raises(MissingPackageError, match=r"^none is not installed: pip install 'symsde\[sympy\]'$"):
-        _files.optional("none", "sympy")
+        files.optional("none", "sympy")
     (tmp_path / "pyproject.toml").touch()
     with pytest.raises(MissingPackageError, match=r"pip install '\.\[xarray\]' in .*, or save as \.npz$"):
-        _files.optional("none", "xarray")
+        files.optional("none", "xarray")
 
 
 def test_a_mean_is_printed_with_its_own_error_and_bias():

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import told
-from symsde import cli, provenance
+from symsde.cli import command_line
+from symsde.run import provenance
 
 SCENE = """\
 # a comment with # signs, "quotes" and a µ
@@ -59,7 +60,7 @@ def folder(tmp_path_factory):
         change.setenv("SOURCE_DATE_EPOCH", "86400")
         change.setattr("sys.argv", ["/somewhere/symsde", "run", "a scene.toml", "--quiet"])
         given = ["run", str(place / "scene.toml"), "--out", str(place / "out"), "--error-check", "--quiet"]
-        assert cli.main(given) == 0
+        assert command_line.main(given) == 0
         for ending in ("npz", "csv"):
             ss.open_run(place / "out").moments.save(place / "out" / f"again.{ending}")
     return place / "out"

@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import cli, scene
-from symsde.batch import computed, manifest
+from symsde.batch import computed, manifest, scene
+from symsde.cli import command_line
 from symsde.errors import SceneError
 
 SCENE = """
@@ -85,10 +85,10 @@ def test_another_model_is_refused(file, old, new, told, own):
     text = (folder / file).read_text()
     (folder / file).write_text(text.replace(old, new))
     ended = run()
-    assert ended.returncode == cli.BAD_INPUT and f"{folder / 'out'} holds another run: " in ended.stderr
+    assert ended.returncode == command_line.BAD_INPUT and f"{folder / 'out'} holds another run: " in ended.stderr
     assert told in ended.stderr and ": give another folder with --out, or remove that one" in ended.stderr
     (folder / file).write_text(text)
-    assert run().returncode == cli.OK
+    assert run().returncode == command_line.OK
 
 
 def test_a_folder_holds_all_that_it_needs(own):
@@ -98,12 +98,12 @@ def test_a_folder_holds_all_that_it_needs(own):
     for name in ("own_helper.py", "own_model.py"):
         (folder / name).rename(folder / f"{name}.away")
     ended = run(of="out/scene.toml")
-    assert ended.returncode == cli.OK, ended.stderr
+    assert ended.returncode == command_line.OK, ended.stderr
     ended = run(verb="merge", of="out", out="merged")
-    assert ended.returncode == cli.OK, ended.stderr
+    assert ended.returncode == command_line.OK, ended.stderr
     (folder / "settings.json").write_text(json.dumps({"sigma": 0.9, "power": 2}))
     ended = run(verb="merge", of="out", out="again")
-    assert ended.returncode == cli.BAD_INPUT and "computed.noises = '0" in ended.stderr
+    assert ended.returncode == command_line.BAD_INPUT and "computed.noises = '0" in ended.stderr
 
 
 PARAMETERS = """
@@ -137,9 +137,9 @@ def test_parameters_of_a_returned_model(make, changed, told, own):
     begin(run)
     (folder / "settings.json").write_text(json.dumps(changed))
     ended = run()
-    assert ended.returncode == cli.BAD_INPUT and told in ended.stderr, ended.stderr
+    assert ended.returncode == command_line.BAD_INPUT and told in ended.stderr, ended.stderr
     (folder / "settings.json").write_text(json.dumps({"sigma": 0.1}))
-    assert run().returncode == cli.OK
+    assert run().returncode == command_line.OK
 
 
 def test_a_helper_of_another_scene_is_not_taken(tmp_path, monkeypatch):
@@ -172,12 +172,12 @@ def test_folders_of_before(tmp_path, monkeypatch, capsys):
     with monkeypatch.context() as before:
         before.setattr(manifest, "FORMAT", 1)
         before.setattr(computed, "of", lambda *_: {})
-        assert cli.main(words) == cli.OK
+        assert command_line.main(words) == command_line.OK
     text = (out / "manifest.json").read_text()
     assert '"format": 1' in text
     found = ss.open_run(out)
     assert found.missing == [] and found.moments.report.failed == 0
-    assert cli.main(words) == cli.BAD_INPUT
+    assert command_line.main(words) == command_line.BAD_INPUT
     told = capsys.readouterr().err
     assert f"{out} was begun by a version of symsde that did not note what a run is computed with" in told
     assert "read it by symsde.open_run, or go on with that version; for this one give another folder with --out" in told

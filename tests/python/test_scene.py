@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import table_of
-from symsde import cli, scene
-from symsde.batch import work
+from symsde.batch import execute, scene
+from symsde.cli import command_line
 from symsde.errors import SceneError
-from symsde.study import scenes
+from symsde.reports.study import study_scenes as scenes
 
 SCENE = """
 [model]
@@ -123,9 +123,9 @@ def test_only_what_is_wanted_is_computed(output, written, file, tmp_path, monkey
     pytest.importorskip("netCDF4")
     for name, wanted in (("moments", "moments.csv"), ("simulate", "run.nc")):
         if wanted not in written:
-            monkeypatch.setattr(work, name, lambda *_, **__: pytest.fail("not wanted"))
+            monkeypatch.setattr(execute, name, lambda *_, **__: pytest.fail("not wanted"))
     path = file(text=SCENE.partition("[output]")[0] + output)
-    assert cli.main(["run", str(path), "--out", str(tmp_path / "out")]) == 0
+    assert command_line.main(["run", str(path), "--out", str(tmp_path / "out")]) == 0
     assert results(tmp_path / "out") == written
 
 
@@ -137,7 +137,7 @@ def results(folder):
 def test_files_of_a_run_hold_the_run(file, tmp_path, capsys):
     xarray = pytest.importorskip("xarray")
     path = file()
-    assert cli.main(["run", str(path), "--out", str(tmp_path / "out")]) == 0
+    assert command_line.main(["run", str(path), "--out", str(tmp_path / "out")]) == 0
     loaded = scene.load(path)
     moments, run = loaded.compute_moments(), loaded.compute_paths()
     moments.save(tmp_path / "known.csv")
@@ -159,7 +159,7 @@ def test_paths_of_a_compensated_scene_keep_their_low_parts(file):
 def test_check_says_what_the_run_will_do(file, capsys):
     path = file(("steps = 500", "steps = 1000000000"), ("save_every = 50", "save_every = 1000000"),
                 ('"midpoint"', '"symplectic_euler"'))  # fmt: skip
-    assert cli.main(["check", str(path)]) == 0
+    assert command_line.main(["check", str(path)]) == 0
     first, *lines = capsys.readouterr().out.splitlines()
     assert first == f"{path}: ok"
     report = ss.simulate(ss.models.synchrotron(), q0=0.0, p0=0.0, step=0.02, steps=0, scheme="symplectic_euler").report
@@ -218,7 +218,7 @@ def test_bad_scenes(replacements, words, file, capsys):
         scene.load(path)
     for word in (*words, "scene.toml"):
         assert word in str(caught.value)
-    assert cli.main(["check", str(path)]) == 2
+    assert command_line.main(["check", str(path)]) == 2
     assert str(caught.value) in capsys.readouterr().err
 
 
@@ -288,22 +288,22 @@ def test_all_paths_are_not_listed_before_their_size_is_known(file):
 
 
 def test_missing_file(tmp_path, capsys):
-    assert cli.main(["run", str(tmp_path / "none.toml")]) == 2
+    assert command_line.main(["run", str(tmp_path / "none.toml")]) == 2
     assert "none.toml" in capsys.readouterr().err
 
 
 def test_run(file, tmp_path, capsys, monkeypatch):
     path = file()
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["check", str(path)]) == 0
+    assert command_line.main(["check", str(path)]) == 0
     assert "ok" in capsys.readouterr().out
-    assert cli.main(["run", str(path)]) == 0
+    assert command_line.main(["run", str(path)]) == 0
     shown = capsys.readouterr().out
     assert "mean q_1" in shown and "energy" in shown and "stepper" in shown
     assert len([line for line in shown.splitlines() if "+-" in line]) == 11
     written = results(tmp_path / "scene")
     assert written[0] == "moments.csv" and written[1] in ("run.nc", "run.npz")
-    assert cli.main(["run", str(path), "--quiet", "--out", str(tmp_path / "elsewhere")]) == 0
+    assert command_line.main(["run", str(path), "--quiet", "--out", str(tmp_path / "elsewhere")]) == 0
     assert capsys.readouterr().out == ""
 
 
@@ -312,7 +312,7 @@ def test_failed_paths(output, file, tmp_path, capsys):
     text = '[model]\nname = "henon_heiles"\n[run]\nstep = 0.1\nsteps = 100\np0 = 0.0\npaths = 3\n'
     text += 'q0 = [[20.0, 0.1, 20.0], [20.0, 0.1, 20.0]]\nscheme = "stormer_verlet"\n'
     path = file(text=f"{text}[output]\n{output}\n")
-    assert cli.main(["run", str(path), "--out", str(tmp_path / "out")]) == 3
+    assert command_line.main(["run", str(path), "--out", str(tmp_path / "out")]) == 3
     first, *more = capsys.readouterr().err.splitlines()
     assert first == "symsde: 2 paths failed; moments are over the others"
     if "moments = false" in output:
@@ -326,9 +326,9 @@ def test_failed_paths(output, file, tmp_path, capsys):
 def test_failed_paths_that_are_not_saved_count_too(file, tmp_path, capsys):
     text = '[model]\nname = "henon_heiles"\n[run]\nstep = 0.1\nsteps = 100\np0 = 0.0\npaths = 3\n'
     text += 'q0 = [[20.0, 0.1, 20.0], [20.0, 0.1, 20.0]]\nscheme = "stormer_verlet"\n[output]\npaths = [1]\n'
-    assert cli.main(["run", str(file(text=text)), "--out", str(tmp_path / "out")]) == 3
+    assert command_line.main(["run", str(file(text=text)), "--out", str(tmp_path / "out")]) == 3
     good = text.replace("[output]", "[output]\nmoments = false")
-    assert cli.main(["run", str(file(text=good)), "--out", str(tmp_path / "good")]) == 0
+    assert command_line.main(["run", str(file(text=good)), "--out", str(tmp_path / "good")]) == 0
 
 
 LONG = ("steps = 500", "steps = 1000000000"), ("save_every = 50", "save_every = 100000000")
@@ -355,7 +355,7 @@ def stopped_by(number, command, folder):
 def test_a_stopped_run_keeps_its_checkpoint(number, file, tmp_path):
     path = file(*LONG, ("moments = true", "moments = false"), ("[0, 1, 7]", "[0, 1]"))
     code, shown = stopped_by(number, ["run", str(path), "--out", "out"], tmp_path)
-    assert code == cli.STOPPED and f"stopped by {number.name}; 0 of 1 shards are in out: go on with" in shown
+    assert code == command_line.STOPPED and f"stopped by {number.name}; 0 of 1 shards are in out: go on with" in shown
     assert "Traceback" not in shown
     assert results(tmp_path / "out") == [] and os.listdir(tmp_path / "out" / "shards") == ["paths-000001.checkpoint"]
 
@@ -382,7 +382,7 @@ def test_a_stop_in_a_later_stretch_of_paths_keeps_the_earlier_ones(file, monkeyp
 
 def test_signals_are_left_as_they_were(file, tmp_path):
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    assert cli.main(["run", str(file()), "--quiet", "--out", str(tmp_path / "out")]) == 0
+    assert command_line.main(["run", str(file()), "--quiet", "--out", str(tmp_path / "out")]) == 0
     assert {number: signal.getsignal(number) for number in before} == before
 
 
@@ -394,18 +394,18 @@ FOLDERS = ["/proc/self", "/proc/self/deeper", "scene.toml"]
 def test_a_folder_that_cannot_be_written_is_found_before_the_work(verb, folder, file, capsys, monkeypatch):
     """Folders of /proc take no files, not even those of root."""
     pytest.importorskip("matplotlib")
-    from symsde import paper, stability, study
+    from symsde.reports import paper, stability, study
 
     def begin(*_, **__):
         pytest.fail("the work began")
 
     monkeypatch.chdir(file().parent)
-    for module, name in ((work, "moments"), (study, "measure")):
+    for module, name in ((execute, "moments"), (study, "measure")):
         monkeypatch.setattr(module, name, begin)
     monkeypatch.setattr(stability, "SCENARIOS", (begin,))
     monkeypatch.setattr(paper.kubo, "run", begin)
     scenes = ["scene.toml"] if verb in {"run", "study"} else []
-    assert cli.main([verb, *scenes, "--out", folder]) == cli.NOT_WRITTEN
+    assert command_line.main([verb, *scenes, "--out", folder]) == command_line.NOT_WRITTEN
     assert f"nothing can be written to {folder}" in capsys.readouterr().err
 
 
@@ -434,29 +434,29 @@ def test_a_full_device_is_said_once():
     with open("/dev/full", "w") as full:
         command = [sys.executable, "-m", "symsde", "list"]
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert done.returncode == cli.NOT_WRITTEN
+    assert done.returncode == command_line.NOT_WRITTEN
     assert "No space left" in done.stderr and len(done.stderr.splitlines()) == 1
 
 
 def test_other_verbs(capsys):
-    assert cli.main(["list"]) == 0
+    assert command_line.main(["list"]) == 0
     shown = capsys.readouterr().out
     assert all(name in shown for name in (*ss.models.names(), *ss.schemes.names()))
-    assert cli.main(["info"]) == 0
+    assert command_line.main(["info"]) == 0
     assert ss.__version__ in capsys.readouterr().out
-    assert cli.main(["template", "kubo"]) == 0
-    assert cli.main(["template", "kubbo"]) == 2
+    assert command_line.main(["template", "kubo"]) == 0
+    assert command_line.main(["template", "kubbo"]) == 2
     with pytest.raises(SystemExit) as caught:
-        cli.main(["rnu"])
+        command_line.main(["rnu"])
     assert caught.value.code == 2
 
 
 def test_paper_is_dispatched(monkeypatch, tmp_path):
     pytest.importorskip("matplotlib")
-    paper = pytest.importorskip("symsde.paper")
+    paper = pytest.importorskip("symsde.reports.paper")
     called = []
     monkeypatch.setattr(paper, "run", lambda out, quick: called.append((out, quick)) or 1)
-    assert cli.main(["paper", "--out", str(tmp_path), "--quick"]) == 1
+    assert command_line.main(["paper", "--out", str(tmp_path), "--quick"]) == 1
     assert called == [(str(tmp_path), True)]
 
 
@@ -467,7 +467,7 @@ def test_a_plain_scene_needs_numpy_alone():
         "import sys\n"
         "for name in ('sympy', 'symengine', 'scipy', 'numba', 'matplotlib', 'xarray', 'netCDF4', 'tqdm', 'pandas'):\n"
         "    sys.modules[name] = None\n"
-        "from symsde.cli import main\n"
+        "from symsde.cli.command_line import main\n"
         f"sys.exit(main(['check', {str(scene_file)!r}]))\n"
     )
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)

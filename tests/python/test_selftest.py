@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _library, _selftest, cite, cli
+from symsde.cli import cite, command_line, selftest
 from symsde.errors import SymsdeError
+from symsde.native import library
 
-NAMES = [check.__name__ for check in _selftest.CHECKS]
+NAMES = [check.__name__ for check in selftest.CHECKS]
 
 
 def test_all_is_well_and_quick(capsys):
@@ -22,7 +23,7 @@ def test_all_is_well_and_quick(capsys):
     assert [line.split()[0] for line in lines[:-1]] == ["ok"] * 8
     found = re.fullmatch(r"8 of 8 checks passed in ([\d.]+) s", lines[-1])
     assert found and float(found[1]) < 60  # ten seconds on a quiet machine; here others may be at work
-    assert str(_library.found()) in lines[7]
+    assert str(library.found()) in lines[7]
 
 
 def _shifted(by):
@@ -82,39 +83,39 @@ def test_a_planted_fault_fails_its_check(name, monkeypatch, tmp_path, capsys):
     """And that check alone, by which a user knows where to look."""
     what, fault = FAULTS[name]
     if name == "structure":
-        found = _selftest.diagnose.symplecticity
-        monkeypatch.setattr(_selftest.diagnose, "symplecticity", lambda *args: found(*args) + 1e-11)
+        found = selftest.diagnose.symplecticity
+        monkeypatch.setattr(selftest.diagnose, "symplecticity", lambda *args: found(*args) + 1e-11)
     elif name == "order":
-        found = _selftest.convergence
+        found = selftest.convergence
         monkeypatch.setattr(
-            _selftest, "convergence", lambda *args, **options: replace(found(*args, **options), order=0.5)
+            selftest, "convergence", lambda *args, **options: replace(found(*args, **options), order=0.5)
         )
     elif name == "variant":
         better = tmp_path / "glibc-hwcaps" / "x86-64-v3"
         better.mkdir(parents=True)
         monkeypatch.delenv("SYMSDE_LIBRARY", raising=False)
-        monkeypatch.setattr(_library, "package", lambda: tmp_path)
-        monkeypatch.setattr(_library, "candidates", lambda: [better / "libsymsde.so", tmp_path / "libsymsde.so"])
+        monkeypatch.setattr(library, "package", lambda: tmp_path)
+        monkeypatch.setattr(library, "candidates", lambda: [better / "libsymsde.so", tmp_path / "libsymsde.so"])
     else:
-        monkeypatch.setattr(_selftest, what, fault(getattr(_selftest, what)))
-    bad = [check.name.replace(" ", "_") for check in _selftest.checks() if not check.good]
+        monkeypatch.setattr(selftest, what, fault(getattr(selftest, what)))
+    bad = [check.name.replace(" ", "_") for check in selftest.checks() if not check.good]
     assert bad == [name]
     assert not ss.selftest()
     assert "7 of 8 checks passed" in capsys.readouterr().out
-    assert cli.main(["selftest"]) == 1
+    assert command_line.main(["selftest"]) == 1
 
 
 def test_a_check_that_cannot_be_made_has_failed(monkeypatch):
     def refused(*_args, **_options):
         raise SymsdeError("no such model")
 
-    monkeypatch.setattr(_selftest, "increments", refused)
-    first = next(_selftest.checks())
+    monkeypatch.setattr(selftest, "increments", refused)
+    first = next(selftest.checks())
     assert (first.name, first.found, first.good) == ("noise", "no such model", False)
 
 
 def test_the_verb(capsys):
-    assert cli.main(["selftest"]) == 0
+    assert command_line.main(["selftest"]) == 0
     assert "8 of 8" in capsys.readouterr().out
 
 
@@ -122,7 +123,12 @@ def test_the_command_line_needs_numpy_alone(tmp_path):
     """What a fresh environment has: no sympy, xarray, numba, matplotlib; scenes run, and save what they can."""
     hide = "import sys; sys.modules.update(dict.fromkeys(sys.argv[1].split(',')))\n"
     names = "sympy,symengine,xarray,netCDF4,numba,matplotlib,tqdm,scipy,pandas"
-    verb = [sys.executable, "-c", f"{hide}from symsde import cli; sys.exit(cli.main(sys.argv[2:]))", names]
+    verb = [
+        sys.executable,
+        "-c",
+        f"{hide}from symsde.cli import command_line as cli; sys.exit(cli.main(sys.argv[2:]))",
+        names,
+    ]
     text = subprocess.run([*verb, "template", "kubo"], check=True, capture_output=True, text=True).stdout
     (tmp_path / "k.toml").write_text(text.replace("steps = 5000", "steps = 500"))
     run = [*verb, "run", tmp_path / "k.toml", "--out", tmp_path / "k"]
@@ -174,8 +180,8 @@ def test_the_paper_is_cited_as_in_the_citation_file():
 
 
 def test_the_verb_cite(capsys):
-    assert cli.main(["cite", "--scheme", "stormer_verlet"]) == 0
+    assert command_line.main(["cite", "--scheme", "stormer_verlet"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("% stormer_verlet: Lobatto") and "10.1007/s10543-018-0720-2" in said
-    assert cli.main(["cite", "--scheme", "midpiont"]) == 2
+    assert command_line.main(["cite", "--scheme", "midpiont"]) == 2
     assert "midpiont" in capsys.readouterr().err

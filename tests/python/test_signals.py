@@ -11,9 +11,9 @@ import pytest
 import symsde as ss
 from conftest import rotation_gradient, rotation_hessian, rotation_value
 from sender import HandledError, Sender, handled, raises, sent
-from symsde import scene
-from symsde.expect.answer import Answer
-from symsde.mlmc.answer import Multilevel
+from symsde.answers.expectation.answer import Answer
+from symsde.answers.multilevel.multilevel_answer import Multilevel
+from symsde.batch import scene
 
 LAST = getattr(signal, "SIGRTMAX", signal.SIGUSR2)
 PLACE = {"q0": 1.0, "p0": 0.0}
@@ -253,9 +253,9 @@ def test_a_handler_in_the_main_thread_leaves_the_run_of_another_alone(kubo):
 @pytest.mark.parametrize("arrives", [signal.SIGUSR1, signal.SIGALRM])
 def test_handlers_are_given_back_whatever_happens(arrives, kubo, monkeypatch):
     """Also where a handler raises while others are given back or taken over: one before, one behind in the order."""
-    from symsde import _signals
+    from symsde.native import signals
 
-    swap, numbers = _signals.signal.signal, (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM)
+    swap, numbers = signals.signal.signal, (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM)
 
     def restless(number, handler):
         result = swap(number, handler)
@@ -266,7 +266,7 @@ def test_handlers_are_given_back_whatever_happens(arrives, kubo, monkeypatch):
     before = signal.getsignal(signal.SIGINT)
     with handled(numbers[0], raises), handled(numbers[1], raises), handled(numbers[2], raises):
         with monkeypatch.context() as patch:
-            patch.setattr(_signals.signal, "signal", restless)
+            patch.setattr(signals.signal, "signal", restless)
             with pytest.raises(HandledError):
                 ss.simulate(kubo, **PLACE, step=0.1, steps=1)
         assert all(signal.getsignal(number) is raises for number in numbers)

@@ -12,7 +12,9 @@ import sys
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import _abi, _handles, _progress, _setup
+from symsde.native import abi, handles
+from symsde.native import progress as _progress
+from symsde.run import setup
 
 
 def test_shapes(options):
@@ -412,8 +414,8 @@ def test_rounding_that_cycles_ends_an_iteration():
 
 def test_defaults_of_options_are_those_of_the_library():
     """They are not looked at where they are given: reading one must change nothing."""
-    library = bytes(_handles.new(_abi.Options, "options"))
-    for name, (default, read) in _setup._READ.items():
-        options = _handles.new(_abi.Options, "options")
+    library = bytes(handles.new(abi.Options, "options"))
+    for name, (default, read) in setup._READ.items():
+        options = handles.new(abi.Options, "options")
         read(options, name, default)
         assert bytes(options) == library, name

@@ -9,9 +9,10 @@ import re
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import cli, look
-from symsde.expectations import Expectations
-from symsde.stability import (
+from symsde.cli import command_line
+from symsde.reports import look
+from symsde.reports.expectations import Expectations
+from symsde.reports.stability import (
     SCENARIOS,
     bifurcation,
     failures,
@@ -20,13 +21,13 @@ from symsde.stability import (
     long_time,
     noise,
     nonlinear,
-    page,
     rounding,
+    stability_page,
 )
 
 
 def test_every_criterion_holds(tmp_path, capsys):
-    code = cli.main(["stability", "--quick", "--out", str(tmp_path), "--markdown", str(tmp_path / "page.md")])
+    code = command_line.main(["stability", "--quick", "--out", str(tmp_path), "--markdown", str(tmp_path / "page.md")])
     printed = capsys.readouterr().out
     assert "FAILED" not in printed
     assert code == 0
@@ -146,8 +147,8 @@ def test_every_scenario_has_a_planted_fault():
 
 def test_a_failed_criterion_is_the_exit_code(tmp_path, monkeypatch):
     monkeypatch.setattr(linear, "midpoint_factor", functools.partial(lambda x: 1.01))
-    monkeypatch.setattr("symsde.stability.SCENARIOS", (linear.energy_input,))
-    assert cli.main(["stability", "--quick", "--out", str(tmp_path)]) == 1
+    monkeypatch.setattr("symsde.reports.stability.SCENARIOS", (linear.energy_input,))
+    assert command_line.main(["stability", "--quick", "--out", str(tmp_path)]) == 1
 
 
 SYMPLECTIC_EULER = np.log(np.roots([1, 2.2**2 - 2, 1]) ** 2).max() / 2  # eigenvalues of trace 2 - x^2 at x = 2.2
@@ -217,11 +218,11 @@ def test_the_long_time_figure(tmp_path, monkeypatch):
 
 
 def test_what_failed_is_said_with_its_cause(tmp_path, monkeypatch):
-    monkeypatch.setattr(page.figure, "save", lambda *_: None)
+    monkeypatch.setattr(stability_page.figure, "save", lambda *_: None)
     good, bad = Expectations("good", "Good"), Expectations("bad", "Bad", if_failed="A known cause.")
     good.same("one", "first", 1, 1)
     bad.same("two", "second", 3, 4)
-    page.write(tmp_path / "page.md", [good, bad], False)
+    stability_page.write(tmp_path / "page.md", [good, bad], False)
     text = (tmp_path / "page.md").read_text()
     assert "1 of 2 expectations are met" in text and "(quick" not in text and f"symsde {ss.__version__}" in text
     assert text.index("## 1. Good") < text.index("## 2. Bad") < text.index("A known cause.")

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import told
-from symsde import cli, study
-from symsde.study import left_out, orders, words
+from symsde.cli import command_line
+from symsde.reports import study
+from symsde.reports.study import left_out, orders
+from symsde.reports.study import study_words as words
 
 SCENES = Path(__file__).parents[2] / "examples" / "scenes"
 SMALL = {"q0": 1.0, "p0": 0.0, "steps": [8, 16, 32, 64], "horizon": 2.0, "paths": 1000, "seed": 3}
@@ -201,13 +203,13 @@ def test_words_name_the_cheapest():
 
 def test_command_line(tmp_path, capsys):
     common = ["study", str(SCENES / "kubo.toml"), "--schemes", "midpoint,heun", "--paths", "60", "--out", str(tmp_path)]
-    assert cli.main([*common, "--steps", "8,16"]) == cli.OK
+    assert command_line.main([*common, "--steps", "8,16"]) == command_line.OK
     assert "For an error of" in capsys.readouterr().out
     assert len(read(tmp_path)) == 4
-    assert cli.main([*common, "--steps", "8,12"]) == cli.BAD_INPUT
+    assert command_line.main([*common, "--steps", "8,12"]) == command_line.BAD_INPUT
     assert "kubo.toml: [study]" in capsys.readouterr().err
-    assert cli.main(["study"]) == cli.BAD_INPUT
-    assert cli.main(["study", "--all", str(tmp_path)]) == cli.BAD_INPUT
+    assert command_line.main(["study"]) == command_line.BAD_INPUT
+    assert command_line.main(["study", "--all", str(tmp_path)]) == command_line.BAD_INPUT
 
 
 def test_page(tmp_path):
@@ -218,7 +220,8 @@ def test_page(tmp_path):
     (folder / "kubo.toml").write_text(head + '[study]\nschemes = ["midpoint", "heun"]\nsteps = [8, 16]\npaths = 60\n')
     page = tmp_path / "page.md"
     assert (
-        cli.main(["study", "--all", str(folder), "--out", str(tmp_path), "--markdown", str(page), "--quiet"]) == cli.OK
+        command_line.main(["study", "--all", str(folder), "--out", str(tmp_path), "--markdown", str(page), "--quiet"])
+        == command_line.OK
     )
     text = page.read_text()
     assert "## kubo" in text and "What each scene left out" in text
@@ -239,9 +242,9 @@ def test_check_refuses_what_the_study_would(tmp_path, capsys, monkeypatch, line,
     monkeypatch.setattr(study, "measure", lambda *_: pytest.fail("a point was measured"))
     head, _, _ = (SCENES / "kubo.toml").read_text().partition("[study]")
     (tmp_path / "a.toml").write_text(f"{head}[study]\n{line}\n")
-    assert cli.main(["check", str(tmp_path / "a.toml")]) == cli.BAD_INPUT
+    assert command_line.main(["check", str(tmp_path / "a.toml")]) == command_line.BAD_INPUT
     assert f"a.toml: [study]: {words}" in capsys.readouterr().err
-    assert cli.main(["check", str(SCENES / "kubo.toml")]) == cli.OK
+    assert command_line.main(["check", str(SCENES / "kubo.toml")]) == command_line.OK
     assert "ok" in capsys.readouterr().out
 
 
@@ -250,7 +253,9 @@ def test_a_bad_scene_of_a_folder_is_refused_first(tmp_path, monkeypatch, capsys)
     text = (SCENES / "kubo.toml").read_text()
     (tmp_path / "a.toml").write_text(text)
     (tmp_path / "b.toml").write_text(text.replace("[8, 16, 32, 64, 128, 256]", "[8, 12]"))
-    assert cli.main(["study", "--all", str(tmp_path), "--out", str(tmp_path / "out")]) == cli.BAD_INPUT
+    assert (
+        command_line.main(["study", "--all", str(tmp_path), "--out", str(tmp_path / "out")]) == command_line.BAD_INPUT
+    )
     assert "b.toml: [study]: steps: 8" in capsys.readouterr().err
 
 

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import study
-from symsde.study import left_out, scenes, timing
-from symsde.study.plan import make_plan
+from symsde.answers.error_plan import make_plan
+from symsde.reports import study
+from symsde.reports.study import left_out, study_scenes, timing
 
 GIVEN = {"q0": 1.0, "p0": 0.3, "steps": [4, 8, 16], "horizon": 1.0, "paths": 120, "schemes": ["midpoint", "heun"]}
 GIVEN |= {"repeats": 5}
@@ -200,21 +200,21 @@ def test_counts_of_a_scene_with_a_column_for_each_path(tmp_path):
         text.format([1.0 + i / 50 for i in range(50)]) + '[study]\nschemes = ["midpoint"]\nsteps = [4, 8]\n'
     )
     assert left_out.left_out(file).counts["normals"] == 1
-    found = scenes.study(file)
+    found = study_scenes.study(file)
     assert {row["paths"] for row in found.rows} == {50} and found.rows[0]["failed"] == 0
     with pytest.raises(ss.errors.SceneError, match="q0 has shape"):
-        scenes.study(file, paths=100)
+        study_scenes.study(file, paths=100)
 
 
 def test_a_scene_that_goes_backward_needs_a_horizon(tmp_path):
     file = tmp_path / "back.toml"
     file.write_text('[model]\nname = "kubo"\n[run]\nstep = -0.1\nsteps = 8\nq0 = 1.0\np0 = 0.0\n')
     with pytest.raises(ss.errors.SceneError, match="goes backward"):
-        scenes.check(file)
-    scenes.check(file, horizon=0.8)
+        study_scenes.check(file)
+    study_scenes.check(file, horizon=0.8)
     file.write_text(file.read_text() + "fixed_point = 3\n")
     with pytest.raises(ss.errors.SceneError, match=r"fixed_point = 3 of \[run\] would have no effect"):
-        scenes.check(file, horizon=0.8)
+        study_scenes.check(file, horizon=0.8)
 
 
 def test_the_table_tells_what_made_it(tmp_path):
@@ -224,7 +224,7 @@ def test_the_table_tells_what_made_it(tmp_path):
         '# one\n[model]\nname = "kubo"\nsigma = 0.3\n[run]\nstep = 0.1\nsteps = 8\nq0 = 1.5\np0 = 0.0\nseed = 9\n'
         '[study]\nschemes = ["midpoint"]\nsteps = [4, 8]\npaths = 50\n'
     )
-    scenes.study(file, out=tmp_path / "out")
+    study_scenes.study(file, out=tmp_path / "out")
     said = [line[2:] for line in (tmp_path / "out" / "work-precision.csv").read_text().splitlines() if line[0] == "#"]
     told = dict(line.split(": ", 1) for line in said if ": " in line)
     assert (told["model"], told["q0"], told["p0"]) == ("kubo", "[1.5]", "[0.0]")

@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.expect.tolerance import quantile
-from symsde.study import errors, figure, learned, orders, page, table, words
+from symsde.answers import coupled_errors
+from symsde.answers.expectation.tolerance import quantile
+from symsde.reports.study import learned, orders, study_figure, study_page, study_words, table
 
 STUDENT = 2.0930240544082634  # 97.5 % of Student's t with 19 degrees of freedom
 GIVEN = {"q0": [0.4], "p0": 0.3, "t0": 0.5, "horizon": 1.0, "steps": [4, 8, 16], "paths": 120, "seed": 5}
@@ -240,7 +241,7 @@ MADE_UP = [
 
 
 def test_the_words_give_the_numbers():
-    said = words.paragraph(MADE_UP, {"midpoint": orders.Order(1.02, 0.03, 2), "heun": orders.Order(0.5, 0.1, 1)})
+    said = study_words.paragraph(MADE_UP, {"midpoint": orders.Order(1.02, 0.03, 2), "heun": orders.Order(0.5, 0.1, 1)})
     first = (
         "For an error of 0.01 use heun at h = 0.05: 1.25 microseconds a path, 2.0 times less than midpoint at h = 0.1."
     )
@@ -258,21 +259,23 @@ def test_the_words_give_the_numbers():
 def test_words_of_ties_failures_and_invariants():
     rows = [cost_row("midpoint", 0.1, 8e-3, 2.5e-6, drift=1e-13), cost_row("gauss2", 0.1, 8e-3, 2.8e-6, drift=3e-4)]
     rows += [cost_row("heun", h, 9e9, 1e-6, status="diverged") for h in (0.4, 0.2)]
-    said = words.paragraph(rows, {})
+    said = study_words.paragraph(rows, {})
     assert "2.5 microseconds a path, and gauss2 cost the same within 15 %." in said
     assert "Paths fail or diverge with heun down to h = 0.2." in said
     assert "The invariant is kept to rounding by midpoint, and at worst changed by gauss2 by 3e-04." in said
-    assert words.paragraph([{**rows[2]}], {}).startswith("No point of this study has an error that can be trusted")
+    assert study_words.paragraph([{**rows[2]}], {}).startswith(
+        "No point of this study has an error that can be trusted"
+    )
 
 
 def test_only_upper_ends_count_as_reached():
     rows = [cost_row("midpoint", 0.1, 9.5e-3, 1e-6), cost_row("gauss2", 0.1, 2e-3, 5e-6)]  # 9.5e-3 + 10 % is above 0.01
-    assert [row["scheme"] for row in words.cheapest(rows, 0.01)] == ["gauss2"]
-    assert [row["scheme"] for row in words.cheapest(rows, 0.0105)] == ["midpoint", "gauss2"]
+    assert [row["scheme"] for row in study_words.cheapest(rows, 0.01)] == ["gauss2"]
+    assert [row["scheme"] for row in study_words.cheapest(rows, 0.0105)] == ["midpoint", "gauss2"]
 
 
 def test_the_table_of_the_page(result):
-    head, _, *lines = page._table(result.study).splitlines()
+    head, _, *lines = study_page._table(result.study).splitlines()
     heads = [text.strip() for text in head.strip("|").split("|")]
     for line in lines:
         cells = dict(zip(heads, [text.strip() for text in line.strip("|").split("|")], strict=True))
@@ -306,7 +309,7 @@ def test_the_table_of_the_page(result):
 def test_what_is_drawn(result):
     figures = pytest.importorskip("matplotlib.figure")
     left, right = figures.Figure().subplots(1, 2)
-    figure.draw(result.study, left, right)
+    study_figure.draw(result.study, left, right)
     floor = result.study.rows[0]["ref_error"]
     for axis, x in ((left, "seconds"), (right, "h")):
         assert len(axis.containers) == 2
@@ -339,14 +342,14 @@ def test_weak_errors_are_drawn_and_hollow_where_they_may_be_zero(result):
             cost_row("a", 2.0, 9.0, 0.5, status="diverged", weak_q=9.0, weak_q_ci=1.0)]  # fmt: skip
     for x, place in (("seconds", 0), ("h", 1)):
         axes = figures.Figure().subplots(1, 2)
-        figure.draw_weak(SimpleNamespace(schemes=["a"], rows=made), *axes)
+        study_figure.draw_weak(SimpleNamespace(schemes=["a"], rows=made), *axes)
         (bars,) = axes[place].containers
         assert list(bars[0].get_xdata()) == [row[x] for row in made[:2]] and list(bars[0].get_ydata()) == [0.3, 0.01]
         np.testing.assert_allclose(np.array(bars[2][0].get_segments())[:, :, 1], [[0.2, 0.4], [0.01, 0.04]])
         (hollow,) = [line for line in axes[place].lines if line.get_markerfacecolor() == "white"]
         assert list(hollow.get_xdata()) == [made[1][x]]
         axes = figures.Figure().subplots(1, 2)
-        figure.draw_weak(result.study, *axes)
+        study_figure.draw_weak(result.study, *axes)
         for bars, scheme in zip(axes[place].containers, GIVEN["schemes"], strict=True):
             rows = [row for row in result.study.rows if row["scheme"] == scheme]
             largest = [max(abs(row[f"weak_{name}"]) for name in "qpH") for row in rows]
@@ -362,7 +365,7 @@ def test_plateaus_are_hollow_and_failures_crossed():
         row |= {"seconds_low": row["seconds"], "seconds_high": row["seconds"], "ref_error": 0.0}
     study_ = SimpleNamespace(schemes=["a"], rows=rows, orders={"a": orders.Order(math.nan, math.nan, 1)})
     left, right = figures.Figure().subplots(1, 2)
-    figure.draw(study_, left, right)
+    study_figure.draw(study_, left, right)
     (bars,) = right.containers
     assert list(bars[0].get_xdata()) == [1.0, 0.5]
     (hollow,) = [line for line in right.lines if line.get_markerfacecolor() == "white"]
@@ -372,17 +375,17 @@ def test_plateaus_are_hollow_and_failures_crossed():
 
 
 def test_drift_is_of_energy_where_every_noise_keeps_it():
-    assert errors.conserves_energy(ss.models.kubo(), [0.0])
+    assert coupled_errors.conserves_energy(ss.models.kubo(), [0.0])
     for model in (
         ss.models.linear_oscillator(),
         ss.models.synchrotron(),
         ss.models.henon_heiles(),
         ss.models.pendulum(),
     ):
-        assert not errors.conserves_energy(model, [0.0])
-    assert errors.conserves_energy(ss.models.linear_oscillator(sigma=0.0), [0.0])
+        assert not coupled_errors.conserves_energy(model, [0.0])
+    assert coupled_errors.conserves_energy(ss.models.linear_oscillator(sigma=0.0), [0.0])
     without = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p))
-    assert not errors.conserves_energy(without, [0.0])
+    assert not coupled_errors.conserves_energy(without, [0.0])
     found = ss.work_precision(ss.models.kubo(), q0=1.0, p0=0.5, schemes=["heun"], steps=[4, 8], paths=60)
     for row, steps in zip(found.rows, (4, 8), strict=True):
         run = ss.simulate(ss.models.kubo(), scheme="heun", q0=1.0, p0=0.5, step=1 / steps, steps=steps, paths=60,
@@ -402,7 +405,7 @@ def driven_value(t, w, q, p):
 def test_energy_that_depends_on_time_is_taken_at_the_end():
     """H = p^2/2 + q^2/2 + q sin 3t without noise: not an invariant, and its error is one at t0 + horizon."""
     model = ss.Model(ndof=1, nnoise=0, gradient=driven, value=driven_value, separable=True)
-    assert errors.conserves_energy(model, [0.7]) and not errors.conserves_energy(model, [0.7, 1.2])
+    assert coupled_errors.conserves_energy(model, [0.7]) and not coupled_errors.conserves_energy(model, [0.7, 1.2])
     given = {"q0": 0.0, "p0": 0.3, "t0": 0.7, "horizon": 0.5}
     found = ss.work_precision(model, schemes=["midpoint"], steps=[2, 4], paths=60, **given)
     assert found.rows[0]["drift"] is None

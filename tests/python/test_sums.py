@@ -4,9 +4,10 @@
 import numpy as np
 import pytest
 import symsde as ss
-from symsde import cli, observe
+from symsde import observe
+from symsde.cli import command_line
 from symsde.errors import InvalidArgumentError
-from symsde.formulas import observables as formulas
+from symsde.model.formulas import formula_observables as formulas
 
 H = "Sum(p[i]**2/2 + (q[i+1] - q[i])**2/2 + k*(q[i+2] - q[i-1])**4/4 + cos(q[i] - q[i+1]), i) + 0.5*Sum(q[j]**2, j)"
 N = 7
@@ -93,8 +94,8 @@ def test_lanes_far_away(beta):
 
 def test_without_a_compiler(beta, monkeypatch):
     fast = ss.moments(beta, observables=MIXED, **RUN, **start(5))
-    monkeypatch.setattr("symsde.formulas.compiler.command", lambda: None)
-    monkeypatch.setattr("symsde.formulas.llvm.engine.binding", lambda: None)
+    monkeypatch.setattr("symsde.model.formulas.compiler.command", lambda: None)
+    monkeypatch.setattr("symsde.model.formulas.llvm.engine.binding", lambda: None)
     formulas._read.cache_clear()
     try:
         slow = ss.moments(beta, observables=MIXED, **RUN, **start(5))
@@ -118,8 +119,8 @@ def test_without_a_compiler_at_the_ends(ends, monkeypatch):
     pairs = {"free": q[:-1] * p[1:], "fixed": np.vstack([0 * q[:1], q[:-1] * p[1:], 0 * q[:1]])}
     pairs["periodic"] = q * np.roll(p, -1, axis=0)
     np.testing.assert_allclose(fast[1], (2 + pairs[ends]).sum(axis=0), rtol=1e-13)
-    monkeypatch.setattr("symsde.formulas.compiler.command", lambda: None)
-    monkeypatch.setattr("symsde.formulas.llvm.engine.binding", lambda: None)
+    monkeypatch.setattr("symsde.model.formulas.compiler.command", lambda: None)
+    monkeypatch.setattr("symsde.model.formulas.llvm.engine.binding", lambda: None)
     formulas._read.cache_clear()
     try:
         slow = formulas.FormulaObservables(model, {"h": H, **PAIRS})(0.0, q, p)
@@ -172,6 +173,6 @@ def test_sums_in_scenes(beta, tmp_path):
         f"q0 = {start(5)['q0'].tolist()}\np0 = {start(5)['p0'].tolist()}\n"
         '[observables]\nkinetic = "Sum(p[i]**2, i)/2"\n'
     )
-    assert cli.main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert command_line.main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     found = ss.moments(beta, observables={"kinetic": MIXED["kinetic"]}, **RUN, **start(5))
     np.testing.assert_array_equal(ss.open_run(tmp_path / "out").moments.mean["kinetic"], found.mean["kinetic"])

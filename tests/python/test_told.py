@@ -10,23 +10,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.advise.ladder import Ladder
-from symsde.advise.wants import Invariants, Moments, Paths, Seen
-from symsde.expect import choice
-from symsde.expect.answer import Alternative
-from symsde.expect.candidates import suitable
-from symsde.expect.estimators import Drawn
-from symsde.expect.pilot import Pilot
-from symsde.expect.problem import make_problem
-from symsde.expect.stability import frequency
-from symsde.expect.tally import Tally
-from symsde.expect.tolerance import make_tolerance, quantile
-from symsde.expect.watch import Watch
-from symsde.expect.work import Work, _failures, _Outcome
-from symsde.mlmc.answer import Level, Multilevel
-from symsde.mlmc.mlmc import Estimate, _doubts
-from symsde.mlmc.rates import UNSEEN
-from symsde.mlmc.sampler import Draw, LevelSampler
+from symsde.answers.advice.ladder import Ladder
+from symsde.answers.advice.wants import Invariants, Moments, Paths, Seen
+from symsde.answers.expectation import choice
+from symsde.answers.expectation.answer import Alternative
+from symsde.answers.expectation.candidates import suitable
+from symsde.answers.expectation.carry_out import Work, _failures, _Outcome
+from symsde.answers.expectation.estimators import Drawn
+from symsde.answers.expectation.longest_step import frequency
+from symsde.answers.expectation.pilot import Pilot
+from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.tally import Tally
+from symsde.answers.expectation.tolerance import make_tolerance, quantile
+from symsde.answers.expectation.watch import Watch
+from symsde.answers.multilevel.mlmc import Estimate, _doubts
+from symsde.answers.multilevel.multilevel_answer import Level, Multilevel
+from symsde.answers.multilevel.rates import UNSEEN
+from symsde.answers.multilevel.sampler import Draw, LevelSampler
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
@@ -166,7 +166,7 @@ def test_reasons_of_advice_hold_its_numbers():
 
 
 def test_the_limit_that_is_told_is_that_of_the_scheme(monkeypatch):
-    monkeypatch.setattr(sys.modules["symsde.advise.advise"], "scheme_names", lambda *_: ["stormer_verlet"])
+    monkeypatch.setattr(sys.modules["symsde.answers.advice.advise"], "scheme_names", lambda *_: ["stormer_verlet"])
     advice = ss.advise(ss.models.pendulum(), q0=1.0, p0=0.0, horizon=4.0, tolerance=0.05)
     assert advice.reasons[1].endswith("; stormer_verlet is stable up to 2") and advice.alternatives == ()
     assert advice.reasons[2] == "stormer_verlet is explicit here, and symplectic"
@@ -174,7 +174,7 @@ def test_the_limit_that_is_told_is_that_of_the_scheme(monkeypatch):
 
 def test_kicks_are_explicit_whatever_else_a_model_declares(monkeypatch):
     """H = p^2/2 - cos q with noise in position, which does not say that it is separable."""
-    monkeypatch.setattr(sys.modules["symsde.advise.advise"], "scheme_names", lambda *_: ["gauss_dkdkd"])
+    monkeypatch.setattr(sys.modules["symsde.answers.advice.advise"], "scheme_names", lambda *_: ["gauss_dkdkd"])
     model = ss.Model(
         ndof=1, nnoise=1, identity_mass=True, position_noise=True,
         gradient=lambda t, w, q, p: (w[0] * np.sin(q) + w[1] * np.cos(q), w[0] * p),

@@ -8,16 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.cli import main
-from symsde.expect import tails
-from symsde.expect.choice import Plan
-from symsde.expect.problem import make_problem
-from symsde.expect.quasi import Quasi
-from symsde.expect.tally import Tally
-from symsde.expect.tolerance import make_tolerance
-from symsde.expect.unseen import unseen
-from symsde.expect.watch import Watch
-from symsde.expect.work import Work
+from symsde.answers.expectation import tails
+from symsde.answers.expectation.carry_out import Work
+from symsde.answers.expectation.choice import Plan
+from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.quasi import Quasi
+from symsde.answers.expectation.tally import Tally
+from symsde.answers.expectation.tolerance import make_tolerance
+from symsde.answers.expectation.unseen import unseen
+from symsde.answers.expectation.watch import Watch
+from symsde.cli.command_line import main
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 1.0}
@@ -107,7 +107,7 @@ def test_ctrl_c_carries_none_before_anything_is_begun(kubo, solve, monkeypatch):
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(importlib.import_module(f"symsde.{solve}.{solve}"), "make_problem", stopped)
+    monkeypatch.setattr(importlib.import_module(getattr(ss, solve).__module__), "make_problem", stopped)
     with pytest.raises(KeyboardInterrupt) as caught:
         getattr(ss, solve)(kubo, "q", **PLACE, abs=1e-2)
     assert caught.value.partial is None

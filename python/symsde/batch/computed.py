@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..model import Model
+from ..model.definition import Model
 from ..schemes import Scheme
 
 _SCALES = (0.1, 1.0, 4.0)  #: of the distance to the first state

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ..errors import WrongTypeError
-from ..observe.observables import are_in_python
-from .plan import Piece
+from ..run.observers.observables import are_in_python
+from .execute import Checkpoint, Task, compute
+from .pieces import Piece
 from .shard_file import Shard
 from .show import Show
 from .stop import Stop
-from .work import Checkpoint, Task, compute
 
 _LOOK = 0.2  # seconds between looks at signals and progress
 _ELSEWHERE = 0.5  # seconds between looks at what other processes do

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .._setup import make_setup
-from ..moments import Moments, moments
+from ..run.moments import Moments, moments
+from ..run.setup import make_setup
 from .dispatch import division
-from .plan import Piece
-from .work import Task
+from .execute import Task
+from .pieces import Piece
 
 _PILOT = 0.3  # seconds
 _FILE, _FILES = 2500, 15000  # bytes of a shard, and of the results and the manifest, without their numbers

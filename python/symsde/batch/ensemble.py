@@ -9,24 +9,24 @@ import warnings
 from concurrent.futures import Executor
 from typing import Any
 
-from .. import _abi, _checks
-from .._handles import status_text
-from .._progress import Progress, told_by
-from .._setup import make_setup
-from .._signals import carry
 from ..errors import NotANumberWarning, PathsFailedWarning, SymsdeError, WrongTypeError
-from ..model import Model
-from ..moments import Moments
-from ..observe import requests
-from ..observe.observables import Observable, are_in_python, check_observables
+from ..model.definition import Model
+from ..native import abi, checks
+from ..native.handles import status_text
+from ..native.progress import Progress, told_by
+from ..native.signals import carry
+from ..run.moments import Moments
+from ..run.observers import requests
+from ..run.observers.observables import Observable, are_in_python, check_observables
+from ..run.setup import make_setup
 from .dispatch import Context, dispatch
-from .plan import Extent, Piece, plan
-from .plan import shard_paths as paths_of_a_shard
-from .results import MomentsInWork
+from .execute import Task
+from .merged_results import MomentsInWork
+from .pieces import Extent, Piece, plan
+from .pieces import shard_paths as paths_of_a_shard
 from .shard_file import Shard
 from .show import Show
 from .stop import Stop
-from .work import Task
 
 
 class _Memory:
@@ -93,11 +93,11 @@ def ensemble(
     bar, tell = told_by(progress)
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise WrongTypeError(
-            f"executor = {_checks.shown(executor)} takes no work: give an executor of concurrent.futures, or what has "
+            f"executor = {checks.shown(executor)} takes no work: give an executor of concurrent.futures, or what has "
             "a method submit as these have; None for threads of this process"
         )
     functions = check_observables(observables)
-    given = _checks.own({"q0": q0, "p0": p0, "step": step, "steps": steps, **options})
+    given = checks.own({"q0": q0, "p0": p0, "step": step, "steps": steps, **options})
     setup = make_setup(model, in_python=are_in_python(functions), **given)
     size = _size(setup, shard_paths)
     pieces = plan(_extent(setup), size, moments=True, saved=())
@@ -136,7 +136,7 @@ def _found(work: MomentsInWork, missing: int, begin: float) -> Moments:
     found = work.result(time.monotonic() - begin)
     if missing:
         found.report = dataclasses.replace(
-            found.report, stopped=missing, status=_abi.STOPPED, outcome=status_text(_abi.STOPPED)
+            found.report, stopped=missing, status=abi.STOPPED, outcome=status_text(abi.STOPPED)
         )
     return found
 

@@ -16,11 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import _files, provenance
-from ..observe.observables import Rows, rows_of
-from ..simulate import Run, simulate
-from .plan import Extent, Piece
-from .work import Task, Tell, never
+from ..native import files
+from ..run import provenance
+from ..run.observers.observables import Rows, rows_of
+from ..run.simulate import Run, simulate
+from .execute import Task, Tell, never
+from .pieces import Extent, Piece
 
 _PATHS, _BYTES = 4096, 2**26
 
@@ -62,7 +63,7 @@ class ErrorCheck:
                 file.writelines(provenance.comments({**self.attributes, **told}))
                 csv.writer(file).writerows([header, *rows])
 
-        _files.replace(path, put)
+        files.replace(path, put)
 
 
 def error_check(

@@ -18,12 +18,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from .. import _durable, _files, _parts
 from ..errors import SceneError
-from ..scene import Scene
+from ..native import durable, files, parts
 from . import manifest, shard_file
 from .claims import Claims
-from .plan import Piece
+from .pieces import Piece
+from .scene import Scene
 from .shard_file import DamagedShardError, Shard
 
 _KEPT = 2**24  # bytes of shards that are kept in memory until the results are put together
@@ -54,21 +54,21 @@ class RunFolder:
         cls, path: str, record: dict[str, Any], pieces: Sequence[Piece], scene: Scene | None
     ) -> Iterator[RunFolder]:
         """Make the folder, or go on in it; a folder of another run is refused, and not touched."""
-        if (there := manifest.read(_files.path_of("the folder of the results", path))) is not None:
+        if (there := manifest.read(files.path_of("the folder of the results", path))) is not None:
             manifest.require_same(there, record, Path(path))
-        with _files.folder(path) as target:
+        with files.folder(path) as target:
             if not (target / manifest.NAME).exists():
                 _require_no_results(target)
             for place in (target, target / "shards"):
-                _parts.sweep(place)
+                parts.sweep(place)
             self = cls(target, record, pieces)
             if scene is not None:
-                _durable.write(target / "scene.toml", Path(scene.file).read_bytes())
+                durable.write(target / "scene.toml", Path(scene.file).read_bytes())
                 for name, source in manifest.python_sources(scene):
                     (target / name).parent.mkdir(parents=True, exist_ok=True)
-                    _parts.sweep((target / name).parent)
-                    _durable.write(target / name, source.read_bytes())
-            if not _durable.write(target / manifest.NAME, manifest.to_bytes(record)):
+                    parts.sweep((target / name).parent)
+                    durable.write(target / name, source.read_bytes())
+            if not durable.write(target / manifest.NAME, manifest.to_bytes(record)):
                 manifest.require_same(manifest.read(target), record, target)
             (target / "shards").mkdir(exist_ok=True)
             self._claims = Claims(target / ".claims")
@@ -154,7 +154,7 @@ class RunFolder:
     def write_checkpoint(self, piece: Piece, state: Shard) -> None:
         """Replace the checkpoint by a later one: at every moment one of the two is there, whole."""
         stamped = Shard(state.arrays, {**state.facts, **self.stamp(piece)})
-        _durable.write(self.checkpoint_path(piece), shard_file.to_bytes(stamped), keep=False)
+        durable.write(self.checkpoint_path(piece), shard_file.to_bytes(stamped), keep=False)
 
     def read_checkpoint(self, piece: Piece) -> Shard | None:
         """The last checkpoint; None where there is none that is undamaged and of this piece."""

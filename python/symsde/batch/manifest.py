@@ -10,13 +10,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .. import _checks, _files, _named
-from .._setup import build_info, make_setup
 from ..errors import SceneError
-from ..scene import RUN_KEYS, Scene
-from ..simulate import simulate
-from . import computed
-from .plan import is_size
+from ..native import checks, files
+from ..native.build import build_info
+from ..run.setup import make_setup
+from ..run.simulate import simulate
+from . import computed, named_functions
+from .pieces import is_size
+from .scene import RUN_KEYS, Scene
 
 FORMAT = 2
 _READABLE = (1, FORMAT)  #: 1: without what the run was computed with
@@ -62,7 +63,7 @@ def _hash(inputs: dict[str, Any]) -> str:
 
 def python_sources(scene: Scene) -> list[tuple[str, Path]]:
     """Files beside the scene whose functions it names, with their names below its folder."""
-    return list(_named.sources(Path(scene.file).parent, scene.tables))
+    return list(named_functions.sources(Path(scene.file).parent, scene.tables))
 
 
 def _plain(value):
@@ -98,7 +99,7 @@ def read(folder: Path) -> dict[str, Any] | None:
     """The manifest of a folder; None where there is none."""
     path = folder / NAME
     try:
-        content = _files.content(path)
+        content = files.content(path)
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
@@ -128,7 +129,7 @@ def differences(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
 
 
 def _shown(value: object) -> str:
-    return "nothing" if value is None else _checks.shown(value)
+    return "nothing" if value is None else checks.shown(value)
 
 
 def _flat(manifest: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:

@@ -9,16 +9,16 @@ import os
 from pathlib import Path
 from typing import Any
 
-from .. import _abi, _files
-from .._handles import status_text
 from ..errors import SceneError
-from ..moments import Moments
-from ..scene import Scene
-from ..simulate import Run
-from . import manifest, results
-from .batch import Batch
+from ..native import abi, files
+from ..native.handles import status_text
+from ..run.moments import Moments
+from ..run.simulate import Run
+from . import manifest, merged_results
 from .folder import RunFolder
-from .plan import Piece
+from .pieces import Piece
+from .scene import Scene
+from .scene_pieces import Batch
 
 
 class OpenRun:
@@ -26,7 +26,7 @@ class OpenRun:
 
     def __init__(self, path: str | os.PathLike):
         """Open a folder; see `open_run`."""
-        self.path = _files.path_of("path", path)
+        self.path = files.path_of("path", path)
         found = manifest.read(self.path)
         if found is None:
             raise SceneError(f"{self.path} holds no run (no {manifest.NAME}): give a folder of `symsde run`")
@@ -38,7 +38,7 @@ class OpenRun:
 
     @property
     def scene(self) -> Scene:
-        """The scene, as `symsde.scene.load` gives it."""
+        """The scene, as `symsde.batch.scene.load` gives it."""
         return self._batch.scene
 
     @property
@@ -55,12 +55,12 @@ class OpenRun:
         there = self._there("moments")
         if not there:
             return None
-        found = results.moments_of(self._batch.task, self._batch.size, there, self._folder.read)
+        found = merged_results.moments_of(self._batch.task, self._batch.size, there, self._folder.read)
         missing = sum(piece.paths for piece in self._batch.of_kind("moments")) - sum(piece.paths for piece in there)
         found.scene = self.scene.text
         if missing:
             found.report = dataclasses.replace(
-                found.report, stopped=missing, status=_abi.STOPPED, outcome=status_text(_abi.STOPPED)
+                found.report, stopped=missing, status=abi.STOPPED, outcome=status_text(abi.STOPPED)
             )
         return found
 
@@ -70,7 +70,7 @@ class OpenRun:
         there = self._there("paths")
         if not there:
             return None
-        found = results.run_of(self._batch.task, there, self._folder.read)
+        found = merged_results.run_of(self._batch.task, there, self._folder.read)
         found.scene = self.scene.text
         return found
 

@@ -13,7 +13,7 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-from .plan import Piece
+from .pieces import Piece
 
 log = logging.getLogger("symsde")
 

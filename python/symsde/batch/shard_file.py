@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from .. import _durable, _files
 from ..errors import NotWrittenError, SymsdeError
+from ..native import durable, files
 
 _DIGITS = 64  # of a SHA-256
 
@@ -54,13 +54,13 @@ def from_bytes(content: bytes, name: str) -> Shard:
 
 def write(target: Path, shard: Shard) -> bool:
     """Put a shard into its place; False where another process was first, whose shard stays."""
-    return _durable.write(target, to_bytes(shard))
+    return durable.write(target, to_bytes(shard))
 
 
 def read(path: Path) -> Shard:
     """Read and verify."""
     try:
-        content = _files.content(path)
+        content = files.content(path)
     except FileNotFoundError:
         raise
     except OSError as error:

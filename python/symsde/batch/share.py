@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..errors import InvalidArgumentError
-from .plan import Piece
+from .pieces import Piece
 
 
 @dataclass(frozen=True)

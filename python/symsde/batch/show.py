@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 
-from .._progress import _Bar
+from ..native.progress import _Bar
 
 log = logging.getLogger("symsde")
 

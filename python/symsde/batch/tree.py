@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .. import _handles
-from .._checks import address
-from ..observe import kept
+from ..native import handles
+from ..native.checks import address
+from ..run.observers import kept
 
 
 @dataclass
@@ -56,4 +56,4 @@ def _merge(left: Node, right: Node) -> None:
     """The left part becomes both."""
     ntime, nvalue = left.mean.shape
     arrays = (address(getattr(part, name)) for part in (left, right) for name in ("n_ok", "mean", "m2"))
-    _handles.call("merge_moments", ntime, nvalue, *arrays)
+    handles.call("merge_moments", ntime, nvalue, *arrays)

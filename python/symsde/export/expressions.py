@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable
 
-from ..formulas.emit_c import reachable
-from ..formulas.graph import Graph
+from ..model.formulas.emit_c import reachable
+from ..model.formulas.graph import Graph
 
 SUM, PRODUCT, ATOM = 1, 2, 9  #: how strongly parts hold together
 MAX_CHARACTERS = 90  #: of one expression; parts of longer ones get a name

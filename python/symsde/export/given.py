@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import _abi
-from .._setup import make_options, make_setup
+from ..batch.scene import Scene
 from ..errors import InvalidArgumentError
-from ..formulas import FormulaModel
-from ..scene import Scene
+from ..model.formulas import FormulaModel
+from ..native import abi
+from ..run.setup import make_options, make_setup
 
 #: words of either language, names that the programs use, and macros of C in lower case
 _TAKEN = frozenset(
@@ -144,7 +144,7 @@ def given_of(scene: Scene, stem: str) -> Given:
             f"{scene.file}: [run] q0, p0 differ from path to path, and a program holds one state: give one for all"
         )
     default = make_options(model, step=1.0, steps=0)
-    names = [name for name, *_ in _abi.Options._fields_ if name not in _LEFT_OUT]
+    names = [name for name, *_ in abi.Options._fields_ if name not in _LEFT_OUT]
     options = {x: getattr(setup.options, x) for x in names if getattr(setup.options, x) != getattr(default, x)}
     is_formula = isinstance(model, FormulaModel)
     made = model._derivatives if is_formula else None

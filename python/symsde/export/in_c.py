@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from ..formulas import emit_c
-from ..model import FLAGS
+from ..model.definition import FLAGS
+from ..model.formulas import emit_c
 from .expressions import Expressions, wrapped
 from .given import Given, columns, equal
 

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from ..errors import InvalidArgumentError
-from ..formulas.emit_c import VECTORS
-from ..model import FLAGS
+from ..model.definition import FLAGS
+from ..model.formulas.emit_c import VECTORS
 from . import sites_in_fortran
 from .expressions import Expressions, wrapped
 from .given import Given, columns, equal

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..formulas.site_loops import entries
-from ..formulas.sites import Chain, Density, Place
+from ..model.formulas.site_loops import entries
+from ..model.formulas.sites import Chain, Density, Place
 from .expressions import PRODUCT, wrapped
 from .given import Given, harmless
 

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Scheme and step for a tolerance, with the reasons."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import InvalidArgumentError, MissingOperationError, NumericalError, SymsdeError
+from ...model.commutator import commutator
+from ...model.definition import Model
+from ...native import checks
+from ...schemes import Scheme, as_scheme
+from ..expectation.longest_step import frequency
+from ..expectation.problem import Problem, make_problem
+from .ladder import Ladder
+from .wants import KINDS
+
+#: of the limit of stability, that the longest step has: where a spring hardens, orbits of symplectic_euler are lost
+#: from 0.67 of it on, those of verlet_dz from 0.72, of stormer_verlet from 0.82 (stability/bifurcation)
+_ROOM = 0.65
+_LONGEST = 6.4  #: omega h of the longest step of schemes without such a limit
+_PATHS = 64  #: whose fastest frequency counts
+_SHORTEST = 1e-13  #: relative tolerance below which rounding decides
+
+
+@dataclass(frozen=True)
+class Option:
+    """A scheme at the longest step that keeps the tolerance."""
+
+    scheme: str
+    steps: int
+    step: float
+    seconds: float  #: of the processor for a path
+
+    def __str__(self) -> str:
+        """One line."""
+        return f"{self.scheme:24s} h = {self.step:<10.4g} {1e6 * self.seconds:10.3g} us a path"
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to run."""
+
+    scheme: str
+    step: float
+    steps: int  #: to the horizon
+    seconds: float  #: of the processor for a path
+    reasons: tuple[str, ...]
+    alternatives: tuple[Option, ...]  #: the cheapest first
+
+    def __str__(self) -> str:
+        """Advice, reasons, alternatives."""
+        lines = [f"{self.scheme}, h = {self.step:.4g} ({self.steps} steps), {1e6 * self.seconds:.3g} us a path"]
+        lines += [f"- {reason}" for reason in self.reasons]
+        if self.alternatives:
+            lines += ["others:", *(f"  {x}" for x in self.alternatives[:8])]
+        return "\n".join(lines)
+
+
+def advise(
+    model: Model, *, q0: Any, p0: Any, horizon: float, tolerance: float, want: str = "paths", seed: int = 0,
+    **options: Any,
+) -> Advice:  # fmt: skip
+    """The scheme and the step that keep a tolerance at the least cost a path, from short runs.
+
+    - tolerance: of the error at t0 + horizon; dimensionless, of invariants relative to H
+    - want: "paths", the root mean square distance in (q, p); "moments", the largest error of the means of q, p and H;
+      "invariants", the largest change of H on the way: with noise where that keeps H, else with all increments zero
+    - q0, p0: initial state, a number or (dof,); options: those of `expect`
+
+    Errors come from differences to half the step on the same Brownian paths, cost from timed runs on one thread; steps
+    are never longer than 0.65 of where a scheme becomes unstable for the fastest motion that 64 paths come to. Schemes
+    that are not symplectic are no candidates. Everything is dimensionless. Misuse raises a ValueError; NumericalError
+    tells that no scheme keeps the tolerance.
+    """
+    checks.choice("want", want, list(KINDS))
+    problem = make_problem(model, _nothing, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
+    tolerance = checks.finite("tolerance", tolerance)
+    if tolerance <= _SHORTEST:
+        raise InvalidArgumentError(
+            f"tolerance = {tolerance:g} is not allowed: give one above {_SHORTEST:g}, below which rounding decides"
+        )
+    if want == "invariants" and not model.traits.has_value:
+        raise MissingOperationError("want = 'invariants' needs H itself: give the model a value function")
+    kind = KINDS[want](problem)
+    fastest = frequency(problem, _PATHS)
+    found, tried, cheapest = [], [], math.inf
+    for scheme in candidates(problem):
+        ladder = Ladder(problem, scheme, kind, fewest=_fewest_steps(problem, scheme, fastest))
+        steps = ladder.climb(tolerance, cheapest)
+        tried.append(scheme.name)
+        if steps is not None:
+            count = max(1, math.ceil(steps))
+            found.append((Option(scheme.name, count, problem.horizon / count, ladder.seconds(count)), ladder))
+            cheapest = min(cheapest, found[-1][0].seconds)
+    if not found:
+        raise NumericalError(
+            f"none of {', '.join(tried)} keeps an error of {tolerance:g} at steps that a pilot can afford: give a "
+            "larger tolerance or a shorter horizon"
+        )
+    found.sort(key=lambda pair: pair[0].seconds)
+    best, ladder = found[0]
+    others = tuple(option for option, _ in found[1:])
+    reasons = _reasons(problem, ladder, fastest, best, others)
+    return Advice(best.scheme, best.step, best.steps, best.seconds, reasons, others)
+
+
+def stable_up_to(scheme: Scheme) -> float:
+    """omega h up to which a scheme is stable on an oscillator, by the matrices of its own steps."""
+    return importlib.import_module("symsde.reports.stability.limits").stable_up_to(scheme.name)[0]
+
+
+def _fewest_steps(problem: Problem, scheme: Scheme, fastest: float) -> int:
+    """To the horizon, with which the fastest motion is stable."""
+    longest = min(_ROOM * stable_up_to(scheme), _LONGEST)
+    return max(1, math.ceil(problem.horizon * fastest / longest))
+
+
+def candidates(problem: Problem) -> list[Scheme]:
+    """Symplectic schemes that the traits of a model let in, each set up once."""
+    names = scheme_names(problem.model, problem.options.get("t0", 0.0))
+    return [scheme for scheme in map(as_scheme, names) if _fits(problem, scheme)]
+
+
+def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
+    """Names of the schemes that are tried, by the traits of a model and its brackets at t0."""
+    traits = model.traits
+    names = ["midpoint"]
+    if traits.separable:
+        names.append("stormer_verlet")
+    if traits.separable and (traits.position_noise or traits.additive):
+        names.append("symplectic_euler")
+    if traits.kicked:
+        names += ["gauss_dkdkd", "chin4a"]
+    elif traits.position_noise and model.nnoise:
+        names.append("gauss_dkdkd_midpoint")
+    if traits.additive:
+        names += ["verlet_dz"] if traits.kicked and traits.identity_mass else ["averaged_shift_midpoint"]
+    brackets = commutator(model, t=t0) if model.nnoise else None
+    if brackets is None or brackets.flows_commute:
+        names += ["gauss2", "gauss3"]
+    elif not brackets.commutative:
+        names += ["midpoint_areas", "gauss2_strong32_areas"]
+    elif not traits.kicked:
+        names.append("gauss2_strong32")
+    return names
+
+
+def _fits(problem: Problem, scheme: Scheme) -> bool:
+    try:
+        problem.try_out(scheme)
+    except SymsdeError:
+        return False
+    return True
+
+
+def _nothing(q: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """No function is asked for."""
+    return np.zeros(q.shape[1])
+
+
+def _reasons(
+    problem: Problem, ladder: Ladder, fastest: float, best: Option, others: tuple[Option, ...]
+) -> tuple[str, ...]:  # fmt: skip
+    """Sentences: pilot, stability, brackets, cost."""
+    limit = stable_up_to(ladder.scheme)
+    until = "is stable at every step" if limit == math.inf else f"is stable up to {limit:.3g}"
+    made = "explicit here" if "solver: the step is explicit" in problem.try_out(ladder.scheme).left_out else "implicit"
+    reasons = [
+        f"pilot on {ladder.want.count} paths: {ladder.want.words} falls with order {ladder.order:.2f}, is "
+        f"{ladder.error(-1):.2g} at {ladder.steps[-1]} steps",
+        f"the fastest frequency times h is {fastest * best.step:.2g}, of paths with noise, too; {best.scheme} {until}",
+        f"{best.scheme} is {made}, and symplectic",
+    ]
+    if problem.model.nnoise:
+        reasons.append(commutator(problem.model, t=problem.options.get("t0", 0.0)).text)
+    if others:
+        reasons.append(f"{others[0].scheme} would take {others[0].seconds / best.seconds:.2g} times as long")
+    return tuple(reasons)

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One scheme on steps that are halved: its error by the step, and the longest step that keeps a tolerance."""
+
+from __future__ import annotations
+
+import math
+import time
+
+from ...errors import SymsdeError
+from ...schemes import Scheme
+from ..expectation.problem import Problem
+from .wants import Seen
+
+MOST_HALVINGS = 10
+_WORK = 2**23  #: path-steps times degrees of freedom of one measurement, beyond which the order is trusted instead
+_AHEAD = 3  #: halvings that are reckoned by the order, no more
+_CLEARLY = 4.0  #: times below the tolerance, that the first rung alone decides
+_RUNS = 7.0  #: that a rung takes: steps, twice and four times as many
+_SLOWEST, _FASTEST = 0.45, 6.5  #: orders that differences may show
+_TIMED = 2**17  #: path-steps times degrees of freedom of a timed run
+_DEARER = 4.0  #: times the best cost known, at which a scheme is given up
+
+
+class Ladder:
+    """Errors of a scheme at steps, twice and more of them, and the seconds of a path."""
+
+    def __init__(self, problem: Problem, scheme: Scheme, want, *, fewest: int):
+        """Nothing is measured yet."""
+        self.problem, self.scheme, self.want = problem, scheme, want
+        self.steps: list[int] = []
+        self.seen: list[Seen] = []
+        self._fewest = fewest
+
+    def climb(self, tolerance: float, best: float) -> float | None:
+        """Steps that keep the tolerance, not rounded; None where none does as far as it is affordable.
+
+        best: seconds of a path of the best scheme so far; one that costs much more is given up.
+        """
+        steps = self._fewest
+        for _ in range(MOST_HALVINGS + 1):
+            if len(self.seen) > 1 and steps * self.want.count * self.problem.model.ndof > _WORK:
+                break
+            begin = time.process_time()
+            try:
+                seen = self.want.see(self.scheme, steps)
+            except SymsdeError:
+                return None
+            if not math.isfinite(seen.both):
+                self.steps.clear(), self.seen.clear()
+            else:
+                self.steps.append(steps)
+                self.seen.append(seen)
+                if self.error(-1) <= tolerance and (len(self.seen) > 1 or self.error(0) <= tolerance / _CLEARLY):
+                    return self._between(tolerance)
+            if (time.process_time() - begin) / (_RUNS * self.want.count) > _DEARER * best:
+                return None
+            steps *= 2
+        return self._beyond(tolerance) if len(self.seen) > 1 else None
+
+    @property
+    def order(self) -> float:
+        """What the finest differences show."""
+        one, other = self.seen[-1].first, self.seen[-1].second
+        if not other:
+            one, other = (x.both for x in self.seen[-2:]) if len(self.seen) > 1 else (2.0, 1.0)
+        return min(max(math.log2(max(one, 1e-300) / max(other, 1e-300)), _SLOWEST), _FASTEST)
+
+    def error(self, i: int) -> float:
+        """Of the scheme at the steps of a rung."""
+        return self.seen[i].error(self.order)
+
+    def _between(self, tolerance: float) -> float:
+        """Steps between the last rung that misses the tolerance and the next, by a power law."""
+        missed = [i for i in range(len(self.seen)) if self.error(i) > tolerance]
+        if not missed:
+            return float(self.steps[0])
+        i = missed[-1]
+        slope = math.log2(self.error(i) / self.error(i + 1))
+        return self.steps[i] * (self.error(i) / tolerance) ** (1 / slope)
+
+    def _beyond(self, tolerance: float) -> float | None:
+        """Steps finer than the last rung, by the order that is seen."""
+        factor = (self.error(-1) / tolerance) ** (1 / self.order)
+        return self.steps[-1] * factor if factor <= 2.0**_AHEAD else None
+
+    def seconds(self, steps: int) -> float:
+        """Of a path with so many steps, without what is set up once: the least of three."""
+        size = steps * self.problem.model.ndof
+        paths = max(64, _TIMED // size // 64 * 64)
+        least = min(self._timed(steps, paths) for _ in range(3))
+        return max(least - min(self._timed(steps, 8) for _ in range(3)), least / 4) / (paths - 8)
+
+    def _timed(self, steps: int, paths: int) -> float:
+        begin = time.process_time()
+        self.problem.run(self.scheme, steps, paths=paths, threads=1)
+        return time.process_time() - begin

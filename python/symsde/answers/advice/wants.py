@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an error may be of: paths, moments, invariants. Each measures it at one step, coupled to half of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import InvalidArgumentError
+from ...run.simulate import Run
+from ..coupled_errors import conserves_energy, depends_on_time
+from ..expectation.problem import Problem
+
+_MOST_SAVED = 2**20  #: numbers that are saved to look at invariants: every step, unless there are more
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What steps h, h/2 and h/4 on the same paths show."""
+
+    first: float  #: size of the difference of h and h/2; of invariants, of the change itself
+    second: float  #: of h/2 and h/4
+    both: float  #: of h and h/4: their sum where they point the same way, less where they are independent
+    noise: float = 0.0  #: in any of them
+
+    def error(self, order: float) -> float:
+        """Of the step h: what is left beyond h/4 falls by 2^-order a halving, and points as the first two do."""
+        fall = 2.0**-order
+        aligned = 0.0
+        if self.first * self.second > 0:
+            aligned = (self.both**2 - self.first**2 - self.second**2) / (2 * self.first * self.second)
+        aligned = min(max(aligned, 0.0), 1.0)
+        left = self.second * fall / (aligned * (1 - fall) + (1 - aligned) * math.sqrt(1 - fall**2))
+        return math.hypot(math.sqrt(self.both**2 + left**2 + 2 * aligned * self.both * left), self.noise)
+
+
+class Paths:
+    """Root mean square of the distance in (q, p) at the horizon."""
+
+    name = "paths"
+    words = "root mean square distance of paths at the horizon"
+    count = 192
+
+    def __init__(self, problem: Problem):
+        """Nothing to prepare."""
+        self.problem = problem
+
+    def see(self, scheme, steps: int) -> Seen:
+        """These steps, twice and four times as many."""
+        ends = [np.stack([run.q[-1], run.p[-1]]) for run in _three(self.problem, scheme, steps, self.count)]
+        apart = (math.sqrt(np.square(a - b).sum(axis=(0, 1)).mean()) for a, b in _differences(ends))
+        return Seen(*apart)
+
+
+class Moments(Paths):
+    """The largest error of the means of q, p, and H where the model has a value."""
+
+    name = "moments"
+    words = "largest error of the means of q, p and H at the horizon"
+    count = 4096
+
+    def see(self, scheme, steps: int) -> Seen:
+        """The means of the differences, which share their noise."""
+        ends = [self._observed(run) for run in _three(self.problem, scheme, steps, self.count)]
+        apart = [a - b for a, b in _differences(ends)]
+        noise = max(x.std(axis=1, ddof=1).max() for x in apart) / math.sqrt(self.count)
+        return Seen(*(float(np.abs(x.mean(axis=1)).max()) for x in apart), noise=float(noise))
+
+    def _observed(self, run: Run) -> np.ndarray:
+        rows = [run.q[-1], run.p[-1]]
+        if self.problem.model.traits.has_value:
+            rows.append(self.problem.model.value(run.q[-1], run.p[-1], t=run.t[-1])[np.newaxis])
+        return np.concatenate(rows)
+
+
+class Invariants:
+    """The largest change of H on the way: with noise where that keeps H, else of the path whose increments are zero.
+
+    Where a scheme has brackets of its noises, that path has their means still, which no path without noise has.
+    """
+
+    name = "invariants"
+    count = 64
+
+    def __init__(self, problem: Problem):
+        """See whether there is an H to keep, and whether the noises keep it."""
+        self.problem = problem
+        begin = float(problem.options.get("t0", 0.0))
+        times = [begin + part * problem.horizon for part in (0.0, 0.3, 0.7, 1.0)]
+        if depends_on_time(problem.model, times):
+            raise InvalidArgumentError("want = 'invariants': H depends on time here, nothing is to be kept")
+        if problem.model.value(problem.q0, problem.p0)[0] == 0:
+            raise InvalidArgumentError(
+                "want = 'invariants': H is 0 at the initial state, and changes are relative to it: add a constant to H"
+            )
+        self.kept = problem.model.nnoise > 0 and conserves_energy(problem.model, times)
+        where = "H, which the noises keep" if self.kept else "H with increments of zero"
+        self.words = f"largest change of {where}, over its size"
+
+    def see(self, scheme, steps: int) -> Seen:
+        """The change itself, which falls as a difference does."""
+        problem, model = self.problem, self.problem.model
+        saved = max(64, _MOST_SAVED // (model.ndof * (self.count if self.kept else 1)))
+        every = next(n for n in range(max(1, -(-steps // saved)), steps + 1) if steps % n == 0)
+        more = (
+            {"paths": self.count}
+            if self.kept
+            else {"increments": np.zeros((2 * steps, model.nnoise)), "refine": 1, "paths": 1}
+        )
+        run = problem.run(scheme, steps, save_every=every, **more)
+        states = (np.moveaxis(x, 0, 1).reshape(model.ndof, -1) for x in (run.q, run.p))
+        energy = model.value(*states).reshape(len(run.q), -1)
+        change = np.abs(energy - energy[0]).max(axis=0) / np.abs(energy[0])
+        size = math.sqrt(np.mean(change**2))
+        return Seen(size, 0.0, size)
+
+
+def _three(problem: Problem, scheme, steps: int, count: int) -> list[Run]:
+    """The steps, twice and four times as many, on one Brownian path each."""
+    return [problem.run(scheme, steps << i, paths=count, refine=2 - i) for i in range(3)]
+
+
+def _differences(ends: list[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Pairs in the order of `Seen`."""
+    return [(ends[0], ends[1]), (ends[1], ends[2]), (ends[0], ends[2])]
+
+
+KINDS = {kind.name: kind for kind in (Paths, Moments, Invariants)}

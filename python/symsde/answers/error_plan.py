@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a study measures, checked before any long work begins."""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .. import diagnose
+from ..errors import InvalidArgumentError, MissingOperationError, PathsFailedWarning, SymsdeError
+from ..model.commutator import commutator
+from ..model.definition import Model
+from ..native import checks
+from ..run import provenance
+from ..run.moments import try_out
+from ..run.simulate import simulate
+from ..schemes import Scheme, as_scheme
+
+BATCHES = 20  #: groups of paths whose scatter gives the interval of an order
+LEAST_REPEATS = 5
+NEAR = 3  #: halvings from the finest step to a reference of higher order than the scheme that it judges
+PLAIN = 5  #: to one of order one
+FAR = 6  #: to one that may be of the same higher order, or the scheme itself
+AREAS = 4  #: the same where areas are drawn, whose cost grows fourfold with each
+SMALL = 4  #: degrees of freedom up to which a scheme with dense Newton is an affordable reference
+OPTIONS = ("t0", "seed", "correction", "truncation", "compensated", "threads")  #: of `simulate`, common to all runs
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What paths are compared with: the exact solution, or a scheme with more steps."""
+
+    scheme: str  #: "exact", or a name
+    steps: int  #: finest draws of the study; steps of the scheme
+
+    def __str__(self) -> str:
+        """As it is printed."""
+        return "exact solution" if self.scheme == "exact" else f"{self.scheme}, {self.steps} steps"
+
+
+@dataclass
+class Plan:
+    """A checked study; every run of it uses the Brownian paths drawn at `draws` steps."""
+
+    model: Model
+    schemes: list[Scheme]
+    steps: list[int]  #: ascending
+    horizon: float
+    paths: int
+    q0: Any
+    p0: Any
+    options: dict[str, Any]  #: of `simulate`
+    references: dict[str, Reference]  #: of each scheme
+    draws: int  #: finest steps of the Brownian paths
+    repeats: int
+    interval: float | None  #: wanted half width of the strong errors, relative
+    name: str
+    invariants: dict[str, Any] = field(default_factory=dict)
+    said: dict[str, str] = field(default_factory=dict)  #: by the caller, for tables
+
+    def reference_run(self, scheme: str, steps: int):
+        """Follow the shared paths with increments not truncated and the correction that the scheme needs."""
+        return self.run(scheme, steps, shared=True, correction="auto", truncation=None)
+
+    def run(self, scheme: str | Scheme, steps: int, *, shared: bool, paths: int | None = None, **more):
+        """Integrate to the horizon: on the shared paths, or with increments of its own step."""
+        refine = halvings(self.draws, steps) if shared else 0
+        options = {"refine": refine, **self.options, **more}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PathsFailedWarning)  # counted and shown instead
+            return simulate(
+                self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon / steps, steps=steps,
+                save_every=steps, paths=self.paths if paths is None else paths, **options,
+            )  # fmt: skip
+
+    def about(self) -> dict[str, str]:
+        """What every point has in common, as text for tables."""
+        start = {"q0": self.q0, "p0": self.p0}
+        shape = self.model.ndof, self.paths
+        return {
+            "model": self.model.name,
+            "parameters": json.dumps(dict(self.model.parameters)),
+            **({"hamiltonians": json.dumps(self.model.formula.hamiltonians)} if hasattr(self.model, "formula") else {}),
+            **{name: provenance.numbers_of(checks.state(name, x, *shape)) for name, x in start.items()},
+            "horizon": repr(self.horizon),
+            "draws": f"{self.draws} steps to the horizon",
+            "options": json.dumps(self.options),
+            **self.said,
+        }
+
+    def set_up(self, scheme: str | Scheme, steps: int, paths: int) -> None:
+        """Set a run up as `run` does, but make no step."""
+        options = {**self.options, "q0": self.q0, "p0": self.p0, "paths": paths, "threads": 1}
+        simulate(self.model, scheme=scheme, step=self.horizon / steps, steps=0, **options)
+
+
+def check_options(options: Mapping[str, Any]) -> None:
+    """Refuse what is no option of the runs."""
+    for key in options:
+        if key not in OPTIONS:
+            raise InvalidArgumentError(f"{key!r} is no option of a study: there are {checks.nearest(key, OPTIONS)}")
+
+
+def make_plan(
+    model: Model,
+    *,
+    q0: Any,
+    p0: Any,
+    schemes: Sequence[str | Scheme],
+    steps: Sequence[int],
+    horizon: float,
+    paths: int,
+    reference: str = "auto",
+    reference_steps: int | None = None,
+    repeats: int = 7,
+    interval: float | None = None,
+    invariants: dict[str, Any] | None = None,
+    name: str | None = None,
+    about: Mapping[str, str] | None = None,
+    **options: Any,
+) -> Plan:
+    """Check everything; each refusal is a sentence, and comes before the first long run."""
+    check_options(options)
+    counts = check_steps(steps)
+    horizon = checks.finite("horizon", horizon)
+    if horizon <= 0:
+        raise InvalidArgumentError(f"horizon = {horizon:g} is not allowed: give a time above 0")
+    chosen = _schemes(schemes)
+    repeats = checks.integer("repeats", repeats, (1, 1000))
+    if repeats < LEAST_REPEATS:
+        raise InvalidArgumentError(
+            f"repeats = {repeats} is too few for a median with its spread: give at least {LEAST_REPEATS}"
+        )
+    named = getattr(model, "name", "model") if name is None else name
+    plan = Plan(
+        model=model, schemes=chosen, steps=counts, horizon=horizon, paths=check_paths(paths, interval),
+        q0=checks.own(q0), p0=checks.own(p0), options={key: checks.fixed(x) for key, x in options.items()},
+        references={}, draws=counts[-1], repeats=repeats, interval=interval, name=checks.name_of("name", named),
+        invariants=_invariants(invariants), said=checks.own(checks.table("about", {} if about is None else about)),
+    )  # fmt: skip
+    _try_out(plan)
+    _try_invariants(plan)
+    for scheme in chosen:
+        plan.references[scheme.name] = _reference(plan, scheme, reference, reference_steps)
+    plan.draws = max([counts[-1], *(r.steps for r in plan.references.values())])
+    return plan
+
+
+def _invariants(given: object) -> dict[str, Any]:
+    """Functions f(q, p) by name."""
+    if given is None:
+        return {}
+    if not isinstance(given, dict) or not all(callable(function) for function in given.values()):
+        raise InvalidArgumentError(
+            f"invariants = {checks.shown(given)} is not allowed: give a dict of names and functions f(q, p)"
+        )
+    return dict(given)
+
+
+def _try_invariants(plan: Plan) -> None:
+    """Refuse invariants that are no numbers where the paths begin, and those that mix paths."""
+    start = [checks.state(name, x, plan.model.ndof, plan.paths) for name, x in (("q0", plan.q0), ("p0", plan.p0))]
+    q, p = (checks.full(x, max(x.shape[1] for x in start)) for x in start)
+    for name, function in plan.invariants.items():
+        values = np.asarray(function(q, p))
+        if values.shape != q.shape[1:] or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+            raise InvalidArgumentError(
+                f"the invariant {name!r} returned {checks.shown(values)} of {values.dtype} for q and p of shape "
+                f"{q.shape}, (dof, path), at the initial states: give f(q, p) that returns one finite number a path"
+            )
+    if plan.invariants:
+        try_out(plan.model, plan.invariants, q0=q[:, :1], p0=p[:, :1], step=plan.horizon / plan.steps[-1])
+
+
+def check_steps(steps: Sequence[int]) -> list[int]:
+    """Numbers of steps, ascending; each is the largest divided by a power of two."""
+    if isinstance(steps, str) or not isinstance(steps, Sequence):
+        raise InvalidArgumentError(f"steps = {checks.shown(steps)} is not a list: give numbers such as [16, 32, 64]")
+    counts = sorted({checks.integer("steps", n, (1, 2**40)) for n in steps})
+    if len(counts) < 2:
+        raise InvalidArgumentError(f"steps = {checks.shown(steps)} has one level: give at least two, as [16, 32]")
+    for n in counts:
+        if counts[-1] % n:
+            raise InvalidArgumentError(
+                f"steps: {n} is not a whole divisor of {counts[-1]}, so that its steps would not end where the finer "
+                "ones do: give numbers such as 16, 32, 64"
+            )
+        if (counts[-1] // n).bit_count() != 1:
+            raise InvalidArgumentError(
+                f"steps: {n} is not {counts[-1]} divided by a power of two, so the Brownian paths cannot be shared: "
+                "give numbers such as 16, 32, 64"
+            )
+    return counts
+
+
+def check_paths(paths: int, interval: float | None) -> int:
+    """Enough paths for 20 groups, and for the interval asked."""
+    count = checks.integer("paths", paths, (1, 2**47))
+    if count < 2 * BATCHES:
+        raise InvalidArgumentError(
+            f"paths = {count} is too few: intervals come from {BATCHES} groups of paths, give at least {2 * BATCHES}"
+        )
+    if interval is None:
+        return count
+    width = checks.finite("interval", interval)
+    if width <= 0:
+        raise InvalidArgumentError(f"interval = {width:g} is not allowed: give a relative half width such as 0.1")
+    # of the root mean square of normal errors: 1.96 sqrt(kurtosis - 1)/(2 sqrt(n)), kurtosis 3
+    needed = math.ceil((1.96 / (math.sqrt(2) * width)) ** 2)
+    if count < needed:
+        raise InvalidArgumentError(
+            f"paths = {count} is too few for intervals of {100 * width:g} %: even normal errors need {needed} paths; "
+            "give more paths or a wider interval"
+        )
+    return count
+
+
+def halvings(fine: int, coarse: int) -> int:
+    """How often the step of `coarse` steps is halved to make `fine` ones."""
+    return (fine // coarse).bit_length() - 1
+
+
+def uses_integrals(scheme: Scheme) -> bool:
+    """The scheme is driven by more than increments: dZ or areas."""
+    return scheme.info.uses_dz or scheme.info.uses_areas
+
+
+def _schemes(schemes: Sequence[str | Scheme]) -> list[Scheme]:
+    if isinstance(schemes, str) or not isinstance(schemes, Sequence) or not schemes:
+        raise InvalidArgumentError(
+            f"schemes = {checks.shown(schemes)} is not a list of schemes: give names such as ['midpoint', 'gauss2']"
+        )
+    chosen = [as_scheme(scheme) for scheme in schemes]
+    names = [scheme.name for scheme in chosen]
+    for scheme in chosen:
+        if names.count(scheme.name) > 1:
+            raise InvalidArgumentError(f"schemes: {scheme.name} is there twice: give each scheme once")
+        if scheme.info.law != "Gaussian":
+            raise InvalidArgumentError(
+                f"scheme {scheme.name} draws increments of a law of its own and follows no Brownian path, so it has no "
+                "strong error: leave it out of the study"
+            )
+    return chosen
+
+
+def _try_out(plan: Plan) -> None:
+    """Set every run up without making a step: schemes that do not fit are refused here."""
+    for scheme in plan.schemes:
+        for n in plan.steps:
+            try:
+                plan.set_up(scheme, n, plan.paths)
+            except SymsdeError as error:
+                error.args = (f"{scheme.name} with {n} steps: {error}",)
+                raise
+
+
+def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Reference:
+    """What the paths of a scheme are compared with."""
+    finest = plan.steps[-1]
+    wanted = checks.name_of("reference", wanted)
+    if wanted == "exact" and not _has_exact(plan):
+        raise InvalidArgumentError(f"reference = 'exact': {plan.model.name} has no exact solution, give 'auto'")
+    if wanted == "exact" or (wanted == "auto" and _has_exact(plan)):
+        if steps is not None and wanted == "exact":
+            raise InvalidArgumentError("reference_steps is for a scheme: the exact solution needs none, leave it out")
+        return Reference("exact", finest)
+    name = _better(plan, scheme) if wanted == "auto" else as_scheme(wanted).name
+    extra = _halvings_of(scheme, as_scheme(name))
+    count = finest << extra if steps is None else checks.integer("reference_steps", steps, (1, 2**40))
+    if count <= finest or count % finest or (count // finest).bit_count() != 1:
+        raise InvalidArgumentError(
+            f"reference_steps = {count} is not finer than the finest steps = {finest} by a power of two: give "
+            f"{2 * finest}, {4 * finest}, ..."
+        )
+    return Reference(name, count)
+
+
+def _halvings_of(scheme: Scheme, reference: Scheme) -> int:
+    """Halvings from the finest step to a reference, more where its order may be that of the scheme."""
+    if not uses_integrals(reference):
+        return PLAIN
+    if not uses_integrals(scheme):
+        return NEAR
+    return AREAS if reference.info.uses_areas else FAR
+
+
+def _has_exact(plan: Plan) -> bool:
+    try:
+        diagnose.exact(plan.run("midpoint", 1, shared=False, correction="auto", truncation=None))
+    except MissingOperationError:
+        return False
+    return True
+
+
+def _better(plan: Plan, scheme: Scheme) -> str:
+    """The best affordable scheme on the Brownian paths of another."""
+    model = plan.model
+    commutative = model.nnoise < 2 or model.traits.additive or model.traits.position_noise
+    if model.ndof <= SMALL and model.traits.kicked:
+        return "gauss_dkdkd_strong2" if scheme.name == "chin4a_strong2" else "chin4a_strong2"
+    if model.ndof > SMALL:
+        if model.traits.additive and model.traits.position_noise and model.traits.identity_mass:
+            return "verlet_dz"
+        return "stormer_verlet" if model.traits.separable else "midpoint"
+    if not model.nnoise or commutator(model, t=plan.options.get("t0", 0.0)).flows_commute:
+        return "gauss4"  # of strong order 4 there, by increments alone
+    if commutative:
+        return "gauss2_strong32"
+    return "gauss2_strong32_areas"

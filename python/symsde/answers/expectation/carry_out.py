@@ -1,0 +1,343 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The work that a plan asks for, and the interval that it gives."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import BudgetWarning, NumericalError
+from ...native.signals import carry
+from ..multilevel.mlmc import Estimate
+from ..multilevel.multilevel_answer import Multilevel
+from ..multilevel.sampler import MOST_LEVELS, LevelSampler
+from .answer import Alternative, Answer
+from .choice import EVEN_LEVELS, Plan
+from .draw_store import LEAST, InFolder, KeptPilot, KeptPlan, Nowhere
+from .estimators import NOTHING, Drawn, Estimator
+from .pilot import Pilot
+from .quasi import MOST_POINTS, Quasi
+from .tails import Doubt
+from .tally import Tally
+from .tolerance import BIAS_SHARE, NORMAL, half_width_when_stopped, quantile
+from .unseen import doubt, unseen
+
+FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
+FIRST_OF_LEVEL = 2**40
+_LONG = 600.0  #: seconds that are announced
+_LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short
+_LEAST = 256  #: paths of a new level
+_SILENT = 0.2  #: noise over bias, below which an interval is a bound: 1.96 biases are then five of its errors and more
+_NEARLY = 1.05  #: times the half width that was asked for, that count as reached
+_FEWER = 2  #: halvings of the points that are planned, which work begins with, to double them where that is too few
+_LOWEST = 8  #: log2 of the points that are not halved: a call takes as long as these
+_AT_ONCE = 4096  #: units that are begun with at most
+_ENOUGH = 1.2  #: times the units that the pilot's variance asks for, so that few answers take more of them
+_TOP_UP = 3  #: units of a level that are added at least, as each look at the variance may end too early
+_SPARE = 1.02  #: units beyond those that the variance asks for, so that a second round is seldom needed
+
+
+@dataclass
+class _Outcome:
+    """What a plan gave."""
+
+    value: float
+    half: float
+    error: float
+    bias: float
+    paths: int
+    notes: list[str]
+    steps: int | None = None  #: where they are not those of the plan
+
+
+class Work:
+    """Draws until the interval is narrow enough, or the time is over."""
+
+    def __init__(
+        self, pilot: Pilot | KeptPilot, plans: Sequence[Plan | KeptPlan], store: Nowhere | InFolder | None = None
+    ):
+        """The first of the plans is carried out; its draws are kept in the store."""
+        self.pilot, self.plan, self.others = pilot, plans[0], plans[1:]
+        self.store = Nowhere() if store is None else store
+        self.tolerance, self.watch = pilot.tolerance, pilot.watch
+        self._begin = self.watch.seconds
+        left = max(self.watch.max_time - self.watch.elapsed, 0.0)
+        if self.plan.seconds > min(left, _LONG):
+            what = "give a larger tolerance, or max_time, after which the interval is given as it is then"
+            if self.plan.seconds > left:
+                what = f"{left:.3g} s of max_time are left, and the interval may be wider"
+            warnings.warn(
+                f"the interval that was asked for ({self.tolerance}) is reckoned to take {self.plan.seconds:.3g} s of "
+                f"the processor: {what}",
+                BudgetWarning,
+                stacklevel=3,
+            )
+        if self.plan.method in (Quasi.name, EVEN_LEVELS) and self.plan.seconds > left and store is None:
+            self._shorten(left)
+
+    def _shorten(self, left: float) -> None:
+        """Fewer points of a scrambling, so that the time allows as many as an interval takes."""
+        halvings = math.ceil(math.log2(self.plan.seconds / max(left, 1e-3)))
+        given = self.plan.options["log2_points"]
+        fewer = [max(points - halvings, min(points, _LEAST_POINTS)) for points in np.atleast_1d(given).tolist()]
+        self.plan.options["log2_points"] = fewer if self.plan.method == EVEN_LEVELS else fewer[0]
+
+    def answer(self) -> Answer:
+        """Carry the plan out; Ctrl-C carries the answer until then, None where there is none."""
+        ways = {"multilevel": self._multilevel, EVEN_LEVELS: self._even_levels}
+        return ways.get(self.plan.method, self._one_step)()
+
+    def _one_step(self) -> Answer:
+        drawn, tails = NOTHING, Doubt(self.pilot.problem)
+        try:
+            estimator = self._begun(self.plan.estimator(FIRST, self.pilot.problem))
+            least = estimator.least_units if self.pilot.problem.model.nnoise else 2
+            wanted = planned = max(least, self._planned())
+            while drawn.units.n < wanted and not (self.watch.over and drawn.units.n >= 2):
+                missing = wanted - drawn.units.n
+                if drawn.units.n >= least and self._is_doubled(estimator, drawn, missing):
+                    drawn = _with_twice_the_points(estimator, drawn)
+                elif (part := self._next_part(estimator, drawn, missing)) is not None:
+                    drawn += part
+                else:
+                    break
+                if drawn.failed >= max(least, drawn.units.n):
+                    raise NumericalError(_failures(drawn)[0])
+                tails.look(drawn.units, self.plan.scheme, self.plan.steps)
+                if drawn.units.n >= planned:
+                    wanted = max(least, self._units_for(drawn.units))
+                self.watch.tell(drawn.units.n / wanted)
+        except BaseException as stop:
+            carry(stop, lambda: self._answer(drawn) if drawn.units.n > 1 else None)
+            raise
+        return self._answer(drawn)
+
+    def _even_levels(self) -> Answer:
+        """Scramblings of every level; then more points or units where the variance over the seconds is largest."""
+        plan, least, problem = self.plan, Quasi.least_units, self.pilot.problem
+        count = len(plan.options["log2_points"])
+        levels = [self._begun(plan.even_level(i, FIRST + i, problem)) for i in range(count)]
+        drawn = [NOTHING] * len(levels)
+        try:
+            for i, level in enumerate(levels):
+                while drawn[i].units.n < least:
+                    part = self._next_part(level, drawn[i], least - drawn[i].units.n, f"even-{i:02d}")
+                    if part is None:
+                        break  # of this level: each has as few as an interval takes
+                    drawn[i] += part
+                    if drawn[i].failed >= least:
+                        raise NumericalError(_failures(drawn[i])[0])
+            while not self.watch.over and (excess := self._excess(drawn)) > 0:
+                i = max(range(len(drawn)), key=lambda j: _noise(drawn[j]) / drawn[j].seconds)
+                missing = drawn[i].units.n * excess / max(_noise(drawn[i]) - excess, 1e-3 * excess)
+                if self._is_doubled(levels[i], drawn[i], missing):
+                    drawn[i] = _with_twice_the_points(levels[i], drawn[i])
+                elif (part := self._next_part(levels[i], drawn[i], _more(missing), f"even-{i:02d}")) is not None:
+                    drawn[i] += part
+                else:
+                    break
+                self.watch.tell(_units_of(drawn) / (_units_of(drawn) + 1))
+        except BaseException as stop:
+            carry(stop, lambda: self._of_even_levels(drawn) if all(x.units.n > 1 for x in drawn) else None)
+            raise
+        return self._of_even_levels(drawn)
+
+    def _begun(self, estimator: Estimator) -> Estimator:
+        """With a quarter of the points that are planned, where more can be added to the same sequences."""
+        if isinstance(estimator, Quasi) and isinstance(self.store, Nowhere):
+            planned = estimator.log2_points
+            estimator.log2_points = max(planned - _FEWER, min(planned, _LOWEST))
+        return estimator
+
+    def _is_doubled(self, estimator: Estimator, drawn: Drawn, missing: float) -> bool:
+        """Twice the points of all units instead of so many more units; a folder keeps what units have, as it is."""
+        return (
+            isinstance(estimator, Quasi)
+            and isinstance(self.store, Nowhere)
+            and missing >= drawn.units.n
+            and estimator.log2_points < MOST_POINTS
+            and drawn.units.m2 > 0
+            and drawn.seconds < self.watch.max_time - self.watch.elapsed
+        )
+
+    def _excess(self, drawn: list[Drawn]) -> float:
+        """Variance of the value, over the share of the error that is left to noise."""
+        error = self.tolerance.half_width(sum(x.units.mean for x in drawn)) / quantile(_units_of(drawn))
+        return sum(map(_noise, drawn)) - (1 - BIAS_SHARE) * error**2
+
+    def _of_even_levels(self, drawn: list[Drawn]) -> Answer:
+        value, bias = sum(x.units.mean for x in drawn), math.hypot(*self.plan.bias)
+        error = math.sqrt(sum(map(_noise, drawn)))
+        notes = [note for x in drawn for note in _failures(x)]
+        paths = sum(x.paths for x in drawn)
+        half = half_width_when_stopped(error, bias, _units_of(drawn), self.tolerance.half_width(value))
+        return self._finished(_Outcome(value, half, error, bias, paths, notes))
+
+    def _next_part(
+        self, estimator: Estimator, drawn: Drawn, missing: int, name: str = "units"
+    ) -> Drawn | None:  # fmt: skip
+        """The next units, of as many as are missing; None where the time is over."""
+        first = drawn.units.n + drawn.failed
+        count = self.store.grain(estimator.part, missing, drawn.seconds / first if first else -1.0)
+        if isinstance(self.store, Nowhere):
+            count = self._in_time(min(count, missing), drawn)
+            if count < 1:
+                self.watch.end()
+                return None
+        return self.store.part(name, first, count, missing, estimator.draw_from)
+
+    def _in_time(self, count: int, drawn: Drawn) -> int:
+        """Units of `count` that fit into what is left of the time, by what those took; as few as an interval takes are
+        drawn whatever the time."""
+        missing = max(0, LEAST - drawn.units.n)
+        if missing:
+            return min(count, missing) if self.watch.over else count
+        return int(min(count, self.watch.room(drawn.seconds / (drawn.units.n + drawn.failed))))
+
+    def _planned(self) -> int:
+        """Units to begin with, by what the pilot knows of their variance; no more than a moment takes.
+
+        Of skew units the mean and the variance go together: where their own variance tells how many there are, the mean
+        is off by their skewness times their size over their number, which counts beside the error where they are few.
+        """
+        if self.plan.method == Quasi.name:
+            return 0
+        error = self.tolerance.error(self.pilot.looked_at.units.mean)
+        return min(_AT_ONCE, math.ceil(_ENOUGH * self.plan.variance / max((1 - BIAS_SHARE) * error**2, 1e-300)))
+
+    def _units_for(self, units: Tally) -> int:
+        """Units whose noise has its share of the error, by their variance so far."""
+        error = self.tolerance.half_width(units.mean) / quantile(units.n)
+        allowed = (1 - BIAS_SHARE) * error**2
+        return min(2**40, math.ceil(_SPARE * self._variance(units) / max(allowed, 1e-300)))
+
+    def _variance(self, units: Tally) -> float:
+        """Of a unit; at least what the pilot knows of it, where few units differ: f may jump seldom."""
+        few = units.m2 == 0 if self.plan.method == Quasi.name else units.few
+        return max(units.variance, self.plan.variance) if few else units.variance
+
+    def _answer(self, drawn: Drawn) -> Answer:
+        units, bias = drawn.units, math.hypot(*self.plan.bias)
+        error = math.sqrt(self._variance(units) / units.n)
+        wanted, notes = self.tolerance.half_width(units.mean), _failures(drawn)
+        half = half_width_when_stopped(error, bias, units.n, wanted)
+        seen = self._seen(drawn)
+        hidden = unseen(self.pilot.problem, self.plan.scheme, self.plan.steps, seen)
+        if hidden > half or (seen.m2 == 0 and self.pilot.problem.model.nnoise):
+            notes.append(doubt(seen, hidden))
+        return self._finished(_Outcome(units.mean, max(half, hidden), error, bias, drawn.paths, notes))
+
+    def _seen(self, drawn: Drawn) -> Tally:
+        """Values of f; each unit counts as one, but means over many points do not tell how few carry them."""
+        known = self.pilot.looked_at.units
+        if self.plan.method != Quasi.name or known.m2 == 0:
+            return known + drawn.units
+        share = 1 + drawn.paths / known.n
+        return Tally(known.n + drawn.paths, known.mean, *(share * x for x in (known.m2, known.m3, known.m4)))
+
+    def _multilevel(self) -> Answer:
+        plan = self.plan
+        sampler = LevelSampler(self.pilot.problem, plan.scheme, plan.coarsest_steps, first=FIRST_OF_LEVEL)
+        estimate = Estimate(
+            sampler, self.tolerance, levels=MOST_LEVELS, first=_LEAST, watch=self.watch,
+            known=self.pilot.looked_at.units, store=self.store,
+        )  # fmt: skip
+        try:
+            return self._of_levels(estimate.run())
+        except BaseException as stop:
+            if isinstance(found := getattr(stop, "partial", None), Multilevel):
+                carry(stop, lambda: self._of_levels(found))
+            raise
+
+    def _of_levels(self, found: Multilevel) -> Answer:
+        first, *finer = (x.paths + x.failed for x in found.levels)
+        paths = first + 2 * sum(finer)  # a fine and a coarse one
+        outcome = _Outcome(found.value, found.half_width, found.error, found.bias, paths, list(found.notes))
+        outcome.steps = found.levels[-1].steps
+        return self._finished(outcome)
+
+    def _finished(self, found: _Outcome) -> Answer:
+        horizon = self.pilot.problem.horizon
+        wanted = self.tolerance.half_width(found.value)
+        reached, unknown = found.half <= _NEARLY * wanted, NORMAL * found.bias > wanted
+        if not reached and not any("asked was" in note for note in found.notes):
+            over = self.watch.why if self.watch.over else "paths were too few"
+            if unknown:
+                over = (
+                    f"the error that the step leaves is known to {found.bias:.2g} alone: halving it changes the ends "
+                    "of paths too much, or too few paths show that; give a larger tolerance, a shorter horizon or "
+                    "another scheme"
+                )
+            found.notes.append(f"{over}: the half width is {found.half:.3g}, asked was {wanted:.3g}")
+        if found.error < _SILENT * found.bias and not unknown and self.pilot.problem.model.nnoise:
+            found.notes.append(
+                f"the method leaves no noise beside the bias of the step ({found.error:.1g} of {found.bias:.1g}): the "
+                "interval is a bound, which holds whatever the seed, not with 95 %"
+            )
+        others = (Alternative(x.method, x.scheme.name, horizon / x.steps, x.seconds) for x in self.others)
+        return Answer(
+            value=found.value,
+            interval=(found.value - found.half, found.value + found.half),
+            error=found.error,
+            bias=found.bias,
+            method=self.plan.method,
+            scheme=self.plan.scheme.name,
+            step=horizon / (found.steps or self.plan.steps),
+            paths=found.paths,
+            cost=self.pilot.seconds + self.store.seconds + self.watch.seconds - self._begin,
+            pilot=self.pilot.seconds,
+            alternatives=tuple(others),
+            reached=reached,
+            why=self._why(),
+            notes=tuple(found.notes),
+        )
+
+    def _why(self) -> str:
+        plan = self.plan
+        reckoned = f"reckoned at {plan.seconds:.2g} s"
+        if not self.others:
+            return f"{plan.method}: {reckoned}, nothing else to compare"
+        other = self.others[0]
+        times = other.seconds / plan.seconds if plan.seconds > 0 else math.inf
+        return (
+            f"{reckoned}, {times:.2g} times less than the next ({other.method} by {other.scheme.name}, "
+            f"h = {self.pilot.problem.horizon / other.steps:.4g})"
+        )
+
+
+def _more(missing: float) -> int:
+    """Units of a level that are added at a time: those that are missing, a few at least."""
+    return max(_TOP_UP, math.ceil(_SPARE * min(missing, Quasi.least_units)))
+
+
+def _with_twice_the_points(estimator: Quasi, drawn: Drawn) -> Drawn:
+    new = estimator.doubled()
+    return dataclasses.replace(new, seconds=new.seconds + drawn.seconds)
+
+
+def _noise(drawn: Drawn) -> float:
+    """Variance of the mean."""
+    return drawn.units.variance / drawn.units.n
+
+
+def _units_of(drawn: list[Drawn]) -> int:
+    """As many units of one sample would know the variance of the sum as well (Satterthwaite 1946)."""
+    shares = list(map(_noise, drawn))
+    doubt = sum(share**2 / (x.units.n - 1) for share, x in zip(shares, drawn, strict=True))
+    return 1 + int(sum(shares) ** 2 / doubt) if doubt > 0 else max(x.units.n for x in drawn)
+
+
+def _failures(drawn: Drawn) -> list[str]:
+    if not drawn.failed:
+        return []
+    size = drawn.paths // (drawn.failed + drawn.units.n)
+    what = "paths" if size == 1 else f"groups of {size} paths"
+    return [
+        f"{drawn.failed} of {drawn.failed + drawn.units.n} {what} failed and are left out: the mean is that of the "
+        "others; give another scheme, or look at paths with `simulate`"
+    ]

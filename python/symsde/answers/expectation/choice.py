@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What every way to the interval would cost, and the cheapest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from ...schemes import Scheme
+from . import control, quasi, variants
+from .estimators import Antithetic, Estimator, Extrapolated, Plain
+from .problem import Problem
+from .quasi import Quasi
+from .tally import Tally
+from .tolerance import BIAS_SHARE
+from .trial import LEVELS, MOST_HALVINGS, Trial
+
+EVEN_LEVELS = "multilevel quasi-Monte Carlo"
+_BEGUN_WITH = 256  #: paths of every level, before anything is known of it
+_A_LEVEL = 1.5e-3  #: seconds that a level takes beside its paths, about: calls, tallies, allocation
+_NEAR = 1.5  #: levels below a step, at which the variance of its units is not known from theirs
+_BISECTIONS = 10  #: of a halving of the step
+_FEWEST = 5  #: log2 of the points of a level
+
+
+@dataclass(eq=False)
+class Plan:
+    """A way to the interval: a method, a scheme, a step, and what it is reckoned to cost."""
+
+    method: str
+    trial: Trial
+    level: float  #: of the ladder; of multilevel the finest, a whole number as of extrapolation
+    seconds: float  #: of the processor, predicted
+    note: str = ""
+    coarsest: int = 0  #: level of the ladder that multilevel begins with
+    variance: float = 0.0  #: of a unit, as far as the pilot knows it
+    options: dict = field(default_factory=dict)
+
+    @property
+    def steps(self) -> int:
+        """To the horizon."""
+        return self.trial.steps(self.level)
+
+    @property
+    def bias(self) -> tuple[float, float]:
+        """What the step leaves of E f, and the standard error of this estimate."""
+        return (self.trial.rest if self.method == Extrapolated.name else self.trial.bias)(self.level)
+
+    @property
+    def scheme(self) -> Scheme:
+        """Its scheme."""
+        return self.trial.scheme
+
+    @property
+    def coarsest_steps(self) -> int:
+        """To the horizon, of the first level of multilevel."""
+        return self.trial.steps(self.coarsest)
+
+    def estimator(self, first: int, problem: Problem) -> Estimator:
+        """What draws it, from a path on."""
+        return estimator_of(self.method, problem, self.scheme, self.steps, first=first, options=self.options)
+
+    def even_level(self, index: int, first: int, problem: Problem) -> Quasi:
+        """What draws a level of multilevel quasi-Monte Carlo."""
+        return even_level_of(problem, self.scheme, self.coarsest_steps, index, first=first, options=self.options)
+
+
+def estimator_of(
+    method: str, problem: Problem, scheme: Scheme, steps: int, *, first: int, options: dict
+) -> Estimator:  # fmt: skip
+    """The estimator of a method, from a path on."""
+    kinds = {kind.name: kind for kind in (Plain, Antithetic, Extrapolated, control.Control, Quasi)}
+    return kinds[method](problem, scheme, steps, first, **options)
+
+
+def even_level_of(
+    problem: Problem, scheme: Scheme, coarsest: int, index: int, *, first: int, options: dict
+) -> Quasi:  # fmt: skip
+    """Of multilevel quasi-Monte Carlo the estimator of a level, counted from the coarsest one."""
+    points = options["log2_points"][index]
+    return Quasi(problem, scheme, coarsest << index, first, log2_points=points, differences=index > 0)
+
+
+def _allowed(error: float) -> float:
+    """Variance of the value that is left to noise."""
+    return max((1 - BIAS_SHARE) * error**2, 1e-300)
+
+
+def coarse_enough(left: Callable[[int], tuple[float, float]], error: float, first: int = 0) -> int | None:
+    """The longest step of the ladder that leaves little beside this error; None where none does."""
+    for level in range(first, LEVELS + MOST_HALVINGS):
+        if _small(left(level), error):
+            return level
+    return None
+
+
+def longest(left: Callable[[float], tuple[float, float]], error: float) -> float | None:
+    """The same between the steps of the ladder, to a thousandth of a halving."""
+    level = coarse_enough(left, error)
+    if not level:
+        return level
+    low, high = float(level - 1), float(level)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if _small(left(middle), error) else (middle, high)
+    return high
+
+
+def _small(left: tuple[float, float], error: float) -> bool:
+    """What is left, noise in it included, keeps its share of this error."""
+    return math.hypot(*left) <= math.sqrt(BIAS_SHARE) * error
+
+
+def plain(trial: Trial, error: float) -> Plan | None:
+    """Independent paths of one step."""
+    level = longest(trial.bias, error)
+    if level is None:
+        return None
+    units = max(2.0, trial.variance / ((1 - BIAS_SHARE) * error**2)) if trial.variance > 0 else 2.0
+    return Plan(Plain.name, trial, level, units * trial.seconds(level), variance=trial.variance)
+
+
+def extrapolated(trial: Trial, error: float) -> Plan | None:
+    """Two steps on the same paths."""
+    level = coarse_enough(trial.rest, error, first=1)
+    if level is None or trial.variance <= 0:
+        return None
+    spread = (math.sqrt(trial.variance) + math.sqrt(trial.spread(level)) / (2**trial.order - 1)) ** 2
+    seconds = spread / ((1 - BIAS_SHARE) * error**2) * (trial.seconds(level) + trial.seconds(level - 1))
+    return Plan(Extrapolated.name, trial, level, seconds, variance=trial.variance, options={"order": trial.order})
+
+
+def multilevel(trial: Trial, error: float) -> Plan | None:
+    """Levels from the best coarsest one to the one whose bias is small."""
+    finest = coarse_enough(trial.bias, error)
+    if finest is None or trial.variance <= 0:
+        return None
+    finest = max(finest, 1)
+    best = None
+    for coarsest in range(finest):
+        total, begun = math.sqrt(trial.variance * trial.seconds(coarsest)), 0.0
+        for level in range(coarsest + 1, finest + 1):
+            pair = trial.seconds(level) + trial.seconds(level - 1)
+            total += math.sqrt(trial.spread(level) * pair)
+            begun += _BEGUN_WITH * pair + _A_LEVEL
+        seconds = total**2 / ((1 - BIAS_SHARE) * error**2) + begun
+        if best is None or seconds < best.seconds:
+            best = Plan("multilevel", trial, finest, seconds, coarsest=coarsest)
+    return best
+
+
+def of_variant(trial: Trial, method: str, error: float) -> Plan | None:
+    """Antithetic or control variate by what was measured of it, at the longest step."""
+    variant, level = trial.measured.get(method), longest(trial.bias, error)
+    if variant is None or level is None or math.isinf(variants.price(trial, method, level)):
+        return None
+    seconds = _seconds_of(trial, variant, level, error, method)
+    plan = Plan(method, trial, level, seconds, variance=variant.variance)
+    if method == control.Control.name:
+        plan.options = {"fit": control.fit_for(_units(variant, error))}
+    return plan
+
+
+def _seconds_of(trial: Trial, variant: variants.Variant, level: float, error: float, method: str) -> float:
+    unit = variant.seconds * trial.seconds(level) / trial.seconds(variant.level)
+    longer = variants.price(trial, method, level) / variants.price(trial, method, variant.level)
+    units = _units(variant, error)
+    if method == control.Control.name:
+        return variant.once * longer + (units + control.fit_for(units) - control.FIT) * unit
+    return variant.once * longer + units * unit
+
+
+def _units(variant: variants.Variant, error: float) -> float:
+    """That this error takes."""
+    return max(float(Estimator.least_units), variant.variance / _allowed(error))
+
+
+def without_bias(trial: Trial, error: float) -> float:
+    """Seconds of the cheapest of these at the finest step of the ladder, were its bias small."""
+    known = ((method, x) for method, x in trial.measured.items() if x is not None)
+    return min((_seconds_of(trial, x, LEVELS - 1, error, method) for method, x in known), default=math.inf)
+
+
+def even(trial: Trial, error: float) -> Plan | None:
+    """Quasi-Monte Carlo: points a unit such that the fewest units are enough, by how the variance fell."""
+    level = longest(trial.bias, error)
+    near_enough = -1 if level is None else min(level, LEVELS - 1) - _NEAR
+    known = [x for x in trial.even.values() if x is not None and x.level > near_enough]
+    if level is None or not known or not quasi.applies(trial.problem, trial.scheme, trial.steps(level)):
+        return None
+    near = min(known, key=lambda x: abs(x.level - level))
+    points = _points(near.fine, _allowed(error) * Quasi.least_units, near.usual)
+    if points is None:
+        return None
+    longer = trial.steps(level) / trial.steps(near.level)
+    plan = Plan(Quasi.name, trial, level, longer * (near.once + Quasi.least_units * near.path * 2.0**points))
+    plan.options, plan.variance = {"log2_points": points}, trial.variance / 2.0**points
+    return plan
+
+
+def _points(units: dict[int, Tally], needed: float, usual: float = variants.USUAL) -> int | None:
+    """log2 of the points of a unit, from those that were tried on, whose variance is what is needed."""
+    points = known = max(units)
+    slope = variants.fall(units, usual)
+    while units[known].variance * 2.0 ** (-slope * (points - known)) > needed:
+        points += 1
+        if points > quasi.MOST_POINTS:
+            return None
+    return points
+
+
+def even_levels(trial: Trial, error: float) -> Plan | None:
+    """Multilevel quasi-Monte Carlo, from the best coarsest level that was looked at."""
+    finest = coarse_enough(trial.bias, error)
+    if not finest or not quasi.applies(trial.problem, trial.scheme, trial.steps(finest)):
+        return None
+    best = None
+    for coarsest in (level for level in range(finest) if trial.even.get(level)):
+        plan = _even_levels(trial, coarsest, finest, _allowed(error) * Quasi.least_units)
+        if plan is not None and (best is None or plan.seconds < best.seconds):
+            best = plan
+    return best
+
+
+def _even_levels(trial: Trial, coarsest: int, finest: int, needed: float) -> Plan | None:
+    """Points are doubled where the variance of a unit over its seconds is largest, until its sum is what is needed."""
+    variance, slope, path, once = [], [], [], 0.0
+    for level in range(coarsest, finest + 1):
+        near = max((x for x in trial.even.values() if x and x.level <= level), key=lambda x: x.level)
+        if level > coarsest and near.level == 0:  # nothing is known of changes
+            return None
+        units = near.fine if level == coarsest else near.change
+        smaller = (
+            trial.spread(level) / trial.spread(near.level) if level > near.level and trial.spread(near.level) else 1.0
+        )
+        slope.append(2.0 ** -variants.fall(units, near.usual))
+        known = max(units[near.most].variance * smaller, 1e-300)
+        variance.append(known * slope[-1] ** (_FEWEST - near.most))
+        longer = trial.steps(level) / trial.steps(near.level)
+        path.append(near.path * longer)
+        once += near.once * longer
+    points = [_FEWEST] * len(path)
+    while sum(variance) > needed:
+        i = max(range(len(path)), key=lambda j: variance[j] / (path[j] * 2.0 ** points[j]))
+        points[i] += 1
+        variance[i] *= slope[i]
+        if points[i] > quasi.MOST_POINTS:
+            return None
+    seconds = once + Quasi.least_units * sum(x * 2.0**n for x, n in zip(path, points, strict=True))
+    options = {"log2_points": points}
+    return Plan(EVEN_LEVELS, trial, finest, seconds, coarsest=coarsest, variance=trial.variance, options=options)

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Ways to sample E f at one step: each gives independent units whose mean is the value, and what they took."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...run.step import increments
+from ...schemes import Scheme
+from .problem import Problem
+from .tally import Tally
+
+_NUMBERS = 2**20  #: of the increments that are held at a time
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Some units."""
+
+    units: Tally
+    seconds: float  #: of the processor
+    failed: int  #: units left out, for a path of theirs that failed
+    paths: int  #: computed, those of failed units too
+
+    def __add__(self, other: Drawn) -> Drawn:
+        """Both together."""
+        return Drawn(
+            self.units + other.units,
+            self.seconds + other.seconds,
+            self.failed + other.failed,
+            self.paths + other.paths,
+        )
+
+
+NOTHING = Drawn(Tally(), 0.0, 0, 0)
+
+
+class Estimator:
+    """Paths of one scheme and step from an index on; `draw` computes the next ones."""
+
+    name = ""
+    paths_a_unit = 1
+    least_units = 256  #: of an interval
+
+    def __init__(self, problem: Problem, scheme: Scheme, steps: int, first: int):
+        """Nothing is drawn yet."""
+        self.problem, self.scheme, self.steps = problem, scheme, steps
+        self._next = self._begin = first  # a subclass that uses up some paths moves both
+
+    @property
+    def begin(self) -> int:
+        """Index of the first unit."""
+        return self._begin
+
+    @property
+    def step(self) -> float:
+        """Size of a step."""
+        return self.problem.horizon / self.steps
+
+    @property
+    def part(self) -> int:
+        """Units that are computed at a time."""
+        return self.problem.chunk
+
+    def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Values of the next units, and which of them are ok."""
+        first, self._next = self._next, self._next + count
+        return self._units(first, count)
+
+    def draw_from(self, unit: int, count: int) -> Drawn:
+        """So many units from one on, counted from 0."""
+        self._next = self._begin + unit
+        return self.draw(count)
+
+    def draw(self, count: int) -> Drawn:
+        """So many new units."""
+        result = NOTHING
+        while count > 0:
+            part = min(count, self.part)
+            begin = time.process_time()
+            values, ok = self.sample(part)
+            seconds = time.process_time() - begin
+            failed = int((~ok).sum())
+            result += Drawn(Tally.of(values[ok]), seconds, failed, part * self.paths_a_unit)
+            count -= part
+        return result
+
+    def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Values of units, and which of them are ok."""
+        raise NotImplementedError
+
+    def _increments(self, first: int, count: int) -> np.ndarray:
+        """dW (step, noise, path) of these paths."""
+        problem = self.problem
+        truncation = problem.options.get("truncation")
+        return increments(
+            problem.model, step=self.step, steps=self.steps, paths=count, first_path=first, seed=problem.seed,
+            truncation=truncation, scheme=self.scheme,
+        )  # fmt: skip
+
+    @property
+    def _part_with_increments(self) -> int:
+        row = self.steps * max(1, self.problem.model.nnoise)
+        return max(8, min(self.problem.chunk, _NUMBERS // row))
+
+
+class Plain(Estimator):
+    """The mean over independent paths."""
+
+    name = "plain"
+
+    def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        return self.problem.values(self.problem.run(self.scheme, self.steps, first_path=first, paths=count))
+
+
+class Extrapolated(Estimator):
+    """The mean of P_h + (P_h - P_2h)/(2^a - 1), both on one Brownian path: of E P_h what falls as h^a is gone.
+
+    Talay and Tubaro 1990, Stoch. Anal. Appl. 8, 483; coupled, so that the difference adds little variance.
+    """
+
+    name = "extrapolated"
+    paths_a_unit = 2
+
+    def __init__(self, problem: Problem, scheme: Scheme, steps: int, first: int, *, order: float):
+        """`steps`, an even number, are those of the finer path; a = order is the weak order of the scheme."""
+        super().__init__(problem, scheme, steps, first)
+        self._share = 1 / (2**order - 1)
+
+    def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        run, paths = self.problem.run, {"first_path": first, "paths": count}
+        fine, ok = self.problem.values(run(self.scheme, self.steps, **paths))
+        coarse, also = self.problem.values(run(self.scheme, self.steps // 2, refine=1, **paths))
+        return fine + self._share * (fine - coarse), ok & also
+
+
+class Antithetic(Estimator):
+    """The mean over pairs of paths, one with the increments of the other turned round."""
+
+    name = "antithetic"
+    paths_a_unit = 2
+
+    @property
+    def part(self) -> int:
+        """Units that are computed at a time."""
+        return self._part_with_increments
+
+    def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        dw = self._increments(first, count)
+        one, ok = self._driven(dw)
+        np.negative(dw, out=dw)
+        other, also = self._driven(dw)
+        return (one + other) / 2, ok & also
+
+    def _driven(self, dw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        more = {"increments": dw, "truncation": None}  # they are truncated already
+        return self.problem.values(self.problem.run(self.scheme, self.steps, paths=dw.shape[2], **more))

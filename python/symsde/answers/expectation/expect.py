@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""An expectation to a tolerance: pilot, choice, work, interval."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from ...model.definition import Model
+from ...native import checks
+from ...native.progress import Progress
+from ...native.signals import carry
+from ...schemes import Scheme, as_scheme
+from .answer import Answer
+from .candidates import suitable
+from .carry_out import Work
+from .choice import Plan
+from .draw_store import inputs_of, open_folder
+from .pilot import METHODS, Pilot
+from .problem import make_problem
+from .target import Function
+from .tolerance import make_tolerance
+from .watch import Watch
+
+
+def expect(
+    model: Model,
+    f: Function | str,
+    *,
+    q0: Any,
+    p0: Any,
+    horizon: float,
+    abs: float | None = None,
+    rel: float | None = None,
+    seed: int = 0,
+    scheme: str | Scheme | None = None,
+    method: str | None = None,
+    max_time: float | None = None,
+    progress: Progress = False,
+    out: str | os.PathLike | None = None,
+    **options: Any,
+) -> Answer:
+    """E f(q, p) at t0 + horizon, with a 95 % interval of the half width asked for, by the cheapest way there is.
+
+    - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as "q**2"
+    - q0, p0: initial state of all paths, a number or (dof,)
+    - abs, rel: half width of the interval, or that over the value; one of the two
+    - scheme, method: to take that one; method is plain, antithetic, extrapolated, control variate, multilevel or
+      quasi-Monte Carlo
+    - max_time: seconds of the clock after which the interval is given as it is then
+    - out: a folder that keeps the choice and the draws; the same call goes on in it, also beside other processes
+    - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
+
+    A pilot measures variance, weak error and cost of a few schemes that suit the model, or of the one given; then the
+    plan is taken that is reckoned to need the fewest seconds. The answer tells the choice, why, and what the others
+    would have cost. The choice depends on measured seconds, even the step and the number of paths of a given scheme and
+    method: the bits of two answers differ.
+
+    Misuse raises a ValueError with a sentence before long work: f of another shape, no number, or of infinite variance,
+    a tolerance below rounding. Ctrl-C raises KeyboardInterrupt, whose attribute `partial` is the answer until then,
+    None where the pilot was not done, or of quasi-Monte Carlo fewer than two scramblings. max_time shortens these.
+
+    Where too few paths carry the variation of f to tell of it, the interval holds what was not seen, 3/paths of the
+    scale of f, `reached` is false where that is more than was asked for, and a note says so.
+    """
+    watch = Watch(max_time, progress)
+    try:
+        problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
+        tolerance = make_tolerance(abs, rel)
+        if method is not None:
+            checks.choice("method", method, METHODS)
+        schemes = suitable(problem) if scheme is None else [as_scheme(scheme)]
+
+        def choose() -> tuple[Pilot, list[Plan]]:
+            pilot = Pilot(problem, tolerance, watch, schemes, method)
+            return pilot, pilot.choose()
+
+        if out is None:
+            return Work(*choose()).answer()
+        inputs = inputs_of(problem, tolerance, None if scheme is None else schemes[0], method)
+        with open_folder(out, inputs, problem.seed, watch) as store:
+            store.choice(choose)
+            chosen = store.read_choice(problem, tolerance, {scheme.name: scheme for scheme in schemes})
+            answer = Work(*chosen, store).answer()
+            store.save(answer)
+            return answer
+    except BaseException as stop:
+        if not isinstance(getattr(stop, "partial", None), Answer):
+            carry(stop, lambda: None)  # not a run of the pilot
+        raise
+    finally:
+        watch.close()

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How long a step may be: the fastest frequency of the Hessian along the way that a path takes without noise.
+
+With `paths`, along the ways of so many paths with noise, too: these may come to where the motion is faster.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from ...errors import SymsdeError
+from .problem import Problem
+
+SHARPEST = 1.6  #: omega h of the longest step that is tried: explicit schemes end at 2
+_POINTS = 9  #: of the way
+
+
+def frequency(problem: Problem, paths: int = 0) -> float:
+    """The largest frequency of the linearised equations, on a few points of the way; at least 1/horizon."""
+    declared = problem.model.traits.max_frequency
+    ways = [*_way(problem), *(_ways(problem, paths) if paths and problem.model.nnoise else ())]
+    return max(_fastest(problem, ways), declared, 1 / problem.horizon)
+
+
+def mild_steps(problem: Problem) -> int:
+    """Steps to the horizon in which noise that multiplies the state leaves an implicit step regular.
+
+    I - dW J H''/2 is singular where dW times a frequency of the noise is 2, and values near that have no variance:
+    increments of six standard deviations come to no more than that where 3 omega sqrt(h) <= 1.
+    """
+    noises = problem.model.nnoise
+    omega = _fastest(problem, [*_way(problem)], np.minimum(np.arange(noises + 1.0), 1.0)) if noises else 0.0
+    return max(1, math.ceil(9 * omega**2 * problem.horizon))
+
+
+def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> float:
+    """Frequency of sum_j w_j H_j, by default of H, along these ways."""
+    blocks = zip(*(problem.model.hessian(q, p, w, t) for t, q, p in ways), strict=True)
+    qq, qp, pp = (np.moveaxis(np.concatenate(block, axis=2), 2, 0) for block in blocks)
+    flow = np.block([[qp, pp], [-qq, -qp.transpose(0, 2, 1)]])
+    flow = flow[np.isfinite(flow).all(axis=(1, 2))]
+    return float(np.abs(np.linalg.eigvals(flow)).max(initial=0.0))
+
+
+def fewest_steps(problem: Problem) -> int:
+    """Steps to the horizon, the fewest that every scheme may be tried with."""
+    if "fewest steps" not in problem.known:
+        problem.known["fewest steps"] = max(1, math.ceil(problem.horizon * frequency(problem) / SHARPEST))
+    return problem.known["fewest steps"]
+
+
+def _ways(problem: Problem, paths: int):
+    """The same of paths with noise, without the first states; nothing where they fail."""
+    rows = max(8 * (_POINTS - 1), fewest_steps(problem))
+    rows += -rows % (_POINTS - 1)
+    try:
+        run = problem.run("midpoint", rows, paths=paths, save_every=rows // (_POINTS - 1), areas="path", area_time=None)
+    except SymsdeError:
+        return
+    kept = run.status == 0
+    for t, q, p in zip(run.t[1:], run.q[1:], run.p[1:], strict=True):
+        if kept.any():
+            yield t, q[:, kept], p[:, kept]
+
+
+def _way(problem: Problem):
+    """Times and states without noise, by 64 steps of the midpoint rule; the initial one where it fails."""
+    yield problem.options.get("t0", 0.0), problem.q0, problem.p0
+    rows = 8 * (_POINTS - 1)
+    try:
+        increments = np.zeros((rows, problem.model.nnoise))
+        run = problem.run("midpoint", rows, increments=increments, paths=1, save_every=8, areas="path", area_time=None)
+    except SymsdeError:
+        return
+    for t, q, p in zip(run.t[1:], run.q[1:], run.p[1:], strict=True):
+        if np.isfinite(q).all() and np.isfinite(p).all():
+            yield t, q, p

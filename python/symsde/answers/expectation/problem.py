@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an expectation is asked of: a model, where it begins, when it ends, and a function of where it is then."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...errors import InvalidArgumentError, PathsFailedWarning, WrongTypeError
+from ...model.definition import Model, require_model
+from ...native import checks
+from ...run.moments import try_out
+from ...run.report import Report
+from ...run.setup import Lent
+from ...run.simulate import Run, simulate
+from ...schemes import Scheme
+from .target import Function, Target, require_numbers
+
+OPTIONS = ("t0", "correction", "truncation", "areas", "area_time", "compensated", "threads")  #: of `simulate`
+_GONE = 1e100  #: states beyond this have left, whatever f makes of them
+_NUMBERS = 2**17  #: of the saved states of one call of `simulate`: what a cache holds
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A checked question; paths of it are computed by `run`, and f on them by `values`."""
+
+    model: Model
+    target: Target
+    q0: np.ndarray  #: (dof, 1)
+    p0: np.ndarray
+    horizon: float
+    seed: int
+    options: dict[str, Any] = field(default_factory=dict)  #: of `simulate`
+    known: dict[str, int] = field(default_factory=dict)  #: of the motion, whatever seed and threads: found once
+
+    @property
+    def chunk(self) -> int:
+        """Paths of one call."""
+        return max(256, _NUMBERS // (4 * self.model.ndof) // 256 * 256)
+
+    def run(self, scheme: str | Scheme, steps: int, **more: Any) -> Run:
+        """Paths to the horizon, of which the last state is kept."""
+        options = {"save_every": steps, "seed": self.seed, **self.options, **more}
+        if "increments" in more:
+            options["increments"] = more["increments"].view(Lent)
+        step = self.horizon / steps
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PathsFailedWarning)  # counted, and judged by who asked
+            return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=step, steps=steps, **options)
+
+    def on_one_thread(self) -> Problem:
+        """The same question: short runs are not worth waking threads, and their seconds tell more on one."""
+        return dataclasses.replace(self, options={**self.options, "threads": 1})
+
+    def try_out(self, scheme: str | Scheme) -> Report:
+        """Set a run up, but make no step: what does not fit raises a SymsdeError."""
+        options = {key: value for key, value in self.options.items() if key != "threads"}
+        return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon, steps=0, **options).report
+
+    def values(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
+        """f at the end of every path, and which of them are ok: did not fail, and are not on their way to infinity."""
+        ok = run.status == 0
+        for state in (run.q[-1], run.p[-1]):
+            ok &= (np.abs(state) < _GONE).all(axis=0)
+        with np.errstate(all="ignore"):  # of paths that failed; the others are looked at
+            values = self.target(run.q[-1], run.p[-1])
+        require_numbers(self.target, values, ok, run)
+        return values, ok
+
+
+def make_problem(
+    model: Model, f: Function | str, *, q0: Any, p0: Any, horizon: float, seed: int = 0, **options: Any
+) -> Problem:
+    """Check everything that is given; each refusal is a sentence."""
+    require_model(model)
+    for key in options:
+        if key not in OPTIONS:
+            raise WrongTypeError(f"there is no option {key!r}: there are {checks.nearest(key, OPTIONS)}")
+    horizon = checks.finite("horizon", horizon)
+    if horizon <= 0:
+        raise InvalidArgumentError(f"horizon = {horizon:g} is not allowed: give a time above 0, counted from t0")
+    states = {name: checks.state(name, value, model.ndof, 1) for name, value in (("q0", q0), ("p0", p0))}
+    for name, state in states.items():
+        if not np.isfinite(state).all():
+            raise InvalidArgumentError(f"{name} is not finite: give finite numbers")
+    seed = checks.integer("seed", seed, checks.UINT64)
+    given = {key: checks.fixed(value) for key, value in options.items()}
+    t = checks.finite("t0", options.get("t0", 0.0)) + horizon
+    problem = Problem(model, Target(f, model, t), states["q0"], states["p0"], horizon, seed, given)
+    problem.target.try_at(problem.q0, problem.p0)
+    try_out(model, {"f": problem.target}, q0=problem.q0, p0=problem.p0, t0=t, step=horizon / 1024)
+    return problem

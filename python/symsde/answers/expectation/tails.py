@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Does f have a variance? Without one no interval holds, however many paths there are."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...errors import InvalidArgumentError, NumericalError
+from ...schemes import Scheme
+from .estimators import Drawn, Plain
+from .problem import Problem
+from .tally import Tally
+
+_LOOKED_AT = 4096  #: values of f that tell of its tails
+_AGAIN, _OF_THESE = 2**16, 256  #: values, of which these outermost decide where the first ones seem to have no variance
+_MANY = 2**15  #: values, of which a few that differ are looked at again
+_OUTERMOST = 32  #: of these
+_FIRST = 2**45 + 2**42  #: path that they begin at
+_SMALLEST = 1e-135  #: of the values: squares of errors a millionth of that do not vanish
+LEAST = 256  #: values below which nothing can be told
+_DOUBT = 2.0  #: standard errors of the index that decide
+
+
+def tail_index(values: np.ndarray, count: int = 0) -> tuple[float, float]:
+    """Hill's estimate of a with P(|f| > x) ~ x^-a from so many of the largest values, the root of their number where
+    none is given, and its standard error."""
+    size = np.sort(np.abs(values - np.median(values)))[::-1]
+    count = count or int(np.sqrt(size.size))
+    if size[count] <= 0:
+        return np.inf, 0.0
+    mean = float(np.log(size[:count] / size[count]).mean())
+    index = 1 / mean if mean > 0 else np.inf
+    return index, index / np.sqrt(count)
+
+
+def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
+    """Refuse values whose largest ones fall off so slowly that their variance is infinite, or whose squares vanish."""
+    if values.size < LEAST:
+        return
+    if 0 < (largest := float(np.abs(values).max())) < _SMALLEST:
+        raise InvalidArgumentError(
+            f"f = {name} is at most {largest:.3g}, whose square double precision does not hold: give it in a unit in "
+            f"which it is larger than {_SMALLEST:g}"
+        )
+    index, error = tail_index(values, count)
+    if index + _DOUBT * error < 2:
+        raise NumericalError(
+            f"f = {name} seems to have no finite variance: of {values.size} values the largest fall off as "
+            f"x^-{index:.2g} (below 2), and the variance grows with the number of paths, so that no interval would "
+            "hold; bound f, as by np.clip, or take another one"
+        )
+
+
+def first_values(plain: Plain) -> Drawn:
+    """Some values of f; refused where they have no variance.
+
+    A lognormal law falls off as a power where few values show it, of an index that grows further out: so where the
+    first values seem to have no variance, the outermost of many more decide.
+    """
+    values, ok = plain.sample(_LOOKED_AT if plain.problem.model.nnoise else 2)
+    drawn, count, good = Drawn(Tally.of(values[ok]), 0.0, int((~ok).sum()), values.size), 0, values[ok]
+    if good.size >= LEAST and tail_index(good)[0] < 2:
+        parts = [plain.sample(_LOOKED_AT) for _ in range(_AGAIN // _LOOKED_AT)]
+        good, count = np.concatenate([values[ok] for values, ok in parts]), _OF_THESE
+    require_variance(good, plain.problem.target.name, count)
+    return drawn
+
+
+class Doubt:
+    """Looks again, once, where few of many values carry all variation: one path of thousands may escape."""
+
+    def __init__(self, problem: Problem):
+        """Nothing was looked at."""
+        self._problem, self._looked = problem, False
+
+    def look(self, seen: Tally, scheme: Scheme, steps: int) -> None:
+        """Refuse an f whose values vary without a bound, by as many more of them as seemed to be enough."""
+        name = self._problem.target.name
+        if seen.n > 1 and not math.isfinite(seen.m2):
+            raise NumericalError(
+                f"f = {name} has values so large that their variance overflows: paths may escape; look at them with "
+                "`simulate`, bound f, as by np.clip, or take another one"
+            )
+        if self._looked or seen.n < _MANY or not seen.few:
+            return
+        self._looked = True
+        values, ok = Plain(self._problem, scheme, steps, _FIRST).sample(_MANY)
+        require_variance(values[ok], name, _OUTERMOST)

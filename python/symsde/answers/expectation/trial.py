@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a pilot knows of one scheme: weak error and cost by the step, from coupled paths of few levels."""
+
+from __future__ import annotations
+
+import math
+import time
+
+from ...schemes import Scheme
+from ..multilevel.sampler import NOTHING, Draw, LevelSampler
+from . import bias as weak
+from . import quasi
+from .candidates import of_phases, weak_order
+from .estimators import Estimator, Plain
+from .longest_step import SHARPEST, fewest_steps
+from .problem import Problem
+from .tally import Tally
+from .variants import LONG, Even, Variant, measure, measure_changes, measure_even
+
+LEVELS = 4  #: of a pilot, the first without differences
+MOST_HALVINGS = 10  #: of the finest of them
+_NEARLY = 1 - 1e-12  #: rounding of powers of two is no step more
+_LEAST_TIMED, _TIMED = 256, 1024  #: paths of a call that is timed
+_LONG_ENOUGH = 5e-4  #: seconds of such a call, beyond which it is made no longer
+_TIMES = 2  #: that short calls are timed, whose difference tells what a path takes
+_TURNED = 2.0  #: omega T (omega h)^a, below which no phase is a tenth of a radian off
+_NEARER = 0.75  #: times the mean square at one halving, that at the next may be
+UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
+
+
+class Trial:
+    """A scheme on a ladder of steps, each half of the one before."""
+
+    def __init__(self, problem: Problem, scheme: Scheme, coarsest: int, paths: int):
+        """Try the ladder with few paths; `usable` tells whether any of it holds."""
+        self.problem, self.scheme = problem, scheme
+        self.order = weak_order(problem, scheme)
+        self.seconds_spent = 0.0
+        self.known = Tally()  #: values of f that were looked at
+        self.loading = 0.0  #: seconds of packages, once a process
+        self.usable = False
+        self.doubled = 0  #: times
+        self._biases: dict[float, tuple[float, float]] = {}  #: by level, of the draws so far
+        self.measured: dict[str, Variant | None] = {}  #: by method
+        self.even: dict[int, Even | None] = {}  #: by level
+        self.changes: dict[int, Tally | None] = {}  #: of f from the level before, with a control variate
+        for _ in range(UNSTABLE):
+            self.sampler, self._first = LevelSampler(problem, scheme, coarsest), 0
+            self.draws: list[Draw] = [NOTHING] * LEVELS
+            self.more(paths)
+            if self._holds():
+                self.usable = True
+                self._time()
+                return
+            coarsest *= 2
+
+    def _holds(self) -> bool:
+        """No path failed, and the levels do not move apart by more than f varies."""
+        if any(draw.failed for draw in self.draws):
+            return False
+        spread = [draw.variance for draw in self.draws[1:]]
+        return all(map(math.isfinite, spread)) and spread[-1] <= 4 * max(spread[0], self.draws[0].fine.variance)
+
+    def more(self, paths: int) -> None:
+        """More paths on every level."""
+        for level in range(LEVELS):
+            self._draw(level, paths)
+
+    def double(self) -> None:
+        """Twice the paths of the levels with differences."""
+        self.doubled += 1
+        for level in range(1, LEVELS):
+            self._draw(level, self.draws[level].difference.n)
+
+    def go_finer(self) -> None:
+        """The ladder goes on by one step that is half of the finest, and begins one later."""
+        self._first += 1
+        self.draws = [*self.draws[1:], NOTHING]
+        self.even, self.changes, self.measured = {}, {}, {}
+        self._draw(LEVELS - 1, self.draws[-2].difference.n)
+
+    @property
+    def may_go_finer(self) -> bool:
+        """Its levels are not settled, but may be by finer steps: paths come nearer to each other, or phases differ.
+
+        What a step leaves of a phase is (omega h)^a/20 a radian and less; if all of that is small to the horizon, and
+        paths end elsewhere still, they part by themselves.
+        """
+        fewest = fewest_steps(self.problem)
+        turned = fewest * SHARPEST * (SHARPEST * fewest / self.steps(LEVELS - 1)) ** of_phases(self.scheme, self.order)
+        nearer = self._apart(LEVELS - 1) < _NEARER * self._apart(LEVELS - 2)
+        return not self.settled and self._first < MOST_HALVINGS and (turned > _TURNED or nearer)
+
+    def seconds_to_tell(self, error: float) -> float:
+        """What it takes until the bias is known to this error, about: by finer steps, or by more paths."""
+        seconds = sum(draw.seconds for draw in self.draws[1:])
+        noise = self.bias(LEVELS - 1)[1]
+        return seconds if self.may_go_finer else seconds * (noise / error) ** 2
+
+    def _apart(self, level: int) -> float:
+        """Mean square of the change of f from the level before."""
+        draw = self.draws[level]
+        return draw.error_by(self.known.size) ** 2 * draw.difference.n + draw.difference.mean**2
+
+    def _draw(self, level: int, paths: int) -> None:
+        self._biases.clear()
+        drawn = self.sampler.draw(self._first + level, paths)
+        self.draws[level] += drawn
+        self.seconds_spent += drawn.seconds
+
+    def _time(self) -> None:
+        """Seconds of a path as a + b steps, those of a call apart."""
+        few, many = (self.steps(level) for level in (0, LEVELS - 1))
+        drawn = self.draws[-1]
+        enough = _LONG_ENOUGH * drawn.difference.n / max(drawn.seconds, 1e-9)
+        paths = _TIMED if enough > _TIMED else _LEAST_TIMED
+        long = self._seconds_of(many, paths)  # the first call, which takes longer than later ones, is the longest
+        pairs = [(self._seconds_of(few, paths // 8), self._seconds_of(few, paths)) for _ in range(_TIMES)]
+        little, short = map(min, zip(*pairs, strict=True))
+        path = max((short - little) / (paths - paths // 8), 0.1 * short / paths)
+        call = short - path * paths
+        last = max((long - call) / paths, path)
+        self._slope = max((last - path) / (many - few), 0.2 * last / many)
+        self._once = max(path - self._slope * few, 0.0)
+
+    def _seconds_of(self, steps: int, count: int) -> float:
+        """Of a call for so many paths."""
+        seconds = Plain(self.problem, self.scheme, steps, 0).draw(count).seconds
+        self.seconds_spent += seconds
+        return seconds
+
+    def look_at(self, kind: type[Estimator], level: float) -> None:
+        """What few units of another method show."""
+        self.measured[kind.name] = measure(self, kind, level)
+
+    def look_evenly(self, level: int, most: int = LONG) -> None:
+        """What few scramblings of 2^most Sobol points show at a level."""
+        begin = time.process_time()
+        quasi.load()
+        self.loading += time.process_time() - begin
+        self._biases.clear()
+        self.even[level] = measure_even(self, level, most)
+
+    def look_at_changes(self) -> None:
+        """What levels change, without what a linear response to the noise changes: of linear models without noise."""
+        self._biases.clear()
+        self.changes = {level: measure_changes(self, level) for level in range(1, LEVELS)}
+
+    def seconds(self, level: float) -> float:
+        """Of a path at a level of the ladder."""
+        return self._once + self._slope * self.sampler.coarsest * 2.0 ** (self._first + level)
+
+    def steps(self, level: float) -> int:
+        """Steps to the horizon at a level."""
+        return math.ceil(self.sampler.coarsest * 2.0 ** (self._first + level) * _NEARLY)
+
+    @property
+    def variance(self) -> float:
+        """Of f; at least that of the values looked at, where few of the trial's own differ."""
+        own = self.draws[-1].fine
+        return max(own.variance, self.known.variance) if own.few and self.known.n else own.variance
+
+    @property
+    def settled(self) -> bool:
+        """Powers of h may be counted on: paths of the two finest levels end near each other, or means fall so."""
+        return weak.settled(self._apart(LEVELS - 1), self.variance, *self._differences(), self.order)
+
+    def bias(self, level: float) -> tuple[float, float]:
+        """E f - E f(x_h) at a level of the ladder, and the standard error of this estimate.
+
+        Between two levels it is taken for a multiple of h^a and a number, a the weak order.
+        """
+        if level not in self._biases:
+            self._biases[level] = self._bias(level)
+        return self._biases[level]
+
+    def _bias(self, level: float) -> tuple[float, float]:
+        if level != int(level):
+            begin = math.floor(level)
+            coarse, fine = self.bias(begin), self.bias(begin + 1)
+            if not self.settled:
+                return coarse
+            share = (2 ** (self.order * (begin + 1 - level)) - 1) / (2**self.order - 1)
+            return tuple(y + share * (x - y) for x, y in zip(coarse, fine, strict=True))
+        means, errors = self._differences()
+        return self._left(means, errors, int(level))
+
+    def rest(self, level: int) -> tuple[float, float]:
+        """The same of what extrapolation from this level and the one before leaves; its order is taken as no higher."""
+        means, errors = self._differences()
+        up, whole = 2**self.order, 2**self.order - 1
+        pairs = range(1, len(means))
+        changes = [(up * means[i] - means[i - 1]) / whole for i in pairs]
+        return self._left(changes, [math.hypot(up * errors[i], errors[i - 1]) / whole for i in pairs], level)
+
+    def _differences(self) -> tuple[list[float], list[float]]:
+        """Means of f(x_h) - f(x_2h) at levels above 0, and their errors."""
+        means = [draw.difference.mean for draw in self.draws[1:]]
+        errors = [draw.error_by(self.known.size) for draw in self.draws[1:]]
+        known = [(level, x.change[x.most].mean, x.error) for level, x in self.even.items() if x and x.error > 0]
+        known += [(level, x.mean, x.error) for level, x in self.changes.items() if x is not None]
+        for level, mean, error in known:  # the best known
+            if level > 0 and error < errors[level - 1]:
+                means[level - 1], errors[level - 1] = mean, error
+        return means, errors
+
+    def spread(self, level: int) -> float:
+        """Variance of f(x_h) - f(x_2h) at a level above 0; beyond those tried, it falls as there."""
+        known = [draw.variance for draw in self.draws]
+        if level < LEVELS:
+            return known[level]
+        fall = known[-1] / known[-2] if known[-2] > 0 else 1.0
+        return known[-1] * min(fall, 1.0) ** (level - LEVELS + 1)
+
+    def _left(self, means: list[float], errors: list[float], level: int) -> tuple[float, float]:
+        """What all finer levels add to a level, and its error, from differences up to the last level that was tried."""
+        extra = max(level - LEVELS + 1, 0)
+        second = weak.second_powers(self._apart(LEVELS - 1), self.variance, self.order, self.draws[-1].difference.size)
+        tail, noise = weak.left(means, errors, self.order, extra, settled=self.settled, second=second)
+        finer = LEVELS - 1 - level
+        return (tail + sum(means[-finer:]), math.hypot(noise, *errors[-finer:])) if finer > 0 else (tail, noise)

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The clocks of long work: how much time is left, what was spent, and who is told how far it is."""
+
+from __future__ import annotations
+
+import math
+import time
+
+from ...errors import InvalidArgumentError
+from ...native import checks
+from ...native.progress import Progress, told_by
+
+_TICKS = 1000  #: of the whole, told to a progress function
+
+
+class Watch:
+    """Holds the time of the clock against max_time, and counts the processor's seconds since it was made."""
+
+    def __init__(self, max_time: float | None, progress: Progress):
+        """Start."""
+        self._bar, self._tell = told_by(progress)
+        self.max_time = math.inf if max_time is None else checks.finite("max_time", max_time)
+        if self.max_time <= 0:
+            raise InvalidArgumentError(f"max_time = {self.max_time:g} is not allowed: give seconds above 0")
+        self._begin, self._begin_of_work = time.monotonic(), time.process_time()
+        self._stopped = self._ended = False
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds of the clock since the start."""
+        return time.monotonic() - self._begin
+
+    @property
+    def seconds(self) -> float:
+        """Of the processor, by all threads of this process, since the start."""
+        return time.process_time() - self._begin_of_work
+
+    @property
+    def over(self) -> bool:
+        """No work is to be begun any more."""
+        return self._stopped or self._ended or self.elapsed >= self.max_time
+
+    def room(self, seconds: float) -> float:
+        """Units of so many seconds of the processor each that fit into what is left, where others want it, too."""
+        elapsed = self.elapsed
+        slower = max(elapsed / max(self.seconds, 1e-9), 1.0)
+        return max(self.max_time - elapsed, 0.0) / max(slower * seconds, 1e-12)
+
+    def end(self) -> None:
+        """What comes next would take longer than what is left."""
+        self._ended = True
+
+    @property
+    def why(self) -> str:
+        """What ended the work."""
+        if self._stopped:
+            return "the progress function asked to stop"
+        end = "leaves no time for more" if self._ended else "was over"
+        return f"max_time = {self.max_time:g} s {end}"
+
+    def tell(self, share: float) -> None:
+        """This share of the work is done."""
+        if self._tell:
+            self._stopped |= bool(self._tell(round(_TICKS * min(1.0, share)), _TICKS))
+
+    def close(self) -> None:
+        """End the line of the bar."""
+        if self._bar is not None:
+            self._bar.close()

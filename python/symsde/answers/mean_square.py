@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Mean-square stability of a scheme on linear stochastic equations: how second moments grow in one step."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import IncompatibleError, PathsFailedWarning, TooLargeError
+from ..model.definition import Model, require_model
+from ..native import checks
+from ..run.simulate import simulate
+from ..schemes import Scheme, as_scheme
+
+MOST_NOISES = 2
+MOST_POINTS = 2**21  #: of the rules, beyond which a step is not averaged
+MOST_ENTRIES = 2**24  #: of the matrix of second moments: 128 MB, and a few times that while it is looked at
+_NODES = (48, 67)  #: of Gauss and Hermite; where the two disagree, the moments are infinite
+_SHAPES = ((6, 4), (8, 5))  #: the same of what dZ and K say beside increments
+_AGREE = 1e-4
+_LAWS = {
+    "Gaussian": None,
+    "three-point": ((-math.sqrt(3), 0.0, math.sqrt(3)), (1 / 6, 2 / 3, 1 / 6)),
+    "two-point": ((-1.0, 1.0), (0.5, 0.5)),
+}
+_ROWS = 4
+_MIDDLES = (np.arange(_ROWS) + 0.5) / _ROWS
+#: straight rows that have any dW, H = dZ/h - dW/2 = int (1/2 - s) dW and K = int (s^2 - s + 1/6) dW /2
+_OF_SHAPE = np.linalg.pinv(np.stack([np.ones(_ROWS), 0.5 - _MIDDLES, (_MIDDLES**2 - _MIDDLES + 1 / 6 + 1 / 192) / 2]))
+
+
+@dataclass(frozen=True)
+class MeanSquare:
+    """Second moments S = E z z^T without the constant terms go to E M S M^T in a step."""
+
+    growth: float  #: spectral radius of that map; infinite where a step has no second moments
+    exact: float  #: the same of the equations themselves over the step; of a negative one, backward along their noise
+    mean: float  #: spectral radius of E M
+    matrix: np.ndarray | None  #: E M x M, ((2 dof)^2, (2 dof)^2), of z = (q, p); None beyond 32 degrees of freedom
+
+    @property
+    def excess(self) -> float:
+        """log(growth/exact): what the scheme adds in a step."""
+        return math.log(self.growth / self.exact) if self.growth > 0 else -math.inf
+
+
+def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float, t: float = 0.0) -> MeanSquare:
+    """How second moments grow in one step of a scheme, exactly, for a model whose Hamiltonians are quadratic.
+
+    The step is the library's own: its linear map M at the nodes of the law of its increments (Gauss-Hermite rules where
+    they are Gaussian, of what dZ and K say beside them, too) gives E M, E M x M. Noise of H_k bilinear in (q, p) makes
+    M random; linear terms of additive noise add constants, which do not matter for stability, and M is one matrix: such
+    models may be chains. Where a step may meet a singular matrix, as midpoint's under noise on the stiffness, its
+    second moments are infinite: growth says so where increments that matter do it, two rules disagreeing; truncate them
+    then. Everything is dimensionless.
+
+    IncompatibleError for other models, for schemes that take J or areas, and for more than two noises that are not
+    additive; TooLargeError for these beyond 32 degrees of freedom.
+    """
+    require_model(model)
+    chosen = as_scheme(scheme)
+    step, t = checks.finite("step", step), checks.finite("t", t)
+    _refuse(model, chosen)
+    if model.traits.additive or model.nnoise == 0:
+        return _of_one_matrix(model, chosen, step, t)
+    moments = [_moments(model, chosen, step, t, rule) for rule in zip(_NODES, _SHAPES, strict=True)]
+    first, second = (pair[1] for pair in moments)
+    size = 2 * model.ndof
+    known = bool(np.isfinite(second).all() and np.abs(first - second).max() < _AGREE * (1 + np.abs(second).max()))
+    growth = _radius(second) if known else math.inf
+    exact = _radius(_exponential(_generator(model, step, t)))
+    mean = _radius(moments[1][0]) if np.isfinite(moments[1][0]).all() else math.inf
+    return MeanSquare(growth, exact, mean, second.reshape(size * size, size * size))
+
+
+def _refuse(model: Model, scheme: Scheme) -> None:
+    if not model.traits.quadratic:
+        raise IncompatibleError(f"model {model.name} is not quadratic: linear equations alone have such a matrix")
+    if model.traits.additive or model.nnoise == 0:
+        return
+    info = scheme.info
+    if info.uses_magnus or (info.uses_areas and model.nnoise > 1 and not model.traits.position_noise):
+        raise IncompatibleError(
+            f"scheme {scheme.name} takes J or areas of the path, over which this does not average: give midpoint"
+        )
+    if model.nnoise > MOST_NOISES:
+        raise IncompatibleError(f"model {model.name} has {model.nnoise} noises: {MOST_NOISES} are allowed")
+    points = math.prod(len(axis) for axis in _axes(scheme, (_NODES[1], _SHAPES[1]))) ** model.nnoise
+    if points > MOST_POINTS:
+        raise IncompatibleError(
+            f"scheme {scheme.name} with {model.nnoise} noises would be averaged over {points} ways to drive a step, "
+            f"{MOST_POINTS} are allowed: give a scheme of increments alone, or a model of one noise"
+        )
+    if (2 * model.ndof) ** 4 > MOST_ENTRIES:
+        raise TooLargeError(
+            f"model {model.name} has {model.ndof} degrees of freedom: the matrix of its second moments would have "
+            f"(2 x {model.ndof})^4 = {(2 * model.ndof) ** 4:.3g} entries, {MOST_ENTRIES} are allowed: give at most "
+            f"{math.floor(MOST_ENTRIES**0.25 / 2)} degrees of freedom, or additive noise, whose step is one matrix"
+        )
+
+
+def _of_one_matrix(model: Model, scheme: Scheme, step: float, t: float) -> MeanSquare:
+    """Of a step that no noise makes random: squares of the eigenvalues of M, and of exp(h A)."""
+    size = 2 * model.ndof
+    matrix = _maps(model, scheme, step, t, np.zeros((_ROWS, model.nnoise, 1)))[0]
+    radius = _radius(matrix) if np.isfinite(matrix).all() else math.inf
+    rates = np.linalg.eigvals(_flow(model, 0, t)).real * step
+    pairs = np.kron(matrix, matrix) if size**4 <= MOST_ENTRIES else None
+    return MeanSquare(radius**2, math.exp(2 * rates.max()), radius, pairs)
+
+
+def _axes(scheme: Scheme, rule: tuple[int, tuple[int, int]]) -> list[list[tuple[float, float]]]:
+    """Nodes and weights of what one noise draws in a step: dW, H, K, each of variance one; those not drawn are zero."""
+    info, (nodes, shapes) = scheme.info, rule
+    law = _LAWS[info.law]
+    rules = [_hermite(nodes) if law is None else law]
+    for used, count in ((info.uses_dz, shapes[0]), (info.uses_stt_area, shapes[1])):
+        rules.append(_hermite(count) if used else ((0.0,), (1.0,)))
+    return [list(zip(*rule, strict=True)) for rule in rules]
+
+
+def _hermite(nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    x, weight = np.polynomial.hermite_e.hermegauss(nodes)
+    return x, weight / weight.sum()
+
+
+def _moments(model: Model, scheme: Scheme, step: float, t: float, rule: tuple) -> tuple[np.ndarray, np.ndarray]:
+    """E M and E M x M over what drives a step."""
+    size = 2 * model.ndof
+    scale = np.sqrt(abs(step) / np.array([1, 12, 720]))
+    one = list(itertools.product(*_axes(scheme, rule)))
+    rows = _OF_SHAPE @ (scale[:, None] * np.array([[x for x, _ in drawn] for drawn in one]).T)  # (row, way)
+    chance = np.array([math.prod(w for _, w in drawn) for drawn in one])
+    grid = np.array(list(itertools.product(range(len(one)), repeat=model.nnoise)))
+    maps = _maps(model, scheme, step, t, np.ascontiguousarray(rows[:, grid].transpose(0, 2, 1)))
+    weights = chance[grid].prod(axis=1)
+    flat = maps.reshape(len(grid), size * size)
+    with np.errstate(all="ignore"):
+        pairs = (weights[:, None] * flat).T @ flat
+    pairs = pairs.reshape(size, size, size, size).transpose(0, 2, 1, 3)  # from (i, j), (k, l) to (i, k), (j, l)
+    return np.einsum("n,nij->ij", weights, maps), pairs.reshape(size * size, size * size)
+
+
+def _maps(model: Model, scheme: Scheme, step: float, t: float, rows: np.ndarray) -> np.ndarray:
+    """The linear maps (way, size, size) of a step that is driven by rows (row, noise, way); NaN where it fails."""
+    size, ways = 2 * model.ndof, rows.shape[2]
+    points = np.concatenate([np.zeros((size, 1)), np.eye(size)], axis=1)  # the origin, then every direction
+    z = np.tile(points, ways)
+    given = {"increments": np.repeat(rows, size + 1, axis=2), "refine": 2} if model.nnoise else {}
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", PathsFailedWarning)
+        run = simulate(model, q0=z[: model.ndof], p0=z[model.ndof :], scheme=scheme, step=step, steps=1, t0=t,
+                       paths=z.shape[1], **given)  # fmt: skip
+    ends = np.concatenate([run.q[-1], run.p[-1]])
+    ends[:, run.status != 0] = np.nan
+    ends = ends.reshape(size, ways, size + 1)
+    return (ends[:, :, 1:] - ends[:, :, :1]).transpose(1, 0, 2)
+
+
+def _flow(model: Model, j: int, t: float) -> np.ndarray:
+    """The matrix of the field of H_j."""
+    w = np.zeros(model.nnoise + 1)
+    w[j] = 1
+    qq, qp, pp = (block[:, :, 0] for block in model.hessian(np.zeros(model.ndof), np.zeros(model.ndof), w, t))
+    return np.block([[qp, pp], [-qq, -qp.T]])
+
+
+def _generator(model: Model, step: float, t: float) -> np.ndarray:
+    """Of second moments of the Stratonovich equations over a step: h (A x 1 + 1 x A) + |h| sum_k (B_k x B_k + C_k x 1
+    + 1 x C_k), C_k = B_k^2/2 the Ito term: increments have the variance |h| backward, too.
+    """
+    size = 2 * model.ndof
+    flows = [_flow(model, j, t) for j in range(model.nnoise + 1)]
+    zero, one = np.zeros((size, size)), np.eye(size)
+    drift = step * flows[0] + abs(step) * sum((b @ b for b in flows[1:]), zero) / 2
+    pairs = abs(step) * sum((np.kron(b, b) for b in flows[1:]), np.kron(zero, zero))
+    return np.kron(drift, one) + np.kron(one, drift) + pairs
+
+
+def _exponential(matrix: np.ndarray) -> np.ndarray:
+    """By scaling, Taylor and squaring: the matrices are small."""
+    halvings = max(0, math.ceil(math.log2(max(np.abs(matrix).sum(axis=1).max(), 1e-300))) + 4)
+    scaled, term = matrix / 2**halvings, np.eye(len(matrix))
+    result = term.copy()
+    for k in range(1, 14):
+        term = term @ scaled / k
+        result += term
+    for _ in range(halvings):
+        result = result @ result
+    return result
+
+
+def _radius(matrix: np.ndarray) -> float:
+    return float(np.abs(np.linalg.eigvals(matrix)).max())

@@ -1,0 +1,365 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Multilevel Monte Carlo (Giles 2008, Oper. Res. 56, 607; 2015, Acta Numerica 24, 259)."""
+
+from __future__ import annotations
+
+import math
+import os
+from functools import partial
+from typing import Any
+
+from ...errors import InvalidArgumentError, NumericalError
+from ...model.definition import Model
+from ...native import checks
+from ...native.progress import Progress
+from ...native.signals import carry
+from ...schemes import Scheme, as_scheme
+from ..expectation import bias as weak
+from ..expectation.candidates import best_coupled, of_phases, weak_order
+from ..expectation.draw_store import inputs_of, open_folder
+from ..expectation.estimators import Plain
+from ..expectation.longest_step import fewest_steps, mild_steps
+from ..expectation.problem import make_problem
+from ..expectation.tails import Doubt
+from ..expectation.tally import Tally
+from ..expectation.target import Function
+from ..expectation.tolerance import BIAS_SHARE, Tolerance, half_width, make_tolerance, quantile
+from ..expectation.unseen import doubt, look, unseen
+from ..expectation.watch import Watch
+from .multilevel_answer import Level, Multilevel
+from .rates import fall
+from .sampler import MOST_LEVELS, NOTHING, Draw, LevelSampler
+
+FIRST_LEVELS = 3  #: that are drawn before anything is judged, where so many are allowed
+_LOOKED_AT_FROM = 2**46 + 2**45  #: path that these begin at
+_HEAVY = 100.0  #: kurtosis above which the variance of a level is doubtful
+_INCONSISTENT = 1.5  #: 4.5 standard errors
+_TIMING = 0.1  #: relative error of seconds, as taken for the interval of gamma
+_NOISE_SHARE = 0.5  #: of the allowed bias that may be noise in it, before the finest level is given more paths
+
+
+def mlmc(
+    model: Model,
+    f: Function | str,
+    *,
+    q0: Any,
+    p0: Any,
+    horizon: float,
+    abs: float | None = None,
+    rel: float | None = None,
+    scheme: str | Scheme | None = None,
+    steps: int | None = None,
+    levels: int = 12,
+    first: int = 1024,
+    seed: int = 0,
+    antithetic: bool = False,
+    max_time: float | None = None,
+    progress: Progress = False,
+    out: str | os.PathLike | None = None,
+    **options: Any,
+) -> Multilevel:
+    """E f(q, p) at t0 + horizon by multilevel Monte Carlo, with a 95 % interval of the half width asked for.
+
+    - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as "q**2"
+    - q0, p0: initial state of all paths, a number or (dof,)
+    - abs, rel: half width of the interval, or that over the value; one of the two
+    - scheme: default gauss_dkdkd where noises depend on position and H = p.p/2 + U(q), else midpoint
+    - steps: of level 0, by default as few as the fastest frequency and the noise in implicit steps allow; level l has
+      steps 2^l
+    - levels: the most there may be, 2 .. 31; first: paths that a new level begins with, 16 .. 2^30
+    - antithetic: fine paths in pairs with the halves of each coarse step exchanged, for noises that do not commute
+    - max_time: seconds of the clock after which the interval is given as it is then
+    - out: a folder that keeps the draws; the same call goes on in it, also beside other processes
+    - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
+
+    The paths of each level are as many as its measured variance and cost ask for. Levels are added until the bias,
+    estimated from the means of the finest ones, is small beside the noise; both are in the interval. Everything is
+    dimensionless. Misuse raises a ValueError with a sentence before long work. Ctrl-C raises KeyboardInterrupt, whose
+    attribute `partial` is the estimate by the levels that were begun, None before the first. What too few paths showed
+    of f is in the interval, as in `expect`.
+    """
+    watch = Watch(max_time, progress)
+    try:
+        problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
+        tolerance = make_tolerance(abs, rel)
+        chosen = best_coupled(problem) if scheme is None else as_scheme(scheme)
+        coarsest = max(fewest_steps(problem), mild_steps(problem)) if steps is None else steps
+        most = checks.integer("levels", levels, (2, MOST_LEVELS))
+        first = checks.integer("first", first, (16, 2**30))
+        sampler = LevelSampler(problem, chosen, coarsest, antithetic=antithetic)
+        given = {"levels": most, "first": first, "watch": watch}
+        if out is None:
+            return Estimate(sampler, tolerance, **given).run()
+        inputs = inputs_of(problem, tolerance, chosen, "multilevel")
+        inputs["mlmc"] = {"steps": sampler.coarsest, "levels": most, "first": first, "antithetic": sampler.antithetic}
+        with open_folder(out, inputs, problem.seed, watch) as store:
+            return Estimate(sampler, tolerance, **given, store=store).run()
+    except BaseException as stop:
+        if not isinstance(getattr(stop, "partial", None), Multilevel):
+            carry(stop, lambda: None)  # nothing was begun
+        raise
+
+
+class Estimate:
+    """A multilevel estimate that grows until it is narrow enough."""
+
+    def __init__(
+        self, sampler: LevelSampler, tolerance: Tolerance, *, levels: int, first: int, watch: Watch,
+        known: Tally | None = None, store: Any = None,
+    ):  # fmt: skip
+        """Nothing is drawn yet. known: values of f that were looked at already; without them, some are first. store:
+        where draws are kept, as `symsde.answers.expectation.draw_store` has it."""
+        self.sampler, self.tolerance, self.watch = sampler, tolerance, watch
+        self.most, self.first, self.known, self.store = levels, first, known, store
+        self.order = weak_order(sampler.problem, sampler.scheme)
+        self._tails = Doubt(sampler.problem)
+        self.draws: list[Draw] = []
+        self.notes: list[str] = []
+
+    def run(self) -> Multilevel:
+        """Draw until the interval is narrow enough, the levels or the time are used up."""
+        try:
+            if self.known is None:
+                self.known = self._look_at_f()
+            for _ in range(min(FIRST_LEVELS, self.most)):
+                self._add_level()
+            self._check()
+            while not self.watch.over and self._work():
+                pass
+            return self.answer()
+        except BaseException as stop:
+            carry(stop, lambda: self.answer() if self._begun() else None)
+            raise
+        finally:
+            self.watch.close()
+
+    def _look_at_f(self) -> Tally:
+        """Values of f at a step of moderate length; refused where they have no variance."""
+        sampler, level = self.sampler, min(FIRST_LEVELS, self.most) - 1
+        plain = Plain(sampler.problem, sampler.scheme, sampler.steps(level), _LOOKED_AT_FROM)
+        return look(plain, self.tolerance, self.watch).units
+
+    def _begun(self) -> int:
+        """Levels that have values: all, but for the last one where it was interrupted."""
+        return sum(draw.difference.n > 1 for draw in self.draws)
+
+    def _work(self) -> bool:
+        """Draw what is missing, or add a level; false where nothing is left to do."""
+        wanted = self._wanted()
+        missing = [max(0, n - draw.difference.n) for n, draw in zip(wanted, self.draws, strict=True)]
+        if any(missing):
+            # the estimates of variance improve as paths come: a part at a time, the level most behind first
+            level = max(range(len(missing)), key=lambda i: missing[i] * self._seconds(i))
+            held = self.draws[level].difference.n
+            self._draw(level, min(missing[level], max(held, self.first)))
+            self._tell(wanted)
+            return True
+        allowed = self._allowed()
+        seen, noise = self._left()
+        if math.hypot(seen, noise) <= allowed:
+            return False
+        more = self.draws[-1].difference.few or self._finest_is_cheap()  # of few that differ, a finer level tells less
+        if noise > _NOISE_SHARE * allowed and math.fabs(seen) < 2 * noise and more:
+            self._draw(len(self.draws) - 1, self.draws[-1].difference.n)
+            return True
+        if len(self.draws) == self.most:
+            self.notes.append(
+                f"the bias is not small at {self.sampler.steps(self.most - 1)} steps, the finest of {self.most} "
+                "levels: give more levels, or a scheme of higher weak order"
+            )
+            return False
+        self._add_level()
+        return True
+
+    def _add_level(self) -> None:
+        level = len(self.draws)
+        self.draws.append(NOTHING)
+        self._draw(level, self.first)
+        if self.draws[level].difference.n < 2:
+            raise NumericalError(
+                f"{self.draws[level].failed} paths failed at {self.sampler.steps(level)} steps and "
+                f"{self.draws[level].difference.n} came to the end: give more steps on level 0, or another scheme; E f "
+                "may not exist because paths escape, look at them with `simulate`"
+            )
+
+    def _draw(self, level: int, count: int) -> None:
+        """So many samples more, in parts between which the clock is looked at."""
+        usual = max(256, self.sampler.problem.chunk)
+        drawn = self.draws[level]
+        known = drawn.difference.n + drawn.failed
+        part = usual if self.store is None else self.store.grain(usual, count, drawn.seconds / known if known else -1.0)
+        while count > 0 and not (self.watch.over and self.draws[level].difference.n > 1):
+            if self.store is None and self.draws[level].difference.n > 1:
+                room = self.watch.room(self._seconds(level))
+                if room < 1:
+                    self.watch.end()
+                    return
+                part = int(min(part, room))
+            found = self._drawn(level, min(part, count), count)
+            if found is None:
+                return
+            self.draws[level] += found
+            count -= part
+        self._tails.look(self.draws[level].fine, self.sampler.scheme, self.sampler.steps(level))
+
+    def _drawn(self, level: int, part: int, count: int) -> Draw | None:
+        """So many samples of `count` that are wanted; None where the time is over."""
+        if self.store is None:
+            return self.sampler.draw(level, part)
+        first = self.draws[level].difference.n + self.draws[level].failed
+        return self.store.part(f"level-{level:02d}", first, part, count, partial(self.sampler.draw_from, level))
+
+    def _finest_is_cheap(self) -> bool:
+        """Twice the paths of the finest level cost less than a fifth of what was spent."""
+        return self.draws[-1].seconds < 0.2 * sum(draw.seconds for draw in self.draws)
+
+    def _check(self) -> None:
+        """What the first samples show that makes further work vain."""
+        fine = self.draws[0].fine
+        self.tolerance.check(self.value, math.sqrt(fine.mean**2 + fine.variance))
+        if self.tolerance.relative is not None and math.fabs(self.value) < self.error and self.error > 0:
+            raise InvalidArgumentError(
+                f"the mean of f is {self.value:.3g} +- {self.error:.3g}: a half width relative to it cannot be kept "
+                "where it may be 0; give abs, the half width itself"
+            )
+
+    def _wanted(self) -> list[int]:
+        """Paths of each level that give the noise its share of the error at the least cost."""
+        noise = (1 - BIAS_SHARE) * self._error_wanted() ** 2
+        levels = range(len(self.draws))
+        spread = [math.sqrt(self._variance(i) / self._seconds(i)) for i in levels]
+        total = sum(math.sqrt(self._variance(i) * self._seconds(i)) for i in levels)
+        if total == 0:
+            return [self.first] * len(self.draws)
+        return [min(2**40, math.ceil(s * total / max(noise, 1e-300))) for s in spread]
+
+    def _error_wanted(self) -> float:
+        """Root mean square error that gives the half width, with as many paths as the fewest that a level has."""
+        fewest = min(draw.difference.n for draw in self.draws)
+        return self.tolerance.half_width(self.value) / quantile(fewest)
+
+    def _variance(self, level: int) -> float:
+        """Of a value; of level 0 at least that of the values looked at, where few of its own differ."""
+        draw = self.draws[level]
+        known = self.known.variance if level == 0 and draw.difference.few and self.known.n > 1 else 0.0
+        return max(draw.error_by(self.known.size) ** 2 * draw.difference.n, known)
+
+    def _error(self, level: int) -> float:
+        """Standard error of the mean of a level."""
+        n = self.draws[level].difference.n
+        return math.sqrt(self._variance(level) / n) if n > 1 else math.inf
+
+    def _seconds(self, level: int) -> float:
+        """Of a path."""
+        draw = self.draws[level]
+        return max(draw.seconds, 1e-9) / max(1, draw.difference.n)
+
+    def _tell(self, wanted: list[int]) -> None:
+        done = sum(draw.seconds for draw in self.draws)
+        missing = sum(
+            max(0, n - draw.difference.n) * self._seconds(i)
+            for i, (n, draw) in enumerate(zip(wanted, self.draws, strict=True))
+        )
+        self.watch.tell(done / max(done + missing, 1e-300))
+
+    def _allowed(self) -> float:
+        """Size of the bias that may be left."""
+        return math.sqrt(BIAS_SHARE) * self._error_wanted()
+
+    def _left(self) -> tuple[float, float]:
+        """What is left of the error of the step, and its standard error."""
+        finer = range(1, max(self._begun(), 1))
+        means, errors = [self.draws[i].difference.mean for i in finer], [self._error(i) for i in finer]
+        order = self.order if len(means) >= weak.TERMS else weak.order_of(means, errors, self.order)
+        square, fine = self._variance(finer[-1]) + means[-1] ** 2, self.draws[finer[-1]].fine
+        variance = max(fine.variance, self.known.variance) if fine.few and self.known.n > 1 else fine.variance
+        settled = weak.settled(square, variance, means, errors, order)
+        second = weak.second_powers(
+            square, variance, of_phases(self.sampler.scheme, order), self.draws[finer[-1]].difference.size
+        )
+        return weak.left(means, errors, order, settled=settled, second=second)
+
+    @property
+    def value(self) -> float:
+        """Sum of the means."""
+        return math.fsum(draw.difference.mean for draw in self.draws[: self._begun()])
+
+    @property
+    def error(self) -> float:
+        """Its standard error."""
+        return math.sqrt(math.fsum(self._error(i) ** 2 for i in range(self._begun())))
+
+    def answer(self) -> Multilevel:
+        """What is known so far, by the levels that were begun: there is one at least."""
+        value, error, begun = self.value, self.error, self._begun()
+        bias = math.hypot(*self._left()) if begun > 1 else math.inf
+        half = half_width(error, bias, min(draw.difference.n for draw in self.draws[:begun]))
+        seen = sum((draw.fine for draw in self.draws), self.known)
+        hidden = unseen(self.sampler.problem, self.sampler.scheme, self.sampler.steps(0), seen)
+        notes = [*self.notes]
+        if hidden > half or (seen.m2 == 0 and self.sampler.problem.model.nnoise):
+            notes.append(doubt(seen, hidden))
+        half = max(half, hidden)
+        reached = half <= 1.05 * self.tolerance.half_width(value)
+        levels = tuple(self._level(i) for i in range(begun))
+        finer = range(1, len(levels))
+        spread = [math.sqrt(max(levels[i].kurtosis - 1, 0) / levels[i].paths) * levels[i].variance for i in finer]
+        speeds = [levels[i].paths / max(levels[i].seconds, 1e-9) for i in finer]
+        slopes = {
+            "alpha": fall([levels[i].mean for i in finer], [levels[i].error for i in finer]),
+            "beta": fall([levels[i].variance for i in finer], spread),
+            "gamma": fall(speeds, [_TIMING * x for x in speeds]),
+        }
+        notes += _doubts(levels)
+        if not reached and self.watch.over:
+            notes.append(
+                f"{self.watch.why}: the half width is {half:.3g}, asked was {self.tolerance.half_width(value):.3g}"
+            )
+        return Multilevel(
+            value=value,
+            interval=(value - half, value + half),
+            error=error,
+            bias=bias,
+            scheme=self.sampler.scheme.name,
+            levels=levels,
+            **slopes,
+            reached=reached,
+            notes=tuple(notes),
+            cost=self.watch.seconds + (0.0 if self.store is None else self.store.seconds),
+        )
+
+    def _level(self, i: int) -> Level:
+        draw, consistency = self.draws[i], 0.0
+        if i:
+            before = self.draws[i - 1].fine
+            apart = math.fabs(before.mean - draw.coarse.mean)
+            error = math.hypot(before.error, draw.coarse.error)
+            consistency = apart / (3 * error) if error > 0 else float(apart > 0) * math.inf
+        d = draw.difference
+        return Level(
+            self.sampler.steps(i), d.n, d.mean, self._error(i), self._variance(i), d.kurtosis, draw.fine.mean,
+            draw.fine.variance, consistency, draw.seconds, draw.failed,
+        )  # fmt: skip
+
+
+def _doubts(levels: tuple[Level, ...]) -> list[str]:
+    """What the levels show that the interval does not."""
+    notes = []
+    failed = sum(x.failed for x in levels)
+    if failed:
+        notes.append(
+            f"{failed} of {failed + sum(x.paths for x in levels)} paths failed and are left out: the mean is that of "
+            "the others; give more steps on level 0, or another scheme"
+        )
+    for i, x in enumerate(levels):
+        if x.kurtosis > _HEAVY and x.paths < x.kurtosis * 100:
+            notes.append(
+                f"level {i}: the kurtosis {x.kurtosis:.0f} makes its variance uncertain by "
+                f"{100 * math.sqrt(x.kurtosis / x.paths):.0f} %: f may jump; give more first paths"
+            )
+        if x.consistency > _INCONSISTENT:
+            notes.append(
+                f"level {i}: its coarse paths and the paths of level {i - 1} have different means, {x.consistency:.1f} "
+                "times what noise allows: areas by the path depend on the step, give areas='law'"
+            )
+    return notes

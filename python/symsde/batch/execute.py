@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is computed of one piece, by one call of the library or, of long paths, by many with checkpoints between."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..errors import NotANumberWarning, PathsFailedWarning
+from ..model.definition import Model
+from ..run.moments import Moments, moments
+from ..run.observers import kept, requests
+from ..run.observers.observables import Observable
+from ..run.report import Report
+from ..run.simulate import Run, simulate
+from .pieces import Piece
+from .shard_file import Shard
+
+Tell = Callable[[int, int], bool]  # (path-steps done, of how many) -> stop now
+
+_PER_PATH = ("q0", "p0", "q0_low", "p0_low", "increments")
+_FIRST = 2**20  # path-steps times degrees of freedom before the first look at the clock
+_SEGMENT = 1.0  # seconds between two moments at which a long piece may end
+_STEADY = ("path_steps", "normals")  # of the paths; others are of the blocks that paths were in
+_PATIENCE = 5.0  # seconds that a segment may take after all, where there is a wish to stop
+
+
+@dataclass(frozen=True)
+class Task:
+    """A run, of which pieces are computed anywhere: it can be pickled."""
+
+    model: Model
+    options: dict[str, Any]  #: of `simulate`
+    observables: dict[str, Observable] = field(default_factory=dict)
+    observers: dict[str, requests.Observer] = field(default_factory=dict)
+
+    def of(self, piece: Piece, threads: int | None) -> dict[str, Any]:
+        """Options of the paths of a piece."""
+        here = {**self.options, "first_path": piece.first, "paths": piece.paths, "threads": threads}
+        skip = piece.first - self.options.get("first_path", 0)
+        for key in _PER_PATH:
+            if here.get(key) is None:
+                continue
+            array = np.asarray(here[key])
+            per_path = array.ndim == (3 if key == "increments" else 2) and array.shape[-1] > 1
+            if per_path:
+                here[key] = array[..., skip : skip + piece.paths]
+        return here
+
+
+class Checkpoint(Protocol):
+    """Where a long piece keeps its state."""
+
+    seconds: float  #: between two states that are written; more where they take long to write
+
+    def read(self) -> Shard | None:
+        """The last state, if there is one."""
+
+    def write(self, state: Shard) -> None:
+        """A later one."""
+
+
+def never(_done: int, _total: int) -> bool:
+    """Nobody wants to stop."""
+    return False
+
+
+def compute(
+    task: Task, piece: Piece, threads: int | None = None, tell: Tell = never, checkpoint: Checkpoint | None = None
+) -> Shard | None:
+    """The shard of a piece; None where it was stopped before, or what there is of its moments, with `stopped` among its
+    facts. In a process of its own it says nothing of failed paths: the shard does, and who merges the shards."""
+    if threading.current_thread() is threading.main_thread():  # filters are those of the process
+        with warnings.catch_warnings():
+            for said in (PathsFailedWarning, NotANumberWarning):
+                warnings.simplefilter("ignore", said)
+            return _compute(task, piece, threads, tell, checkpoint)
+    return _compute(task, piece, threads, tell, checkpoint)
+
+
+def _compute(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint: Checkpoint | None) -> Shard | None:
+    if piece.kind == "moments":
+        return _moments(task, piece, threads, tell)
+    return _paths(task, piece, threads, tell, checkpoint)
+
+
+def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell) -> Shard | None:
+    shown = {"observables": task.observables or None, "observers": task.observers}
+    found: Moments = moments(task.model, progress=tell, **shown, **task.of(piece, threads))
+    arrays = {name: getattr(found, name) for name in ("t", "n_ok", "m2", "failed", "failed_status", "failed_step")}
+    arrays["mean"] = found.to_arrays()[0]
+    facts = facts_of(found.report)
+    if found.report.stopped:
+        facts["stopped"] = found.report.stopped
+    return Shard({**arrays, **kept_arrays(found.kept)}, facts)
+
+
+def kept_arrays(parts: dict[str, kept.Kept]) -> dict[str, np.ndarray]:
+    """What observers have kept, as arrays of a shard."""
+    return {
+        f"observed.{name}.{what}": getattr(part, what) for name, part in parts.items() for what in ("counts", "sums")
+    }
+
+
+def facts_of(report: Report) -> dict[str, Any]:
+    """What a report says that is the same whenever and on however many threads the piece is computed."""
+    facts = {name: getattr(report, name) for name in ("stepper", "correction", "failed", "lanes", "lost_variance")}
+    counters = {name: report.counters[name] for name in _STEADY}
+    return {**facts, "left_out": list(report.left_out), "warnings": list(report.warnings), "counters": counters}
+
+
+_STATE = ("last_q", "last_p", "q_low", "p_low", "status", "failed_step")
+
+
+class _Saved:
+    """Saved points of the paths of a piece until a step, and where the paths are there."""
+
+    def __init__(self) -> None:
+        self.step = 0  # of those of the piece, done
+        self.facts: dict[str, Any] = {}
+        self.state: dict[str, np.ndarray] = {}
+        self._points: dict[str, list[np.ndarray]] = {"t": [], "q": [], "p": []}
+
+    @classmethod
+    def of(cls, shard: Shard) -> _Saved:
+        """From a checkpoint."""
+        self = cls()
+        self.facts = dict(shard.facts)
+        self.step = self.facts.pop("step")
+        self.state = {name: shard.arrays[name] for name in _STATE if name in shard.arrays}
+        self._points = {name: [shard.arrays[name]] for name in self._points}
+        return self
+
+    def add(self, run: Run, steps: int, keeps_last: bool) -> None:
+        """Append a run from where the paths are; paths that failed before stay as they were."""
+        later = slice(1 if self.state else 0, None if keeps_last else -1)
+        points = {"t": run.t[later], "q": run.q[later], "p": run.p[later]}
+        state = {name: getattr(run, name) for name in _STATE if getattr(run, name) is not None}
+        if self.state:
+            gone = self.state["status"] != 0
+            points["q"][..., gone] = points["p"][..., gone] = np.nan
+            for name, old in self.state.items():
+                state[name][..., gone] = old[..., gone]
+        for name, values in points.items():
+            self._points[name].append(values)
+        self.state = state
+        self.step += steps
+
+    def counted(self, first_step: int) -> dict[str, Any]:
+        """What depends on the paths alone: not on where segments began, as the count of normals drawn ahead does."""
+        failed = self.state["status"] != 0
+        done = np.where(failed, self.state["failed_step"] - first_step, self.step)
+        return {"failed": int(np.count_nonzero(failed)), "counters": {"path_steps": int(done.sum())}}
+
+    def shard(self, **facts: Any) -> Shard:
+        """All of it, as a checkpoint or, at the end, as the shard."""
+        for name, parts in self._points.items():
+            self._points[name] = [np.concatenate(parts)]
+        points = {name: parts[0] for name, parts in self._points.items()}
+        return Shard({**points, **self.state}, {**self.facts, **facts})
+
+
+def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint: Checkpoint | None) -> Shard | None:
+    options = task.of(piece, threads)
+    steps, every = int(options["steps"]), int(options.get("save_every", 1))
+    found = checkpoint.read() if checkpoint else None
+    saved = _Saved() if found is None else _Saved.of(found)
+    saved.facts = saved.facts or _facts_of_whole(task, options)
+    wanted = max(1, _FIRST // (piece.paths * task.model.ndof))
+    clock = _Clock(checkpoint.seconds if checkpoint else math.inf)
+    while saved.step < steps or not saved.state:
+        length, save, keeps_last = _segment(saved.step, steps, every, wanted)
+        before = saved.step * piece.paths
+        here = _options_from(options, saved, length, save)
+        run = simulate(
+            task.model, progress=lambda done, _, b=before: tell(b + done, piece.work) and clock.has_waited(), **here
+        )
+        if not run.report.stopped:
+            saved.add(run, length, keeps_last)
+            wanted = clock.next_length(length)
+        stops = bool(run.report.stopped) or tell(saved.step * piece.paths, piece.work)
+        if saved.step >= steps:
+            break
+        if checkpoint and saved.state and (stops or clock.is_time()):
+            clock.measure(lambda: checkpoint.write(saved.shard(step=saved.step)))
+        if stops:
+            return None
+    return saved.shard(**saved.counted(options.get("first_step", 0)))
+
+
+def _facts_of_whole(task: Task, options: dict[str, Any]) -> dict[str, Any]:
+    """What the report of one run over all steps would say before it begins."""
+    here = {**options, "save_every": max(1, int(options["steps"]))}
+    return facts_of(simulate(task.model, progress=lambda *_: True, **here).report)
+
+
+def _segment(step: int, steps: int, every: int, wanted: int) -> tuple[int, int, bool]:
+    """Steps of the next segment, steps between its saved points, and whether its last point is one of the run."""
+    to_save = every - step % every
+    if to_save == every and wanted >= every:
+        return min(wanted // every * every, steps - step), every, True
+    length = min(wanted, to_save, steps - step)
+    return length, max(1, length), length == to_save or steps == 0
+
+
+def _options_from(options: dict[str, Any], saved: _Saved, length: int, save: int) -> dict[str, Any]:
+    """Options of so many steps from where the paths are."""
+    here = {**options, "steps": length, "save_every": save}
+    here["first_step"] = options.get("first_step", 0) + saved.step
+    if saved.state:
+        here |= {"q0": saved.state["last_q"], "p0": saved.state["last_p"]}
+        here |= {"q0_low": saved.state.get("q_low"), "p0_low": saved.state.get("p_low")}
+    return here
+
+
+class _Clock:
+    """How long segments take, and when a checkpoint is due. It never goes back, whatever is done to the time of day."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._begin = self._last = time.monotonic()
+        self._cost = 0.0
+
+    def next_length(self, length: int) -> int:
+        """Steps of the next segment, from those of the last one and what it took."""
+        now = time.monotonic()
+        took, self._begin = now - self._begin, now
+        factor = min(8.0, max(0.25, min(_SEGMENT, self._seconds) / max(took, 1e-6)))
+        return max(1, int(length * factor))
+
+    def has_waited(self) -> bool:
+        """Whether a segment takes so long that its end, where nothing is lost, is not to be waited for."""
+        return time.monotonic() - self._begin > _PATIENCE
+
+    def is_time(self) -> bool:
+        """Whether a checkpoint is due: they take a twentieth of the time at most."""
+        return time.monotonic() - self._last > max(self._seconds, 20 * self._cost)
+
+    def measure(self, write: Callable[[], None]) -> None:
+        """Write a checkpoint."""
+        begin = time.monotonic()
+        write()
+        self._last = self._begin = time.monotonic()
+        self._cost = self._last - begin

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Results of a run from the shards of its pieces: moments merged on the tree, saved paths side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..native import abi
+from ..native.build import build_info
+from ..native.handles import status_text
+from ..run.moments import Moments
+from ..run.observers import kept
+from ..run.report import Report
+from ..run.setup import make_setup
+from ..run.simulate import Run
+from .execute import Task
+from .pieces import Piece
+from .shard_file import Shard
+from .tree import Node, Tree
+
+Read = Callable[[Piece], Shard]
+
+
+class MomentsInWork:
+    """Moments of the pieces that came so far, in whatever order; memory for a few of them."""
+
+    def __init__(self, task: Task, size: int):
+        """None yet; size: paths of a piece."""
+        self._task, self._size = task, size
+        self._found = Moments(make_setup(task.model, **task.options), task.observables, task.observers)
+        self._tree = Tree(self._merge_kept)
+        self._t: np.ndarray | None = None
+        self._failed: list[np.ndarray] = []
+        self._reports: list[tuple[int, dict[str, Any]]] = []
+
+    def add(self, piece: Piece, shard: Shard) -> None:
+        """One piece more."""
+        arrays = shard.arrays
+        node = Node(*(np.array(arrays[name]) for name in ("n_ok", "mean", "m2")), self._kept_of(arrays))
+        self._tree.insert(self._size.bit_length() - 1, piece.first // self._size, node)
+        self._t = arrays["t"]
+        self._failed.append(np.stack([arrays[name] for name in ("failed", "failed_status", "failed_step")]))
+        self._reports.append((piece.first, dict(shard.facts)))
+
+    def _kept_of(self, arrays: Mapping[str, np.ndarray]) -> dict[str, kept.Kept]:
+        return {
+            name: kept.Kept(*(np.array(arrays[f"observed.{name}.{what}"]) for what in ("counts", "sums")), room.answers)
+            for name, room in self._found.kept.items()
+        }
+
+    def _merge_kept(self, name: str, left: kept.Kept, right: kept.Kept) -> None:
+        kept.merge(self._found.scope, self._task.observers[name], left, right)
+
+    def result(self, seconds: float = 0.0, threads: int = 1) -> Moments:
+        """Moments of all paths that came, with the bits of one run over them."""
+        found = self._found
+        root = self._tree.root()
+        found.t[...] = self._t
+        found.fill_from_sums(root.n_ok, root.mean, root.m2)
+        found.kept = root.kept
+        failed = np.concatenate(self._failed, axis=1)
+        failed = failed[:, np.argsort(failed[0], kind="stable")][:, : abi.MAX_FAILED_LISTED]
+        found.failed, found.failed_status, found.failed_step = failed
+        found.report = merged_report((facts for _, facts in sorted(self._reports, key=first_of)), seconds, threads)
+        return found
+
+
+def first_of(pair: tuple[int, dict]) -> int:
+    """What reports are sorted by."""
+    return pair[0]
+
+
+def moments_of(task: Task, size: int, pieces: Sequence[Piece], read: Read, **about: Any) -> Moments:
+    """Moments of the pieces of a run."""
+    work = MomentsInWork(task, size)
+    for piece in pieces:
+        work.add(piece, read(piece))
+    return work.result(**about)
+
+
+def run_of(task: Task, pieces: Sequence[Piece], read: Read, **about: Any) -> Run:
+    """The saved paths of the pieces of a run."""
+    path = np.concatenate([np.arange(piece.first, piece.first + piece.paths) for piece in pieces])
+    options = {**task.options, "paths": len(path), "first_path": int(path[0])}
+    for key in ("q0", "p0"):
+        array = np.asarray(options[key])
+        if array.ndim == 2 and array.shape[1] > 1:
+            options[key] = array[:, path - task.options.get("first_path", 0)]
+    run = Run(make_setup(task.model, **options))
+    run.path = path
+    at, reports = 0, []
+    for piece in pieces:
+        shard = read(piece)
+        columns = slice(at, at + piece.paths)
+        for name, values in shard.arrays.items():
+            if name == "t":
+                run.t[...] = values
+            else:
+                getattr(run, name)[..., columns] = values
+        reports.append(shard.facts)
+        at += piece.paths
+    run.report = merged_report(reports, **about)
+    return run
+
+
+def merged_report(reports: Iterable[dict[str, Any]], seconds: float = 0.0, threads: int = 1) -> Report:
+    """What the reports of all pieces say together; the seconds are those of the last sitting."""
+    first, *others = reports
+    failed = first["failed"] + sum(facts["failed"] for facts in others)
+    counters = {name: n + sum(facts["counters"][name] for facts in others) for name, n in first["counters"].items()}
+    stopped = sum(facts.get("stopped", 0) for facts in (first, *others))
+    status = abi.STOPPED if stopped else abi.PATHS_FAILED if failed else abi.OK
+    return Report(
+        outcome=status_text(status),
+        status=status,
+        stepper=first["stepper"],
+        correction=first["correction"],
+        left_out=tuple(first["left_out"]),
+        warnings=tuple(dict.fromkeys(text for facts in (first, *others) for text in facts["warnings"])),
+        counters=counters,
+        failed=failed,
+        stopped=stopped,
+        threads=threads,
+        lanes=first["lanes"],
+        lost_variance=first["lost_variance"],
+        timings={"setup": 0.0, "run": seconds},
+        versions=build_info(),
+    )

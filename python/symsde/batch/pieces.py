@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How a run is cut into pieces: by its size alone, so that whoever computes them finds the same ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from ..errors import InvalidArgumentError
+from ..native.checks import integer
+
+UNIT = 256  #: paths of a unit: pieces of moments are 2^k of them, from a multiple of their size
+_LEAST, _MOST = 2**27, 2**29  # path-steps times degrees of freedom of a piece: seconds, which its file adds little to
+_PIECES = 32  # as many as that, where they are worth it, so that a few processes are busy until the end
+_FILES = 2**14  # more than that no folder should have to hold
+_SAVED = 2**26  # bytes of paths in a piece
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Consecutive paths, and what is wanted of them."""
+
+    name: str  #: of its shard, without ending
+    kind: str  #: "moments" or "paths"
+    first: int  #: global index of the first path
+    paths: int
+    work: int  #: path-steps
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The size of a run, as far as cutting it goes."""
+
+    first: int  #: global index of the first path
+    paths: int
+    steps: int
+    saved: int  #: saved times
+    ndof: int
+
+
+def shard_paths(extent: Extent, wanted: object = None) -> int:
+    """Paths of a shard: as many units as make a piece worth a file, or as wanted, a power of two of them."""
+    if wanted is not None:
+        return _checked(wanted)
+    cost = max(1, extent.steps * extent.ndof)
+    total = cost * extent.paths
+    target = min(max(total // _PIECES, _LEAST), _MOST)
+    size = UNIT
+    while size < extent.paths and (2 * size * cost <= target or extent.paths > _FILES * size):
+        size *= 2
+    return size
+
+
+def is_size(size: object) -> bool:
+    """Whether a shard may have so many paths: a unit times a power of two."""
+    return isinstance(size, int) and size >= UNIT and size & (size - 1) == 0
+
+
+def _checked(wanted: object) -> int:
+    size = integer("shard-paths", wanted, (UNIT, 2**40))
+    if not is_size(size):
+        below = 1 << (size.bit_length() - 1)
+        raise InvalidArgumentError(
+            f"shard-paths = {size} is not a power of two, as the tree of moments needs: give {below} or {2 * below}"
+        )
+    return size
+
+
+def plan(extent: Extent, size: int, *, moments: bool, saved: Sequence[int]) -> list[Piece]:
+    """The pieces of a run: moments of all its paths, and the paths to save, ascending."""
+    pieces = []
+    if moments:
+        cuts = _stretches(range(extent.first, extent.first + extent.paths), size)
+        pieces += [("moments", first, count) for first, count in cuts]
+    each = 16 * extent.saved * extent.ndof
+    pieces += [("paths", first, count) for first, count in _stretches(saved, size, max(1, _SAVED // each))]
+    numbers: dict[str, int] = {}
+    result = []
+    for kind, first, count in pieces:
+        number = numbers[kind] = numbers.get(kind, 0) + 1
+        result.append(Piece(f"{kind}-{number:06d}", kind, first, count, count * extent.steps))
+    return result
+
+
+def _stretches(indices: Sequence[int], size: int, most: int = 2**62) -> Iterator[tuple[int, int]]:
+    """(first, count) of consecutive indices that share their part of `size`, at most `most` together."""
+    if isinstance(indices, range) and most >= size:  # without a look at every index
+        first, end = indices.start, indices.stop
+        while first < end:
+            stop = min(end, (first // size + 1) * size)
+            yield first, stop - first
+            first = stop
+        return
+    start = count = 0
+    for i in indices:
+        if count and i == start + count and i % size and count < most:
+            count += 1
+            continue
+        if count:
+            yield start, count
+        start, count = i, 1
+    if count:
+        yield start, count

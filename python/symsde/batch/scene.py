@@ -1,0 +1,325 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Scenes: a run as a TOML file, for the command line."""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import inspect
+import os
+import re
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import models
+from ..errors import InvalidArgumentError, SceneError, SymsdeError
+from ..model.definition import Model
+from ..model.formulas import formula_scenes as formulas
+from ..native import checks, files
+from ..native.signals import carry
+from ..run.moments import Moments, moments, try_out
+from ..run.observers import observables, requests
+from ..run.setup import make_setup
+from ..run.simulate import Run, simulate
+from . import named_functions
+
+_NOT_IN_SCENES = {"model", "increments", "progress", "q0_low", "p0_low"}
+RUN_KEYS = [key for key in inspect.signature(simulate).parameters if key not in _NOT_IN_SCENES]
+_REQUIRED = ("step", "steps", "q0", "p0")
+OUTPUT_KEYS = ["moments", "paths"]
+STUDY_KEYS = ["schemes", "steps", "horizon", "paths", "reference", "reference_steps", "repeats", "interval"]
+EXPECT_KEYS = ["f", "abs", "rel", "horizon", "scheme", "method", "max_time"]
+
+#: whether scenes may name Python functions; --allow-python of the command line
+PYTHON_ALLOWED = named_functions.ALLOWED
+
+
+@dataclass
+class Scene:
+    """A checked scene."""
+
+    file: str
+    model: Model
+    run: dict[str, Any]  #: options of `simulate`
+    moments: bool  #: moments are wanted
+    paths: list[int] | range  #: global indices of the paths to save, ascending
+    study: dict[str, Any] = field(default_factory=dict)  #: options of `work_precision`
+    expect: dict[str, Any] = field(default_factory=dict)  #: options of `expect`
+    tables: dict[str, Any] = field(default_factory=dict)  #: the file, read
+    text: str = ""  #: the file as it stands
+    observables: dict[str, observables.Observable] = field(default_factory=dict)  #: values of the user's own, by name
+    observers: dict[str, requests.Observer] = field(default_factory=dict)  #: what is kept beside moments
+
+    def compute_moments(self, progress=False) -> Moments:
+        """Moments of all paths, and what observers keep of them."""
+        wanted = {"observables": self.observables, "observers": self.observers}
+        found = moments(self.model, progress=progress, **wanted, **self.run)
+        found.scene = self.text
+        return found
+
+    def compute_paths(self, progress=False) -> Run:
+        """The wanted paths: one run for each stretch of consecutive indices, joined."""
+        runs = []
+        for stretch in _stretches(self.paths):
+            here = {**self.run, "first_path": stretch[0], "paths": len(stretch)}
+            for key in ("q0", "p0"):
+                here[key] = self._columns(here[key], stretch)
+            try:
+                runs.append(simulate(self.model, progress=progress, **here))
+            except BaseException as stop:
+                if begun := [*runs, *filter(None, [getattr(stop, "partial", None)])]:
+                    carry(stop, lambda: _joined(begun))
+                raise
+        joined = _joined(runs)
+        joined.scene = self.text
+        return joined
+
+    def _columns(self, state, stretch):
+        """Columns of an initial state that belong to a stretch of paths."""
+        array = np.asarray(state)
+        if array.ndim < 2 or array.shape[1] == 1:
+            return state
+        first = stretch[0] - self.run.get("first_path", 0)
+        return array[:, first : first + len(stretch)]
+
+    def try_out(self) -> Run:
+        """Set everything up as for the run, but make no step; misuse raises SceneError."""
+        try:
+            return simulate(self.model, **self.start())
+        except SymsdeError as error:
+            raise SceneError(f"{self.file}: [run]: {error}") from error
+
+    def start(self) -> dict[str, Any]:
+        """The options of the run, for one path and no step."""
+        setup = make_setup(self.model, **self.run)
+        return {**self.run, "steps": 0, "paths": 1, "q0": setup.q0[:, :1], "p0": setup.p0[:, :1]}
+
+
+def load(path: str | os.PathLike) -> Scene:
+    """Read and check a scene; SceneError names the file and the key."""
+    file = str(path)
+    text, tables = _read(file)
+    _known(file, "table", tables, ["model", "run", "output", "observables", "observe", "study", "expect"])
+    for name in ("model", "run"):
+        if name not in tables:
+            raise SceneError(f"{file}: there is no table [{name}]: `symsde template kubo` prints a whole scene")
+    for name, table in tables.items():
+        if name != "observe" and not isinstance(table, dict):
+            raise SceneError(f"{file}: {name} is not a table: write it as [{name}] with keys below")
+    run = dict(tables["run"])
+    _known(file, "key of [run]", run, RUN_KEYS)
+    for key in _REQUIRED:
+        if key not in run:
+            raise SceneError(f"{file}: [run] lacks {key}: give step, steps, q0 and p0")
+    output = dict(tables.get("output", {}))
+    _known(file, "key of [output]", output, OUTPUT_KEYS)
+    wants_moments = output.get("moments", True)
+    if not isinstance(wants_moments, bool):
+        raise SceneError(f"{file}: [output] moments = {wants_moments!r}: give true or false")
+    study = dict(tables.get("study", {}))
+    _known(file, "key of [study]", study, STUDY_KEYS)
+    expect = dict(tables.get("expect", {}))
+    _known(file, "key of [expect]", expect, EXPECT_KEYS)
+    scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [], study, expect, tables)
+    scene.text = text
+    tried = scene.try_out()
+    scene.paths = _paths(file, output.get("paths", []), run)
+    scene.observables = _observables(file, scene)
+    scene.observers = _observers(file, scene)
+    try:
+        ntime = int(run["steps"]) // int(run.get("save_every", 1)) + 1
+        shape = (2, ntime, tried.model.ndof, len(scene.paths))
+        checks.room(shape, "the saved paths (q and p; time, dof, path)", now=False)
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [output] paths: {error}") from error
+    return scene
+
+
+def _observables(file: str, scene: Scene) -> dict[str, observables.Observable]:
+    """The table [observables], tried out: formulas need sympy, which scenes without them do not."""
+    if "observables" not in scene.tables:
+        return {}
+    folder = Path(file).parent
+    found: dict[str, Any] = {}
+    for name, given in scene.tables["observables"].items():
+        if isinstance(given, dict) and list(given) == ["python"]:
+            try:
+                found[name] = named_functions.NamedObservable(str(folder.resolve()), given["python"])
+            except SymsdeError as error:
+                raise SceneError(f"{file}: [observables] {name}: {error}") from error
+        elif isinstance(given, str):
+            found[name] = given
+        else:
+            raise SceneError(
+                f"{file}: [observables] {name} = {checks.shown(given)}: give a formula as text, in quotes, or "
+                '{python = "module:function"}'
+            )
+    try:
+        observables.check_observables(found)
+        try_out(scene.model, found, **{**scene.start(), "first_path": 0})
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [observables]: {error}") from error
+    if found and not scene.moments:
+        raise SceneError(f"{file}: [observables] go with moments: leave out moments = false of [output]")
+    return found
+
+
+def _observers(file: str, scene: Scene) -> dict[str, requests.Observer]:
+    """The tables [[observe]], tried on the run."""
+    if "observe" not in scene.tables:
+        return {}
+    try:
+        found = requests.from_tables(scene.tables["observe"])
+        Moments(make_setup(scene.model, **scene.run), scene.observables, found)
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [[observe]]: {error}") from error
+    if not scene.moments:
+        raise SceneError(f"{file}: [[observe]] goes with moments: leave out moments = false of [output]")
+    return found
+
+
+NESTED = re.compile(r"(?:[\[{][\s\w.,=]*){50}")  #: more brackets than any scene opens in a row
+
+
+def _read(file: str) -> tuple[str, dict[str, Any]]:
+    """Its text, and what that says."""
+    tomllib = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
+    try:
+        files.require_file(file)
+        text = Path(file).read_text(encoding="utf-8-sig")  # some editors begin a file by a mark of its encoding
+        if NESTED.search(text):  # the parser would go as deep as Python can, where nothing else works any more
+            raise RecursionError
+        return text, tomllib.loads(text)
+    except OSError as error:
+        raise SceneError(f"{file} cannot be read: {error.strerror}") from error
+    except RecursionError as error:
+        raise SceneError(f"{file} is not a scene: its brackets are nested too deeply") from error
+    except ValueError as error:  # not TOML, not UTF-8, or an integer of thousands of digits
+        raise SceneError(f"{file} is not TOML: {error}") from error
+
+
+def _known(file: str, what: str, given: dict, known: list[str]) -> None:
+    for key in given:
+        if key not in known:
+            raise SceneError(f"{file}: {key!r} is no {what}: there are {checks.nearest(key, known)}")
+
+
+def _model(file: str, table: dict[str, Any]) -> Model:
+    if "H" in table or "python" in table:
+        return _own_model(file, table)
+    name = table.pop("name", None)
+    if not isinstance(name, str):
+        known = ", ".join(models.names())
+        raise SceneError(f"{file}: [model] lacks name, a text: there are {known}; or give H, a formula")
+    try:
+        _known(file, "key of [model]", table, list(models.parameters(name)))
+        return models.get(name, **table)
+    except SceneError:
+        raise
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [model]: {error}") from error
+
+
+def _own_model(file: str, table: dict[str, Any]) -> Model:
+    """A model of the user's own: from formulas, or from a Python function, where that is allowed."""
+    try:
+        return formulas.from_table(table) if "H" in table else _from_python(Path(file).parent, table)
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [model]: {error}") from error
+
+
+def _from_python(folder: Path, table: dict[str, Any]) -> Model:
+    """What module:function returns, found as from the folder of the scene; other keys are its arguments."""
+    given = {key: value for key, value in table.items() if key != "python"}
+    make = named_functions.function_of(folder, table["python"])
+    try:
+        model = make(**given)
+    except Exception as error:
+        raise InvalidArgumentError(
+            f"python = {table['python']!r} gives no model: {named_functions.told(error)}"
+        ) from error
+    if not isinstance(model, Model):
+        raise InvalidArgumentError(f"python = {table['python']!r} returns {checks.shown(model)}, which is no model")
+    return model
+
+
+def _paths(file: str, given: object, run: dict[str, Any]) -> list[int] | range:
+    """Indices of the paths to save, ascending."""
+    first, count = int(run.get("first_path", 0)), int(run.get("paths", 1))
+    if given == "all":
+        return range(first, first + count)
+    if not isinstance(given, list) or not all(type(i) is int for i in given):
+        raise SceneError(f'{file}: [output] paths = {given!r}: give a list of indices, or "all"')
+    for i in given:
+        if not first <= i < first + count:
+            raise SceneError(f"{file}: [output] paths: {i} is not among the paths {first} .. {first + count - 1}")
+    return sorted(set(given))
+
+
+def _stretches(indices: list[int] | range) -> list[list[int] | range]:
+    """Consecutive indices together."""
+    if isinstance(indices, range):
+        return [indices]
+    result: list[list[int]] = []
+    for i in indices:
+        if result and result[-1][-1] == i - 1:
+            result[-1].append(i)
+        else:
+            result.append([i])
+    return result
+
+
+def _joined(runs: list[Run]) -> Run:
+    """Runs of different paths as one; options are those of the first, the report too, or that of a stopped one."""
+    whole = copy.copy(runs[0])
+    whole.report = next((run.report for run in runs if run.report.stopped), whole.report)
+    low = () if whole.q_low is None else ("q_low", "p_low")
+    for name in ("path", "q", "p", "status", "failed_step", "last_q", "last_p", *low):
+        setattr(whole, name, np.concatenate([getattr(run, name) for run in runs], axis=-1))
+    return whole
+
+
+def require_schemes_alone(file: str | os.PathLike, table: str, run: dict[str, Any], has_horizon: bool) -> None:
+    """Refuse keys of [run] that a table which runs several schemes, forward, would leave out without a word."""
+    if run["step"] < 0 and not has_horizon:
+        raise SceneError(
+            f"{file}: [{table}]: [run] goes backward in time, errors and means are taken forward: give horizon in "
+            f"[{table}], a time above 0, counted from t0"
+        )
+    for key in ("fixed_point", "max_iter"):
+        if key in run:
+            raise SceneError(
+                f"{file}: [{table}]: {key} = {run[key]} of [run] would have no effect, since [{table}] solves every "
+                "scheme to rounding: leave it out"
+            )
+
+
+def template(name: str) -> str:
+    """A commented scene of a built-in model, or of a formula, with the keys that it needs."""
+    if checks.name_of("template", name) == "formula":
+        return formulas.TEMPLATE
+    defaults = models.parameters(name)
+    model = models.get(name)
+    about = (getattr(models, name).__doc__ or "").splitlines()[0].strip()
+    lines = [f"# {about}", "[model]", f'name = "{name}"']
+    lines += [f"{key} = {value:.15g}" for key, value in defaults.items()]
+    state = "" if model.ndof == 1 else f", or a list of {model.ndof} numbers"
+    lines += [
+        "",
+        "[run]",
+        'scheme = "midpoint"   # `symsde list` shows all',
+        "step = 0.02           # h",
+        "steps = 5000          # a multiple of save_every",
+        f"q0 = {0.1 if model.ndof > 1 else 1.0}              # the same for all paths{state}",
+        "p0 = 0.0",
+        "save_every = 50       # steps between saved points",
+    ]
+    if model.nnoise:
+        lines += ["paths = 1000", "seed = 1"]
+    lines += ["", "[output]", "moments = true        # moments.csv: means with standard errors"]
+    lines += ["paths = [0]           # run.nc: these paths"]
+    return "\n".join(lines) + "\n"

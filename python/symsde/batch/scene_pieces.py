@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A scene and the pieces that it is cut into."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from ..native import files
+from . import manifest, scene
+from .execute import Task
+from .pieces import Extent, Piece, plan, shard_paths
+from .scene import Scene
+
+
+@dataclass
+class Batch:
+    """A scene that is run in a folder."""
+
+    scene: Scene
+    task: Task
+    size: int  #: paths of a shard
+    pieces: list[Piece]
+    out: str
+
+    @classmethod
+    def of(cls, file: str, out: str, wanted: str | None = None) -> Batch:
+        """A scene, its folder, and the paths of a shard that are wanted; a folder that is there has chosen them."""
+        chosen = scene.load(file)
+        extent = extent_of(chosen)
+        there = manifest.read(files.path_of("the folder of the results", out))
+        if there and wanted is None:
+            size = there["shard_paths"]
+        else:
+            size = shard_paths(extent, int(wanted) if wanted and re.fullmatch(r"-?\d{1,30}", wanted) else wanted)
+        pieces = plan(extent, size, moments=chosen.moments, saved=chosen.paths)
+        return cls(chosen, Task(chosen.model, chosen.run, chosen.observables, chosen.observers), size, pieces, out)
+
+    def of_kind(self, kind: str) -> list[Piece]:
+        """Its pieces of moments, or of paths."""
+        return [piece for piece in self.pieces if piece.kind == kind]
+
+
+def extent_of(chosen: Scene) -> Extent:
+    """The size of the run of a scene."""
+    run = chosen.run
+    steps, every = int(run["steps"]), int(run.get("save_every", 1))
+    first, paths = int(run.get("first_path", 0)), int(run.get("paths", 1))
+    return Extent(first, paths, steps, steps // every + 1, chosen.model.ndof)

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""`symsde expect`: the means that the table [expect] of a scene asks for."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..answers.expectation.answer import Answer
+from ..answers.expectation.expect import expect
+from ..answers.expectation.problem import OPTIONS
+from ..batch import scene
+from ..errors import SceneError, SymsdeError
+from ..model.definition import Model
+
+HELP = "Compute the mean of a function of the final state to a tolerance, by the cheapest way there is."
+STOPPED = 4  #: exit code where an interval is wider than asked
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("scene", metavar="SCENE.toml")
+    parser.add_argument("--abs", metavar="X", type=float, help="half width of the 95 %% interval")
+    parser.add_argument("--rel", metavar="X", type=float, help="the same, over the value")
+    parser.add_argument("--max-time", metavar="S", type=float, help="seconds, after which the interval is given as is")
+    parser.add_argument("--out", metavar="DIR", help="folder that keeps the work: the same command goes on in it")
+    parser.add_argument("--quiet", action="store_true", help="value and interval alone, no progress")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do it; the exit code."""
+    given: dict[str, Any] = {"max_time": options.max_time, "progress": sys.stderr.isatty() and not options.quiet}
+    if options.abs is not None or options.rel is not None:
+        given |= {"abs": options.abs, "rel": options.rel}
+    model, wanted, arguments = _asked(options.scene, given)
+    reached = True
+    for number, f in enumerate(wanted, 1):
+        if options.out is not None:
+            arguments["out"] = Path(options.out, f"mean-{number}") if len(wanted) > 1 else options.out
+        try:
+            answer = _answer(options.scene, model, f, arguments)
+        except KeyboardInterrupt as stop:
+            if stop.partial is not None:
+                _show(f, stop.partial, options.quiet)
+            _say_how_to_go_on(options)
+            raise
+        _show(f, answer, options.quiet)
+        reached &= answer.reached
+    if not reached:
+        _say_how_to_go_on(options)
+    return 0 if reached else STOPPED
+
+
+def _say_how_to_go_on(options: argparse.Namespace) -> None:
+    """Where a folder keeps the work."""
+    if options.out is not None:
+        again = ["symsde", "expect", options.scene, "--out", options.out]
+        for name in ("abs", "rel"):
+            if (value := getattr(options, name)) is not None:
+                again += [f"--{name}", repr(value)]
+        if options.allow_python:
+            again.append("--allow-python")
+        print(f"symsde: what was drawn is in {options.out}: go on with `{shlex.join(again)}`", file=sys.stderr)
+
+
+def _show(f: str, answer: Answer, quiet: bool) -> None:
+    low, high = answer.interval
+    print(f"E {f} = " + (f"{answer.value:.12g} [{low:.12g}, {high:.12g}]" if quiet else str(answer)), flush=True)
+
+
+def _answer(file: str, model: Model, f: str, arguments: dict[str, Any]) -> Answer:
+    try:
+        return expect(model, f, **arguments)
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [expect]: {error}") from error
+
+
+def _asked(file: str, given: dict[str, Any]) -> tuple[Model, list[str], dict[str, Any]]:
+    """The model of a scene, the formulas of [expect], and arguments of `expect`; those given replace the scene's."""
+    chosen = scene.load(file)
+    if "f" not in chosen.expect:
+        raise SceneError(f'{file}: [expect] lacks f, a formula such as "q**2", or a list of formulas')
+    run_of = chosen.run
+    scene.require_schemes_alone(file, "expect", run_of, "horizon" in chosen.expect)
+    known = {"horizon": abs(run_of["step"]) * run_of["steps"]}
+    known |= {key: run_of[key] for key in (*OPTIONS, "q0", "p0", "seed") if key in run_of}
+    known |= chosen.expect
+    if "abs" in given or "rel" in given:
+        known.pop("abs", None), known.pop("rel", None)
+    known |= {key: value for key, value in given.items() if value is not None}
+    wanted = known.pop("f")
+    wanted = wanted if isinstance(wanted, list) else [wanted]
+    if not wanted or not all(isinstance(f, str) for f in wanted):
+        raise SceneError(f'{file}: [expect] f = {wanted!r}: give a formula such as "q**2", or a list of formulas')
+    return chosen.model, wanted, known

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""symsde merge DIR... --out DIR: the shards of several folders in one, and the results of the whole."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..batch import manifest, share
+from ..batch.folder import RunFolder
+from ..batch.scene_pieces import Batch
+from ..errors import SceneError
+from ..native import durable
+from .run_command import finish, logged
+
+HELP = "Merge folders that hold parts of one run (`symsde run --shard I/N`); the bits are those of one run."
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `symsde merge`."""
+    parser.add_argument("folders", metavar="DIR", nargs="+", help="folders with shards of the same run")
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder of the whole run")
+    parser.add_argument("--quiet", action="store_true", help="no table")
+
+
+def run(options: argparse.Namespace) -> int:
+    """The verb."""
+    begin = time.monotonic()
+    with logged(options.quiet):
+        folders = [Path(name) for name in options.folders]
+        record = _common(folders)
+        batch = Batch.of(str(folders[0] / "scene.toml"), options.out, str(record["shard_paths"]))
+        manifest.require_same(record, manifest.of_scene(batch.scene, batch.size), folders[0])
+        sources = [RunFolder(folder, record, batch.pieces) for folder in folders]
+        with RunFolder.open_to_write(options.out, record, batch.pieces, batch.scene) as whole:
+            _gather(sources, whole)
+            _require_all(whole, options.allow_python)
+            return finish(batch, whole, options.quiet, time.monotonic() - begin)
+
+
+def _common(folders: Sequence[Path]) -> dict:
+    """The manifest that all folders have."""
+    records = []
+    for folder in folders:
+        if (record := manifest.read(folder)) is None:
+            raise SceneError(f"{folder} holds no run (no {manifest.NAME}): give folders that `symsde run` has written")
+        manifest.require_run(record, folder)
+        records.append(record)
+    for folder, record in zip(folders[1:], records[1:], strict=True):
+        if found := manifest.differences(records[0], record):
+            raise SceneError(
+                f"{folders[0]} and {folder} hold parts of different runs: {'; '.join(found[:5])}: merge parts of one "
+                "scene, made with one version and build"
+            )
+    return records[0]
+
+
+def _gather(sources: Sequence[RunFolder], whole: RunFolder) -> None:
+    """Shards that are anywhere, in the folder of the whole."""
+    for piece in whole.missing():
+        for source in sources:
+            if source.is_done(piece):
+                durable.write(whole.shard_path(piece), source.shard_path(piece).read_bytes())
+                break
+
+
+def _require_all(whole: RunFolder, allow_python: bool) -> None:
+    """Refuse to call a part the whole; say what is missing, and what makes it."""
+    if missing := whole.missing():
+        trusted = ["--allow-python"] if allow_python else []
+        again = shlex.join(["symsde", "run", str(whole.path / "scene.toml"), "--out", str(whole.path), *trusted])
+        parts = [f"`--shard {part}`" for part in share.parts_of(missing, whole.pieces)]
+        by_parts = f"; they are what {_listed(parts)} of `symsde run` computes" if parts else ""
+        raise SceneError(
+            f"{len(missing)} of {len(whole.pieces)} shards are in none of the folders: "
+            f"{_listed([piece.name for piece in missing])}: `{again}` computes them and ends the run{by_parts}"
+        )
+
+
+def _listed(names: Sequence[str], most: int = 8) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""symsde plot DIR_OR_FILE: figures of a run folder, finished or not, or of a file of paths or moments."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..batch.opened import open_run
+from ..errors import InvalidArgumentError, SceneError
+from ..native import checks, files
+from ..reports.plot import data, draw
+
+HELP = "Draw a run: paths, phase plane, energy, moments with bands, what observers kept."
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `symsde plot`."""
+    parser.add_argument("source", metavar="DIR_OR_FILE", help="folder of a run, or its .nc, .npz or .csv file")
+    parser.add_argument("--what", metavar="NAME", help="one figure alone; without it all there are")
+    parser.add_argument("--of", metavar="VALUE", action="append", help="figures of a value, as q_2; may be given again")
+    parser.add_argument("--at", metavar="I", type=int, default=-1, help="saved time of histograms (default: the last)")
+    parser.add_argument("--most", metavar="N", type=int, default=draw.MOST_PATHS, help="paths drawn (%(default)s)")
+    parser.add_argument("--out", metavar="FILE", help="of one figure: .png, .pdf or .svg")
+
+
+def run(options: argparse.Namespace) -> int:
+    """The verb."""
+    source = Path(options.source)
+    if not os.path.exists(source):
+        raise SceneError(f"{source} does not exist: give the folder of a run, or a file of one")
+    files.optional("matplotlib", "plot")
+    known = _of_folder(source, options) if source.is_dir() else _of_file(source, options)
+    if not known:
+        raise SceneError(f"{source} holds no shard yet: there is nothing to draw")
+    chosen = _chosen(known, options)
+    if options.out and len(chosen) > 1:
+        raise InvalidArgumentError(f"--out is for one figure: say which by --what, one of {', '.join(chosen)}")
+    for name, figure in chosen.items():
+        beside = source / f"{name}.png" if source.is_dir() else source.with_name(f"{source.stem}-{name}.png")
+        target = Path(options.out) if options.out else beside
+        draw.finish(*figure.make(), target)
+        print(f"written to {target}")
+    return 0
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure that can be drawn."""
+
+    make: Callable[[], tuple]  #: its panels and title
+    shows: tuple[str, ...]  #: values that it can show
+
+
+Figures = dict[str, Figure]
+
+
+def _chosen(known: Figures, options: argparse.Namespace) -> Figures:
+    """The figure that is asked for by --what, or all that show what is asked for by --of."""
+    if options.what:
+        checks.choice("--what", options.what, list(known))
+        known = {options.what: known[options.what]}
+    wanted = options.of or []
+    every = list(dict.fromkeys(name for figure in known.values() for name in figure.shows))
+    for name in wanted:
+        data.known(name, every)
+    chosen = {name: figure for name, figure in known.items() if set(wanted) <= set(figure.shows)}
+    if not chosen:
+        raise InvalidArgumentError(
+            f"no figure shows {' and '.join(wanted)} together: draw one after the other, or give one of --what: "
+            + "; ".join(f"{name} shows {', '.join(figure.shows[:12])}" for name, figure in known.items())
+        )
+    return chosen
+
+
+def _of_folder(folder: Path, options: argparse.Namespace) -> Figures:
+    """Figures that the shards there give."""
+    found = open_run(folder)
+    figures: Figures = {}
+    if (saved := found.run) is not None:
+        figures |= _of_paths(data.paths_of(saved), options)
+    if (moments := found.moments) is not None:
+        figures |= _of_means(data.means_of(moments), options)
+        for name, result in moments.observed.items():
+            shows = tuple(result.observer.names(moments.columns()))
+            figures[f"observed-{name}"] = Figure(lambda result=result: draw.of_observed(result, options.at), shows)
+    return figures
+
+
+def _of_file(file: Path, options: argparse.Namespace) -> Figures:
+    found = data.from_file(file)
+    if isinstance(found, data.Paths):
+        return _of_paths(found, options)
+    return _of_means(found, options)
+
+
+def _of_means(found: data.Means, options: argparse.Namespace) -> Figures:
+    return {"moments": Figure(lambda: draw.of_moments(found, "moments", options.of), tuple(found.columns()))}
+
+
+def _of_paths(found: data.Paths, options: argparse.Namespace) -> Figures:
+    columns = tuple(found.columns())
+    shows = {"paths": columns, "phase": tuple(name for name in columns if name != "energy")}
+    if found.energies:
+        shows["energy"] = ("energy",)
+    return {
+        what: Figure(lambda what=what: draw.of_run(found, what, options.of, options.most), names)
+        for what, names in shows.items()
+    }

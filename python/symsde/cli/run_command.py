@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""symsde run SCENE.toml --out DIR: compute the shards that are not there, and put the results together."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import importlib.util
+import logging
+import shlex
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..batch import manifest, merged_results, share
+from ..batch.dispatch import Context, dispatch
+from ..batch.dry import need
+from ..batch.error_check import error_check
+from ..batch.execute import Task
+from ..batch.folder import RunFolder
+from ..batch.pieces import UNIT, Piece
+from ..batch.ranks import Ranks
+from ..batch.scene_pieces import Batch, extent_of
+from ..batch.share import Share
+from ..batch.show import Show, display
+from ..batch.stop import Stop, seconds
+from ..errors import InvalidArgumentError
+from ..run import tabular
+from ..run.moments import Moments
+
+OK, INTERNAL, PATHS_FAILED, STOPPED = 0, 1, 3, 4
+PARTIAL = "moments.partial.csv"
+log = logging.getLogger("symsde")
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `symsde run`."""
+    parser.add_argument("scene", metavar="SCENE.toml")
+    parser.add_argument("--out", metavar="DIR", help="folder of the run (default: named after the scene); resumes")
+    parser.add_argument("--shard", metavar="I/N", type=str, help="compute part I of N only, I from 1")
+    parser.add_argument("--shard-paths", metavar="N", help="paths of a shard, 256 times a power of two")
+    limits = "end cleanly before: 90s, 30min, 23.5h, 23:30:00 or 1-12 (days-hours)"
+    parser.add_argument("--max-walltime", metavar="TIME", help=limits)
+    parser.add_argument("--checkpoint", metavar="TIME", help="time between states of long paths (default: 10 s)")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="say what it takes (time by a short pilot), write nothing"
+    )
+    parser.add_argument(
+        "--error-check", action="store_true", help="some of the paths at half the step too: differences"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress and no table")
+
+
+def run(options: argparse.Namespace) -> int:
+    """The verb."""
+    part = Share() if options.shard is None else share.parse(options.shard)
+    limit = None if options.max_walltime is None else seconds("max-walltime", options.max_walltime)
+    between = 10.0 if options.checkpoint is None else seconds("checkpoint", options.checkpoint)
+    if options.out == "":
+        raise InvalidArgumentError("--out is empty: give a folder, or leave it out")
+    batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths)
+    if options.dry_run:
+        print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved))
+        if options.error_check:
+            print("not counted: --error-check, some of the paths again, at the step and at half of it")
+        return OK
+    record = manifest.of_scene(batch.scene, batch.size)
+    ranks = Ranks.launched()
+    options.quiet = options.quiet or ranks.rank > 0
+    with (
+        logged(options.quiet),
+        Stop(limit) as stop,
+        RunFolder.open_to_write(batch.out, record, batch.pieces, batch.scene) as folder,
+    ):
+        begin = time.monotonic()
+        folder.checkpoint_seconds = between
+        fine = compute(batch.task, ranks.of(part.of(batch.pieces)), folder, Conditions(stop, ranks, options.quiet))
+        if ranks.rank > 0 or not fine:
+            return OK if fine else INTERNAL  # the rank that failed says why, rank 0 the rest
+        missing = folder.missing()
+        if not part.of(batch.pieces):
+            return _nothing(batch, part)
+        if missing and (stop.reason or part.n == 1):
+            partial = save_partial(batch, folder)
+            return _stopped(stop, options, folder, missing, partial)
+        if missing:
+            return _partly(options, batch, folder, missing, part)
+        code = finish(batch, folder, options.quiet, time.monotonic() - begin)
+        if options.error_check and not _checked(batch, folder, stop, options.quiet):
+            code = _stopped(stop, options, folder, [], None)
+        return code
+
+
+def _checked(batch: Batch, folder: RunFolder, stop: Stop, quiet: bool) -> bool:
+    """Write and show the error check, unless it is stopped."""
+    scene = batch.scene
+    found = error_check(batch.task, extent_of(scene), scene=scene.text, tell=lambda *_: bool(stop.reason))
+    if found is None:
+        return False
+    found.save(folder.path / "error-check.csv")
+    if not quiet:
+        print(found)
+    return True
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Who computes, until when, and how loud."""
+
+    stop: Stop
+    ranks: Ranks
+    quiet: bool
+
+
+def compute(task: Task, mine: list[Piece], folder: RunFolder, conditions: Conditions) -> bool:
+    """The shards of some pieces that are not there; whether all went well, here and with the other ranks."""
+    shown = display(conditions.quiet)
+    done = sum(piece.work for piece in mine if folder.is_done(piece))
+    failure: Exception | None = None
+    try:
+        show = Show(sum(piece.work for piece in mine), done, shown)
+        dispatch(task, mine, Context(folder, conditions.stop, show))
+    except Exception as error:
+        failure = error
+    finally:
+        if shown:
+            shown.close()
+    return conditions.ranks.agree(failure)
+
+
+def save_partial(batch: Batch, folder: RunFolder) -> Path | None:
+    """Moments of a run that is stopped before any of its shards is done: at each time over the paths that have come so
+    far. None where there are shards: these can be opened, and merging thousands would take too long now."""
+    pieces = batch.of_kind("moments")
+    stopped = [piece for piece in pieces if piece.name in folder.parts]
+    if not stopped or any(folder.is_done(piece) for piece in pieces):
+        return None
+    moments = merged_results.moments_of(batch.task, batch.size, stopped, lambda piece: folder.parts[piece.name])
+    others = sum(piece.paths for piece in pieces) - sum(piece.paths for piece in stopped)
+    moments.report = dataclasses.replace(moments.report, stopped=moments.report.stopped + others)
+    moments.scene = batch.scene.text
+    moments.save(folder.path / PARTIAL)
+    return folder.path / PARTIAL
+
+
+def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
+    """Put the results together, write and show them."""
+    report, failed, doubts, remarks = None, 0, [], []
+    if pieces := batch.of_kind("moments"):
+        moments = merged_results.moments_of(batch.task, batch.size, pieces, folder.read, seconds=took)
+        moments.scene = batch.scene.text
+        moments.save(folder.path / "moments.csv")
+        (folder.path / PARTIAL).unlink(missing_ok=True)
+        if moments.observers:
+            moments.save(folder.path / ("moments.nc" if has_netcdf() else "moments.npz"))
+        report, failed, doubts = moments.report, moments.report.failed, moments.doubts()
+        remarks = [] if quiet else moments.remarks()
+        if not quiet:
+            print_moments(moments)
+    if pieces := batch.of_kind("paths"):
+        saved = merged_results.run_of(batch.task, pieces, folder.read, seconds=took)
+        saved.scene = batch.scene.text
+        saved.save(folder.path / ("run.nc" if has_netcdf() else "run.npz"))
+        report, failed = report or saved.report, max(failed, int((saved.status != 0).sum()))
+    if not quiet:
+        print(f"{report or ''}\nwritten to {folder.path}".lstrip())
+    if failed:
+        print(f"symsde: {failed} paths failed; moments are over the others", file=sys.stderr)
+    for sentence in (*doubts, *remarks):
+        print(f"symsde: {sentence}", file=sys.stderr)
+    return PATHS_FAILED if failed or doubts else OK
+
+
+def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing: list[Piece], partial) -> int:
+    done = len(folder.pieces) - len(missing)
+    again = ["symsde", "run", options.scene, "--out", str(folder.path)]
+    if options.shard:
+        again += ["--shard", options.shard]
+    again += [f"--{name}" for name in ("allow-python", "error-check") if getattr(options, name.replace("-", "_"))]
+    print(
+        f"symsde: stopped by {stop.reason}; {done} of {len(folder.pieces)} shards are in {folder.path}: "
+        f"go on with `{shlex.join(again)}`",
+        file=sys.stderr,
+    )
+    if partial:
+        print(f"symsde: {partial} holds moments of the paths as far as they have come (n_ok)", file=sys.stderr)
+    return STOPPED
+
+
+def _nothing(batch: Batch, part: Share) -> int:
+    """A part of more than there are shards: no error, since the others do the work, but said."""
+    finer = f", or --shard-paths {batch.size // 2} or less in all parts" if batch.size > UNIT else ""
+    print(
+        f"symsde: part {part} has nothing to do: the run is cut into {len(batch.pieces)}: give as many parts at most"
+        f"{finer}",
+        file=sys.stderr,
+    )
+    return OK
+
+
+def _partly(options, batch: Batch, folder: RunFolder, missing: list[Piece], part: Share) -> int:
+    """Part i of n is done, others are not: what to do when they are."""
+    if not options.quiet:
+        print(
+            f"part {part} is done: {len(folder.pieces) - len(missing)} of {len(folder.pieces)} shards are in "
+            f"{folder.path}; when all parts are done: `symsde merge DIR... --out DIR`"
+        )
+    if options.error_check:
+        print(
+            "symsde: --error-check is made of the whole: give it to `symsde run` in the folder of `symsde merge`",
+            file=sys.stderr,
+        )
+    failed = sum(folder.read(piece).facts["failed"] for piece in part.of(batch.pieces))
+    return PATHS_FAILED if failed else OK
+
+
+@contextlib.contextmanager
+def logged(quiet: bool) -> Iterator[None]:
+    """What the package logs, on standard error, unless the program that calls has its own way."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("symsde: %(message)s"))
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.WARNING if quiet else logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+
+
+def has_netcdf() -> bool:
+    """Whether NetCDF files can be written."""
+    return all(importlib.util.find_spec(package) for package in ("xarray", "netCDF4"))
+
+
+def print_moments(moments: Moments, rows: int = 11, columns: int = 4) -> None:
+    """At most eleven times; q_1, p_1 and the energy first."""
+    names, (means, errors) = moments.columns(), moments.to_arrays()
+    wanted = tabular.first_values(moments, columns)
+    print(f"{'t':>10s} {'paths':>9s}" + "".join(f" {'mean ' + names[j]:>24s}" for j in wanted))
+    for i in tabular.some_times(len(moments.t), rows):
+        values = "".join(f" {means[i, j]:12.5g} +- {errors[i, j]:8.2g}" for j in wanted)
+        print(f"{moments.t[i]:10.4g} {moments.n_ok[i]:9d}{values}")

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Models: Hamiltonians with their traits, from functions or from formulas."""

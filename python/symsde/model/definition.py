@@ -1,0 +1,471 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Models: Hamiltonians H_0 = H, H_1 .. H_m with their traits."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import importlib
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import IncompatibleError, InvalidArgumentError, SymsdeError, WrongShapeError, WrongTypeError
+from ..native import abi, checks, handles
+from ..native import callbacks as _callbacks
+from ..native.signals import held
+
+#: traits that are true or false; a property of the Hamiltonians each
+FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
+_KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
+_AT_ONCE = contextlib.nullcontext()
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What a model declares about its Hamiltonians H_0 = H, H_1 .. H_m, so that little is paid for."""
+
+    ndof: int  #: degrees of freedom
+    nnoise: int  #: noises m
+    separable: bool  #: every H_j = T_j(p) + U_j(q)
+    additive: bool  #: every H_k, k >= 1, is linear in (q, p)
+    position_noise: bool  #: every H_k, k >= 1, depends on q alone
+    quadratic: bool  #: every H_j is a polynomial of degree two at most
+    identity_mass: bool  #: H = p.p/2 + U(q)
+    constant_mass: bool  #: H = p.M^-1 p/2 + U(q) with a constant matrix M
+    bandwidth: int | None  #: of every block of the Hessian; None = dense
+    max_frequency: float  #: bound of the frequencies of H; 0 = not declared
+    noise_lipschitz: float  #: Lipschitz constant of the noise; 0 = not declared
+    #: frequencies omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q); None = not declared
+    rotation: tuple[float, ...] | None
+    silent: tuple[int, ...]  #: noises k whose H_k is zero: nothing is drawn for them
+    has_value: bool  #: the Hamiltonians can be evaluated
+    has_hessian: bool  #: Hessians are analytic
+    has_hessian_vector: bool  #: products of Hessian and vector are analytic
+
+    @property
+    def kicked(self) -> bool:
+        """Noise in position and a constant mass: what schemes of drifts and kicks need."""
+        return self.position_noise and (self.identity_mass or self.constant_mass)
+
+
+class ModelHandle(handles.Handle):
+    """A handle of a model, and the exceptions of the callbacks of its calls."""
+
+    def __init__(self, pointer: ctypes.c_void_p, keep_alive: object, failures: _callbacks.Failures):
+        """Own the handle that `pointer` is."""
+        super().__init__("model", pointer, keep_alive)
+        self.failures = failures
+
+
+class Model:
+    """A stochastic Hamiltonian system of your own (Stratonovich), everything dimensionless.
+
+        dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
+
+    All functions work on weighted sums S = sum_j w[j] H_j of the Hamiltonians H_0 = H, H_1 .. H_m and on
+    many lanes (paths) at once, each lane from its own numbers alone:
+
+    - ``gradient(t, w, q, p) -> (S_q, S_p)``, required
+    - ``value(t, w, q, p) -> S``, shape (lane,)
+    - ``hessian(t, w, q, p) -> (S_qq, S_qp, S_pp)``, shapes (dof, dof, lane), S_qp[j, i] = d2S/dq_i dp_j
+    - ``hessian_vector(t, w, q, p, vq, vp) -> (S_qq vq + S_qp vp, S_pq vq + S_pp vp)``
+    - ``gradient_hessian(t, w, q, p) -> (S_q, S_p, S_qq, S_qp, S_pp)``, where the two share work; it is called where
+      a scheme wants both at one point, and stands in for a ``hessian`` that is not given
+    - ``third_derivative(t, w, q, p, aq, ap, bq, bp) -> (uq, up)``, the gradient of a^T S'' b for two vectors: nested
+      brackets (``gauss2_strong32`` and its kin) are exact then, and no differences of gradients
+    - ``chain_rows``, compiled only (`symsde_chain_rows` in symsde.h): rows of the force and of the tridiagonal
+      stiffness of a chain H = p.p/2 + U(q), noise in position or additive; ``midpoint`` of a chain of one's own is then
+      as fast as of the built-in one
+
+    with w of shape (nnoise + 1, lane), q, p, vq, vp, aq .. bp and gradients of shape (dof, lane). A lane fails by NaN.
+    Everything is float64: results of other real types are converted, and those computed in float32 keep its error
+    of 1e-7, below which Newton and differences of such a gradient find nothing.
+    They are Python functions on NumPy arrays (then runs use one thread unless told otherwise), or compiled
+    functions of the C signature in symsde.h: a ``numba.cfunc`` (see `numba_signature`), a ctypes function
+    pointer, or a ``scipy.LowLevelCallable``. Compiled functions write all their outputs, or, with ``accepts_null``,
+    those whose pointer is not NULL: what is not wanted need not be computed then.
+
+    ``flows`` maps names of schemes to whole steps of these, several at once: compiled functions of the signature
+    ``symsde_flow``. A run by such a scheme (without correction) calls nothing else; at set-up it is compared with the
+    library's own steps, and refused where it differs. ``any_lanes`` says of compiled functions that a lane has the same
+    bits whatever the number of lanes; they are given the paths alone then, without the lanes that fill a vector, and
+    one path takes an eighth of the time. It is found out for numba functions (no fastmath, no SVML), and to be declared
+    for others.
+
+    The other arguments declare traits, see `Traits` (silent: numbers k of noises with H_k = 0); runs probe
+    them, and refuse a false one by name
+    (`FalseTraitError`). ``derived`` says of functions that a program derived them from formulas, and that nothing they
+    read ever changes: runs then probe them once for each binary order of state and time, and flows for each of the
+    step, not every time. Without a Hessian it is formed by differences of gradients. An exception raised in
+    a Python function stops the run and is raised by the run.
+    """
+
+    def __init__(
+        self,
+        *,
+        ndof: int,
+        nnoise: int,
+        gradient: Any,
+        value: Any = None,
+        hessian: Any = None,
+        hessian_vector: Any = None,
+        gradient_hessian: Any = None,
+        third_derivative: Any = None,
+        chain_rows: Any = None,
+        separable: bool = False,
+        additive: bool = False,
+        position_noise: bool = False,
+        quadratic: bool = False,
+        identity_mass: bool = False,
+        constant_mass: bool = False,
+        bandwidth: int | None = None,
+        max_frequency: float = 0.0,
+        noise_lipschitz: float = 0.0,
+        rotation: Any = None,
+        silent: Any = (),
+        accepts_null: bool = False,
+        flows: Mapping[str, Any] | None = None,
+        any_lanes: bool | None = None,
+        derived: bool = False,
+        name: str = "user",
+    ):
+        """Make the model; see the class."""
+        declared = {
+            "separable": separable,
+            "additive": additive,
+            "position_noise": position_noise,
+            "quadratic": quadratic,
+            "identity_mass": identity_mass,
+            "constant_mass": constant_mass,
+        }
+        traits = handles.new(abi.Traits, "traits")
+        traits.ndof = checks.integer("ndof", ndof, checks.INT32)
+        traits.nnoise = checks.integer("nnoise", nnoise, checks.INT32)
+        traits.bandwidth = -1 if bandwidth is None else checks.integer("bandwidth", bandwidth, checks.INT32)
+        traits.max_frequency = checks.number("max_frequency", max_frequency)
+        traits.noise_lipschitz = checks.number("noise_lipschitz", noise_lipschitz)
+        frequencies = _frequencies(rotation, traits.ndof)  # kept alive until the library has copied them
+        traits.rotation = frequencies
+        flags = _silent(silent, traits.nnoise)
+        traits.silent = flags
+        for trait, given in declared.items():
+            setattr(traits, trait, checks.flag(trait, given))
+        functions = {
+            "gradient": gradient,
+            "value": value,
+            "hessian": hessian,
+            "hessian_vector": hessian_vector,
+            "gradient_hessian": gradient_hessian,
+            "third_derivative": third_derivative,
+            "chain_rows": chain_rows,
+        }
+        kinds = _kinds(functions)
+        self.in_python = "Python" in kinds  #: some callback is a Python function
+        flows = _checked_flows(flows)
+        kinds |= {"compiled"} if flows else set()
+        if any_lanes is None:
+            any_lanes = _callbacks.takes_any_lanes([*functions.values(), *flows.values()])
+        any_lanes = checks.flag("any_lanes", any_lanes) and "Python" not in kinds
+        derived = checks.flag("derived", derived)
+        given = {**functions, **_public(traits), "derived": derived, "name": name}
+        self._remade = None if "compiled" in kinds else (Model._of_user, (given,))
+        accepts_null = checks.flag("accepts_null", accepts_null) or "compiled" not in kinds
+        make = functools.partial(_user_handle, checks.name_of("name", name), traits, functions, accepts_null)
+        if flows or any_lanes:
+            make = functools.partial(_with_flows, make, flows, any_lanes)
+        if derived:
+            make = functools.partial(_derived, make)
+        self._adopt(make, name, {})
+
+    @classmethod
+    def builtin(cls, name: str, parameters: Mapping[str, float]) -> Model:
+        """A built-in model by name; `symsde.models` has one function for each."""
+        known = {key: checks.number(key, value) for key, value in checks.table("parameters", parameters).items()}
+        self = cls.__new__(cls)
+        self.in_python = False
+        self._remade = (Model.builtin, (name, known))
+        self._adopt(functools.partial(_builtin_handle, checks.name_of("name", name), known), name, known)
+        return self
+
+    @classmethod
+    def _of_user(cls, given: dict[str, Any]) -> Model:
+        """A model from the arguments that another one was made with."""
+        return cls(**given)
+
+    def _adopt(self, make: Callable[[], handles.Handle], name: str, parameters: dict[str, float]) -> None:
+        """Own handles, made when they are needed."""
+        self._handles = handles.Pool(make)
+        self.name: str = name
+        self._parameters: dict[str, float] = parameters
+        self.traits: Traits = self._read_traits()
+
+    def __reduce__(self) -> tuple:
+        """For pickle: made again, in another process too, where its functions can be found by name there."""
+        if self._remade is None:
+            raise WrongTypeError(
+                f"model {self.name!r} holds compiled functions, whose addresses mean nothing in another process: "
+                "make the model where it is used"
+            )
+        return self._remade
+
+    def __copy__(self) -> Model:
+        """A model never changes: a copy is the model itself."""
+        return self
+
+    def __deepcopy__(self, _memo: dict) -> Model:
+        """A model never changes: a copy is the model itself."""
+        return self
+
+    def _read_traits(self) -> Traits:
+        given = handles.new(abi.Traits, "traits")
+        self.call("model_traits", ctypes.byref(given))
+        flags = {name: bool(getattr(given, name)) for name in (*FLAGS, *_KNOWN)}
+        return Traits(
+            ndof=given.ndof,
+            nnoise=given.nnoise,
+            bandwidth=None if given.bandwidth < 0 else given.bandwidth,
+            max_frequency=given.max_frequency,
+            noise_lipschitz=given.noise_lipschitz,
+            rotation=tuple(given.rotation[: given.ndof]) if given.rotation else None,
+            silent=tuple(k + 1 for k in range(given.nnoise) if given.silent and given.silent[k]),
+            **flags,
+        )
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Values of the parameters, to be read: a model never changes."""
+        return types.MappingProxyType(self._parameters)
+
+    ndof = property(lambda self: self.traits.ndof, doc="Degrees of freedom.")
+    nnoise = property(lambda self: self.traits.nnoise, doc="Noises.")
+
+    def __repr__(self) -> str:
+        """Name and parameters."""
+        parameters = ", ".join(f"{key}={value:g}" for key, value in self.parameters.items())
+        what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
+        return f"{self.name}({what})"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: Hamiltonians, parameters, traits."""
+        return importlib.import_module("symsde.reports.html").model(self)
+
+    def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
+        """Call the library with a handle of this model and the arguments; exceptions of callbacks are raised."""
+        handle, refusal = self._handles.take(), None
+        with held() if self.in_python else _AT_ONCE:
+            try:
+                try:
+                    status = handles.call(name, handle.pointer, *arguments, allow=allow)
+                except SymsdeError as error:
+                    refusal = error
+                handle.failures.raise_stored()
+            finally:
+                self._handles.give(handle)
+            if refusal is not None:
+                raise refusal
+            return status
+
+    def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
+        """Refuse an initial state of all paths, (dof, 1), from which no run can begin: formulas know."""
+
+    def value(self, q, p, w=None, t: float = 0.0) -> np.ndarray:
+        """sum_j w[j] H_j at many points: shape (path,). Without w: H alone.
+
+        q, p: a number, (dof,) or (dof, path); w: (nnoise + 1,) or (nnoise + 1, path).
+        """
+        q, p, w, npath = self._points(q, p, w)
+        out = np.empty(npath)
+        self._evaluate("value", npath, t, w, q, p, out)
+        return out
+
+    def gradient(self, q, p, w=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of sum_j w[j] H_j by q and by p: two arrays (dof, path)."""
+        q, p, w, npath = self._points(q, p, w)
+        out = np.empty((self.ndof, npath)), np.empty((self.ndof, npath))
+        self._evaluate("gradient", npath, t, w, q, p, *out)
+        return out
+
+    def hessian(self, q, p, w=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Second derivatives qq, qp, pp of sum_j w[j] H_j: three arrays (dof, dof, path).
+
+        qp[j, i] = d2/dq_i dp_j.
+        """
+        q, p, w, npath = self._points(q, p, w)
+        checks.room((3, self.ndof, self.ndof, npath), "Hessians")
+        out = tuple(np.empty((self.ndof, self.ndof, npath)) for _ in range(3))
+        self._evaluate("hessian", npath, t, w, q, p, *out)
+        return out
+
+    def probe(self, q0=1.0, p0=0.5, t: float = 0.0) -> None:
+        """Check declared traits and Hessians at three points around (q0, p0); FalseTraitError names a false one."""
+        q, p = checks.state("q0", q0, self.ndof, 1), checks.state("p0", p0, self.ndof, 1)
+        address = checks.address
+        self.call("model_probe", checks.number("t", t), address(q), address(p))
+
+    def _evaluate(self, what, npath, t, w, *arrays) -> None:
+        addresses = [checks.address(a) for a in (w, *arrays)]
+        self.call(f"model_{what}", npath, checks.number("t", t), *addresses)
+
+    def _points(self, q, p, w):
+        """Points and weights with one column for each path."""
+        npath = checks.columns(q=q, p=p)
+        q, p = (checks.points(name, x, self.ndof, npath) for name, x in (("q", q), ("p", p)))
+        if w is None:
+            w = np.zeros(self.nnoise + 1)
+            w[0] = 1
+        w = checks.real_array("w", w)
+        w = w[:, np.newaxis] if w.ndim == 1 else w
+        if w.ndim != 2 or w.shape[0] != self.nnoise + 1 or w.shape[1] not in (1, npath):
+            raise WrongShapeError(
+                f"w has shape {w.shape}: give ({self.nnoise + 1},) or ({self.nnoise + 1}, {npath}), "
+                "one weight for each Hamiltonian H_0 .. H_m"
+            )
+        return q, p, checks.full(w, npath), npath
+
+
+def require_model(model: object) -> None:
+    """Refuse what is no model."""
+    if not isinstance(model, Model):
+        raise WrongTypeError(
+            f"model = {checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
+        )
+
+
+def _frequencies(rotation, ndof: int):
+    """One frequency for each degree of freedom as a C array, or None."""
+    if rotation is None:
+        return None
+    values = checks.real_array("rotation", rotation)
+    if values.shape != (ndof,):
+        raise WrongShapeError(f"rotation has shape {values.shape}: give ({ndof},), one frequency for each q_i")
+    return (ctypes.c_double * ndof)(*values)
+
+
+def _silent(silent, nnoise: int):
+    """Numbers k = 1 .. nnoise of noises as one flag for each in C, or None."""
+    several = checks.items(silent)
+    if several is None:
+        raise WrongTypeError(f"silent = {checks.shown(silent)} is no list: give numbers of noises, as in [1, 3]")
+    chosen = [checks.integer("silent", k) for k in several]
+    for k in chosen:
+        if not 1 <= k <= nnoise:
+            raise InvalidArgumentError(f"silent holds {k}: the noises are 1 to {nnoise}")
+    return (ctypes.c_int32 * nnoise)(*(k + 1 in chosen for k in range(nnoise))) if chosen else None
+
+
+def _public(traits: abi.Traits) -> dict[str, Any]:
+    """Declared traits as the arguments of `Model`."""
+    given = {name: bool(getattr(traits, name)) for name in FLAGS}
+    given |= {name: getattr(traits, name) for name in ("ndof", "nnoise", "max_frequency", "noise_lipschitz")}
+    given["bandwidth"] = None if traits.bandwidth < 0 else traits.bandwidth
+    given["rotation"] = list(traits.rotation[: traits.ndof]) if traits.rotation else None
+    given["silent"] = [k + 1 for k in range(traits.nnoise) if traits.silent and traits.silent[k]]
+    return given
+
+
+def _builtin_handle(name: str, parameters: Mapping[str, float]) -> ModelHandle:
+    """A handle of a built-in model."""
+    count = len(parameters)
+    keys = (ctypes.c_char_p * count)(*(handles.encode(key) for key in parameters))
+    values = (ctypes.c_double * count)(*parameters.values())
+    pointer = ctypes.c_void_p()
+    handles.call("model_get", handles.encode(name), count, keys, values, ctypes.byref(pointer))
+    return ModelHandle(pointer, None, _callbacks.Failures())
+
+
+def _user_handle(name: str, traits: abi.Traits, functions: dict[str, Any], accepts_null: bool) -> ModelHandle:
+    """A handle of a model of the user's own, with callbacks that store their exceptions for it alone."""
+    failures = _callbacks.Failures()
+    (*callbacks, joint, third, rows), user = _all_callbacks(functions, failures)
+    pointer = ctypes.c_void_p()
+    handles.call("model_new", handles.encode(name), ctypes.byref(traits), *callbacks, user, ctypes.byref(pointer))
+    handle = ModelHandle(pointer, (callbacks, joint, third, rows, tuple(functions.values())), failures)
+    if joint:
+        handles.call("model_set_gradient_hessian", pointer, joint)
+    if third:
+        handles.call("model_set_third_derivative", pointer, third)
+    if rows:
+        handles.call("model_set_chain_rows", pointer, rows)
+    if accepts_null:
+        handles.call("model_accept_null", pointer)
+    return handle
+
+
+def _checked_flows(flows: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Whole steps by scheme; refuses what is not compiled."""
+    for scheme, function in (flows or {}).items():
+        checks.name_of("scheme of a flow", scheme)
+        if _callbacks.compiled("flow", function) is None:
+            raise WrongTypeError(
+                f"flows[{scheme!r}] = {checks.shown(function)} is not compiled: give a numba cfunc of "
+                "symsde.numba_signature('flow'), a ctypes function pointer or a LowLevelCallable"
+            )
+    return dict(flows or {})
+
+
+def _with_flows(make: Callable[[], ModelHandle], flows: dict[str, Any], any_lanes: bool) -> ModelHandle:
+    """A handle of a user's model that defines whole steps, or whose functions take any number of lanes."""
+    handle = make()
+    handle.flows = []  # lives as long as the handle
+    for scheme, function in flows.items():
+        callback, _ = _callbacks.compiled("flow", function)
+        handle.flows.append((callback, function))
+        handles.call("model_set_flow", handle.pointer, handles.encode(scheme), callback)
+    if any_lanes:
+        handles.call("model_accept_any_lanes", handle.pointer)
+    return handle
+
+
+def _derived(make: Callable[[], ModelHandle]) -> ModelHandle:
+    """A handle of a user's model that remembers which probes it passed."""
+    handle = make()
+    handles.call("model_set_derived", handle.pointer)
+    return handle
+
+
+def _kinds(functions: dict[str, Any]) -> set[str]:
+    """Which kinds of functions there are, Python or compiled; refuses what is neither."""
+    if functions["gradient"] is None:
+        raise WrongTypeError("gradient is None: give the gradient of the weighted sum of the Hamiltonians")
+    kinds = set()
+    for kind, function in functions.items():
+        if function is None:
+            continue
+        if _callbacks.compiled(kind, function) is not None:
+            kinds.add("compiled")
+        elif callable(function) and kind == "chain_rows":
+            raise WrongTypeError(
+                "chain_rows is a Python function: it would be called for every few rows of every iteration; "
+                "compile it, or leave it out"
+            )
+        elif callable(function):
+            kinds.add("Python")
+        else:
+            raise WrongTypeError(
+                f"{kind} = {checks.shown(function)} cannot be called: give a function, a numba cfunc, "
+                "a ctypes function pointer or a LowLevelCallable"
+            )
+    return kinds
+
+
+def _all_callbacks(functions: dict[str, Any], failures: _callbacks.Failures):
+    """Callbacks in the order of the C interface, and their user pointer."""
+    callbacks, users = [], set()
+    for kind, function in functions.items():
+        ready = None if function is None else _callbacks.compiled(kind, function)
+        if function is None:
+            callbacks.append(abi.CALLBACKS[kind]())
+        elif ready is not None:
+            callbacks.append(ready[0])
+            users.add(ready[1])
+        else:
+            callbacks.append(_callbacks.from_python(kind, function, failures))
+    users.discard(None)
+    if len(users) > 1:
+        raise IncompatibleError("the compiled functions have different user data: a model has room for one pointer")
+    return callbacks, (users.pop() if users else None)

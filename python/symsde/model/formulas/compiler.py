@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Generated C compiled by the system's compiler, kept on disk for every process that wants the same again.
+
+A file is known by a hash of its text (which holds the formulas, the sets of outputs and all that the generator does,
+but no values of parameters), of the compiler with its version, the flags, and what the processor can. Any number of
+processes may want it at once.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import platform
+import re
+import shlex
+import shutil
+import subprocess
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import InvalidArgumentError, NotWrittenError
+from ...native import parts as _parts
+from ...native.build import build_info
+from . import cache
+
+# Compilers contract nothing by themselves: an output has the same bits in every function. CONTRACTS lets FMA of
+# lane_functions.h be one operation, where the library contracts, too; else bits do not depend on the processor.
+FLAGS = ("-std=c11", "-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
+FLAGS += ("-ffp-contract=off", "-fno-semantic-interposition", "-w")
+if platform.machine() in ("x86_64", "AMD64"):
+    FLAGS += ("-mprefer-vector-width=512",)  # where the processor has them: 1.0 instead of 1.12 of the built-in's time
+if re.findall(r"-ffp-contract=(\w+)", build_info().get("compile options", ""))[-1:] == ["fast"]:
+    FLAGS += ("-DCONTRACTS",)
+TIME_LIMIT = 120.0  #: seconds of processor time of one compilation: a busy machine is no reason to refuse a formula
+PATIENCE = 3600.0  #: seconds by the clock
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A compiled file."""
+
+    library: Any  #: functions by their names
+    path: Path | None  #: None = in this process alone
+    seconds: float  #: of compilation; 0 = it was there
+    backend: str = "C"
+
+
+def command() -> list[str] | None:
+    """The C compiler: SYMSDE_CC, CC, or the system's cc, gcc or clang; None where there is none."""
+    for given in (os.environ.get("SYMSDE_CC"), os.environ.get("CC"), "cc", "gcc", "clang"):
+        words = shlex.split(given) if given else []
+        if words and shutil.which(words[0]):
+            return words
+    return None
+
+
+def build(source: str) -> Compiled:
+    """The library of a C text, compiled unless that was done before."""
+    compiler = command()
+    if compiler is None:
+        raise InvalidArgumentError("there is no C compiler: install gcc or clang, or set SYMSDE_CC to one")
+    target = cache.folder() / f"{_key(source, tuple(compiler))}.so"
+    library, seconds = cache.load(target), 0.0
+    if library is None:
+        start = time.perf_counter()
+        _compile(compiler, source, target)
+        seconds, library = time.perf_counter() - start, cache.load(target)
+    if library is None:
+        raise InvalidArgumentError(f"what {shlex.join(compiler)} makes of the formula cannot be loaded: set SYMSDE_CC")
+    return Compiled(library, target, seconds)
+
+
+def _compile(compiler: list[str], source: str, target: Path) -> None:
+    """Compile beside the target, then put it in its place."""
+    try:
+        _parts.sweep(target.parent)
+        with _parts.beside(target) as made:
+            text = made.with_suffix(".c")
+            text.write_text(source, encoding="utf-8")
+            words = [*compiler, *FLAGS, "-o", str(made), str(text), "-lm"]
+            done = _bounded(words)
+            if done is None or "CPU time limit" in done.stderr:
+                raise InvalidArgumentError(
+                    f"compiling the formula took more than {TIME_LIMIT:g} s: write sums over sites as Sum(..., i), "
+                    "or take fewer degrees of freedom"
+                )
+            if done.returncode != 0:
+                raise InvalidArgumentError(f"{shlex.join(compiler)} does not compile the formula: {done.stderr[:500]}")
+            cache.keep(target, made.read_bytes(), source)
+    except OSError as error:
+        raise NotWrittenError(
+            f"compiled formulas cannot be kept in {target.parent}: {error.strerror}: set SYMSDE_CACHE to a folder"
+        ) from error
+
+
+def _bounded(words: list[str]) -> subprocess.CompletedProcess[str] | None:
+    """Run a compiler for so many seconds of its processor time; None where a machine has none for it, for long."""
+    if os.name == "posix":
+        words = ["/bin/sh", "-c", f'ulimit -t {TIME_LIMIT:.0f} && exec "$0" "$@"', *words]
+    told = {**os.environ, "LC_ALL": "C"}
+    try:
+        return subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, check=False, env=told)
+    except subprocess.TimeoutExpired:
+        return None
+
+
+def _key(source: str, compiler: tuple[str, ...]) -> str:
+    parts = (source, *compiler, _version(compiler), *FLAGS, _processor())
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+
+@functools.cache
+def _version(compiler: tuple[str, ...]) -> str:
+    """What the compiler says of itself."""
+    done = subprocess.run([*compiler, "--version"], capture_output=True, text=True, timeout=30, check=False)
+    return done.stdout
+
+
+@functools.cache
+def _processor() -> str:
+    """What the processor can do: a folder of caches may be shared by several machines."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    return f"{platform.machine()} {flags}"

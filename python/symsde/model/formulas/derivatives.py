@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Values, gradients and Hessians of weighted sums S = sum_j w_j H_j as nodes of one graph.
+
+Derivatives are taken of every H_j by symengine (sympy where it is not installed, which takes tens of times as
+long). S stays a sum of products weight x coefficient x function: where several Hamiltonians share a function of the
+state, as (omega^2 w_0 + sigma w_2) sin q, it is multiplied once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+from collections.abc import Container
+from typing import Any
+
+from ...errors import InvalidArgumentError
+from ...native.files import optional
+from .graph import Graph
+from .named_formulas import Problem, quoted
+
+MAX_GRADIENT = 3_000  #: operations
+MAX_THIRD = 600  #: third derivatives that do not vanish, of all degrees of freedom together
+BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
+
+
+def engine():
+    """symengine, or sympy."""
+    try:
+        return importlib.import_module("symengine")
+    except ImportError:
+        return optional("sympy", "sympy")
+
+
+class Derivatives:
+    """All derivatives of a problem; zero where a derivative vanishes."""
+
+    def __init__(self, problem: Problem, vanishing: Container[tuple] = ()):
+        """Differentiate. vanishing: (j, variables) of derivatives that are zero, however they are written."""
+        self.problem = problem
+        self._vanishing = vanishing
+        self.graph = Graph()
+        self._engine = engine()
+        self.symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
+        try:
+            self.hamiltonians = [self._engine.sympify(free(h)) for h in problem.hamiltonians]
+        except (TypeError, ValueError, RuntimeError, NotImplementedError, self._engine.SympifyError):
+            raise InvalidArgumentError(f"the formula {quoted(problem.texts[0])} cannot be differentiated") from None
+        self._entries: dict[tuple, list[Any]] = {}
+        self.outputs = {"value": [self._weighted(self.hamiltonians, "")]}
+        for block, variables in BLOCKS.items():  # gradients first: what is too large is seen before it is squared
+            self.outputs[block] = self._block(variables)
+            if len(variables) == 1 and len(self.graph.nodes) > MAX_GRADIENT:
+                raise InvalidArgumentError(
+                    f"the gradient of {quoted(problem.texts[0])} and its noises takes {len(self.graph.nodes)} "
+                    f"operations, allowed are {MAX_GRADIENT}: shorten products, or take fewer degrees of freedom"
+                )
+
+    def of(self, *variables: str) -> list[Any]:
+        """Derivatives of every H_j by these variables."""
+        if not variables:
+            return self.hamiltonians
+        key = tuple(sorted(variables))
+        if key not in self._entries:
+            self._entries[key] = [self._derivative(j, h, key) for j, h in enumerate(self.of(*key[:-1]))]
+        return self._entries[key]
+
+    def _derivative(self, j: int, before: Any, key: tuple[str, ...]) -> Any:
+        """The last derivative of several. What hangs on a variable by its writing alone, as p + q - p, is written
+        without it: rounding would bring it back, and steps of separable Hamiltonians rely on it."""
+        last = self.symbol[key[-1]]
+        result = before.diff(last) if last in before.free_symbols else 0 * last
+        if (j, *key) in self._vanishing and result.expand() == 0:
+            return 0 * last
+        for x in sorted(x.name for x in result.free_symbols) if len(key) == 1 else ():
+            if (j, *sorted((x, *key))) in self._vanishing:
+                result = self._without(result, self.symbol[x])
+        return result
+
+    def _without(self, e: Any, x: Any) -> Any:
+        """The same function without a variable that it does not depend on; as it stands where that is not certain."""
+        if e.diff(x).expand() != 0:
+            return e
+        others = sorted((s for s in e.free_symbols if s != x), key=str)
+        for value in (0, 1):
+            found = e.subs({x: value})
+            try:
+                self.graph.add(found, self.problem.lanes)  # refuses what is singular there
+                places = [dict(zip(others, itertools.cycle(p), strict=False)) for p in ((0.83, 1.17), (-0.61, 0.47))]
+                same = (
+                    abs(complex(e.subs({**at, x: y})) - complex(found.subs(at))) < 1e-9  # no branch, as of atan(1/p)
+                    for at in places
+                    for y in (0.73, -1.31)
+                )
+                if all(same):
+                    return found
+            except (InvalidArgumentError, TypeError, ValueError, RuntimeError):
+                continue
+        return e
+
+    def third(self) -> dict[str, list[int]] | None:
+        """Nodes of the gradient of a^T S'' b, outputs tq and tp, in leaves aq0 .., ap0 .., bq0 .., bp0 ..
+
+        None where they vanish, or are too many.
+        """
+        names = [*self.problem.coordinates("q"), *self.problem.coordinates("p")]
+        terms: dict[str, list[int]] = {x: [] for x in names}
+        count = 0
+        for j, k in itertools.combinations_with_replacement(range(len(names)), 2):
+            x, y = names[j], names[k]
+            present = {s.name for e in self.of(x, y) for s in e.free_symbols}
+            for z in names:
+                if z not in present or all(e == 0 for e in self.of(x, y, z)):
+                    continue
+                count += 1
+                if count > MAX_THIRD:
+                    return None
+                a, b = ([self.graph.leaf(f"{letter}{v}", True) for v in (x, y)] for letter in "ab")
+                along = self.graph.multiply(a[0], b[1])
+                if j != k:
+                    along = self.graph.sum((along, self.graph.multiply(a[1], b[0])))
+                try:
+                    terms[z].append(self.graph.multiply(self._weighted(self.of(x, y, z), x + y + z), along))
+                except InvalidArgumentError:  # more operations than a graph holds
+                    return None
+        n = self.problem.ndof
+        nodes = [self.graph.sum(terms[x]) for x in names]
+        return {"tq": nodes[:n], "tp": nodes[n:]} if count else None
+
+    def has_brackets(self) -> bool:
+        """Whether nested brackets take third derivatives: they are squares for H = p.p/2 + U(q), noise in position."""
+        slopes = {x: self.of(x) for x in self.problem.coordinates("p")}
+        simple = all(e[0] == self.symbol[x] and all(h == 0 for h in e[1:]) for x, e in slopes.items())
+        return len(self.hamiltonians) > 1 and not simple
+
+    def _block(self, variables: str) -> list[int]:
+        """Nodes of a block of derivatives: [i] or, by rows, [j][i] with i of the first letter, j of the second."""
+        names = [self.problem.coordinates(letter) for letter in variables]
+        if len(names) == 1:
+            return [self._weighted(self.of(x), x) for x in names[0]]
+        return [self._weighted(self.of(x, y), x + y) for y in names[1] for x in names[0]]
+
+    def _weighted(self, expressions: list[Any], what: str) -> int:
+        """The node of sum_j w_j e_j."""
+        graph, lanes = self.graph, self.problem.lanes
+        table: dict[Any, dict[int, Any]] = {}
+        try:
+            for j, e in enumerate(expressions):
+                for factor, function in self._terms(e):
+                    row = table.setdefault(function, {})
+                    row[j] = row.get(j, 0) + factor
+            weights = [graph.leaf(f"w{j}", True) for j in range(len(expressions))]
+            terms, alone = [], {}
+            for function, row in table.items():
+                parts = {j: graph.add(self._engine.sympify(factor), lanes) for j, factor in row.items()}
+                if len(parts) == 1:
+                    [(j, factor)] = parts.items()
+                    alone.setdefault(j, []).append((factor, graph.add(function, lanes)))
+                else:
+                    coefficient = graph.sum(graph.multiply(factor, weights[j]) for j, factor in parts.items())
+                    terms.append(graph.multiply(coefficient, graph.add(function, lanes)))
+            for j, group in alone.items():
+                if len(group) == 1:
+                    [(factor, function)] = group
+                    terms.append(graph.multiply(graph.multiply(factor, weights[j]), function))
+                else:
+                    inner = graph.sum(graph.multiply(factor, function) for factor, function in group)
+                    terms.append(graph.multiply(weights[j], inner))
+        except InvalidArgumentError as error:
+            where = f"the derivative by {what} of " if what else ""
+            raise InvalidArgumentError(f"{where}{quoted(self.problem.texts[0])} or its noises: {error}") from error
+        return graph.sum(terms)
+
+    def _terms(self, e: Any) -> list[tuple[Any, Any]]:
+        """An expression as terms (what is the same for all lanes) x (a function of the state)."""
+        one = self._engine.Integer(1)
+        result = []
+        for term in e.args if type(e).__name__ == "Add" else (e,):
+            factor, function = one, one
+            for x in term.args if type(term).__name__ == "Mul" else (term,):
+                if any(self.problem.lanes[s.name] for s in x.free_symbols):
+                    function = function * x
+                else:
+                    factor = factor * x
+            if factor != 0:
+                result.append((factor, function))
+        return result
+
+
+def free(expression: Any) -> Any:
+    """The expression with symbols that assume nothing, as symengine's do."""
+    sympy = optional("sympy", "sympy")
+    return expression.xreplace({x: sympy.Symbol(x.name) for x in expression.free_symbols})

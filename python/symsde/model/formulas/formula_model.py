@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Models from formulas."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...errors import IncompatibleError, InvalidArgumentError, SlowFormulaWarning
+from ...native import callbacks, checks
+from ..definition import Model
+from . import backends, compiler, emit_c, emit_flow, emit_sites, in_numpy
+from .derivatives import Derivatives
+from .named_formulas import make_problem, quoted, several
+from .parse import folded
+from .sites import Chain, make_chain
+from .structure import Prover, Structure
+
+KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "third_derivative", "chain_rows")
+
+
+@dataclass(frozen=True)
+class Formula:
+    """What became of the formulas of a model."""
+
+    hamiltonians: tuple[str, ...]  #: H, H_1 .. H_m as given
+    structure: Structure | None  #: what was derived from them; of sums over sites see the traits
+    backend: str  #: "C"; "LLVM" where there is no compiler, but llvmlite; "NumPy" where that is missing, too
+    source: str  #: the generated code
+    seconds_derivatives: float  #: for derivatives and code
+    seconds_compilation: float  #: 0 = it was compiled before
+    file: str = field(default="", compare=False)  #: the compiled library
+
+
+class FormulaModel(Model):
+    """A model from formulas; `formula` says what was derived and generated."""
+
+    formula: Formula
+    _derivatives: Derivatives | None  #: nodes of all derivatives; None of sums over sites
+    _chain: Chain | None  #: sums over sites
+    _direct: tuple | None  #: compiled gradient and value, each with its parameters, and weights 1 of all Hamiltonians
+
+    def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
+        """As of every model; what does not fit the model is told with its formulas."""
+        try:
+            return super().call(name, *arguments, allow=allow)
+        except IncompatibleError as error:
+            raise type(error)(f"{error} ({self._quoted()})") from None
+
+    def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
+        """Refuse one state for all paths where a Hamiltonian or its derivative is singular: no scheme is right."""
+        if self._is_finite_at(q0, p0, t0):
+            return
+        if not (math.isfinite(t0) and np.isfinite(q0).all() and np.isfinite(p0).all()):
+            return  # the library says which of them is not
+        found = np.empty(2 * self.ndof + 1)  # one state: by model.gradient and .value a call took twice as long
+        hq, hp, value = found[: self.ndof], found[self.ndof : -1], found[-1:]
+        w, x, y = (np.ascontiguousarray(a, dtype=float) for a in (np.ones(self.nnoise + 1), q0, p0))
+        self._evaluate("gradient", 1, t0, w, x, y, hq, hp)
+        self._evaluate("value", 1, t0, w, x, y, value)
+        if not np.isfinite(found).all():
+            at = f"q0 = {_shown(q0)}, p0 = {_shown(p0)}"
+            if self.formula.structure is None or self.formula.structure.time_dependent:
+                at += f", t0 = {t0:g}"
+            raise InvalidArgumentError(
+                f"a Hamiltonian or its derivative is not finite at {at}: begin elsewhere ({self._quoted()})"
+            )
+
+    def _is_finite_at(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> bool:
+        """Whether the compiled functions say so. They are asked themselves: by the library it took half of a call."""
+        if self._direct is None:
+            return False
+        (gradient, user), (value, _), w = self._direct
+        found = np.empty(2 * self.ndof + 1)
+        at = 1, self.ndof, self.nnoise + 1, t0, *map(checks.address, (w, q0, p0))
+        hq = checks.address(found)
+        hp, energy = hq + found.itemsize * self.ndof, hq + 2 * found.itemsize * self.ndof
+        return not (gradient(*at, hq, hp, user) or value(*at, energy, user)) and bool(np.isfinite(found).all())
+
+    def _quoted(self) -> str:
+        texts = (f"{'H' if j == 0 else f'H_{j}'} = {quoted(h)}" for j, h in enumerate(self.formula.hamiltonians[:4]))
+        return ", ".join([*texts, *(["..."] if len(self.formula.hamiltonians) > 4 else [])])
+
+    def with_parameters(self, **values: float) -> FormulaModel:
+        """The same model with other values of some parameters; nothing is compiled again."""
+        _, (given,) = self._remade
+        chosen = {self._parameter(key): value for key, value in values.items()}
+        if len(chosen) < len(values):
+            raise InvalidArgumentError(f"of {', '.join(values)} some are one name: give each value once")
+        return _made({**given, "params": {**self.parameters, **chosen}})
+
+    def _parameter(self, name: str) -> str:
+        """The name of a parameter, as formulas have it."""
+        known = list(self.parameters)
+        return known[checks.choice("the parameter", folded(name), known)]
+
+
+def model_from_sympy(
+    H: Any,
+    noise: Any = (),
+    *,
+    q: Any = None,
+    p: Any = None,
+    params: Mapping[str, float] | None = None,
+    t: Any = None,
+    invariants: Any = (),
+    n: int | None = None,
+    ends: str = "free",
+    name: str = "formula",
+) -> FormulaModel:
+    """A model from its Hamiltonians H(q, p, t) and H_1 .. H_m (noise), expressions of sympy or texts; dimensionless.
+
+        dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
+
+    q, p: symbols of coordinates and momenta, or their names (without them q and p, or q1, q2, .. and p1, p2, .. as
+    the texts have them); functions of time as of `dynamicsymbols` too. Texts as "p**2/2 - omega**2*cos(q)" are read by
+    a parser of arithmetic alone, which executes nothing. params:
+    values of all other symbols, by name; t: the symbol of time, t unless told. invariants: candidates I, of each of
+    which I_t + {I, H} = 0 and {I, H_k} = 0 is proved or not (``model.formula.structure.invariants``).
+
+    With n, the formulas are texts about n sites: sums `Sum((q[i+1] - q[i])**2/2, i)`, which stay loops for any n, and
+    noises as "-sigma*q[k]", one for each site; ends: "free", "fixed" (zero beyond the ends) or "periodic".
+
+    Derivatives and traits are derived, C code is generated, compiled by the system's compiler and kept on disk
+    (SYMSDE_CACHE; without a compiler LLVM takes its place, if llvmlite is installed); values of parameters are given
+    when it runs. ``model.formula`` tells all that. Errors are InvalidArgumentError with a sentence that quotes the
+    formula.
+    """
+    given = {
+        "H": H,
+        "noise": noise,
+        "q": q,
+        "p": p,
+        "params": params,
+        "t": t,
+        "invariants": invariants,
+        "n": n,
+        "ends": ends,
+        "name": name,
+    }
+    return _made(given)
+
+
+def _made(given: dict[str, Any]) -> FormulaModel:
+    """A model from the arguments of `model_from_sympy`."""
+    start = time.perf_counter()
+    given = {**given, **{key: several(key, given[key]) for key in ("noise", "invariants")}}
+    given |= {key: several(key, given[key]) for key in "qp" if given[key] is not None}
+    chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends")}
+    chain = None
+    if given["n"] is None:
+        problem = make_problem(**chosen)
+        prover = Prover(problem)
+        structure = prover.structure()
+        ndof, nnoise, parameters, traits = problem.ndof, problem.nnoise, problem.parameters, structure.traits()
+        texts = problem.texts[: nnoise + 1]
+        derivatives = Derivatives(problem, prover.vanishing())
+        source = emit_c.source(derivatives) + emit_flow.source(derivatives)
+    else:
+        chain = _chain(**chosen, n=given["n"], ends=given["ends"])
+        structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
+        ndof, nnoise, parameters, traits = chain.n, chain.nnoise, chain.parameters, chain.traits
+    derived = time.perf_counter() - start
+    compiled = _compiled(source, derivatives is None)
+    if compiled is None:
+        functions = in_numpy.InNumpy(derivatives, parameters).functions()
+    else:
+        functions = {**_functions(compiled, parameters), "accepts_null": True, "any_lanes": True}
+        functions["flows"] = _flows(compiled, emit_flow.flows(derivatives) if derivatives else [], parameters)
+    formula = Formula(
+        hamiltonians=texts,
+        structure=structure,
+        backend=compiled.backend if compiled else "NumPy",
+        source=source,
+        seconds_derivatives=derived,
+        seconds_compilation=compiled.seconds if compiled else 0.0,
+        file=str(compiled.path) if compiled and compiled.path else "",
+    )
+    model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], derived=True, **traits, **functions)
+    model.formula, model._derivatives, model._chain = formula, derivatives, chain
+    model._direct = None
+    if compiled is not None:
+        model._direct = (*(callbacks.compiled(x, functions[x]) for x in ("gradient", "value")), np.ones(nnoise + 1))
+    model._parameters = dict(parameters)
+    sites = chain and chain.n  # numbers, where arrays may have been given
+    model._remade = (_made, ({**given, "params": model._parameters, "n": sites},))
+    return model
+
+
+def _shown(state: np.ndarray) -> str:
+    """The first numbers of a state."""
+    numbers = ", ".join(f"{x:g}" for x in state[:4, 0])
+    return numbers if len(state) == 1 else f"[{numbers}{', ..' if len(state) > 4 else ''}]"
+
+
+def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
+    """The compiled code; None, with a sentence about the cost, where nothing compiles."""
+    compiled = backends.build(source)
+    if compiled is not None:
+        return compiled
+    if is_chain:
+        raise InvalidArgumentError(
+            "sums over sites need a C compiler, or llvmlite: install gcc or clang, or pip install llvmlite"
+        )
+    warnings.warn(in_numpy.SENTENCE, SlowFormulaWarning, stacklevel=4)
+    return None
+
+
+def _chain(*, H, noise, q, p, params, t, invariants, n, ends) -> Chain:
+    """Sums over n sites."""
+    if q is not None or p is not None or invariants:
+        raise InvalidArgumentError("sums over n sites are in q[i] and p[i]: leave out q, p and invariants")
+    return make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends)
+
+
+def _functions(compiled: compiler.Compiled, parameters: Mapping[str, float]) -> dict[str, Any]:
+    """The compiled callbacks, each with the values of the parameters."""
+    values = np.array(list(parameters.values()) or [0.0])
+    there = [kind for kind in KINDS if hasattr(compiled.library, f"formula_{kind}")]
+    return {kind: _with_values(compiled, f"formula_{kind}", values) for kind in there}
+
+
+def _flows(compiled: compiler.Compiled, schemes: list[str], parameters: Mapping[str, float]) -> dict[str, Any]:
+    """The compiled whole steps by scheme; the values of the parameters are those of the callbacks."""
+    values = np.array(list(parameters.values()) or [0.0])
+    return {scheme: _with_values(compiled, f"formula_flow_{scheme}", values) for scheme in schemes}
+
+
+def _with_values(compiled: compiler.Compiled, name: str, values: np.ndarray) -> callbacks.WithData:
+    address = ctypes.cast(getattr(compiled.library, name), ctypes.c_void_p)
+    return callbacks.WithData(address, ctypes.c_void_p(values.ctypes.data), (values, compiled.library))

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Formulas in scenes: [model] with H, noise, q, p and [model.params], all text and numbers.
+
+[model]
+H = "p**2/2 - omega**2*cos(q)"
+noise = ["sigma*sin(q)"]
+[model.params]
+omega = 2.0
+sigma = 0.2
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...errors import InvalidArgumentError, UnknownNameError
+from ...native import checks
+from ..definition import Model
+from .formula_model import model_from_sympy
+
+KEYS = ["H", "noise", "q", "p", "t", "params", "invariants", "n", "ends", "name"]
+_LISTS = ("noise", "q", "p", "invariants")
+
+TEMPLATE = """\
+# A model from formulas: + - * / ** and sin, cos, tan, exp, log, sqrt, sinh, cosh, tanh, their inverses, erf.
+# dp = -H_q dt - sum_k H_{k,q} o dW_k, dq = H_p dt + sum_k H_{k,p} o dW_k (Stratonovich); t is the time.
+[model]
+H = "p**2/2 - omega**2*cos(q)"
+noise = ["sigma*sin(q)"]  # H_1, H_2, ..
+# q = ["x", "y"], p = ["px", "py"]: names of coordinates, where they are not q, p or q1, q2, .., p1, p2, ..
+
+[model.params]
+omega = 2.0
+sigma = 0.2
+
+[run]
+scheme = "midpoint"   # `symsde list` shows all
+step = 0.02           # h
+steps = 5000          # a multiple of save_every
+q0 = 1.0              # the same for all paths, or a list of numbers, one for each coordinate
+p0 = 0.0
+save_every = 50       # steps between saved points
+paths = 1000
+seed = 1
+
+[output]
+moments = true        # moments.csv: means with standard errors
+paths = [0]           # run.nc: these paths
+"""
+
+
+def from_table(table: dict[str, Any]) -> Model:
+    """The model of a table [model] that holds H."""
+    for key, value in table.items():
+        if key not in KEYS:
+            raise UnknownNameError(
+                f"{key!r} is no key beside H: there are {checks.nearest(key, KEYS)}; values stand in [model.params]"
+            )
+        if key in _LISTS and not isinstance(value, str | list):
+            raise InvalidArgumentError(f"{key} = {checks.shown(value)}: give a text, or a list of texts")
+        texts = value if isinstance(value, list) else [value]
+        if key not in ("params", "n") and not all(isinstance(x, str) for x in texts):
+            raise InvalidArgumentError(f"{key} = {checks.shown(value)}: write formulas and names as text, in quotes")
+    return model_from_sympy(**table)

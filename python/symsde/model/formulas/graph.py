@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Expressions as one graph in which equal parts are one node: what all outputs share is computed once.
+
+A node is a number in a list. Every node but a leaf has exactly one operation of a computer, so that the order of
+the operations, and with it every bit of a result, is fixed here and not by what else is computed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ...errors import InvalidArgumentError
+from .scaled import Scaled
+
+#: functions of one argument, as they are called in formulas
+FUNCTIONS = (
+    *("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh"),
+    *("asin", "acos", "atan", "asinh", "acosh", "atanh", "erf"),
+)
+MAX_OPERATIONS = 12_000
+
+
+@dataclass(frozen=True)
+class Node:
+    """One operation and the nodes that it takes."""
+
+    what: str  #: number, leaf, or an operation
+    arguments: tuple[int, ...] = ()
+    value: Any = None  #: of a number; name of a leaf
+    lane: bool = False  #: differs from lane to lane, and is computed in the loop
+
+
+@dataclass
+class Graph:
+    """Nodes, each after those that it takes."""
+
+    nodes: list[Node] = field(default_factory=list)
+    _known: dict[tuple, int] = field(default_factory=dict)
+    _made: dict[Any, int] = field(default_factory=dict)  #: of whole expressions
+
+    def node(self, what: str, *arguments: int, value: Any = None, lane: bool = False) -> int:
+        """A node, the one that exists where there is an equal one."""
+        key = (what, arguments, value)
+        if key not in self._known:
+            if len(self.nodes) >= MAX_OPERATIONS:
+                raise InvalidArgumentError(
+                    f"the derivatives take more than {MAX_OPERATIONS} operations: write sums over sites as "
+                    "Sum(..., i), which stay loops, or take fewer degrees of freedom"
+                )
+            lane = lane or any(self.nodes[x].lane for x in arguments)
+            self._known[key] = len(self.nodes)
+            self.nodes.append(Node(what, arguments, value, lane))
+        return self._known[key]
+
+    def number(self, value: float) -> int:
+        """A number."""
+        return self.node("number", value=repr(float(value)))
+
+    def leaf(self, name: str, lane: bool) -> int:
+        """Something given: a coordinate, a weight, a parameter, the time."""
+        return self.node("leaf", value=name, lane=lane)
+
+    def is_number(self, x: int, value: float) -> bool:
+        """Whether a node is this number."""
+        node = self.nodes[x]
+        return node.what == "number" and float(node.value) == value
+
+    def multiply(self, a: int, b: int) -> int:
+        """A product of two; a factor of one is none, and signs, which rounding does not see, stand before it."""
+        minus = (self._sign(a) < 0) != (self._sign(b) < 0)
+        a, b = sorted((self._size(a), self._size(b)))
+        result = self.node("*", a, b) if self._trivial(a, b) is None else self._trivial(a, b)
+        return self.negative(result) if minus else result
+
+    def _trivial(self, a: int, b: int) -> int | None:
+        """A product with one or zero."""
+        for x, y in ((a, b), (b, a)):
+            if self.is_number(x, 1.0):
+                return y
+            if self.is_number(x, 0.0):
+                return x
+        return None
+
+    def negative(self, x: int) -> int:
+        """Change of sign."""
+        node = self.nodes[x]
+        if node.what == "number":
+            return self.number(-float(node.value))
+        return node.arguments[0] if node.what == "negative" else self.node("negative", x)
+
+    def product(self, factors: Iterable[int]) -> int:
+        """A product from the left; what is the same for all lanes first, so that it leaves the loop."""
+        ordered = sorted(factors, key=lambda x: (self.nodes[x].lane, x))
+        result = self.number(1.0)
+        for x in ordered:
+            result = self.multiply(result, x)
+        return result
+
+    def sum(self, terms: Iterable[int]) -> int:
+        """A sum from the left; terms with a sign are subtracted, and where all have one it stands before the sum."""
+        ordered = [x for x in terms if not self.is_number(x, 0.0)]
+        if not ordered:
+            return self.number(0.0)
+        if all(self._sign(x) < 0 for x in ordered):
+            return self.negative(self.sum(self._size(x) for x in ordered))
+        ordered.sort(key=lambda x: (self.nodes[x].lane, self._sign(x) < 0, self._size(x)))
+        result = ordered[0]
+        for x in ordered[1:]:
+            if self._sign(x) < 0:
+                result = self.node("-", result, self._size(x))
+            else:
+                result = self.node("+", *sorted((result, x)))
+        return result
+
+    def _sign(self, x: int) -> int:
+        node = self.nodes[x]
+        return -1 if node.what == "negative" or (node.what == "number" and float(node.value) < 0) else 1
+
+    def _size(self, x: int) -> int:
+        """A node without its sign."""
+        return self.negative(x) if self._sign(x) < 0 else x
+
+    def power(self, x: int, exponent: int) -> int:
+        """A whole power by multiplication."""
+        if exponent < 0:
+            return self.node("/", self.number(1.0), self.power(x, -exponent))
+        if exponent == 0:
+            return self.number(1.0)
+        if exponent == 1:
+            return x
+        half = self.power(x, exponent // 2)
+        square = self.multiply(half, half)
+        return self.multiply(square, x) if exponent % 2 else square
+
+    def quotient(self, above: int, below: int) -> int:
+        """A quotient."""
+        return above if self.is_number(below, 1.0) else self.node("/", above, below)
+
+    # ---- from expressions of sympy or symengine ------------------------------------------------------------
+
+    def add(self, expression: Any, leaves: dict[str, bool]) -> int:
+        """The node of an expression; `leaves`: name -> whether it differs from lane to lane."""
+        if expression in self._made:
+            return self._made[expression]
+        made = Scaled(self, leaves).node(expression)
+        made = self._make(expression, leaves) if made is None else made
+        self._made[expression] = made
+        return made
+
+    def _make(self, e: Any, leaves: dict[str, bool]) -> int:
+        kind = type(e).__name__
+        if kind in ("Symbol", "Dummy"):
+            return self.leaf(e.name, leaves[e.name])
+        if not e.args or getattr(e, "is_Number", False):
+            return self.number(constant(e))
+        if kind == "Add":
+            return self.sum(self.add(x, leaves) for x in e.args)
+        if kind == "Mul":
+            return self._product_of(e.args, leaves)
+        if kind == "Pow":
+            return self._power_of(*e.args, leaves)
+        if kind in FUNCTIONS:
+            return self.node(kind, self.add(e.args[0], leaves))
+        name = str(e).partition("(")[0] if kind == "PyFunction" else kind  # of sympy, unknown to symengine
+        if name == "Abs":  # which sympy makes of powers of squares
+            name = "the size of something, as sqrt(q**2) and (q**2)**1.5 have that of q,"
+        raise InvalidArgumentError(
+            f"{name} in a formula has no derivative everywhere, or no code here: use + - * / ** and "
+            + ", ".join(FUNCTIONS)
+        )
+
+    def _product_of(self, factors, leaves) -> int:
+        """Numerators over denominators: one division for each kind of factor below the line."""
+        above, below = [], []
+        for factor in factors:
+            base, exponent = factor.args if type(factor).__name__ == "Pow" else (factor, None)
+            if exponent is not None and _negative(exponent) and type(base).__name__ != "Exp1":
+                below.append(self.add(1 / factor, leaves))
+            else:
+                above.append(self.add(factor, leaves))
+        return self.quotient(self.product(above), self.product(below))
+
+    def _power_of(self, base, exponent, leaves) -> int:
+        if type(base).__name__ == "Exp1":
+            return self.node("exp", self.add(exponent, leaves))
+        x = self.add(base, leaves)
+        if getattr(exponent, "is_Number", False):
+            return self.raised(x, float(exponent))
+        return self.node("pow", x, self.add(exponent, leaves))
+
+    def raised(self, x: int, exponent: float) -> int:
+        """A power by a number: by multiplication, and a root, where that is possible."""
+        twice = 2 * exponent
+        if not twice.is_integer() or abs(twice) > 128:
+            return self.node("pow", x, self.number(exponent))
+        whole, half = divmod(abs(int(twice)), 2)
+        result = self.power(x, whole)
+        if half:
+            result = self.multiply(result, self.node("sqrt", x))
+        return result if twice >= 0 else self.node("/", self.number(1.0), result)
+
+
+def constant(e: Any) -> float:
+    """A constant as floating point; refuses what is not real and finite."""
+    try:
+        numerator, denominator = getattr(e, "p", None), getattr(e, "q", None)
+        value = int(numerator) / int(denominator) if isinstance(numerator, int) and denominator else float(e)
+    except (TypeError, ValueError, RuntimeError, OverflowError, ZeroDivisionError):
+        value = float("nan")
+    if not math.isfinite(value):
+        raise InvalidArgumentError(f"the constant {e!s:.40} in a formula is no finite real number: formulas are real")
+    return value
+
+
+def _negative(exponent) -> bool:
+    return bool(getattr(exponent, "is_Number", False)) and float(exponent) < 0

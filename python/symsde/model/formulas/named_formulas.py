@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Formulas as they are given: checked, and with names of their own for coordinates, parameters and time.
+
+Users call their variables A0, E, pi or double: from here on they are q0 .. , p0 .. , c0 .. and t, and nothing that a
+user writes reaches generated code.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ...errors import InvalidArgumentError, WrongTypeError
+from ...native import checks
+from ...native.files import optional
+from .graph import FUNCTIONS
+from .parse import FormulaTextError, Reader, check_name, folded, names_in, parse
+
+MAX_DOF = 64
+MAX_NOISES = 256  #: brackets are taken of every pair of them
+
+
+@dataclass(frozen=True)
+class Problem:
+    """H_0 = H, H_1 .. H_m in the symbols q0 .. , p0 .. (coordinates), c0 .. (parameters) and t."""
+
+    hamiltonians: tuple[Any, ...]  #: expressions of sympy
+    invariants: tuple[Any, ...]  #: candidates, expressions of sympy
+    texts: tuple[str, ...]  #: as the user wrote them, for sentences
+    ndof: int
+    parameters: dict[str, float]  #: name -> value, in the order of c0, c1, ..
+
+    @property
+    def nnoise(self) -> int:
+        """Noises m."""
+        return len(self.hamiltonians) - 1
+
+    def coordinates(self, letter: str) -> list[str]:
+        """Names q0 .. or p0 .. ."""
+        return [f"{letter}{i}" for i in range(self.ndof)]
+
+    @property
+    def lanes(self) -> dict[str, bool]:
+        """Every name -> whether it differs from lane to lane."""
+        names = dict.fromkeys(["t", *(f"c{k}" for k in range(len(self.parameters)))], False)
+        return names | dict.fromkeys([*self.coordinates("q"), *self.coordinates("p")], True)
+
+
+def quoted(text: str) -> str:
+    """A formula as it stands in a sentence, cut to a length that fits one."""
+    return repr(text if len(text) <= 80 else text[:77] + "...")
+
+
+def written(formula: Any) -> str:
+    """A formula as text."""
+    try:
+        return str(formula)
+    except Exception as error:  # whatever an object of somebody else's does; integers of thousands of digits
+        kind = type(formula).__name__
+        raise InvalidArgumentError(f"a formula of type {kind} cannot be written as text: {error}") from None
+
+
+def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
+    """Check everything that is given; errors quote the formula."""
+    sympy = optional("sympy", "sympy")
+    given = [H, *several("noise", noise)]
+    if len(given) - 1 > MAX_NOISES:
+        raise InvalidArgumentError(
+            f"{len(given) - 1} noises beside {quoted(written(H))}: "
+            f"formulas without sums over sites are for {MAX_NOISES} at most"
+        )
+    candidates = several("invariants", invariants)
+    texts = [x for x in (*given, *candidates) if isinstance(x, str)]
+    coordinates = {"q": several("q", _found("q", texts) if q is None else q)}
+    coordinates["p"] = several("p", _found("p", texts, len(coordinates["q"])) if p is None else p)
+    ndof = len(coordinates["q"])
+    if ndof == 0 or len(coordinates["p"]) != ndof:
+        raise InvalidArgumentError(
+            f"q names {ndof} coordinates and p {len(coordinates['p'])} momenta: give as many of each, one at least"
+        )
+    if ndof > MAX_DOF:
+        raise InvalidArgumentError(
+            f"q names {ndof} coordinates: formulas without sums over sites are for {MAX_DOF} at most"
+        )
+    names = Names(sympy, coordinates, params, t, ndof)
+    expressions = [names.canonical(x) for x in (*given, *candidates)]
+    return Problem(
+        hamiltonians=tuple(expressions[: len(given)]),
+        invariants=tuple(expressions[len(given) :]),
+        texts=tuple(written(x) for x in (*given, *candidates)),
+        ndof=ndof,
+        parameters=names.values,
+    )
+
+
+def _found(letter: str, texts: Sequence[str], count: int = 0) -> str | list[str]:
+    """Names of coordinates that were not given: q1, q2, .. where the texts hold such, else q."""
+    numbers = {x[1:] for text in texts for x in names_in(text) if x[0] == letter and x[1:].isdecimal()}
+    last = max([count if count > 1 else 0, *(int(x) for x in numbers if len(x) <= 6)])
+    return [f"{letter}{i}" for i in range(1, last + 1)] if last and "0" not in numbers else letter
+
+
+def several(what: str, given: Any) -> list[Any]:
+    """One thing or a sequence of them, as a list."""
+    if isinstance(given, Mapping | set):
+        raise WrongTypeError(f"{what} = {checks.shown(given)} has no order: give a list")
+    found = checks.items(given)
+    return ([] if given is None else [given]) if found is None else found
+
+
+class Names:
+    """The user's symbols, and what they are called from here on."""
+
+    def __init__(self, sympy, coordinates: dict[str, Sequence], params: Mapping | None, t: Any, ndof: int):
+        """Know coordinates, parameters with their values, and the time; of so many degrees of freedom."""
+        self.sympy = sympy
+        self.values: dict[str, float] = {}
+        self.known: dict[str, Any] = {}  # the user's name -> symbol from here on
+        self.moving: dict[Any, Any] = {}  # functions q(t) -> symbol
+        self._ndof = ndof
+        for letter, given in coordinates.items():
+            for i, x in enumerate(given):
+                self._coordinate(letter, i, x)
+        self._parameters({} if params is None else params)
+        self._time(t)
+
+    def _coordinate(self, letter: str, i: int, given: Any) -> None:
+        symbol = self.sympy.Symbol(f"{letter}{i}", real=True)
+        if isinstance(given, self.sympy.core.function.AppliedUndef):  # dynamicsymbols
+            self.moving[given] = symbol
+            given = str(given)
+        self._name(given, symbol)
+        there = re.fullmatch(r"([qp])_?([0-9]*)", folded(given).partition("(")[0])
+        if there and (there[1] != letter or there[2] not in ("", str(i + 1))):
+            raise InvalidArgumentError(
+                f"{given} is at place {i + 1} of {letter}, which results, observables and files call {letter}_{i + 1}: "
+                f"count coordinates {letter}1, {letter}2, .. from 1, or give them names without q, p and numbers"
+            )
+
+    def _parameters(self, params: Mapping) -> None:
+        if not isinstance(params, Mapping):
+            raise WrongTypeError(f"params = {checks.shown(params)} is no table: give a dict, name -> number")
+        for k, (key, value) in enumerate(params.items()):
+            symbol = self.sympy.Symbol(f"c{k}", real=True)
+            self._name(key, symbol, "the parameter")
+            self.values[folded(key)] = checks.finite(f"the parameter {key}", value)
+
+    def _time(self, t: Any) -> None:
+        symbol = self.sympy.Symbol("t", real=True)
+        if t is not None:
+            self._name(t, symbol, "the time")
+        elif "t" not in self.known:
+            self.known["t"] = symbol
+
+    def _name(self, given: Any, symbol: Any, what: str = "") -> None:
+        if isinstance(given, self.sympy.Indexed):
+            check_name(str(given))
+        if not isinstance(given, str | self.sympy.Symbol):
+            raise WrongTypeError(f"{checks.shown(given)} is no name: give symbols of sympy, or their names as text")
+        name = folded(given)
+        if name in self.known:
+            raise InvalidArgumentError(
+                f"the name {name!r} is given twice: q, p, params and t need names of their own (letters that "
+                "look alike, as both signs of micro, are one)"
+            )
+        column = re.fullmatch(r"[qp]_([0-9]{1,9})", name)
+        if what and column and 1 <= int(column[1]) <= self._ndof:
+            raise InvalidArgumentError(
+                f"{name} is a coordinate in results, observables and files: give {what} another name"
+            )
+        self.known[name] = symbol
+
+    def canonical(self, given: Any, reader: Reader | None = None) -> Any:
+        """A formula in the names from here on; reader: of texts, of more than plain formulas."""
+        sympy = self.sympy
+        if isinstance(given, str):
+            return self._read(given, reader)
+        try:
+            expression = sympy.sympify(given, strict=True)
+        except (sympy.SympifyError, TypeError):
+            raise WrongTypeError(f"{checks.shown(given)} is no formula: give an expression of sympy") from None
+        if not isinstance(expression, sympy.Expr) or expression.is_Matrix:
+            raise WrongTypeError(f"{checks.shown(given)} is no scalar formula: give one expression")
+        text = quoted(written(given))
+        self._refuse_strangers(expression, text)
+        expression = expression.xreplace(
+            {**{x: self.known[folded(x.name)] for x in expression.free_symbols}, **self.moving}
+        )
+        if expression.has(sympy.I, sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
+            raise InvalidArgumentError(f"the formula {text} is not real and finite: formulas are real")
+        return expression
+
+    def _read(self, text: str, reader: Reader | None) -> Any:
+        """A formula that is given as text."""
+        for name in self.known:
+            check_name(name.split("(")[0])
+        try:
+            expression = parse(text, self.known, reader)
+        except FormulaTextError as error:
+            raise InvalidArgumentError(f"the formula {quoted(text)} cannot be used: {error}") from None
+        if not isinstance(expression, self.sympy.Expr) or expression.is_finite is False:
+            raise InvalidArgumentError(f"the formula {quoted(text)} is not real and finite: formulas are real")
+        return expression
+
+    def _refuse_strangers(self, expression: Any, text: str) -> None:
+        sympy = self.sympy
+        if expression.has(sympy.Derivative):
+            raise InvalidArgumentError(f"the formula {text} holds a derivative: write Hamiltonians in q and p")
+        for x in sorted(expression.atoms(sympy.core.function.AppliedUndef) - set(self.moving), key=str):
+            raise InvalidArgumentError(
+                f"the formula {text} holds {x}, which is no coordinate: name it in q or p, or write out the function; "
+                f"there are {', '.join(FUNCTIONS)}"
+            )
+        seen: dict[str, str] = {}
+        for x in sorted(expression.free_symbols, key=str):
+            name = folded(getattr(x, "name", ""))
+            if seen.setdefault(name, str(x)) != str(x):
+                raise InvalidArgumentError(f"the formula {text} holds {seen[name]} and {x}, which are one name: {name}")
+            if name not in self.known:
+                near = checks.nearest(str(x), self.known)
+                raise InvalidArgumentError(
+                    f"the formula {text} holds {x}, which is not given: there are {near}; "
+                    "name it in q or p, or give its value in params"
+                )

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Formulas as text: arithmetic, names that are known, functions of one argument, and nothing else.
+
+Text may come from a file of somebody else's, so that nothing of it is ever executed: Python's own parser makes a
+tree, and only nodes of the kinds below are read. Sizes are bounded before anything is computed, and constants are
+folded in floating point where exact ones would grow.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import keyword
+import math
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ...errors import InvalidArgumentError
+from ...native import checks
+from ...native.files import optional
+from .graph import FUNCTIONS
+
+MAX_CHARACTERS = 20_000
+MAX_NODES = 4_000
+MAX_DEPTH = 40
+MAX_INTEGER = 2**53
+MAX_EXPONENT = 32
+MAX_FACTORS = 20  #: of one product: its second derivatives have so many to the third
+_ADDITIVE, _MULTIPLICATIVE = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
+_WORD, _HIDDEN = re.compile(rf"\b(?:{'|'.join(keyword.kwlist)})\b"), "word_of_python_"
+_RESERVED = frozenset({*FUNCTIONS, "pi"})
+
+
+class FormulaTextError(InvalidArgumentError):
+    """A text that is no formula; the sentence says what in it."""
+
+
+def parse(text: str, names: Mapping[str, Any], reader: Reader | None = None) -> Any:
+    """The expression of sympy that a text describes, in the symbols that its names stand for."""
+    if len(text) > MAX_CHARACTERS:
+        raise FormulaTextError(f"it has {len(text)} characters, allowed are {MAX_CHARACTERS}")
+    try:
+        tree = _tree(text, names)
+    except (SyntaxError, ValueError) as error:
+        reason = getattr(error, "msg", None) or str(error)
+        raise FormulaTextError(f"it is not written as a formula ({reason}); write as in p**2/2 + cos(q)") from None
+    except (RecursionError, MemoryError):
+        raise FormulaTextError("its parentheses are nested too deeply") from None
+    count = sum(1 for _ in _bounded(tree))
+    if count > MAX_NODES:
+        raise FormulaTextError(f"it has more than {MAX_NODES} names, numbers and operations")
+    return (reader or Reader(names)).read(tree.body, 0)
+
+
+def _tree(text: str, names: Iterable[str]) -> ast.Expression:
+    """Python's tree of a text. Words of Python's own, as lambda, are names like others where they are known as such, or
+    where the text is none of Python's otherwise."""
+    known = set(keyword.kwlist).intersection(names)
+    try:
+        tree = ast.parse(_WORD.sub(lambda word: _HIDDEN * (word[0] in known) + word[0], text.strip()), mode="eval")
+    except SyntaxError:
+        if len(known) == len(keyword.kwlist) or not _WORD.search(text):
+            raise
+        with contextlib.suppress(SyntaxError):
+            return _tree(text, keyword.kwlist)
+        raise
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            node.id = node.id.removeprefix(_HIDDEN)
+    return tree
+
+
+def names_in(text: str) -> set[str]:
+    """The names that a text uses; none of a text that is no formula."""
+    try:
+        tree = _tree(text, keyword.kwlist) if len(text) <= MAX_CHARACTERS else ast.Constant(0)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return set()
+    return {node.id for node in _bounded(tree) if isinstance(node, ast.Name)}
+
+
+def _bounded(tree: ast.AST):
+    """Nodes of a tree, so many that it is known whether there are too many."""
+    waiting, count = [tree], 0
+    while waiting and count <= 2 * MAX_NODES:
+        node = waiting.pop()
+        if not isinstance(node, ast.operator | ast.unaryop | ast.expr_context):
+            count += 1
+            yield node
+        waiting.extend(ast.iter_child_nodes(node))
+
+
+class Reader:
+    """From Python's tree to an expression."""
+
+    def __init__(self, names: Mapping[str, Any]):
+        """`names`: what names in the text stand for."""
+        self.sympy = optional("sympy", "sympy")
+        self.names = names
+
+    def read(self, node: ast.AST, depth: int) -> Any:
+        """The expression of a node."""
+        if depth > MAX_DEPTH:
+            raise FormulaTextError(f"it is nested more than {MAX_DEPTH} deep")
+        if isinstance(node, ast.Constant):
+            return self._number(node.value)
+        if isinstance(node, ast.Name):
+            return self._named(node.id)
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+            value = self.read(node.operand, depth + 1)
+            return -value if isinstance(node.op, ast.USub) else value
+        if isinstance(node, ast.BinOp):
+            return self._operation(node, depth)
+        if isinstance(node, ast.Call):
+            return self._called(node, depth)
+        raise FormulaTextError(f"it holds {_what(node)}; there are numbers, names, + - * / ** and functions")
+
+    def _number(self, value: Any) -> Any:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise FormulaTextError(f"it holds {checks.shown(value)}, which is no real number")
+        if isinstance(value, int) and abs(value) > MAX_INTEGER:
+            raise FormulaTextError("it holds a whole number above 2**53: write it as 1e20")
+        if not math.isfinite(value):
+            raise FormulaTextError("it holds a number that is too large: allowed is up to 1.8e308")
+        return self.sympy.Integer(value) if isinstance(value, int) else self._float(value)
+
+    def _float(self, value: float) -> Any:
+        """A number of floating point, exactly; those that are whole as such."""
+        return (
+            self.sympy.Integer(int(value))
+            if value == int(value) and abs(value) < MAX_INTEGER
+            else self.sympy.Float(value)
+        )
+
+    def _named(self, name: str) -> Any:
+        if name in self.names:
+            return self.names[name]
+        if name == "pi":
+            return self.sympy.pi
+        if name in FUNCTIONS:
+            raise FormulaTextError(f"the function {name} has no argument: write {name}(q)")
+        near = checks.nearest(name, self.names)
+        raise FormulaTextError(
+            f"it holds {name}, which is not given: there are {near}; name it in q or p, or give its value in params"
+        )
+
+    def _operation(self, node: ast.BinOp, depth: int) -> Any:
+        """Sums and products of any length are one level deep, as they are written."""
+        if isinstance(node.op, ast.Pow):
+            return self._power(self.read(node.left, depth + 1), self.read(node.right, depth + 1))
+        kinds = next((k for k in (_ADDITIVE, _MULTIPLICATIVE) if isinstance(node.op, k)), None)
+        if isinstance(node.op, ast.BitXor):
+            raise FormulaTextError("it holds ^: a power is written **")
+        if kinds is None:
+            raise FormulaTextError("it holds an operation other than + - * / **")
+        chain = []
+        first: ast.AST = node
+        while isinstance(first, ast.BinOp) and isinstance(first.op, kinds):
+            chain.append((first.op, first.right))
+            first = first.left
+        if kinds is _MULTIPLICATIVE and len(chain) >= MAX_FACTORS:
+            raise FormulaTextError(f"it holds a product of {len(chain) + 1} factors, allowed are {MAX_FACTORS}")
+        parts = [self.read(first, depth + 1)]
+        for operation, operand in reversed(chain):
+            value = self.read(operand, depth + 1)
+            if isinstance(operation, ast.Sub):
+                value = -value
+            elif isinstance(operation, ast.Div):
+                value = self._power(value, self.sympy.Integer(-1))
+            parts.append(value)
+        numbers = [x for x in parts if x.is_number]
+        others = [x for x in parts if not x.is_number]
+        constant = self._folded(numbers, kinds is _ADDITIVE)
+        return (self.sympy.Add if kinds is _ADDITIVE else self.sympy.Mul)(constant, *others)
+
+    def _folded(self, numbers: list[Any], additive: bool) -> Any:
+        """A sum or product of constants; exact ones stay so while they are small."""
+        result = self.sympy.Integer(0 if additive else 1)
+        for x in numbers:
+            result = self._small(result + x if additive else result * x)
+        return result
+
+    def _small(self, x: Any) -> Any:
+        """A constant; as floating point where its digits grow."""
+        if x.is_Rational and max(abs(x.p), x.q) <= MAX_INTEGER:
+            return x
+        value = self._real(x)
+        return x if not x.is_Rational and x.is_number and not x.is_Float and x.count_ops() < 20 else self._float(value)
+
+    def _real(self, x: Any) -> float:
+        try:
+            value = float(x)
+        except (TypeError, ValueError, OverflowError):
+            value = math.nan
+        if not math.isfinite(value):
+            raise FormulaTextError("it holds a constant that is no finite real number")
+        return value
+
+    def _power(self, base: Any, exponent: Any) -> Any:
+        if exponent.is_number and abs(self._real(exponent)) > MAX_EXPONENT:
+            raise FormulaTextError(
+                f"it holds the exponent {self._real(exponent):g}: allowed is up to {MAX_EXPONENT} in size"
+            )
+        if base.is_number and exponent.is_number:
+            return self._constant_power(base, exponent)
+        return base**exponent
+
+    def _constant_power(self, base: Any, exponent: Any) -> Any:
+        try:
+            value = self._real(base) ** self._real(exponent)
+        except (OverflowError, ZeroDivisionError):
+            value = math.nan
+        if isinstance(value, complex) or not math.isfinite(value):
+            raise FormulaTextError("it holds a power or quotient of constants that is no finite real number")
+        return self._small(base**exponent) if exponent.is_Integer and base.is_Rational else self._float(value)
+
+    def _called(self, node: ast.Call, depth: int) -> Any:
+        if not isinstance(node.func, ast.Name):
+            raise FormulaTextError("it calls something that is no function of one argument")
+        name = node.func.id
+        if name not in FUNCTIONS:
+            raise FormulaTextError(
+                f"it calls {name}, which is no function here: there are {checks.nearest(name, FUNCTIONS)}"
+            )
+        if len(node.args) != 1 or node.keywords:
+            raise FormulaTextError(f"it gives {name} {len(node.args) + len(node.keywords)} arguments: it takes one")
+        argument = self.read(node.args[0], depth + 1)
+        if not argument.is_number:
+            return getattr(self.sympy, name)(argument)
+        try:
+            return self._float(getattr(math, name)(self._real(argument)))
+        except (ValueError, OverflowError):
+            raise FormulaTextError(f"it holds {name} of a constant, which is no finite real number") from None
+
+
+def folded(name: Any) -> str:
+    """A name as Python's parser reads it in a text: letters that look alike, as both signs of micro, are one."""
+    return unicodedata.normalize("NFKC", str(name))
+
+
+def is_name(name: str) -> bool:
+    """Whether a text can hold a name."""
+    return name.isidentifier() and name not in _RESERVED
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that a text could not mean."""
+    if "[" in name:
+        raise InvalidArgumentError(
+            f"{checks.shown(name)} has an index, which names have not: call a few coordinates q1, q2, .. and momenta "
+            "p1, p2, .. (those are found without being named), or write sums over sites, as Sum(q[i]**2, i), with n, "
+            "the number of sites, and without q and p"
+        )
+    if not is_name(name):
+        known = f"{', '.join(sorted(_RESERVED))} have a meaning"
+        raise InvalidArgumentError(f"{checks.shown(name)} is no name for texts: letters, digits and _, and {known}")
+
+
+def _what(node: ast.AST) -> str:
+    """A kind of node in words."""
+    words = {
+        ast.Attribute: "a dot between names",
+        ast.Subscript: "an index in brackets (chains are written with n, the number of sites)",
+        ast.Compare: "a comparison",
+        ast.Lambda: "a lambda",
+        ast.UnaryOp: "~ or not",
+        ast.BoolOp: "and, or",
+        ast.IfExp: "if and else",
+        ast.JoinedStr: "a text",
+    }
+    return words.get(type(node), f"something else ({type(node).__name__})")

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What is proved of formulas: traits, invariants, commuting flows.
+
+A trait is declared where a derivative vanishes as a formula. What cannot be shown within bounds counts as not so,
+which costs time in a run and never truth. Parameters that are 0, 1 or -1 count by their values, as a noise of
+strength zero is none; all others stay letters.
+"""
+
+from __future__ import annotations
+
+import cmath
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from ...native.files import optional
+from ..definition import FLAGS
+from .named_formulas import Problem
+
+MAX_SIMPLIFY = 400  #: operations of an expression that is worth simplifying to find that it vanishes
+MAX_TERMS = 2_000  #: of an expression that is multiplied out
+_POINTS = (0.61, 0.83, 1.17, 0.47, 1.31, 0.73, 0.94, 1.09, 0.55)  #: where expressions are tried
+_SMALLEST_BANDED = 8  #: degrees of freedom from which bands pay
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What was derived from formulas."""
+
+    ndof: int  #: degrees of freedom
+    separable: bool  #: every H_j = T_j(p) + U_j(q)
+    additive: bool  #: every H_k, k >= 1, is linear in (q, p)
+    position_noise: bool  #: every H_k, k >= 1, depends on q alone
+    quadratic: bool  #: every H_j is a polynomial of degree two at most
+    identity_mass: bool  #: H = p.p/2 + U(q)
+    constant_mass: bool  #: H = p.M p/2 + U(q) with a matrix M of constants
+    time_dependent: bool  #: some H_j depends on t
+    bandwidth: int  #: of every block of the Hessian: entries (i, j) with |i - j| above it vanish
+    nonzero: dict[str, int]  #: entries of the blocks qq, qp, pp of the Hessian that do not vanish
+    rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0, where it has one
+    silent: tuple[int, ...]  #: noises k whose H_k does not depend on the state: nothing is drawn for them
+    noises_commute: bool  #: every {H_k, H_l} is constant
+    flows_commute: bool  #: every {H, H_k} is constant, too, and no noise changes in time
+    invariants: dict[str, bool] = field(default_factory=dict)  #: candidate I -> dI = 0 along every path is proved
+
+    def traits(self) -> dict[str, Any]:
+        """What a `Model` is told."""
+        banded = self.ndof >= _SMALLEST_BANDED and 4 * self.bandwidth <= self.ndof
+        told = {key: asdict(self)[key] for key in (*FLAGS, "rotation", "silent")}
+        told["constant_mass"] &= not self.identity_mass  # which says more
+        return told | {"bandwidth": self.bandwidth if banded else None}
+
+
+def structure_of(problem: Problem) -> Structure:
+    """Derive all that can be."""
+    return Prover(problem).structure()
+
+
+def _place(symbol: Any) -> int:
+    """A number for a symbol, the same in every process."""
+    return sum(symbol.name.encode())
+
+
+def count_terms(e: Any) -> float:
+    """A bound of the number of terms of an expression when it is multiplied out."""
+    if e.is_Add:
+        return sum(count_terms(x) for x in e.args)
+    if e.is_Mul:
+        return math.prod(count_terms(x) for x in e.args)
+    if e.is_Pow and e.exp.is_Integer:
+        return min(count_terms(e.base), 1e6) ** min(abs(int(e.exp)), 40)
+    return 1.0
+
+
+def _value(e: Any, at: Mapping[Any, float]) -> complex:
+    """An expression of sympy in floating point, which ends where numbers grow beyond it."""
+    if e.is_Symbol:
+        return complex(at[e])
+    if not e.args:
+        return complex(e)
+    parts = [_value(x, at) for x in e.args]
+    if e.is_Add:
+        return sum(parts)
+    if e.is_Mul:
+        return math.prod(parts)
+    return parts[0] ** parts[1] if e.is_Pow else getattr(cmath, type(e).__name__)(*parts)
+
+
+class Prover:
+    """Hamiltonians with their derivatives, in sympy."""
+
+    def __init__(self, problem: Problem):
+        """Nothing is derived yet."""
+        self.sympy = optional("sympy", "sympy")
+        self.problem = problem
+        real = [self.sympy.Symbol(f"c{k}", real=True) for k in range(len(problem.parameters))]
+        values = dict(zip(real, problem.parameters.values(), strict=True))
+        self.values = values
+        self.special = {x: int(v) for x, v in values.items() if v in (0.0, 1.0, -1.0)}
+        self.hams = [h.xreplace(self.special) for h in problem.hamiltonians]
+        self.q, self.p = ([self.sympy.Symbol(x, real=True) for x in problem.coordinates(letter)] for letter in "qp")
+        self.t = self.sympy.Symbol("t", real=True)
+        self.symbols = [h.free_symbols for h in self.hams]
+        self._derived: dict[tuple, Any] = {}
+
+    def vanishes(self, e: Any) -> bool:
+        """Whether an expression is shown to be zero."""
+        if e == 0:
+            return True
+        if not e.free_symbols or e.count_ops() > MAX_SIMPLIFY or self._refuted(e):
+            return False
+        if count_terms(e) > MAX_TERMS:
+            return False
+        return self.sympy.expand(e) == 0 or bool(self.sympy.simplify(e).is_zero)
+
+    def _refuted(self, e: Any) -> bool:
+        """Whether some point shows that an expression is not zero: far sooner than it is simplified. One that leaves
+        floating point there, as exp(exp(exp(exp(2)))), is not shown to vanish, either."""
+        overflows = False
+        for shift in (0, 1):
+            try:
+                if abs(_value(e, {x: _POINTS[(_place(x) + shift) % len(_POINTS)] for x in e.free_symbols})) > 1e-6:
+                    return True  # rounding stays below, where it is near one
+            except OverflowError:
+                overflows = True
+            except (AttributeError, TypeError, ValueError, ZeroDivisionError, RecursionError):
+                continue
+        return overflows
+
+    def diff(self, j: int, *variables: Any) -> Any:
+        """A derivative of H_j; zero where it is shown to vanish."""
+        if not variables:
+            return self.hams[j]
+        if not self.symbols[j].issuperset(variables):  # of most noises: one for each degree of freedom is usual
+            return self.sympy.Integer(0)
+        *others, last = sorted(variables, key=str)
+        key = (j, *others, last)
+        if key not in self._derived:
+            before = self.diff(j, *others)
+            result = before.diff(last) if last in before.free_symbols else self.sympy.Integer(0)
+            self._derived[key] = self.sympy.Integer(0) if self.vanishes(result) else result
+        return self._derived[key]
+
+    def vanishing(self) -> set[tuple]:
+        """(j, variables) of the derivatives by coordinates, first and second, that have been shown to vanish."""
+        return {(j, *sorted(x.name for x in variables)) for (j, *variables), e in self._derived.items() if e == 0}
+
+    def bracket(self, f: Any, g: Any) -> Any:
+        """{F,G} = F_q.G_p - F_p.G_q."""
+        return self._half_bracket(f, g) - self._half_bracket(g, f)
+
+    def _half_bracket(self, f: Any, g: Any) -> Any:
+        """F_q.G_p."""
+        left, right = f.free_symbols, g.free_symbols
+        pairs = ((q, p) for q, p in zip(self.q, self.p, strict=True) if q in left and p in right)
+        return sum((f.diff(q) * g.diff(p) for q, p in pairs), self.sympy.Integer(0))
+
+    def structure(self) -> Structure:
+        """All of it."""
+        count, n = len(self.hams), self.problem.ndof
+        every, noises = range(count), range(1, count)
+        blocks = {"qq": (self.q, self.q), "qp": (self.q, self.p), "pp": (self.p, self.p)}
+        entries = {
+            block: [
+                (i, j)
+                for (i, x), (j, y) in itertools.product(enumerate(rows), enumerate(columns))
+                if any(self.diff(k, x, y) != 0 for k in every)
+            ]
+            for block, (rows, columns) in blocks.items()
+        }
+        state = {*self.q, *self.p}
+        both = [*self.q, *self.p]
+        second = {k: [self.diff(k, x, y) for x, y in itertools.combinations_with_replacement(both, 2)] for k in every}
+        mass = [self.diff(0, x, y) for x, y in itertools.product(self.p, self.p)]
+        identity = [int(i == j) for i, j in itertools.product(range(n), range(n))]
+        linear = all(self.diff(0, x).subs(dict.fromkeys(self.p, 0)) == 0 for x in self.p)
+        separable = not entries["qp"]
+        drift_separable = all(self.diff(0, x, y) == 0 for x in self.q for y in self.p)
+        constant_mass = drift_separable and linear and all(not m.free_symbols & {*state, self.t} for m in mass)
+        unit = constant_mass and mass == identity
+        return Structure(
+            ndof=n,
+            separable=separable,
+            additive=all(x == 0 for k in noises for x in second[k]),
+            position_noise=all(self.diff(k, x) == 0 for k in noises for x in self.p),
+            quadratic=all(not x.free_symbols & state for k in every for x in second[k]),
+            identity_mass=unit,
+            constant_mass=constant_mass,
+            time_dependent=any(self.t in h.free_symbols for h in self.hams),
+            bandwidth=max((abs(i - j) for pairs in entries.values() for i, j in pairs), default=0),
+            nonzero={block: len(pairs) for block, pairs in entries.items()},
+            rotation=self._rotation() if unit else None,
+            silent=tuple(k for k in noises if all(self.diff(k, x) == 0 for x in both)),
+            noises_commute=self._constant(itertools.combinations(noises, 2)),
+            flows_commute=not any(self.t in self.diff(k, x).free_symbols for k in noises for x in both)
+            and self._constant(itertools.combinations(every, 2)),
+            invariants=self._invariants(),
+        )
+
+    def _rotation(self) -> tuple[float, ...] | None:
+        """Roots of the diagonal of the Hessian at q = 0."""
+        squares = []
+        for x in self.q:
+            at = {**dict.fromkeys([*self.q, *self.p, self.t], 0), **self.values}
+            try:
+                _value(self.diff(0, x, x), {s: at[s] for s in self.diff(0, x, x).free_symbols})  # sympy knows no bound
+                square = float(self.diff(0, x, x).subs(at))
+            except (ArithmeticError, AttributeError, TypeError, ValueError):
+                return None
+            if not 0 <= square < math.inf:
+                return None
+            squares.append(math.sqrt(square))
+        return tuple(squares) if any(squares) else None
+
+    def _constant(self, pairs) -> bool:
+        """Whether the brackets of these pairs of Hamiltonians are shown not to depend on the state."""
+        return all(
+            self.vanishes(bracket.diff(x))
+            for i, j in pairs
+            if (bracket := self.bracket(self.hams[i], self.hams[j])) != 0
+            for x in (*self.q, *self.p)
+        )
+
+    def _invariants(self) -> dict[str, bool]:
+        """Which candidates are shown to be invariants: I_t + {I, H} = 0 and {I, H_k} = 0."""
+        texts = self.problem.texts[len(self.hams) :]
+        proved = {}
+        for text, given in zip(texts, self.problem.invariants, strict=True):
+            candidate = given.xreplace(self.special)
+            drift = candidate.diff(self.t) + self.bracket(candidate, self.hams[0])
+            noises = (self.bracket(candidate, h) for h in self.hams[1:])
+            proved[text] = all(self.vanishes(x) for x in (drift, *noises))
+        return proved

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Python and compiled functions as callbacks of the library.
+
+An exception never leaves a callback: it is stored, the callback returns nonzero, and the exception is
+raised again, with its traceback, when the library has returned. Python functions get copies of the
+state, so that keeping one does no harm.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import re
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import WrongShapeError, WrongTypeError
+from . import abi, checks
+from .files import optional
+from .library import library
+
+Call = tuple[int, int, int, float]  # nlane, ndof, nham, t
+_PRECOMPILED = (ctypes._CFuncPtr, ctypes.c_void_p)
+
+# kind -> what a Python function returns
+RETURNS = {
+    "gradient": ("hq", "hp"),
+    "value": ("value",),
+    "hessian": ("hqq", "hqp", "hpp"),
+    "hessian_vector": ("uq", "up"),
+    "gradient_hessian": ("hq", "hp", "hqq", "hqp", "hpp"),
+    "third_derivative": ("uq", "up"),
+}
+# kind -> number of vectors (dof, lane) among the inputs after w
+_VECTORS = {"gradient": 2, "value": 2, "hessian": 2, "hessian_vector": 4, "gradient_hessian": 2, "third_derivative": 6}
+
+
+class WithData(NamedTuple):
+    """A compiled function, the address that it is handed as its user pointer, and what must live as long as it."""
+
+    function: Any
+    user_data: Any
+    keep_alive: Any = None
+
+
+_INEXACT = re.compile(r"= f\w+ [\w ]*\b(fast|contract|reassoc|arcp|afn)\b|fmuladd|__svml_|_ZGV|inttoptr")
+
+
+class Failures:
+    """The first exception of the callbacks of a model or a run."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self.first: BaseException | None = None
+
+    def store(self, error: BaseException) -> int:
+        """Keep the first one; the status for the library."""
+        if self.first is None:
+            self.first = error
+        return 1
+
+    def raise_stored(self) -> None:
+        """Raise what was stored, once."""
+        error, self.first = self.first, None
+        if error is not None:
+            raise error
+
+
+@functools.lru_cache(maxsize=1024)
+def view(address: int, shape: tuple[int, ...]) -> np.ndarray:
+    """The array of float64 at an address.
+
+    It owns nothing. A block calls with the same few addresses in every step, hence the cache.
+    """
+    count = 1
+    for extent in shape:
+        count *= extent
+    return np.frombuffer((ctypes.c_double * count).from_address(address)).reshape(shape)
+
+
+def store_result(where: str, value: object, target: int | None, shape: tuple[int, ...]) -> None:
+    """Copy what a Python function returned to an address; NULL is not wanted."""
+    if target is None:
+        return
+    if np.ma.is_masked(value):
+        raise WrongTypeError(f"{where} has masked values: return an array of numbers, with NaN where there is none")
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu":
+        raise WrongTypeError(f"{where} holds {array.dtype} values: return an array of real numbers")
+    one_row = len(shape) > 1 and array.shape == shape[-1:] and set(shape[:-1]) == {1}
+    if array.ndim and array.shape != shape and not one_row:
+        raise WrongShapeError(f"{where} has shape {array.shape}: return shape {shape}, the lanes last, or one number")
+    view(target, shape)[...] = array
+
+
+def _shape(name: str, nlane: int, ndof: int) -> tuple[int, ...]:
+    """Shape of a result of a callback."""
+    if name in RETURNS["hessian"]:
+        return (ndof, ndof, nlane)
+    return (nlane,) if name == "value" else (ndof, nlane)
+
+
+def from_python(kind: str, function: Callable, failures: Failures) -> ctypes._CFuncPtr:
+    """A Python function f(t, w, q, p, ...) as callback of this kind."""
+    names, nvector = RETURNS[kind], _VECTORS[kind]
+
+    def callback(nlane, ndof, nham, t, w, *addresses):
+        try:
+            vectors = [view(a, (ndof, nlane)).copy() for a in addresses[:nvector]]
+            result = function(t, view(w, (nham, nlane)).copy(), *vectors)
+            results = (result,) if len(names) == 1 else _unpacked(kind, names, result)
+            for name, value, target in zip(names, results, addresses[nvector:-1], strict=True):
+                store_result(f"{name} of {kind}()", value, target, _shape(name, nlane, ndof))
+        except BaseException as error:  # raised again by raise_stored
+            return failures.store(error)
+        return 0
+
+    return abi.CALLBACKS[kind](callback)
+
+
+def _unpacked(kind: str, names: tuple[str, ...], result: object) -> tuple:
+    if isinstance(result, tuple | list) and len(result) == len(names):
+        return tuple(result)
+    given = f"{len(result)} values" if isinstance(result, tuple | list) else type(result).__name__
+    raise WrongTypeError(f"{kind}() returned {given}: return the tuple ({', '.join(names)})")
+
+
+def compiled(kind: str, function: object) -> tuple[ctypes._CFuncPtr, int | None] | None:
+    """A compiled function (numba cfunc, ctypes pointer, LowLevelCallable) and its user pointer.
+
+    None for anything else.
+    """
+    user = None
+    if isinstance(function, WithData) or type(function).__name__ == "LowLevelCallable":
+        user = _address_of(function.user_data, "user_data of the LowLevelCallable")
+        function = function.function
+    if not isinstance(function, _PRECOMPILED) and hasattr(function, "address"):
+        _check_numba(kind, function)
+        function = ctypes.c_void_p(function.address)
+    if type(function).__name__ == "PyCapsule":
+        function = ctypes.c_void_p(_capsule_pointer(function))
+    if isinstance(function, ctypes._CFuncPtr):
+        _check_ctypes(kind, function)
+    if not isinstance(function, _PRECOMPILED):
+        return None
+    return ctypes.cast(function, abi.CALLBACKS[kind]), user
+
+
+def _check_numba(kind: str, function: object) -> None:
+    """A numba cfunc tells its signature: a wrong one would compute nonsense, or end the process."""
+    given = getattr(function, "_sig", None)
+    if given is None:
+        return
+    wanted, doing = numba_signature(kind), f"declare it with numba.cfunc(symsde.numba_signature('{kind}'))"
+    if len(given.args) != len(wanted.args):
+        raise WrongTypeError(
+            f"the compiled {kind} takes {len(given.args)} arguments and not {len(wanted.args)}: {doing}"
+        )
+    if given.return_type != wanted.return_type:
+        raise WrongTypeError(f"the compiled {kind} returns {given.return_type} and not {wanted.return_type}: {doing}")
+    for i, (mine, theirs) in enumerate(zip(given.args[:-1], wanted.args[:-1], strict=True)):
+        if mine != theirs:  # the last one, user data, is any pointer
+            raise WrongTypeError(f"argument {i + 1} of the compiled {kind} is {mine} and not {theirs}: {doing}")
+
+
+def _check_ctypes(kind: str, function: object) -> None:
+    """A ctypes function pointer tells its types too: integers, numbers and pointers must be where they belong."""
+    wanted = abi.CALLBACKS[kind]
+    given = function.argtypes or ()
+    if given and [_sort(x) for x in given] != [_sort(x) for x in wanted._argtypes_]:
+        names = ", ".join(getattr(x, "__name__", str(x)) for x in given)
+        raise WrongTypeError(
+            f"the compiled {kind} takes ({names}), which is not its C signature in symsde.h: declare it so"
+        )
+    if function.restype is not ctypes.c_int:
+        raise WrongTypeError(
+            f"the compiled {kind} returns {function.restype} and not c_int: return 0, or a code to stop"
+        )
+
+
+def _sort(kind: type) -> object:
+    """A number's type of ctypes; all pointers are alike."""
+    texts = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_wchar_p)
+    return kind if issubclass(kind, ctypes._SimpleCData) and kind not in texts else ctypes.c_void_p
+
+
+def _address_of(value: object, what: str) -> int | None:
+    """Address that a pointer of any kind holds."""
+    if value is None:
+        return None
+    if type(value).__name__ == "PyCapsule":
+        return _capsule_pointer(value)
+    try:
+        return ctypes.cast(value, ctypes.c_void_p).value
+    except (TypeError, ctypes.ArgumentError):
+        raise WrongTypeError(f"{what} is no pointer: give a ctypes pointer or None") from None
+
+
+def _capsule_pointer(capsule: object) -> int | None:
+    api = ctypes.pythonapi
+    api.PyCapsule_GetName.restype = ctypes.c_char_p
+    api.PyCapsule_GetName.argtypes = (ctypes.py_object,)
+    api.PyCapsule_GetPointer.restype = ctypes.c_void_p
+    api.PyCapsule_GetPointer.argtypes = (ctypes.py_object, ctypes.c_char_p)
+    return api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule))
+
+
+def takes_any_lanes(functions: Iterable[object]) -> bool:
+    """Whether compiled functions are known to give a lane the same bits whatever the number of lanes.
+
+    LLVM keeps to IEEE arithmetic in vectors as in what is left over, unless instructions are marked as fast, or sine
+    and the like are those of a vector library, or a function is called by its address: of these only the library's
+    sine and cosine are known. Only numba functions can be asked.
+    """
+    texts = [getattr(function, "inspect_llvm", None) for function in functions if function is not None]
+    own = f"inttoptr (i64 {ctypes.cast(library.symsde_sincos, ctypes.c_void_p).value} to"
+    return bool(texts) and all(text and not _INEXACT.search(text().replace(own, "")) for text in texts)
+
+
+def numba_signature(kind: str):
+    """Signature of a callback (gradient, value, hessian, .., third_derivative, flow, chain_rows) for numba.cfunc.
+
+    Inside the function, with the shapes of `Model`:
+
+        x, out = numba.carray(q, (ndof, nlane)), numba.carray(hq, (ndof, nlane))
+        out[0] = ...
+
+    Every output is to be written. A model that is made with accepts_null=True is given NULL for those that are not
+    wanted: `if out.ctypes.data != 0`; without this test writing there ends the process.
+    """
+    checks.choice("kind", kind, list(abi.CALLBACKS))
+    types = optional("numba", "fast").types
+    if kind == "flow":
+        array = types.CPointer(types.double)
+        pointers = (array, types.CPointer(array), *(array,) * 4, types.CPointer(types.int64))
+        return types.intc(*(types.intc,) * 6, types.double, types.double, *pointers, types.voidptr)
+    of = {ctypes.c_int: types.intc, ctypes.c_double: types.double, ctypes.c_void_p: types.CPointer(types.double)}
+    return types.intc(*(of[kind] for kind in abi.CALLBACKS[kind]._argtypes_[:-1]), types.voidptr)
+
+
+def numba_sincos():
+    """The library's sine and cosine as a function that numba.cfunc can call, several times as fast as math.sin.
+
+    sincos = symsde.numba_sincos()           # outside the cfunc; inside it, with n real numbers each:
+    sincos(n, x, sine, cosine)               # pointers, or array.ctypes; an int, 0 = ok
+    """
+    array = ctypes.POINTER(ctypes.c_double)
+    return ctypes.cast(library.symsde_sincos, ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, array, array, array))
+
+
+def observables(rows: Callable, failures: Failures) -> ctypes._CFuncPtr:
+    """A function of (t, q, p) that yields names and values, (lane,) each, as a callback."""
+
+    def callback(nlane, ndof, t, *addresses):
+        q, p, values, _user = addresses
+        try:
+            for i, (name, result) in enumerate(rows(t, view(q, (ndof, nlane)), view(p, (ndof, nlane)))):
+                if np.ndim(result) == 0:  # a sum or a mean over a block of paths is easily meant for one of coordinates
+                    raise WrongShapeError(
+                        f"observable {name!r} is one number for all paths: return one for each, shape ({nlane},), the "
+                        "paths last, as q[0]**2 or np.sum(q**2, axis=0)"
+                    )
+                store_result(f"observable {name!r}", result, values + 8 * nlane * i, (nlane,))
+        except BaseException as error:  # raised again by raise_stored
+            return failures.store(error)
+        return 0
+
+    return abi.Observables(callback)

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Checks of arguments, each with a sentence: what was given, what is allowed, what to do."""
+
+from __future__ import annotations
+
+import ctypes
+import difflib
+import functools
+import math
+import numbers
+import operator
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import InvalidArgumentError, TooLargeError, UnknownNameError, WrongShapeError, WrongTypeError
+from . import groups
+
+_address_of, _byte_at = ctypes.addressof, ctypes.c_char.from_buffer
+
+INT32 = (-(2**31), 2**31 - 1)
+_LITTLE = 2**24  #: bytes for which control groups are not asked
+INT64 = (-(2**63), 2**63 - 1)
+UINT64 = (0, 2**64 - 1)
+_LESS = "save less often (save_every), fewer paths, or use moments"
+_FLOAT64 = np.dtype(np.float64)
+_LARGE = 2**28  #: bytes, beyond which it is worth a look whether there is room
+_NAME = 1000  #: characters of a name; the library takes 4096 bytes
+
+
+def shown(value: object) -> str:
+    """A value as it was written, cut to a length that fits a sentence."""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    try:
+        text = repr(value)
+    except Exception:  # whatever an object of somebody else's does, or an integer of thousands of digits
+        return f"an object of type {type(value).__name__}"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def number(name: str, value: object) -> float:
+    """A real number; finite or not is for the library to judge."""
+    if type(value) is float:
+        return value
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
+    if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
+        raise WrongTypeError(f"{name} = {shown(value)} is not a number: give one real number")
+    try:
+        return float(value)
+    except OverflowError:
+        raise InvalidArgumentError(f"{name} = {shown(value)} is too large: give a number below 1.8e308") from None
+
+
+def finite(name: str, value: object) -> float:
+    """A finite number."""
+    result = number(name, value)
+    if not math.isfinite(result):
+        raise InvalidArgumentError(f"{name} = {result} is not finite: give a finite number")
+    return result
+
+
+def integer(name: str, value: object, bounds: tuple[int, int] = INT64) -> int:
+    """A whole number within the bounds; floats that are whole (1e6) are accepted."""
+    whole = value if type(value) is int else _whole(name, value)
+    low, high = bounds
+    if not low <= whole <= high:
+        raise InvalidArgumentError(f"{name} = {shown(whole)} is out of range: give an integer from {low} to {high}")
+    return whole
+
+
+def _whole(name: str, value: object) -> int:
+    if isinstance(value, float | np.floating) and float(value).is_integer():
+        value = int(value)
+    try:
+        if isinstance(value, bool | np.bool_):
+            raise TypeError
+        return operator.index(value)
+    except TypeError:
+        raise WrongTypeError(f"{name} = {shown(value)} is not a whole number: give an integer") from None
+
+
+def flag(name: str, value: object) -> bool:
+    """True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise WrongTypeError(f"{name} = {shown(value)} is not a truth value: give True or False")
+    return bool(value)
+
+
+def name_of(what: str, value: object) -> str:
+    """A name."""
+    if not isinstance(value, str):
+        raise WrongTypeError(f"{what} = {shown(value)} is not a name: give a string")
+    if len(value) > _NAME:
+        raise InvalidArgumentError(
+            f"{what} = {shown(value)} is too long for a name: it has {len(value)} characters, allowed are {_NAME}"
+        )
+    return value
+
+
+def items(value: object) -> list | None:
+    """What a list, or the like, holds; None for one thing, as a text or an array without dimension is."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
+        return None
+    return list(value)
+
+
+def table(name: str, value: object) -> dict[str, Any]:
+    """A dict of names and values."""
+    if not isinstance(value, Mapping):
+        raise WrongTypeError(f"{name} = {shown(value)} is no table: give a dict, name -> value")
+    return {name_of(f"a name of {name}", key): item for key, item in value.items()}
+
+
+def nearest(given: str, known: Iterable[str]) -> str:
+    """The known names, those most like the given one first, joined by commas."""
+    known = list(known)
+    close = difflib.get_close_matches(given, known, n=len(known) or 1, cutoff=0.5)
+    return ", ".join([*close, *(name for name in known if name not in close)])
+
+
+def not_given(function: str, options: dict, decided: dict[str, str]) -> None:
+    """Refuse options that a function decides itself; `decided`: name -> by what."""
+    for key, by in decided.items():
+        if key in options:
+            raise WrongTypeError(f"{key!r} is no option of {function}: {by}")
+
+
+def choice(name: str, value: object, known: Sequence[str]) -> int:
+    """Position of a name in a list of allowed ones."""
+    if name_of(name, value) not in known:
+        raise UnknownNameError(f"{name} = {value!r} does not exist: there are {nearest(value, known)}")
+    return known.index(value)
+
+
+def real_array(name: str, value: object) -> np.ndarray:
+    """Values as an array of float64; copied only where they are not one already."""
+    if type(value) is np.ndarray and value.dtype is _FLOAT64:  # as most are
+        return _fits(value, name)
+    if np.ma.is_masked(value):
+        raise WrongTypeError(
+            f"{name} has masked values, which no array of numbers can hold: fill them or leave them out"
+        )
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise WrongShapeError(
+            f"{name} is a nested sequence of unequal lengths: give an array with rows of one length"
+        ) from None
+    if array.dtype.kind not in "fiu":
+        raise WrongTypeError(f"{name} holds {array.dtype} values and not real numbers: give an array of numbers")
+    return np.asarray(_fits(array, name), dtype=np.float64)
+
+
+def _fits(array: Any, name: str) -> Any:
+    """The array; refused where it is a view that repeats its numbers more often than a copy could hold."""
+    if array.nbytes > _LARGE:
+        room(array.shape, f"the numbers of {name}", now=False, do="give fewer")
+    return array
+
+
+def own(value: Any) -> Any:
+    """What a caller may change later, as nobody can: arrays, lists and tables are copied, to any depth."""
+    if isinstance(value, np.ndarray):
+        return _fits(value, "an array").copy()
+    if isinstance(value, Mapping):
+        return {key: own(item) for key, item in value.items()}
+    return type(value)(map(own, value)) if type(value) in (list, tuple, set) else value
+
+
+def fixed(given: Any) -> Any:
+    """The same as tuples and numbers."""
+    if isinstance(given, np.ndarray | np.generic):
+        given = _fits(given, "an array").tolist()
+    return tuple(map(fixed, given)) if isinstance(given, list | tuple | set) else given
+
+
+def state(name: str, value: object, ndof: int, paths: int, *, kept: bool = True) -> np.ndarray:
+    """A state as C-contiguous (dof, 1) or (dof, path) from a scalar, (dof,) or (dof, path); a copy where it is kept."""
+    shaped = np.array if kept else np.asarray
+    if type(value) is float:  # as most do
+        array = np.empty((ndof, 1))
+        array.fill(value)
+        return array
+    array = real_array(name, value)
+    if array.ndim == 0:
+        return np.full((ndof, 1), float(array))
+    if array.ndim == 1 and array.shape[0] == ndof:
+        return shaped(array[:, np.newaxis], order="C")
+    if array.ndim == 2 and array.shape[0] == ndof and array.shape[1] in (1, paths):
+        return shaped(array, order="C")
+    hint = ""
+    if array.shape in ((paths,), (paths, ndof)):
+        turned = f"{name}[None, :]" if array.ndim == 1 else f"{name}.T"
+        hint = f" (the path is the last axis: {turned})"
+    raise WrongShapeError(
+        f"{name} has shape {array.shape}: give a number, shape ({ndof},) for all paths, "
+        f"or ({ndof}, {paths}), one column for each path{hint}"
+    )
+
+
+def is_one(value: object) -> bool:
+    """Whether one state is given for all paths: where there are columns, each path has a status of its own."""
+    return type(value) is float or np.ndim(value) < 2
+
+
+def points(name: str, value: object, ndof: int, npath: int) -> np.ndarray:
+    """A state with one column for each point, which nobody keeps."""
+    return full(state(name, value, ndof, npath, kept=False), npath)
+
+
+def columns(**given: object) -> int:
+    """Number of points that arguments, each a number, (row,) or (row, path), are given at."""
+    arrays = [real_array(name, x) for name, x in given.items()]
+    return max([1, *(x.shape[1] for x in arrays if x.ndim == 2)])
+
+
+def full(array: np.ndarray, npath: int) -> np.ndarray:
+    """An array with one column for each path."""
+    return np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:-1], npath)))
+
+
+def room(shape: tuple[int, ...], what: str, *, now: bool = True, do: str = _LESS) -> None:
+    """Refuse arrays of float64 before anything is allocated: the machine cannot hold them, or, where they are made now,
+    the control groups of this process do not let it."""
+    size = 8 * math.prod(shape)
+    most = min(_memory(), groups.memory() if now and size > _LITTLE else math.inf)
+    if size > most:
+        raise TooLargeError(
+            f"{what} of shape {shape} need {size / 1e9:.3g} GB, more than the {most / 1e9:.3g} GB "
+            f"that this process can have: {do}"
+        )
+
+
+@functools.cache
+def _memory() -> int:
+    """Bytes of main memory."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return 2**46
+
+
+def address(array: np.ndarray | None) -> int | None:
+    """Address of an array; NULL for none."""
+    if array is None:
+        return None
+    try:
+        return _address_of(_byte_at(array))  # array.ctypes.data takes three times as long
+    except (TypeError, ValueError):  # read-only, or empty
+        return array.ctypes.data
+
+
+def addresses(arrays: Iterable[np.ndarray]) -> Iterable[int]:
+    """Addresses of arrays that can be written and are not empty, without a call of Python for each."""
+    return map(_address_of, map(_byte_at, arrays))

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Results as xarray datasets and as files; a file appears whole or not at all, a folder is tried before any work."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import importlib
+import json
+import os
+import stat
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from ..errors import InvalidArgumentError, MissingPackageError, NotWrittenError
+from . import checks, parts
+
+Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
+NETCDF = threading.RLock()  #: the library of HDF5 crashes where two threads are in it, whatever their files
+
+
+def optional(package: str, extra: str) -> ModuleType:
+    """An optional package, or a sentence that says how to install it."""
+    try:
+        return importlib.import_module(package)
+    except ImportError:
+        otherwise = ", or save as .npz" if extra == "xarray" else ""
+        raise MissingPackageError(f"{package} is not installed: {_how_to_get(extra)}{otherwise}") from None
+
+
+def _how_to_get(extra: str) -> str:
+    """What installs an extra: of this tree, where the package is used in one; no index knows it by its name then."""
+    tree = Path(__file__).parents[3]
+    if (tree / "pyproject.toml").exists():
+        return f"pip install '.[{extra}]' in {tree}"
+    return f"pip install 'symsde[{extra}]'"
+
+
+def dataset(variables: Variables, coordinates: Variables, attributes: Mapping[str, str]):
+    """An xarray dataset; time is a plain number, not a date."""
+    xarray = optional("xarray", "xarray")
+    result = xarray.Dataset(dict(variables), coords=dict(coordinates), attrs=dict(attributes))
+    for name, variable in result.variables.items():
+        variable.attrs["long_name"] = long_name(str(name))
+        if variable.dtype.kind in "fiu":
+            variable.attrs["units"] = "1"
+    return result
+
+
+_LONG_NAMES = {
+    "q": "coordinates",
+    "p": "momenta",
+    "path": "global index of the path",
+    "status": "status of the path, 0 = ok",
+    "failed_step": "absolute step that failed, -1 = none",
+    "n_ok": "paths that count",
+    "failed": "global indices of failed paths, at most 1000",
+    "failed_status": "status of these paths",
+}
+_KINDS = {
+    "mean": "mean of",
+    "var": "variance of",
+    "se_mean": "standard error of the mean of",
+    "se": "standard error of",
+}
+
+
+def long_name(name: str) -> str:
+    """What a variable of a file is, in words."""
+    for kind in sorted(_KINDS, key=len, reverse=True):
+        if name.startswith(f"{kind}_"):
+            rest = name.removeprefix(f"{kind}_")
+            return f"{_KINDS[kind]} {_LONG_NAMES.get(rest, rest)}"
+    return _LONG_NAMES.get(name, name.replace("_", " "))
+
+
+def path_of(name: str, value: object) -> Path:
+    """A path, given as text or as such."""
+    if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
+        raise InvalidArgumentError(f"{name} = {checks.shown(value)} is no path: give the name of a file or folder")
+    try:
+        if b"\0" in os.fsencode(value):
+            raise ValueError
+    except ValueError:
+        shown = checks.shown(value)
+        raise InvalidArgumentError(f"{name} = {shown} holds characters that no name of a file can have") from None
+    return Path(value)
+
+
+_NO_FILES = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
+
+
+def require_file(path: str | os.PathLike) -> None:
+    """Refuse, as an OSError, what is no regular file before it is opened, which might wait for ever, or never end."""
+    kind = _NO_FILES.get(stat.S_IFMT(os.stat(path).st_mode))
+    if kind is not None:
+        raise OSError(errno.EINVAL, f"it is {kind}, give a file", str(path))
+
+
+def content(path: Path) -> bytes:
+    """The bytes of a regular file."""
+    require_file(path)
+    return path.read_bytes()
+
+
+def write(target: Path, make_dataset: Callable, variables: Variables, attributes: Mapping, also: str = "") -> None:
+    """Write .nc (xarray and netCDF4) or .npz (NumPy alone); `also`: endings that the caller writes."""
+    if target.suffix == ".nc":
+        optional("netCDF4", "xarray")
+        content = make_dataset()
+        with NETCDF:
+            replace(target, lambda file: content.to_netcdf(file, engine="netcdf4"))
+    elif target.suffix == ".npz":
+        arrays = {name: array for name, (_, array) in variables.items()}
+        text = np.array(json.dumps(dict(attributes)))
+        replace(target, lambda file: np.savez(file, **arrays, attributes=text))
+    else:
+        raise InvalidArgumentError(f"{str(target)!r} has no known ending: give a name that ends in {also}.nc or .npz")
+
+
+def replace(target: Path, write_to: Callable[[Path], object]) -> None:
+    """Write beside the target, then put it in its place; NotWrittenError says why not."""
+    parts.sweep(target.parent)
+    try:
+        with parts.beside(target) as part:
+            write_to(part)
+            os.replace(part, target)
+    except (OSError, RuntimeError) as error:  # netCDF4 raises a RuntimeError where the disk is full
+        raise NotWrittenError(f"{target} cannot be written: {_reason(error)}") from error
+
+
+def replace_text(target: Path, text: str) -> None:
+    """Write a text file, whole or not at all."""
+    replace(target, lambda part: part.write_text(text, encoding="utf-8"))
+
+
+@contextlib.contextmanager
+def folder(path: str | os.PathLike) -> Iterator[Path]:
+    """A folder for results, made where it is missing and tried before the work; not left behind empty."""
+    target = path_of("the folder of the results", path)
+    made = [part for part in (target, *target.parents) if not os.path.exists(part)]  # what cannot be is not there
+    try:
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=target):
+                pass
+        except OSError as error:
+            raise NotWrittenError(f"nothing can be written to {target}: {_reason(error)}: give another one") from error
+        yield target
+    finally:
+        for part in made:
+            with contextlib.suppress(OSError):  # not empty
+                part.rmdir()
+
+
+def _reason(error: Exception) -> str:
+    """What the system says, without its number and the names of files of passage."""
+    return getattr(error, "strerror", None) or str(error)
+
+
+def json_text(data: object, digits: int | None = 7, indent: int | None = None) -> str:
+    """Data as JSON: arrays as lists, numbers with seven digits or all (None), infinite ones and NaN as null."""
+    separators = (", ", ": ") if indent is None else None
+    return json.dumps(_plain(data, digits), indent=indent, allow_nan=False, separators=separators) + "\n"
+
+
+def _plain(value, digits: int | None):
+    if isinstance(value, dict):
+        return {str(key): _plain(item, digits) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist(), digits)
+    if isinstance(value, list | tuple):
+        return [_plain(item, digits) for item in value]
+    if isinstance(value, float):
+        rounded = value if digits is None else float(f"{value:.{digits}g}")
+        return rounded if np.isfinite(value) else None
+    return value

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Find and load libsymsde, once."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from pathlib import Path
+
+from ..errors import LibraryNotFoundError, SymsdeError
+from . import abi, cpu
+
+_NAME = "libsymsde.dylib" if sys.platform == "darwin" else "libsymsde.so"
+
+
+def package() -> Path:
+    """The folder of this package."""
+    return Path(__file__).resolve().parents[1]
+
+
+def candidates() -> list[Path]:
+    """Where the library is looked for: SYMSDE_LIBRARY alone if set, the package's variants, the build tree."""
+    chosen = os.environ.get("SYMSDE_LIBRARY")
+    if chosen:
+        return [Path(chosen)]
+    here = package()
+    places = [folder / _NAME for folder in cpu.folders(here)]
+    return places if os.environ.get("SYMSDE_CPU") else [*places, here.parents[1] / "build" / "native" / _NAME]
+
+
+def found() -> Path | None:
+    """The first of the candidates that is there."""
+    return next((path for path in candidates() if path.is_file()), None)
+
+
+def load() -> ctypes.CDLL:
+    """Load the library and declare its functions; LibraryNotFoundError says where it was looked for."""
+    chosen, path = os.environ.get("SYMSDE_LIBRARY"), found()
+    if path is None and chosen:
+        raise LibraryNotFoundError(
+            f"SYMSDE_LIBRARY = {chosen!r} is not a file: give the path of libsymsde.so (./bootstrap build makes one), "
+            "or unset it"
+        )
+    if path is None:
+        places = ", ".join(str(path) for path in candidates())
+        raise LibraryNotFoundError(
+            f"the compiled library of symsde is not at {places}: build it with ./bootstrap build, "
+            "or set SYMSDE_LIBRARY to the path of libsymsde.so"
+        )
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise LibraryNotFoundError(
+            f"{path} cannot be loaded ({error}): build it again on this machine with ./bootstrap build"
+        ) from error
+    try:
+        abi.declare(library)
+    except AttributeError as error:
+        raise LibraryNotFoundError(
+            f"{path} is of another version than this package ({error}): build it again"
+        ) from error
+    return library
+
+
+def _is_command() -> bool:
+    """Whether this package is imported for its command: `symsde VERB`, or python -m symsde, for which argv[0] is -m."""
+    return bool(sys.argv) and (sys.argv[0] == "-m" or Path(sys.argv[0]).name == "symsde")
+
+
+try:
+    library = load()
+except SymsdeError as error:
+    if not _is_command():
+        raise
+    print(f"symsde: {error}", file=sys.stderr)  # as the command says of any other bad input, before it can run
+    sys.exit(2)

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Progress of a run, and what ends it: a progress function, or the handler of a signal."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import sys
+import threading
+from collections.abc import Callable
+
+from ..errors import WrongTypeError
+from . import abi, checks, signals
+
+Progress = bool | Callable[[int, int], object]
+
+_after_fork = threading.Event()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork.set)
+
+
+def threads_of(threads: int | None, in_python: bool) -> int:
+    """Threads of a run: as asked; one for Python callbacks and after a fork, where OpenMP would hang."""
+    chosen = 0 if threads is None else checks.integer("threads", threads, (1, 1024))
+    if _after_fork.is_set() or (threads is None and in_python):
+        return 1
+    return chosen
+
+
+class _AtWork(threading.local):
+    """The monitors of the runs that this thread is in, the innermost last: a callback may run the library itself."""
+
+    def __init__(self) -> None:
+        self.monitors: list[Monitor] = []
+
+
+_at_work = _AtWork()
+
+
+def _ask_innermost(done: int, total: int, _user) -> int:
+    return _at_work.monitors[-1].ask(done, total)
+
+
+class Monitor:
+    """Context of one run; `callback` is what the library calls between chunks, in its thread."""
+
+    callback = abi.Progress(_ask_innermost)  #: one for all, since to make one takes a share of a short run
+
+    def __init__(self, progress: Progress):
+        """Check what is to be told."""
+        self._bar, self._tell = told_by(progress)
+        self._signals = signals.held()
+        self._error: BaseException | None = None
+
+    def __enter__(self) -> Monitor:
+        """Take over signals and progress."""
+        self._signals.__enter__()
+        _at_work.monitors.append(self)
+        return self
+
+    def __exit__(self, kind, error, traceback) -> None:
+        """Give them back."""
+        _at_work.monitors.pop()
+        try:
+            if self._bar is not None:
+                self._bar.close()
+            if self._error is not None:
+                raise self._error
+        finally:
+            self._signals.__exit__()
+
+    def ask(self, done: int, total: int) -> int:
+        """Tell of progress, and call the handlers of signals that came; nonzero stops."""
+        if self._error is not None:
+            return 1
+        try:
+            wants_stop = self._tell is not None and bool(self._tell(done, total))
+            self._signals.handle()
+        except BaseException as error:  # raised again at the end of the run
+            self._error = error
+            return 1
+        return int(wants_stop)
+
+
+def told_by(progress: Progress) -> tuple[_Bar | None, Callable[[int, int], object] | None]:
+    """The bar that shows the progress, and what is told of it; WrongTypeError of what cannot be told."""
+    if not isinstance(progress, bool) and not callable(progress):
+        raise WrongTypeError(
+            f"progress = {checks.shown(progress)} is not allowed: give True, False, or a function f(done, total) "
+            "that returns True to stop"
+        )
+    bar = _Bar() if progress is True else None
+    return bar, progress if callable(progress) else bar
+
+
+def say(text: str) -> None:
+    """Write on stderr, where there is one: no run ends because nobody can see how far it is."""
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError, ValueError):  # a pipe that nobody reads, a file that was closed
+            sys.stderr.write(text)
+            sys.stderr.flush()
+
+
+class _Bar:
+    """A bar by tqdm where it is installed, else one line on stderr."""
+
+    def __init__(self) -> None:
+        self._bar = None
+        self._shown = -1
+
+    def __call__(self, done: int, total: int) -> None:
+        if self._bar is None:
+            self._bar = self._tqdm(total)
+        if self._bar:
+            self._bar.update(done - self._bar.n)
+        elif (percent := 100 * done // max(1, total)) > self._shown:
+            self._shown = percent
+            say(f"\r{percent:3d} %")
+
+    @staticmethod
+    def _tqdm(total: int):
+        if sys.stderr is None or sys.stderr.closed:
+            return False
+        try:
+            tqdm = importlib.import_module("tqdm.auto")
+        except ImportError:
+            return False
+        return tqdm.tqdm(total=total, unit="step", unit_scale=True, leave=False)
+
+    def close(self) -> None:
+        """End the line."""
+        if self._bar:
+            self._bar.close()
+        elif self._shown >= 0:
+            say("\r      \r")

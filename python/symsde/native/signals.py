@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Handlers of signals while the library may call Python.
+
+A handler that raises could do so where a callback of the library begins: the exception would be lost, and the results
+of the callback not set. So during such calls a handler that only leaves a note stands for each of Python's. They are
+called when the library asks how to go on, and at the end of the call: where they return, the work goes on; what they
+raise is raised by the call. A second signal of a kind whose note still waits, in a function of the user's that may
+hang, is handled at once.
+"""
+
+from __future__ import annotations
+
+import _signal as signal  # the module signal wraps it in enums, which would take half as long as a short run
+import contextlib
+import itertools
+import os
+import threading
+from collections.abc import Callable
+from types import FrameType
+
+from ..errors import SymsdeError
+
+_NUMBERS = range(1, signal.NSIG)
+_OURS = os.path.join(os.path.dirname(os.path.dirname(__file__)), "")
+
+
+class Held:
+    """Context in which signals wait; inside another one it is that one. Of the main thread alone, as handlers are."""
+
+    def __init__(self) -> None:
+        """Nothing has come yet."""
+        self._depth = 0
+        self._handlers: dict[int, Callable] = {}
+        self._notes: list[tuple[Callable, int, FrameType | None]] = []
+        self._leave = self._leave_note  # one object, to be known again
+
+    def __enter__(self) -> Held:
+        """Take over the handlers."""
+        if not self._depth:
+            self._take()
+        self._depth += 1
+        return self
+
+    def __exit__(self, *_) -> None:
+        """Give them back."""
+        if self._depth == 1:
+            try:
+                self._give_back()
+            finally:
+                self._depth = 0
+                self._call()
+        else:
+            self._depth -= 1
+
+    def handle(self) -> None:
+        """Call the handlers of the signals that came, all of them; take over those that are new."""
+        self._take()
+        self._call()
+
+    def _call(self) -> None:
+        if not self._notes:
+            return
+        handler, number, frame = self._notes[0]
+        try:
+            handler(number, frame)
+        finally:
+            del self._notes[0]  # not before: until then a second signal is handled at once
+            self._call()
+
+    def _leave_note(self, number: int, frame: FrameType | None) -> None:
+        handler = self._handlers[number]
+        waits = any(number == other for _, other, _ in self._notes)
+        if waits and frame is not None and not frame.f_code.co_filename.startswith(_OURS):
+            handler(number, frame)
+        else:
+            self._notes.append((handler, number, frame))
+
+    def _take(self) -> None:
+        """Take over the handlers that are not ours."""
+        try:
+            for number in itertools.compress(_NUMBERS, map(callable, map(signal.getsignal, _NUMBERS))):
+                handler = signal.getsignal(number)
+                if handler is not self._leave:
+                    self._handlers[number] = handler
+                    signal.signal(number, self._leave)
+        except BaseException:  # of a handler that was not taken over yet
+            if not self._depth:
+                self._give_back()
+            raise
+
+    def _give_back(self) -> None:
+        """Handlers that nobody has replaced are as they were."""
+        try:
+            while self._handlers:
+                number, handler = next(iter(self._handlers.items()))
+                if signal.getsignal(number) is self._leave:
+                    signal.signal(number, handler)
+                del self._handlers[number]
+        except BaseException:  # of a handler that is back already
+            self._give_back()
+            raise
+
+
+class _NotOurs(Held):
+    """Of another thread, which no handler is called in."""
+
+    def __enter__(self) -> Held:
+        """Take over the handlers."""
+        return self
+
+    def __exit__(self, *_) -> None:
+        """Give them back."""
+        pass
+
+    def handle(self) -> None:
+        """There is none."""
+
+
+_held, _not_ours = Held(), _NotOurs()
+
+
+def held() -> Held:
+    """Context for a call in which the library may call Python."""
+    return _held if threading.current_thread() is threading.main_thread() else _not_ours
+
+
+def carry(stop: BaseException, partial: Callable[[], object]) -> None:
+    """Let the exception that ends a call carry, as `partial`, what it had computed until then; None for nothing.
+
+    A refusal carries nothing: it is a sentence that says what to change.
+    """
+    if isinstance(stop, SymsdeError):
+        return
+    with contextlib.suppress(Exception):  # classes with slots
+        stop.partial = None
+        stop.partial = partial()

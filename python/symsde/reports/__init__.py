@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Reports: studies, stability, the paper, tables, figures and pages."""

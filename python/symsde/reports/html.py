@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Models, schemes and certificates as notebooks show them: HTML without scripts."""
+
+from __future__ import annotations
+
+import html
+import math
+import re
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import models
+from ..model.definition import FLAGS
+from ..run.tabular import html_table as table
+
+if TYPE_CHECKING:
+    from ..model.definition import Model
+    from ..schemes import Scheme
+
+_ROOTS = (2, 3, 5, 6, 15, 30)
+_WHOLES = sorted({Fraction(k, n) for n in (4, 9, 36) for k in range(-n, n + 1)}, key=lambda x: (x.denominator, abs(x)))
+_ROUNDING = 4e-15
+_MOST_STAGES = 6  #: of a tableau that is shown with all its numbers
+
+
+def number(x: float) -> str:
+    """A coefficient as it is written by hand where that is exact to rounding: 1/2, -1/6, 5/36 + √15/24."""
+    exact = _fraction(x, 360)
+    if exact is not None:
+        return str(exact)
+    for root in _ROOTS:
+        for whole in _WHOLES:
+            part = _fraction((x - float(whole)) / math.sqrt(root), 60)
+            if part is not None:
+                return _sum(whole, part, root)
+    return f"{x:.6g}"
+
+
+def _fraction(x: float, largest: int) -> Fraction | None:
+    """The fraction with a small denominator that a number is to rounding, if it is one."""
+    found = Fraction(float(x)).limit_denominator(largest)
+    return found if abs(float(found) - x) < _ROUNDING else None
+
+
+def _sum(whole: Fraction, part: Fraction, root: int) -> str:
+    over = f"/{part.denominator}" if part.denominator != 1 else ""
+    times = "" if abs(part.numerator) == 1 else f"{abs(part.numerator)} "
+    radical = f"{times}√{root}{over}"
+    if whole == 0:
+        return radical if part > 0 else f"-{radical}"
+    return f"{whole} {'+' if part > 0 else '-'} {radical}"
+
+
+def model(shown: Model) -> str:
+    """Name, Hamiltonians, parameters with their values, traits."""
+    lines = [f"<b>{html.escape(shown.name)}</b>: dp = -H_q dt - Σ H_k,q ∘ dW_k, dq = H_p dt + Σ H_k,p ∘ dW_k"]
+    lines += [f"<code>{html.escape(line)}</code>" for line in hamiltonians(shown)]
+    text = "<br>".join(lines)
+    if shown.parameters:
+        text += table(list(shown.parameters), [[f"{value:g}" for value in shown.parameters.values()]])
+    traits = shown.traits
+    given = [name.replace("_", " ") for name in FLAGS if getattr(traits, name)]
+    sizes = f"{traits.ndof} degrees of freedom, {traits.nnoise} noises"
+    return f"<div>{text}<br>{sizes}; {', '.join(given) or 'no traits'}</div>"
+
+
+def hamiltonians(shown: Model) -> list[str]:
+    """H and its noises as the user, or the docstring of a built-in model, writes them; empty for functions."""
+    formula = getattr(shown, "formula", None)
+    if formula is not None:
+        return [f"{'H' if j == 0 else f'H_{j}'} = {text}" for j, text in enumerate(formula.hamiltonians)]
+    text = getattr(models, shown.name).__doc__ if shown.name in models.names() else ""
+    return re.findall(r"\bH(?:_\w)? = .*?(?=, H_|:|\.\s)", text or "")
+
+
+def scheme(shown: Scheme) -> str:
+    """Name, structure, tableau where there is one, orders."""
+    info = shown.info
+    kinds = [name for name in ("symplectic", "symmetric") if getattr(info, name)] or ["not symplectic"]
+    head = f"<b>{html.escape(info.name)}</b>: {info.form}, {info.nstage} stages, {', '.join(kinds)}"
+    values = [f"{order.value:g}" if order.value else "-" for order in info.orders.values()]
+    orders = table(["order, noise", *info.orders], [["", *values]])
+    source = f"<br>{html.escape(info.reference)}" if info.reference else ""
+    return f"<div>{head}{source}{_tableaux(shown)}{orders}</div>"
+
+
+def _tableaux(shown: Scheme) -> str:
+    """The coefficients of q and p side by side; those of the noise where they differ."""
+    found = shown.tableau()
+    if found is None or shown.info.nstage > _MOST_STAGES:
+        return ""
+    parts = [("Q", found.a, found.alpha), ("P", found.abar, found.alpha)]
+    if not (np.array_equal(found.a, found.b) and np.array_equal(found.abar, found.bbar)):
+        parts += [("Q, noise", found.b, found.beta), ("P, noise", found.bbar, found.beta)]
+    tables = "".join(_tableau(name, found.c, matrix, weights) for name, matrix, weights in parts)
+    return tables + (f"not in the tableau: {html.escape(found.beside)}" if found.beside else "")
+
+
+def _tableau(name: str, c: np.ndarray, matrix: np.ndarray, weights: np.ndarray) -> str:
+    rows = [[number(node), *map(number, row)] for node, row in zip(c, matrix, strict=True)]
+    return table([name, *[""] * len(weights)], [*rows, ["", *map(number, weights)]])

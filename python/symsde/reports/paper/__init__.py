@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Every experiment of the paper [WHSB] with one command, `symsde paper`: a table, results.json and figures.
+
+[WHSB] is "Dynamics and variational integrators of stochastic Hamiltonian systems"; numbers in parentheses are its
+equations. One module an experiment, each with `run(quick)` and `draw(experiment, directory)`; they use the public
+interface of symsde only, so that each can be read as an example.
+"""
+
+from time import perf_counter
+
+from ...native import files
+from ...native.build import build_info
+from .. import expectations, pages
+from . import euler_lagrange, figure_4_1, figure_4_2, kubo, linear_oscillator, symplecticity
+
+EXPERIMENTS = (kubo, linear_oscillator, figure_4_1, figure_4_2, symplecticity, euler_lagrange)
+
+
+def run(out, quick=False):
+    """Run all experiments, write into the directory `out`, print the table; 0, or 1 if an expectation failed."""
+    with files.folder(out) as directory:
+        return _run(directory, quick)
+
+
+def _run(directory, quick):
+    print(f"{pages.made_by()}: the experiments of [WHSB]{' (quick)' if quick else ''}")
+    begin = perf_counter()
+    experiments = []
+    for module in EXPERIMENTS:
+        start = perf_counter()
+        experiments.append(module.run(quick))
+        module.draw(experiments[-1], directory)
+        print(expectations.block(experiments[-1], "equations", perf_counter() - start), flush=True)
+    results = {experiment.name: _record(experiment, quick) for experiment in experiments}
+    files.replace_text(directory / "results.json", files.json_text(results, digits=None, indent=1))
+    print(f"\nwritten to {directory}: results.json and the figures; {perf_counter() - begin:.0f} s")
+    print(expectations.summary(experiments))
+    return int(expectations.count(experiments, False) > 0)
+
+
+def _record(experiment, quick):
+    """What results.json holds of an experiment."""
+    keys = ("equations", "quantity", "measured", "expected", "passed")
+    return {
+        "seed": experiment.seed,
+        **{key: build_info()[key] for key in ("version", "compiler")},
+        "quick": quick,
+        "parameters": experiment.parameters,
+        **experiment.numbers,
+        "checks": [dict(zip(keys, vars(check).values(), strict=True)) for check in experiment.checks],
+    }

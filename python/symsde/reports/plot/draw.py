@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Figures of paths, moments and observers."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InvalidArgumentError
+from ...native import checks, files
+from .. import look
+from .data import Means, Paths, known
+
+ENDINGS = (".png", ".pdf", ".svg")
+MOST_PATHS = 50
+_WIDTH, _HEIGHT = 6.0, 2.4  # inches; the height is that of one panel
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line with its bands: two standard errors, and the standard deviation."""
+
+    label: str
+    x: np.ndarray
+    y: np.ndarray
+    error: np.ndarray | None = None
+    spread: np.ndarray | None = None
+
+
+def finish(panels: Sequence[Callable], title: str, path: object = None):
+    """A figure of panels one below the other, each a function of axes; written where a path is given."""
+    target = None if path is None else files.path_of("path", path)
+    if target is not None and target.suffix not in ENDINGS:
+        raise InvalidArgumentError(f"{os.fspath(target)!r} has no ending of a figure: give one of {', '.join(ENDINGS)}")
+    matplotlib = files.optional("matplotlib", "plot")
+    figures = importlib.import_module("matplotlib.figure")
+    with matplotlib.rc_context(look.STYLE):
+        page = figures.Figure(figsize=(_WIDTH, 0.5 + _HEIGHT * len(panels)), layout="constrained")
+        for axes, panel in zip(page.subplots(len(panels), squeeze=False)[:, 0], panels, strict=True):
+            panel(axes)
+        page.suptitle(title, fontsize=9)
+        _take_names_as_they_are(page)
+        look.readable(page)
+        if target is not None:
+            write(page, target)
+    return page
+
+
+def _take_names_as_they_are(page: Any) -> None:
+    """No mathematics in labels: names are the user's, and may hold a $."""
+    texts = [page._suptitle] if page._suptitle is not None else []
+    for axes in page.axes:
+        texts += [axes.xaxis.label, axes.yaxis.label, axes.title]
+        texts += axes.get_legend().get_texts() if axes.get_legend() else []
+    for text in texts:
+        text.set_parse_math(False)
+
+
+def write(page: Any, target: Path) -> None:
+    """A figure as a file."""
+    files.replace(target, lambda part: page.savefig(part, dpi=150))
+
+
+# ---- saved paths ---------------------------------------------------------------------------------------------------
+
+
+def of_run(data: Paths, what: str, of: Sequence[str] | None, most: int) -> tuple[list[Callable], str]:
+    """Panels and title: values along time, the phase plane of each degree of freedom, or the energy."""
+    checks.choice("what", what, ["paths", "phase", "energy"])
+    shown = _shown(data, checks.integer("most", most, (1, 2**20)))
+    title = f"{data.title}, {len(shown)} of {len(data.path)} paths"
+    if what == "phase":
+        pairs = [_pair(name, data) for name in (of or ["q_1"])]
+        return [_phase(data, q, p, shown) for q, p in pairs], title
+    if what == "energy":
+        if data.energies is None:
+            raise InvalidArgumentError(
+                "the energy is not known here: give the folder of the run, or a model with value"
+            )
+        of = ["energy"]
+    names = of or ["q_1", "p_1"]
+    return [_along(data, name, shown) for name in names], title
+
+
+def _shown(data: Paths, most: int) -> np.ndarray:
+    """Which paths: the first ones of those that are ok somewhere."""
+    there = np.flatnonzero(np.isfinite(data.q).all(axis=1).any(axis=0))
+    if there.size == 0:
+        raise InvalidArgumentError("no path has a finite value: there is nothing to draw; see status and failed_step")
+    return there[:most]
+
+
+def _pair(name: str, data: Paths) -> tuple[str, str]:
+    known(name, [x for x in data.columns() if x != "energy"])
+    return f"q_{name[2:]}", f"p_{name[2:]}"
+
+
+def _lines(axes: Any, x: np.ndarray, y: np.ndarray, path: np.ndarray) -> None:
+    """A line for each path; a point where there is only one time."""
+    mark = {"marker": "o", "linestyle": ""} if len(y) == 1 else {}
+    faint = {"alpha": 1.0 if len(path) <= len(look.COLOURS) else 0.5}
+    for i, index in enumerate(path):
+        along = x if x.ndim == 1 else x[:, i]
+        axes.plot(along, y[:, i], color=look.COLOURS[i % len(look.COLOURS)], label=f"path {index}", **mark, **faint)
+    if len(path) <= 8:
+        axes.legend()
+
+
+def _along(data: Paths, name: str, shown: np.ndarray) -> Callable:
+    values = data.values(name)[:, shown]
+
+    def panel(axes: Any) -> None:
+        _lines(axes, data.t, values, data.path[shown])
+        axes.set_xlabel("t")
+        axes.set_ylabel(name)
+
+    return panel
+
+
+def _phase(data: Paths, q: str, p: str, shown: np.ndarray) -> Callable:
+    x, y = data.values(q)[:, shown], data.values(p)[:, shown]
+
+    def panel(axes: Any) -> None:
+        _lines(axes, x, y, data.path[shown])
+        axes.set_xlabel(q)
+        axes.set_ylabel(p)
+
+    return panel
+
+
+# ---- moments -------------------------------------------------------------------------------------------------------
+
+
+def of_moments(data: Means, what: str, of: Sequence[str] | None) -> tuple[list[Callable], str]:
+    """Panels and title: means with bands."""
+    checks.choice("what", what, ["moments", "energy"])
+    if what == "energy":
+        if "energy" not in data.columns():
+            raise InvalidArgumentError("the model has no energy (no value): draw other moments")
+        of = ["energy"]
+    if not (data.n_ok > 0).any():
+        raise InvalidArgumentError("no path is ok at any time: there is nothing to draw; see failed and failed_step")
+    names = of or [name for name in data.columns() if name in ("q_1", "p_1") or not name.startswith(("q_", "p_"))]
+    panels = []
+    for name in names:
+        known(name, data.columns())
+        mean, var, error = (data.tables[kind][name] for kind in ("mean", "var", "se_mean"))
+        panels.append(_curves("t", f"mean {name}", [Curve("mean", data.t, mean, error, np.sqrt(var))]))
+    first, last = data.n_ok[0], data.n_ok[-1]
+    count = f"{first} paths" if first == last else f"{first} paths, {last} at the end"
+    return panels, f"{data.title}, {count}; bands: two standard errors, standard deviation"
+
+
+def _curves(xlabel: str, ylabel: str, curves: Sequence[Curve]) -> Callable:
+    def panel(axes: Any) -> None:
+        for i, curve in enumerate(curves):
+            colour = look.COLOURS[i % len(look.COLOURS)]
+            mark = {"marker": "o", "linestyle": ""} if len(curve.y) == 1 else {}
+            axes.plot(curve.x, curve.y, color=colour, label=curve.label, **mark)
+            for width, alpha in ((curve.spread, 0.12), (curve.error, 0.35)):
+                if width is not None:
+                    wide = width if width is curve.spread else 2 * width
+                    axes.fill_between(curve.x, curve.y - wide, curve.y + wide, color=colour, alpha=alpha, linewidth=0)
+        axes.set_xlabel(xlabel)
+        axes.set_ylabel(ylabel)
+        if len(curves) > 1:
+            axes.legend()
+
+    return panel
+
+
+# ---- observers -----------------------------------------------------------------------------------------------------
+
+
+def of_observed(found: Any, at: int = -1) -> tuple[list[Callable], str]:
+    """Panels and title of what an observer kept; at: which saved time of a histogram."""
+    kind, names = found.observer.KIND, ", ".join(found.observer.names(()) or ("q", "p"))
+    if kind == "histogram":
+        at = checks.integer("at", at, (-len(found.t), len(found.t) - 1))
+        if not found.counts[at].any():
+            raise InvalidArgumentError(f"no bin holds a path at t = {found.t[at]:g}: there is nothing to draw")
+        outside = int(found.below[at] + found.above[at] + found.not_a_number[at])
+        title = f"{names} at t = {found.t[at]:g}, {int(found.counts[at].sum())} paths, {outside} outside"
+        return [_histogram(found, names, at)], title
+    t, curves = found.t, _CURVES[kind](found)
+    if not any(np.isfinite(curve.y).any() for curve in curves):
+        raise InvalidArgumentError(f"the {kind} of {names} has no finite value: there is nothing to draw")
+    xlabel = "lag" if kind == "autocorrelation" else "t"
+    bands = "; bands: two standard errors" if curves[0].error is not None else ""
+    return [_curves(xlabel, _YLABELS.get(kind, kind), curves)], f"{kind} of {names}, {len(t)} times{bands}"
+
+
+def _histogram(found: Any, name: str, at: int) -> Callable:
+    density, error = found.density[at], found.se_density[at]
+
+    def panel(axes: Any) -> None:
+        axes.stairs(density, found.edges, color=look.BLUE, fill=True, alpha=0.5)
+        middle = (found.edges[1:] + found.edges[:-1]) / 2
+        axes.errorbar(middle, density, 2 * error, color=look.BLACK, linestyle="", linewidth=0.7)
+        axes.set_xlabel(name)
+        axes.set_ylabel("density")
+
+    return panel
+
+
+def _pairs(found: Any) -> list[Curve]:
+    k = len(found.names)
+    return [
+        Curve(f"{found.names[i]}, {found.names[j]}", found.t, found.covariance[:, i, j], found.se_covariance[:, i, j])
+        for i in range(k)
+        for j in range(i, k)
+    ]
+
+
+_YLABELS = {"passage": "share that left", "quantiles": "quantile", "paths": "value"}
+_CURVES: dict[str, Callable[[Any], list[Curve]]] = {
+    "quantiles": lambda x: [
+        Curve(f"{share:g}", x.t, x.quantile[:, i], x.se_quantile[:, i]) for i, share in enumerate(x.shares)
+    ],
+    "covariance": _pairs,
+    "autocorrelation": lambda x: [Curve("correlation", x.lag, x.correlation, x.se_correlation)],
+    "extremes": lambda x: [
+        Curve("highest", x.t, x.mean_highest, x.se_mean_highest),
+        Curve("lowest", x.t, x.mean_lowest, x.se_mean_lowest),
+    ],
+    "passage": lambda x: [Curve("lost", x.t, x.lost, x.se_lost)],
+    "paths": lambda x: [
+        Curve(f"{name} of path {path}", x.t, x.values[i, :, j])
+        for i, path in enumerate(x.path)
+        for j, name in enumerate(x.names)
+    ],
+}

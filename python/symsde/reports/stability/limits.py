@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Up to which step a scheme is stable: from the matrix of its step on H = (p^2 + q^2)/2, where h is omega h."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+import symsde as ss
+
+from ...errors import SymsdeError
+from ..expectations import Expectations
+from .scenario import simulate
+
+SCAN = np.append(np.geomspace(0.1, 100, 300), (1e3, 1e4))  #: omega h; narrow windows of instability may lie between
+NEXT = np.linspace(1.0, 1.1, 201)[1:]  #: of a limit: where growth beyond it is looked for
+ROUNDING = 1e-9  #: of determinants and traces
+LONG = 3.0  #: omega h at which the turn of a step is told
+SHORT = 0.1  #: omega h at which growth is told where no step is stable
+KNOWN = {"midpoint": math.inf, "lobatto3": math.sqrt(8), "symplectic_euler": 2.0, "stormer_verlet": 2.0, "heun": 0.0}
+HEAD = ("schemes", "symplectic", "stable up to omega h", "what happens beyond")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Of one scheme: the step from which on it is unstable, 0 = every step, infinite = none that was tried."""
+
+    scheme: str
+    omega_h: float
+    beyond: float  #: where growth is told
+    rate: float  #: log of the growth of |z| a step there
+    again: float = math.inf  #: stable again from here, within 10 % of the limit
+
+    def words(self) -> str:
+        """What happens beyond."""
+        if self.omega_h == math.inf:
+            turn = math.acos(np.trace(step_matrix(self.scheme, LONG)) / 2)
+            return f"nothing blows up; at omega h = {LONG:g} a step turns by {turn:.2f} in place of {LONG:.2f}"
+        again = f"; stable again from {self.again:.3g}" if self.again < math.inf else ""
+        return f"n steps grow by exp({self.rate:.2g} n) at omega h = {self.beyond:.3g}{again}"
+
+
+def step_matrix(scheme: str, omega_h: float) -> np.ndarray:
+    """Matrix (2, 2) of a step, of z = (q, p)."""
+    start = {"q0": np.array([[1.0, 0.0]]), "p0": np.array([[0.0, 1.0]]), "paths": 2}
+    run = simulate(ss.models.linear_oscillator(sigma=0.0), scheme=scheme, step=omega_h, steps=1, **start)
+    return np.concatenate([run.q[-1], run.p[-1]])
+
+
+def is_stable(matrix: np.ndarray) -> bool:
+    """No eigenvalue outside the unit circle: |det| <= 1 and |trace| <= 1 + det."""
+    determinant = np.linalg.det(matrix)
+    return bool(abs(determinant) <= 1 + ROUNDING and abs(np.trace(matrix)) <= 1 + determinant + ROUNDING)
+
+
+def limit(scheme: str) -> Limit:
+    """The first step of the scan that is unstable, refined, and how fast runs grow next to it."""
+    low, high = stable_up_to(scheme)
+    if low == math.inf:
+        return Limit(scheme, math.inf, math.inf, 0.0)
+    if low == 0:
+        return Limit(scheme, 0.0, SHORT, rate(scheme, SHORT))
+    near = high * NEXT
+    rates = [rate(scheme, x) for x in near]
+    worst = int(np.argmax(rates))
+    again = next((x for x in near[worst:] if is_stable(step_matrix(scheme, x))), math.inf)
+    return Limit(scheme, low, float(near[worst]), rates[worst], float(again))
+
+
+@functools.cache
+def stable_up_to(scheme: str) -> tuple[float, float]:
+    """omega h below which every step is stable, and one just above it that is not; 0 where none, infinite where all."""
+    low = 0.0
+    for high in SCAN.tolist():
+        if not is_stable(step_matrix(scheme, high)):
+            break
+        low = high
+    else:
+        return math.inf, math.inf
+    while low > 0 and high - low > 1e-6 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if is_stable(step_matrix(scheme, middle)) else (low, middle)
+    return low, high
+
+
+def rate(scheme: str, omega_h: float) -> float:
+    """Log of the growth of |z| by a step, in the long run."""
+    return math.log(np.abs(np.linalg.eigvals(step_matrix(scheme, omega_h))).max())
+
+
+def limits(names: Iterable[str]) -> list[Limit]:
+    """Of those schemes that take an oscillator, the most stable first."""
+    found = []
+    for name in names:
+        try:
+            found.append(limit(name))
+        except SymsdeError:
+            continue  # it is made for other models
+    return sorted(found, key=lambda one: -one.omega_h)
+
+
+def table(found: list[Limit]) -> list[list[str]]:
+    """The first table of the page; schemes with the same words share a row."""
+    rows: dict[tuple, list[str]] = {}
+    for one in found:
+        upto = {0.0: "no step", math.inf: "every step"}.get(one.omega_h, f"{one.omega_h:.4g}")
+        symplectic = "yes" if ss.schemes.get(one.scheme).info.symplectic else "no"
+        rows.setdefault((symplectic, upto, one.words()), []).append(f"`{one.scheme}`")
+    return [[", ".join(names), *words] for words, names in rows.items()]
+
+
+def stability_limits(quick: bool) -> Expectations:
+    """Runs on both sides of every limit do what the matrix of a step says."""
+    result = Expectations("stability_limits", "Stability limits of all schemes, on both sides")
+    result.curves = {"limits": limits(KNOWN if quick else ss.schemes.names())}
+    for one in result.curves["limits"]:
+        if one.scheme in KNOWN:
+            result.same(one.scheme, "limit of omega h", f"{one.omega_h:.4f}", f"{KNOWN[one.scheme]:.4f}", "by hand")
+        if one.omega_h > 0:
+            x = min(0.99 * one.omega_h, 100.0)
+            result.at_most(f"{one.scheme}, {x:.4g}", "largest |z| in 10^4 steps", sizes(one.scheme, x).max(), 100)
+        if one.omega_h < math.inf:
+            size = sizes(one.scheme, one.beyond, steps=min(10**4, int(300 / one.rate)))
+            half = len(size) // 2
+            found = math.log(size[-1] / size[half]) / (len(size) - 1 - half)
+            result.near(f"{one.scheme}, {one.beyond:.4g}", "log of the growth a step", found, one.rate, 0.02 * one.rate)
+    return result
+
+
+def sizes(scheme: str, omega_h: float, steps: int = 10**4) -> np.ndarray:
+    """|z| along a run from (1, 0)."""
+    run = simulate(ss.models.linear_oscillator(sigma=0.0), scheme=scheme, q0=1.0, p0=0.0, step=omega_h, steps=steps)
+    return np.hypot(run.q[:, 0, 0], run.p[:, 0, 0])

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Error against run time: every scheme at every step on the same Brownian paths, and what each point costs.
+
+Errors and run times come from separate runs: increments that are sums of finer ones are not what a user pays for.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...answers.coupled_errors import References, measure
+from ...answers.error_plan import Plan, make_plan
+from ...model.definition import Model
+from ...native import checks, files
+from ...native.progress import say
+from ...schemes import Scheme
+from . import orders, study_figure, table
+from . import study_words as words
+from .state import State, point_key
+from .timing import cost
+
+SCHEMES = ("midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "heun")
+STEPS = (16, 32, 64, 128, 256)
+
+
+@dataclass(frozen=True)
+class WorkPrecision:
+    """Errors and costs of every point; `rows` are dicts with the columns of `symsde.reports.study.table.COLUMNS`."""
+
+    name: str
+    model: str
+    horizon: float
+    schemes: list[str]
+    rows: list[dict]
+    orders: dict[str, orders.Order]  #: of each scheme, plateaus left out
+    resumed: int  #: points that an earlier run had finished
+    about: dict[str, str] = field(default_factory=dict)  #: what all points have in common, for the head of the table
+    peers: list[dict] = field(default_factory=list)  #: of other packages on the same problem, measured beside symsde
+
+    def words(self) -> str:
+        """For this error use this scheme at this step."""
+        return words.paragraph(self.rows, self.orders)
+
+    def __str__(self) -> str:
+        """Table, one line a point."""
+        head = f"{self.name}: {self.model} to t = {self.horizon:g}, {self.rows[0]['paths'] if self.rows else 0} paths"
+        references = ", ".join(dict.fromkeys(row["reference"] for row in self.rows))
+        return f"{head}, against {references}\n{table.terminal(self.rows, self.orders)}"
+
+    def data(self) -> dict:
+        """What the figure shows, for a JSON file; `of_data` reads it."""
+        known = {key: getattr(self, key) for key in ("name", "model", "horizon", "schemes", "rows")}
+        return known | ({"peers": self.peers} if self.peers else {})
+
+    def save(self, directory: str | os.PathLike) -> None:
+        """Write work-precision.csv, and work-precision.png and .pdf, for which matplotlib must be installed."""
+        with files.folder(directory) as target:
+            table.write_csv(target / "work-precision.csv", self.rows, self.about)
+            self.plot(target / "work-precision.png", pdf=True)
+
+    def plot(self, path: str | os.PathLike, *, pdf: bool = False) -> None:
+        """Draw strong and weak error against run time and step; write a PNG, and a PDF beside it on request."""
+        study_figure.save(files.path_of("path", path), self, pdf=pdf)
+
+
+def work_precision(
+    model: Model,
+    *,
+    q0: Any,
+    p0: Any,
+    schemes: Sequence[str | Scheme] = SCHEMES,
+    steps: Sequence[int] = STEPS,
+    horizon: float = 1.0,
+    paths: int = 1000,
+    reference: str = "auto",
+    reference_steps: int | None = None,
+    repeats: int = 7,
+    interval: float | None = None,
+    invariants: dict[str, Callable] | None = None,
+    out: str | os.PathLike | None = None,
+    progress: bool = False,
+    name: str | None = None,
+    about: Mapping[str, str] | None = None,
+    **options: Any,
+) -> WorkPrecision:
+    """Error against run time of several schemes at several steps, all on the same Brownian paths.
+
+    - schemes: names or Schemes; steps: numbers of steps to the horizon, each the largest divided by a power of two
+    - horizon: time at which errors are taken; paths: of the error runs, at least 40
+    - reference: "exact", the name of a scheme, or "auto": the exact solution where the model has one, else a better
+      scheme with `reference_steps` steps (a power of two times the finest), whose own error is estimated and shown
+    - repeats: timed runs of a point, at least 5, on one thread
+    - interval: relative half width wanted of the strong errors; too few paths for it are refused
+    - invariants: {name: f(q, p)}; without any, H where every noise Hamiltonian commutes with it
+    - out: directory for the table, the figure and the finished points; a rerun goes on where an earlier one stopped
+    - about: names and texts that the head of the table shall repeat, beside model, first states and options
+    - further options are t0, seed, correction, truncation, compensated and threads (of the error runs) of `simulate`
+
+    Misuse raises a ValueError with a sentence before the first long run. Points whose paths fail are marked.
+    """
+    progress = checks.flag("progress", progress)
+    plan = make_plan(
+        model, q0=q0, p0=p0, schemes=schemes, steps=steps, horizon=horizon, paths=paths, reference=reference,
+        reference_steps=reference_steps, repeats=repeats, interval=interval, invariants=invariants, name=name,
+        about=about, **options,
+    )  # fmt: skip
+    if out is None:
+        return _measured(plan, None, progress)
+    files.optional("matplotlib", "plot")  # better refused now than after an hour
+    with files.folder(out) as directory:
+        return _measured(plan, directory, progress)
+
+
+def _measured(plan: Plan, directory: Path | None, progress: bool) -> WorkPrecision:
+    """Every point; what is finished is saved, however this ends."""
+    rows: list[dict] = []
+    resumed = 0
+    try:
+        for row in points(plan, State(directory), progress):
+            resumed += row.pop("resumed")
+            rows.append(row)
+    finally:
+        result = finish(plan, rows, resumed)
+        if directory is not None and rows:
+            result.save(directory)
+    return result
+
+
+def points(plan: Plan, state: State, progress: bool):
+    """Each point as a row, as soon as it is known."""
+    references = References(plan)
+    total = len(plan.schemes) * len(plan.steps)
+    done = 0
+    for scheme in plan.schemes:
+        for steps in plan.steps:
+            done += 1
+            _tell(progress, f"{done}/{total} {plan.name}: {scheme.name}, {steps} steps")
+            key = point_key(plan, scheme, steps)
+            known = state.get(key)
+            if known is None:
+                known = {**measure(plan, scheme, steps, references), **cost(plan, scheme, steps)}
+                state.put(key, known)
+                yield {**_head(plan, scheme, steps), **known, "resumed": False}
+            else:
+                yield {**_head(plan, scheme, steps), **known, "resumed": True}
+    _tell(progress, "")
+
+
+def finish(plan: Plan, rows: list[dict], resumed: int) -> WorkPrecision:
+    """Judge the points together."""
+    for row in rows:
+        row["status"] = orders.judge(row)
+    front = orders.pareto(rows)
+    for i, row in enumerate(rows):
+        row["pareto"] = i in front
+    names = [scheme.name for scheme in plan.schemes]
+    known = {"name": plan.name, "model": repr(plan.model), "horizon": plan.horizon, "schemes": names, "rows": rows}
+    return of_data(known, resumed, plan.about())
+
+
+def of_data(data: dict, resumed: int = 0, about: Mapping[str, str] | None = None) -> WorkPrecision:
+    """A study from what `data` gave, with the orders that its rows show."""
+    rows, names = data["rows"], data["schemes"]
+    fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
+    known = data["name"], data["model"], data["horizon"], names, rows, fitted, resumed, dict(about or {})
+    return WorkPrecision(*known, data.get("peers", []))
+
+
+def _head(plan: Plan, scheme: Scheme, steps: int) -> dict:
+    return {
+        "scene": plan.name,
+        "scheme": scheme.name,
+        "steps": steps,
+        "h": plan.horizon / steps,
+        "reference": str(plan.references[scheme.name]),
+        "paths": plan.paths,
+    }
+
+
+def _tell(progress: bool, text: str) -> None:
+    """One line on stderr, written over."""
+    if progress:
+        say(f"\r\033[K{text}")

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where symplectic pays: what a path costs that keeps a tolerance, as the horizon grows, beside two plain rules.
+They are Heun's and Taylor's of order 1.5.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+
+from ...answers.advice.ladder import Ladder
+from ...answers.advice.wants import Invariants, Moments, Paths, Seen
+from ...answers.expectation.longest_step import fewest_steps
+from ...answers.expectation.problem import make_problem
+from ...models import kubo, synchrotron
+from ...run.simulate import Run
+from ...schemes import as_scheme
+from .. import look
+from .plain_rules import RULES, Plain
+
+SCHEMES = ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "heun", "taylor15")
+ON_KUBO = ("midpoint", "stormer_verlet", "gauss2", "heun", "taylor15")  #: whose noise is on p, too
+HORIZONS = (1.0, 10.0, 100.0, 1000.0)
+KUBO = (1.0, 0.3)  #: a and sigma, those of the scene
+SIGMA = (0.02, 0.01)  #: so little noise that the energy stays of one size up to the last horizon
+
+
+class Energy(Moments):
+    """Error of the mean energy."""
+
+    name = "energy"
+    words = "error of E H at the horizon"
+    count = 1024
+
+    def _observed(self, run: Run) -> np.ndarray:
+        return self.problem.model.value(run.q[-1], run.p[-1])[np.newaxis]
+
+
+class Circle(Paths):
+    """Distance from the circle on which the invariant law of Kubo's oscillator is uniform."""
+
+    name = "circle"
+    words = "root mean square distance from the circle of the invariant law, at the horizon"
+    count = 256
+
+    def see(self, scheme, steps: int) -> Seen:
+        """The distance itself: of exact paths it is 0."""
+        run = self.problem.run(scheme, steps, paths=self.count)
+        size = math.sqrt(np.mean((np.hypot(run.q[-1], run.p[-1]) - 1) ** 2))
+        return Seen(size, 0.0, size)
+
+
+#: what is kept, and the tolerance: amplitudes are 1, H begins at -2.2
+WANTS = (
+    (Paths, 0.1, "paths to 0.1"),
+    (Energy, 0.01, "E H to 0.01"),
+    (Invariants, 0.01, "H without noise to 1 %"),
+    (Circle, 0.01, "invariant law to 0.01 (Kubo)"),
+)
+
+
+def compute() -> dict:
+    """Steps and microseconds of a path for every want, horizon and scheme; null where no affordable step keeps it."""
+    rows = [
+        {"want": words, "horizon": horizon, "scheme": name, **cost(kind, tolerance, horizon, name)}
+        for kind, tolerance, words in WANTS
+        for horizon in HORIZONS
+        for name in (ON_KUBO if kind is Circle else SCHEMES)
+    ]
+    dearer = {"synchrotron": _dearer(False), "kubo": _dearer(True)}
+    return {"model": repr(synchrotron(2.0, *SIGMA)), "taylor15 over heun": dearer, "rows": rows}
+
+
+def cost(kind: type, tolerance: float, horizon: float, name: str) -> dict:
+    """Steps and microseconds of a path by a scheme. H is kept by a model whose noises have strength zero, as schemes
+    that take more of the path than increments cannot be given these; all times are those of the noisy model. The time
+    of Taylor's rule is that of Heun's in the library times what the two take in NumPy, at as many steps."""
+    parameters = KUBO if kind is Circle else (2.0, *SIGMA)
+    still = (parameters[0], *(0.0 for _ in parameters[1:]))
+    noisy, quiet = (_problem(kind, values, horizon) for values in (parameters, still))
+    problem = quiet if kind is Invariants else noisy
+    plain = name == "taylor15"
+    asked = Plain(problem, still if kind is Invariants else parameters) if plain else problem
+    ladder = Ladder(asked, name if plain else as_scheme(name), kind(problem), fewest=fewest_steps(problem))
+    ladder.want.problem = asked
+    found = ladder.climb(tolerance, math.inf)
+    if found is None:
+        return {"steps": None, "microseconds": None}
+    steps = math.ceil(found)
+    seconds = Ladder(noisy, as_scheme("heun" if plain else name), kind(noisy), fewest=1).seconds(steps)
+    seconds *= _dearer(kind is Circle) if plain else 1.0
+    return {"steps": steps, "microseconds": float(f"{1e6 * seconds:.4g}")}
+
+
+def _problem(kind: type, parameters: tuple[float, ...], horizon: float):
+    """Kubo's oscillator or the synchrotron."""
+    model = (kubo if kind is Circle else synchrotron)(*parameters)
+    return make_problem(model, _nothing, q0=1.0, p0=0.0, horizon=horizon)
+
+
+@functools.cache
+def _dearer(circle: bool) -> float:
+    """Seconds of a step of Taylor's rule over those of Heun's, both in NumPy with what they draw: least of 25."""
+    kind, parameters = (Circle, KUBO) if circle else (Paths, (2.0, *SIGMA))
+    plain = Plain(_problem(kind, parameters, 1.0), parameters)
+    least = dict.fromkeys(RULES, math.inf)
+    for _ in range(25):
+        for rule in RULES:
+            begin = time.process_time()
+            plain.run(rule, 100, paths=1024)
+            least[rule] = min(least[rule], time.process_time() - begin)
+    return least["taylor15"] / least["heun"]
+
+
+def save(path: Path, data: dict) -> None:
+    """Draw the cost of a path by its horizon, a panel for each want."""
+    wants = list(dict.fromkeys(row["want"] for row in data["rows"]))
+    with look.drawing(path, 11.0, 3.6, 130) as page:
+        for axes, want in zip(page.subplots(1, len(wants), sharey=True), wants, strict=True):
+            for name in dict.fromkeys((*SCHEMES, *ON_KUBO)):
+                points = [
+                    (row["horizon"], row["microseconds"])
+                    for row in data["rows"]
+                    if row["want"] == want and row["scheme"] == name and row["microseconds"] is not None
+                ]
+                if points:
+                    axes.plot(*zip(*points, strict=True), label=name, **look.of_scheme(name))
+            axes.set(xscale="log", yscale="log", xlabel="horizon $T$", title=want)
+        page.axes[0].set_ylabel(r"$\mu$s a path")
+        named = {}
+        for axes in page.axes:
+            named |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+        page.legend(named.values(), named.keys(), loc="outside lower center", ncols=7)
+
+
+def _nothing(q: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """No function is asked for."""
+    return np.zeros(q.shape[1])

@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Integrate paths and keep their moments only."""
+
+from __future__ import annotations
+
+import csv
+import ctypes
+import dataclasses
+import functools
+import importlib
+import json
+import os
+import re
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import FalseTraitError, InvalidArgumentError, NotANumberWarning
+from ..model.definition import Model
+from ..native import abi, callbacks, checks, files, handles
+from ..native.checks import address
+from ..native.progress import Monitor, Progress
+from ..native.signals import carry
+from . import provenance, tabular
+from .observers import kept, observer_results, requests
+from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
+from .report import Reported, filled
+from .setup import Setup, make_setup
+
+
+class Moments(Reported):
+    """Means, unbiased variances and standard errors of means over the paths that are ok up to each time."""
+
+    t: np.ndarray  #: (time,)
+    n_ok: np.ndarray  #: (time,), paths that count
+    mean_q: np.ndarray  #: (time, dof); likewise var_q, se_mean_q
+    mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p
+    mean_energy: np.ndarray | None  #: (time,) of H, None without value; likewise var_energy, se_mean_energy
+    mean: dict[str, np.ndarray]  #: (time,) of each observable; likewise var, se_mean
+    m2: np.ndarray  #: (time, value), sums of squared deviations, by which parts of an ensemble merge exactly
+    failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
+    kept: dict[str, kept.Kept]  #: what each observer has kept, by which parts of an ensemble merge exactly
+
+    def __init__(
+        self,
+        setup: Setup,
+        observables: Mapping[str, Observable] | Iterable[str],
+        observers: kept.Kinds | None = None,
+    ):
+        """Room for the moments, of these observables too, and for these observers; `fill` computes them."""
+        self.setup = setup
+        self.observers = dict(observers or {})
+        self._observables = described(observables)
+        refuse_coordinates(self._observables, setup.model.ndof)
+        self._has_energy = setup.model.traits.has_value
+        ndof = setup.model.ndof
+        nvalue = 2 * ndof + self._has_energy + len(self._observables)
+        checks.room((3, setup.ntime, nvalue), "the moments (mean, variance, error; time, value)")
+        self.t = np.empty(setup.ntime)
+        self.n_ok = np.empty(setup.ntime, np.int64)
+        self._tables = {kind: np.empty((setup.ntime, nvalue)) for kind in ("mean", "var", "se_mean")}
+        self.m2 = np.empty((setup.ntime, nvalue))
+        self._name_columns()
+        self.kept = {name: self.scope.room(observer) for name, observer in self.observers.items()}
+        if self.observers:
+            self._check_names()
+
+    def _check_names(self) -> None:
+        """Refuse names of observers and observables by which files would hold two variables of one name."""
+        taken = dict.fromkeys(("n_ok", "failed", "failed_status", "failed_step"), "what every file holds")
+        taken |= {f"{kind}_{name}": f"the observable {name!r}" for kind in self._tables for name in self._observables}
+        for name, result in observer_results.observed(
+            self.scope, np.zeros(len(self.t)), self.observers, self.kept
+        ).items():
+            for variable in result.variables(name):
+                if variable in taken:
+                    raise InvalidArgumentError(
+                        f"the observer {name!r} would call a variable of files {variable}, as {taken[variable]} does: "
+                        "give one of the two another name"
+                    )
+                taken[variable] = f"the observer {name!r}"
+
+    def _name_columns(self) -> None:
+        """Attributes that show the columns of the tables."""
+        ndof = self.setup.model.ndof
+        for kind, table in self._tables.items():
+            setattr(self, f"{kind}_q", table[:, :ndof])
+            setattr(self, f"{kind}_p", table[:, ndof : 2 * ndof])
+            setattr(self, f"{kind}_energy", table[:, 2 * ndof] if self._has_energy else None)
+            first = 2 * ndof + self._has_energy
+            setattr(self, kind, {name: table[:, first + i] for i, name in enumerate(self._observables)})
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """From a copy or a pickle: the columns show its own tables."""
+        self.__dict__.update(state)
+        self._name_columns()
+
+    @property
+    def scope(self) -> kept.Scope:
+        """What observers look at."""
+        return kept.Scope(self.setup, self.columns(), len(self._observables))
+
+    @functools.cached_property
+    def observed(self) -> dict[str, observer_results.Observed]:
+        """Results of the observers, by their names."""
+        return observer_results.observed(self.scope, self.t, self.observers, self.kept)
+
+    def fill(self, observables: dict[str, Observable], progress: Progress) -> None:
+        """Let the library integrate."""
+        failures = callbacks.Failures()
+        moments = handles.new(abi.Moments, "moments")
+        moments.t, moments.n_ok, moments.m2 = (address(x) for x in (self.t, self.n_ok, self.m2))
+        for member, kind in (("mean", "mean"), ("variance", "var"), ("se_mean", "se_mean")):
+            setattr(moments, member, address(self._tables[kind]))
+        _bound = bind(observables, self.setup.model, moments, failures)
+        if self.observers:
+            addresses, _made = kept.structs(self.scope, self.observers, self.kept)
+            moments.nobserver, moments.observers = len(self.observers), ctypes.addressof(addresses)
+        report = handles.new(abi.Report, "report")
+        with Monitor(progress) as monitor:
+            try:
+                self._integrate(moments, report, monitor, failures)
+            finally:
+                listed = moments.nfailed_listed
+                for name in ("failed", "failed_status", "failed_step"):
+                    setattr(self, name, np.array(getattr(moments, name)[:listed], np.int64))
+                self._keep_report(report)
+            self._warn_of_failures()
+
+    def _integrate(self, moments, report, monitor, failures) -> None:
+        setup = self.setup
+        given = setup.input(monitor)
+        refusal = None
+        try:
+            setup.model.call(
+                "compute_moments",
+                *setup.handles(),
+                *(ctypes.byref(struct) for struct in (given, moments, report)),
+                allow=(abi.STOPPED, abi.PATHS_FAILED),
+            )
+        except Exception as error:
+            refusal = error
+        failures.raise_stored()
+        if isinstance(refusal, FalseTraitError):
+            raise FalseTraitError(re.sub(r"^observable (\d+)", self._named, str(refusal)))
+        if refusal is not None:
+            raise refusal
+
+    def _named(self, match: re.Match) -> str:
+        """An observable by its name, where the library tells its number."""
+        return f"observable {list(self._observables)[int(match[1]) - 1]!r}"
+
+    def fill_from_sums(self, n_ok: np.ndarray, mean: np.ndarray, m2: np.ndarray) -> None:
+        """The same from counts (time,), means and sums of squared deviations (time, value), as the library makes it."""
+        self.n_ok[...], self.m2[...] = n_ok, m2
+        n = n_ok[:, np.newaxis].astype(np.float64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._tables["mean"][...] = np.where(n > 0, mean, np.nan)
+            self._tables["var"][...] = np.where(n > 1, m2 / (n - 1), np.nan)
+            self._tables["se_mean"][...] = np.sqrt(self._tables["var"] / n)
+
+    def columns(self) -> list[str]:
+        """Names of the values, in their order: q_1 .. q_n, p_1 .. p_n, energy, observables."""
+        ndof = self.setup.model.ndof
+        names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
+        return [*names, *(["energy"] if self._has_energy else []), *self._observables]
+
+    def table(self, kind: str) -> np.ndarray:
+        """Of a kind, mean, var or se_mean: (time, value), the values as in `columns`."""
+        return self._tables[kind]
+
+    def plot(self, path=None, *, what: str = "moments", of: Sequence[str] | None = None):
+        """A matplotlib figure of means with bands of two standard errors and of the standard deviation, written where a
+        path is given. what: "moments" or "energy"; of: names of values, as in `columns`."""
+        return importlib.import_module("symsde.reports.plot").moments(self, path, what, of)
+
+    def to_pandas(self):
+        """A pandas.DataFrame, one row for each time, the columns of the .csv table."""
+        return tabular.of_moments(self)
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return tabular.html_of_moments(self)
+
+    def to_arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Means and their standard errors, each (time, value), the values as in `columns`."""
+        return self._tables["mean"], self._tables["se_mean"]
+
+    def _variables(self) -> files.Variables:
+        variables = {"n_ok": (("time",), self.n_ok)}
+        for name in ("failed", "failed_status", "failed_step"):
+            variables[name] = (("listed",), getattr(self, name))
+        for kind in self._tables:
+            for x in "qp":
+                variables[f"{kind}_{x}"] = (("time", "dof"), getattr(self, f"{kind}_{x}"))
+            if self._has_energy:
+                variables[f"{kind}_energy"] = (("time",), getattr(self, f"{kind}_energy"))
+            for name, values in getattr(self, kind).items():
+                variables[f"{kind}_{name}"] = (("time",), values)
+        for name, result in self.observed.items():
+            variables |= result.variables(name)
+        return variables
+
+    def attributes(self) -> dict[str, str]:
+        """What made the moments, as text for files, with what was observed."""
+        wanted = {name: {"kind": x.KIND, **dataclasses.asdict(x)} for name, x in self.observers.items()}
+        told = {"observables": self._observables, "observers": wanted, "remarks": self.remarks()}
+        return {**super().attributes(), **{key: json.dumps(x) for key, x in told.items() if x}}
+
+    def remarks(self) -> list[str]:
+        """Sentences about what the results of observers leave out."""
+        return [f"{name}: {text}" for name, result in self.observed.items() for text in result.remarks()]
+
+    def doubts(self) -> list[str]:
+        """Sentences about values that were no finite number for some path that counts: means do not leave these out."""
+        found, finite = [], np.isfinite(self._tables["mean"])
+        if finite.all():
+            return found
+        times, values = np.nonzero(~finite & (self.n_ok > 0)[:, np.newaxis])
+        for value in np.unique(values):
+            bad = times[values == value]
+            found.append(
+                f"{self.columns()[value]} is no finite number for some paths at {bad.size} of {len(self.t)} saved "
+                f"times, first at t = {self.t[bad[0]]:g}: neither are its means there"
+            )
+        return found
+
+    def to_xarray(self):
+        """An xarray.Dataset with dims time and dof."""
+        return files.dataset(self._variables(), {"time": (("time",), self.t)}, self.attributes())
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write a .csv table below lines of # that tell what made it, or a .nc (xarray and netCDF4) or .npz file."""
+        target = files.path_of("path", path)
+        if target.suffix == ".csv":
+            files.replace(target, self._write_csv)
+        else:
+            variables = {"t": (("time",), self.t), **self._variables()}
+            files.write(target, self.to_xarray, variables, self.attributes(), also=".csv, ")
+
+    def _write_csv(self, path: Path) -> None:
+        header = [f"{kind} {name}" for kind in self._tables for name in self.columns()]
+        rows = np.column_stack(list(self._tables.values())).tolist()
+        with path.open("w", newline="", encoding="utf-8") as file:
+            file.writelines(provenance.comments(self.attributes()))
+            table = csv.writer(file)
+            table.writerow(["t", "n_ok", *header])
+            table.writerows([t, n, *row] for t, n, row in zip(self.t.tolist(), self.n_ok.tolist(), rows, strict=True))
+
+    def __repr__(self) -> str:
+        """One line."""
+        return (
+            f"<moments of {self.setup.model!r} by {self.setup.scheme.name}: {', '.join(self.columns()[:8])} at "
+            f"{len(self.t)} times from {self.t[0]:g} to {self.t[-1]:g}, {self.setup.paths} paths, "
+            f"{self.report.outcome}>"
+        )
+
+
+def moments(
+    model: Model,
+    *,
+    q0: Any,
+    p0: Any,
+    step: float,
+    steps: int,
+    observables: dict[str, Observable] | None = None,
+    observers: dict[str, requests.Observer] | None = None,
+    progress: Progress = False,
+    **options: Any,
+) -> Moments:
+    """Moments of q, p, the energy H and observables, in memory that does not depend on paths and steps.
+
+    The options are those of `simulate`. observables: name -> a formula, a text as "q_1**2 + p_1**2" or an expression of
+    sympy in the model's own names and parameters, which is compiled; or a function of q, p, (dof, lane) each, that
+    returns (lane,) values; lanes are paths, of several saved times where these are few. observers: name -> what else is
+    kept of these values, one of `symsde.observe`; the results are in `observed`. first_path is a multiple of 256, so
+    that parts of an ensemble merge to the same bits.
+
+    Misuse raises a ValueError (`symsde.errors`); an exception of an observable stops the run and is raised. Where a
+    value is no finite number for a path that counts, a NotANumberWarning says so: its means are none, either.
+    """
+    result = None
+    try:
+        given = check_observables(observables)
+        setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=are_in_python(given), **options)
+        result = Moments(setup, given, requests.check_observers(observers))
+        result.fill(given, progress)
+    except BaseException as stop:
+        carry(stop, lambda: filled(result))
+        raise
+    for doubt in result.doubts():
+        warnings.warn(doubt, NotANumberWarning, stacklevel=2)
+    return result
+
+
+def try_out(model: Model, observables: dict[str, Observable], **options: Any) -> None:
+    """Refuse observables that give a path near the initial state no number of its own; no step is made."""
+    with np.errstate(all="ignore"):
+        setup = make_setup(model, **{**options, "steps": 0, "save_every": 1}, in_python=are_in_python(observables))
+        Moments(setup, observables).fill(observables, False)

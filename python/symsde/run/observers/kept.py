@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What observers have kept of a run: arrays that the library fills, merges and reads."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..setup import Setup
+from .requests import Observer
+
+Kinds = Mapping[str, Observer]
+
+
+@dataclass
+class Kept:
+    """Integers and sums of one observer, as of symsde_observer in symsde.h."""
+
+    counts: np.ndarray
+    sums: np.ndarray
+    answers: int  #: numbers of its answer
+
+    def copy(self) -> Kept:
+        """With arrays of its own."""
+        return Kept(self.counts.copy(), self.sums.copy(), self.answers)
+
+
+@dataclass(frozen=True)
+class Scope:
+    """The run that observers look at: its setup, and the names of its values, so many of which are the user's own."""
+
+    setup: Setup
+    columns: Sequence[str]
+    observables: int
+
+    def call(self, name: str, *arguments) -> None:
+        """A function of the C interface that begins with model, options and observables."""
+        self.setup.model.call(name, ctypes.byref(self.setup.options), self.observables, *arguments)
+
+    def room(self, observer: Observer) -> Kept:
+        """Arrays for what an observer will keep; refuses what it cannot observe."""
+        sizes = np.zeros(3, np.int64)
+        self.call("observer_sizes", ctypes.byref(observer.struct(self.columns)), sizes.ctypes.data)
+        return Kept(np.zeros(sizes[0], np.int64), np.zeros(sizes[1]), int(sizes[2]))
+
+
+def structs(scope: Scope, observers: Kinds, kept: Mapping[str, Kept]):
+    """The list of observers of symsde_moments: an array of addresses, and what must live as long."""
+    made = [observer.struct(scope.columns, kept[name].counts, kept[name].sums) for name, observer in observers.items()]
+    addresses = (ctypes.c_void_p * len(made))(*(ctypes.addressof(struct) for struct in made))
+    return addresses, made
+
+
+def merge(scope: Scope, observer: Observer, left: Kept, right: Kept) -> None:
+    """The left part becomes both."""
+    both = [observer.struct(scope.columns, part.counts, part.sums) for part in (left, right)]
+    scope.call("observer_merge", *(ctypes.byref(struct) for struct in both))
+
+
+def read(scope: Scope, observer: Observer, kept: Kept) -> tuple[np.ndarray, np.ndarray]:
+    """The answer of an observer, and its standard errors."""
+    values, errors = np.empty(kept.answers), np.empty(kept.answers)
+    struct = observer.struct(scope.columns, kept.counts, kept.sums)
+    scope.call("observer_answer", ctypes.byref(struct), values.ctypes.data, errors.ctypes.data)
+    return values, errors
+
+
+__all__ = ["Kept", "Kinds", "Scope", "merge", "read", "structs"]

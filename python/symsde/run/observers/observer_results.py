@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What observers say at the end: arrays with their standard errors, and variables for files."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ...native.files import Variables
+from .kept import Kept, Scope, read
+from .requests import Observer
+
+
+class Observed:
+    """The result of one observer."""
+
+    observer: Observer  #: what was asked for
+    t: np.ndarray  #: (time,), saved times
+    kept: Kept  #: integers and sums as in symsde.h, by which parts of an ensemble merge
+
+    def __init__(self, scope: Scope, t: np.ndarray, observer: Observer, kept: Kept):
+        """The answer of the library to what was kept."""
+        self.observer, self.t, self.kept = observer, t, kept
+        self._names = observer.names(scope.columns)
+        self._take(scope, *read(scope, observer, kept))
+
+    def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
+        """Shapes for the answer."""
+        raise NotImplementedError
+
+    def variables(self, name: str) -> Variables:
+        """Arrays with the names of their dimensions, for files that hold the observer under this name."""
+        raise NotImplementedError
+
+    def remarks(self) -> list[str]:
+        """Sentences about what the result leaves out."""
+        return []
+
+    def plot(self, path=None, *, at: int = -1):
+        """A matplotlib figure, written where a path is given; at: which saved time of a histogram."""
+        return importlib.import_module("symsde.reports.plot").observed(self, path, at)
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"<{self.observer.KIND} of {', '.join(self._names)} at {len(self.t)} times>"
+
+
+class Slots(Observed):
+    """Counts in bins."""
+
+    edges: np.ndarray  #: (bin + 1,), ascending
+    counts: np.ndarray  #: (time, bin)
+    below: np.ndarray  #: (time,), counts below all bins; likewise above, not_a_number
+
+    def _take_slots(self, edges: np.ndarray) -> None:
+        slots = self.kept.counts.reshape(len(self.t), -1)
+        self.edges, self.counts = edges, slots[:, 1:-2]
+        self.below, self.above, self.not_a_number = slots[:, 0], slots[:, -2], slots[:, -1]
+
+    def _slot_variables(self, name: str) -> dict[str, Any]:
+        found: dict[str, Any] = {f"{name}_edge": ((f"{name}_edge",), self.edges)}
+        found[f"{name}_count"] = (("time", f"{name}_bin"), self.counts)
+        for key in ("below", "above", "not_a_number"):
+            found[f"{name}_{key}"] = (("time",), getattr(self, key))
+        return found
+
+
+class HistogramResult(Slots):
+    """A histogram at every saved time."""
+
+    share: np.ndarray  #: (time, bin), counts in all that was counted at that time
+    se_share: np.ndarray  #: (time, bin), their binomial standard errors
+    density: np.ndarray  #: (time, bin), share by width; likewise se_density
+
+    def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
+        wanted = self.observer
+        self._take_slots(np.linspace(wanted.low, wanted.high, wanted.bins + 1))
+        self.share, self.se_share = (x.reshape(len(self.t), -1)[:, 1:-2] for x in (values, errors))
+        width = np.diff(self.edges)
+        self.density, self.se_density = self.share / width, self.se_share / width
+
+    def variables(self, name: str) -> Variables:
+        """Edges, counts, densities."""
+        found = self._slot_variables(name)
+        dims = ("time", f"{name}_bin")
+        return {**found, f"{name}_density": (dims, self.density), f"{name}_se_density": (dims, self.se_density)}
+
+
+class QuantilesResult(Slots):
+    """Quantiles at every saved time."""
+
+    shares: np.ndarray  #: (share,), of the paths below
+    quantile: np.ndarray  #: (time, share)
+    se_quantile: np.ndarray  #: (time, share), by chance (from the ranks) and half a bin, together
+
+    def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
+        self.shares = self.observer.fields()["shares"]
+        self._take_slots(_relative_edges(self.observer))
+        self.quantile, self.se_quantile = (x.reshape(len(self.t), -1) for x in (values, errors))
+
+    def variables(self, name: str) -> Variables:
+        """Shares, quantiles; the counts are many and stay in the shards."""
+        dims = ("time", f"{name}_share")
+        return {
+            f"{name}_share": ((f"{name}_share",), self.shares),
+            f"{name}_quantile": (dims, self.quantile),
+            f"{name}_se_quantile": (dims, self.se_quantile),
+        }
+
+
+def _relative_edges(observer: Any) -> np.ndarray:
+    """As the library has them: each power of two in equal parts, on both sides of zero."""
+    first, last = np.floor(np.log2(observer.low)), np.ceil(np.log2(observer.high))
+    powers = 2.0 ** np.arange(first, last)
+    one_side = (powers[:, np.newaxis] * (1 + np.arange(observer.parts) / observer.parts)).ravel()
+    one_side = np.append(one_side, 2.0**last)
+    return np.concatenate([-one_side[::-1], one_side])
+
+
+class CovarianceResult(Observed):
+    """Covariances at every saved time."""
+
+    names: tuple[str, ...]  #: of the values
+    covariance: np.ndarray  #: (time, value, value), unbiased
+    se_covariance: np.ndarray  #: (time, value, value)
+    correlation: np.ndarray  #: (time, value, value), without an error of its own
+    n: np.ndarray  #: (time,), paths that count
+    mean: np.ndarray  #: (time, value)
+
+    def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
+        self.names = self._names
+        k, ntime = len(self.names), len(self.t)
+        table = self.kept.sums.reshape(ntime, -1)
+        self.n, self.mean = table[:, 0].astype(np.int64), np.where(table[:, :1] > 0, table[:, 1 : 1 + k], np.nan)
+        self.covariance, self.se_covariance = (_square(x.reshape(ntime, -1), k) for x in (values, errors))
+        spread = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.correlation = self.covariance / (spread[:, :, np.newaxis] * spread[:, np.newaxis, :])
+
+    def variables(self, name: str) -> Variables:
+        """Covariances."""
+        dims = ("time", f"{name}_value", f"{name}_value_")
+        found: dict[str, Any] = {f"{name}_value": ((f"{name}_value",), np.array(self.names))}
+        found |= {f"{name}_{key}": (dims, getattr(self, key)) for key in ("covariance", "se_covariance")}
+        return found
+
+
+def _square(pairs: np.ndarray, k: int) -> np.ndarray:
+    """(time, pair) as (time, value, value)."""
+    rows, columns = np.triu_indices(k)
+    order = np.lexsort((rows, columns))  # (1,1), (1,2), (2,2), (1,3) ..
+    found = np.empty((len(pairs), k, k))
+    found[:, rows[order], columns[order]] = found[:, columns[order], rows[order]] = pairs
+    return found
+
+
+class AutocorrelationResult(Observed):
+    """Autocorrelation along time."""
+
+    lag: np.ndarray  #: (lag,), in units of time
+    covariance: np.ndarray  #: (lag,); likewise se_covariance
+    correlation: np.ndarray  #: (lag,), covariance by that of lag 0; likewise se_correlation
+    n: int  #: paths that were ok to the end
+    mean: float  #: of the value, over paths and times
+
+    def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
+        (self.covariance, self.correlation), (self.se_covariance, self.se_correlation) = (
+            x.reshape(-1, 2).T for x in (values, errors)
+        )
+        options = scope.setup.options
+        self.lag = np.arange(len(self.covariance)) * (options.step * options.save_every)
+        table = self.kept.sums.reshape(len(self.lag), -1)
+        self.n = int(table[0, 0])
+        self.mean = float(table[0, 4] + self.observer.about) if self.n else np.nan
+
+    def variables(self, name: str) -> Variables:
+        """Lags, covariance, correlation."""
+        dims = (f"{name}_lag",)
+        found: dict[str, Any] = {f"{name}_lag": (dims, self.lag)}
+        keys = ("covariance", "se_covariance", "correlation", "se_correlation")
+        return {**found, **{f"{name}_{key}": (dims, getattr(self, key)) for key in keys}}
+
+
+class ExtremesResult(Observed):
+    """How far a value has come."""
+
+    mean_lowest: np.ndarray  #: (time,), mean over paths of the lowest value until then; likewise se_mean_lowest
+    mean_highest: np.ndarray  #: (time,); likewise se_mean_highest
+    lowest: tuple[float, int, float]  #: value, path and time of the lowest of all; likewise highest
+
+    def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
+        (self.mean_lowest, self.mean_highest), (self.se_mean_lowest, self.se_mean_highest) = (
+            x.reshape(-1, 2).T for x in (values, errors)
+        )
+        for i, key in enumerate(("lowest", "highest")):
+            path, at = (int(x) for x in self.kept.counts[2 * i : 2 * i + 2])
+            setattr(self, key, (float(self.kept.sums[i]), path, float(self.t[at]) if path >= 0 else np.nan))
+
+    def variables(self, name: str) -> Variables:
+        """Means, and the two values of all."""
+        keys = ("mean_lowest", "se_mean_lowest", "mean_highest", "se_mean_highest")
+        found: dict[str, Any] = {f"{name}_{key}": (("time",), getattr(self, key)) for key in keys}
+        for key in ("lowest", "highest"):
+            found[f"{name}_{key}"] = (("value_path_time",), np.array(getattr(self, key), float))
+        return found
+
+
+class PassageResult(Observed):
+    """Paths that left."""
+
+    lost: np.ndarray  #: (time,), share of all paths that have left until then; likewise se_lost, binomial
+    lost_below: np.ndarray  #: (time,), through the lower end; likewise lost_above, se_lost_below, se_lost_above
+    count: np.ndarray  #: (time, 2), paths that left below and above since the saved time before
+    there: np.ndarray  #: (time,), paths that are still there
+    bridged: int | None  #: paths that left between two steps; None where there is no such correction, see `remarks`
+    n: int  #: paths that have left
+    mean: dict[str, float]  #: of t, q_1 .., p_1 .. when they left, over these paths; likewise se_mean
+    path: np.ndarray  #: (listed,), global indices of the first of them; at most 1000
+    step: np.ndarray  #: (listed,), absolute step after which each was outside
+    state: np.ndarray  #: (listed, 1 + 2 dof), t, q and p there
+
+    def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
+        ntime, width = len(self.t), 1 + 2 * scope.setup.model.ndof
+        self.lost_below, self.lost_above = values.reshape(ntime, 2).T
+        self.se_lost_below, self.se_lost_above = errors.reshape(ntime, 2).T
+        counts, sums = self.kept.counts, self.kept.sums
+        slots = counts[: 3 * ntime].reshape(ntime, 3)
+        self.count, self.there = slots[:, :2], slots[:, 2]
+        total = slots[0].sum()
+        self.lost = self.lost_below + self.lost_above
+        self.se_lost = np.sqrt(np.maximum(self.lost * (1 - self.lost), 0) / total) if total else self.lost * np.nan
+        self.bridged = None if counts[3 * ntime] < 0 else int(counts[3 * ntime])
+        paths, steps = counts[3 * ntime + 1 :].reshape(2, -1)
+        listed = paths >= 0
+        table = sums[paths.size * width :]
+        self._is_derived = scope.columns.index(self._names[0]) >= width - 1 and scope.setup.model.nnoise > 0
+        self.path, self.step = paths[listed], steps[listed]
+        self.state = sums[: paths.size * width].reshape(-1, width)[listed]
+        self.n = int(table[0])
+        self.names = ("t", *(f"{x}_{i + 1}" for x in "qp" for i in range((width - 1) // 2)))
+        means, squares = table[1 : 1 + width], table[1 + width : 1 + 2 * width]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            errors = np.sqrt(squares / (self.n - 1) / self.n) if self.n > 1 else np.full(width, np.nan)
+        self.mean = dict(zip(self.names, (means if self.n else means * np.nan).tolist(), strict=True))
+        self.se_mean = dict(zip(self.names, errors.tolist(), strict=True))
+
+    def variables(self, name: str) -> Variables:
+        """Shares, counts, and the states of the paths that are listed."""
+        keys = ("lost", "se_lost", "lost_below", "lost_above", "there")
+        found: dict[str, Any] = {f"{name}_{key}": (("time",), getattr(self, key)) for key in keys}
+        found |= {f"{name}_{key}": ((f"{name}_listed",), getattr(self, key)) for key in ("path", "step")}
+        found[f"{name}_state"] = ((f"{name}_listed", f"{name}_coordinate"), self.state)
+        found[f"{name}_coordinate"] = ((f"{name}_coordinate",), np.array(self.names))
+        if self.bridged is not None:
+            found[f"{name}_bridged"] = ((), np.array(self.bridged))
+        return found
+
+    def remarks(self) -> list[str]:
+        """Where noise may act on a value that has no Brownian bridge."""
+        wanted = self.observer
+        if not (wanted.bridge and self._is_derived):
+            return []
+        return [
+            f"{self._names[0]} is looked at after every step and not between, where noise may carry paths out and "
+            "back: there are Brownian bridges of q and p alone, so that fewer paths leave than would, by the order of "
+            "the root of the step; halve the step to see how many"
+        ]
+
+
+class PathsResult(Observed):
+    """Chosen paths."""
+
+    path: np.ndarray  #: (path,), global indices
+    names: tuple[str, ...]  #: of the values
+    values: np.ndarray  #: (path, time, value), NaN after the end of a path, or where a path is not of this run
+
+    def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
+        self.path, self.names = self.observer.fields()["paths"], self._names
+        self.values = values.reshape(len(self.path), len(self.t), len(self.names))
+
+    def variables(self, name: str) -> Variables:
+        """Indices and values."""
+        return {
+            f"{name}_path": ((f"{name}_path",), self.path),
+            f"{name}_value": ((f"{name}_value",), np.array(self.names)),
+            f"{name}_values": ((f"{name}_path", "time", f"{name}_value"), self.values),
+        }
+
+
+RESULTS = {
+    "histogram": HistogramResult,
+    "quantiles": QuantilesResult,
+    "covariance": CovarianceResult,
+    "autocorrelation": AutocorrelationResult,
+    "extremes": ExtremesResult,
+    "passage": PassageResult,
+    "paths": PathsResult,
+}
+
+
+def observed(
+    scope: Scope, t: np.ndarray, observers: Mapping[str, Observer], kept: Mapping[str, Kept]
+) -> dict[str, Observed]:
+    """The results of all observers of a run, by their names."""
+    return {name: RESULTS[observer.KIND](scope, t, observer, kept[name]) for name, observer in observers.items()}

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What can be observed: one class for each kind, whose fields are what the caller chooses."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...errors import InvalidArgumentError, UnknownNameError, WrongTypeError
+from ...native import abi, checks, handles
+from ...native.checks import address
+
+
+@dataclass(frozen=True)
+class Observer:
+    """An observer that is wanted."""
+
+    KIND: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        """What is given may change later, this does not."""
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, checks.fixed(getattr(self, field.name)))
+
+    def names(self, columns: Sequence[str]) -> tuple[str, ...]:
+        """The values that it looks at, among those that there are."""
+        return (checks.name_of(f"the value of {type(self).__name__}", self.of),)
+
+    def fields(self) -> dict[str, Any]:
+        """Members of the struct of the C interface, beside kind and values."""
+        return {}
+
+    def struct(self, columns: Sequence[str], counts: np.ndarray | None = None, sums: np.ndarray | None = None):
+        """The struct of the C interface, in a run with these values; its arrays live as long as it does."""
+        names = self.names(columns)
+        for name in names:
+            if name not in columns:
+                raise UnknownNameError(
+                    f"{self.KIND} of {name!r}: there is no such value: there are {checks.nearest(name, columns)}"
+                )
+        struct = handles.new(abi.Observer, "observer")
+        struct.kind = abi.OBSERVERS.index(self.KIND) + 1
+        keep = [np.array([columns.index(name) for name in names], np.int32)]
+        struct.nvalue, struct.values = len(names), address(keep[0])
+        for key, value in self.fields().items():
+            is_list = isinstance(value, np.ndarray)
+            if is_list:
+                keep.append(value)
+                setattr(struct, f"n{key.removesuffix('s')}", len(value))
+            setattr(struct, key, address(value) if is_list else value)
+        struct.counts, struct.sums = address(counts), address(sums)
+        struct._keep = keep
+        return struct
+
+
+@dataclass(frozen=True)
+class Histogram(Observer):
+    """Counts of one value in bins of one width from low to high, and below and above, at every saved time."""
+
+    KIND: ClassVar[str] = "histogram"
+    of: str
+    low: float
+    high: float
+    bins: int
+
+    def fields(self) -> dict[str, Any]:
+        """Range and bins."""
+        return {**_range(self), "bins": checks.integer("bins", self.bins, checks.INT32)}
+
+
+@dataclass(frozen=True)
+class Quantiles(Observer):
+    """Quantiles of one value at every saved time, from counts in bins of one relative width, on both sides of zero.
+
+    shares: of the paths below, as 0.5 for the median. A quantile is known to half a bin, 1/(2 parts) of it, beside
+    chance; the errors of the result hold both. Magnitudes below low are counted as zero, those above high as outside.
+    Every power of two between them takes `parts` (a power of two) integers, each sign and saved time.
+    """
+
+    KIND: ClassVar[str] = "quantiles"
+    of: str
+    shares: tuple[float, ...] = (0.025, 0.25, 0.5, 0.75, 0.975)
+    low: float = 1e-6
+    high: float = 1e6
+    parts: int = 64
+
+    def fields(self) -> dict[str, Any]:
+        """Shares, magnitudes, bins."""
+        shares = np.atleast_1d(checks.real_array("shares", self.shares)).astype(float)
+        return {**_range(self), "bins": checks.integer("parts", self.parts, checks.INT32), "shares": shares}
+
+
+@dataclass(frozen=True)
+class Covariance(Observer):
+    """Covariances of some values at every saved time, with standard errors from fourth moments."""
+
+    KIND: ClassVar[str] = "covariance"
+    of: tuple[str, ...]
+
+    def names(self, columns: Sequence[str]) -> tuple[str, ...]:
+        """The values."""
+        return _names("Covariance", self.of)
+
+
+@dataclass(frozen=True)
+class Autocorrelation(Observer):
+    """Autocovariance and autocorrelation of one value of a stationary process along time.
+
+    For lags of 0 .. `lags` saved points: averages over time along each path that is ok to the end, then over paths.
+    about: a number near the mean, which spares digits where the mean is large.
+    """
+
+    KIND: ClassVar[str] = "autocorrelation"
+    of: str
+    lags: int
+    about: float = 0.0
+
+    def fields(self) -> dict[str, Any]:
+        """Lags and centre."""
+        return {"bins": checks.integer("lags", self.lags, checks.INT32), "low": checks.number("about", self.about)}
+
+
+@dataclass(frozen=True)
+class Extremes(Observer):
+    """Lowest and highest value that each path has reached at saved times until each of them: means, and of all."""
+
+    KIND: ClassVar[str] = "extremes"
+    of: str
+
+
+@dataclass(frozen=True)
+class Passage(Observer):
+    """Paths whose value leaves an interval: how many until when, through which end, when and in what state.
+
+    The value is looked at after every step, not only where it is saved; a path of which it is no number fails there.
+    within=a stands for low=-a, high=a; one end may be infinite. absorb: a path that leaves ends there, and counts
+    nowhere from then on. bridge: where noise acts on a coordinate or momentum, paths may leave between two steps too,
+    by the law of a Brownian bridge; the result says whether that was so (`bridged`). Two-point and three-point
+    increments have no such law: schemes that draw them are refused, unless bridge=False.
+    """
+
+    KIND: ClassVar[str] = "passage"
+    of: str
+    low: float = -math.inf
+    high: float = math.inf
+    within: float | None = None
+    absorb: bool = True
+    bridge: bool = True
+
+    def fields(self) -> dict[str, Any]:
+        """The interval and the two flags."""
+        found = _range(self)
+        if self.within is not None:
+            a = checks.number("within", self.within)
+            if not a > 0 or math.isfinite(self.low) or math.isfinite(self.high):
+                raise InvalidArgumentError(
+                    f"within = {a}: give a positive number in the place of low and high, or these two"
+                )
+            found = {"low": -a, "high": a}
+        return {**found, "absorbs": checks.flag("absorb", self.absorb), "bridges": checks.flag("bridge", self.bridge)}
+
+
+@dataclass(frozen=True)
+class Paths(Observer):
+    """Values of chosen paths, by their global indices, at every saved time; all of q and p unless told."""
+
+    KIND: ClassVar[str] = "paths"
+    paths: tuple[int, ...]
+    of: tuple[str, ...] = ()
+
+    def names(self, columns: Sequence[str]) -> tuple[str, ...]:
+        """The values; all of q and p where none are told."""
+        return _names("Paths", self.of) or tuple(name for name in columns if re.fullmatch(r"[qp]_\d+", name))
+
+    def fields(self) -> dict[str, Any]:
+        """The indices, ascending."""
+        given = [self.paths] if isinstance(self.paths, int) else self.paths
+        indices = sorted({checks.integer("paths", i, (0, 2**47)) for i in given})
+        return {"paths": np.array(indices, np.int64)}
+
+
+def _range(observer: Any) -> dict[str, float]:
+    return {key: checks.number(key, getattr(observer, key)) for key in ("low", "high")}
+
+
+def _names(what: str, given: object) -> tuple[str, ...]:
+    if isinstance(given, str):
+        return (given,)
+    if not isinstance(given, Sequence):
+        raise WrongTypeError(f"of = {checks.shown(given)} of {what} is no list: give names of values")
+    return tuple(checks.name_of(f"a value of {what}", name) for name in given)
+
+
+KINDS = {cls.KIND: cls for cls in (Histogram, Quantiles, Covariance, Autocorrelation, Extremes, Passage, Paths)}
+
+
+def check_observers(given: object) -> dict[str, Observer]:
+    """A dict of observers whose names fit files; none for None."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise WrongTypeError(f"observers = {checks.shown(given)} is not allowed: give a dict of names and observers")
+    for name, observer in given.items():
+        if not isinstance(name, str) or not name.isidentifier():
+            raise InvalidArgumentError(
+                f"observer {checks.shown(name)}: this cannot be its name: give letters, digits and underscores"
+            )
+        if not isinstance(observer, Observer):
+            raise WrongTypeError(
+                f"observer {name!r} is {checks.shown(observer)}: give one of symsde.observe, as "
+                'symsde.observe.Histogram("q_1", -3, 3, 60)'
+            )
+    return dict(given)
+
+
+def from_tables(tables: object) -> dict[str, Observer]:
+    """Observers from the tables [[observe]] of a scene: name, kind, and the fields of that kind."""
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise InvalidArgumentError("write each observer as a table [[observe]] with keys below")
+    found: dict[str, Observer] = {}
+    for table in tables:
+        given = dict(table)
+        kind = given.pop("kind", None)
+        if not isinstance(kind, str) or kind not in KINDS:
+            raise UnknownNameError(f"kind = {kind!r} does not exist: there are {checks.nearest(str(kind), KINDS)}")
+        name = given.pop("name", kind)
+        if not isinstance(name, str):
+            raise InvalidArgumentError(
+                f"name = {name!r} of an observer is no text: give letters, digits and underscores"
+            )
+        if name in found:
+            raise InvalidArgumentError(f"there are two observers of the name {name!r}: give each a name of its own")
+        fields = {field.name: field for field in dataclasses.fields(KINDS[kind])}
+        for key in given:
+            if key not in fields:
+                raise UnknownNameError(
+                    f"{key!r} is no key of {kind}: there are {checks.nearest(key, ['name', 'kind', *fields])}"
+                )
+        for key, field in fields.items():
+            if field.default is dataclasses.MISSING and key not in given:
+                raise InvalidArgumentError(f"the observer {name!r} lacks {key}: a {kind} needs it")
+        found[name] = KINDS[kind](**given)
+    return check_observers(found)

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What made a result, as text that its files carry: when, by which command, with which version, from which scene."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+import os
+import shlex
+import sys
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ..native.build import build_info
+from .setup import Setup
+
+_MOST = 64  # numbers of an initial state that are written out
+
+
+def made() -> dict[str, str]:
+    """When and by which command, with which version of what; SOURCE_DATE_EPOCH is the time where it is set."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    now = datetime.datetime.now(datetime.UTC)
+    if epoch.isdecimal() and len(epoch) < 12:
+        now = datetime.datetime.fromtimestamp(int(epoch), datetime.UTC)
+    folder, name = os.path.split(sys.argv[0]) if sys.argv else ("", "")
+    begin = ["python", "-m", os.path.basename(folder)] if name == "__main__.py" else [name]
+    command = shlex.join([*begin, *sys.argv[1:]])
+    build = {f"symsde_{key.replace(' ', '_')}": value for key, value in build_info().items()}
+    return {"date": now.isoformat(timespec="seconds"), "command": command, **build}
+
+
+def start_of(setup: Setup) -> dict[str, str]:
+    """The first states: numbers where these are few, else a hash of them, (dof, path) in float64."""
+    return {name: numbers_of(getattr(setup, name)) for name in ("q0", "p0")}
+
+
+def numbers_of(values: np.ndarray) -> str:
+    """States (dof, path) as text: those of one path alone where all begin alike."""
+    if values.size <= _MOST:
+        return json.dumps((values[:, 0] if values.shape[1] == 1 else values).tolist())
+    digest = hashlib.sha256(np.ascontiguousarray(values, np.float64).tobytes()).hexdigest()
+    return f"sha256 {digest} of {values.shape[0]} x {values.shape[1]} numbers"
+
+
+def comments(attributes: Mapping[str, str]) -> Iterator[str]:
+    """The same as lines of a table that begin with #; a text of several lines stands below its name."""
+    for key, value in attributes.items():
+        first, *others = value.splitlines() or [""]
+        if not others:
+            yield f"# {key}: {first}\n"
+            continue
+        yield f"# {key}:\n"
+        yield from (f"#   {line}".rstrip() + "\n" for line in (first, *others))

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a run did."""
+
+from __future__ import annotations
+
+import functools
+import warnings
+from dataclasses import dataclass
+
+from ..errors import PathsFailedWarning
+from ..native import abi, handles
+from ..native.build import build_info
+from . import provenance
+from .setup import Setup
+
+
+@dataclass(frozen=True)
+class Report:
+    """Stepper, what was left out, counters, failures, timings and versions of a run."""
+
+    outcome: str  #: ok, or what happened
+    status: int  #: its code; 0 = ok
+    stepper: str  #: the stepper that the traits chose
+    correction: str  #: the correction that was active
+    left_out: tuple[str, ...]  #: what this scene did not need
+    warnings: tuple[str, ...]  #: doubts known before the run, with numbers
+    counters: dict[str, int]  #: path_steps, normals, gradients, hessians, iterations, solves, ...
+    failed: int  #: paths that failed
+    stopped: int  #: paths cut short by a stop
+    threads: int
+    lanes: int  #: lanes of a block
+    lost_variance: float  #: of a normal, by truncation
+    timings: dict[str, float]  #: seconds of setup and run
+    versions: dict[str, str]  #: of the library, its compiler and options
+
+    def __str__(self) -> str:
+        """Table, one line for each."""
+        counted = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in self.counters.items() if n)
+        lines = {
+            "outcome": self.outcome,
+            "stepper": self.stepper,
+            "correction": self.correction,
+            "left out": "; ".join(self.left_out) or "nothing",
+            "counters": counted,
+            "warnings": "; ".join(self.warnings) or "none",
+            "paths": f"{self.failed} failed, {self.stopped} stopped",
+            "threads": f"{self.threads}, {self.lanes} lanes a block",
+            "seconds": f"{self.timings['setup']:.3g} to set up, {self.timings['run']:.3g} to run",
+            "version": self.versions.get("version", "?"),
+        }
+        return "\n".join(f"{key:11s}{value}" for key, value in lines.items())
+
+
+class Reported:
+    """A result with a report, which is put together when it is looked at: that takes as long as some runs."""
+
+    setup: Setup
+    scene: str = ""  #: text of the scene that asked for it, if one did
+    _reported: abi.Report | None = None
+
+    def _keep_report(self, given: abi.Report) -> None:
+        """Keep the report of the C interface, unless the library refused before it began."""
+        if given.threads:
+            self._reported = given
+
+    def _warn_of_failures(self) -> None:
+        """Warn where paths failed."""
+        if self._reported.failed:
+            warnings.warn(
+                f"{self._reported.failed} paths failed: they are NaN from there on and left out of moments; "
+                "see status and failed_step",
+                PathsFailedWarning,
+                stacklevel=4,
+            )
+
+    def attributes(self) -> dict[str, str]:
+        """What made the result, as text for files: its setup, and which paths came of it, when, by which command."""
+        report, paths, made = self.report, self.setup.paths, provenance.made()
+        return {
+            "title": f"{self.setup.model.name} by {self.setup.scheme.name}",
+            "paths_asked": str(paths),
+            "paths_ok": str(paths - report.failed - report.stopped),
+            "seed": str(self.setup.options.seed),
+            **self.setup.attributes(),
+            **provenance.start_of(self.setup),
+            "Conventions": "CF-1.11",
+            "source": f"symsde {report.versions.get('version', '?')}",
+            "history": f"{made['date']} {made['command']}".strip(),
+            **made,
+            **({"scene": self.scene} if self.scene else {}),
+        }
+
+    @functools.cached_property
+    def report(self) -> Report:
+        """What the run did: stepper, what was left out, counters, failures, timings and versions."""
+        return make_report(self._reported)
+
+
+def filled(result: Reported | None) -> Reported | None:
+    """The result, where the library has filled its arrays, whatever ended it then."""
+    has_report = result is not None and (result._reported is not None or "report" in result.__dict__)
+    return result if has_report else None
+
+
+def make_report(given: abi.Report) -> Report:
+    """Report of the C interface in Python."""
+    left_out = given.left_out.decode("utf-8", "replace")
+    return Report(
+        outcome=handles.status_text(given.status),
+        status=given.status,
+        stepper=given.stepper.decode("utf-8", "replace"),
+        correction=abi.CORRECTIONS[given.correction],
+        left_out=tuple(part for part in left_out.split("; ") if part),
+        warnings=tuple(given.warnings.decode("utf-8", "replace").splitlines()),
+        counters={name: getattr(given, name) for name in abi.COUNTERS},
+        failed=given.failed,
+        stopped=given.stopped,
+        threads=given.threads,
+        lanes=given.lanes,
+        lost_variance=given.lost_variance,
+        timings={"setup": given.seconds_setup, "run": given.seconds_run},
+        versions=build_info(),
+    )

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Everything that goes into a run, checked and in the form of the C interface."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InvalidArgumentError, WrongShapeError, WrongTypeError
+from ..model.definition import Model, require_model
+from ..native import abi, checks
+from ..native import handles as _handles
+from ..native.checks import INT32, UINT64, address
+from ..native.progress import Monitor, threads_of
+from ..schemes import Scheme, as_scheme
+
+_LIBRARY_LANES = 256  # of a block in the library, at most
+_PYTHON_VALUES = 2048  # numbers of an array that a Python function is given
+_COUNT = 2**47  # range of the counters of paths and steps
+_INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
+
+
+@dataclass
+class Setup:
+    """Model, scheme, options and arrays of one run; kept by its result, so that it can be re-examined."""
+
+    model: Model
+    scheme: Scheme
+    options: abi.Options
+    q0: np.ndarray  #: (dof, 1 or path)
+    p0: np.ndarray
+    increments: np.ndarray | None = None  #: (row, noise, 1 or path)
+    q0_low: np.ndarray | None = None  #: (dof, path)
+    p0_low: np.ndarray | None = None
+
+    @property
+    def ntime(self) -> int:
+        """Number of saved times."""
+        return self.options.steps // self.options.save_every + 1
+
+    @property
+    def paths(self) -> int:
+        """Number of paths."""
+        return self.options.paths
+
+    def input(self, monitor: Monitor | None = None) -> abi.Input:
+        """Arrays and callback as the C interface takes them; they live as long as this setup."""
+        q0, p0 = self.q0, self.p0
+        given = abi.Input(_INPUT_SIZE, address(q0), address(p0), q0.shape[1], p0.shape[1])  # the rest is zero: none
+        if self.increments is not None:
+            given.increments = address(self.increments)
+            rows, noises, paths = self.increments.shape
+            given.increment_rows, given.increment_noises, given.increment_paths = rows, noises, paths
+        if self.q0_low is not None:
+            given.q0_low = address(self.q0_low)
+        if self.p0_low is not None:
+            given.p0_low = address(self.p0_low)
+        if monitor is not None:
+            given.progress = monitor.callback
+        return given
+
+    def handles(self) -> tuple:
+        """The leading arguments of a run in the C interface, after the model."""
+        return self.scheme._handle.pointer, ctypes.byref(self.options)
+
+    def attributes(self) -> dict[str, str]:
+        """What made the run, as text for files."""
+        left_out = {"struct_size", "threads", "lanes", "progress", "progress_user"}
+        names = [name for name, *_ in abi.Options._fields_ if name not in left_out]
+        chosen = {name: getattr(self.options, name) for name in names}
+        chosen["areas"] = abi.AREAS[self.options.areas]
+        chosen["common_noise"] = [k for k in range(1, 65) if self.options.common_noise >> (k - 1) & 1]
+        chosen["correction"] = abi.CORRECTIONS[self.options.correction]
+        return {
+            "model": self.model.name,
+            "parameters": json.dumps(dict(self.model.parameters)),
+            "scheme": self.scheme.name,
+            "options": json.dumps(chosen),
+            "increments": "Brownian" if self.increments is None else "prescribed",
+            **({"hamiltonians": json.dumps(self.model.formula.hamiltonians)} if hasattr(self.model, "formula") else {}),
+        }
+
+
+def _integer(bounds: tuple[int, int]) -> Callable:
+    def read(options: abi.Options, name: str, value: object) -> None:
+        setattr(options, name, checks.integer(name, value, bounds))
+
+    return read
+
+
+def _choice(known: Sequence[str]) -> Callable:
+    def read(options: abi.Options, name: str, value: object) -> None:
+        setattr(options, name, checks.choice(name, value, known))
+
+    return read
+
+
+def _number(options: abi.Options, name: str, value: object) -> None:
+    setattr(options, name, checks.number(name, value))
+
+
+def _flag(options: abi.Options, name: str, value: object) -> None:
+    setattr(options, name, checks.flag(name, value))
+
+
+def _truncation(options: abi.Options, _name: str, value: object) -> None:
+    """Order and time scale of truncated increments; (0, 0) for none."""
+    if value is None:
+        return
+    if not isinstance(value, tuple | list) or len(value) != 2:
+        raise WrongTypeError(
+            f"truncation = {checks.shown(value)} is not allowed: give None or a pair (order, time scale), as (2, 1.0)"
+        )
+    options.truncation = checks.finite("order of truncation", value[0])
+    options.truncation_time = checks.finite("time scale of truncation", value[1])
+
+
+def _area_time(options: abi.Options, name: str, value: object) -> None:
+    if value is not None:
+        _number(options, name, value)
+
+
+def _common_noise(options: abi.Options, _name: str, value: object) -> None:
+    """Numbers of noises as bits."""
+    several = checks.items(value)
+    numbers = [checks.integer("common_noise", k, INT32) for k in ([value] if several is None else several)]
+    for k in numbers:
+        if not 1 <= k <= 64:
+            raise InvalidArgumentError(
+                f"common_noise holds {k}: noises count from 1, and those that all paths share are among the first 64"
+            )
+    options.common_noise = sum(1 << (k - 1) for k in set(numbers))
+
+
+#: name of an option -> its default, which is that of the library, and what checks another value and puts it in
+_READ = {
+    "paths": (1, _integer((1, _COUNT))),
+    "seed": (0, _integer(UINT64)),
+    "t0": (0.0, _number),
+    "save_every": (1, _integer((1, _COUNT))),
+    "refine": (0, _integer(INT32)),
+    "first_path": (0, _integer((0, _COUNT))),
+    "first_step": (0, _integer((0, _COUNT))),
+    "correction": ("auto", _choice(abi.CORRECTIONS)),
+    "truncation": (None, _truncation),
+    "areas": ("path", _choice(abi.AREAS)),
+    "area_time": (None, _area_time),
+    "common_noise": ((), _common_noise),
+    "compensated": (False, _flag),
+    "general": (False, _flag),
+    "fixed_point": (0, _integer(INT32)),
+    "max_iter": (100, _integer(INT32)),
+}
+
+_DEFAULTS = {name: default for name, (default, _) in _READ.items()}
+
+_FIRST = ("step", "steps", "threads", "lanes")  # which are read one by one
+
+#: names of the options of a run
+OPTIONS = ["step", "steps", *_READ, "threads", "lanes"]
+
+
+def make_options(model: Model, *, in_python: bool = False, **given: object) -> abi.Options:
+    """Options of the C interface, those of `OPTIONS`."""
+    return _options_of(model, given, in_python)
+
+
+def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> abi.Options:
+    """The same from a dictionary, which is used up; types and ranges are checked here, their meaning by the library."""
+    step, steps, threads, lanes = (given.pop(key, None) for key in _FIRST)
+    changed = _changed(given)
+    require_model(model)
+    for key, value in (("step", step), ("steps", steps)):
+        if value is None:
+            raise WrongTypeError(f"{key} is missing: give step, the size h, and steps, their number")
+    options = _handles.new(abi.Options, "options")
+    options.step = checks.number("step", step)
+    options.steps = checks.integer("steps", steps, (0, _COUNT))
+    for key in changed:
+        _READ[key][1](options, key, given[key])
+    options.lanes = _lanes_for(model, options.paths) if lanes is None else checks.integer("lanes", lanes, INT32)
+    options.threads = threads_of(threads, in_python or model.in_python)
+    if options.steps % options.save_every:
+        raise InvalidArgumentError(
+            f"steps = {options.steps} is not a multiple of save_every = {options.save_every}: "
+            "the last saved point would be missed; change one of the two"
+        )
+    return options
+
+
+def _changed(given: dict[str, Any]) -> list[str]:
+    """Options that are not their default, as most are: to look at each any further takes a share of a short run."""
+    try:
+        return [key for key, value in given.items() if value is not _DEFAULTS[key]]
+    except KeyError as unknown:
+        key = unknown.args[0]
+        raise WrongTypeError(f"there is no option {key!r}: there are {checks.nearest(key, OPTIONS)}") from None
+
+
+def _lanes_for(model: Model, paths: int) -> int:
+    """Lanes of a block: the library's choice (0), but more for Python functions, whose calls cost microseconds."""
+    if not model.in_python:
+        return 0
+    lanes = min(_PYTHON_VALUES // model.ndof, paths + 7) // 8 * 8
+    return lanes if lanes > _LIBRARY_LANES else 0
+
+
+def make_setup(model: Model, *, q0: object, p0: object, **given: Any) -> Setup:
+    """Check everything that goes into a run: arguments of `simulate`, and in_python for functions beside the model."""
+    return setup_of({"model": model, "q0": q0, "p0": p0, **given})
+
+
+def setup_of(given: dict[str, Any]) -> Setup:
+    """The same from a dictionary, which is used up."""
+    take = given.pop
+    model, q0, p0, scheme = take("model"), take("q0"), take("p0"), take("scheme", "midpoint")
+    increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
+    chosen = _options_of(model, given, take("in_python", False))
+    ndof, paths = model.ndof, chosen.paths
+    starts = q0, p0
+    q0, p0 = checks.state("q0", q0, ndof, paths), checks.state("p0", p0, ndof, paths)
+    if all(map(checks.is_one, starts)):
+        model.check_start(q0, p0, chosen.t0)
+    return Setup(
+        model,
+        as_scheme(scheme),
+        chosen,
+        q0,
+        p0,
+        None if increments is None else increments_array(increments),
+        _low("q0_low", q0_low, ndof, paths),
+        _low("p0_low", p0_low, ndof, paths),
+    )
+
+
+class Lent(np.ndarray):
+    """Increments that the library has made for one run and never writes again: they need no copy."""
+
+
+def increments_array(value: object, *, kept: bool = True) -> np.ndarray:
+    """Prescribed increments as C-contiguous (row, noise, 1 or path); a copy where they are kept."""
+    array = checks.real_array("increments", value)
+    if array.ndim == 2:
+        array = array[:, :, np.newaxis]
+    if array.ndim != 3:
+        raise WrongShapeError(
+            f"increments has shape {array.shape}: give (steps*2**refine, noise, path), or "
+            "(steps*2**refine, noise) for all paths"
+        )
+    return (np.array if kept and not isinstance(value, Lent) else np.asarray)(array, order="C")
+
+
+def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray | None:
+    """Low parts of a compensated state, for every path."""
+    return None if value is None else checks.full(checks.state(name, value, ndof, paths), paths)

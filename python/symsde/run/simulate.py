@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Integrate paths and keep them."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import importlib
+import math
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..model.definition import Model
+from ..native import abi, checks, files, handles
+from ..native.checks import address, addresses
+from ..native.progress import Monitor, Progress
+from ..native.signals import carry
+from ..schemes import Scheme
+from . import tabular
+from .report import Reported, filled
+from .setup import Setup, setup_of
+
+_INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
+_PATHS_SIZE = handles.new(abi.Paths, "paths").struct_size
+_REPORT_SIZE = handles.new(abi.Report, "report").struct_size
+
+
+_HELD, _KEPT = 2**14, 2**25  # bytes of a piece that glibc's allocator always has, and that it keeps for the next run
+
+
+def _two_of(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Room for q and p: up to a size in one piece, since of two the allocator gives one back to the system, and its
+    fresh pages would take longer than the steps of the next run."""
+    if not _HELD < 16 * math.prod(shape) <= _KEPT:
+        return np.empty(shape), np.empty(shape)
+    q, p = np.empty((2, *shape))
+    return q, p
+
+
+class Run(Reported):
+    """Saved paths: arrays as the library filled them, without a copy. Values after a failure are NaN."""
+
+    q: np.ndarray  #: (time, dof, path)
+    p: np.ndarray  #: (time, dof, path)
+    status: np.ndarray  #: (path,), 0 = ok; `symsde.status_text` tells the others
+    failed_step: np.ndarray  #: (path,), absolute step that failed; -1 = none
+    last_q: np.ndarray  #: (dof, path), last good state
+    last_p: np.ndarray
+    q_low: np.ndarray | None  #: (dof, path), low parts of the last state of a compensated run
+    p_low: np.ndarray | None
+
+    def __init__(self, setup: Setup):
+        """Room for the paths; `fill` computes them."""
+        self.setup = setup
+        ntime, ndof, paths = setup.ntime, setup.model.ndof, setup.paths
+        checks.room((2, ntime, ndof, paths), "the saved paths (q and p; time, dof, path)")
+        saved, last = (ntime, ndof, paths), (ndof, paths)
+        self.q, self.p = _two_of(saved)
+        self.status = np.empty(paths, _INT32)
+        self.failed_step = np.empty(paths, _INT64)
+        self.last_q, self.last_p = np.empty(last), np.empty(last)
+        self.q_low = self.p_low = None
+        if setup.options.compensated:
+            self.q_low, self.p_low = np.empty(last), np.empty(last)
+
+    def fill(self, progress: Progress) -> None:
+        """Let the library integrate."""
+        arrays = (self.q, self.p, self.status, self.failed_step, self.last_q, self.last_p)
+        low = () if self.q_low is None else (self.q_low, self.p_low)
+        paths = abi.Paths(_PATHS_SIZE, None, *addresses(arrays + low))  # the rest is NULL, as t is
+        report = abi.Report(_REPORT_SIZE)
+        setup = self.setup
+        with Monitor(progress) as monitor:
+            given = setup.input(monitor)
+            try:
+                setup.model.call(
+                    "simulate",
+                    *setup.handles(),
+                    ctypes.byref(given),
+                    ctypes.byref(paths),
+                    ctypes.byref(report),
+                    allow=(abi.STOPPED, abi.PATHS_FAILED),
+                )
+            finally:
+                self._keep_report(report)
+            self._warn_of_failures()
+
+    @functools.cached_property
+    def t(self) -> np.ndarray:
+        """(time,), t0 included."""
+        t = np.empty(self.setup.ntime)  # made when it is looked at: a third of what one path takes with q and p
+        handles.call("saved_times", ctypes.byref(self.setup.options), address(t))
+        return t
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle and copies: with the times, which another library may round otherwise."""
+        return {**self.__dict__, "t": self.t}
+
+    @functools.cached_property
+    def path(self) -> np.ndarray:
+        """(path,), global indices."""
+        first = self.setup.options.first_path
+        return np.arange(first, first + self.setup.paths)
+
+    @property
+    def model(self) -> Model:
+        """The model of this run."""
+        return self.setup.model
+
+    @property
+    def scheme(self) -> Scheme:
+        """The scheme of this run."""
+        return self.setup.scheme
+
+    def _variables(self) -> files.Variables:
+        return {
+            "q": (("time", "dof", "path"), self.q),
+            "p": (("time", "dof", "path"), self.p),
+            "status": (("path",), self.status),
+            "failed_step": (("path",), self.failed_step),
+        }
+
+    def attributes(self) -> dict[str, str]:
+        """What made the run, as text for files; its paths may be those of several runs."""
+        counted = {"paths_asked": str(len(self.status)), "paths_ok": str(int((self.status == 0).sum()))}
+        return {**super().attributes(), **counted}
+
+    def plot(self, path=None, *, what: str = "paths", of: Sequence[str] | None = None, most: int = 50):
+        """A matplotlib figure, written where a path is given.
+
+        what: "paths" (values along time), "phase" (p_i over q_i) or "energy"; of: names of values, as ["q_2"]; most:
+        paths that are drawn.
+        """
+        return importlib.import_module("symsde.reports.plot").run(self, path, what, of, most)
+
+    def to_pandas(self):
+        """A pandas.DataFrame, one row for each path and time, indexed by both: q_1 .., p_1 .. ."""
+        return tabular.of_run(self)
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return tabular.html_of_run(self)
+
+    def to_xarray(self):
+        """An xarray.Dataset with dims time, dof, path; path is the global index."""
+        coordinates = {"time": (("time",), self.t), "path": (("path",), self.path)}
+        return files.dataset(self._variables(), coordinates, self.attributes())
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write a .nc (needs xarray and netCDF4) or .npz file."""
+        variables = {"t": (("time",), self.t), "path": (("path",), self.path), **self._variables()}
+        files.write(files.path_of("path", path), self.to_xarray, variables, self.attributes())
+
+    def __repr__(self) -> str:
+        """One line."""
+        ntime, ndof, paths = self.q.shape
+        return (
+            f"<run of {self.model!r} by {self.scheme.name}: {ntime} times from {self.t[0]:g} to {self.t[-1]:g}, "
+            f"{ndof} degrees of freedom, {paths} paths, {self.report.outcome}>"
+        )
+
+
+def simulate(
+    model: Model,
+    *,
+    q0: Any,
+    p0: Any,
+    step: float,
+    steps: int,
+    t0: float = 0.0,
+    scheme: str | Scheme = "midpoint",
+    paths: int = 1,
+    seed: int = 0,
+    save_every: int = 1,
+    increments: Any = None,
+    refine: int = 0,
+    first_path: int = 0,
+    first_step: int = 0,
+    correction: str = "auto",
+    truncation: tuple[float, float] | None = None,
+    areas: str = "path",
+    area_time: float | None = None,
+    common_noise: int | Sequence[int] = (),
+    compensated: bool = False,
+    threads: int | None = None,
+    progress: Progress = False,
+    general: bool = False,
+    fixed_point: int = 0,
+    max_iter: int = 100,
+    lanes: int | None = None,
+    q0_low: Any = None,
+    p0_low: Any = None,
+) -> Run:
+    """Integrate paths and save them every `save_every` steps. Everything is dimensionless.
+
+    Path i depends on (seed, i, model, initial state, t0, scheme, step, refine, options) and the build alone:
+    not on threads, lanes or the number of paths, bit for bit.
+
+    - q0, p0: initial state, a number, (dof,) for all paths, or (dof, path)
+    - step: h, may be negative; steps: how many, a multiple of save_every; t0: time of step 0
+    - scheme: a name (`symsde.schemes.names()`) or a Scheme
+    - paths, first_path: global indices first_path .. first_path + paths - 1
+    - seed: 0 .. 2^64 - 1
+    - increments: dW of your own, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths; for schemes
+      that take them dZ of all noises as further columns, and K
+    - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the bridge
+    - first_step: absolute index of the first step; with q0, p0 = last_q, last_p of an earlier run it resumes
+    - correction: of one-sided schemes, "auto", "none", "mean" or "increments"
+    - truncation: (order, time scale) of truncated increments
+    - areas: how schemes with Levy areas draw them: "path", those of the path, or "law", right in law at bounded cost
+    - area_time: time scale of areas by the path, area_time/(12 step) sub-increments a step; derived from the model if
+      None
+    - common_noise: noises k, from 1 to 64, of which every path gets the W_k of path 0, with all that belongs to it; the
+      other noises are each path's own. Standard errors of moments are then those of paths given the common noises
+    - compensated: compensated summation of the state; q0_low, p0_low, (dof, path), resume it
+    - threads: default SYMSDE_NUM_THREADS, else OpenMP's; one for Python callbacks and in forked processes
+    - progress: True shows a bar; a function f(done, total) may return True to stop
+    - general: the general stepper; fixed_point: that many fixed-point iterations instead of Newton; max_iter:
+      iterations of Newton a step; lanes: of a block, never changes a result
+
+    Misuse raises a ValueError (`symsde.errors`) with a sentence, and computes nothing. Ctrl-C stops the run and
+    raises KeyboardInterrupt, whose attribute `partial` is the Run until then, NaN where no path came, None before it
+    began; so does what the handler of another signal raises. Paths that fail are NaN from there on; a
+    PathsFailedWarning tells how many.
+    """
+    given = locals()  # all of the above, by name
+    del given["progress"]
+    run = None
+    try:
+        run = Run(setup_of(given))
+        run.fill(progress)
+    except BaseException as stop:
+        carry(stop, lambda: filled(run))
+        raise
+    return run

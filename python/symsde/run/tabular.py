@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Results as tables: data frames of pandas, and what notebooks show."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..native import files, handles
+
+_ROWS, _COLUMNS = 11, 6
+
+
+def of_run(run: Any):
+    """A data frame of saved paths."""
+    pandas = files.optional("pandas", "xarray")
+    ntime, ndof, npath = run.q.shape
+    index = pandas.MultiIndex.from_product([run.path, run.t], names=["path", "t"])
+    names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
+    values = np.concatenate([run.q, run.p], axis=1)  # (time, value, path)
+    return pandas.DataFrame(values.transpose(2, 0, 1).reshape(npath * ntime, 2 * ndof), index=index, columns=names)
+
+
+def of_moments(moments: Any):
+    """A data frame of moments."""
+    pandas = files.optional("pandas", "xarray")
+    columns: dict[str, np.ndarray] = {"n_ok": moments.n_ok}
+    for kind in ("mean", "var", "se_mean"):
+        columns |= {f"{kind} {name}": x for name, x in zip(moments.columns(), moments.table(kind).T, strict=True)}
+    return pandas.DataFrame(columns, index=pandas.Index(moments.t, name="t"))
+
+
+def first_values(moments: Any, most: int) -> list[int]:
+    """Numbers of the values that are shown first: q_1, p_1, the energy, observables."""
+    ndof = moments.setup.model.ndof
+    return [0, ndof, *range(2 * ndof, len(moments.columns()))][:most]
+
+
+def some_times(ntime: int, most: int = _ROWS) -> list[int]:
+    """At most so many saved times, the first and the last among them."""
+    every = max(1, -(-(ntime - 1) // (most - 1)))
+    return sorted({*range(0, ntime, every), ntime - 1})
+
+
+def html_of_run(run: Any) -> str:
+    """What a run is, and where its first paths end."""
+    rows = []
+    for i in range(min(len(run.path), _ROWS)):
+        state = [f"{x:.6g}" for x in (*run.last_q[:, i][:3], *run.last_p[:, i][:3])]
+        failed = f" at step {run.failed_step[i]}" if run.failed_step[i] >= 0 else ""
+        rows.append([str(run.path[i]), f"{handles.status_text(int(run.status[i]))}{failed}", *state])
+    ndof = min(run.q.shape[1], 3)
+    names = [f"last {x}_{i + 1}" for x in "qp" for i in range(ndof)]
+    return _page(repr(run), ["path", "status", *names], rows, len(run.path) - len(rows), "paths")
+
+
+def html_of_moments(moments: Any) -> str:
+    """Means with standard errors at some times."""
+    names, (means, errors) = moments.columns(), moments.to_arrays()
+    wanted = first_values(moments, _COLUMNS)
+    rows = [
+        [f"{moments.t[i]:.6g}", str(moments.n_ok[i]), *(f"{means[i, j]:.6g} ± {errors[i, j]:.2g}" for j in wanted)]
+        for i in some_times(len(moments.t))
+    ]
+    header = ["t", "paths", *(f"mean {names[j]}" for j in wanted)]
+    return _page(repr(moments), header, rows, len(moments.t) - len(rows), "times")
+
+
+def html_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table of texts for notebooks."""
+
+    def line(cells: Sequence[str], tag: str) -> str:
+        return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+
+    body = "\n".join(line(row, "td") for row in rows)
+    return f"<table>\n{line(header, 'th')}\n{body}\n</table>\n"
+
+
+def _page(about: str, header: Sequence[str], rows: Iterable[Sequence[str]], hidden: int, of_what: str) -> str:
+    more = f"<p>and {hidden} {of_what} more</p>\n" if hidden else ""
+    return f"<p>{html.escape(about)}</p>\n{html_table(header, rows)}{more}"
