@@ -8,12 +8,16 @@ check_rooms.py --self-test  plants a violation of every rule and requires that e
 A room is a folder below an area (src/step/midpoint); a file that stands directly in an area is a room of its own.
 Arrows between rooms make no circle. An area that has rooms holds at most five files beside them. A module whose
 header says "Private to its family." is used in its room alone.
+
+The rooms of the Python package are its folders: arrows between them, whether imported at once or when needed, make no
+circle, and no two of its files have the same name.
 """
 
+import ast
 import re
 import sys
 import tempfile
-from collections import defaultdict
+from collections import Counter, defaultdict
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -45,6 +49,27 @@ def arrows(modules):
     for area, room, text in modules.values():
         graph[area, room] |= {modules[name][:2] for name in used(text) if name in modules} - {(area, room)}
     return graph
+
+
+def imported(text, package):
+    """The modules of the Python package that a file imports, as tuples of names below it; package: where it stands."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            at = package[: len(package) - node.level + 1] + tuple((node.module or "").split("."))
+            yield from (tuple(part for part in (*at, name.name) if part) for name in node.names)
+
+
+def packages(root):
+    """Package -> the packages that it imports, and how often each name of a file occurs."""
+    graph, names = defaultdict(set), Counter()
+    top = root / "python" / "symsde"
+    for file in sorted(top.rglob("*.py")):
+        parts = file.relative_to(top).parts
+        names[file.stem] += not file.stem.startswith("__")
+        if len(parts) > 1:
+            used_here = {path[0] for path in imported(file.read_text(encoding="utf-8"), parts[:-1])}
+            graph[parts[0]] |= {name for name in used_here if (top / name).is_dir()} - {parts[0]}
+    return graph, names
 
 
 def folders(root):
@@ -104,17 +129,27 @@ def findings(root):
         for other in used(text):
             if other in modules and modules[other][:2] != (area, room) and PRIVATE.search(modules[other][2]):
                 yield f"{name} uses {other}, which is private to its family"
+    graph, names = packages(root)
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        yield "packages in a circle: " + " -> ".join(error.args[1])
+    yield from (f"python/symsde has {count} files of the name {name}" for name, count in names.items() if count > 1)
     if with_picture(root) != (root / "CONTRIBUTING.md").read_text(encoding="utf-8"):
         yield "CONTRIBUTING.md: the picture of the rooms is not as the tree is: run tests/house/check_rooms.py . --draw"
 
 
-def planted(root, files):
-    """A tree of these modules, path -> what they use; those in capitals are private."""
+def planted(root, files, python):
+    """A tree of these modules, path -> what they use; those in capitals are private. And these files in Python."""
     for path, uses in files.items():
         file = root / "src" / path.lower()
         file.parent.mkdir(parents=True, exist_ok=True)
         head = "!> Private to its family.\n" if path != path.lower() else ""
         file.write_text(head + "".join(f"   use symsde_{name}, only: x\n" for name in uses))
+    for path, text in python.items():
+        file = root / "python" / "symsde" / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
     (root / "CONTRIBUTING.md").write_text(BEGIN + END)
     (root / "CONTRIBUTING.md").write_text(with_picture(root))
 
@@ -128,9 +163,14 @@ def self_test():
         "6 files beside": {**sound, **{f"step/d{i}.f90": () for i in range(5)}},
         "is private": {**sound, "step/b/z.f90": ("step_a_x",)},
     }
-    for wanted, files in cases.items():
+    python = {"run/x.py": "from ..model.y import z\n", "model/y.py": ""}
+    circle = {**python, "model/y.py": "def f():\n    from .. import run\n"}
+    twice = {**python, "run/y.py": ""}
+    cases = {wanted: (files, python) for wanted, files in cases.items()}
+    cases |= {"packages in a circle": (sound, circle), "2 files of the name y": (sound, twice)}
+    for wanted, (files, modules) in cases.items():
         with tempfile.TemporaryDirectory() as folder:
-            planted(Path(folder), files)
+            planted(Path(folder), files, modules)
             found = list(findings(Path(folder)))
             if (found != []) if wanted == "" else not any(wanted in line for line in found):
                 yield f"planted '{wanted}', found {found}"

@@ -2,6 +2,7 @@
 """What answers, levels and advice tell of themselves, in words and in numbers: each against a number of its own."""
 
 import dataclasses
+import importlib
 import math
 import re
 import sys
@@ -226,3 +227,12 @@ def test_noise_of_moments_is_that_of_their_differences():
     pairs = [ends[i] - ends[j] for i, j in ((0, 1), (1, 2), (0, 2))]
     assert seen.noise == pytest.approx(max(x.std(axis=1).max() for x in pairs) / 64, rel=1e-3)
     assert [seen.first, seen.second, seen.both] == pytest.approx([np.abs(x.mean(axis=1)).max() for x in pairs])
+
+
+@pytest.mark.parametrize(
+    ("name", "where"), [("scene", "batch.scene"), ("stability", "reports.stability"), ("study", "reports.study")]
+)
+def test_modules_that_moved_are_found_by_their_old_names(name, where):
+    with pytest.warns(DeprecationWarning, match=f"symsde.{name} is now symsde.{where}"):
+        found = getattr(ss, name)
+    assert found is importlib.import_module(f"symsde.{where}")
