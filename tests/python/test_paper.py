@@ -6,6 +6,7 @@ are five standard errors wide (a false alarm in two million), and the seeds are 
 """
 
 import contextlib
+import dataclasses
 import io
 import json
 import math
@@ -220,6 +221,39 @@ def test_residuals_vanish_on_paths_and_grow_beside_them(results, case):
     assert part["action_exponent"] == pytest.approx(2, abs=0.02)
     assert part["lagrangian_difference"] < 1e-14
     assert part["boundary_form_difference"] < 1e-7
+
+
+#: equations of each case, the wrong print aside
+PRINTED = {"Kubo, midpoint": 5, "synchrotron, midpoint": 3, "two noises, (89)-(90)": 2, "two noises, (91)-(92)": 5}
+
+
+def test_steps_satisfy_the_printed_equations(results):
+    for case, count in PRINTED.items():
+        found = dict(results["euler_lagrange"][case]["printed_residuals"])
+        if case == "synchrotron, midpoint":  # sigma1 dW/2 (cos(q_n/2) - cos of the mean): of order 0.1 * 0.3
+            assert 0.01 < found.pop("(80), second print") < 0.2
+        assert len(found) == count
+        assert max(found.values()) < 4e-14
+
+
+@pytest.mark.parametrize("case", PRINTED)
+def test_a_coefficient_one_per_cent_off_fails_the_printed_equations(case):
+    """Of every coefficient, in every equation that has it; (79) has none."""
+    from symsde.reports.paper import euler_lagrange
+    from symsde.reports.paper.experiment import Experiment
+
+    given = next(one for one in euler_lagrange._cases() if one.label == case)
+    without = {"sigma": {"(89)", "(91)", "adjoint of (89)"}, "gamma": {"(90)", "(92)", "adjoint of (90)"}}
+    for name, value in given.model.parameters.items():
+
+        def wrong(*ends, name=name, value=value, **coefficients):
+            return given.printed(*ends, **coefficients | {name: 1.01 * value})
+
+        experiment = Experiment("twin", "")
+        euler_lagrange.printed_equations(experiment, dataclasses.replace(given, printed=wrong))
+        unaffected = without.get(name, set()) if "two" in case else {"(79)", "(80), second print"}
+        verdicts = {check.about: check.passed for check in experiment.checks if "step put in" in check.quantity}
+        assert {about for about, passed in verdicts.items() if passed} == unaffected & set(verdicts)
 
 
 def test_failed_expectation_gives_a_failing_exit_code(tmp_path, monkeypatch, capsys):

@@ -4,7 +4,8 @@
 Along a path of the scheme the discrete Euler-Lagrange equations (47)-(48) and both Legendre transforms (53)-(54),
 (57)-(58) hold to round-off. That this says something shows when the path is perturbed by eps: the residuals grow like
 eps, the action (46) changes like eps^2 where the ends stay fixed, and like p_N dq_N - p_0 dq_0, (60), where they move.
-The discrete Lagrangians of the paper are also written down here, (61)-(62), (77)-(78), (88) and its adjoint.
+The discrete Lagrangians of the paper are also written down here, (61)-(62), (77)-(78), (88) and its adjoint; into the
+equations that it gets from them, in printed.py, the library's step is put.
 """
 
 from copy import copy
@@ -15,12 +16,14 @@ import numpy as np
 import symsde as ss
 
 from .. import look
+from . import printed
 from .experiment import Experiment, panels
 
 STEP, STEPS, PATHS, SEED = 0.02, 500, 4, 47
 A, SIGMA = 1.0, 0.5
 OMEGA, SIGMA1, SIGMA2 = 2.0, 0.2, 0.1
 NOISE1, NOISE2 = 1.0, 1.0  # sigma and gamma of (84)-(85)
+LONG_STEP, POINTS, ROUNDING = 0.1, 64, 1e-13  # of single steps from given states, up to three
 EPSILONS = 10.0 ** -np.arange(1, 11)
 
 
@@ -53,12 +56,16 @@ def _one_sided(h, dw, q, p, difference):
 
 @dataclass
 class Case:
-    """A model with a scheme, the discrete Lagrangian as the paper prints it or from one that it prints, and where."""
+    """A model with a scheme, the discrete Lagrangian as the paper prints it or from one that it prints, and where.
+
+    `printed` are the equations that the paper gets from it, `equations` are those of the Lagrangian.
+    """
 
     label: str
     model: object
     scheme: str
     lagrangian: object
+    printed: object
     equations: str
     q0: float = 0.0
     against: str = "the printed one"
@@ -68,14 +75,15 @@ def _cases():
     oscillator = ss.models.additive_oscillator(sigma=NOISE1, gamma=NOISE2)
     synchrotron_model = ss.models.synchrotron(omega=OMEGA, sigma1=SIGMA1, sigma2=SIGMA2)
     return (
-        Case("Kubo, midpoint", ss.models.kubo(a=A, sigma=SIGMA), "midpoint", kubo, "(61)-(62)", q0=1.0),
-        Case("synchrotron, midpoint", synchrotron_model, "midpoint", synchrotron, "(77)-(78)"),
-        Case("two noises, (89)-(90)", oscillator, "symplectic_euler", two_noises, "(88)"),
+        Case("Kubo, midpoint", ss.models.kubo(a=A, sigma=SIGMA), "midpoint", kubo, printed.kubo, "(61)-(62)", q0=1.0),
+        Case("synchrotron, midpoint", synchrotron_model, "midpoint", synchrotron, printed.synchrotron, "(77)-(78)"),
+        Case("two noises, (89)-(90)", oscillator, "symplectic_euler", two_noises, printed.two_noises, "(88)"),
         Case(
             "two noises, (91)-(92)",
             oscillator,
             "symplectic_euler_adjoint",
             two_noises_adjoint,
+            printed.two_noises_adjoint,
             "(88)",
             against="that printed, ends exchanged",
         ),
@@ -86,8 +94,8 @@ def run(quick):
     """Residuals along the paths, and how they grow away from them."""
     steps = 100 if quick else STEPS
     parameters = {
-        "step": STEP, "steps": steps, "paths": PATHS, "kubo": {"a": A, "sigma": SIGMA},
-        "synchrotron": {"omega": OMEGA, "sigma1": SIGMA1, "sigma2": SIGMA2},
+        "step": STEP, "steps": steps, "paths": PATHS, "single_step": LONG_STEP, "points": POINTS,
+        "kubo": {"a": A, "sigma": SIGMA}, "synchrotron": {"omega": OMEGA, "sigma1": SIGMA1, "sigma2": SIGMA2},
         "additive_oscillator": {"sigma": NOISE1, "gamma": NOISE2},
     }  # fmt: skip
     title = f"Discrete Euler-Lagrange equations and Legendre transforms, h = {STEP}, {steps} steps, {PATHS} paths"
@@ -97,6 +105,7 @@ def run(quick):
             case.model, q0=case.q0, p0=0.0, step=STEP, steps=steps, scheme=case.scheme, paths=PATHS, seed=SEED
         )
         row = _residuals(experiment, case, computed) | _action(experiment, case, computed)
+        row["printed_residuals"] = printed_equations(experiment, case)
         experiment.numbers[case.label] = row | _perturbed(experiment, case, computed)
     return experiment
 
@@ -129,6 +138,28 @@ def _action(experiment, case, computed):
         gap = max(gap, np.abs(ss.diagnose.action(path) - printed).max() / max(1.0, np.abs(printed).max()))
     experiment.at_most(case.equations, f"  discrete Lagrangian - {case.against}, relative", gap, 1e-14)
     return {"lagrangian_difference": gap}
+
+
+def printed_equations(experiment, case):
+    """The library's step put into the printed equations, from given states with given increments."""
+    rng = np.random.default_rng(SEED)
+    start, other = rng.uniform(-3, 3, (2, 2, POINTS))
+    dw = rng.uniform(-1, 1, (case.model.nnoise, POINTS))
+    dw[0, 0] = -A * LONG_STEP / SIGMA  # where the paper's division by a h + sigma dW is one by zero
+    end = np.concatenate(ss.step(case.model, case.scheme, *start[:, None], LONG_STEP, dw=dw))
+    residuals = case.printed(LONG_STEP, dw, start, end, **case.model.parameters)
+    largest = {equation: np.abs(residual).max() for equation, residual in residuals.items()}
+    for equation, value in largest.items():
+        if equation == printed.WRONG:
+            experiment.at_least(equation, "  wrong, cos(q_n/2): left side - right side", value, 1e-2)
+        else:
+            experiment.at_most(equation, "  step put in: left side - right side", value, ROUNDING)
+    if case.printed is printed.two_noises_adjoint:
+        off = case.printed(LONG_STEP, dw, start, other, **case.model.parameters)
+        gap = max(np.abs(off[f"adjoint of {i}"] - off[j]).max() for i, j in (("(89)", "(91)"), ("(90)", "(92)")))
+        experiment.at_most("(91)-(92)", "  adjoint of (89)-(90) - (91)-(92), any two ends", gap, ROUNDING)
+        largest["adjoint_difference"] = gap
+    return largest
 
 
 def _perturbed(experiment, case, computed):
