@@ -251,16 +251,16 @@ def test_the_words_give_the_numbers():
     )
     assert second + "0.02." in said
     assert "For an error of 0.0001 use gauss2 at h = 0.02: 75 microseconds a path; no other scheme reaches it" in said
-    assert "gauss2 is the most expensive way to 0.01, 6 times the cheapest." in said
-    assert "heun beats every symplectic scheme 2.0-fold at 0.01" in said
-    assert "Slopes of the error over h, plateaus left out: midpoint 1.02 +- 0.03." in said
+    assert "gauss2 is the most expensive scheme for 0.01: it takes 6 times as long as the best." in said
+    assert "heun is 2.0 times as fast as the best symplectic scheme at 0.01" in said
+    assert "The slopes of the error over h, without plateaus, are: midpoint 1.02 +- 0.03." in said
 
 
 def test_words_of_ties_failures_and_invariants():
     rows = [cost_row("midpoint", 0.1, 8e-3, 2.5e-6, drift=1e-13), cost_row("gauss2", 0.1, 8e-3, 2.8e-6, drift=3e-4)]
     rows += [cost_row("heun", h, 9e9, 1e-6, status="diverged") for h in (0.4, 0.2)]
     said = study_words.paragraph(rows, {})
-    assert "2.5 microseconds a path, and gauss2 cost the same within 15 %." in said
+    assert "2.5 microseconds a path; gauss2 costs the same within 15 %." in said
     assert "Paths fail or diverge with heun down to h = 0.2." in said
     assert "The invariant is kept to rounding by midpoint, and at worst changed by gauss2 by 3e-04." in said
     assert study_words.paragraph([{**rows[2]}], {}).startswith(

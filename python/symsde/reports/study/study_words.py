@@ -54,7 +54,7 @@ def recommend(usable: list[dict], target: float) -> str:
     text += f"{best['seconds'] * 1e6:.3g} microseconds a path"
     equal = [row["scheme"] for row in others if row["seconds"] <= CLOSE * best["seconds"]]
     if equal:
-        return f"{text}, and {listed(equal)} cost the same within 15 %."
+        return f"{text}; {listed(equal)} {'cost' if equal[1:] else 'costs'} the same within 15 %."
     if others:
         factor = others[0]["seconds"] / best["seconds"]
         return f"{text}, {factor:.1f} times less than {others[0]['scheme']} at h = {others[0]['h']:.3g}."
@@ -72,7 +72,8 @@ def _losers(usable: list[dict]) -> str:
     factor = worst["seconds"] / found[0]["seconds"]
     if factor < 2:
         return ""
-    return f"{worst['scheme']} is the most expensive way to {target:g}, {factor:.0f} times the cheapest."
+    name = worst["scheme"]
+    return f"{name} is the most expensive scheme for {target:g}: it takes {factor:.0f} times as long as the best."
 
 
 def _contrast(usable: list[dict]) -> str:
@@ -86,19 +87,19 @@ def _contrast(usable: list[dict]) -> str:
             factor = structured[0]["seconds"] / plain[0]["seconds"]
             name = plain[0]["scheme"]
             if factor > CLOSE:
-                wins.append(f"{name} beats every symplectic scheme {factor:.1f}-fold at {target:g}")
+                wins.append(f"{name} is {factor:.1f} times as fast as the best symplectic scheme at {target:g}")
             elif factor < 1 / CLOSE:
-                losses.append(f"{1 / factor:.1f}-fold at {target:g}")
+                losses.append(f"{1 / factor:.1f} times as long at {target:g}")
     if wins:
-        return f"Not being symplectic can pay over this horizon: {listed(wins)}."
+        return f"Over this horizon schemes that are not symplectic can be faster: {listed(wins)}."
     if losses:
-        return f"The best scheme that is not symplectic loses {listed(losses)}."
+        return f"The best scheme that is not symplectic takes {listed(losses)}."
     return ""
 
 
 def _order(orders: dict) -> str:
     shown = [f"{name} {order}" for name, order in orders.items() if order.points > 1]
-    return f"Slopes of the error over h, plateaus left out: {', '.join(shown)}." if shown else ""
+    return f"The slopes of the error over h, without plateaus, are: {', '.join(shown)}." if shown else ""
 
 
 def _failures(rows: list[dict]) -> str:
