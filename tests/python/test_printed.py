@@ -242,7 +242,7 @@ def test_completion_in_a_shell(capsys, monkeypatch):
 
 def test_how_a_missing_package_is_installed(tmp_path, monkeypatch):
     """In a source tree by the tree, elsewhere by the name of what is installed there."""
-    place = tmp_path / "python" / "symsde" / "_files.py"
+    place = tmp_path / "python" / "symsde" / "native" / "files.py"
     monkeypatch.setattr(files, "__file__", str(place))
     with pytest.raises(MissingPackageError, match=r"^none is not installed: pip install 'symsde\[sympy\]'$"):
         files.optional("none", "sympy")
