@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause
- * What decides about the bits of sums beside their terms: how a thread rounds, and whether it keeps denormal numbers. Traps
- * and flags are left as they are. */
+ * What decides about the bits of sums beside their terms: how a thread rounds, and, where that is in the same register of
+ * an x86 processor, whether it keeps denormal numbers. Traps and flags are left as they are. */
 #include <fenv.h>
 
 #define HIDDEN __attribute__((visibility("hidden")))
