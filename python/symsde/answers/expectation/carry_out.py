@@ -267,7 +267,10 @@ class Work:
         reached, unknown = found.half <= _NEARLY * wanted, NORMAL * found.bias > wanted
         if not reached and not any("asked was" in note for note in found.notes):
             over = self.watch.why if self.watch.over else "paths were too few"
-            if unknown:
+            enough = not self.watch.over and NORMAL * found.error <= wanted < NORMAL * math.hypot(
+                found.error, found.bias
+            )
+            if unknown or enough:
                 over = (
                     f"the error that the step leaves is known to {found.bias:.2g} alone: halving it changes the ends "
                     "of paths too much, or too few paths show that; give a larger tolerance, a shorter horizon or "
