@@ -18,7 +18,7 @@ from .estimators import Antithetic, Plain
 from .longest_step import fewest_steps
 from .problem import Problem
 from .quasi import Quasi
-from .tolerance import Tolerance
+from .tolerance import SEEN, Tolerance
 from .trial import LEVELS, UNSTABLE, Trial
 from .unseen import look
 from .watch import Watch
@@ -44,7 +44,6 @@ _NEAR = 0.5  #: levels, within which the variance of a method is taken to be the
 _DOUBLINGS = 12
 _WIDER = 20  #: doublings of the error that is asked for
 _LONG = 600.0  #: seconds of a plan, above which the pilot is made no longer
-_SEEN = 3.0  #: standard errors by which a mean is told from 0
 _FIRST = 2**45 + 2**44  #: path that values of f are looked at from
 _VARIES = "; {} needs an f that varies"
 _DRIVEN = "; {} needs noise, no truncation, {}"
@@ -129,7 +128,7 @@ class Pilot:
 
     def _may_be_zero(self) -> bool:
         seen = self.looked_at.units
-        return self.tolerance.relative is not None and math.fabs(seen.mean) < _SEEN * seen.error
+        return self.tolerance.relative is not None and math.fabs(seen.mean) < SEEN * seen.error
 
     @property
     def value(self) -> float:

@@ -12,6 +12,7 @@ from ...errors import InvalidArgumentError, WrongTypeError
 from ...native import checks
 
 NORMAL = 1.96  #: half width of a 95 % interval, in standard errors
+SEEN = 3.0  #: standard errors by which a mean is told from 0
 BIAS_SHARE = 0.1  #: of the squared error that the bias may have: so little that the interval holds with or without it
 _SCATTER = 0.75  #: standard errors of a standard error, by which that of work that ends by it is taken larger
 _ROUNDING = 64 * np.finfo(float).eps  #: relative half width that sums and steps can be trusted to

@@ -23,7 +23,7 @@ from ..expectation.problem import make_problem
 from ..expectation.tails import Doubt
 from ..expectation.tally import Tally
 from ..expectation.target import Function
-from ..expectation.tolerance import BIAS_SHARE, Tolerance, half_width, make_tolerance, quantile
+from ..expectation.tolerance import BIAS_SHARE, SEEN, Tolerance, half_width, make_tolerance, quantile
 from ..expectation.unseen import doubt, look, unseen
 from ..expectation.watch import Watch
 from .multilevel_answer import Level, Multilevel
@@ -215,13 +215,19 @@ class Estimate:
 
     def _check(self) -> None:
         """What the first samples show that makes further work vain."""
-        fine = self.draws[0].fine
-        self.tolerance.check(self.value, math.sqrt(fine.mean**2 + fine.variance))
-        if self.tolerance.relative is not None and math.fabs(self.value) < self.error and self.error > 0:
+        fine, (value, error) = self.draws[0].fine, self._told()
+        self.tolerance.check(value, math.sqrt(fine.mean**2 + fine.variance))
+        if self.tolerance.relative is not None and math.fabs(value) < error:
             raise InvalidArgumentError(
-                f"the mean of f is {self.value:.3g} +- {self.error:.3g}: a half width relative to it cannot be kept "
+                f"the mean of f is {value:.3g} +- {error:.3g}: a half width relative to it cannot be kept "
                 "where it may be 0; give abs, the half width itself"
             )
+
+    def _told(self) -> tuple[float, float]:
+        """The value and its error; where levels do not tell it from 0, those of the values looked at if these do."""
+        known, levels = self.known, (self.value, self.error)
+        seen = math.fabs(known.mean) > SEEN * known.error
+        return (known.mean, known.error) if seen and math.fabs(self.value) < self.error else levels
 
     def _wanted(self) -> list[int]:
         """Paths of each level that give the noise its share of the error at the least cost."""
@@ -236,7 +242,7 @@ class Estimate:
     def _error_wanted(self) -> float:
         """Root mean square error that gives the half width, with as many paths as the fewest that a level has."""
         fewest = min(draw.difference.n for draw in self.draws)
-        return self.tolerance.half_width(self.value) / quantile(fewest)
+        return self.tolerance.half_width(self._told()[0]) / quantile(fewest)
 
     def _variance(self, level: int) -> float:
         """Of a value; of level 0 at least that of the values looked at, where few of its own differ."""
