@@ -36,13 +36,17 @@ def tail_index(values: np.ndarray, count: int = 0) -> tuple[float, float]:
 
 
 def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
-    """Refuse values whose largest ones fall off so slowly that their variance is infinite, or whose squares vanish."""
+    """Refuse values whose largest ones fall off so slowly that their variance is infinite, or whose squares vanish.
+
+    Where few of them carry what there is of f, as on the flanks of a peak, others may be of any size: it is not the
+    unit that is too large.
+    """
     if values.size < LEAST:
         return
-    if 0 < (largest := float(np.abs(values).max())) < _SMALLEST:
+    if 0 < (largest := float(np.abs(values).max())) < _SMALLEST and not Tally.of(values / largest).few:
         raise InvalidArgumentError(
-            f"f = {name} is at most {largest:.3g}, whose square double precision does not hold: give it in a unit in "
-            f"which it is larger than {_SMALLEST:g}"
+            f"f = {name} was at most {largest:.3g} on {values.size} paths, whose square double precision does not "
+            f"hold: give it in a unit in which it is larger than {_SMALLEST:g}"
         )
     index, error = tail_index(values, count)
     if index + _DOUBT * error < 2:
