@@ -397,7 +397,7 @@ def test_a_folder_that_cannot_be_written_is_no_hindrance(tmp_path, monkeypatch):
         (None, {}, "is no formula"),
         (p**2 / 2, {"q": [q1, q2]}, "q names 2 coordinates and p 1 momenta"),
         (p**2 / 2, {"q": [], "p": []}, "q names 0 coordinates"),
-        (p**2 / 2, {"q": p}, "the name 'p' is given twice"),
+        (p**2 / 2, {"q": p}, "p is at place 1 of q, which results, observables and files call q_1"),
         (p**2 / 2, {"params": {"q": 1.0}}, "the name 'q' is given twice"),
         (p**2 / 2, {"params": {"a": float("nan")}}, "the parameter a = nan is not finite"),
         (p**2 / 2, {"params": {"a": "1"}}, "the parameter a = '1' is not a number"),
