@@ -125,8 +125,8 @@ class Prover:
                     return True  # rounding stays below, where it is near one
             except OverflowError:
                 overflows = True
-            except (AttributeError, TypeError, ValueError, ZeroDivisionError, RecursionError):
-                continue
+            except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError, RecursionError):
+                continue  # a function without a number, or a variable that is bound within: nothing is shown
         return overflows
 
     def diff(self, j: int, *variables: Any) -> Any:
