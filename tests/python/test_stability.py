@@ -218,7 +218,7 @@ def test_the_long_time_figure(tmp_path, monkeypatch):
 
 
 def test_what_failed_is_said_with_its_cause(tmp_path, monkeypatch):
-    monkeypatch.setattr(stability_page.figure, "save", lambda *_: None)
+    monkeypatch.setattr(stability_page.stability_figure, "save", lambda *_: None)
     good, bad = Expectations("good", "Good"), Expectations("bad", "Bad", if_failed="A known cause.")
     good.same("one", "first", 1, 1)
     bad.same("two", "second", 3, 4)
