@@ -25,7 +25,7 @@ endif()
 run(${CMAKE_COMMAND} -S ${CONSUMER}/../embedding -B ${WORK}/embedding -D CMAKE_BUILD_TYPE=Debug
    -D CMAKE_EXPORT_COMPILE_COMMANDS=ON -D CMAKE_Fortran_COMPILER=${FORTRAN} -D CMAKE_C_COMPILER=${CC} -G ${GENERATOR})
 file(READ ${WORK}/embedding/compile_commands.json commands)
-if(NOT commands MATCHES "midpoint[.]f90" OR commands MATCHES "-Werror")
+if(NOT commands MATCHES "full[.]f90" OR commands MATCHES "-Werror")
    message(FATAL_ERROR "a project that embeds symsde in a Debug build compiles it with -Werror, or not at all")
 endif()
 
