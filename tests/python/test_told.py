@@ -73,8 +73,9 @@ def test_what_was_reached_and_what_an_interval_is(pilot):
         return work._finished(_Outcome(2.0, half, error, bias, 100, []))
 
     assert finished(0.0208, 0.01, 0.01).reached and finished(0.0208, 0.01, 0.01).notes == ()
-    wide = finished(0.0212, 0.01, 0.01)
+    wide, biased = finished(0.0212, 0.01, 0.001), finished(0.0212, 0.01, 0.01)
     assert not wide.reached and wide.notes == ("paths were too few: the half width is 0.0212, asked was 0.02",)
+    assert not biased.reached and biased.notes[0].startswith("the error that the step leaves is known to 0.01 alone")
     work.watch = Watch(1e-9, False)
     assert finished(0.03, 0.01, 0.01).notes == ("max_time = 1e-09 s was over: the half width is 0.03, asked was 0.02",)
     (bound,) = finished(0.02, 0.0019, 0.01).notes
