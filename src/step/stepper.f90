@@ -44,7 +44,8 @@ module symsde_step_stepper
       logical :: explicit = .false.          !! no solver is called
       logical :: one_solve = .false.         !! its equations are linear for this model: no iteration
       logical :: moves = .false.             !! move is there
-      logical :: takes_one_lane = .false.    !! a block may be of one lane, with the bits of a lane of many
+      integer :: most_single = 0             !! paths that go faster one by one, by a stepper of one lane with the bits
+                                             !! of a lane of many; 0: there is none
       character(:), allocatable :: left_out    !! what else it does without, for the run report
       type(one_step_hamiltonian) :: ham
    contains

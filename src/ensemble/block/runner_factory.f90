@@ -13,7 +13,7 @@ module symsde_ensemble_block_runner_factory
    use symsde_scheme_scheme, only: frame_none
    use symsde_step_factory, only: make_stepper
    use symsde_step_lone, only: lone_stepper
-   use symsde_step_block_one_lane, only: lone_lane, new_lone_lane, most_of_lane
+   use symsde_step_block_one_lane, only: lone_lane, new_lone_lane
    use symsde_step_implicit_rescue, only: new_rescue
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -73,7 +73,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       call stepper%offer_lone(lone)
-      if (.not. allocated(lone) .and. has_few(self%options%npath, nlane, most_of_lane)) &
+      if (.not. allocated(lone) .and. has_few(self%options%npath, nlane, stepper%most_single)) &
          call offer_lane(self, stepper, lone, error)
       most = most_alone(stepper, lone)
       if (.not. has_few(self%options%npath, nlane, most)) most = 0
@@ -88,7 +88,6 @@ contains
       class(stepper_type), allocatable :: single
       type(lone_lane), allocatable :: made
 
-      if (.not. stepper%takes_one_lane) return
       call make_stepper(single, self%task, self%task%model, 1, error)
       if (allocated(error)) return
       allocate (made)

@@ -13,7 +13,6 @@ module symsde_ensemble_run_memory
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
    use symsde_step_lone, only: most_lone
-   use symsde_step_block_one_lane, only: most_of_lane
    use symsde_step_memory, only: step_memory, find_step_memory
    use symsde_step_stepper, only: stepper_task
    implicit none
@@ -90,7 +89,7 @@ contains
       kept = 2*states_ahead(nlane, ndof)
       numbers = step%numbers(nlane) + nlane*((12.0_wp + kept)*ndof + ahead*(ncolumn + 1)) &
                 + noise_numbers(nnoise, asked, nlane) + lone_numbers(options%npath, nlane, ncolumn)
-      if (has_few(options%npath, nlane, most_of_lane)) &  ! a stepper of one lane
+      if (has_few(options%npath, nlane, most_lone)) &  ! a stepper of one lane
          numbers = numbers + step%lane + step%once
       if (has_few(options%npath, nlane, most_lone) .and. .not. asked%is_empty()) &  ! pairs of steps are lanes
          numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))

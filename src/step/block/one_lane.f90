@@ -10,9 +10,7 @@ module symsde_step_block_one_lane
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
-   public :: lone_lane, new_lone_lane, most_of_lane
-
-   integer, parameter :: most_of_lane = 2  !! paths of a block that go one by one
+   public :: lone_lane, new_lone_lane
 
    type, extends(lone_stepper) :: lone_lane
       private
@@ -30,8 +28,8 @@ contains
       class(stepper_type), allocatable, intent(inout) :: stepper  !! taken over
 
       call move_alloc(stepper, self%stepper)
+      self%most = self%stepper%most_single
       self%stepper%ham%nreal = 1
-      self%most = most_of_lane
       self%wants_record = .true.
    end subroutine new_lone_lane
 

@@ -37,7 +37,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'Euler-Maruyama (not symplectic)'
-      self%takes_one_lane = .true.
+      self%most_single = 2
       self%explicit = .true.
       self%has_ito_drift = .not. task%model%traits%correction_vanishes()
       associate (n => task%model%traits%ndof, m => task%model%traits%nnoise, nlane => task%nlane)

@@ -53,7 +53,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'explicit'
-      self%takes_one_lane = .true.
+      self%most_single = 2
       self%explicit = .true.
       associate (scheme => task%scheme, t => task%model%traits, nlane => task%nlane)
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)

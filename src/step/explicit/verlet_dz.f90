@@ -35,7 +35,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'Verlet with dZ'
-      self%takes_one_lane = .true.
+      self%most_single = 2
       self%explicit = .true.
       self%time_dependent = noise_changes_in_time(task%model)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)

@@ -42,7 +42,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'one-sided'
-      self%takes_one_lane = .true.
+      self%most_single = 2
       self%adjoint = task%scheme%a(1, 1) > 0.5_wp
       associate (t => task%model%traits, n => task%model%traits%ndof, nlane => task%nlane)
          call new_one_step_hamiltonian(self%ham, task%model, nlane, task%correction, &

@@ -48,7 +48,7 @@ contains
       integer :: mu
 
       self%name = 'Galerkin'
-      self%takes_one_lane = .true.
+      self%most_single = 2
       associate (scheme => task%scheme)
          self%s = scheme%degree
          self%r = scheme%nstage

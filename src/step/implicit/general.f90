@@ -61,7 +61,7 @@ contains
       n = model%traits%ndof
       nstage = scheme%nstage
       self%name = 'general'
-      self%takes_one_lane = .true.
+      self%most_single = 2
       self%nstage = nstage
       self%npart = merge(1, 2, scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)
       self%c = scheme%c

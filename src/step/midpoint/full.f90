@@ -86,7 +86,7 @@ contains
       b = model%traits%bandwidth
       if (4*b + 3 >= 2*n) b = dense
       self%name = 'midpoint'
-      self%takes_one_lane = .true.
+      self%most_single = 2
       self%band = b
       call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp, brackets)
       matrices = .not. does_without_matrices(model%traits, 2*n, options)

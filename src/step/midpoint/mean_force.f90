@@ -91,7 +91,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'drift preserving'
-      self%takes_one_lane = .true.
+      self%most_single = 2
       self%left_out = 'half of the unknowns: identity mass'
       call new_dense_midpoint(self%part%dense_midpoint, task%model, task%nlane, task%newton)
       self%one_solve = self%part%newton%affine

@@ -86,7 +86,7 @@ contains
          call new_midpoint_full_stepper(full, task%model, task%nlane, task%newton, brackets=brackets)
          call move_alloc(full, self%inner)
       end if
-      self%takes_one_lane = self%inner%takes_one_lane
+      self%most_single = self%inner%most_single
       call new_rescue(self%rescue, task, self%inner)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
       call new_mean_path(self%mean, task%model, task%nlane, noise_changes_in_time(task%model))

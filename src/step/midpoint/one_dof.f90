@@ -61,7 +61,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'midpoint, one degree of freedom'
-      self%takes_one_lane = .true.
+      self%most_single = 2
       associate (t => task%model%traits, options => task%newton, nlane => task%nlane)
          self%separable = t%separable
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)

@@ -69,7 +69,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'stages, one degree of freedom'
-      self%takes_one_lane = .true.
+      self%most_single = 2
       self%alpha = task%scheme%alpha
       allocate (self%zero(task%nlane), source=0.0_wp)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp, task%scheme%brackets)

@@ -113,7 +113,7 @@ contains
                                      .not. self%equations%plan%group(g)%explicit
          end do
          self%one_solve = all(self%equations%plan%group%explicit .or. self%solver%at_once)
-         self%takes_one_lane = .not. any(self%solver%at_once)
+         self%most_single = merge(0, 2, any(self%solver%at_once))
          allocate (self%left(self%width), self%outcome(self%width), self%wanted(self%width))
          allocate (self%dq(self%width, traits%ndof), self%dp(self%width, traits%ndof))
          self%name = 'stages'
