@@ -246,7 +246,7 @@ def test_exact_solutions_refuse_discrete_increments():
 
 def test_plot(kubo):
     pytest.importorskip("matplotlib")
-    axes = ss.convergence(kubo, q0=1.0, p0=0.0, steps=[4, 8], paths=100).plot()
+    (axes,) = ss.convergence(kubo, q0=1.0, p0=0.0, steps=[4, 8], paths=100).plot().axes
     assert axes.get_xscale() == "log" and axes.get_legend() is not None
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What figures and tables show is what was computed: the numbers of lines, bands and cells, read back."""
 
+import inspect
 import re
 from types import SimpleNamespace
 
@@ -10,7 +11,7 @@ import symsde as ss
 from conftest import table_of
 from symsde import observe
 from symsde.cli import command_line
-from symsde.errors import InvalidArgumentError, SceneError, UnknownNameError
+from symsde.errors import InvalidArgumentError, SceneError, UnknownNameError, WrongTypeError
 from symsde.reports.plot import draw
 
 pytest.importorskip("matplotlib")
@@ -171,6 +172,45 @@ def test_paths_outside_of_a_histogram_are_counted():
         not_a_number=[3000], density=counts / 7, se_density=counts / 70, edges=np.array([-1.0, 0.0, 1.0]),
     )  # fmt: skip
     assert draw.of_observed(found)[1] == "q_1 at t = 0.5, 7 paths, 3210 outside"
+
+
+def every_result(run, moments):
+    """All that has a plot, with its number of panels, or of those that can be drawn into axes of one's own."""
+    kubo = {"q0": 1.0, "p0": 0.0, "steps": [4, 8], "paths": 40}
+    study = ss.work_precision(ss.models.kubo(), schemes=["midpoint", "heun"], repeats=5, **kubo)
+    return [(run, 2), (moments, 4), *((x, 1) for x in moments.observed.values()),
+            (ss.convergence(ss.models.kubo(), **kubo), 1), (study, 2)]  # fmt: skip
+
+
+def test_every_plot_takes_a_file_or_axes(run, moments, tmp_path):
+    """One signature: plot(path=None, *, ax=None, ..) returns the figure, which it writes, or that of the axes."""
+    figures = pytest.importorskip("matplotlib.figure")
+    for i, (found, panels) in enumerate(every_result(run, moments)):
+        assert list(inspect.signature(found.plot).parameters)[:2] == ["path", "ax"]
+        assert isinstance(found.plot(), figures.Figure)
+        file = tmp_path / f"{i}.svg"
+        assert isinstance(found.plot(file), figures.Figure) and file.read_text().count("<svg") == 1
+        page = figures.Figure()
+        own = page.subplots(panels, squeeze=False)
+        assert found.plot(ax=own) is page and all(axes.has_data() for axes in page.axes), found
+        if panels == 1:
+            assert found.plot(ax=page.axes[0]) is page
+        with pytest.raises(InvalidArgumentError, match="path and ax are both given: give one"):
+            found.plot(file, ax=own)
+        with pytest.raises(InvalidArgumentError, match=f"ax holds 5 axes, and the figure has {panels} panel"):
+            found.plot(ax=[page.axes[0]] * 5)
+        with pytest.raises(WrongTypeError, match="ax = 3 is no axes of matplotlib"):
+            found.plot(ax=3)
+        with pytest.raises(InvalidArgumentError, match="no ending of a figure"):
+            found.plot(tmp_path / "x.jpeg")
+
+
+def test_axes_of_convergence_may_stand_first_until_they_go():
+    axes = pytest.importorskip("matplotlib.figure").Figure().subplots()
+    found = ss.convergence(ss.models.kubo(), q0=1.0, p0=0.0, steps=[4, 8], paths=40)
+    for old in ((axes,), {}), ((), {"axes": axes}):
+        with pytest.warns(DeprecationWarning, match=r"plot\(axes\) is now plot\(ax=axes\)"):
+            assert found.plot(*old[0], **old[1]) is axes
 
 
 def test_what_cannot_be_drawn(run, moments, model, tmp_path):

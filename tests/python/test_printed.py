@@ -131,7 +131,7 @@ def test_the_table_of_convergence(kubo):
 def test_convergence_is_drawn_as_it_is(kubo):
     pytest.importorskip("matplotlib")
     found = ss.convergence(kubo, "midpoint", q0=1.0, p0=0.0, steps=[8, 16, 32], paths=100, seed=3)
-    (bars,) = found.plot().containers
+    (bars,) = found.plot().axes[0].containers
     np.testing.assert_array_equal(bars[0].get_xdata(), found.step)
     np.testing.assert_array_equal(bars[0].get_ydata(), found.error)
     ends = np.array(bars[2][0].get_segments())[:, :, 1]
@@ -145,7 +145,7 @@ def test_logarithmic_axes_have_at_least_two_labels(low, high):
     figure = pytest.importorskip("matplotlib.figure").Figure()
     axes = figure.subplots()
     axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
-    look.readable(figure)
+    look.readable(figure.axes)
     for axis in (axes.xaxis, axes.yaxis):
         ticks = axis.get_majorticklocs()
         labels = zip(ticks, axis.get_major_formatter().format_ticks(ticks), strict=True)

@@ -14,9 +14,9 @@ from ..answers.coupled_errors import References, end, squares, strong_error
 from ..answers.error_plan import BATCHES, Plan, check_options, make_plan
 from ..errors import NumericalError, ReferenceWarning
 from ..model.definition import Model
-from ..native import files
 from ..schemes import Scheme
 from . import look
+from .plot import draw
 from .study import orders
 
 _MARKS = {"reference": "at the floor", "rounding": "rounding", "saturated": "saturated", "diverged": "diverged"}
@@ -61,10 +61,16 @@ class Convergence:
             ]
         )
 
-    def plot(self, axes=None):
-        """Draw errors over h with matplotlib, hollow where they do not count; returns the axes."""
+    def plot(self, path=None, *, ax=None, axes=None):
+        """A matplotlib figure of errors over h with their intervals, hollow where they do not count, written where a
+        path is given, or drawn into `ax`. Until 0.2 axes may stand for path, with a warning; they are returned then."""
+        axes = path if hasattr(path, "errorbar") else axes
         if axes is None:
-            axes = files.optional("matplotlib.pyplot", "plot").subplots(layout="constrained")[1]
+            return draw.finish([self._draw], f"{self.model}, {self.paths} paths", path, ax)
+        warnings.warn("plot(axes) is now plot(ax=axes): call that", DeprecationWarning, stacklevel=2)
+        return self._draw(axes)
+
+    def _draw(self, axes):
         bars = np.abs(np.stack([self.low, self.high]) - self.error)
         style = look.of_scheme(self.scheme)
         axes.errorbar(self.step, self.error, yerr=bars, label=f"{self.scheme}: order {self.order:.2f}", **style)
@@ -72,7 +78,7 @@ class Convergence:
         axes.plot(self.step[hollow], self.error[hollow], ls="", mfc="white", zorder=5, **style)
         if self.reference_error:
             axes.axhline(self.reference_error, ls=":", color=look.GREY, lw=0.9, label="error of the reference")
-        axes.set(xscale="log", yscale="log", xlabel="step $h$", ylabel="strong error (rms)")
+        axes.set(xscale="log", yscale="log", xlabel="step h", ylabel="strong error (rms), 95 % intervals")
         axes.legend()
         return axes
 

@@ -78,8 +78,8 @@ def of_scheme(name: str) -> dict[str, str]:
 
 
 @contextmanager
-def drawing(path: Path, width: float, height: float, dpi: int, *, pdf: bool = False):
-    """Give a matplotlib figure [in]; write it as a PNG, and on request as a PDF beside it, at the end.
+def drawing(path: Path | None, width: float, height: float, dpi: int, *, pdf: bool = False):
+    """Give a matplotlib figure [in]; write it where there is a path, and on request as a PDF beside it, at the end.
 
     MissingPackageError where matplotlib is missing.
     """
@@ -88,7 +88,9 @@ def drawing(path: Path, width: float, height: float, dpi: int, *, pdf: bool = Fa
     with matplotlib.rc_context(STYLE):
         page = figures.Figure(figsize=(width, height), layout="constrained")
         yield page
-        readable(page)
+        readable(page.axes)
+        if path is None:
+            return
         files.replace(path, lambda part: page.savefig(part, dpi=dpi))
         if pdf:
             still = {"CreationDate": None}
@@ -117,10 +119,10 @@ def slope_guide(axis, steps, level: float, order: float, label: str) -> None:
     axis.loglog(steps, heights, "--", color=GREY, lw=0.9, label=label)
 
 
-def readable(figure) -> None:
+def readable(panels) -> None:
     """Labels on logarithmic axes: every decade or every few, and 1, 2, 5 where fewer than two would be seen."""
     ticker = importlib.import_module("matplotlib.ticker")
-    for axes in figure.axes:
+    for axes in panels:
         for axis, limits, most in ((axes.xaxis, axes.get_xlim(), 5), (axes.yaxis, axes.get_ylim(), 9)):
             if axis.get_scale() != "log":
                 continue

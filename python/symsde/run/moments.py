@@ -172,10 +172,11 @@ class Moments(Reported):
         """Of a kind, mean, var or se_mean: (time, value), the values as in `columns`."""
         return self._tables[kind]
 
-    def plot(self, path=None, *, what: str = "moments", of: Sequence[str] | None = None):
+    def plot(self, path=None, *, ax=None, what: str = "moments", of: Sequence[str] | None = None):
         """A matplotlib figure of means with bands of two standard errors and of the standard deviation, written where a
-        path is given. what: "moments" or "energy"; of: names of values, as in `columns`."""
-        return importlib.import_module("symsde.reports.plot").moments(self, path, what, of)
+        path is given, or drawn into `ax`, one axes for each panel. what: "moments" or "energy"; of: names of values, as
+        in `columns`."""
+        return importlib.import_module("symsde.reports.plot").moments(self, (path, ax), what, of)
 
     def to_pandas(self):
         """A pandas.DataFrame, one row for each time, the columns of the .csv table."""

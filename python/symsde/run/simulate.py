@@ -128,13 +128,13 @@ class Run(Reported):
         counted = {"paths_asked": str(len(self.status)), "paths_ok": str(int((self.status == 0).sum()))}
         return {**super().attributes(), **counted}
 
-    def plot(self, path=None, *, what: str = "paths", of: Sequence[str] | None = None, most: int = 50):
-        """A matplotlib figure, written where a path is given.
+    def plot(self, path=None, *, ax=None, what: str = "paths", of: Sequence[str] | None = None, most: int = 50):
+        """A matplotlib figure, written where a path is given, or drawn into `ax`, one axes for each panel.
 
         what: "paths" (values along time), "phase" (p_i over q_i) or "energy"; of: names of values, as ["q_2"]; most:
         paths that are drawn.
         """
-        return importlib.import_module("symsde.reports.plot").run(self, path, what, of, most)
+        return importlib.import_module("symsde.reports.plot").run(self, (path, ax), what, of, most)
 
     def to_pandas(self):
         """A pandas.DataFrame, one row for each path and time, indexed by both: q_1 .., p_1 .. ."""

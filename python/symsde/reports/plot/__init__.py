@@ -12,16 +12,16 @@ from . import draw
 from .data import means_of, paths_of
 
 
-def run(found, path=None, what: str = "paths", of: Sequence[str] | None = None, most: int = draw.MOST_PATHS):
-    """A figure of a `Run`."""
-    return draw.finish(*draw.of_run(paths_of(found), what, of, most), path)
+def run(found, where: tuple, what: str = "paths", of: Sequence[str] | None = None, most: int = draw.MOST_PATHS):
+    """A figure of a `Run`; where: path and ax."""
+    return draw.finish(*draw.of_run(paths_of(found), what, of, most), *where)
 
 
-def moments(found, path=None, what: str = "moments", of: Sequence[str] | None = None):
+def moments(found, where: tuple, what: str = "moments", of: Sequence[str] | None = None):
     """A figure of `Moments`."""
-    return draw.finish(*draw.of_moments(means_of(found), what, of), path)
+    return draw.finish(*draw.of_moments(means_of(found), what, of), *where)
 
 
-def observed(found, path=None, at: int = -1):
+def observed(found, where: tuple, at: int = -1):
     """A figure of what an observer kept."""
-    return draw.finish(*draw.of_observed(found, at), path)
+    return draw.finish(*draw.of_observed(found, at), *where)

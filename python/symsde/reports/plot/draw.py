@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InvalidArgumentError
+from ...errors import InvalidArgumentError, WrongTypeError
 from ...native import checks, files
 from .. import look
 from .data import Means, Paths, known
@@ -33,29 +33,55 @@ class Curve:
     spread: np.ndarray | None = None
 
 
-def finish(panels: Sequence[Callable], title: str, path: object = None):
-    """A figure of panels one below the other, each a function of axes; written where a path is given."""
-    target = None if path is None else files.path_of("path", path)
-    if target is not None and target.suffix not in ENDINGS:
-        raise InvalidArgumentError(f"{os.fspath(target)!r} has no ending of a figure: give one of {', '.join(ENDINGS)}")
+def finish(panels: Sequence[Callable], title: str, path: object = None, ax: object = None):
+    """A figure of panels one below the other, each a function of axes; written where a path is given. With `ax`, one
+    axes or one for each panel, they are drawn there, and the figure is that of these axes."""
+    target = None if path is None else figure_file(path)
     matplotlib = files.optional("matplotlib", "plot")
+    given = None if ax is None else axes_of(ax, len(panels), path)
     figures = importlib.import_module("matplotlib.figure")
     with matplotlib.rc_context(look.STYLE):
-        page = figures.Figure(figsize=(_WIDTH, 0.5 + _HEIGHT * len(panels)), layout="constrained")
-        for axes, panel in zip(page.subplots(len(panels), squeeze=False)[:, 0], panels, strict=True):
+        if given is None:
+            page = figures.Figure(figsize=(_WIDTH, 0.5 + _HEIGHT * len(panels)), layout="constrained")
+            given = list(page.subplots(len(panels), squeeze=False)[:, 0])
+            page.suptitle(title, fontsize=9)
+        else:
+            page = given[0].figure
+            given[0].set_title(title, fontsize=9)
+        for axes, panel in zip(given, panels, strict=True):
             panel(axes)
-        page.suptitle(title, fontsize=9)
-        _take_names_as_they_are(page)
-        look.readable(page)
+        _take_names_as_they_are([page._suptitle] if ax is None else [], given)
+        look.readable(given)
         if target is not None:
             write(page, target)
     return page
 
 
-def _take_names_as_they_are(page: Any) -> None:
+def figure_file(path: object) -> Path:
+    """The file of a figure; other endings than those of figures are refused."""
+    target = files.path_of("path", path)
+    if target.suffix not in ENDINGS:
+        raise InvalidArgumentError(f"{os.fspath(target)!r} has no ending of a figure: give one of {', '.join(ENDINGS)}")
+    return target
+
+
+def axes_of(ax: object, number: int, path: object = None) -> list[Any]:
+    """The axes that are given for so many panels."""
+    if path is not None:
+        raise InvalidArgumentError("path and ax are both given: give one, and save a figure of your own by its savefig")
+    found = ax.ravel().tolist() if isinstance(ax, np.ndarray) else checks.items(ax) or [ax]
+    for axes in found:
+        if not hasattr(axes, "errorbar"):
+            raise WrongTypeError(f"ax = {checks.shown(ax)} is no axes of matplotlib: give axes, or path=")
+    if len(found) != number:
+        panels = "1 panel" if number == 1 else f"{number} panels"
+        raise InvalidArgumentError(f"ax holds {len(found)} axes, and the figure has {panels}: give one for each")
+    return found
+
+
+def _take_names_as_they_are(texts: list[Any], given: Sequence[Any]) -> None:
     """No mathematics in labels: names are the user's, and may hold a $."""
-    texts = [page._suptitle] if page._suptitle is not None else []
-    for axes in page.axes:
+    for axes in given:
         texts += [axes.xaxis.label, axes.yaxis.label, axes.title]
         texts += axes.get_legend().get_texts() if axes.get_legend() else []
     for text in texts:

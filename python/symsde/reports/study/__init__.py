@@ -62,9 +62,10 @@ class WorkPrecision:
             table.write_csv(target / "work-precision.csv", self.rows, self.about)
             self.plot(target / "work-precision.png", pdf=True)
 
-    def plot(self, path: str | os.PathLike, *, pdf: bool = False) -> None:
-        """Draw strong and weak error against run time and step; write a PNG, and a PDF beside it on request."""
-        study_figure.save(files.path_of("path", path), self, pdf=pdf)
+    def plot(self, path: str | os.PathLike | None = None, *, ax=None, pdf: bool = False):
+        """A matplotlib figure of strong and weak error against run time and step, written where a path is given (on
+        request a PDF beside it), or of the strong error alone, drawn into two axes `ax`."""
+        return study_figure.plot(self, path, ax, pdf=pdf)
 
 
 def work_precision(

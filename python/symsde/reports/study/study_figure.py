@@ -8,13 +8,25 @@ from pathlib import Path
 import numpy as np
 
 from .. import look
+from ..plot.draw import axes_of, figure_file
 from . import peers
 
 LOST = ("failed", "diverged")  #: crosses at the upper edge
 
 
-def save(path: Path, study, *, pdf: bool = False) -> None:
-    """Write a PNG, on request a PDF too."""
+def plot(study, path: object = None, ax: object = None, *, pdf: bool = False):
+    """The figure; written where a path is given, or the strong errors drawn into two axes."""
+    if ax is not None:
+        left, right = axes_of(ax, 2, path)
+        draw(study, left, right)
+        left.legend()
+        look.readable([left, right])
+        return left.figure
+    return _draw_all(None if path is None else figure_file(path), study, pdf=pdf)
+
+
+def _draw_all(path: Path | None, study, *, pdf: bool):
+    """Strong errors, weak ones below where there are any, and other packages beside them."""
     rows = 2 if any(weak_error(row) for row in study.rows) else 1
     columns = 3 if study.peers else 2
     with look.drawing(path, 4.5 * columns, 0.6 + 4.0 * rows, 120, pdf=pdf) as page:
@@ -39,6 +51,7 @@ def save(path: Path, study, *, pdf: bool = False) -> None:
                 *others.get_legend_handles_labels(), loc="upper left" if rows == 2 else "upper right", fontsize=7
             )
         page.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return page
 
 
 def draw(study, left, right) -> None:

@@ -64,7 +64,7 @@ def _peers(file: Path) -> list[dict]:
 
 
 def _draw(path: Path, data: dict) -> None:
-    study_figure.save(path, of_data(data))
+    study_figure.plot(of_data(data), path)
 
 
 def machine() -> str:

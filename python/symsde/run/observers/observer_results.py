@@ -39,9 +39,9 @@ class Observed:
         """Sentences about what the result leaves out."""
         return []
 
-    def plot(self, path=None, *, at: int = -1):
-        """A matplotlib figure, written where a path is given; at: which saved time of a histogram."""
-        return importlib.import_module("symsde.reports.plot").observed(self, path, at)
+    def plot(self, path=None, *, ax=None, at: int = -1):
+        """A matplotlib figure, written where a path is given, or drawn into `ax`; at: saved time of a histogram."""
+        return importlib.import_module("symsde.reports.plot").observed(self, (path, ax), at)
 
     def __repr__(self) -> str:
         """One line."""
