@@ -2,13 +2,11 @@
 """What figures and tables show is what was computed: the numbers of lines, bands and cells, read back."""
 
 import inspect
-import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import symsde as ss
-from conftest import table_of
 from symsde import observe
 from symsde.cli import command_line
 from symsde.errors import InvalidArgumentError, SceneError, UnknownNameError, WrongTypeError
@@ -154,7 +152,7 @@ def test_names_of_curves_and_axes(moments):
         "some": ("t", "value", ["q_1 of path 3", "q_1 of path 5"]),
         "mid": ("t", "quantile", ["0.25", "0.5"]),
         "along": ("lag", "autocorrelation", []),
-        "hist": ("q_1", "density", []),
+        "hist": ("q_1", "density", ["two standard errors"]),
     }
     for name, (x, y, labels) in expected.items():
         axes = seen[name].plot().axes[0]
@@ -172,6 +170,48 @@ def test_paths_outside_of_a_histogram_are_counted():
         not_a_number=[3000], density=counts / 7, se_density=counts / 70, edges=np.array([-1.0, 0.0, 1.0]),
     )  # fmt: skip
     assert draw.of_observed(found)[1] == "q_1 at t = 0.5, 7 paths, 3210 outside"
+
+
+def test_maps_of_chains():
+    """From eight degrees of freedom on a run is shown by all of them: colours over time and site, red above zero."""
+    chain = ss.models.fpu_chain(n=9)
+    options = {"q0": np.arange(9.0), "p0": 0.0, "step": 0.1, "steps": 40, "save_every": 10, "scheme": "stormer_verlet"}
+    run = ss.simulate(chain, first_path=4, **options)
+    figure = run.plot()
+    for panel, (name, known) in enumerate({"q": run.q, "p": run.p}.items()):
+        (mesh,) = figure.axes[panel].collections
+        np.testing.assert_array_equal(np.asarray(mesh.get_array()).reshape(9, 5), known[:, :, 0].T)
+        assert mesh.get_clim() == (-np.abs(known).max(), np.abs(known).max())
+        edges = mesh.get_coordinates()
+        np.testing.assert_allclose(edges[0, :, 0], np.linspace(-0.5, 4.5, 6))
+        np.testing.assert_allclose(edges[:, 0, 1], np.arange(0.5, 10))
+        assert (figure.axes[panel].get_xlabel(), figure.axes[panel].get_ylabel()) == ("t", "degree of freedom")
+        assert figure.axes[2 + panel].get_ylabel() == name  # of the colour bar
+    assert figure.get_suptitle() == "fpu_chain by stormer_verlet, path 4 of 1" and len(figure.axes) == 4
+    assert len(run.plot(what="map", of=["p"]).axes) == 2 and len(lines(run.plot(of=["q_3"]))) == 1
+    means = ss.moments(chain, paths=40, **options)
+    (mesh,) = means.plot(what="map", of=["q"]).axes[0].collections
+    np.testing.assert_array_equal(np.asarray(mesh.get_array()).reshape(9, 5), means.mean_q.T)
+    with pytest.raises(UnknownNameError, match=r"no value 'q_1': there are q, p"):
+        run.plot(what="map", of=["q_1"])
+    assert len(run.plot(what="map", of=["q"]).axes[0].collections) == 1
+    assert ss.simulate(chain, **{**options, "steps": 0, "save_every": 1}).plot().axes[0].has_data()
+
+
+def test_lines_do_not_hide_how_few_points_there_are(model):
+    """Up to 200 saved times are marked; a phase plot joins no points that lie farther apart than a tenth of it."""
+    oscillator = {"q0": 1.0, "p0": 0.0, "step": 0.05, "scheme": "stormer_verlet", "seed": 1}
+    often = ss.simulate(ss.models.kubo(), steps=400, **oscillator)
+    seldom = ss.simulate(ss.models.kubo(), steps=400, save_every=20, **oscillator)
+    drawn = {
+        (name, what): run.plot(what=what).axes[0].get_lines()[0]
+        for name, run in {"often": often, "seldom": seldom}.items()
+        for what in ("paths", "phase")
+    }
+    style = {key: (line.get_linestyle(), line.get_marker()) for key, line in drawn.items()}
+    assert style["often", "paths"] == style["often", "phase"] == ("-", "None")
+    assert style["seldom", "paths"] == ("-", ".") and style["seldom", "phase"] == ("None", ".")
+    assert not draw._is_sparse(*np.ones((2, 5, 1)))
 
 
 def every_result(run, moments):
@@ -348,6 +388,19 @@ def test_one_figure_of_the_command(folder, tmp_path, capsys):
         assert sentence in capsys.readouterr().err, name
 
 
+def test_the_command_draws_maps(tmp_path, monkeypatch):
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        '[model]\nname = "fpu_chain"\nn = 8\n[run]\nstep = 0.1\nsteps = 20\npaths = 20\nq0 = 0.3\np0 = 0.1\n'
+        "[output]\npaths = [0]\n"
+    )
+    assert command_line.main(["run", str(file), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    figures = drawn_by(monkeypatch)
+    assert command_line.main(["plot", str(tmp_path / "out")]) == 0
+    assert {"map.png", "moments-map.png"} < set(figures)
+    assert all(len(figures[name].axes) == 4 for name in ("map.png", "moments-map.png"))
+
+
 def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
     """--of chooses the figures that show the value, where a folder has several."""
     file = tmp_path / "scene.toml"
@@ -389,42 +442,6 @@ def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
     assert command_line.main(["plot", str(out), "--of", "r"]) == command_line.BAD_INPUT
     assert "there is no value 'r': there are q_1, p_1, energy" in capsys.readouterr().err
     assert command_line.main(["plot", str(out), "--what", "observed-extremes"]) == command_line.BAD_INPUT
-
-
-def test_data_frames(run, moments, tmp_path):
-    pandas = pytest.importorskip("pandas")
-    paths, means = run.to_pandas(), moments.to_pandas()
-    assert paths.shape == (30 * 5, 4) and list(paths.index.names) == ["path", "t"]
-    np.testing.assert_array_equal(paths.loc[7, "p_2"], run.p[:, 1, 7])
-    np.testing.assert_array_equal(paths["q_1"].xs(run.t[2], level="t"), run.q[2, 0])
-    moments.save(tmp_path / "moments.csv")
-    known = pandas.read_csv(tmp_path / "moments.csv", comment="#", index_col="t")
-    pandas.testing.assert_frame_equal(means, known, check_exact=True)
-    assert table_of(tmp_path / "moments.csv")[0].split(",")[1:] == list(means.columns)
-
-
-def cells(page):
-    return [re.findall(r"<t[dh]>(.*?)</t[dh]>", row) for row in re.findall(r"<tr>(.*?)</tr>", page)]
-
-
-def test_what_notebooks_show(run, moments):
-    header, *rows = cells(moments._repr_html_())
-    assert header == ["t", "paths", "mean q_1", "mean p_1", "mean energy", "mean &lt;b&gt; &amp; r"]
-    assert len(rows) == 5 and rows[-1][:2] == ["4", "29"]
-    assert rows[-1][2] == f"{moments.mean_q[-1, 0]:.6g} ± {moments.se_mean_q[-1, 0]:.2g}"
-    assert "<b>" not in moments._repr_html_()
-    header, *rows = cells(run._repr_html_())
-    assert header == ["path", "status", "last q_1", "last q_2", "last p_1", "last p_2"]
-    assert len(rows) == 11 and rows[0][1].endswith(f"at step {run.failed_step[0]}") and rows[1][1] == "ok"
-    assert rows[4][2:] == [f"{x:.6g}" for x in (*run.last_q[:, 4], *run.last_p[:, 4])]
-    assert "and 19 paths more" in run._repr_html_()
-    assert "henon_heiles" in run._repr_html_()
-
-
-def test_a_failure_in_the_first_step_is_told(model):
-    with pytest.warns(ss.PathsFailedWarning):
-        run = ss.simulate(model, **{**RUN, "q0": 1e200, "paths": 1})
-    assert run.failed_step[0] == 0 and f"<td>{ss.status_text(int(run.status[0]))} at step 0</td>" in run._repr_html_()
 
 
 def test_a_folder_without_shards_has_nothing_to_draw(folder, tmp_path):

@@ -98,12 +98,17 @@ def _of_file(file: Path, options: argparse.Namespace) -> Figures:
 
 
 def _of_means(found: data.Means, options: argparse.Namespace) -> Figures:
-    return {"moments": Figure(lambda: draw.of_moments(found, "moments", options.of), tuple(found.columns()))}
+    figures = {"moments": Figure(lambda: draw.of_moments(found, "moments", options.of), tuple(found.columns()))}
+    if f"q_{draw.CHAIN}" in found.columns():
+        figures["moments-map"] = Figure(lambda: draw.of_moments(found, "map", options.of), ("q", "p"))
+    return figures
 
 
 def _of_paths(found: data.Paths, options: argparse.Namespace) -> Figures:
     columns = tuple(found.columns())
     shows = {"paths": columns, "phase": tuple(name for name in columns if name != "energy")}
+    if found.q.shape[1] >= draw.CHAIN:
+        shows["map"] = ("q", "p")
     if found.energies:
         shows["energy"] = ("energy",)
     return {

@@ -115,6 +115,12 @@ def table(name: str, value: object) -> dict[str, Any]:
     return {name_of(f"a name of {name}", key): item for key, item in value.items()}
 
 
+def counted(number: int, noun: str) -> str:
+    """1 path, 2 paths; 1 degree of freedom, 2 degrees of freedom."""
+    first, _, rest = noun.partition(" ")
+    return f"{number} {first}{'' if number == 1 else 's'}{f' {rest}' if rest else ''}"
+
+
 def nearest(given: str, known: Iterable[str]) -> str:
     """The known names, those most like the given one first, joined by commas."""
     known = list(known)

@@ -174,8 +174,9 @@ class Moments(Reported):
 
     def plot(self, path=None, *, ax=None, what: str = "moments", of: Sequence[str] | None = None):
         """A matplotlib figure of means with bands of two standard errors and of the standard deviation, written where a
-        path is given, or drawn into `ax`, one axes for each panel. what: "moments" or "energy"; of: names of values, as
-        in `columns`."""
+        path is given, or drawn into `ax`, one axes for each panel. what: "moments", "energy" or "map" (means of
+        q_i and p_i over time and i in colours, for chains); of: names of values, as in `columns`, of a map "q" or "p".
+        """
         return importlib.import_module("symsde.reports.plot").moments(self, (path, ax), what, of)
 
     def to_pandas(self):

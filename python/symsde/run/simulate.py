@@ -128,11 +128,12 @@ class Run(Reported):
         counted = {"paths_asked": str(len(self.status)), "paths_ok": str(int((self.status == 0).sum()))}
         return {**super().attributes(), **counted}
 
-    def plot(self, path=None, *, ax=None, what: str = "paths", of: Sequence[str] | None = None, most: int = 50):
+    def plot(self, path=None, *, ax=None, what: str = "", of: Sequence[str] | None = None, most: int = 50):
         """A matplotlib figure, written where a path is given, or drawn into `ax`, one axes for each panel.
 
-        what: "paths" (values along time), "phase" (p_i over q_i) or "energy"; of: names of values, as ["q_2"]; most:
-        paths that are drawn.
+        what: "paths" (values along time), "phase" (p_i over q_i), "energy" or "map" (q_i and p_i of one path over time
+        and i in colours); unless told, paths, or the map of eight degrees of freedom and more. of: names of values, as
+        ["q_2"], of a map "q" or "p"; most: paths that are drawn.
         """
         return importlib.import_module("symsde.reports.plot").run(self, (path, ax), what, of, most)
 

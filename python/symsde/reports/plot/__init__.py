@@ -12,7 +12,7 @@ from . import draw
 from .data import means_of, paths_of
 
 
-def run(found, where: tuple, what: str = "paths", of: Sequence[str] | None = None, most: int = draw.MOST_PATHS):
+def run(found, where: tuple, what: str = "", of: Sequence[str] | None = None, most: int = draw.MOST_PATHS):
     """A figure of a `Run`; where: path and ax."""
     return draw.finish(*draw.of_run(paths_of(found), what, of, most), *where)
 

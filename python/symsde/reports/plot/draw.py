@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import os
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,12 +16,16 @@ import numpy as np
 
 from ...errors import InvalidArgumentError, WrongTypeError
 from ...native import checks, files
+from ...native.checks import counted
 from .. import look
 from .data import Means, Paths, known
 
 ENDINGS = (".png", ".pdf", ".svg")
 MOST_PATHS = 50
 _WIDTH, _HEIGHT = 6.0, 2.4  # inches; the height is that of one panel
+_FEW = 200  # saved times, up to which each is marked
+_JUMP = 0.1  # of the extent of a phase plot: what lies farther apart is not joined
+CHAIN = 8  # degrees of freedom, from which on a map shows more than curves
 
 
 @dataclass(frozen=True)
@@ -74,7 +80,7 @@ def axes_of(ax: object, number: int, path: object = None) -> list[Any]:
         if not hasattr(axes, "errorbar"):
             raise WrongTypeError(f"ax = {checks.shown(ax)} is no axes of matplotlib: give axes, or path=")
     if len(found) != number:
-        panels = "1 panel" if number == 1 else f"{number} panels"
+        panels = counted(number, "panel")
         raise InvalidArgumentError(f"ax holds {len(found)} axes, and the figure has {panels}: give one for each")
     return found
 
@@ -97,10 +103,15 @@ def write(page: Any, target: Path) -> None:
 
 
 def of_run(data: Paths, what: str, of: Sequence[str] | None, most: int) -> tuple[list[Callable], str]:
-    """Panels and title: values along time, the phase plane of each degree of freedom, or the energy."""
-    checks.choice("what", what, ["paths", "phase", "energy"])
+    """Panels and title: values along time, the phase plane of each degree of freedom, the energy, or a map."""
+    what = what or ("paths" if of or data.q.shape[1] < CHAIN else "map")
+    checks.choice("what", what, ["paths", "phase", "energy", "map"])
     shown = _shown(data, checks.integer("most", most, (1, 2**20)))
-    title = f"{data.title}, {len(shown)} of {len(data.path)} paths"
+    title = f"{data.title}, {len(shown)} of {counted(len(data.path), 'path')}"
+    if what == "map":
+        first = shown[0]
+        tables = {"q": data.q[:, :, first], "p": data.p[:, :, first]}
+        return _maps(data.t, tables, of), f"{data.title}, path {data.path[first]} of {len(data.path)}"
     if what == "phase":
         pairs = [_pair(name, data) for name in (of or ["q_1"])]
         return [_phase(data, q, p, shown) for q, p in pairs], title
@@ -127,9 +138,43 @@ def _pair(name: str, data: Paths) -> tuple[str, str]:
     return f"q_{name[2:]}", f"p_{name[2:]}"
 
 
-def _lines(axes: Any, x: np.ndarray, y: np.ndarray, path: np.ndarray) -> None:
-    """A line for each path; a point where there is only one time."""
-    mark = {"marker": "o", "linestyle": ""} if len(y) == 1 else {}
+def _maps(t: np.ndarray, tables: dict[str, np.ndarray], of: Sequence[str] | None) -> list[Callable]:
+    """A panel for each table, (time, dof), in colours over time and degree of freedom: red above zero, blue below."""
+    for name in (names := list(of or tables)):
+        known(name, tables)
+
+    def panel(axes: Any, name: str) -> None:
+        table = tables[name]
+        end = np.nanmax(np.abs(table)) or 1.0
+        times = t if len(t) > 1 else np.array([t[0], t[0] + 1])  # a mesh has an extent
+        mesh = axes.pcolormesh(
+            times, 1 + np.arange(table.shape[1]), np.broadcast_to(table, (len(times), table.shape[1])).T,
+            shading="nearest", cmap="RdBu_r", vmin=-end, vmax=end, rasterized=True,
+        )  # fmt: skip
+        axes.grid(visible=False)
+        axes.set_xlabel("t")
+        axes.set_ylabel("degree of freedom")
+        axes.figure.colorbar(mesh, ax=axes, label=name)
+
+    return [functools.partial(panel, name=name) for name in names]
+
+
+def _mark(places: int) -> dict[str, str]:
+    """A point where there is only one time, points on the line where there are few, which it joins by guess."""
+    if places == 1:
+        return {"marker": "o", "linestyle": ""}
+    return {"marker": "."} if places <= _FEW else {}
+
+
+def _is_sparse(x: np.ndarray, y: np.ndarray) -> bool:
+    """Whether lines from point to point would be polygons: most go over more than a tenth of what the paths fill."""
+    steps = np.hypot(*(np.diff(values, axis=0) / (np.nanmax(values) - np.nanmin(values) or 1.0) for values in (x, y)))
+    seen = steps[np.isfinite(steps)]
+    return seen.size > 0 and bool(np.median(seen) > _JUMP)
+
+
+def _lines(axes: Any, x: np.ndarray, y: np.ndarray, path: np.ndarray, mark: dict[str, str]) -> None:
+    """A line for each path, with these marks."""
     faint = {"alpha": 1.0 if len(path) <= len(look.COLOURS) else 0.5}
     for i, index in enumerate(path):
         along = x if x.ndim == 1 else x[:, i]
@@ -142,7 +187,7 @@ def _along(data: Paths, name: str, shown: np.ndarray) -> Callable:
     values = data.values(name)[:, shown]
 
     def panel(axes: Any) -> None:
-        _lines(axes, data.t, values, data.path[shown])
+        _lines(axes, data.t, values, data.path[shown], _mark(len(data.t)))
         axes.set_xlabel("t")
         axes.set_ylabel(name)
 
@@ -153,7 +198,8 @@ def _phase(data: Paths, q: str, p: str, shown: np.ndarray) -> Callable:
     x, y = data.values(q)[:, shown], data.values(p)[:, shown]
 
     def panel(axes: Any) -> None:
-        _lines(axes, x, y, data.path[shown])
+        mark = {"marker": ".", "linestyle": ""} if _is_sparse(x, y) else _mark(len(x))
+        _lines(axes, x, y, data.path[shown], mark)
         axes.set_xlabel(q)
         axes.set_ylabel(p)
 
@@ -165,30 +211,39 @@ def _phase(data: Paths, q: str, p: str, shown: np.ndarray) -> Callable:
 
 def of_moments(data: Means, what: str, of: Sequence[str] | None) -> tuple[list[Callable], str]:
     """Panels and title: means with bands."""
-    checks.choice("what", what, ["moments", "energy"])
+    checks.choice("what", what, ["moments", "energy", "map"])
     if what == "energy":
         if "energy" not in data.columns():
             raise InvalidArgumentError("the model has no energy (no value): draw other moments")
         of = ["energy"]
     if not (data.n_ok > 0).any():
         raise InvalidArgumentError("no path is ok at any time: there is nothing to draw; see failed and failed_step")
+    if what == "map":
+        mean, of = data.tables["mean"], [f"mean {name}" for name in of] if of else None
+        tables = {
+            f"mean {x}": np.stack([mean[name] for name in mean if re.fullmatch(rf"{x}_\d+", name)], 1) for x in "qp"
+        }
+        return _maps(data.t, tables, of), f"{data.title}, {_paths_of(data)}"
     names = of or [name for name in data.columns() if name in ("q_1", "p_1") or not name.startswith(("q_", "p_"))]
     panels = []
     for name in names:
         known(name, data.columns())
         mean, var, error = (data.tables[kind][name] for kind in ("mean", "var", "se_mean"))
         panels.append(_curves("t", f"mean {name}", [Curve("mean", data.t, mean, error, np.sqrt(var))]))
+    return panels, f"{data.title}, {_paths_of(data)}; bands: two standard errors, standard deviation"
+
+
+def _paths_of(data: Means) -> str:
+    """How many paths count, at first and at last."""
     first, last = data.n_ok[0], data.n_ok[-1]
-    count = f"{first} paths" if first == last else f"{first} paths, {last} at the end"
-    return panels, f"{data.title}, {count}; bands: two standard errors, standard deviation"
+    return counted(first, "path") + ("" if first == last else f", {last} at the end")
 
 
 def _curves(xlabel: str, ylabel: str, curves: Sequence[Curve]) -> Callable:
     def panel(axes: Any) -> None:
         for i, curve in enumerate(curves):
             colour = look.COLOURS[i % len(look.COLOURS)]
-            mark = {"marker": "o", "linestyle": ""} if len(curve.y) == 1 else {}
-            axes.plot(curve.x, curve.y, color=colour, label=curve.label, **mark)
+            axes.plot(curve.x, curve.y, color=colour, label=curve.label, **_mark(len(curve.y)))
             for width, alpha in ((curve.spread, 0.12), (curve.error, 0.35)):
                 if width is not None:
                     wide = width if width is curve.spread else 2 * width
@@ -212,14 +267,14 @@ def of_observed(found: Any, at: int = -1) -> tuple[list[Callable], str]:
         if not found.counts[at].any():
             raise InvalidArgumentError(f"no bin holds a path at t = {found.t[at]:g}: there is nothing to draw")
         outside = int(found.below[at] + found.above[at] + found.not_a_number[at])
-        title = f"{names} at t = {found.t[at]:g}, {int(found.counts[at].sum())} paths, {outside} outside"
+        title = f"{names} at t = {found.t[at]:g}, {counted(int(found.counts[at].sum()), 'path')}, {outside} outside"
         return [_histogram(found, names, at)], title
     t, curves = found.t, _CURVES[kind](found)
     if not any(np.isfinite(curve.y).any() for curve in curves):
         raise InvalidArgumentError(f"the {kind} of {names} has no finite value: there is nothing to draw")
     xlabel = "lag" if kind == "autocorrelation" else "t"
     bands = "; bands: two standard errors" if curves[0].error is not None else ""
-    return [_curves(xlabel, _YLABELS.get(kind, kind), curves)], f"{kind} of {names}, {len(t)} times{bands}"
+    return [_curves(xlabel, _YLABELS.get(kind, kind), curves)], f"{kind} of {names}, {counted(len(t), 'time')}{bands}"
 
 
 def _histogram(found: Any, name: str, at: int) -> Callable:
@@ -228,7 +283,9 @@ def _histogram(found: Any, name: str, at: int) -> Callable:
     def panel(axes: Any) -> None:
         axes.stairs(density, found.edges, color=look.BLUE, fill=True, alpha=0.5)
         middle = (found.edges[1:] + found.edges[:-1]) / 2
-        axes.errorbar(middle, density, 2 * error, color=look.BLACK, linestyle="", linewidth=0.7)
+        whiskers = {"color": look.BLACK, "linestyle": "", "elinewidth": 0.7, "label": "two standard errors"}
+        axes.errorbar(middle, density, 2 * error, **whiskers)
+        axes.legend()
         axes.set_xlabel(name)
         axes.set_ylabel("density")
 
