@@ -6,6 +6,7 @@ from pathlib import Path
 
 import symsde as ss
 from symsde.answers.advice import advise
+from symsde.reports import typeset
 from symsde.reports.pages import markdown
 from symsde.reports.study import of_data, study_words
 
@@ -64,14 +65,16 @@ GALERKIN = "a Galerkin scheme of the action: variational experiments; if r = s, 
 def page():
     """The whole page."""
     studies = {path.stem.partition("precision-")[2]: _study(path) for path in FIGURES.glob("work-precision-*.json")}
-    return "\n".join(
-        [
-            *(_HEAD, _BY_NOISE, _noise_table(studies)),
-            *(_BY_HORIZON, _horizons(_data("horizons"))),
-            *(_BY_STIFFNESS, _stiffness(_data("mean-square"))),
-            *(_BY_WANT, _wants()),
-            *("## Every scheme in a line\n", _uses()),
-        ]
+    return typeset.markdown(
+        "\n".join(
+            [
+                *(_HEAD, _BY_NOISE, _noise_table(studies)),
+                *(_BY_HORIZON, _horizons(_data("horizons"))),
+                *(_BY_STIFFNESS, _stiffness(_data("mean-square"))),
+                *(_BY_WANT, _wants()),
+                *("## Every scheme in a line\n", _uses()),
+            ]
+        )
     )
 
 
@@ -132,7 +135,9 @@ def _horizons(data):
 def _factor(rows, name, best):
     """What a plain rule takes beside the best."""
     found = next((row for row in rows if row["scheme"] == name), None)
-    return f"{found['microseconds'] / best['microseconds']:.2g} times as much" if found and best else "-"
+    if not found or not best:
+        return "-"
+    return f"{float('%.2g' % (found['microseconds'] / best['microseconds'])):g} times as much"
 
 
 def _stiffness(data):

@@ -3,17 +3,21 @@
 
 import re
 
+from symsde.reports import typeset
+
 
 def as_rest(text):
     """As reStructuredText: indented lines become literal blocks, names in backquotes code, stars stay stars."""
     found = []
     for kind, lines in _pieces(text):
-        if kind == "formula":
+        if kind == "formula" and (shown := typeset.displayed(lines)):
+            found += ["", ".. math::", "", f"    {shown}", ""]
+        elif kind == "formula":
             found += ["", "::", "", *(f"    {line}" for line in lines), ""]
         elif kind == "list":
             found += ["", *_items(lines), ""]
         else:
-            found += ["", *map(_escaped, lines), ""]
+            found += ["", *_escaped("\n".join(lines)).split("\n"), ""]
     return "\n".join(found)
 
 
@@ -21,12 +25,14 @@ def as_markdown(text):
     """As Markdown: the same pieces."""
     found = []
     for kind, lines in _pieces(text):
-        if kind == "formula":
+        if kind == "formula" and (shown := typeset.displayed(lines)):
+            found += ["", "$$", shown, "$$", ""]
+        elif kind == "formula":
             found += ["", "```text", *lines, "```", ""]
         elif kind == "list":
-            found += ["", *(re.sub(r"([*_<])", r"\\\1", line) if "`" not in line else line for line in lines), ""]
+            found += ["", *map(_marked, lines), ""]
         else:
-            found += ["", *(_marked(line) for line in lines), ""]
+            found += ["", *_marked("\n".join(lines)).split("\n"), ""]
     return "\n".join(found).strip() + "\n"
 
 
@@ -58,20 +64,33 @@ def _pieces(text):
 def _items(lines):
     """Items of a list, each with its lines under it."""
     for line in lines:
-        yield _escaped(line) if line.startswith("- ") else f"  {_escaped(line.strip())}"
+        name = re.match(r"- (\*{0,2}\w+(?:, \w+)*)(?=: )", line)
+        code = ", ".join(f"``{part}``" for part in name[1].split(", ")) if name else ""
+        if line.startswith("- "):
+            yield f"- {code}{_escaped(line[name.end() if name else 2 :])}"
+        else:
+            yield f"  {_escaped(line.strip())}"
 
 
-def _escaped(line):
-    """A line without markup but code: what stands between backquotes."""
-    parts = re.split(r"(``[^`]+``|`[^`]+`)", line)
-    return "".join(f"``{part.strip('`')}``" if part.startswith("`") else _flat(part) for part in parts)
+def _escaped(text):
+    """Text without markup but code, which stands between backquotes, and formulas."""
+    return "".join(map(_as_role, re.split(r"(``[^`]+``|`[^`]+`|\$[^$]+\$)", typeset.typeset(text))))
+
+
+def _as_role(part):
+    if part.startswith("`"):
+        return f"``{part.strip('`')}``"
+    if part.startswith("$"):
+        return f":math:`{part.strip('$')}`"
+    return re.sub(r"\[WHSB\] \((\d+)\)(?:-\(\d+\))?", r"`\g<0> <../paper-map.html#eq-\1>`__", _flat(part))
 
 
 def _flat(text):
     return re.sub(r"([*|\\`])", r"\\\1", re.sub(r"(\w)_(?=\W|$)", r"\1\\_", text))
 
 
-def _marked(line):
-    """A line of Markdown whose stars, underscores and brackets are letters."""
-    parts = re.split(r"(`[^`]+`)", line)
-    return "".join(part if part.startswith("`") else re.sub(r"([*_<\[\]$#|])", r"\\\1", part) for part in parts)
+def _marked(text):
+    """Text as Markdown in which stars, underscores and brackets are letters, and formulas are TeX."""
+    text = typeset.linked(typeset.typeset(text), "../paper-map.md")
+    parts = re.split(r"(`[^`]+`|\$[^$]+\$|\[\[WHSB\][^\]]*\]\([^)]*\)|^- )", text)
+    return "".join(part if i % 2 else re.sub(r"([*_<\[\]$#|])", r"\\\1", part) for i, part in enumerate(parts))

@@ -35,7 +35,7 @@ def get(name: str, **values: float) -> Model:
 def kubo(a: float = 1.0, sigma: float = 0.3) -> Model:
     """Kubo oscillator [WHSB] (35)-(37): H = a (p^2 + q^2)/2, H_1 = sigma (p^2 + q^2)/2.
 
-    A rotation by a t + sigma W(t), so that p^2 + q^2 is invariant.
+    The state turns by the angle sigma W(t) + a t, so p^2 + q^2 is invariant.
     """
     return Model.builtin("kubo", {"a": a, "sigma": sigma})
 
@@ -43,7 +43,7 @@ def kubo(a: float = 1.0, sigma: float = 0.3) -> Model:
 def linear_oscillator(sigma: float = 1.0) -> Model:
     """Linear stochastic oscillator [WHSB] (20)-(21): H = (p^2 + q^2)/2, H_1 = -sigma q.
 
-    dp = -q dt + sigma dW, dq = p dt; E(p^2 + q^2) grows by sigma^2 t (24).
+    dp = -q dt + sigma dW, dq = p dt; E(p^2 + q^2) grows by sigma^2 t, [WHSB] (24).
     """
     return Model.builtin("linear_oscillator", {"sigma": sigma})
 
@@ -95,7 +95,7 @@ def driven_pendulum(
 def noncommutative_oscillator(s1: float = 0.5, s2: float = 0.5) -> Model:
     """Oscillator whose noises do not commute: H = (p^2 + q^2)/2, H_1 = s1 p^2/2, H_2 = s2 q^2/2.
 
-    {H_1, H_2} = -s1 s2 p q; its moments are known exactly.
+    {H_1, H_2} = -s1 s2 p q; the moments are known exactly.
     """
     return Model.builtin("noncommutative_oscillator", {"s1": s1, "s2": s2})
 
@@ -109,7 +109,7 @@ def henon_heiles(alpha: float = 1.0, sigma1: float = 0.1, sigma2: float = 0.1) -
 
 
 def fpu_chain(n: int = 32, beta: float = 1.0, sigma: float = 0.1) -> Model:
-    """Fermi-Pasta-Ulam chain of n masses between fixed ends, an additive noise on every momentum.
+    """Fermi-Pasta-Ulam chain of n masses between fixed ends, with an additive noise on every momentum.
 
     H = sum p_i^2/2 + sum (r_i^2/2 + beta r_i^4/4) with r_i = q_{i+1} - q_i, H_k = -sigma q_k.
     """

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde.cli import command_line
-from symsde.reports import pages, tables
+from symsde.reports import pages, tables, typeset
 
 ROOT = Path(__file__).parents[2]
 
@@ -251,14 +251,15 @@ def test_pages_of_measurements_say_what_their_data_say():
     for file in sorted((ROOT / "docs/figures").glob("work-precision-*.json")):
         study = page.of_data(json.loads(file.read_text(encoding="utf-8")))
         own = text.partition(f"\n## {study.name}\n")[2].partition("\n## ")[0]
-        assert page._table(study) in own and page.wrapped(study.words()) in own, study.name
+        for part in (page._table(study), page.wrapped(study.words())):
+            assert typeset.markdown(part) in own, study.name
         studies.append(study)
     lessons = text.partition("## What was learned")[2].partition("\n## ")[0]
     for line in page.learned(studies):
-        assert "\n".join(page.wrapped(f"- {line}", "  ").splitlines()) in lessons
+        assert typeset.markdown(page.wrapped(f"- {line}", "  ")) in lessons
     kept = json.loads((ROOT / "docs/figures/fixed-points.json").read_text(encoding="utf-8"))
     text = (ROOT / "docs/stability.md").read_text(encoding="utf-8")
-    assert pages.markdown(bifurcation.HEAD, bifurcation.table(kept)) in text
+    assert typeset.markdown(pages.markdown(bifurcation.HEAD, bifurcation.table(kept))) in text
 
 
 def difference(pillow, one, other):

@@ -19,6 +19,7 @@ import plain  # noqa: E402
 import python_reference  # noqa: E402
 import which_scheme  # noqa: E402
 from symsde.answers.advice import advise  # noqa: E402
+from symsde.reports import typeset  # noqa: E402
 
 WORDS = {
     "first-ten-minutes": ("(501, 1, 100)", "midpiont", "save_every"),
@@ -54,7 +55,7 @@ def test_the_table_names_the_cheapest_points(data):
     """Every cell against the rows of the measurement, by another way of looking."""
     study = json.loads(data.read_text(encoding="utf-8"))
     page = (ROOT / "docs" / "which-scheme.md").read_text(encoding="utf-8")
-    row = next(line for line in page.splitlines() if f"| {study['name']}, to t" in line)
+    row = next(line for line in page.splitlines() if f"| {study['name']}, to $t = " in line)
     for tolerance, cell in zip(which_scheme.TOLERANCES, row.strip("|").split(" | ")[2:], strict=True):
         assert f"(work-precision.md#{study['name']})" in cell
         good = [
@@ -125,8 +126,49 @@ def test_the_fortran_reference_holds_what_the_facade_brings():
     assert "Integrate all paths and save them" in simulate and "q0(:), p0(:)" in simulate and "recorder" not in simulate
 
 
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("H_k = sigma1 sin q, where q moves.", r"$H_k = \sigma_1\,\sin q$, where $q$ moves."),
+        ("dq = H_p dt + sum_k H_{k,p} o dW_k", r"$dq = H_p\,dt + \sum_k H_{k,p} \circ dW_k$"),
+        ("a bias c1 h^a + c2 h^-2.", r"a bias $c_1 h^a + c_2 h^{-2}$."),
+        ("(E |z|^2 <= 4 sqrt(2 pi), see (24))", r"($\mathbb E\,\vert z\vert^2 \le 4\,\sqrt{2 \pi}$, see (24))"),
+        ("all {H_k,H_l} at omega h = 3 a step turns", r"all $\lbrace H_k, H_l\rbrace$ at $\omega h = 3$ a step turns"),
+        ("H = p.M^-1 p/2 + U(q) grows by exp(-gamma t)", r"$H = p\cdot M^{-1} p/2 + U(q)$ grows by $\exp(-\gamma t)$"),
+        ("-q, +-1e-3 h", r"$-q$, $\pm 10^{-3} h$"),
+    ],
+)
+def test_formulas_are_typeset(text, shown):
+    assert typeset.typeset(text) == shown and typeset.typeset(shown) == shown
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a C program, e.g. in 2.5 s with n = many, (a) or i.e. x86-64",
+        "`p^2` and [step, h = 2](page.md#p^2) and q0, p0, save_every",
+        "the sum of a log, 1e-3 to 5.2e+43 us, 10 % in 4 steps (24) - 25",
+    ],
+)
+def test_what_is_no_formula_stays(text):
+    assert typeset.typeset(text) == text
+
+
+def test_formulas_of_a_page_stay_within_their_cells_and_items():
+    page = "# With h\n\n- p +\n- q\n\n| h | = q |\n\n    p^2\n\n```\np^2\n```\nfrom p^2 +\nq^2 on\n"
+    shown = "# With h\n\n- $p$ +\n- $q$\n\n| $h$ | = $q$ |\n\n    p^2\n\n```\np^2\n```\nfrom $p^2 + q^2$ on\n"
+    assert typeset.markdown(page) == shown
+    assert typeset.linked("[WHSB] (3)-(4), (5)", "map.md") == "[[WHSB] (3)-(4)](map.md#eq-3), (5)"
+    with pytest.raises(ValueError, match="not known"):
+        typeset.tex("p ~ q")
+
+
 def test_plain_text_becomes_markup():
-    text = "One *star* and `code_`.\n\n    a = b*c\n\n- first\n  more\n- second"
+    text = "One *star* and `code_`, H_k.\n\n    a = show(c)\n\n- first\n  more\n- q, p: second\n\n    a = b q  (so)"
     rest = plain.as_rest(text)
-    assert "One \\*star\\* and ``code_``." in rest and "::\n\n        a = b*c" in rest and "- first\n  more" in rest
-    assert "```text\n    a = b*c\n```" in plain.as_markdown(text) and "\\*star\\*" in plain.as_markdown(text)
+    assert "One \\*star\\* and ``code_``, :math:`H_k`." in rest and "::\n\n        a = show(c)" in rest
+    assert "- first\n  more\n- ``q``, ``p``: second" in rest and ".. math::\n\n    a = b q \\qquad \\text{(so)}" in rest
+    page = plain.as_markdown(text)
+    assert "```text\n    a = show(c)\n```" in page and "\\*star\\* and `code_`, $H_k$" in page and "$$\na = b q" in page
+    assert "(3) <../paper-map.html#eq-3>`__" in plain.as_rest("see [WHSB] (3)")
+    assert "[[WHSB] (3)](../paper-map.md#eq-3)" in plain.as_markdown("see [WHSB] (3)")

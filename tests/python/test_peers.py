@@ -18,7 +18,7 @@ from peers import page as peers_page  # noqa: E402
 from peers.equations import PROBLEMS  # noqa: E402
 from peers.models import MODELS  # noqa: E402
 from peers.numpy_steps import heun_step, integrated, rk4_step  # noqa: E402
-from symsde.reports import study  # noqa: E402
+from symsde.reports import study, typeset  # noqa: E402
 from symsde.reports.study import peers, study_page  # noqa: E402
 
 
@@ -111,7 +111,7 @@ def test_the_tables_of_the_committed_page_are_those_of_its_data():
     text = (ROOT / "docs/peers.md").read_text()
     for problem in dict.fromkeys(row["problem"] for row in data):
         assert peers_page._table(data, problem) in text.partition(f"## {peers.TITLES[problem]}")[2], problem
-    assert peers_page._firsts(data) in text and peers_page.INTRODUCTION.strip() in text
+    assert peers_page._firsts(data) in text and typeset.markdown(peers_page.INTRODUCTION.strip()) in text
 
 
 def test_the_page_of_scenes_shows_the_same_rows():

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..native import files
 from ..native.build import build_info
+from . import typeset
 
 WIDTH = 120
 
@@ -72,5 +73,5 @@ class Page:
         self.add(f"![{words}](figures/{stem}.png)")
 
     def write(self) -> None:
-        """Write it, whole or not at all."""
-        files.replace_text(self._target, "\n\n".join(part.strip("\n") for part in self._parts) + "\n")
+        """Write it with its formulas as TeX, whole or not at all."""
+        files.replace_text(self._target, typeset.markdown("\n\n".join(part.strip("\n") for part in self._parts)) + "\n")
