@@ -27,6 +27,23 @@ def told(path):
     return found
 
 
+def moments_of(scene):
+    """The moments of a scene by one call of the library."""
+    found = ss.moments(scene.model, observables=scene.observables, observers=scene.observers, **scene.run)
+    found.scene = scene.text
+    return found
+
+
+def paths_of(scene):
+    """The paths that a scene saves, of one call for all."""
+    run = ss.simulate(scene.model, **scene.run)
+    kept = np.isin(run.path, scene.paths)
+    for name in ("path", "q", "p", "status", "failed_step", "last_q", "last_p", "q_low", "p_low"):
+        if getattr(run, name) is not None:
+            setattr(run, name, getattr(run, name)[..., kept])
+    return run
+
+
 def rotation_gradient(t, w, q, p):
     """Kubo's oscillator as a NumPy function: S = (a w_0 + sigma w_1)(p^2 + q^2)/2."""
     rate = A * w[0] + SIGMA * w[1]

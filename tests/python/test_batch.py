@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
-from conftest import table_of, told
+from conftest import moments_of, paths_of, table_of, told
 from sent_at import PLACED, words
 from symsde.batch import dispatch, scene, shard_file, stop
 from symsde.batch.tree import Node, Tree
@@ -46,10 +46,10 @@ def known(tmp_path_factory):
     folder = tmp_path_factory.mktemp("known")
     loaded = scene.load(write(folder / "scene.toml"))
     with pytest.warns(ss.PathsFailedWarning):
-        moments = loaded.compute_moments()
+        moments = moments_of(loaded)
     assert 0 < moments.report.failed < 3000
     moments.save(folder / "moments.csv")
-    return table_of(folder / "moments.csv"), loaded.compute_paths()
+    return table_of(folder / "moments.csv"), paths_of(loaded)
 
 
 def write(path, *changes, text=SCENE):

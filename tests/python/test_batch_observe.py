@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 import symsde as ss
+from conftest import moments_of
 from symsde.batch import manifest, scene
 from symsde.cli import command_line
 from symsde.run.observers import requests
@@ -67,7 +68,7 @@ def run(*arguments):
 
 @pytest.mark.filterwarnings("ignore::symsde.PathsFailedWarning")
 def test_any_division_keeps_the_same(file, tmp_path):
-    whole = scene.load(file).compute_moments()
+    whole = moments_of(scene.load(file))
     for size in (256, 1024, 4096):
         out = tmp_path / f"out{size}"
         assert run(file, "--out", out, "--shard-paths", size) == command_line.PATHS_FAILED
@@ -81,7 +82,7 @@ def test_any_division_keeps_the_same(file, tmp_path):
 
 @pytest.mark.filterwarnings("ignore::symsde.PathsFailedWarning")
 def test_parts_on_their_own_merge(file, tmp_path):
-    whole = scene.load(file).compute_moments()
+    whole = moments_of(scene.load(file))
     parts = [tmp_path / f"part{i}" for i in (1, 2, 3)]
     for i, part in enumerate(parts):
         run(file, "--shard", f"{i + 1}/3", "--out", part, "--shard-paths", 256)
@@ -95,7 +96,7 @@ def test_parts_on_their_own_merge(file, tmp_path):
 @pytest.mark.filterwarnings("ignore::symsde.PathsFailedWarning")
 def test_ensembles(file):
     loaded = scene.load(file)
-    whole = loaded.compute_moments()
+    whole = moments_of(loaded)
     found = ss.ensemble(loaded.model, observers=loaded.observers, shard_paths=256, **loaded.run)
     same_kept(found, whole)
     np.testing.assert_array_equal(found.observed["x"].share, whole.observed["x"].share)

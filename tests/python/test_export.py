@@ -6,6 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from conftest import moments_of
 from symsde.batch import scene
 from symsde.cli import command_line
 
@@ -74,7 +75,7 @@ def test_programs_give_the_numbers_of_the_scene(name, language, tmp_path, capsys
     line, text = export(tmp_path, name, language, capsys)
     assert line in text and (name in SITES or max(len(row) for row in text.splitlines() if line not in row) <= 132)
     found = numbers(tmp_path, line, name)
-    known = scene.load(tmp_path / f"{name}.toml").compute_moments()
+    known = moments_of(scene.load(tmp_path / f"{name}.toml"))
     n = known.mean_q.shape[1]
     columns = np.concatenate([known.mean_q, known.mean_p, known.mean_energy[:, None]], axis=1)
     errors = np.concatenate([known.se_mean_q, known.se_mean_p, known.se_mean_energy[:, None]], axis=1)
@@ -101,7 +102,7 @@ def test_chains_of_any_length_are_the_same_program(language, tmp_path, capsys):
     if language == "c" or shutil.which("gfortran") is None:
         return
     found = numbers(tmp_path, line, "long")
-    known = scene.load(tmp_path / "long.toml").compute_moments()
+    known = moments_of(scene.load(tmp_path / "long.toml"))
     np.testing.assert_allclose(found[1, 1:200001:2], known.mean_q[1], rtol=1e-12)
     np.testing.assert_allclose(found[1, 200001:400001:2], known.mean_p[1], rtol=1e-12)
 
@@ -113,7 +114,7 @@ def test_the_program_is_written_from_the_formulas(tmp_path, capsys):
     assert ".A0 = 1.2" in text
     (tmp_path / "names.c").write_text(text.replace(".A0 = 1.2", ".A0 = 1.212"))
     found = numbers(tmp_path, line, "names")
-    known = scene.load(tmp_path / "names.toml").compute_moments()
+    known = moments_of(scene.load(tmp_path / "names.toml"))
     assert abs(found[-1, 1] - known.mean_q[-1, 0]) > 1e-4
 
 

@@ -6,6 +6,7 @@ import ctypes
 import numpy as np
 import pytest
 import symsde as ss
+from conftest import moments_of
 from symsde import errors
 from symsde.batch import scene
 from symsde.native import abi
@@ -301,6 +302,6 @@ def test_a_chain_in_a_scene(tmp_path):
         f'[model]\nH = "{FPU}"\nnoise = ["-sigma*q[k]"]\nn = 16\nends = "fixed"\n'
         "[model.params]\nbeta = 0.8\nsigma = 0.1\n[run]\nstep = 0.1\nsteps = 10\nq0 = 0.1\np0 = 0.0\npaths = 5\n"
     )
-    mine = scene.load(file).compute_moments()
+    mine = moments_of(scene.load(file))
     known = ss.moments(ss.models.fpu_chain(n=16, **PARAMS), q0=0.1, p0=0.0, step=0.1, steps=10, paths=5)
     np.testing.assert_allclose(mine.mean_energy, known.mean_energy, rtol=1e-13)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from clock import calls_of
+from conftest import moments_of
 from symsde import errors
 from symsde.batch import scene
 from symsde.cli import command_line
@@ -398,7 +399,7 @@ def test_a_scene_with_formulas_is_that_of_the_catalogue(tmp_path):
     mine.write_text(SCENE)
     params = "omega = 2.0\nsigma1 = 0.2\nsigma2 = 0.1\n"
     known.write_text(f'[model]\nname = "synchrotron"\n{params}[run]' + SCENE.split("[run]")[1])
-    first, second = (scene.load(x).compute_moments() for x in (mine, known))
+    first, second = (moments_of(scene.load(x)) for x in (mine, known))
     np.testing.assert_allclose(first.mean_energy, second.mean_energy, rtol=1e-13)
     assert command_line.main(["check", str(mine)]) == 0
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import symsde as ss
 import test_inputs
+from conftest import moments_of, paths_of
 from symsde.batch import scene
 from symsde.cli import command_line
 
@@ -181,7 +182,7 @@ def test_a_path_that_cannot_begin_fails_alone_whatever_runs_with_it(tmp_path):
         assert alone.status[0] == whole.status[i]
         np.testing.assert_array_equal(alone.q[..., 0], whole.q[..., i])
     found = scene.load(write_scene(tmp_path))
-    assert found.compute_paths().status.tolist() == [3, 0] and found.compute_moments().n_ok.tolist() == [3, 2, 2, 2, 2]
+    assert paths_of(found).status.tolist() == [3, 0] and moments_of(found).n_ok.tolist() == [3, 2, 2, 2, 2]
     with pytest.raises(ss.errors.InvalidArgumentError, match="not finite at q0 = 0"):
         ss.simulate(model, q0=0.0, paths=3, **options)  # one state for all: none can begin
 

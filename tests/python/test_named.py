@@ -11,7 +11,7 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 import symsde as ss
-from conftest import table_of
+from conftest import moments_of, table_of
 from symsde.batch import scene
 from symsde.cli import command_line
 from symsde.errors import InvalidArgumentError, SceneError
@@ -207,7 +207,7 @@ def test_other_processes_load_it_again(file, module, tmp_path, allowed):
     wanted = {"observables": chosen.observables, "observers": chosen.observers}
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
         found = ss.ensemble(chosen.model, **wanted, **chosen.run, executor=executor, shard_paths=256)
-    np.testing.assert_array_equal(found.m2, chosen.compute_moments().m2)
+    np.testing.assert_array_equal(found.m2, moments_of(chosen).m2)
     assert os.path.basename(chosen.file) == "scene.toml"
     with pytest.raises(InvalidArgumentError, match="say --allow-python"):
         from symsde.batch import named_functions

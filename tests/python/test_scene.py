@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import symsde as ss
-from conftest import table_of
+from conftest import moments_of, paths_of, table_of
 from symsde.batch import execute, scene
 from symsde.cli import command_line
 from symsde.errors import SceneError
@@ -58,9 +58,14 @@ def file(tmp_path):
     return write
 
 
-def test_scene_is_the_run_it_says(file):
-    loaded = scene.load(file())
-    moments, run = loaded.compute_moments(), loaded.compute_paths()
+def saved(file, folder):
+    """The paths that `symsde run` saves of a scene."""
+    assert command_line.main(["run", str(file), "--out", str(folder), "--quiet"]) == 0
+    return ss.open_run(folder).run
+
+
+def test_scene_is_the_run_it_says(file, tmp_path):
+    moments, run = moments_of(scene.load(file())), saved(file(), tmp_path / "out")
     common = {"q0": 0.0, "p0": 0.0, "step": 0.02, "steps": 500, "seed": 1, "save_every": 50}
     model = ss.models.synchrotron()
     np.testing.assert_array_equal(moments.mean_q, ss.moments(model, paths=1000, **common).mean_q)
@@ -91,13 +96,13 @@ def test_every_key_of_a_run_reaches_it(file):
         kept = "".join(line for line in run.splitlines(True) if not line.startswith(f"{key} ="))
         loaded = scene.load(file(text=f'{head}[run]\n{key} = {text}\n{kept}[output]\npaths = "all"'))
         given = {**default, key: tuple(value) if isinstance(value, list) else value}
-        mine, known = loaded.compute_paths(), ss.simulate(loaded.model, **given)
+        mine, known = paths_of(loaded), ss.simulate(loaded.model, **given)
         assert mine.setup.attributes() == known.setup.attributes(), key
         for name in ("t", "path", "q", "p", "status"):
             np.testing.assert_array_equal(getattr(mine, name), getattr(known, name), err_msg=key)
         for name in ("threads", "lanes"):
             assert getattr(mine.setup.options, name) == getattr(known.setup.options, name), key
-        moments = loaded.compute_moments()
+        moments = moments_of(loaded)
         np.testing.assert_array_equal(moments.mean_p, ss.moments(loaded.model, **given).mean_p, err_msg=key)
         plain = ss.simulate(loaded.model, **default)
         if key in {"q0", "p0"}:
@@ -139,7 +144,7 @@ def test_files_of_a_run_hold_the_run(file, tmp_path, capsys):
     path = file()
     assert command_line.main(["run", str(path), "--out", str(tmp_path / "out")]) == 0
     loaded = scene.load(path)
-    moments, run = loaded.compute_moments(), loaded.compute_paths()
+    moments, run = moments_of(loaded), paths_of(loaded)
     moments.save(tmp_path / "known.csv")
     assert table_of(tmp_path / "out" / "moments.csv") == table_of(tmp_path / "known.csv")
     with xarray.open_dataset(tmp_path / "out" / "run.nc") as data:
@@ -148,12 +153,12 @@ def test_files_of_a_run_hold_the_run(file, tmp_path, capsys):
         np.testing.assert_array_equal(data.time, run.t)
 
 
-def test_paths_of_a_compensated_scene_keep_their_low_parts(file):
+def test_paths_of_a_compensated_scene_keep_their_low_parts(file, tmp_path):
     """Those of every stretch of paths, as of a run of all."""
-    loaded = scene.load(file(("[run]", "[run]\ncompensated = true")))
-    found, whole = loaded.compute_paths(), ss.simulate(loaded.model, **loaded.run)
+    path = file(("[run]", "[run]\ncompensated = true"))
+    found, whole = saved(path, tmp_path / "out"), paths_of(scene.load(path))
     for name in ("last_q", "q_low", "p_low"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name)[:, [0, 1, 7]], err_msg=name)
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name), err_msg=name)
 
 
 def test_check_says_what_the_run_will_do(file, capsys):
@@ -169,10 +174,10 @@ def test_check_says_what_the_run_will_do(file, capsys):
     assert found["left out"] == "correction: it vanishes for this noise; solver: the step is explicit"
 
 
-def test_paths_with_states_of_their_own(file):
-    loaded = scene.load(file(("paths = 1000", "paths = 3\nfirst_path = 256"), ("q0 = 0.0", "q0 = [[0.1, 0.2, 0.3]]"),
-                             ("[0, 1, 7]", "[256, 258]")))  # fmt: skip
-    np.testing.assert_array_equal(loaded.compute_paths().q[0, 0], [0.1, 0.3])
+def test_paths_with_states_of_their_own(file, tmp_path):
+    run = saved(file(("paths = 1000", "paths = 3\nfirst_path = 256"), ("q0 = 0.0", "q0 = [[0.1, 0.2, 0.3]]"),
+                      ("[0, 1, 7]", "[256, 258]")), tmp_path / "out")  # fmt: skip
+    np.testing.assert_array_equal(run.q[0, 0], [0.1, 0.3])
 
 
 @pytest.mark.parametrize("name", ss.models.names())
@@ -283,8 +288,7 @@ def test_bytes_that_are_no_scene(tmp_path):
 def test_all_paths_are_not_listed_before_their_size_is_known(file):
     with pytest.raises(SceneError, match=r"\[output\] paths.*GB"):
         scene.load(file(("paths = 1000", "paths = 1000000000000"), ("[0, 1, 7]", '"all"')))
-    loaded = scene.load(file(("[0, 1, 7]", '"all"')))
-    np.testing.assert_array_equal(loaded.compute_paths().path, np.arange(1000))
+    assert scene.load(file(("[0, 1, 7]", '"all"'))).paths == range(1000)
 
 
 def test_missing_file(tmp_path, capsys):
@@ -358,26 +362,6 @@ def test_a_stopped_run_keeps_its_checkpoint(number, file, tmp_path):
     assert code == command_line.STOPPED and f"stopped by {number.name}; 0 of 1 shards are in out: go on with" in shown
     assert "Traceback" not in shown
     assert results(tmp_path / "out") == [] and os.listdir(tmp_path / "out" / "shards") == ["paths-000001.checkpoint"]
-
-
-def test_a_stop_in_a_later_stretch_of_paths_keeps_the_earlier_ones(file, monkeypatch):
-    loaded = scene.load(file())
-    whole = loaded.compute_paths()
-    real, made = scene.simulate, []
-
-    def stop_at_second(*arguments, **options):
-        made.append(real(*arguments, **options))
-        if len(made) == 2:
-            stop = KeyboardInterrupt()
-            stop.partial = made[-1]
-            raise stop
-        return made[-1]
-
-    monkeypatch.setattr(scene, "simulate", stop_at_second)
-    with pytest.raises(KeyboardInterrupt) as caught:
-        loaded.compute_paths()
-    np.testing.assert_array_equal(caught.value.partial.path, [0, 1, 7])
-    np.testing.assert_array_equal(caught.value.partial.q, whole.q)
 
 
 def test_signals_are_left_as_they_were(file, tmp_path):

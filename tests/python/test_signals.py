@@ -13,7 +13,6 @@ from conftest import rotation_gradient, rotation_hessian, rotation_value
 from sender import HandledError, Sender, handled, raises, sent
 from symsde.answers.expectation.answer import Answer
 from symsde.answers.multilevel.multilevel_answer import Multilevel
-from symsde.batch import scene
 
 LAST = getattr(signal, "SIGRTMAX", signal.SIGUSR2)
 PLACE = {"q0": 1.0, "p0": 0.0}
@@ -33,7 +32,6 @@ CALLS = {
     "simulate": (lambda model, run: lambda: ss.simulate(model, **run), ss.Run),
     "moments": (lambda model, run: lambda: ss.moments(model, **run), ss.Moments),
     "prepared": (lambda model, run: prepared(model, **run), ss.Run),
-    "scene": (lambda model, run: scene.Scene("", model, run, True, [0, 1], {}, {}, {}).compute_paths, ss.Run),
 }
 #: the same of calls that run as often as they want
 WORKS = {

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenes: a run as a TOML file, for the command line."""
+"""Scenes: what is to be run, as a TOML file says it. A scene is read, checked and shown here; `execute` computes it."""
 
 from __future__ import annotations
 
-import copy
 import importlib
 import inspect
 import os
@@ -13,15 +12,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .. import models
 from ..errors import InvalidArgumentError, SceneError, SymsdeError
 from ..model.definition import Model
 from ..model.formulas import formula_scenes as formulas
 from ..native import checks, files
-from ..native.signals import carry
-from ..run.moments import Moments, moments, try_out
+from ..run.moments import Moments, try_out
 from ..run.observers import observables, requests
 from ..run.setup import make_setup
 from ..run.simulate import Run, simulate
@@ -53,38 +49,6 @@ class Scene:
     text: str = ""  #: the file as it stands
     observables: dict[str, observables.Observable] = field(default_factory=dict)  #: values of the user's own, by name
     observers: dict[str, requests.Observer] = field(default_factory=dict)  #: what is kept beside moments
-
-    def compute_moments(self, progress=False) -> Moments:
-        """Moments of all paths, and what observers keep of them."""
-        wanted = {"observables": self.observables, "observers": self.observers}
-        found = moments(self.model, progress=progress, **wanted, **self.run)
-        found.scene = self.text
-        return found
-
-    def compute_paths(self, progress=False) -> Run:
-        """The wanted paths: one run for each stretch of consecutive indices, joined."""
-        runs = []
-        for stretch in _stretches(self.paths):
-            here = {**self.run, "first_path": stretch[0], "paths": len(stretch)}
-            for key in ("q0", "p0"):
-                here[key] = self._columns(here[key], stretch)
-            try:
-                runs.append(simulate(self.model, progress=progress, **here))
-            except BaseException as stop:
-                if begun := [*runs, *filter(None, [getattr(stop, "partial", None)])]:
-                    carry(stop, lambda: _joined(begun))
-                raise
-        joined = _joined(runs)
-        joined.scene = self.text
-        return joined
-
-    def _columns(self, state, stretch):
-        """Columns of an initial state that belong to a stretch of paths."""
-        array = np.asarray(state)
-        if array.ndim < 2 or array.shape[1] == 1:
-            return state
-        first = stretch[0] - self.run.get("first_path", 0)
-        return array[:, first : first + len(stretch)]
 
     def try_out(self) -> Run:
         """Set everything up as for the run, but make no step; misuse raises SceneError."""
@@ -258,29 +222,6 @@ def _paths(file: str, given: object, run: dict[str, Any]) -> list[int] | range:
         if not first <= i < first + count:
             raise SceneError(f"{file}: [output] paths: {i} is not among the paths {first} .. {first + count - 1}")
     return sorted(set(given))
-
-
-def _stretches(indices: list[int] | range) -> list[list[int] | range]:
-    """Consecutive indices together."""
-    if isinstance(indices, range):
-        return [indices]
-    result: list[list[int]] = []
-    for i in indices:
-        if result and result[-1][-1] == i - 1:
-            result[-1].append(i)
-        else:
-            result.append([i])
-    return result
-
-
-def _joined(runs: list[Run]) -> Run:
-    """Runs of different paths as one; options are those of the first, the report too, or that of a stopped one."""
-    whole = copy.copy(runs[0])
-    whole.report = next((run.report for run in runs if run.report.stopped), whole.report)
-    low = () if whole.q_low is None else ("q_low", "p_low")
-    for name in ("path", "q", "p", "status", "failed_step", "last_q", "last_p", *low):
-        setattr(whole, name, np.concatenate([getattr(run, name) for run in runs], axis=-1))
-    return whole
 
 
 def require_schemes_alone(file: str | os.PathLike, table: str, run: dict[str, Any], has_horizon: bool) -> None:
