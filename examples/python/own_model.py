@@ -25,12 +25,20 @@ def value(t, w, q, p):
     return h * (p[0] ** 2 / 2 - np.cos(q[0])) + dw * SIGMA * np.sin(q[0])
 
 
+def hessian(t, w, q, p):
+    """Second derivatives, (dof, dof, lane) each. They are optional: without them gradients are differenced."""
+    h, dw = w
+    one = np.ones_like(q[0])
+    return [[h * np.cos(q[0]) - dw * SIGMA * np.sin(q[0])]], [[0 * one]], [[h * one]]
+
+
 # Declared traits decide which work is skipped. A false trait is refused by name.
 model = ss.Model(
     ndof=1,
     nnoise=1,
     gradient=gradient,
     value=value,
+    hessian=hessian,
     separable=True,
     position_noise=True,
     identity_mass=True,
@@ -43,6 +51,7 @@ print(f"q of path 0 at t = {run.t[-1]:.1f}: {run.q[-1, 0, 0]:.4f}")
 
 # Average 20 000 paths: no path is stored.
 mom = ss.moments(model, q0=1.0, p0=0.0, step=0.05, steps=200, paths=20_000, seed=3, save_every=20)
+print(f"{mom.mean_q[-1, 0]:.6f} +- {mom.se_mean_q[-1, 0]:.6f}: E q at t = {mom.t[-1]:.1f}")
 print(f"E H at t = {mom.t[-1]:.1f}: {mom.mean_energy[-1]:.4f} +- {mom.se_mean_energy[-1]:.4f}")
 
 # The scheme is symplectic for every sample of the noise: the tangent map of one step shows it.
