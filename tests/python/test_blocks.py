@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Every code block of every page runs, in the order of the page; a block in a language that is not known here fails.
+
+Python blocks of a page share their names. A block of text is what a block before it, or a program that the page shows,
+prints. Scenes are checked, those that are parts of one with the rest of BASE. Of a block for the shell, the lines that
+call symsde are run; the others must begin with a word of ELSEWHERE.
+"""
+
+import contextlib
+import io
+import os
+import re
+import runpy
+import shlex
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+from symsde.cli import command_line
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs/method").glob("*.md"))]
+FENCE = re.compile(r"^```(\S+)(?: (\S+))?\n(.*?)^```$", re.M | re.S)
+#: What a page prints, in order.
+WORDS = {
+    "expect": ("multilevel",),
+    "first-ten-minutes": ("(501, 1, 100)", "midpiont", "save_every"),
+    "formulas": ("formula(omega=2, sigma=0.4) 0.0", "separable=True", "True", "'x': False"),
+    "own-model": ("True True True", "E q = -0.758176 +- 0.006346 at t = 10", "order"),
+    "python": ("(11, 1, 100)", "10.0 20.0", "weights sum to 1.1", "increments", "midpoint", "order"),
+    "reproducibility": ("version",),
+    "results": ("E q =", "outcome"),
+    "which-scheme": ("us a path", "others:"),
+}
+NEEDS = {"own-model": "sympy", "formulas": "sympy", "README": "sympy", "expect": "scipy"}
+#: The folder in which a page is read: this scene, one part of its run, and functions of one's own.
+BASE = """\
+[model]
+name = "kubo"
+[run]
+step = 0.02
+steps = 100
+save_every = 50
+paths = 200
+seed = 1
+q0 = 1.0
+p0 = 0.0
+[output]
+moments = true
+paths = [0]
+"""
+OWN = "def far(q, p):\n    return (abs(q[0]) > 0.9) * 1.0\n"
+#: First words of lines for a shell that other tests run (install_readme, install_consumers), or that every build runs.
+ELSEWHERE = ("#", "pip install ", "cmake ", "export ", "./bootstrap ", ".venv/bin/")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Nothing is written into the tree."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    (tmp_path / "scene.toml").write_text(BASE)
+    (tmp_path / "own.py").write_text(OWN)
+    for name, value in {"HOME": str(tmp_path), "SLURM_ARRAY_TASK_ID": "1"}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+class Page:
+    """A page as it is read: names of its Python blocks, and what each block printed."""
+
+    def __init__(self, path):
+        self.name, self.text = path.stem, path.read_text(encoding="utf-8")
+        self.names, self.printed = {}, []
+
+    def read(self):
+        """Run every block; the kinds of what was found."""
+        kinds = []
+        for kind, argument, body in FENCE.findall(self.text):
+            getattr(self, "do_" + re.sub(r"\W", "", kind), self.unknown)(body, argument)
+            kinds.append(kind)
+        return kinds
+
+    def unknown(self, body, _argument):
+        pytest.fail(f"{self.name}: no test runs blocks of this kind:\n{body}")
+
+    def keep(self, run, *arguments):
+        """What a call prints."""
+        shown = io.StringIO()
+        with contextlib.redirect_stdout(shown):
+            run(*arguments)
+        self.printed.append(shown.getvalue())
+
+    def do_python(self, body, _argument):
+        self.keep(exec, compile(body, self.name, "exec"), self.names)
+
+    def do_text(self, body, _argument):
+        assert body in self.printed, f"{self.name} shows\n{body}where its blocks print\n" + "".join(self.printed)
+
+    def do_toml(self, body, _argument):
+        given = tomllib.loads(body)
+        rest = [table for table in BASE.split("\n[") if table.strip("[").partition("]")[0] not in given]
+        Path("block.toml").write_text(body + "".join(f"\n[{table.removeprefix('[')}" for table in rest))
+        self.command(["check", "block.toml", "--allow-python"])
+
+    def do_sh(self, body, _argument):
+        for line in body.splitlines():
+            for task in ("1", "2") if "$SLURM_ARRAY_TASK_ID" in line else ("1",):  # BASE is a run of two shards
+                os.environ["SLURM_ARRAY_TASK_ID"] = task
+                words = [str(found) for word in shlex.split(line, comments=True) for found in expanded(word)]
+                if "symsde" in words and words[0] in ("symsde", "srun", "mpirun"):  # one process of them
+                    self.command(words[words.index("symsde") + 1 :])
+                else:
+                    assert line.startswith(ELSEWHERE), f"{self.name}: no test runs {line}"
+
+    def do_c(self, body, _argument):
+        sources = [*(ROOT / "python/symsde/model/formulas").glob("*.h"), ROOT / "include/symsde.h"]
+        assert any(body in source.read_text(encoding="utf-8") for source in sources)
+
+    def do_literalinclude(self, _body, argument):
+        """A program, which ctest runs: what it prints is compared with the page where it is one of Python."""
+        path = (ROOT / "docs" / argument).resolve()
+        runs = (ROOT / "examples/CMakeLists.txt").read_text(encoding="utf-8") + (
+            ROOT / "tests/compare_first.py"
+        ).read_text(encoding="utf-8")
+        assert re.search(rf"\b{path.stem}\b", runs), argument
+        if path.name == "first.py":
+            self.keep(runpy.run_path, str(path))
+
+    def do_toctree(self, _body, _argument):
+        """The site looks for these pages."""
+
+    def command(self, words):
+        """A command, which must end well; one that ends only in asking for help, too."""
+        try:
+            code = command_line.main(words)
+        except SystemExit as ended:
+            code = ended.code
+        assert code == 0, f"{self.name}: symsde {shlex.join(words)} ends with {code}"
+
+
+def expanded(word):
+    """A word of a shell: files, where it is a pattern of files, and values of variables."""
+    return sorted(Path().glob(word)) if "*" in word else [os.path.expandvars(word)]
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_blocks_of_a_page(path, folder):
+    page = Page(path)
+    if page.name in NEEDS and FENCE.search(page.text):
+        pytest.importorskip(NEEDS[page.name])
+    kinds = page.read()
+    assert kinds or page.name not in {*WORDS, *NEEDS}
+    rest = "".join(page.printed)
+    for words in WORDS.get(page.name, ()):
+        _, found, rest = rest.partition(words)
+        assert found, f"{page.name} does not print {words}, or not after the words before"
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_code_stands_in_fences(path):
+    """What is indented only is not run by the test above: formulas, and commands of the shell which others run."""
+    text = FENCE.sub("", path.read_text(encoding="utf-8"))
+    for block in re.findall(r"(?<=\n\n)((?: {4}.*\n)+)", text):
+        assert not re.search(r"\bss\.|^ *(symsde|import|from|print)\b|^ *\[\w", block, re.M), block
+
+
+def test_commands_in_the_text_of_the_readme_run(folder):
+    """Every `symsde ...` between backquotes; `symsde paper` has a test of its own."""
+    page = Page(ROOT / "README.md")
+    commands = [" ".join(words.split()) for words in re.findall(r"`(symsde [^`]+)`", page.text)]
+    assert len(commands) >= 2
+    for command in commands:
+        if command != "symsde paper":
+            page.command(shlex.split(command)[1:])
+
+
+def test_what_is_wrong_with_a_page_is_found(folder):
+    """Planted: a block that fails, other output, a scene with a key too many, a command that is none, a language."""
+    for block, says in (
+        ("```python\nassert False\n```", "AssertionError"),
+        ("```python\nprint(1)\n```\n\n```text\n2\n```", "shows"),
+        ("```toml\n[run]\nstepp = 1\n```", "ends with 2"),
+        ("```sh\nsymsde chekc\n```", "ends with 2"),
+        ("```sh\nmake\n```", "no test runs make"),
+        ("```julia\n1\n```", "no test runs blocks"),
+        ("```c\nint x;\n```", "AssertionError"),
+    ):
+        (folder / "page.md").write_text(f"{block}\n")
+        with pytest.raises((AssertionError, pytest.fail.Exception)) as caught:
+            Page(folder / "page.md").read()
+        assert says in f"{caught.type.__name__} {caught.value}", block
