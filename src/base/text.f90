@@ -9,7 +9,7 @@ module symsde_base_text
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
-   public :: to_text, nearest_names, name_length
+   public :: to_text, counted, nearest_names, name_length
 
    integer, parameter :: name_length = 32  !! longest name of a model, a scheme or a parameter
 
@@ -44,11 +44,25 @@ contains
       long_length = len_trim(padded_long(n))
    end function long_length
 
+   !> With up to seven digits, as people write them: 0.25 and 5.551115e-17, not 0.250000 and 5.551115E-017.
    pure character(len=24) function padded_real(x)
       real(wp), intent(in) :: x
+      character(len=24) :: power
+      integer :: at, last, n
 
       write (padded_real, '(1pg14.6e3)') x
       padded_real = adjustl(padded_real)
+      if (index(padded_real, '.') == 0) return  ! no finite number
+      power = ''
+      at = index(padded_real, 'E')
+      if (at > 0) then
+         read (padded_real(at + 1:), *) n
+         power = 'e'//padded_long(int(n, i8))
+         padded_real(at:) = ''
+      end if
+      last = verify(padded_real, '0 ', back=.true.)
+      if (padded_real(last:last) == '.') last = last - 1
+      padded_real(last + 1:) = power
    end function padded_real
 
    pure integer function real_length(x)
@@ -56,6 +70,14 @@ contains
 
       real_length = len_trim(padded_real(x))
    end function real_length
+
+   !> '1 path', '2 paths': a number, as text, with what it counts, whose plural takes an s.
+   pure function counted(number, noun) result(text)
+      character(*), intent(in) :: number, noun
+      character(len=len(number) + 1 + len(noun) + merge(0, 1, number == '1')) :: text
+
+      text = number//' '//noun//'s'  ! cut to its length
+   end function counted
 
    pure function integer_text(n) result(text)
       integer, intent(in) :: n

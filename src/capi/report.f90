@@ -5,7 +5,7 @@ module symsde_capi_report
       c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, &
       c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_status, only: error_type, status_ok, status_text, callback_failed, stopped, paths_failed
-   use symsde_base_text, only: to_text
+   use symsde_base_text, only: counted, to_text
    use symsde_capi_error, only: finish, require, take_struct, give_struct
    use symsde_capi_text, only: put_chars
    use symsde_ensemble_run_report, only: run_report
@@ -146,10 +146,10 @@ contains
       case (callback_failed)
          text = 'a callback returned '//to_text(code)//' and the run was aborted: results are NaN from there on'
       case (stopped)
-         text = 'the run was stopped on request: '//to_text(report%nstopped)// &
-                ' paths did not reach the end, their values are NaN from there on'
+         text = 'the run was stopped on request: '//counted(to_text(report%nstopped), 'path')// &
+                ' did not reach the end, their values are NaN from there on'
       case (paths_failed)
-         text = to_text(report%nfailed)//' paths failed, their values are NaN from there on: '// &
+         text = counted(to_text(report%nfailed), 'path')//' failed, their values are NaN from there on: '// &
                 'see the status and the failed step of each, and try a smaller step'
       case default
          text = status_text(report%status)

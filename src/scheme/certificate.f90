@@ -7,7 +7,7 @@ module symsde_scheme_certificate
    use symsde_base_functionals, only: functional_set, name_functionals
    use symsde_base_kinds, only: wp
    use symsde_base_laws, only: law_gaussian, law_text
-   use symsde_base_text, only: to_text
+   use symsde_base_text, only: counted, to_text
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
                                    splitting_form, symplecticity_residual, model_needs, frame_none, frame_shift, &
                                    frame_rotation
@@ -167,11 +167,10 @@ contains
       case (splitting_form); form = 'drifts and kicks, '
       case default; form = 'Ito form, '
       end select
-      form = form//to_text(c%nstage)
       select case (c%form)
-      case (galerkin_form); form = form//' nodes'
-      case (splitting_form); form = form//' kicks'
-      case default; form = form//' stages'
+      case (galerkin_form); form = form//counted(to_text(c%nstage), 'node')
+      case (splitting_form); form = form//counted(to_text(c%nstage), 'kick')
+      case default; form = form//counted(to_text(c%nstage), 'stage')
       end select
       call add(text, 'scheme', c%name//' ('//form//')')
    end subroutine add_form
@@ -319,12 +318,12 @@ contains
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: value
 
-      value = to_text(c%gradients_per_step)//' gradients'
+      value = counted(to_text(c%gradients_per_step), 'gradient')
       if (c%implicit_drifts > 0) then
-         value = to_text(c%nstage)//' gradients; midpoint steps: '//to_text(c%implicit_drifts)// &
-                 ', of 1 gradient for each iteration of '//to_text(c%unknowns)//' unknowns per degree of freedom'
+         value = counted(to_text(c%nstage), 'gradient')//'; midpoint steps: '//to_text(c%implicit_drifts)// &
+                 ', of 1 gradient for each iteration of '//counted(to_text(c%unknowns), 'unknown')//' per degree of freedom'
       else if (c%explicit_for /= always_explicit) then
-         value = value//' for each iteration of '//to_text(c%unknowns)//' unknowns per degree of freedom ('// &
+         value = value//' for each iteration of '//counted(to_text(c%unknowns), 'unknown')//' per degree of freedom ('// &
                  to_text(c%unknowns_if_separable)//' where separable)'
       end if
       call add(text, 'cost per step', value)

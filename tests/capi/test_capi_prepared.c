@@ -188,7 +188,7 @@ static void test_refusals(void) {
    EXPECT(SYMSDE_CALLBACK_FAILED, "17", symsde_run_advance(run, 1, 1, NULL, NULL, &error));
    user.refuse_after = 1e9;
    CHECK(state_of(run).status[0] > 0 && state_of(run).failed_step[0] == 1);
-   EXPECT(SYMSDE_PATHS_FAILED, "1 paths failed", symsde_run_advance(run, 1, 1, NULL, NULL, &error));
+   EXPECT(SYMSDE_PATHS_FAILED, "1 path failed", symsde_run_advance(run, 1, 1, NULL, NULL, &error));
    OK(symsde_run_reset(run, &input, 1, 0, 0, &error));
    OK(symsde_run_advance(run, 1, 1, NULL, NULL, &error));
    symsde_run_delete(&run);
