@@ -6,6 +6,7 @@ from pathlib import Path
 
 import symsde as ss
 from symsde.answers.advice import advise
+from symsde.native.checks import counted
 from symsde.reports import typeset
 from symsde.reports.pages import markdown
 from symsde.reports.study import of_data, study_words
@@ -126,7 +127,7 @@ def _horizons(data):
             kept = [r for r in here if r["scheme"] != "taylor15" and ss.schemes.get(r["scheme"]).info.symplectic]
             best = min(kept, key=lambda row: row["microseconds"], default=None)
             factors = [_factor(here, name, best) for name in ("heun", "taylor15")]
-            text = f"{best['scheme']}, {best['steps']} steps, {best['microseconds']:.3g} us" if best else "-"
+            text = f"{best['scheme']}, {counted(best['steps'], 'step')}, {best['microseconds']:.3g} us" if best else "-"
             rows.append([want, f"{horizon:g}", f"[{text}](expect.md#as-the-horizon-grows)", *factors])
     head = ["wanted", "horizon", "cheapest symplectic scheme", "Heun's rule", "Taylor's rule of order 1.5"]
     return markdown(head, rows)

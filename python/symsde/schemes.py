@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import MissingOperationError, WrongShapeError, WrongTypeError
+from .errors import MissingOperationError, UnknownNameError, WrongShapeError, WrongTypeError
 from .native import abi, checks
 from .native import handles as _handles
 
@@ -190,7 +190,7 @@ class Scheme:
         kind = "symplectic" if self.info.symplectic else "not symplectic"
         beside = self._beside()
         more = f"; beside the tableau: {beside}" if beside else ""
-        return f"<scheme {self.name}: {self.info.form}, {self.info.nstage} stages, {kind}{more}>"
+        return f"<scheme {self.name}: {self.info.form}, {checks.counted(self.info.nstage, 'stage')}, {kind}{more}>"
 
 
 def _order(given: abi.SchemeInfo, i: int) -> Order:
@@ -208,7 +208,16 @@ def names() -> list[str]:
 def get(name: str) -> Scheme:
     """A scheme of the catalogue; UnknownNameError lists the nearest names."""
     pointer = ctypes.c_void_p()
-    _handles.call("scheme_get", _handles.encode(checks.name_of("scheme", name)), ctypes.byref(pointer))
+    try:
+        _handles.call("scheme_get", _handles.encode(checks.name_of("scheme", name)), ctypes.byref(pointer))
+    except UnknownNameError as error:
+        if "scheme_names()" not in str(error):
+            raise
+        first = ", ".join(checks.nearest(name, names()).split(", ")[:4])
+        raise UnknownNameError(
+            f"there is no scheme {checks.shown(name)}: the nearest names are {first}; `symsde list` and "
+            "symsde.schemes.names() show all"
+        ) from None
     return Scheme(pointer, (get, (name,)))
 
 

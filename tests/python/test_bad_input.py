@@ -7,6 +7,8 @@ import symsde as ss
 from symsde import errors
 
 GOOD = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 4, "paths": 3}
+PLACE = {"q0": 1.0, "p0": 0.0}
+LIKE_VERLET = ["the nearest names are stormer_verlet, ", "symsde.schemes.names()"]
 NAN, INF, HUGE = float("nan"), float("inf"), 2**63
 
 # changed options of simulate, exception, words of its message
@@ -46,7 +48,7 @@ RUNS = [
     ({"fixed_point": -1}, errors.InvalidArgumentError, ["-1"]),
     ({"scheme": "midpiont"}, errors.UnknownNameError, ["midpiont", "midpoint"]),
     ({"scheme": ""}, errors.UnknownNameError, ["scheme", "''", "nearest"]),
-    ({"scheme": "a\0b"}, errors.UnknownNameError, ["scheme", "a?b", "nearest"]),
+    ({"scheme": "a\0b"}, errors.UnknownNameError, ["scheme", "a\\x00b", "nearest"]),
     ({"scheme": 3}, errors.WrongTypeError, ["scheme", "3"]),
     ({"scheme": "lambda:2"}, errors.InvalidArgumentError, ["lambda"]),
     ({"correction": "averge"}, errors.UnknownNameError, ["correction", "averge", "mean"]),
@@ -104,7 +106,18 @@ ONE = {"q0": 1.0, "p0": 0.0}
 OTHERS = [
     (lambda: ss.models.parameters(3), errors.WrongTypeError, ["model = 3", "string"]),
     (lambda: ss.models.get(None), errors.WrongTypeError, ["model = None", "string"]),
-    (lambda: ss.moments(MODEL, **GOOD, dt=0.1), errors.WrongTypeError, ["no option 'dt'", "step"]),
+    (lambda: ss.moments(MODEL, **GOOD, dt=0.1), errors.WrongTypeError, ["no option 'dt': it is called step here"]),
+    (lambda: ss.simulate(MODEL, **PLACE, dt=0.1), errors.WrongTypeError, ["no option 'dt': it is called step here"]),
+    (lambda: ss.moments(MODEL, **PLACE, dt=0.1), errors.WrongTypeError, ["no option 'dt': it is called step here"]),
+    (lambda: ss.prepare(MODEL, **PLACE, dt=0.1), errors.WrongTypeError, ["no option 'dt': it is called step here"]),
+    (lambda: ss.ensemble(MODEL, **GOOD, method="heun"), errors.WrongTypeError, ["'method': it is called scheme here"]),
+    (lambda: ss.simulate(MODEL, **GOOD, scheme="verlet"), errors.UnknownNameError, LIKE_VERLET),
+    (lambda: ss.simulate(MODEL, **GOOD, scheme="LeapFrog"), errors.UnknownNameError, LIKE_VERLET),
+    (
+        lambda: ss.expect(MODEL, "q", **PLACE, T=1.0),
+        errors.WrongTypeError,
+        ["no option 'T': it is called horizon here"],
+    ),
     (
         lambda: ss.step(MODEL, "midpoint", 1.0, 0.0, 0.1, steps=3),
         errors.WrongTypeError,

@@ -60,7 +60,7 @@ def test_python_observables_are_asked_for_many_times_at_once(lanes, threads):
         return q[0]
 
     how = {"q0": start, "p0": 0.0, "step": 0.1, "steps": 60, "paths": 50, "scheme": "stormer_verlet", "lanes": lanes}
-    with pytest.warns(ss.PathsFailedWarning, match="1 paths failed"):
+    with pytest.warns(ss.PathsFailedWarning, match="1 path failed"):
         found = ss.moments(model, observables={"first": first, "other": lambda q, p: p[1] + 0}, threads=threads, **how)
     for kind in ("mean", "var", "se_mean"):
         np.testing.assert_array_equal(getattr(found, kind)["first"], getattr(found, f"{kind}_q")[:, 0])

@@ -261,7 +261,7 @@ def test_what_is_no_number_is_said():
     with pytest.warns(ss.NotANumberWarning, match="log|late"):
         far = ss.moments(pendulum, observables=wanted, observers={"far": watched["far"]}, **run).observed["far"]
     assert np.isnan(far.mean_highest).all() and np.isnan(far.mean_lowest).all()
-    with pytest.warns(ss.PathsFailedWarning, match="1 paths failed"):
+    with pytest.warns(ss.PathsFailedWarning, match="1 path failed"):
         lost = ss.moments(pendulum, observables={"log": "log(q1)"}, observers={"loss": watched["loss"]}, **run)
     assert lost.failed.tolist() == [3] and lost.failed_step.tolist() == [0]
     assert ss.status_text(int(lost.failed_status[0])) == ss.status_text(3)

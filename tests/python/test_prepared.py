@@ -108,7 +108,7 @@ def test_failed_paths_rest_until_reset():
     q0 = np.full((2, 3), 0.1)
     q0[:, 1] = 1e200
     run = ss.prepare(model, "stormer_verlet", q0=q0, p0=0.0, step=0.1, paths=3)
-    with pytest.warns(ss.PathsFailedWarning, match="1 paths have failed"):
+    with pytest.warns(ss.PathsFailedWarning, match="1 of 3 paths failed"):
         run.step()
     run.step()  # said once
     assert run.status.tolist() == [0, 3, 0] and run.failed_step.tolist() == [-1, 0, -1]

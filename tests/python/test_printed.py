@@ -108,7 +108,7 @@ def test_one_line_about_a_result(moments, kubo):
     )
     run = ss.simulate(kubo, q0=1.0, p0=0.0, t0=1.0, step=0.5, steps=4, save_every=2, paths=7, scheme="gauss2")
     assert repr(run) == (
-        "<run of kubo(a=1, sigma=0.3) by gauss2: 3 times from 1 to 3, 1 degrees of freedom, 7 paths, ok>"
+        "<run of kubo(a=1, sigma=0.3) by gauss2: 3 times from 1 to 3, 1 degree of freedom, 7 paths, ok>"
     )
     assert repr(ss.schemes.get("heun")) == "<scheme heun: tableau, 2 stages, not symplectic>"
 
@@ -318,7 +318,10 @@ def test_the_time_of_a_dry_run_is_that_of_all_threads(monkeypatch, threads, piec
     found = dry.need(task, [*cut[1:], Piece("p", "paths", 0, 256, 1000)], 256, 5)
     assert found.seconds == pytest.approx(seconds) and found.path_steps == 1000 * pieces
     assert found.shards == pieces and found.workers == min(threads, pieces)
-    assert f"time       about {seconds:.2g} seconds here, {found.workers} shards at a time" in str(found)
+    assert (
+        f"time       about {seconds:.2g} seconds here, {found.workers} shard{'s' * (found.workers > 1)} at a time"
+        in str(found)
+    )
 
 
 def test_progress_tells_the_time_that_is_left(monkeypatch, caplog):

@@ -120,7 +120,7 @@ def test_step_is_the_cayley_transform(kubo):
 def test_failed_paths_are_counted_and_nan():
     model = ss.models.henon_heiles()
     start = np.array([[0.1, 20.0], [0.1, 20.0]])
-    with pytest.warns(ss.PathsFailedWarning, match="1 paths failed"):
+    with pytest.warns(ss.PathsFailedWarning, match="1 path failed"):
         run = ss.simulate(model, q0=start, p0=0.0, step=0.1, steps=100, paths=2, scheme="stormer_verlet", seed=1)
     assert run.report.failed == 1 and run.report.outcome == "some paths failed"
     assert run.status[0] == 0 and run.status[1] > 0

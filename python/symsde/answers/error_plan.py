@@ -41,7 +41,7 @@ class Reference:
 
     def __str__(self) -> str:
         """As it is printed."""
-        return "exact solution" if self.scheme == "exact" else f"{self.scheme}, {self.steps} steps"
+        return "exact solution" if self.scheme == "exact" else f"{self.scheme}, {checks.counted(self.steps, 'step')}"
 
 
 @dataclass

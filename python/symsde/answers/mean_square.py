@@ -48,6 +48,7 @@ class MeanSquare:
         return math.log(self.growth / self.exact) if self.growth > 0 else -math.inf
 
 
+@checks.hinted()
 def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float, t: float = 0.0) -> MeanSquare:
     """How second moments grow in one step of a scheme, exactly, for a model whose Hamiltonians are quadratic.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..native.checks import counted
 from ..run.moments import Moments, moments
 from ..run.setup import make_setup
 from .dispatch import division
@@ -33,10 +34,10 @@ class Need:
         """A line for each."""
         lines = {
             "path-steps": f"{self.path_steps:.4g}",
-            "shards": f"{self.shards}, of {self.shard_paths} paths at most",
+            "shards": f"{self.shards}, of {counted(self.shard_paths, 'path')} at most",
             "memory": f"about {_bytes(self.memory)}",
             "disk": f"about {_bytes(self.disk)}",
-            "time": f"about {_time(self.seconds)} here, {self.workers} shards at a time",
+            "time": f"about {_time(self.seconds)} here, {counted(self.workers, 'shard')} at a time",
         }
         return "\n".join(f"{key:11s}{value}" for key, value in lines.items())
 

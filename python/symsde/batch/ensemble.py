@@ -18,7 +18,7 @@ from ..native.signals import carry
 from ..run.moments import Moments
 from ..run.observers import requests
 from ..run.observers.observables import Observable, are_in_python, check_observables
-from ..run.setup import make_setup
+from ..run.setup import OPTIONS, make_setup
 from .dispatch import Context, dispatch
 from .execute import Task
 from .merged_results import MomentsInWork
@@ -65,6 +65,7 @@ class _Memory:
         self.paths += piece.paths
 
 
+@checks.hinted(*OPTIONS)
 def ensemble(
     model: Model,
     *,
@@ -121,13 +122,13 @@ def ensemble(
         raise SymsdeError("the ensemble was stopped before any of its shards was done: nothing is known of it")
     found = _found(work, 0 if done else setup.paths - memory.paths, begin)
     if found.report.failed:
-        warnings.warn(
-            f"{found.report.failed} paths failed: they are left out of moments; see failed and failed_step",
+        checks.warn(
+            f"{checks.counted(found.report.failed, 'path')} failed: they are left out of moments; see failed "
+            "and failed_step",
             PathsFailedWarning,
-            stacklevel=2,
         )
     for doubt in found.doubts():
-        warnings.warn(doubt, NotANumberWarning, stacklevel=2)
+        checks.warn(doubt, NotANumberWarning)
     return found
 
 

@@ -28,6 +28,7 @@ from ..batch.share import Share
 from ..batch.show import Show, display
 from ..batch.stop import Stop, seconds
 from ..errors import InvalidArgumentError
+from ..native.checks import counted
 from ..run import tabular
 from ..run.moments import Moments
 
@@ -168,7 +169,7 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
     if not quiet:
         print(f"{report or ''}\nwritten to {folder.path}".lstrip())
     if failed:
-        print(f"symsde: {failed} paths failed; moments are over the others", file=sys.stderr)
+        print(f"symsde: {counted(failed, 'path')} failed; moments are over the others", file=sys.stderr)
     for sentence in (*doubts, *remarks):
         print(f"symsde: {sentence}", file=sys.stderr)
     return PATHS_FAILED if failed or doubts else OK

@@ -6,11 +6,14 @@ from __future__ import annotations
 import ctypes
 import difflib
 import functools
+import inspect
 import math
 import numbers
 import operator
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -121,11 +124,63 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {first}{'' if number == 1 else 's'}{f' {rest}' if rest else ''}"
 
 
+#: what others call it -> what it is called here
+_ELSEWHERE = {
+    **dict.fromkeys(("dt", "h", "stepsize", "tau"), "step"),
+    **dict.fromkeys(("method", "integrator", "solver", "alg"), "scheme"),
+    **dict.fromkeys(("trajectories", "samples", "realizations", "particles"), "paths"),
+    **dict.fromkeys(("verlet", "leapfrog", "velocity_verlet", "strang"), "stormer_verlet"),
+    **dict.fromkeys(("rng", "random_state"), "seed"),
+    **dict.fromkeys(("t", "t_end", "tmax", "t_final", "duration"), "horizon"),
+}
+
+
+def warn(text: str, kind: type[Warning]) -> None:
+    """Warn at the line outside of the package that called it."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "symsde":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, kind, stacklevel=level)
+
+
 def nearest(given: str, known: Iterable[str]) -> str:
-    """The known names, those most like the given one first, joined by commas."""
+    """The known names, what is meant or those most like the given one first, joined by commas."""
     known = list(known)
     close = difflib.get_close_matches(given, known, n=len(known) or 1, cutoff=0.5)
+    meant = _ELSEWHERE.get(given.lower())
+    if meant in known:
+        close = [meant, *(name for name in close if name != meant)]
     return ", ".join([*close, *(name for name in known if name not in close)])
+
+
+def no_option(key: str, known: Iterable[str]) -> WrongTypeError:
+    """The error of an option that there is not."""
+    known = list(known)
+    meant = _ELSEWHERE.get(key.lower())
+    hint = f"it is called {meant} here; " if meant in known else ""
+    return WrongTypeError(f"there is no option {key!r}: {hint}there are {nearest(key, known)}")
+
+
+def hinted(*more: str) -> Callable:
+    """Of a function with these options in its **: what Python refuses at the call, as dt without step, gets a hint."""
+
+    def wrap(function: Callable) -> Callable:
+        @functools.wraps(function)
+        def call(*args: Any, **given: Any) -> Any:
+            try:
+                return function(*args, **given)
+            except TypeError as error:
+                if error.__traceback__.tb_next is None:  # at the call, and not within
+                    known = dict.fromkeys([*inspect.signature(function).parameters, *more])
+                    known.pop("options", None)
+                    for key in given:
+                        if key not in known:
+                            raise no_option(key, known) from None
+                raise
+
+        return call
+
+    return wrap
 
 
 def not_given(function: str, options: dict, decided: dict[str, str]) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..answers.coupled_errors import References, end, squares, strong_error
-from ..answers.error_plan import BATCHES, Plan, check_options, make_plan
+from ..answers.error_plan import BATCHES, OPTIONS, Plan, check_options, make_plan
 from ..errors import NumericalError, ReferenceWarning
 from ..model.definition import Model
+from ..native import checks
 from ..schemes import Scheme
 from . import look
 from .plot import draw
@@ -67,7 +67,7 @@ class Convergence:
         axes = path if hasattr(path, "errorbar") else axes
         if axes is None:
             return draw.finish([self._draw], f"{self.model}, {self.paths} paths", path, ax)
-        warnings.warn("plot(axes) is now plot(ax=axes): call that", DeprecationWarning, stacklevel=2)
+        checks.warn("plot(axes) is now plot(ax=axes): call that", DeprecationWarning)
         return self._draw(axes)
 
     def _draw(self, axes):
@@ -83,6 +83,7 @@ class Convergence:
         return axes
 
 
+@checks.hinted(*OPTIONS)
 def convergence(
     model: Model,
     scheme: str | Scheme = "midpoint",
@@ -119,12 +120,11 @@ def convergence(
     )
     rows = _rows(plan)
     if any(row["status"] == "reference" for row in rows):
-        warnings.warn(
+        checks.warn(
             f"the error of {plan.schemes[0].name} is not above that of its reference "
             f"({plan.references[plan.schemes[0].name]}: {rows[0]['ref_error']:.1e}) at some steps, which were not "
             "counted: give more reference_steps, or longer steps",
             ReferenceWarning,
-            stacklevel=2,
         )
     return _table(plan, rows)
 

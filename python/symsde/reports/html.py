@@ -13,6 +13,7 @@ import numpy as np
 
 from .. import models
 from ..model.definition import FLAGS
+from ..native.checks import counted
 from ..run.tabular import html_table as table
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def model(shown: Model) -> str:
         text += table(list(shown.parameters), [[f"{value:g}" for value in shown.parameters.values()]])
     traits = shown.traits
     given = [name.replace("_", " ") for name in FLAGS if getattr(traits, name)]
-    sizes = f"{traits.ndof} degrees of freedom, {traits.nnoise} noises"
+    sizes = f"{counted(traits.ndof, 'degree of freedom')}, {counted(traits.nnoise, 'noise')}"
     return f"<div>{text}<br>{sizes}; {', '.join(given) or 'no traits'}</div>"
 
 
@@ -79,7 +80,7 @@ def scheme(shown: Scheme) -> str:
     """Name, structure, tableau where there is one, orders."""
     info = shown.info
     kinds = [name for name in ("symplectic", "symmetric") if getattr(info, name)] or ["not symplectic"]
-    head = f"<b>{html.escape(info.name)}</b>: {info.form}, {info.nstage} stages, {', '.join(kinds)}"
+    head = f"<b>{html.escape(info.name)}</b>: {info.form}, {counted(info.nstage, 'stage')}, {', '.join(kinds)}"
     values = [f"{order.value:g}" if order.value else "-" for order in info.orders.values()]
     orders = table(["order, noise", *info.orders], [["", *values]])
     source = f"<br>{html.escape(info.reference)}" if info.reference else ""

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import ctypes
-import warnings
 import weakref
 from typing import Any
 
@@ -19,7 +18,7 @@ from ..native.progress import Monitor, Progress
 from ..native.signals import carry, held
 from ..schemes import Scheme
 from .report import Report, filled, make_report
-from .setup import Setup, increments_array, make_setup
+from .setup import OPTIONS, Setup, increments_array, make_setup
 from .simulate import Run
 
 _DECIDED = dict.fromkeys(("steps", "save_every", "increments", "progress"), "give it to the run's methods")
@@ -196,7 +195,8 @@ class PreparedRun:
     def __repr__(self) -> str:
         """One line."""
         return (
-            f"<prepared run of {self.model!r} by {self.scheme.name}: {self._setup.paths} paths, step {self.next_step} "
+            f"<prepared run of {self.model!r} by {self.scheme.name}: {checks.counted(self._setup.paths, 'path')}, step "
+            f"{self.next_step} "
             f"comes next>"
         )
 
@@ -244,7 +244,7 @@ class PreparedRun:
                     self._stopped = run if status == abi.STOPPED else None
                     self._show_state(run)
                 if status:
-                    self._judge(status, above=4)  # run or resume, _fill, _judge
+                    self._judge(status)  # run or resume, _fill, _judge
         except BaseException as stop:
             carry(stop, lambda: filled(run))
             raise
@@ -263,10 +263,10 @@ class PreparedRun:
         with held():
             status = library.symsde_run_advance(*arguments)
             if status:
-                self._judge(status, above=4)
+                self._judge(status)
         return abi.OK
 
-    def _judge(self, status: int, above: int = 3) -> None:
+    def _judge(self, status: int) -> None:
         """Raise what a callback raised, and what the library refused; warn of paths that have failed since."""
         self._owner.model_handle.failures.raise_stored()
         if status not in _OK:
@@ -274,11 +274,10 @@ class PreparedRun:
         failed = int(np.count_nonzero((self._status != 0) & (self._status != abi.STOPPED)))
         if failed > self._failed:
             self._failed = failed
-            warnings.warn(
-                f"{failed} paths have failed: they stay where they were, see status and failed_step, until the run is "
-                "reset",
+            checks.warn(
+                f"{failed} of {self._status.size} paths failed: they stay where they were, see status and "
+                "failed_step, until the run is reset",
                 PathsFailedWarning,
-                stacklevel=above,
             )
 
 
@@ -292,6 +291,7 @@ def _put_increments(given: abi.Input, increments: np.ndarray) -> None:
     given.increment_rows, given.increment_noises, given.increment_paths = increments.shape
 
 
+@checks.hinted(*OPTIONS)
 def prepare(model: Model, scheme: str | Scheme = "midpoint", *, step: float, q0: Any, p0: Any, **options: Any):
     """A `PreparedRun`: everything is checked, the model probed at (q0, p0), and memory taken, once.
 

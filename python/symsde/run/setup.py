@@ -199,7 +199,7 @@ def _changed(given: dict[str, Any]) -> list[str]:
         return [key for key, value in given.items() if value is not _DEFAULTS[key]]
     except KeyError as unknown:
         key = unknown.args[0]
-        raise WrongTypeError(f"there is no option {key!r}: there are {checks.nearest(key, OPTIONS)}") from None
+        raise checks.no_option(key, ["scheme", *OPTIONS]) from None
 
 
 def _lanes_for(model: Model, paths: int) -> int:

@@ -13,7 +13,7 @@ from ..native import abi, checks
 from ..native.checks import address
 from ..native.progress import Monitor
 from ..schemes import Scheme, as_scheme
-from .setup import make_options, make_setup
+from .setup import OPTIONS, make_options, make_setup
 from .simulate import Run
 
 _DECIDED = {"q0": "give q", "p0": "give p", "t0": "give t", "steps": "it makes one", "increments": "give dw"}
@@ -21,6 +21,7 @@ _DECIDED |= {"paths": "the points are those of q, p and dw", "save_every": "it m
 _DECIDED |= {"progress": "it makes one step"}
 
 
+@checks.hinted(*OPTIONS)
 def step(  # noqa: PLR0917 - the step reads like its formula
     model: Model,
     scheme: str | Scheme,
@@ -53,6 +54,7 @@ def increments_at(model: Model, dw: Any, points: int) -> np.ndarray:
     return checks.points("dw", dw, model.nnoise, points)
 
 
+@checks.hinted()
 def increments(
     model: Model,
     *,

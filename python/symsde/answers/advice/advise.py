@@ -16,7 +16,7 @@ from ...model.definition import Model
 from ...native import checks
 from ...schemes import Scheme, as_scheme
 from ..expectation.longest_step import frequency
-from ..expectation.problem import Problem, make_problem
+from ..expectation.problem import OPTIONS, Problem, make_problem
 from .ladder import Ladder
 from .wants import KINDS
 
@@ -55,13 +55,15 @@ class Advice:
 
     def __str__(self) -> str:
         """Advice, reasons, alternatives."""
-        lines = [f"{self.scheme}, h = {self.step:.4g} ({self.steps} steps), {1e6 * self.seconds:.3g} us a path"]
+        steps = checks.counted(self.steps, "step")
+        lines = [f"{self.scheme}, h = {self.step:.4g} ({steps}), {1e6 * self.seconds:.3g} us a path"]
         lines += [f"- {reason}" for reason in self.reasons]
         if self.alternatives:
             lines += ["others:", *(f"  {x}" for x in self.alternatives[:8])]
         return "\n".join(lines)
 
 
+@checks.hinted(*OPTIONS)
 def advise(
     model: Model, *, q0: Any, p0: Any, horizon: float, tolerance: float, want: str = "paths", seed: int = 0,
     **options: Any,

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import BudgetWarning, NumericalError
+from ...native import checks
 from ...native.signals import carry
 from ..multilevel.mlmc import Estimate
 from ..multilevel.multilevel_answer import Multilevel
@@ -71,11 +71,10 @@ class Work:
             what = "give a larger tolerance, or max_time, after which the interval is given as it is then"
             if self.plan.seconds > left:
                 what = f"{left:.3g} s of max_time are left, and the interval may be wider"
-            warnings.warn(
+            checks.warn(
                 f"the interval that was asked for ({self.tolerance}) is reckoned to take {self.plan.seconds:.3g} s of "
                 f"the processor: {what}",
                 BudgetWarning,
-                stacklevel=3,
             )
         if self.plan.method in (Quasi.name, EVEN_LEVELS) and self.plan.seconds > left and store is None:
             self._shorten(left)

@@ -17,12 +17,13 @@ from .carry_out import Work
 from .choice import Plan
 from .draw_store import inputs_of, open_folder
 from .pilot import METHODS, Pilot
-from .problem import make_problem
+from .problem import OPTIONS, make_problem
 from .target import Function
 from .tolerance import make_tolerance
 from .watch import Watch
 
 
+@checks.hinted(*OPTIONS)
 def expect(
     model: Model,
     f: Function | str,

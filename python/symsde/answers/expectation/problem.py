@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InvalidArgumentError, PathsFailedWarning, WrongTypeError
+from ...errors import InvalidArgumentError, PathsFailedWarning
 from ...model.definition import Model, require_model
 from ...native import checks
 from ...run.moments import try_out
@@ -80,7 +80,7 @@ def make_problem(
     require_model(model)
     for key in options:
         if key not in OPTIONS:
-            raise WrongTypeError(f"there is no option {key!r}: there are {checks.nearest(key, OPTIONS)}")
+            raise checks.no_option(key, OPTIONS)
     horizon = checks.finite("horizon", horizon)
     if horizon <= 0:
         raise InvalidArgumentError(f"horizon = {horizon:g} is not allowed: give a time above 0, counted from t0")

@@ -19,7 +19,7 @@ from ..expectation.candidates import best_coupled, of_phases, weak_order
 from ..expectation.draw_store import inputs_of, open_folder
 from ..expectation.estimators import Plain
 from ..expectation.longest_step import fewest_steps, mild_steps
-from ..expectation.problem import make_problem
+from ..expectation.problem import OPTIONS, make_problem
 from ..expectation.tails import Doubt
 from ..expectation.tally import Tally
 from ..expectation.target import Function
@@ -38,6 +38,7 @@ _TIMING = 0.1  #: relative error of seconds, as taken for the interval of gamma
 _NOISE_SHARE = 0.5  #: of the allowed bias that may be noise in it, before the finest level is given more paths
 
 
+@checks.hinted(*OPTIONS)
 def mlmc(
     model: Model,
     f: Function | str,

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import time
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +20,7 @@ from ...errors import InvalidArgumentError, PathsFailedWarning
 from ...native import checks
 from ...run.step import increments
 from ...schemes import Scheme, as_scheme
-from ..expectation.problem import Problem, make_problem
+from ..expectation.problem import OPTIONS, Problem, make_problem
 from ..expectation.tally import Tally
 
 MOST_LEVELS = 31
@@ -115,10 +114,9 @@ class LevelSampler:
             cost += seconds
             lost += failed
         if lost:
-            warnings.warn(
+            checks.warn(
                 f"{lost} of {count} paths failed at level {level} and are not in the sums: divide by {count - lost}",
                 PathsFailedWarning,
-                stacklevel=2,
             )
         return sums, cost
 
@@ -201,6 +199,7 @@ def driven_by_more(scheme: Scheme) -> bool:
     return info.uses_dz or info.uses_areas or info.uses_stt_area or info.uses_magnus
 
 
+@checks.hinted(*OPTIONS)
 def level_sampler(
     model, f, *, q0: Any, p0: Any, horizon: float, scheme: str | Scheme = "midpoint", steps: int = 1, seed: int = 0,
     antithetic: bool = False, **options: Any,

@@ -16,11 +16,10 @@ import itertools
 import os
 import stat
 import tempfile
-import warnings
 from pathlib import Path
 
 from ...errors import NotWrittenError, SlowFormulaWarning
-from ...native import durable
+from ...native import checks, durable
 
 try:
     import fcntl
@@ -47,7 +46,7 @@ def folder() -> Path:
         if stranger is None and os.access(place, os.W_OK):
             return place
         if stranger is not None:
-            warnings.warn(_sentence(place, stranger), SlowFormulaWarning, stacklevel=2)
+            checks.warn(_sentence(place, stranger), SlowFormulaWarning)
     except OSError:
         pass
     return _own_folder()

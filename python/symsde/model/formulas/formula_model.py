@@ -6,7 +6,6 @@ from __future__ import annotations
 import ctypes
 import math
 import time
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -209,7 +208,7 @@ def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
         raise InvalidArgumentError(
             "sums over sites need a C compiler, or llvmlite: install gcc or clang, or pip install llvmlite"
         )
-    warnings.warn(in_numpy.SENTENCE, SlowFormulaWarning, stacklevel=4)
+    checks.warn(in_numpy.SENTENCE, SlowFormulaWarning)
     return None
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...answers.coupled_errors import References, measure
-from ...answers.error_plan import Plan, make_plan
+from ...answers.error_plan import OPTIONS, Plan, make_plan
 from ...model.definition import Model
 from ...native import checks, files
 from ...native.progress import say
@@ -68,6 +68,7 @@ class WorkPrecision:
         return study_figure.plot(self, path, ax, pdf=pdf)
 
 
+@checks.hinted(*OPTIONS)
 def work_precision(
     model: Model,
     *,

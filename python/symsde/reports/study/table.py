@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ...native import files
+from ...native.checks import counted
 from ...run import provenance
 from .. import pages
 
@@ -97,7 +98,7 @@ def cells(row: dict) -> list[str]:
         text += [_number(row, f"weak_{name}", ".2e"), _number(row, f"weak_{name}_ci", ".1e")]
     text += [_number(row, "drift", ".1e"), _number(row, "seconds", ".2e"), _spread(row, "seconds")]
     text += [_number(row, name, ".3g") for name in ("gradients", "hessians", "iterations", "normals")]
-    mark = {"ok": "", "failed": f"FAILED: {row['failed']} paths"}
+    mark = {"ok": "", "failed": f"FAILED: {counted(row['failed'], 'path')}"}
     return [*text, mark.get(row["status"], f"({row['status']})")]
 
 

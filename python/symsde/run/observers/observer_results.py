@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...native.checks import counted
 from ...native.files import Variables
 from .kept import Kept, Scope, read
 from .requests import Observer
@@ -45,7 +46,7 @@ class Observed:
 
     def __repr__(self) -> str:
         """One line."""
-        return f"<{self.observer.KIND} of {', '.join(self._names)} at {len(self.t)} times>"
+        return f"<{self.observer.KIND} of {', '.join(self._names)} at {counted(len(self.t), 'time')}>"
 
 
 class Slots(Observed):
