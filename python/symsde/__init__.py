@@ -25,7 +25,7 @@ from .answers.multilevel.mlmc import mlmc
 from .answers.multilevel.multilevel_answer import Multilevel
 from .answers.multilevel.sampler import LevelSampler, level_sampler
 from .batch.ensemble import ensemble
-from .batch.opened import OpenRun, open_run
+from .batch.opened import OpenRun, load, open_run
 from .cli.selftest import selftest
 from .errors import BudgetWarning, NotANumberWarning, PathsFailedWarning, ReferenceWarning, SymsdeError
 from .model.commutator import Commutator, commutator
@@ -91,6 +91,7 @@ __all__ = [
     "expect",
     "increments",
     "level_sampler",
+    "load",
     "mean_square",
     "mlmc",
     "model_from_sympy",

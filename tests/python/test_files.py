@@ -79,6 +79,7 @@ def test_every_variable_says_what_it_is(run, moments):
     assert told == {
         "time": "time", "path": "global index of the path", "q": "coordinates", "p": "momenta",
         "status": "status of the path, 0 = ok", "failed_step": "absolute step that failed, -1 = none",
+        "t": "time", "dof": "degree of freedom",
     }  # fmt: skip
     assert moments.to_xarray()["se_mean_q"].attrs["long_name"] == "standard error of the mean of coordinates"
     assert moments.to_xarray()["mean_energy"].attrs["long_name"] == "mean of energy"
@@ -92,6 +93,7 @@ def test_a_file_of_paths_holds_the_run(run, ending, tmp_path):
     found, attributes = read(tmp_path / f"run.{ending}")
     expected = {"time": run.t, "path": run.path, "q": run.q, "p": run.p}
     expected |= {"status": run.status, "failed_step": run.failed_step}
+    expected |= {"t": run.t, "dof": [1, 2]} if ending == "nc" else {}
     assert set(found) == set(expected)
     for name, values in expected.items():
         np.testing.assert_array_equal(found[name], values, err_msg=name)
@@ -143,6 +145,7 @@ def test_a_file_of_moments_holds_the_moments(run, moments, ending, tmp_path):
     by_hand = moments_by_hand(run)
     expected = {"time": run.t, "n_ok": by_hand["n_ok"], "failed": [517, 782]}
     expected |= {"failed_status": run.status[[5, 270]], "failed_step": run.failed_step[[5, 270]]}
+    expected |= {"t": run.t, "dof": [1, 2]} if ending == "nc" else {}
     for kind in ("mean", "var", "se_mean"):
         for x in "qp":
             expected[f"{kind}_{x}"] = np.stack([by_hand[f"{kind} {x}_{i}"] for i in (1, 2)], axis=1)

@@ -192,7 +192,7 @@ SUBJECTS = {
 NOT_CALLED = {"call", "check_start", "fill", "fill_from_sums", "plot", "save", "table", "resume"}
 CLOCKED = {"expect", "mlmc", "advise", "work_precision"}  #: whose results hold seconds
 RESULTS = (
-    "Run Moments PreparedRun LevelSampler OpenRun schemes.Scheme Scheme FormulaModel open_run Advice Alternative "
+    "Run Moments PreparedRun LevelSampler OpenRun schemes.Scheme Scheme FormulaModel open_run load Advice Alternative "
     "Answer Commutator Convergence MeanSquare Multilevel Report Traits WorkPrecision observe.Observed observe.Observer"
 )
 

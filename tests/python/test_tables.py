@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import table_of
+from symsde.cli import command_line
 
 START = np.full((2, 30), 0.3)
 START[:, 0] = 20.0  # fails in the first steps
@@ -64,3 +65,82 @@ def test_a_failure_in_the_first_step_is_told(model):
     with pytest.warns(ss.PathsFailedWarning):
         run = ss.simulate(model, **{**RUN, "q0": 1e200, "paths": 1})
     assert run.failed_step[0] == 0 and f"<td>{ss.status_text(int(run.status[0]))} at step 0</td>" in run._repr_html_()
+
+
+def test_the_energy_of_a_run(run):
+    known = [run.model.value(q, p, t=t) for t, q, p in zip(run.t, run.q, run.p, strict=True)]
+    np.testing.assert_array_equal(run.energy, known)
+    assert run.energy.shape == (5, 30) and np.isnan(run.energy[-1, 0]) and run.has_energy
+    plain = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p))
+    assert ss.simulate(plain, q0=1.0, p0=0.0, step=0.1, steps=2).energy is None
+
+
+def test_degrees_of_freedom_and_time_are_coordinates(run, moments):
+    """In datasets t is what it is everywhere; time, the name of the dimension, is the same."""
+    pytest.importorskip("xarray")
+    for data in (run.to_xarray(), moments.to_xarray()):
+        assert data.dof.to_numpy().tolist() == [1, 2] and data.dof.attrs["long_name"] == "degree of freedom"
+        np.testing.assert_array_equal(data.t, run.t)
+        np.testing.assert_array_equal(data.time, run.t)
+    data = run.to_xarray()
+    for name in ("t", "time"):
+        np.testing.assert_array_equal(data.p.sel({name: 2.0, "dof": 2, "path": 7}), run.p[2, 1, 7])
+    assert data.to_dataframe().q.loc[2.0, 2, 7] == run.q[2, 1, 7]
+
+
+def test_long_data_frames(run):
+    pytest.importorskip("pandas")
+    frame = run.to_pandas(long=True)
+    assert list(frame.index.names) == ["path", "t", "dof"] and list(frame.columns) == ["q", "p"]
+    assert frame.shape == (30 * 5 * 2, 2) and frame.p.loc[7, 2.0, 2] == run.p[2, 1, 7]
+    with pytest.raises(ss.errors.WrongTypeError, match="long = 1 is not a truth value"):
+        run.to_pandas(long=1)
+
+
+@pytest.mark.parametrize("ending", ["nc", "npz", "csv"])
+def test_files_are_loaded_again(ending, run, moments, tmp_path):
+    """What a run has saved has its arrays, tables, texts and figures."""
+    if ending == "nc":
+        pytest.importorskip("netCDF4")
+    moments.scene = "first\n\n  third: x"
+    moments.save(tmp_path / f"moments.{ending}")
+    found = ss.load(tmp_path / f"moments.{ending}")
+    assert found.columns() == moments.columns()
+    for kind in ("mean", "var", "se_mean"):
+        np.testing.assert_array_equal(found.table(kind), moments.table(kind))
+        for name in ("q", "p", "energy"):
+            np.testing.assert_array_equal(getattr(found, f"{kind}_{name}"), getattr(moments, f"{kind}_{name}"))
+        np.testing.assert_array_equal(getattr(found, kind)["<b> & r"], getattr(moments, kind)["<b> & r"])
+    np.testing.assert_array_equal(found.t, moments.t)
+    np.testing.assert_array_equal(found.n_ok, moments.n_ok)
+    told, known = found.attributes(), moments.attributes()
+    assert {key: told[key].strip() for key in known if key not in ("date", "history")} == {
+        key: text for key, text in known.items() if key not in ("date", "history")
+    }
+    assert repr(found).startswith("<saved moments of henon_heiles by stormer_verlet: q_1, q_2, p_1, p_2, energy, ")
+    if ending != "csv":
+        run.save(tmp_path / f"run.{ending}")
+        saved = ss.load(str(tmp_path / f"run.{ending}"))
+        for name in ("t", "q", "p", "path", "status", "failed_step"):
+            np.testing.assert_array_equal(getattr(saved, name), getattr(run, name))
+        assert saved.attributes()["scheme"] == "stormer_verlet" and saved.energy is None
+        assert repr(saved) == ("<saved run of henon_heiles by stormer_verlet: 5 times, 2 degrees of freedom, 30 paths>")
+    if pytest.importorskip("pandas"):
+        assert found.to_pandas().equals(moments.to_pandas())
+    pytest.importorskip("matplotlib")
+    assert found.plot(of=["q_1"]).get_suptitle() == moments.plot(of=["q_1"]).get_suptitle()
+
+
+def test_what_cannot_be_loaded(tmp_path):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "x.txt").touch()
+    for name, words in {"none.nc": "does not exist", "empty": "holds no run", "x.txt": "no file of a run"}.items():
+        with pytest.raises(ss.errors.InvalidArgumentError, match=words):
+            ss.load(tmp_path / name)
+
+
+def test_a_folder_is_loaded_as_it_is_opened(tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 4\npaths = 20\nq0 = 1.0\np0 = 0.0\n')
+    assert command_line.main(["run", str(scene), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert repr(ss.load(tmp_path / "out")) == repr(ss.open_run(tmp_path / "out"))

@@ -11,7 +11,9 @@ from typing import Any
 
 from ..errors import SceneError
 from ..native import abi, files
+from ..native.checks import counted
 from ..native.handles import status_text
+from ..run.loaded import LoadedMoments, LoadedRun, load_file
 from ..run.moments import Moments
 from ..run.simulate import Run
 from . import manifest, merged_results
@@ -78,9 +80,22 @@ class OpenRun:
         """One line."""
         total = len(self._batch.pieces)
         return (
-            f"<run of {self._batch.task.model!r} in {self.path}: {total - len(self.missing)} of {total} shards, "
-            f"symsde {self.manifest['version']}>"
+            f"<run of {self._batch.task.model!r} in {self.path}: {total - len(self.missing)} of "
+            f"{counted(total, 'shard')}, symsde {self.manifest['version']}>"
         )
+
+
+def load(path: str | os.PathLike) -> LoadedRun | LoadedMoments | OpenRun:
+    """What a run has saved, as an object with its arrays, tables and figures.
+
+    run = ss.load("run.nc")            # or run.npz: t, q, p, path, status, failed_step, plot, to_pandas
+    moments = ss.load("moments.csv")   # or .nc, .npz: t, n_ok, mean_q, var_p, se_mean_energy, mean["name"], plot, ..
+    found = ss.load("DIR")             # a run folder, as `open_run` gives it
+    """
+    source = files.path_of("path", path)
+    if not os.path.exists(source):
+        raise SceneError(f"{source} does not exist: give the folder of a run, or a .nc, .npz or .csv file of one")
+    return OpenRun(source) if source.is_dir() else load_file(source)
 
 
 def open_run(path: str | os.PathLike) -> OpenRun:

@@ -13,6 +13,7 @@ from ..batch.opened import open_run
 from ..errors import InvalidArgumentError, SceneError
 from ..native import checks, files
 from ..reports.plot import data, draw
+from ..run.loaded import LoadedRun, load_file
 
 HELP = "Draw a run: paths, phase plane, energy, moments with bands, what observers kept."
 
@@ -91,10 +92,10 @@ def _of_folder(folder: Path, options: argparse.Namespace) -> Figures:
 
 
 def _of_file(file: Path, options: argparse.Namespace) -> Figures:
-    found = data.from_file(file)
-    if isinstance(found, data.Paths):
-        return _of_paths(found, options)
-    return _of_means(found, options)
+    found = load_file(file)
+    if isinstance(found, LoadedRun):
+        return _of_paths(data.paths_of(found), options)
+    return _of_means(data.means_of(found), options)
 
 
 def _of_means(found: data.Means, options: argparse.Namespace) -> Figures:

@@ -41,10 +41,15 @@ def _how_to_get(extra: str) -> str:
     return f"pip install 'symsde[{extra}]'"
 
 
+def axes(t: np.ndarray, ndof: int) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """Coordinates of results: the dimension time, its values as t too, as everywhere else, and dof from 1 on."""
+    return {"time": (("time",), t), "t": (("time",), t), "dof": (("dof",), np.arange(1, ndof + 1))}
+
+
 def dataset(variables: Variables, coordinates: Variables, attributes: Mapping[str, str]):
-    """An xarray dataset; time is a plain number, not a date."""
+    """An xarray dataset; time is a plain number, not a date, and t selects as time does."""
     xarray = optional("xarray", "xarray")
-    result = xarray.Dataset(dict(variables), coords=dict(coordinates), attrs=dict(attributes))
+    result = xarray.Dataset(dict(variables), coords=dict(coordinates), attrs=dict(attributes)).set_xindex("t")
     for name, variable in result.variables.items():
         variable.attrs["long_name"] = long_name(str(name))
         if variable.dtype.kind in "fiu":
@@ -55,6 +60,8 @@ def dataset(variables: Variables, coordinates: Variables, attributes: Mapping[st
 _LONG_NAMES = {
     "q": "coordinates",
     "p": "momenta",
+    "t": "time",
+    "dof": "degree of freedom",
     "path": "global index of the path",
     "status": "status of the path, 0 = ok",
     "failed_step": "absolute step that failed, -1 = none",

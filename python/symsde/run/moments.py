@@ -7,12 +7,10 @@ import csv
 import ctypes
 import dataclasses
 import functools
-import importlib
 import json
 import os
 import re
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +19,20 @@ import numpy as np
 from ..errors import FalseTraitError, InvalidArgumentError, NotANumberWarning
 from ..model.definition import Model
 from ..native import abi, callbacks, checks, files, handles
-from ..native.checks import address
+from ..native.checks import address, counted
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry
 from . import provenance, tabular
 from .observers import kept, observer_results, requests
 from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
 from .report import Reported, filled
-from .setup import Setup, make_setup
+from .setup import OPTIONS, Setup, make_setup
+from .tables import MomentTables
 
 
-class Moments(Reported):
+class Moments(MomentTables, Reported):
     """Means, unbiased variances and standard errors of means over the paths that are ok up to each time."""
 
-    t: np.ndarray  #: (time,)
-    n_ok: np.ndarray  #: (time,), paths that count
     mean_q: np.ndarray  #: (time, dof); likewise var_q, se_mean_q
     mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p
     mean_energy: np.ndarray | None  #: (time,) of H, None without value; likewise var_energy, se_mean_energy
@@ -63,7 +60,7 @@ class Moments(Reported):
         self.n_ok = np.empty(setup.ntime, np.int64)
         self._tables = {kind: np.empty((setup.ntime, nvalue)) for kind in ("mean", "var", "se_mean")}
         self.m2 = np.empty((setup.ntime, nvalue))
-        self._name_columns()
+        self._name_columns(ndof, self._has_energy, self._observables)
         self.kept = {name: self.scope.room(observer) for name, observer in self.observers.items()}
         if self.observers:
             self._check_names()
@@ -83,20 +80,10 @@ class Moments(Reported):
                     )
                 taken[variable] = f"the observer {name!r}"
 
-    def _name_columns(self) -> None:
-        """Attributes that show the columns of the tables."""
-        ndof = self.setup.model.ndof
-        for kind, table in self._tables.items():
-            setattr(self, f"{kind}_q", table[:, :ndof])
-            setattr(self, f"{kind}_p", table[:, ndof : 2 * ndof])
-            setattr(self, f"{kind}_energy", table[:, 2 * ndof] if self._has_energy else None)
-            first = 2 * ndof + self._has_energy
-            setattr(self, kind, {name: table[:, first + i] for i, name in enumerate(self._observables)})
-
     def __setstate__(self, state: dict[str, Any]) -> None:
         """From a copy or a pickle: the columns show its own tables."""
         self.__dict__.update(state)
-        self._name_columns()
+        self._name_columns(self.setup.model.ndof, self._has_energy, self._observables)
 
     @property
     def scope(self) -> kept.Scope:
@@ -162,34 +149,9 @@ class Moments(Reported):
             self._tables["var"][...] = np.where(n > 1, m2 / (n - 1), np.nan)
             self._tables["se_mean"][...] = np.sqrt(self._tables["var"] / n)
 
-    def columns(self) -> list[str]:
-        """Names of the values, in their order: q_1 .. q_n, p_1 .. p_n, energy, observables."""
-        ndof = self.setup.model.ndof
-        names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
-        return [*names, *(["energy"] if self._has_energy else []), *self._observables]
-
-    def table(self, kind: str) -> np.ndarray:
-        """Of a kind, mean, var or se_mean: (time, value), the values as in `columns`."""
-        return self._tables[kind]
-
-    def plot(self, path=None, *, ax=None, what: str = "moments", of: Sequence[str] | None = None):
-        """A matplotlib figure of means with bands of two standard errors and of the standard deviation, written where a
-        path is given, or drawn into `ax`, one axes for each panel. what: "moments", "energy" or "map" (means of
-        q_i and p_i over time and i in colours, for chains); of: names of values, as in `columns`, of a map "q" or "p".
-        """
-        return importlib.import_module("symsde.reports.plot").moments(self, (path, ax), what, of)
-
-    def to_pandas(self):
-        """A pandas.DataFrame, one row for each time, the columns of the .csv table."""
-        return tabular.of_moments(self)
-
     def _repr_html_(self) -> str:
         """For notebooks."""
         return tabular.html_of_moments(self)
-
-    def to_arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Means and their standard errors, each (time, value), the values as in `columns`."""
-        return self._tables["mean"], self._tables["se_mean"]
 
     def _variables(self) -> files.Variables:
         variables = {"n_ok": (("time",), self.n_ok)}
@@ -231,8 +193,8 @@ class Moments(Reported):
         return found
 
     def to_xarray(self):
-        """An xarray.Dataset with dims time and dof."""
-        return files.dataset(self._variables(), {"time": (("time",), self.t)}, self.attributes())
+        """An xarray.Dataset with dims time and dof; t is the same as time."""
+        return files.dataset(self._variables(), files.axes(self.t, self.mean_q.shape[1]), self.attributes())
 
     def save(self, path: str | os.PathLike) -> None:
         """Write a .csv table below lines of # that tell what made it, or a .nc (xarray and netCDF4) or .npz file."""
@@ -256,11 +218,12 @@ class Moments(Reported):
         """One line."""
         return (
             f"<moments of {self.setup.model!r} by {self.setup.scheme.name}: {', '.join(self.columns()[:8])} at "
-            f"{len(self.t)} times from {self.t[0]:g} to {self.t[-1]:g}, {self.setup.paths} paths, "
-            f"{self.report.outcome}>"
+            f"{counted(len(self.t), 'time')} from {self.t[0]:g} to {self.t[-1]:g}, "
+            f"{counted(self.setup.paths, 'path')}, {self.report.outcome}>"
         )
 
 
+@checks.hinted(*OPTIONS)
 def moments(
     model: Model,
     *,
@@ -294,7 +257,7 @@ def moments(
         carry(stop, lambda: filled(result))
         raise
     for doubt in result.doubts():
-        warnings.warn(doubt, NotANumberWarning, stacklevel=2)
+        checks.warn(doubt, NotANumberWarning)
     return result
 
 

@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import functools
-import warnings
 from dataclasses import dataclass
 
 from ..errors import PathsFailedWarning
-from ..native import abi, handles
+from ..native import abi, checks, handles
 from ..native.build import build_info
 from . import provenance
 from .setup import Setup
@@ -66,18 +65,22 @@ class Reported:
     def _warn_of_failures(self) -> None:
         """Warn where paths failed."""
         if self._reported.failed:
-            warnings.warn(
-                f"{self._reported.failed} paths failed: they are NaN from there on and left out of moments; "
-                "see status and failed_step",
+            checks.warn(
+                f"{checks.counted(self._reported.failed, 'path')} failed: they are NaN from there on and left out of "
+                "moments; see status and failed_step",
                 PathsFailedWarning,
-                stacklevel=4,
             )
+
+    @property
+    def title(self) -> str:
+        """Model and scheme."""
+        return f"{self.setup.model.name} by {self.setup.scheme.name}"
 
     def attributes(self) -> dict[str, str]:
         """What made the result, as text for files: its setup, and which paths came of it, when, by which command."""
         report, paths, made = self.report, self.setup.paths, provenance.made()
         return {
-            "title": f"{self.setup.model.name} by {self.setup.scheme.name}",
+            "title": self.title,
             "paths_asked": str(paths),
             "paths_ok": str(paths - report.failed - report.stopped),
             "seed": str(self.setup.options.seed),

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import importlib
 import math
 import os
 from collections.abc import Sequence
@@ -15,13 +14,14 @@ import numpy as np
 
 from ..model.definition import Model
 from ..native import abi, checks, files, handles
-from ..native.checks import address, addresses
+from ..native.checks import address, addresses, counted
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry
 from ..schemes import Scheme
 from . import tabular
 from .report import Reported, filled
 from .setup import Setup, setup_of
+from .tables import PathTables
 
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
 _PATHS_SIZE = handles.new(abi.Paths, "paths").struct_size
@@ -40,7 +40,7 @@ def _two_of(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     return q, p
 
 
-class Run(Reported):
+class Run(PathTables, Reported):
     """Saved paths: arrays as the library filled them, without a copy. Values after a failure are NaN."""
 
     q: np.ndarray  #: (time, dof, path)
@@ -115,6 +115,18 @@ class Run(Reported):
         """The scheme of this run."""
         return self.setup.scheme
 
+    @property
+    def has_energy(self) -> bool:
+        """Whether the model has a value, H."""
+        return self.model.traits.has_value
+
+    @functools.cached_property
+    def energy(self) -> np.ndarray | None:
+        """(time, path) of H, computed when it is looked at; None of a model without value."""
+        if not self.has_energy:
+            return None
+        return np.array([self.model.value(q, p, t=t) for t, q, p in zip(self.t, self.q, self.p, strict=True)])
+
     def _variables(self) -> files.Variables:
         return {
             "q": (("time", "dof", "path"), self.q),
@@ -128,26 +140,13 @@ class Run(Reported):
         counted = {"paths_asked": str(len(self.status)), "paths_ok": str(int((self.status == 0).sum()))}
         return {**super().attributes(), **counted}
 
-    def plot(self, path=None, *, ax=None, what: str = "", of: Sequence[str] | None = None, most: int = 50):
-        """A matplotlib figure, written where a path is given, or drawn into `ax`, one axes for each panel.
-
-        what: "paths" (values along time), "phase" (p_i over q_i), "energy" or "map" (q_i and p_i of one path over time
-        and i in colours); unless told, paths, or the map of eight degrees of freedom and more. of: names of values, as
-        ["q_2"], of a map "q" or "p"; most: paths that are drawn.
-        """
-        return importlib.import_module("symsde.reports.plot").run(self, (path, ax), what, of, most)
-
-    def to_pandas(self):
-        """A pandas.DataFrame, one row for each path and time, indexed by both: q_1 .., p_1 .. ."""
-        return tabular.of_run(self)
-
     def _repr_html_(self) -> str:
         """For notebooks."""
         return tabular.html_of_run(self)
 
     def to_xarray(self):
-        """An xarray.Dataset with dims time, dof, path; path is the global index."""
-        coordinates = {"time": (("time",), self.t), "path": (("path",), self.path)}
+        """An xarray.Dataset with dims time, dof, path; t is the same as time, path is the global index."""
+        coordinates = {**files.axes(self.t, self.q.shape[1]), "path": (("path",), self.path)}
         return files.dataset(self._variables(), coordinates, self.attributes())
 
     def save(self, path: str | os.PathLike) -> None:
@@ -159,11 +158,12 @@ class Run(Reported):
         """One line."""
         ntime, ndof, paths = self.q.shape
         return (
-            f"<run of {self.model!r} by {self.scheme.name}: {ntime} times from {self.t[0]:g} to {self.t[-1]:g}, "
-            f"{ndof} degrees of freedom, {paths} paths, {self.report.outcome}>"
+            f"<run of {self.model!r} by {self.scheme.name}: {counted(ntime, 'time')} from {self.t[0]:g} to "
+            f"{self.t[-1]:g}, {counted(ndof, 'degree of freedom')}, {counted(paths, 'path')}, {self.report.outcome}>"
         )
 
 
+@checks.hinted()
 def simulate(
     model: Model,
     *,

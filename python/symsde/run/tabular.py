@@ -9,15 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from ..native import files, handles
+from ..native import checks, files, handles
 
 _ROWS, _COLUMNS = 11, 6
 
 
-def of_run(run: Any):
-    """A data frame of saved paths."""
+def of_run(run: Any, long: bool = False):
+    """A data frame of saved paths; a long one has a row for each degree of freedom."""
     pandas = files.optional("pandas", "xarray")
     ntime, ndof, npath = run.q.shape
+    if checks.flag("long", long):
+        axes = {"path": run.path, "t": run.t, "dof": np.arange(1, ndof + 1)}
+        index = pandas.MultiIndex.from_product(axes.values(), names=list(axes))
+        return pandas.DataFrame({x: getattr(run, x).transpose(2, 0, 1).ravel() for x in "qp"}, index=index)
     index = pandas.MultiIndex.from_product([run.path, run.t], names=["path", "t"])
     names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
     values = np.concatenate([run.q, run.p], axis=1)  # (time, value, path)

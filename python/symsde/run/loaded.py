@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files that runs have written, as objects with the arrays, tables and figures of the runs."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InvalidArgumentError, SceneError, SymsdeError
+from ..native import files
+from ..native.checks import counted
+from .tables import MomentTables, PathTables
+
+KINDS = ("mean", "var", "se_mean")
+
+
+class LoadedRun(PathTables):
+    """Saved paths of a file."""
+
+    status: np.ndarray  #: (path,), 0 = ok
+    failed_step: np.ndarray  #: (path,), absolute step that failed; -1 = none
+
+    def __init__(self, variables: Mapping[str, np.ndarray], attributes: dict[str, str]):
+        """The arrays of a file."""
+        self._attributes, self.title = attributes, attributes["title"]
+        self.t, self.q, self.p, self.path = (variables[name] for name in ("t", "q", "p", "path"))
+        self.status, self.failed_step = variables["status"], variables["failed_step"]
+        self.has_energy, self.energy = False, None
+
+    def attributes(self) -> dict[str, str]:
+        """What made the run, as text."""
+        return dict(self._attributes)
+
+    def __repr__(self) -> str:
+        """One line."""
+        ntime, ndof, paths = self.q.shape
+        return (
+            f"<saved run of {self.title}: {counted(ntime, 'time')}, {counted(ndof, 'degree of freedom')}, "
+            f"{counted(paths, 'path')}>"
+        )
+
+
+class LoadedMoments(MomentTables):
+    """Moments of a file."""
+
+    variables: dict[str, np.ndarray]  #: all arrays of the file by their names, those of observers too
+
+    def __init__(self, tables: dict[str, dict[str, np.ndarray]], variables: Mapping, attributes: dict[str, str]):
+        """Kind -> name -> (time,), the arrays of the file and its texts."""
+        self._attributes, self.title, self.variables = attributes, attributes["title"], dict(variables)
+        self.t, self.n_ok = variables["t"], variables["n_ok"]
+        names = list(tables["mean"])
+        ndof = sum(re.fullmatch(r"q_\d+", name) is not None for name in names)
+        self._tables = {kind: np.stack([table[name] for name in names], axis=1) for kind, table in tables.items()}
+        has_energy = names[2 * ndof : 2 * ndof + 1] == ["energy"]
+        self._name_columns(ndof, has_energy, names[2 * ndof + has_energy :])
+
+    def attributes(self) -> dict[str, str]:
+        """What made the moments, as text."""
+        return dict(self._attributes)
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"<saved moments of {self.title}: {', '.join(self.columns()[:8])} at {counted(len(self.t), 'time')}>"
+
+
+def load_file(path: Path) -> LoadedRun | LoadedMoments:
+    """From a .nc, .npz or .csv file that a run has written."""
+    files.require_file(path)
+    try:
+        if path.suffix == ".csv":
+            return _from_table(path)
+        variables, attributes = _arrays(path)
+        if "q" in variables:
+            return LoadedRun(variables, attributes)
+        return LoadedMoments(_columns(variables), variables, attributes)
+    except SymsdeError:
+        raise
+    except (KeyError, ValueError, IndexError, StopIteration) as error:
+        raise SceneError(f"{path} holds neither paths nor moments of a run ({error!r}): give a file of one") from error
+
+
+def _arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    if path.suffix == ".nc":
+        with files.NETCDF, files.optional("xarray", "xarray").open_dataset(path) as data:
+            found = {str(name): data[name].to_numpy() for name in data.variables}
+            found.setdefault("t", found.get("time"))  # of files of 0.1.0
+            return found, dict(data.attrs)
+    if path.suffix != ".npz":
+        raise InvalidArgumentError(f"{str(path)!r} is no file of a run: give a folder, or a .nc, .npz or .csv file")
+    with np.load(path) as data:
+        found = {name: data[name] for name in data.files}
+    return found, json.loads(str(found.pop("attributes")))
+
+
+def _columns(variables: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
+    """Variables of a file of moments by kind and name: mean_q as q_1 .., mean_energy as energy."""
+    tables: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in KINDS}
+    for kind, table in tables.items():
+        for x in "qp":
+            table |= {f"{x}_{i + 1}": row for i, row in enumerate(variables[f"{kind}_{x}"].T)}
+    names = [name.removeprefix("var_") for name in variables if re.match("var_(?!q$|p$)", name)]
+    names = [name for name in names if all(f"{kind}_{name}" in variables for kind in tables)]  # not of an observer
+    for name in names:
+        for kind, table in tables.items():
+            table[name] = variables[f"{kind}_{name}"]
+    return tables
+
+
+def _from_table(path: Path) -> LoadedMoments:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    attributes, key = {"title": path.stem}, ""
+    for line in lines:
+        if line.startswith("# ") and line[2:3] != " ":
+            key, _, text = line[2:].partition(":")
+            attributes[key] = text.strip()
+        elif line.startswith("#") and key:  # of a text of several lines
+            attributes[key] += line[4:] + "\n"
+    names, *rows = csv.reader(line for line in lines if not line.startswith("#"))
+    columns = dict(zip(names, np.array(rows, float).T, strict=True))
+    columns["n_ok"] = columns["n_ok"].astype(int)
+    tables = {
+        kind: {name.removeprefix(f"{kind} "): x for name, x in columns.items() if name.startswith(f"{kind} ")}
+        for kind in KINDS
+    }
+    return LoadedMoments(tables, columns, attributes)
