@@ -321,10 +321,11 @@ contains
       value = counted(to_text(c%gradients_per_step), 'gradient')
       if (c%implicit_drifts > 0) then
          value = counted(to_text(c%nstage), 'gradient')//'; midpoint steps: '//to_text(c%implicit_drifts)// &
-                 ', of 1 gradient for each iteration of '//counted(to_text(c%unknowns), 'unknown')//' per degree of freedom'
+                 ', of 1 gradient for each iteration of '//counted(to_text(c%unknowns), 'unknown')// &
+                 ' per degree of freedom'
       else if (c%explicit_for /= always_explicit) then
-         value = value//' for each iteration of '//counted(to_text(c%unknowns), 'unknown')//' per degree of freedom ('// &
-                 to_text(c%unknowns_if_separable)//' where separable)'
+         value = value//' for each iteration of '//counted(to_text(c%unknowns), 'unknown')// &
+                 ' per degree of freedom ('//to_text(c%unknowns_if_separable)//' where separable)'
       end if
       call add(text, 'cost per step', value)
    end subroutine add_cost

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InvalidArgumentError, SceneError, SymsdeError
 from ..native import files
 from ..native.checks import counted
-from .tables import MomentTables, PathTables
+from .saved import MomentTables, PathTables
 
 KINDS = ("mean", "var", "se_mean")
 

@@ -26,8 +26,8 @@ from . import provenance, tabular
 from .observers import kept, observer_results, requests
 from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
 from .report import Reported, filled
+from .saved import MomentTables
 from .setup import OPTIONS, Setup, make_setup
-from .tables import MomentTables
 
 
 class Moments(MomentTables, Reported):

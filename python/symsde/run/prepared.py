@@ -244,7 +244,7 @@ class PreparedRun:
                     self._stopped = run if status == abi.STOPPED else None
                     self._show_state(run)
                 if status:
-                    self._judge(status)  # run or resume, _fill, _judge
+                    self._judge(status)
         except BaseException as stop:
             carry(stop, lambda: filled(run))
             raise

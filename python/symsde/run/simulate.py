@@ -20,8 +20,8 @@ from ..native.signals import carry
 from ..schemes import Scheme
 from . import tabular
 from .report import Reported, filled
+from .saved import PathTables
 from .setup import Setup, setup_of
-from .tables import PathTables
 
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
 _PATHS_SIZE = handles.new(abi.Paths, "paths").struct_size

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import UnknownNameError
 from ...native import checks
-from ...run.tables import MomentTables, PathTables
+from ...run.saved import MomentTables, PathTables
 
 
 @dataclass(frozen=True)
