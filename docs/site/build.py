@@ -41,7 +41,7 @@ def assemble(tree):
     reference = docs / "reference"
     reference.mkdir()
     header = (ROOT / "include" / "symsde.h").read_text(encoding="utf-8")
-    pages = {"c": c_reference.page(header), "cpp": c_reference.CPP}
+    pages = {"c": c_reference.page(header), "cpp": Path(__file__).with_name("cpp.md").read_text(encoding="utf-8")}
     pages |= {"fortran": fortran_reference.page(ROOT), "python": python_reference.page()}
     for name, text in pages.items():
         (reference / f"{name}.md").write_text(text, encoding="utf-8")

@@ -9,25 +9,9 @@ INTRODUCTION = """\
 # C interface
 
 `#include <symsde.h>`, and link with `pkg-config --cflags --libs symsde`. This page is made from the header when the
-site is built. A comment of the header stands over what it speaks of. For C++17 there is
-[symsde.hpp](cpp.md), a thin layer over it.
-"""
-CPP = """\
-# C++ interface
-
-`#include <symsde.hpp>`: C++17, headers alone, over the [C interface](c.md). The headers as they stand:
-
-## `symsde.hpp`
-
-```{literalinclude} ../../include/symsde.hpp
-:language: cpp
-```
-
-## `symsde/models.hpp`
-
-```{literalinclude} ../../include/symsde/models.hpp
-:language: cpp
-```
+site is built. Each comment of the header stands above the declarations that it describes. For C++17 there is a thin
+layer over it, the [C++ interface](cpp.md). [First ten minutes](../first-ten-minutes.md) and
+[a model of your own](../own-model.md) have complete programs.
 """
 PROTOTYPE = re.compile(r"^int (symsde_\w+)\(", re.M)
 

@@ -8,9 +8,11 @@ from plain import as_markdown
 INTRODUCTION = """\
 # Fortran interface
 
-`use symsde` is all a program needs. This page is made from the sources when the site is built: `!>` stands before what
-it describes, `!!` behind an argument or a component. Path or lane first in every array: `q(npath, ndof, ntime)`.
-Every procedure that can fail has an argument `error`: allocated on return means refused, `error%message` says why.
+`use symsde` is all that a program needs. This page is made from the sources when the site is built: a comment `!>`
+stands before what it describes, a comment `!!` behind an argument or a component. The path (or lane) is the first index
+of every array: `q(npath, ndof, ntime)`. Every procedure that can fail has an argument `error`. If it is allocated on
+return, nothing was computed, and `error%message` says why. [First ten minutes](../first-ten-minutes.md) and
+[a model of your own](../own-model.md) have complete programs; [status codes](../errors.md) explains every code.
 """
 USE = re.compile(r"^   use (\w+), only: ((?:.*&\n)*.*)$", re.M)
 
@@ -19,8 +21,7 @@ def page(root):
     """The page; ValueError where something that the facade brings is not found in its module."""
     modules = {_module(path): path for path in sorted((root / "src").rglob("*.f90*"))}
     facade = modules["symsde"].read_text(encoding="utf-8").partition("\nmodule symsde\n")[2]
-    found = [INTRODUCTION]
-    group = []
+    found, group, constants = [INTRODUCTION], [], []
     for line in _logical(facade):
         comment = re.match(r"   ! (.*)", line)
         use = USE.match(line)
@@ -31,12 +32,34 @@ def page(root):
                 group.append(comment[1])
         elif use:
             if group:
-                found.append(_group(group))
-                group = []
+                found += [*_table(constants), _group(group)]
+                group, constants = [], []
             for name in re.split(r",\s*", re.sub(r"&\n\s*", "", use[2])):
                 public, _, private = (part.strip() for part in name.partition("=>"))
-                found.append(_entry(public, private or public, use[1], modules[use[1]], root))
-    return "\n".join(found)
+                constant = _constant(public, private or public, modules[use[1]])
+                if not constant:
+                    found += [*_table(constants), _entry(public, private or public, use[1], modules[use[1]], root)]
+                    constants = []
+                else:
+                    constants.append(constant)
+    return "\n".join([*found, *_table(constants)])
+
+
+def _constant(public, private, path):
+    """The row of a constant: name, value, meaning; None for anything else."""
+    text = path.read_text(encoding="utf-8")
+    code, comment = _line(private, text) or ("", "")
+    value = re.search(rf"\b{private} *= *([^,!&\n]+)", code)
+    if not value:
+        return None
+    behind = re.search(r"!! *(.*)", code) or re.search(rf"case \({private}\); text = '([^']*)'", text)
+    meaning = comment or (behind[1] if behind and code.count("=") == 1 else "")
+    return f"| `{public}` | `{value[1].strip()}` | {as_markdown(meaning).strip()} |"
+
+
+def _table(constants):
+    """Constants that stand together in the facade, as one table."""
+    return ["| constant | value | meaning |\n|---|---|---|\n" + "\n".join(constants) + "\n"] * bool(constants)
 
 
 def _module(path):
@@ -52,6 +75,8 @@ def _logical(text):
 def _group(comments):
     """A heading from the comment over a group of the facade, with what else it says."""
     title, *rest = " ".join(comments).split(": ", 1)
+    if re.match(r"\w+\(", title):
+        return ""  # of one procedure, whose own comment says it
     return f"## {title[:60].split('(')[0].strip().capitalize()}\n\n" + as_markdown(rest[0] if rest else "")
 
 

@@ -6,8 +6,8 @@ import symsde
 INTRODUCTION = """\
 # Python interface
 
-`import symsde as ss`. Everything is dimensionless; the path is the last axis of every array. The user guide is
-[python.md](../python.md).
+`import symsde as ss`. All quantities are dimensionless. The path is the last axis of every array. The user guide is
+[symsde in Python](../python.md).
 """
 GROUPS = {
     "Models": ("Model", "Traits", "FormulaModel", "model_from_sympy", "numba_signature", "numba_sincos"),
@@ -25,6 +25,17 @@ GROUPS = {
         "ReferenceWarning",
         "NotANumberWarning",
     ),
+}
+#: Members that the package uses itself; users have no need of them.
+INTERNAL = {
+    "Model": ("builtin", "call", "check_start", "in_python"),
+    "Traits": ("kicked",),
+    "FormulaModel": ("call", "check_start"),
+    "Run": ("attributes", "fill", "path"),
+    "Moments": ("attributes", "doubts", "fill", "fill_from_sums", "kept", "remarks", "scope"),
+    "OpenRun": ("manifest", "scene"),
+    "LevelSampler": ("draw", "draw_from"),
+    "WorkPrecision": ("about", "data", "peers", "resumed"),
 }
 MODULES = ("models", "schemes", "observe", "diagnose", "errors")
 SKIPPED = ("__version__", *MODULES)
@@ -51,6 +62,8 @@ def _entry(name):
     if isinstance(thing, type):
         kind = "exception" if issubclass(thing, BaseException) else "class"
     more = "\n   :members:" if kind == "class" else ""
+    if name in INTERNAL:
+        more += f"\n   :exclude-members: {', '.join(INTERNAL[name])}"
     return _block(f".. auto{kind}:: symsde.{name}{more}\n")
 
 

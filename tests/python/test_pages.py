@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Pages of the site are true: the table of schemes is current and says the cheapest measured points."""
 
+import inspect
 import json
 import re
 import sys
@@ -72,6 +73,10 @@ def test_the_python_reference_holds_every_public_name(monkeypatch):
     page = python_reference.page()
     for name in ss.__all__:
         assert name in python_reference.SKIPPED or page.count(f":: symsde.{name}\n") == 1, name
+    for name, members in python_reference.INTERNAL.items():
+        entry = page.partition(f":: symsde.{name}\n")[2].partition("```")[0]
+        assert f":exclude-members: {', '.join(members)}\n" in entry, name
+        assert all(hasattr(getattr(ss, name), x) or x in inspect.getsource(getattr(ss, name)) for x in members)
     monkeypatch.setattr(ss, "__all__", [*ss.__all__, "simulated"])
     monkeypatch.setattr(ss, "simulated", ss.simulate, raising=False)
     assert "## Further" in python_reference.page()
@@ -89,6 +94,17 @@ def test_the_c_reference_holds_every_function():
         c_reference.page(header.replace("#ifndef SYMSDE_H", "int symsde_lost(void);\n#ifndef SYMSDE_H", 1))
 
 
+def test_the_cpp_reference_names_what_the_headers_have():
+    headers = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "include").rglob("*.hpp"))
+    named = set(re.findall(r"^\| .*$", page := (ROOT / "docs/site/cpp.md").read_text(encoding="utf-8"), re.M))
+    table = set(re.findall(r"symsde::(\w+)", "".join(line.split("|")[1] for line in named)))
+    outside = re.sub(r"namespace detail \{.*?\} // namespace detail", "", headers, flags=re.S)
+    classes = set(re.findall(r"^(?:class|struct) (\w+)", outside, re.M)) - {"span", "rows"}
+    functions = set(re.findall(r"^(?:\[\[nodiscard\]\] )?inline [\w:<>]+ (\w+)\(", outside, re.M))
+    assert table >= classes and functions - table == {"check"} and "`symsde::check(" in page
+    assert all(re.search(rf"\b{name}\b", headers) for name in table)
+
+
 def test_the_fortran_reference_holds_what_the_facade_brings():
     page = fortran_reference.page(ROOT)
     facade = (ROOT / "src" / "symsde.f90").read_text(encoding="utf-8").partition("\nmodule symsde\n")[2]
@@ -96,7 +112,11 @@ def test_the_fortran_reference_holds_what_the_facade_brings():
     public = {name.partition("=>")[0].strip() for name in names.split(",")} - {""}
     assert len(public) > 100
     for name in public:
-        assert f"### `{name}`\n" in page, name
+        assert (f"### `{name}`\n" in page) != (f"\n| `{name}` | `" in page), name
+    assert (
+        "| `status_singular` | `2` | singular linear system |" in page
+        and "### `status_" not in page.partition("### `status_text`")[2]
+    )
     simulate = page.partition("### `simulate`")[2].partition("###")[0]
     assert "Integrate all paths and save them" in simulate and "q0(:), p0(:)" in simulate and "recorder" not in simulate
 

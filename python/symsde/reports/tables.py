@@ -183,7 +183,7 @@ of the deterministic scheme ("no noise"). A dash means that the scheme does not 
 not made for such noise. One-sided schemes have their orders with the correction "increments".
 
 The parentheses give the orders that `docs/measure_orders.py` measured, with the half-width of the 95 % interval. If
-the reference is not exact, its own error over the smallest error that counted follows ([measured.json](measured.json)
+the reference is not exact, its own error over the smallest error that counted follows ([data](measured.json)
 has the problems and the references). Nothing in parentheses means that the scheme does not take these models.
 Additive noise was measured on a pendulum with noise in q and p, where no bracket is constant; schemes that refuse
 this pendulum were measured on a chain of one mass. Weak orders were measured without sampling, on second moments of

@@ -23,12 +23,12 @@ increments of its own step: the median of {repeats} warm repeats with quartiles 
 not counted. Error runs and timed runs are separate. The slopes leave out points on a plateau (hollow markers) and
 points that failed or diverged (crosses); they are slopes over the measured steps, not asymptotic orders. In the
 tables, "us to 0.1" is the lowest run time of a path, in microseconds, at which the error is at most 0.1; the fastest
-is bold. "E H error" is the error of the mean energy at the longest step that counts. The *weak error* is the largest
-of the errors of E q, E p (means over degrees of freedom) and E H, with 95 % intervals. Errors with hollow markers are
-not significantly different from zero. `symsde study SCENE.toml` writes every point to work-precision.csv. The panels
-of other packages show one run of [peers.md](peers.md), with symsde's rows of that run: the equations are the same, the
-machine is another one. On synchrotron and linear_oscillator they start from another initial state; on the latter they
-end at T = 4.
+is bold. The column E H error gives the error of the mean energy at the longest step that counts. The *weak error* is
+the largest of the errors of E q, E p (means over degrees of freedom) and E H, with 95 % intervals. Errors with hollow
+markers are not significantly different from zero. `symsde study SCENE.toml` writes every point to work-precision.csv.
+The panels of other packages show one run of [Other packages on the same problems](peers.md), with symsde's rows of that
+run. The equations are the same, the machine is another one. On synchrotron and linear_oscillator they start from
+another initial state; on the latter they end at T = 4.
 
 Measured with {made_by}, {machine}. Run times move with the machine; errors do not.
 """
@@ -55,7 +55,7 @@ def write(file: str | os.PathLike, scenes: list[Path], studies: list[WorkPrecisi
 
 def beside(rows: list[dict]) -> str:
     """What other packages take, as the page of theirs says it."""
-    return f"Other packages ([peers.md](peers.md)): {peers.sentence(rows, rows[0]['problem'])}"
+    return f"[Other packages](peers.md): {peers.sentence(rows, rows[0]['problem'])}"
 
 
 def _peers(file: Path) -> list[dict]:
