@@ -130,6 +130,7 @@ def test_the_fortran_reference_holds_what_the_facade_brings():
         ("(E |z|^2 <= 4 sqrt(2 pi), see (24))", r"($\mathbb E\,\vert z\vert^2 \le 4\,\sqrt{2 \pi}$, see (24))"),
         ("all {H_k,H_l} at omega h = 3 a step turns", r"all $\lbrace H_k, H_l\rbrace$ at $\omega h = 3$ a step turns"),
         ("H = p.M^-1 p/2 + U(q) grows by exp(-gamma t)", r"$H = p\cdot M^{-1} p/2 + U(q)$ grows by $\exp(-\gamma t)$"),
+        ("**0.2 (h = 0.1)** in a step", r"**0.2 $(h = 0.1)$** in a step"),
         ("-q, +-1e-3 h", r"$-q$, $\pm 10^{-3} h$"),
     ],
 )

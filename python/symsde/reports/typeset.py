@@ -18,7 +18,7 @@ _TOKEN = re.compile(
 )
 _SIGNS = {"<=": r"\le", ">=": r"\ge", "!=": r"\ne", "+-": r"\pm", "<": r"\lt", ">": r"\gt", "o": r"\circ"}
 _SHOWN = _SIGNS | {"*": r"\,", "{": r"\lbrace ", "}": r"\rbrace ", "..": r"\dots ", ".": r"\cdot ", ",": ", "}
-_KEPT = re.compile(r"(``[^`]+``|`[^`]+`|\$[^$]+\$|\[[^\[\]]*\]\([^)\s]*\)|<[^>\s][^>]*>|\{\w+\}`)")
+_KEPT = re.compile(r"(\*\*|``[^`]+``|`[^`]+`|\$[^$]+\$|\[[^\[\]]*\]\([^)\s]*\)|<[^>\s][^>]*>|\{\w+\}`)")
 _BLOCK = re.compile(r"(^```.*?^```[^\n]*$|^\$\$.*?^\$\$[^\n]*$|^(?:#|<!--|!\[|:::| {4}\S)[^\n]*$)", re.M | re.S)
 _PART = re.compile(r"(\n(?=\s*\n|\||\s*(?:[-*]|\d+\.) ))")
 #: What is a formula only beside more: numbers, names of functions, units, languages, articles.
@@ -173,9 +173,7 @@ def _row(row: list[str], wrap: Callable[[str], str]) -> list[str]:
     if not row:
         return []
     words, head, tail = list(row), [], []
-    while words and (
-        words[0].isspace() or re.fullmatch(r"[-+=*/<>|o.]+|\\\|", words[0]) or (words[0] == "a" and words[2:3] != ["="])
-    ):
+    while words and _leads(words):
         head.append(words.pop(0))
     while words and (words[-1].isspace() or re.fullmatch(r"[-+=*/<>|.(]+|[oaE]|\\\|", words[-1]) or _stray(words)):
         tail.insert(0, words.pop())
@@ -189,6 +187,12 @@ def _row(row: list[str], wrap: Callable[[str], str]) -> list[str]:
     if _depth(text) or (_DOUBTFUL.fullmatch(text) and "^" not in text):
         return row
     return [*head, wrap(tex(text)), *tail]
+
+
+def _leads(words: list[str]) -> bool:
+    """Whether a row begins with something else: an operator, an article, a number before (h = 1)."""
+    rest = re.sub(r"\s+", " ", "".join(words)) + " "
+    return bool(re.match(r" |[-+=*/<>|o.]+ |\\\| |a (?!= )|[\d.e-]+ \([^()]*=", rest))
 
 
 def _stray(words: list[str]) -> bool:
