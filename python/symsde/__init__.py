@@ -14,6 +14,7 @@ paper "Dynamics and variational integrators of stochastic Hamiltonian systems" w
 
 import importlib
 import warnings
+from collections.abc import Callable
 from types import ModuleType
 
 from . import diagnose, errors, models, observe, schemes
@@ -46,8 +47,11 @@ from .schemes import Scheme
 _MOVED = {"scene": "symsde.batch.scene", "stability": "symsde.reports.stability", "study": "symsde.reports.study"}
 
 
-def __getattr__(name: str) -> ModuleType:
-    """Modules that have moved: their old names work until 0.2, with a warning that says the new ones."""
+def __getattr__(name: str) -> ModuleType | Callable:
+    """Modules that have moved: their old names work until 0.2, with a warning that says the new ones. C and C++ call
+    moments compute_moments, since moments is a type there: that name works here too."""
+    if name == "compute_moments":
+        return moments
     if name not in _MOVED:
         raise AttributeError(f"module 'symsde' has no attribute {name!r}")
     warnings.warn(f"symsde.{name} is now {_MOVED[name]}: import that", DeprecationWarning, stacklevel=2)

@@ -281,3 +281,9 @@ def test_certificates_mark_what_their_coefficients_do_not_prove():
         for label in ("symplectic", "symmetric", "quadratic invariants"):
             assert ("claimed" in lines[label]) == (name in claimed), (name, label)
         assert name not in claimed or not re.search(r"\d\.\d", lines["symplectic"] + lines["symmetric"]), name
+
+
+def test_the_name_that_moments_have_in_c():
+    assert ss.compute_moments is ss.moments
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        ss.nothing  # noqa: B018

@@ -366,3 +366,24 @@ def test_values_that_are_no_number_are_told():
         one = found[name]
         assert (one.below + one.above + one.not_a_number == 700).all() and one.not_a_number[1:].all()
         assert one.below[-1] > 0 and one.above[-1] > 0
+
+
+def test_values_may_be_called_as_observables_are():
+    """q1 is q_1, and so is q of one degree of freedom; of two, q is none."""
+    kubo, start = ss.models.kubo(), {"q0": 1.0, "p0": 0.3, "step": 0.1, "steps": 4, "paths": 20}
+    named = {
+        "x": (observe.Histogram("q", -2, 2, 9), observe.Histogram("q_1", -2, 2, 9)),
+        "y": (observe.Covariance(("p", "q1")), observe.Covariance(("p_1", "q_1"))),
+        "z": (observe.Paths((3,), of="p"), observe.Paths((3,), of="p_1")),
+    }
+    short, full = (
+        ss.moments(kubo, observers={key: both[i] for key, both in named.items()}, **start).observed for i in range(2)
+    )
+    for name, result in short.items():
+        assert repr(result) == repr(full[name])
+        np.testing.assert_array_equal(result.kept.counts, full[name].kept.counts)
+        np.testing.assert_array_equal(result.kept.sums, full[name].kept.sums)
+    with pytest.raises(UnknownNameError, match="histogram of 'q': there is no such value"):
+        ss.moments(model(), observers={"x": observe.Histogram("q", -2, 2, 9)}, **{**RUN, "steps": 20})
+    two = ss.moments(model(), observers={"x": observe.Extremes("p2")}, **{**RUN, "steps": 20})
+    assert repr(two.observed["x"]).startswith("<extremes of p_2")

@@ -417,6 +417,8 @@ def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
         ("energy",): ["paths", "energy", "moments"],
         ("q_1", "r"): ["moments", "observed-covariance"],
         ("p_1",): ["paths", "phase", "moments"],
+        ("p",): ["paths", "phase", "moments"],
+        ("extremes",): ["observed-extremes"],  # by the name of the observer
     }
     for names, known in chosen.items():
         figures.clear()
@@ -428,10 +430,10 @@ def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(lines(figures["moments.png"])[0][1], mean)
     capsys.readouterr()
     refused = {
-        ("--of", "s"): "there is no value 's': there are q_1, p_1, energy, r",
+        ("--of", "s"): "there is no value 's': there are q_1, p_1, energy, r, extremes, covariance",
         ("--what", "paths", "--of", "r"): "there is no value 'r': there are q_1, p_1, energy",
         ("--what", "energy", "--of", "q_1"): "there is no value 'q_1': there are energy",
-        ("--what", "observed-extremes", "--of", "q_1"): "there is no value 'q_1': there are r",
+        ("--what", "observed-extremes", "--of", "q_1"): "there is no value 'q_1': there are r, extremes",
         ("--of", "r", "--out", "x.png"): "say which by --what, one of moments, observed-extremes, observed-covariance",
     }
     for options, sentence in refused.items():

@@ -233,3 +233,15 @@ def test_the_table_tells_what_made_it(tmp_path):
     text = file.read_text().splitlines()
     at = said.index("scene_text:") + 1
     assert [line[2:] for line in said[at : at + len(text)]] == text
+
+
+def test_what_is_compared_unless_told(monkeypatch):
+    """Schemes may be the second argument; without any, splittings are among them where drifts and kicks are."""
+    made = []
+    monkeypatch.setattr(study, "_measured", lambda plan, *_: made.append([scheme.name for scheme in plan.schemes]))
+    place = {"q0": 0.3, "p0": 0.1, "steps": [4, 8], "paths": 40}
+    ss.work_precision(ss.models.kubo(), ["midpoint", "heun"], **place)
+    ss.work_precision(ss.models.pendulum(), **place)
+    ss.work_precision(ss.models.synchrotron(), **place)
+    others = ["midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "heun"]
+    assert made == [["midpoint", "heun"], others, [*others, "gauss_dkdkd", "chin4a"]]

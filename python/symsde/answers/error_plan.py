@@ -29,6 +29,7 @@ PLAIN = 5  #: to one of order one
 FAR = 6  #: to one that may be of the same higher order, or the scheme itself
 AREAS = 4  #: the same where areas are drawn, whose cost grows fourfold with each
 SMALL = 4  #: degrees of freedom up to which a scheme with dense Newton is an affordable reference
+_COMPARED = ("midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "heun")
 OPTIONS = ("t0", "seed", "correction", "truncation", "compensated", "threads")  #: of `simulate`, common to all runs
 
 
@@ -100,6 +101,12 @@ class Plan:
         simulate(self.model, scheme=scheme, step=self.horizon / steps, steps=0, **options)
 
 
+def default_schemes(model: Model) -> list[str]:
+    """What a study compares unless told: splittings of order four too, where the model is one of drifts and kicks."""
+    kicked = isinstance(model, Model) and model.traits.kicked
+    return [*_COMPARED, *(("gauss_dkdkd", "chin4a") if kicked else ())]
+
+
 def check_options(options: Mapping[str, Any]) -> None:
     """Refuse what is no option of the runs."""
     for key in options:
@@ -112,7 +119,7 @@ def make_plan(
     *,
     q0: Any,
     p0: Any,
-    schemes: Sequence[str | Scheme],
+    schemes: Sequence[str | Scheme] | None,
     steps: Sequence[int],
     horizon: float,
     paths: int,
@@ -131,7 +138,7 @@ def make_plan(
     horizon = checks.finite("horizon", horizon)
     if horizon <= 0:
         raise InvalidArgumentError(f"horizon = {horizon:g} is not allowed: give a time above 0")
-    chosen = _schemes(schemes)
+    chosen = _schemes(default_schemes(model) if schemes is None else schemes)
     repeats = checks.integer("repeats", repeats, (1, 1000))
     if repeats < LEAST_REPEATS:
         raise InvalidArgumentError(

@@ -14,6 +14,7 @@ from ..errors import InvalidArgumentError, SceneError
 from ..native import checks, files
 from ..reports.plot import data, draw
 from ..run.loaded import LoadedRun, load_file
+from ..run.observers.requests import value_name
 
 HELP = "Draw a run: paths, phase plane, energy, moments with bands, what observers kept."
 
@@ -22,7 +23,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `symsde plot`."""
     parser.add_argument("source", metavar="DIR_OR_FILE", help="folder of a run, or its .nc, .npz or .csv file")
     parser.add_argument("--what", metavar="NAME", help="one figure alone; without it all there are")
-    parser.add_argument("--of", metavar="VALUE", action="append", help="figures of a value, as q_2; may be given again")
+    parser.add_argument(
+        "--of", metavar="VALUE", action="append", help="figures of a value, as q_2, or an observer; may be repeated"
+    )
     parser.add_argument("--at", metavar="I", type=int, default=-1, help="saved time of histograms (default: the last)")
     parser.add_argument("--most", metavar="N", type=int, default=draw.MOST_PATHS, help="paths drawn (%(default)s)")
     parser.add_argument("--out", metavar="FILE", help="of one figure: .png, .pdf or .svg")
@@ -60,14 +63,19 @@ Figures = dict[str, Figure]
 
 
 def _chosen(known: Figures, options: argparse.Namespace) -> Figures:
-    """The figure that is asked for by --what, or all that show what is asked for by --of."""
+    """The figure that is asked for by --what, or all that show what is asked for by --of, values or observers."""
     if options.what:
         checks.choice("--what", options.what, list(known))
         known = {options.what: known[options.what]}
-    wanted = options.of or []
     every = list(dict.fromkeys(name for figure in known.values() for name in figure.shows))
+    named = {name.removeprefix("observed-"): name for name in known if name.startswith("observed-")}
+    for name in options.of or []:
+        if name in named and name not in every:
+            return {named[name]: known[named[name]]}
+    wanted = [value_name(name, every) for name in options.of or []]
     for name in wanted:
-        data.known(name, every)
+        data.known(name, [*every, *named])
+    options.of = wanted or None
     chosen = {name: figure for name, figure in known.items() if set(wanted) <= set(figure.shows)}
     if not chosen:
         raise InvalidArgumentError(

@@ -17,6 +17,7 @@ import numpy as np
 from ...errors import InvalidArgumentError, WrongTypeError
 from ...native import checks, files
 from ...native.checks import counted
+from ...run.observers.requests import value_name
 from .. import look
 from .data import Means, Paths, known
 
@@ -112,6 +113,7 @@ def of_run(data: Paths, what: str, of: Sequence[str] | None, most: int) -> tuple
         first = shown[0]
         tables = {"q": data.q[:, :, first], "p": data.p[:, :, first]}
         return _maps(data.t, tables, of), f"{data.title}, path {data.path[first]} of {len(data.path)}"
+    of = of and [value_name(name, data.columns()) for name in of]
     if what == "phase":
         pairs = [_pair(name, data) for name in (of or ["q_1"])]
         return [_phase(data, q, p, shown) for q, p in pairs], title
@@ -224,6 +226,7 @@ def of_moments(data: Means, what: str, of: Sequence[str] | None) -> tuple[list[C
             f"mean {x}": np.stack([mean[name] for name in mean if re.fullmatch(rf"{x}_\d+", name)], 1) for x in "qp"
         }
         return _maps(data.t, tables, of), f"{data.title}, {_paths_of(data)}"
+    of = of and [value_name(name, data.columns()) for name in of]
     names = of or [name for name in data.columns() if name in ("q_1", "p_1") or not name.startswith(("q_", "p_"))]
     panels = []
     for name in names:

@@ -23,7 +23,6 @@ from . import study_words as words
 from .state import State, point_key
 from .timing import cost
 
-SCHEMES = ("midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "heun")
 STEPS = (16, 32, 64, 128, 256)
 
 
@@ -71,10 +70,10 @@ class WorkPrecision:
 @checks.hinted(*OPTIONS)
 def work_precision(
     model: Model,
+    schemes: Sequence[str | Scheme] | None = None,
     *,
     q0: Any,
     p0: Any,
-    schemes: Sequence[str | Scheme] = SCHEMES,
     steps: Sequence[int] = STEPS,
     horizon: float = 1.0,
     paths: int = 1000,
@@ -91,7 +90,9 @@ def work_precision(
 ) -> WorkPrecision:
     """Error against run time of several schemes at several steps, all on the same Brownian paths.
 
-    - schemes: names or Schemes; steps: numbers of steps to the horizon, each the largest divided by a power of two
+    - schemes: names or Schemes; by default midpoint, symplectic_euler, stormer_verlet, gauss2 and heun, and gauss_dkdkd
+      and chin4a where the model is one of drifts and kicks
+    - steps: numbers of steps to the horizon, each the largest divided by a power of two
     - horizon: time at which errors are taken; paths: of the error runs, at least 40
     - reference: "exact", the name of a scheme, or "auto": the exact solution where the model has one, else a better
       scheme with `reference_steps` steps (a power of two times the finest), whose own error is estimated and shown

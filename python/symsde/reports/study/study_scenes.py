@@ -10,7 +10,7 @@ from typing import Any
 from ...answers.error_plan import OPTIONS, make_plan
 from ...batch import scene
 from ...errors import NotWrittenError, SceneError, SymsdeError
-from . import SCHEMES, STEPS, WorkPrecision, work_precision
+from . import STEPS, WorkPrecision, work_precision
 from .timing import has_columns
 
 
@@ -30,7 +30,7 @@ def _named(file, function, given: dict):
     run = chosen.run
     asked = chosen.study | {key: value for key, value in given.items() if value is not None}
     scene.require_schemes_alone(file, "study", run, "horizon" in asked)
-    arguments = {"schemes": SCHEMES, "steps": STEPS, "horizon": abs(run["step"]) * run["steps"]}
+    arguments = {"schemes": None, "steps": STEPS, "horizon": abs(run["step"]) * run["steps"]}
     paths = run.get("paths", 1)
     arguments |= {"paths": paths if has_columns(run["q0"], run["p0"]) else max(1000, paths), "name": Path(file).stem}
     arguments |= {"about": {"scene_text": chosen.text}}

@@ -17,6 +17,15 @@ from ...native import abi, checks, handles
 from ...native.checks import address
 
 
+def value_name(name: str, columns: Sequence[str]) -> str:
+    """A value as columns call it: q1 is q_1, and so is q where there is one degree of freedom."""
+    if name not in columns and (found := re.fullmatch(r"([qp])(\d*)", name)):
+        x, number = found.groups()
+        if number or f"{x}_2" not in columns:
+            return f"{x}_{number or 1}"
+    return name
+
+
 @dataclass(frozen=True)
 class Observer:
     """An observer that is wanted."""
@@ -30,7 +39,7 @@ class Observer:
 
     def names(self, columns: Sequence[str]) -> tuple[str, ...]:
         """The values that it looks at, among those that there are."""
-        return (checks.name_of(f"the value of {type(self).__name__}", self.of),)
+        return (value_name(checks.name_of(f"the value of {type(self).__name__}", self.of), columns),)
 
     def fields(self) -> dict[str, Any]:
         """Members of the struct of the C interface, beside kind and values."""
@@ -105,7 +114,7 @@ class Covariance(Observer):
 
     def names(self, columns: Sequence[str]) -> tuple[str, ...]:
         """The values."""
-        return _names("Covariance", self.of)
+        return _names("Covariance", self.of, columns)
 
 
 @dataclass(frozen=True)
@@ -176,7 +185,7 @@ class Paths(Observer):
 
     def names(self, columns: Sequence[str]) -> tuple[str, ...]:
         """The values; all of q and p where none are told."""
-        return _names("Paths", self.of) or tuple(name for name in columns if re.fullmatch(r"[qp]_\d+", name))
+        return _names("Paths", self.of, columns) or tuple(name for name in columns if re.fullmatch(r"[qp]_\d+", name))
 
     def fields(self) -> dict[str, Any]:
         """The indices, ascending."""
@@ -189,12 +198,12 @@ def _range(observer: Any) -> dict[str, float]:
     return {key: checks.number(key, getattr(observer, key)) for key in ("low", "high")}
 
 
-def _names(what: str, given: object) -> tuple[str, ...]:
+def _names(what: str, given: object, columns: Sequence[str]) -> tuple[str, ...]:
     if isinstance(given, str):
-        return (given,)
+        return (value_name(given, columns),)
     if not isinstance(given, Sequence):
         raise WrongTypeError(f"of = {checks.shown(given)} of {what} is no list: give names of values")
-    return tuple(checks.name_of(f"a value of {what}", name) for name in given)
+    return tuple(value_name(checks.name_of(f"a value of {what}", name), columns) for name in given)
 
 
 KINDS = {cls.KIND: cls for cls in (Histogram, Quantiles, Covariance, Autocorrelation, Extremes, Passage, Paths)}
