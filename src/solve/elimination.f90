@@ -11,10 +11,11 @@
 !> beside slow positions) does not change it. Callers hand lanes with a small value to LAPACK.
 !> A NaN or infinity in a lane shows as smallest = 0 or as a solution that is not finite.
 !>
-!> A lane's result is made of its own numbers only, in an order that nlane does not change; nlane
-!> is a multiple of eight wherever equal bits in blocks of different sizes are wanted.
+!> A lane's result is made of its own numbers only, in an order that nlane does not change. The factorization itself is
+!> the body elimination.inc.
 module symsde_solve_elimination
    use symsde_base_kinds, only: wp
+   use symsde_solve_elimination_single_path, only: solve_lone
    implicit none
    private
    public :: strip_lanes, solve_lanes, solve_strip, factor_lanes, back_substitute_lanes
@@ -22,9 +23,33 @@ module symsde_solve_elimination
 
    integer, parameter :: cached = 2304      !! numbers of the matrices of a strip of small systems
    integer, parameter :: narrow_strip = 32  !! lanes of a strip of larger systems
-   integer, parameter :: few = 8            !! numbers of one system from which vectors pay
 
 contains
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = nlane
+   end function lanes
+
+   include 'elimination.inc'
+
+   !> VEC target(:,i) = target(:,i) - factor column(:,i). A procedure of its own because distinct
+   !> arguments cannot overlap: as parts of one array they cost a test before every loop.
+   pure subroutine subtract_multiple(nlane, m, factor, column, target)
+      integer, intent(in) :: nlane                 !! lanes
+      integer, intent(in) :: m                     !! entries of the column
+      real(wp), intent(in) :: factor(nlane)        !! a factor for each lane
+      real(wp), intent(in) :: column(nlane, m)     !! column to subtract
+      real(wp), intent(inout) :: target(nlane, m)  !! column to change
+      integer :: i, lane
+
+      do i = 1, m
+         do lane = 1, nlane
+            target(lane, i) = target(lane, i) - column(lane, i)*factor(lane)
+         end do
+      end do
+   end subroutine subtract_multiple
 
    !> Lanes to eliminate together: as many as keep the matrices in the first-level cache, but not
    !> so few that the loops over them stop paying. Lanes do not feel the width of their strip.
@@ -89,61 +114,6 @@ contains
       end do
    end subroutine solve_strip
 
-   !> One system by itself, by the operations of solve_strip in their order.
-   pure subroutine solve_lone(n, a, x, smallest)
-      integer, intent(in) :: n              !! unknowns, from 3 on
-      real(wp), intent(inout) :: a(n, n)    !! in: the matrix; out: factors
-      real(wp), intent(inout) :: x(n)       !! in: right-hand side; out: solution
-      real(wp), intent(out) :: smallest     !! pivot monitor
-      real(wp) :: diagonal(n), origin, reached, ratio
-      integer :: i, j, k
-
-      do k = 1, n
-         diagonal(k) = abs(a(k, k))
-      end do
-      smallest = 1
-      do k = 1, n
-         origin = diagonal(k)
-         reached = abs(a(k, k))
-         ratio = merge(reached, origin, reached <= origin)/(merge(origin, reached, reached <= origin) + tiny(ratio))
-         smallest = merge(smallest, merge(ratio, 0.0_wp, ratio >= 0), smallest <= ratio)
-         a(k, k) = 1/(a(k, k) + merge(1.0_wp, 0.0_wp, reached <= 0))
-         if (k == n) exit
-         !GCC$ novector
-         do i = k + 1, n
-            a(i, k) = a(i, k)*a(k, k)
-         end do
-         call subtract_column(n - k, x(k), a(k + 1, k), x(k + 1))
-         do j = k + 1, n
-            call subtract_column(n - k, a(k, j), a(k + 1, k), a(k + 1, j))
-         end do
-      end do
-      do k = n, 2, -1
-         x(k) = x(k)*a(k, k)
-         call subtract_column(k - 1, x(k), a(1, k), x)
-      end do
-      x(1) = x(1)*a(1, 1)
-   end subroutine solve_lone
-
-   !> target = target - factor column. Few numbers are faster without vectors.
-   pure subroutine subtract_column(m, factor, column, target)
-      integer, intent(in) :: m
-      real(wp), intent(in) :: factor, column(m)
-      real(wp), intent(inout) :: target(m)
-      integer :: i
-
-      if (m < few) then
-         !GCC$ novector
-         do i = 1, m
-            target(i) = target(i) - column(i)*factor
-         end do
-      else
-         do i = 1, m
-            target(i) = target(i) - column(i)*factor
-         end do
-      end if
-   end subroutine subtract_column
-
    !> One unknown: x = b/a.
    subroutine solve_one_unknown(nlane, a, x, smallest)
       integer, intent(in) :: nlane              !! lanes of the block
@@ -182,104 +152,5 @@ contains
          smallest(lane) = merge(ratio, 0.0_wp, abs(a11(lane)) <= huge(1.0_wp))
       end do
    end subroutine solve_two_unknowns
-
-   !> Factor every lane in place: a = L U, L below the diagonal with unit diagonal, U on and above
-   !> it, the diagonal holding 1/u_kk. About n^3/3 multiplications and subtractions a lane.
-   subroutine factor_lanes(nlane, n, a, smallest)
-      integer, intent(in) :: nlane               !! lanes
-      integer, intent(in) :: n                   !! unknowns of a system
-      real(wp), intent(inout) :: a(nlane, n, n)  !! in: matrices; out: factors
-      real(wp), intent(out) :: smallest(nlane)   !! pivot monitor, 0 to 1
-      real(wp) :: diagonal(nlane, n)
-      integer :: j, k
-
-      do k = 1, n
-         diagonal(:, k) = a(:, k, k)
-      end do
-      smallest = 1
-      do k = 1, n
-         call pivot_ratio(nlane, diagonal(:, k), a(:, k, k), smallest)
-         if (k == n) exit
-         call scale_column(nlane, n - k, a(1, k, k), a(1, k + 1, k))
-         do j = k + 1, n
-            call subtract_multiple(nlane, n - k, a(1, k, j), a(1, k + 1, k), a(1, k + 1, j))
-         end do
-      end do
-   end subroutine factor_lanes
-
-   !> Solve with the factors of factor_lanes.
-   subroutine back_substitute_lanes(nlane, n, a, x)
-      integer, intent(in) :: nlane            !! lanes
-      integer, intent(in) :: n                !! unknowns of a system
-      real(wp), intent(in) :: a(nlane, n, n)  !! factors
-      real(wp), intent(inout) :: x(nlane, n)  !! in: right-hand sides; out: solutions
-      integer :: k
-
-      do k = 1, n - 1
-         call subtract_multiple(nlane, n - k, x(1, k), a(1, k + 1, k), x(1, k + 1))
-      end do
-      do k = n, 2, -1
-         x(:, k) = x(:, k)*a(:, k, k)
-         call subtract_multiple(nlane, k - 1, x(1, k), a(1, 1, k), x(1, 1))
-      end do
-      x(:, 1) = x(:, 1)*a(:, 1, 1)
-   end subroutine back_substitute_lanes
-
-   !> VEC Lower `smallest` by one pivot's ratio to the diagonal it came from; leave 1/pivot.
-   subroutine pivot_ratio(nlane, diagonal, pivot, smallest)
-      integer, intent(in) :: nlane                !! lanes
-      real(wp), intent(in) :: diagonal(nlane)     !! diagonal entry of the matrix
-      real(wp), intent(inout) :: pivot(nlane)     !! in: pivot; out: its inverse
-      real(wp), intent(inout) :: smallest(nlane)  !! pivot monitor
-      real(wp) :: ratio, low, high, origin, reached, missing
-      integer :: lane
-
-      ! min and max could drop a NaN; these comparisons hand it on to the ratio. A pivot of zero has the ratio zero
-      ! and no inverse: a host that traps divisions by zero does not hear of lanes that LAPACK will solve. Divisors are
-      ! sums that never vanish: between two divisors to choose from, the compiler may divide by both and choose then.
-      do lane = 1, nlane
-         origin = abs(diagonal(lane))
-         reached = abs(pivot(lane))
-         low = merge(reached, origin, reached <= origin)
-         high = merge(origin, reached, reached <= origin)
-         ratio = low/(high + tiny(high))
-         ratio = merge(ratio, 0.0_wp, ratio >= 0)
-         smallest(lane) = merge(ratio, smallest(lane), ratio < smallest(lane))
-         missing = merge(1.0_wp, 0.0_wp, reached <= 0)
-         pivot(lane) = 1/(pivot(lane) + missing)
-      end do
-   end subroutine pivot_ratio
-
-   !> VEC column(:,i) = column(:,i) factor
-   subroutine scale_column(nlane, m, factor, column)
-      integer, intent(in) :: nlane                 !! lanes
-      integer, intent(in) :: m                     !! entries of the column
-      real(wp), intent(in) :: factor(nlane)        !! a factor for each lane
-      real(wp), intent(inout) :: column(nlane, m)  !! column to scale
-      integer :: i, lane
-
-      do i = 1, m
-         do lane = 1, nlane
-            column(lane, i) = column(lane, i)*factor(lane)
-         end do
-      end do
-   end subroutine scale_column
-
-   !> VEC target(:,i) = target(:,i) - factor column(:,i). A procedure of its own because distinct
-   !> arguments cannot overlap: as parts of one array they cost a test before every loop.
-   subroutine subtract_multiple(nlane, m, factor, column, target)
-      integer, intent(in) :: nlane                 !! lanes
-      integer, intent(in) :: m                     !! entries of the column
-      real(wp), intent(in) :: factor(nlane)        !! a factor for each lane
-      real(wp), intent(in) :: column(nlane, m)     !! column to subtract
-      real(wp), intent(inout) :: target(nlane, m)  !! column to change
-      integer :: i, lane
-
-      do i = 1, m
-         do lane = 1, nlane
-            target(lane, i) = target(lane, i) - column(lane, i)*factor(lane)
-         end do
-      end do
-   end subroutine subtract_multiple
 
 end module symsde_solve_elimination

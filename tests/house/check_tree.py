@@ -10,6 +10,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from bodies import bodies
+
 LOWER = {"base": set()}
 for area in ("noise", "model", "scheme", "solve"):
     LOWER[area] = {"base"}
@@ -19,7 +21,7 @@ LOWER["diagnose"] = LOWER["ensemble"] | {"ensemble"}
 LOWER["capi"] = LOWER["diagnose"] | {"diagnose"}
 
 MAX_FILE, MAX_PROCEDURE, MAX_COLUMNS = 500, 100, 120
-SOURCES = ("src/**/*.f90", "tests/**/*.pf", "tests/**/*.f90", "examples/**/*.f90", "bench/**/*.f90",
+SOURCES = ("src/**/*.f90", "src/**/*.inc", "tests/**/*.pf", "tests/**/*.f90", "examples/**/*.f90", "bench/**/*.f90",
            "include/**/*.h", "include/**/*.hpp", "tests/**/*.cpp", "examples/**/*.cpp",
            "tests/**/*.c", "examples/**/*.c", "bench/**/*.c",
            "python/**/*.py", "tests/**/*.py", "examples/**/*.py", "bench/**/*.py")  # fmt: skip
@@ -116,6 +118,10 @@ def library(path, text):
 
 def listed(root, path):
     """Sources and suites are built from lists: one that is not listed is never compiled or run."""
+    if path.suffix == ".inc":
+        if not any(root / path in bodies(file) for file in (root / path.parent).glob("*.f90")):
+            yield "is a body that no module beside it includes"
+        return
     name = {".pf": path.stem, ".py": path.name}.get(path.suffix, path.name)
     if path.parts[0] == "src" or path.suffix == ".pf" or path.match("tests/python/test_*.py"):
         cmake = root / path.parent / "CMakeLists.txt"
@@ -131,13 +137,13 @@ def every_file(root, path, text):
     if text.count("\n") > MAX_FILE:
         yield f"has {text.count(chr(10))} lines, allowed are {MAX_FILE}"
     for number, line in enumerate(lines, 1):
-        if len(line) > MAX_COLUMNS and path.suffix == ".f90":
+        if len(line) > MAX_COLUMNS and path.suffix in {".f90", ".inc"}:
             yield f"{number}: has {len(line)} columns, allowed are {MAX_COLUMNS}"
         if re.search(r"\b(TO" + r"DO|FIX" + r"ME)\b", line):
             yield f"{number}: holds a note of unfinished work"
         if re.search(r"[\"'\s(](/home|/root|/tm" + r"p|/work)/", line):
             yield f"{number}: names a path of some machine"
-    if path.suffix in {".f90", ".pf"}:
+    if path.suffix in {".f90", ".pf", ".inc"}:
         yield from procedures([code_of(line) for line in lines])
 
 
@@ -198,6 +204,13 @@ def self_test():
         (area / "CMakeLists.txt").write_text("b.f90\n")
         if not any("is not listed" in line for line in findings(root)):
             failures.append("a source that is not listed was not found")
+        (area / "CMakeLists.txt").write_text("a.f90\n")
+        (area / "b.inc").write_text(SPDX)
+        if not any("no module beside it" in line for line in findings(root)):
+            failures.append("a body that is not included was not found")
+        (area / "a.f90").write_text(GOOD + "   include 'b.inc'\n")
+        if found := list(findings(root)):
+            failures.append(f"a body that is included gave {found}")
     return failures
 
 

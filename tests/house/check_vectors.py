@@ -5,7 +5,8 @@ A procedure whose header comment has a line that begins with the word VEC is a k
 of its innermost loops as vectorised, for AVX2 and for AVX-512 machines, with the release flags and with contraction.
 A loop after `!GCC$ unroll` is written out by the compiler before it vectorises: the loop around it counts. One after
 `!GCC$ novector` says that it is none: the steps of a path that is alone, each of which waits for the one before it.
-MODULES holds the module files of a build. A file is compiled for the report only; no object is kept.
+MODULES holds the module files of a build. A file is compiled for the report only; no object is kept. A body (.inc)
+counts in the modules that include it, but for those of a single path, whose loops over lanes are gone.
 """
 
 import re
@@ -13,6 +14,10 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from bodies import expanded
+
+SINGLE_PATH = "_single_path.f90"
 
 FLAGS = ["-O3", "-fno-trapping-math", "-fno-math-errno", "-fopenmp", "-fPIC", "-fopt-info-vec-optimized", "-S"]
 TARGETS = (
@@ -106,11 +111,13 @@ def kernels(text):
 
 
 def vectorised(compiler, target, modules, source):
-    """Lines of the source at which the compiler reports a vectorised loop."""
+    """Lines of the source, with its bodies in place, at which the compiler reports a vectorised loop."""
     with tempfile.TemporaryDirectory() as scratch:
+        whole = Path(scratch) / source.name
+        whole.write_text(expanded(source), encoding="utf-8")
         extra = ["-fwrapv"] if source.name == "philox.f90" else []  # as src/CMakeLists.txt has it
         output = ["-I", modules, "-J", scratch, "-o", f"{scratch}/out.s"]
-        command = [compiler, *FLAGS, *target, *extra, *output, str(source)]
+        command = [compiler, *FLAGS, *target, *extra, *output, str(whole)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(done.stderr)
@@ -119,7 +126,7 @@ def vectorised(compiler, target, modules, source):
 
 def failures(compiler, modules, source):
     """One line for every kernel loop that stayed scalar, and the number of loops looked at."""
-    marked = kernels(source.read_text(encoding="utf-8"))
+    marked = [] if source.name.endswith(SINGLE_PATH) else kernels(expanded(source))
     lines, count = [], 0
     for target in TARGETS if marked else ():
         report = vectorised(compiler, target, modules, source)

@@ -3,7 +3,10 @@
 
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+
+from bodies import expand_into
 
 MISSING = 77
 FORTRAN = ("src", "tests", "examples", "bench")
@@ -46,7 +49,9 @@ def main():
     if not targets:
         print("nothing to look at")
         return 0
-    done = subprocess.run([program, *words[1:], *targets], cwd=root, check=False, capture_output=True, text=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        targets = list(expand_into(Path(scratch), root, targets))
+        done = subprocess.run([program, *words[1:], *targets], cwd=root, check=False, capture_output=True, text=True)
     print(done.stdout + done.stderr)
     return done.returncode or (tool == "fprettify" and done.stdout.strip() != "")
 

@@ -1,0 +1,53 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The linear system of a single path: the elimination of solve/elimination with one lane.
+module symsde_solve_elimination_single_path
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: solve_lone
+
+   integer, parameter :: few = 8  !! numbers of one system from which vectors pay
+
+contains
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = 1
+   end function lanes
+
+   include 'elimination.inc'
+
+   !> One system, with the bits of the same system in a lane of many.
+   pure subroutine solve_lone(n, a, x, smallest)
+      integer, intent(in) :: n            !! unknowns, from 3 on: fewer have a closed form
+      real(wp), intent(inout) :: a(n, n)  !! in: the matrix; out: factors
+      real(wp), intent(inout) :: x(n)     !! in: right-hand side; out: solution
+      real(wp), intent(out) :: smallest   !! pivot monitor
+      real(wp) :: monitor(1)
+
+      call factor_lanes(1, n, a, monitor)
+      call back_substitute_lanes(1, n, a, x)
+      smallest = monitor(1)
+   end subroutine solve_lone
+
+   !> target = target - factor column. Few numbers are faster without vectors.
+   pure subroutine subtract_multiple(nlane, m, factor, column, target)
+      integer, intent(in) :: nlane, m
+      real(wp), intent(in) :: factor(lanes(nlane)), column(m)
+      real(wp), intent(inout) :: target(m)
+      integer :: i
+
+      if (m < few) then
+         !GCC$ novector
+         do i = 1, m
+            target(i) = target(i) - column(i)*factor(1)
+         end do
+      else
+         do i = 1, m
+            target(i) = target(i) - column(i)*factor(1)
+         end do
+      end if
+   end subroutine subtract_multiple
+
+end module symsde_solve_elimination_single_path
