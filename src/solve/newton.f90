@@ -30,7 +30,7 @@ module symsde_solve_newton
    use symsde_solve_damping, only: damping_type, new_damping, start_damping, reject, accept
    implicit none
    private
-   public :: newton_type, newton_options, new_newton, check_newton, patience
+   public :: newton_type, newton_options, new_newton, check_newton, patience, update
 
    !> Iterations after which one unknown is tested for rounding that cycles, too, as several are from the start. Few
    !> lanes take as many, and the test of the others is shorter without.
@@ -51,6 +51,7 @@ module symsde_solve_newton
       type(newton_options) :: options
       integer :: iteration = 0
       integer :: nrunning = 0           !! lanes that are not done
+      logical :: keeps_matrix = .false. !! of a single path: its next update does
       real(wp), allocatable :: r(:, :)  !! residual (nlane, n); after an update: the correction
       real(wp), allocatable :: a(:, :, :)      !! matrix (nlane, n, n), dense case
       real(wp), allocatable :: bands(:, :, :)  !! matrix (nlane, -kl:ku, n), banded case
@@ -70,6 +71,7 @@ module symsde_solve_newton
       procedure :: update_scalar
       procedure :: judge
       procedure :: fail
+      procedure :: conclude
    end type newton_type
 
 contains

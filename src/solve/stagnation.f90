@@ -24,7 +24,7 @@ module symsde_solve_stagnation
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
-   public :: stopping_test, linear, quadratic, seen, done_at_once, never_done, failed
+   public :: stopping_test, linear, quadratic, seen, done_at_once, never_done, done, failed
    public :: start_lanes, correct_first, correct_exact, fail_nonfinite, correct_scalar, iterate_scalar
    public :: correct_lanes, test_lanes, ends_exact, verdict_of, restart_lanes, gives_up
 
@@ -33,7 +33,6 @@ module symsde_solve_stagnation
    real(wp), parameter :: near = 2.0_wp**(-33)
    real(wp), parameter :: hopeful = 0.25_wp      !! rate of corrections up to which a guess is followed
    real(wp), parameter :: too_stiff = 2          !! (h omega)^2 up to which it is
-   integer(i8), parameter :: huge_bits = transfer(huge(1.0_wp), 0_i8)
 
    !> A correction not larger than `level` times the unknowns ends a lane, and so does one larger by at_slow
    !> (at_fast) that is the part `slow` (`fast`) of the one before or less, and one within `stagnation` that
@@ -57,6 +56,16 @@ module symsde_solve_stagnation
 
 contains
 
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = nlane
+   end function lanes
+
+   include 'stagnation.inc'
+
+   include 'stagnation_scalar.inc'
+
    !> VEC
    pure subroutine start_lanes(nlane, status, last, nrunning)
       integer, intent(in) :: nlane
@@ -73,157 +82,6 @@ contains
       end do
       nrunning = int(running)
    end subroutine start_lanes
-
-   !> VEC One unknown, from x = 0: x = -f/(1 + g f') in lanes without a status, and the test of every lane.
-   !> Where something is not finite, fail_nonfinite must follow.
-   pure subroutine correct_first(nlane, stagnation, g, f, df, base, status, x, point, last, nrunning, failures, stiff)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: stagnation, g, f(nlane), df(nlane), base(nlane)
-      integer(i8), intent(in) :: status(nlane)  !! >= 0
-      real(wp), intent(out) :: x(nlane), point(nlane), last(nlane)
-      integer, intent(out) :: nrunning
-      logical, intent(out) :: failures  !! some lane has a status, or something is not finite
-      logical, intent(out) :: stiff     !! g f' > 1 in some lane
-      real(wp) :: slope, new, next
-      integer(i8) :: stopped, bad, gentle
-      integer :: lane
-
-      stopped = 0
-      bad = 0
-      gentle = 0
-      do lane = 1, nlane
-         slope = g*df(lane)
-         new = merge(-f(lane)/(1 + slope), 0.0_wp, status(lane) == 0)
-         x(lane) = new
-         point(lane) = base(lane) + g*new
-         new = abs(new)
-         next = merge(done, new, new <= stagnation*new)
-         last(lane) = next
-         stopped = stopped + stops(next)
-         bad = ior(bad, ior(huge_bits - transfer(new, 0_i8), -status(lane)))
-         gentle = ior(gentle, transfer(1 - slope, 0_i8))
-      end do
-      nrunning = nlane - int(stopped)
-      failures = bad < 0
-      stiff = gentle < 0
-   end subroutine correct_first
-
-   !> VEC One unknown and the quadratic test: x = x - (x + s f)/(1 + g f') in running lanes, and the test of
-   !> every lane. Where something is not finite, fail_nonfinite must follow: it costs less to notice than to
-   !> sort out in every lane.
-   pure subroutine correct_exact(nlane, test, s, g, f, df, last, x, nrunning, failures)
-      integer, intent(in) :: nlane
-      type(stopping_test), intent(in) :: test
-      real(wp), intent(in) :: s, g, f(nlane), df(nlane)
-      real(wp), intent(inout) :: last(nlane), x(nlane)
-      integer, intent(out) :: nrunning
-      logical, intent(out) :: failures
-      real(wp) :: d, new, next, level, at_slow, at_fast, slow, fast
-      integer(i8) :: stopped, bad
-      integer :: lane
-
-      level = test%level
-      at_slow = test%level*test%at_slow
-      at_fast = test%level*test%at_fast
-      slow = test%slow
-      fast = test%fast
-      stopped = 0
-      bad = 0
-      do lane = 1, nlane
-         d = (x(lane) + s*f(lane))/(1 + g*df(lane))
-         new = merge(x(lane) - d, x(lane), last(lane) >= 0)
-         x(lane) = new
-         d = abs(d)
-         new = abs(new)
-         next = merge(done, d, ends(level, at_slow, at_fast, slow, fast, d, new, last(lane)))
-         next = merge(next, last(lane), last(lane) >= 0)
-         last(lane) = next
-         stopped = stopped + stops(next)
-         bad = ior(bad, huge_bits - transfer(new, 0_i8))
-      end do
-      nrunning = nlane - int(stopped)
-      failures = bad < 0
-   end subroutine correct_exact
-
-   !> The quadratic test: the bounds of a correction, and of its part of the one before.
-   pure logical function ends(level, at_slow, at_fast, slow, fast, d, size, last)
-      real(wp), intent(in) :: level, at_slow, at_fast, slow, fast, d, size, last
-      real(wp) :: bound
-
-      ! min and max instead of comparisons: d <= at_slow |x| and d <= slow*last at once
-      bound = max(min(at_slow*size, slow*last), level*size)
-      ends = d <= merge(at_fast*size, bound, d <= fast*last)
-   end function ends
-
-   !> The same of one lane by itself.
-   pure logical function ends_exact(d, size, last)
-      real(wp), intent(in) :: d      !! size of this correction
-      real(wp), intent(in) :: size   !! of the unknown
-      real(wp), intent(in) :: last   !! size of the last correction
-      type(stopping_test), parameter :: test = quadratic
-
-      ends_exact = ends(test%level, test%level*test%at_slow, test%level*test%at_fast, test%slow, test%fast, d, &
-                        size, last)
-   end function ends_exact
-
-   !> Lanes with a status, and those whose unknown is not finite, have failed.
-   pure subroutine fail_nonfinite(nlane, x, status, last, nrunning)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: x(nlane)
-      integer(i8), intent(in) :: status(nlane)
-      real(wp), intent(inout) :: last(nlane)
-      integer, intent(out) :: nrunning
-      integer :: lane
-
-      do lane = 1, nlane
-         if (status(lane) /= 0 .or. .not. abs(x(lane)) <= huge(x)) last(lane) = failed
-      end do
-      nrunning = count(last >= 0)
-   end subroutine fail_nonfinite
-
-   !> VEC One unknown: x = x - (x + s f)/(1 + g f') in running lanes, and the test of every lane.
-   pure subroutine correct_scalar(nlane, test, s, g, f, df, last, x, nrunning, failures)
-      integer, intent(in) :: nlane
-      type(stopping_test), intent(in) :: test
-      real(wp), intent(in) :: s, g, f(nlane), df(nlane)
-      real(wp), intent(inout) :: last(nlane), x(nlane)
-      integer, intent(out) :: nrunning
-      logical, intent(out) :: failures
-      type(stopping_test) :: rule  ! a copy stays in registers
-      real(wp) :: d, new
-      integer(i8) :: stopped, bad
-      integer :: lane
-
-      rule = test
-      stopped = 0
-      bad = 0
-      do lane = 1, nlane
-         d = (x(lane) + s*f(lane))/(1 + g*df(lane))
-         new = merge(x(lane) - d, x(lane), last(lane) >= 0)
-         x(lane) = new
-         new = verdict(rule, abs(d), abs(new), last(lane))
-         last(lane) = new
-         stopped = stopped + stops(new)
-         bad = ior(bad, failure(new))
-      end do
-      nrunning = nlane - int(stopped)
-      failures = bad < 0
-   end subroutine correct_scalar
-
-   !> VEC One unknown, one fixed-point iteration: x = -s f in running lanes.
-   pure subroutine iterate_scalar(nlane, s, f, last, x, step, size)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: s, f(nlane), last(nlane)
-      real(wp), intent(inout) :: x(nlane)
-      real(wp), intent(out) :: step(nlane), size(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         step(lane) = abs(x(lane) + s*f(lane))
-         x(lane) = merge(-s*f(lane), x(lane), last(lane) >= 0)
-         size(lane) = abs(x(lane))
-      end do
-   end subroutine iterate_scalar
 
    !> VEC x = x - r in running lanes, with the size of correction and unknowns in each.
    pure subroutine correct_lanes(nlane, n, r, last, x, step, size)
@@ -247,6 +105,32 @@ contains
          end do
       end do
    end subroutine correct_lanes
+
+   !> The same of one lane by itself.
+   pure logical function ends_exact(d, size, last)
+      real(wp), intent(in) :: d      !! size of this correction
+      real(wp), intent(in) :: size   !! of the unknown
+      real(wp), intent(in) :: last   !! size of the last correction
+      type(stopping_test), parameter :: test = quadratic
+
+      ends_exact = ends(test%level, test%level*test%at_slow, test%level*test%at_fast, test%slow, test%fast, d, &
+                        size, last)
+   end function ends_exact
+
+   !> VEC One unknown, one fixed-point iteration: x = -s f in running lanes.
+   pure subroutine iterate_scalar(nlane, s, f, last, x, step, size)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: s, f(nlane), last(nlane)
+      real(wp), intent(inout) :: x(nlane)
+      real(wp), intent(out) :: step(nlane), size(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         step(lane) = abs(x(lane) + s*f(lane))
+         x(lane) = merge(-s*f(lane), x(lane), last(lane) >= 0)
+         size(lane) = abs(x(lane))
+      end do
+   end subroutine iterate_scalar
 
    !> Unknowns zero, as if nothing had been done, in lanes that give up the guess that they began with.
    pure subroutine restart_lanes(nlane, n, before, size, hqq, hpp, last, x)
@@ -274,47 +158,6 @@ contains
       gives_up = last >= 0 .and. (last > hopeful*max(before, hopeful*size) .or. abs(hqq*hpp) > too_stiff)
    end function gives_up
 
-   !> VEC The stopping test for lanes whose correction and unknowns have these sizes.
-   pure subroutine test_lanes(nlane, test, step, size, last, nrunning, failures)
-      integer, intent(in) :: nlane
-      type(stopping_test), intent(in) :: test
-      real(wp), intent(in) :: step(nlane), size(nlane)
-      real(wp), intent(inout) :: last(nlane)
-      integer, intent(out) :: nrunning
-      logical, intent(out) :: failures
-      type(stopping_test) :: rule  ! a copy stays in registers
-      real(wp) :: next
-      integer(i8) :: stopped, bad
-      integer :: lane
-
-      rule = test
-      stopped = 0
-      bad = 0
-      do lane = 1, nlane
-         next = verdict(rule, step(lane), size(lane), last(lane))
-         last(lane) = next
-         stopped = stopped + stops(next)
-         bad = ior(bad, failure(next))
-      end do
-      nrunning = nlane - int(stopped)
-      failures = bad < 0
-   end subroutine test_lanes
-
-   !> The stopping test of one lane: the size of the correction, or done, or failed.
-   !> One bound is put together and compared with, because comparisons are what this costs.
-   pure function verdict(test, d, size, last) result(next)
-      type(stopping_test), intent(in) :: test
-      real(wp), intent(in) :: d, size, last
-      real(wp) :: next, bound
-
-      bound = merge(test%at_slow, 1.0_wp, d <= test%slow*last)
-      bound = test%level*size*merge(test%at_fast, bound, d <= test%fast*last)
-      bound = merge(test%stagnation*size, bound, d >= last)
-      next = merge(done, d, d <= bound)
-      next = merge(next, failed, d + size <= huge(d))
-      next = merge(next, last, last >= 0)
-   end function verdict
-
    !> The same for other modules: what they see is not inlined in the loops above.
    pure real(wp) function verdict_of(test, d, size, last)
       type(stopping_test), intent(in) :: test
@@ -322,21 +165,5 @@ contains
 
       verdict_of = verdict(test, d, size, last)
    end function verdict_of
-
-   !> 1 where the verdict is done or failed, else 0: its sign bit, without a comparison.
-   pure integer(i8) function stops(next)
-      real(wp), intent(in) :: next
-
-      stops = ishft(transfer(next, 0_i8), -63)
-   end function stops
-
-   !> Negative for `failed` only: failed = -2 has the two highest bits set, done = -1 only the sign.
-   pure integer(i8) function failure(next)
-      real(wp), intent(in) :: next
-      integer(i8) :: bits
-
-      bits = transfer(next, 0_i8)
-      failure = iand(bits, ishft(bits, 1))
-   end function failure
 
 end module symsde_solve_stagnation

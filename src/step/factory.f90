@@ -19,6 +19,7 @@ module symsde_step_factory
    use symsde_step_implicit_general, only: general_stepper
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, midpoint_fits
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
+   use symsde_step_midpoint_full_single_path, only: midpoint_full_single_path => midpoint_full_stepper
    use symsde_step_midpoint_one_dof, only: midpoint_one_dof_stepper, midpoint_one_dof_fits
    use symsde_step_implicit_euler_pair, only: euler_pair_stepper, euler_pair_fits
    use symsde_step_splitting_stepper, only: splitting_stepper
@@ -63,7 +64,11 @@ contains
       case (mean_force); if (mean_force_fits(task)) allocate (mean_force_stepper :: stepper)
       case (midpoint); if (midpoint_fits(task)) allocate (midpoint_stepper :: stepper)
       case (midpoint_one_dof); if (midpoint_one_dof_fits(task)) allocate (midpoint_one_dof_stepper :: stepper)
-      case (midpoint_full); if (midpoint_full_fits(task)) allocate (midpoint_full_stepper :: stepper)
+      case (midpoint_full)
+         if (midpoint_full_fits(task)) then
+            if (task%nlane == 1) allocate (midpoint_full_single_path :: stepper)
+            if (task%nlane > 1) allocate (midpoint_full_stepper :: stepper)
+         end if
       case (euler_pair); if (euler_pair_fits(task)) allocate (euler_pair_stepper :: stepper)
       case (one_dof); if (one_dof_fits(task)) allocate (one_dof_stepper :: stepper)
       case (stages); if (stages_fits(task)) allocate (stages_stepper :: stepper)

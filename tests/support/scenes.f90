@@ -12,11 +12,14 @@ module scenes
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type
+   use symsde_step_block_one_lane, only: lone_lane, new_lone_lane
    use symsde_step_factory, only: stepper_options, new_stepper
+   use symsde_step_lone, only: lone_stepper
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
-   public :: model_of, make_model, scheme_of, stepper_of, require, draw_weights, hermite_nodes, slope_of, hash_of
+   public :: model_of, make_model, scheme_of, stepper_of, lone_of, require, draw_weights, hermite_nodes, slope_of
+   public :: hash_of
 
 contains
 
@@ -157,5 +160,22 @@ contains
          hash_of = ieor(ishftc(hash_of, 7), transfer(x(i), hash_of))
       end do
    end function hash_of
+
+   !> What takes paths of a model one by one: what the stepper of their block offers, or a stepper of one lane.
+   subroutine lone_of(stepper, model, scheme, lone)
+      class(stepper_type), intent(in) :: stepper
+      class(model_type), intent(in), target :: model
+      character(*), intent(in) :: scheme
+      class(lone_stepper), allocatable, intent(out) :: lone
+      class(stepper_type), allocatable :: single
+      type(lone_lane), allocatable :: made
+
+      call stepper%offer_lone(lone)
+      if (allocated(lone)) return
+      call stepper_of(single, model, scheme, stepper_options(as_increments=.true.), 1)
+      allocate (made)
+      call new_lone_lane(made, single)
+      call move_alloc(made, lone)
+   end subroutine lone_of
 
 end module scenes

@@ -23,6 +23,8 @@ module symsde_step_midpoint_mean_path
    use symsde_step_lone, only: lone_stepper, few_of
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, new_midpoint_stepper, midpoint_serves
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
+   use symsde_step_midpoint_full_single_path, only: full_single_path => midpoint_full_stepper, &
+                                                    new_full_single_path => new_midpoint_full_stepper
    use symsde_step_hamiltonian_brackets, only: active_brackets
    use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
@@ -72,6 +74,7 @@ contains
       type(stepper_task), intent(in) :: task
       type(midpoint_stepper), allocatable :: eliminated
       type(midpoint_full_stepper), allocatable :: full
+      type(full_single_path), allocatable :: single
       type(bracket_terms) :: brackets
 
       self%name = 'midpoint, averaged shift'
@@ -81,6 +84,10 @@ contains
          allocate (eliminated)
          call new_midpoint_stepper(eliminated, task%model, task%nlane, task%newton)
          call move_alloc(eliminated, self%inner)
+      else if (task%nlane == 1) then
+         allocate (single)
+         call new_full_single_path(single, task%model, 1, task%newton, brackets=brackets)
+         call move_alloc(single, self%inner)
       else
          allocate (full)
          call new_midpoint_full_stepper(full, task%model, task%nlane, task%newton, brackets=brackets)

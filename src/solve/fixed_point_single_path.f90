@@ -1,0 +1,121 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> When a fixed-point iteration x <- g(x) of a single path has ended (fixed_point.inc), and how x is taken.
+module symsde_solve_fixed_point_single_path
+   use symsde_base_kinds, only: wp, i8
+   implicit none
+   private
+   public :: take, take_alone, judge_sweep, judge_ahead, sweep_verdict
+   public :: most_sweeps, stiff_rate, done, left
+
+   integer, parameter :: nbeside = 8  !! numbers that are compared side by side
+
+   include 'fixed_point.inc'
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = 1
+   end function lanes
+
+   !> x = sign*f, sign = 1 or -1, with the largest change and unknown beside those so far; the change is no number where
+   !> one of f is not finite. The path is running: nothing is taken of one that is done.
+   pure subroutine take(nlane, n, sign, f, last, x, change, extent)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: sign, f(n), last(1)
+      real(wp), intent(inout) :: x(n), change(1), extent(1)
+      real(wp) :: d, zero, moved, largest
+      integer :: beside, i
+
+      beside = n - modulo(n, nbeside)
+      moved = change(1)
+      largest = extent(1)
+      zero = 0*moved
+      if (beside > 0) call take_beside(beside, sign, f, x, moved, largest, zero)
+      !GCC$ novector  ! few numbers
+      do i = beside + 1, n
+         d = abs(sign*f(i) - x(i))
+         x(i) = sign*f(i)
+         moved = max(moved, d)
+         largest = max(largest, abs(f(i)))
+         zero = zero + 0*d
+      end do
+      change(1) = moved + zero  ! NaN stays
+      extent(1) = largest
+   end subroutine take
+
+   !> The same of nbeside at a time, each of which has its own largest: one for all would wait for itself.
+   pure subroutine take_beside(n, sign, f, x, change, extent, zero)
+      integer, intent(in) :: n   !! a multiple of nbeside
+      real(wp), intent(in) :: sign, f(n)
+      real(wp), intent(inout) :: x(n), change, extent, zero
+      real(wp), dimension(nbeside) :: moved, largest, nothing
+      real(wp) :: d
+      integer :: before, i
+
+      moved = 0
+      largest = 0
+      nothing = 0
+      !GCC$ novector
+      do before = 0, n - nbeside, nbeside
+         !GCC$ unroll 1  ! vectors before all
+         do i = 1, nbeside
+            d = abs(sign*f(before + i) - x(before + i))
+            x(before + i) = sign*f(before + i)
+            moved(i) = max(moved(i), d)
+            largest(i) = max(largest(i), abs(f(before + i)))
+            nothing(i) = nothing(i) + 0*d
+         end do
+      end do
+      !GCC$ novector
+      do i = 1, nbeside
+         change = max(change, moved(i))
+         extent = max(extent, largest(i))
+         zero = zero + nothing(i)
+      end do
+   end subroutine take_beside
+
+   !> The same of -f; where nothing was known, from zero.
+   pure subroutine take_alone(n, first, f, x, change, extent)
+      integer, intent(in) :: n
+      logical, intent(in) :: first   !! nothing was known
+      real(wp), intent(in) :: f(n)
+      real(wp), intent(inout) :: x(n), change, extent
+      real(wp) :: d(1), e(1)
+
+      if (first) x = 0
+      d = change
+      e = extent
+      call take(1, n, -1.0_wp, f, [0.0_wp], x, d, e)
+      change = d(1)
+      extent = e(1)
+   end subroutine take_alone
+
+   !> The same for sweeps first .. final that a path by itself took ahead: which of them ends it, and how. What is
+   !> behind that sweep is not looked at.
+   pure subroutine judge_ahead(first, final, too_slow, too_stiff, most, change, extent, last, sweep)
+      integer, intent(in) :: first, final, most
+      real(wp), intent(in) :: too_slow, too_stiff, change(most), extent(most)
+      real(wp), intent(inout) :: last         !! as of the sweep before the first one
+      integer, intent(out) :: sweep           !! behind the final one where none ends it
+
+      do sweep = first, final
+         associate (d => change(sweep))
+            if (d < last .and. d <= too_slow*last .and. d*d > rounding*extent(sweep)*last) then  ! most go on so
+               last = d
+               cycle
+            end if
+         end associate
+         last = verdict(sweep, too_slow, too_stiff, change(sweep), extent(sweep), last)
+         if (last < 0) return
+      end do
+   end subroutine judge_ahead
+
+   !> The same for other modules: what they see is not inlined in the loop above.
+   pure real(wp) function sweep_verdict(sweep, too_slow, too_stiff, d, extent, last)
+      integer, intent(in) :: sweep
+      real(wp), intent(in) :: too_slow, too_stiff, d, extent, last
+
+      sweep_verdict = verdict(sweep, too_slow, too_stiff, d, extent, last)
+   end function sweep_verdict
+
+end module symsde_solve_fixed_point_single_path

@@ -1,0 +1,51 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The implicit midpoint rule for any model and a single path: full.inc with one lane.
+module symsde_step_midpoint_full_single_path
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_base_traits, only: dense
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: bracket_terms, correction_none
+   use symsde_solve_fixed_point_single_path, only: take, judge_sweep, most_sweeps, stiff_rate, done
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_solve_newton_single_path, only: update
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
+   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, hessian_product, &
+                                                 does_without_matrices, iterates_first
+   use symsde_step_lone, only: few_of
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: midpoint_full_stepper, new_midpoint_full_stepper
+
+   include 'full.inc'
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = 1
+   end function lanes
+
+   pure integer function lanes_together(nlane, ndof) result(width)
+      integer, intent(in) :: nlane, ndof
+
+      width = 1
+   end function lanes_together
+
+   !> Increments where sweeps contract; left = 0 where they do not, else -1.
+   subroutine sweep_all(self, ham, t, w, q, p, dq, dp, status, left)
+      type(fixed_point_sweeps), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      real(wp), intent(in) :: t, w(1, 0:ham%nnoise)
+      real(wp), intent(in), dimension(1, ham%ndof) :: q, p
+      real(wp), intent(out), dimension(1, ham%ndof) :: dq, dp
+      integer(i8), intent(in) :: status(1)
+      integer(i8), intent(out) :: left(1)
+
+      call sweep_lanes(self, ham, t, w, q, p, 1, status)
+      dq = -self%g(:, ham%ndof + 1:)
+      dp = self%g(:, :ham%ndof)
+      left = merge(0_i8, -1_i8, status == 0 .and. .not. abs(self%last - done) <= 0)
+   end subroutine sweep_all
+
+end module symsde_step_midpoint_full_single_path
